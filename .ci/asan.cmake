@@ -1,0 +1,7 @@
+# cmake -C .ci/asan.cmake: address and undefined-behaviour checks; the first report ends the program.
+# One pack is enough: the sanitizers look at the source that all targets share.
+set(CMAKE_BUILD_TYPE RelWithDebInfo CACHE STRING "")
+set(CMAKE_CXX_FLAGS "-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer"
+    CACHE STRING "")
+set(RAYNEST_TARGETS v3 CACHE STRING "")
+set(RAYNEST_BENCH OFF CACHE BOOL "")

@@ -1,0 +1,100 @@
+# What client/demo.sh and tests/run.sh share: install what is missing, configure, build.
+#
+# To be sourced with `root` set to the repository's folder; gives the functions below and `build`, the
+# absolute build folder (RAYNEST_BUILD overrides it). Needs nothing that a minimal Debian 12 lacks.
+# When no package is missing neither apt nor root is needed; before anything is installed the cost is
+# printed, and asked about when stdin is a terminal (unless `yes` is 1).
+
+build_packages=(
+    g++ cmake ninja-build pkg-config libboost-dev libcli11-dev libexpected-dev libfmt-dev
+    libflatbuffers-dev flatbuffers-compiler libglm-dev libhwy-dev libopenimageio-dev libspdlog-dev
+    libtbb-dev libtinygltf-dev nlohmann-json3-dev)
+test_packages=("${build_packages[@]}" doctest-dev libembree-dev python3 python3-numpy xz-utils)
+
+build=${RAYNEST_BUILD:-$root/build}
+[[ $build == /* ]] || build=$PWD/$build
+
+fail() { printf 'error: %s\n' "$1" >&2; exit 1; }
+
+# step NAME COMMAND...: runs it and prints how long it took.
+step() {
+    local name=$1 start=$SECONDS
+    shift
+    printf '==> %s\n' "$name"
+    "$@" || fail "$name failed; its output is above"
+    printf '    %s: %d s\n' "$name" $((SECONDS - start))
+}
+
+# missing_packages NAME...: prints those that dpkg does not have installed.
+missing_packages() {
+    local installed name
+    installed=" $(dpkg-query -W -f '${db:Status-Abbrev}${Package} ' "$@" 2>/dev/null) "
+    for name in "$@"; do
+        [[ $installed == *" ii $name "* || $installed == *" hi $name "* ]] || printf '%s ' "$name"
+    done
+}
+
+# install_missing NAME...: nothing to do, or: update the lists, say the cost, ask, install.
+install_missing() {
+    command -v dpkg-query >/dev/null || {
+        printf 'This is not a Debian: taking for granted that these are installed: %s\n' "$*"
+        return
+    }
+    local -a missing apt
+    read -ra missing <<<"$(missing_packages "$@")"
+    ((${#missing[@]})) || return 0
+
+    local remedy="apt-get install --no-install-recommends ${missing[*]}"
+    apt=(env DEBIAN_FRONTEND=noninteractive LC_ALL=C apt-get -o DPkg::Lock::Timeout=120
+        -o Acquire::Retries=3)
+    if ((EUID != 0)); then
+        command -v sudo >/dev/null || fail "neither root nor sudo here; have root run: $remedy"
+        local -a sudo=(sudo)
+        [[ -t 0 ]] || sudo=(sudo -n)
+        "${sudo[@]}" true || fail "sudo was refused; have root run: $remedy"
+        apt=("${sudo[@]}" "${apt[@]}")
+    fi
+    printf 'Not installed yet: %s\n' "${missing[*]}"
+    step 'package lists' "${apt[@]}" -qq update
+
+    # apt prices it: a dry run that ends at its own question. --no-remove: never at another's cost.
+    local plan count download disk minutes
+    apt+=(install --no-install-recommends --no-remove)
+    plan=$("${apt[@]}" --assume-no "${missing[@]}" 2>&1) || true
+    count=$(sed -n 's/.* \([0-9]*\) newly installed.*/\1/p' <<<"$plan")
+    download=$(sed -n 's/^Need to get \(.*\) of archives.*/\1/p' <<<"$plan")
+    disk=$(sed -n 's/^After this operation, \(.*\) of additional disk.*/\1/p' <<<"$plan")
+    [[ $count ]] || { printf '%s\n' "$plan" >&2; fail "apt cannot install them; its reason is above"; }
+    minutes=$((count / 120 + 1))
+    printf 'To install: %d packages, %s to download, %s on disk, about %d minute(s).\n' \
+        "$count" "${download:-nothing}" "${disk:-nothing}" "$minutes"
+    if [[ -t 0 && ${yes:-0} != 1 ]]; then
+        local answer
+        read -rp 'Install them now? [Y/n] ' answer
+        [[ ${answer:-y} == [yY]* ]] || fail "not installed; to do it by hand: $remedy"
+    fi
+    step 'packages' install_quietly "${apt[@]}" -y "${missing[@]}"
+}
+
+# install_quietly COMMAND...: thousands of lines of apt go to a log, which is shown when it fails.
+install_quietly() {
+    local log
+    log=$(mktemp)
+    "$@" </dev/null >"$log" 2>&1 || { tail -n 20 "$log" >&2; rm -f "$log"; return 1; }
+    rm -f "$log"
+}
+
+# build_raynest CMAKE_OPTION... -- TARGET...: configures and builds; no target means all of them.
+# Warnings are errors with the compiler they were checked with, in both commands alike, so that going
+# from one to the other compiles nothing anew.
+build_raynest() {
+    local -a options=() targets=()
+    while (($#)) && [[ $1 != -- ]]; do options+=("$1"); shift; done
+    shift
+    (($#)) && targets=(--target "$@")
+    local strict=OFF
+    [[ $("${CXX:-g++}" -dumpversion 2>/dev/null) == 12* ]] && strict=ON
+    step 'configure' cmake -S "$root" -B "$build" -G Ninja -C "$root/.ci/release.cmake" \
+        --log-level=WARNING -DRAYNEST_WERROR=$strict "${options[@]}"
+    step 'build' cmake --build "$build" --parallel "$(nproc)" "${targets[@]}"
+}
