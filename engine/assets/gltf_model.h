@@ -1,0 +1,186 @@
+// A glTF file as plain checked data: what the rest of the importer reads instead of tinygltf.
+//
+//   bytes --prescan--> tinygltf --gltf_load.cpp--> Model --geometry, materials, nodes--> description
+//
+// Everything in a Model has been validated by index and range: an index is below the size of what it
+// indexes or is no_id, and every byte an accessor can reach lies inside its buffer.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "engine/assets/import.h"
+#include "engine/geometry/hit.h"
+#include "engine/result.h"
+#include "engine/scene/description.h"
+
+namespace raynest::gltf {
+
+/// Hands the error of one result on as that of another.
+template <class T>
+[[nodiscard]] tl::unexpected<Error> error_of(const Result<T>& result) {
+    return tl::unexpected<Error>(result.error());
+}
+
+enum class Component : std::uint8_t { i8, u8, i16, u16, u32, f32 };
+[[nodiscard]] std::uint32_t size_of(Component component);
+/// Accessors without a bufferView are all zeros but for their sparse elements; one costs no bytes in
+/// the file, so its count is bounded.
+inline constexpr std::uint64_t zero_filled_max = 1U << 20;
+
+/// Element i has `width` components and starts at data + i * stride. Without data every element is
+/// zero, except for the sparse ones.
+struct Accessor {
+    const std::byte* data = nullptr;
+    std::uint64_t count = 0;
+    std::uint32_t stride = 0;
+    std::uint32_t width = 0;
+    Component component = Component::f32;
+    bool normalized = false;
+    bool scalar_or_vector = true;  ///< matrices are only skinned with, which we do not do
+    /// Elements replaced one by one; values are packed.
+    std::uint64_t sparse_count = 0;
+    const std::byte* sparse_indices = nullptr;
+    Component sparse_component = Component::u32;
+    const std::byte* sparse_values = nullptr;
+};
+
+/// A bufferView and an accessor as a file states them: numbers of any value.
+struct RawView {
+    std::int64_t buffer = -1;
+    std::uint64_t offset = 0;
+    std::uint64_t length = 0;
+    std::uint64_t stride = 0;
+};
+struct RawAccessor {
+    std::int64_t view = -1;
+    std::uint64_t offset = 0;
+    std::uint64_t count = 0;
+    int component_type = 0;
+    std::uint32_t width = 0;
+    bool scalar_or_vector = true;
+    bool normalized = false;
+    bool sparse = false;
+    std::int64_t sparse_count = 0;
+    std::int64_t sparse_indices_view = -1;
+    std::int64_t sparse_indices_offset = 0;
+    int sparse_component_type = 0;
+    std::int64_t sparse_values_view = -1;
+    std::int64_t sparse_values_offset = 0;
+};
+
+/// A bufferView that has passed check_view.
+struct View {
+    std::span<const std::byte> bytes;
+    std::uint64_t stride = 0;
+};
+Result<View> check_view(const RawView& raw, std::span<const std::vector<unsigned char>> buffers);
+Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> views);
+
+struct Primitive {
+    int mode = 4;
+    std::uint32_t indices = no_id;  ///< accessors
+    std::uint32_t position = no_id;
+    std::array<std::uint32_t, 2> texcoords{no_id, no_id};
+    std::uint32_t colour = no_id;
+    std::uint32_t material = no_id;
+};
+
+struct Mesh {
+    std::string name;
+    std::vector<Primitive> primitives;
+};
+
+/// An encoded picture: a range of a buffer, or bytes of its own. Empty when the file did not come.
+struct Image {
+    std::string name;
+    std::span<const std::byte> bytes;
+};
+
+/// A double-precision 3x4 map, row-major as Transform: composed down the graph, rounded once.
+using Matrix = std::array<double, 12>;
+inline constexpr Matrix identity_matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+
+/// EXT_mesh_gpu_instancing: accessors of one element per placement, or no_id.
+struct Instancing {
+    std::uint32_t translation = no_id;
+    std::uint32_t rotation = no_id;
+    std::uint32_t scale = no_id;
+    std::uint32_t count = 0;  ///< 0: the node is not instanced
+};
+
+struct Node {
+    std::string name;
+    Matrix local = identity_matrix;
+    std::uint32_t mesh = no_id;
+    std::uint32_t camera = no_id;
+    Instancing instancing;
+    std::vector<std::uint32_t> children;
+};
+
+struct Camera {
+    std::string name;
+    bool perspective = true;
+    float yfov = 0;
+    float aspect = 0;
+};
+
+struct Model {
+    std::vector<std::vector<unsigned char>> storage;  ///< buffers and pictures that others point into
+    std::vector<Accessor> accessors;
+    std::vector<Mesh> meshes;
+    std::vector<MaterialDescription> materials;  ///< `texture` indexes `textures`
+    std::vector<TextureDescription> textures;    ///< `image` indexes `images`, or no_id
+    std::vector<Image> images;
+    std::vector<Node> nodes;
+    std::vector<Camera> cameras;
+    std::vector<std::uint32_t> roots;  ///< of the chosen scene
+    bool quantized = false;            ///< KHR_mesh_quantization is in use
+    bool skinned = false;
+    bool morphed = false;
+    std::uint64_t upload_bytes = 0;    ///< of all files together: what amplification is measured by
+};
+
+/// Guards 4..7 of the notes: tinygltf behind its fences, then every index and range. `json` has passed
+/// prescan_json. The model owns its bytes and never points into the request.
+Result<Model> load_model(const ImportRequest& request);
+
+/// A node's transform from `matrix` (16, column-major) or TRS, as the file states them: the right
+/// number of numbers, finite as floats, rotation normalised. `where` starts an error's message.
+Result<Matrix> local_matrix(std::span<const double> matrix, std::span<const double> translation,
+                            std::span<const double> rotation, std::span<const double> scale,
+                            const std::string& where);
+/// Translation, unit quaternion (x y z w) and scale as one map; `rotation` need not be normalised but
+/// must not be zero.
+Matrix from_trs(const double* translation, const double* rotation, const double* scale);
+/// `outer` after `inner`.
+Matrix multiply(const Matrix& outer, const Matrix& inner);
+/// Rounded once; entries that do not fit a float become infinite and are refused by the caller.
+Transform round_matrix(const Matrix& matrix);
+
+/// Elements as floats, `width` per element, normalised integers mapped to [0,1] or [-1,1]: those
+/// listed in `elements` (each below accessor.count), all when the list is empty.
+Result<std::vector<float>> read_floats(const Accessor& accessor,
+                                       std::span<const std::uint32_t> elements = {});
+/// Elements of a SCALAR accessor of an unsigned integer type.
+Result<std::vector<std::uint32_t>> read_indices(const Accessor& accessor);
+
+/// Reads the meshes in `used`; the result has one object per mesh of the model, without geometries
+/// where a mesh is unused or has nothing but points and lines (counted in `scene.skipped`).
+Result<std::vector<ObjectDescription>> read_meshes(const Model& model, const std::vector<bool>& used,
+                                                   const ImportLimits& limits,
+                                                   SceneDescription& scene);
+
+/// Materials, their textures and the pictures those need, decoded; a texture that is missing or
+/// damaged is counted in skipped["textures"] and warned about.
+Result<void> read_materials(const Model& model, const ImportLimits& limits, SceneDescription& scene);
+
+/// Objects, instances and cameras of the chosen scene.
+Result<void> read_nodes(const Model& model, const ImportLimits& limits, SceneDescription& scene);
+
+}  // namespace raynest::gltf

@@ -1,0 +1,73 @@
+// Files -> snapshot arena, as a pure function, and the short-lived child process that runs it.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "engine/packs/registry.h"
+#include "engine/result.h"
+#include "engine/scene/snapshot.h"
+
+namespace raynest {
+
+/// A file by the name that the main file uses for it ("textures/leaf.png", percent-decoded).
+struct NamedBytes {
+    std::string name;
+    std::span<const std::byte> bytes;
+};
+
+struct ImportRequest {
+    std::string source;             ///< "forest.glb", "builtin:forest?trees=100", "points.npy"
+    std::vector<NamedBytes> files;  ///< files[0] is the main file; empty for built-in scenes
+    std::string primitive;          ///< record type of a .npy, e.g. "sphere"
+};
+
+struct ImportLimits {
+    std::uint64_t bytes_max = 8ULL << 30;   ///< address space of the child
+    std::chrono::seconds time_max{120};     ///< CPU and wall time of the child
+    std::uint64_t file_bytes_max = 1ULL << 30;
+    std::uint64_t json_bytes_max = 64ULL << 20;
+    std::uint32_t json_depth_max = 64;
+    std::uint64_t triangles_max = 200'000'000;
+    std::uint64_t instances_max = 50'000'000;
+    std::uint32_t nodes_max = 4'000'000;
+    std::uint32_t image_side_max = 16384;
+    std::uint64_t image_bytes_max = 256ULL << 20;  ///< decoded, all images of a file: 4x this
+};
+
+/// Parses, validates and describes; no trees. No file outside `request.files` is ever opened.
+Result<SceneDescription> describe(const ImportRequest& request, const ImportLimits& limits,
+                                  const Registry& registry);
+
+/// describe + Snapshot::bake in this process. For embedders that trust their files and for tests.
+Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request,
+                                                    const ImportLimits& limits,
+                                                    const Registry& registry);
+
+/// The same in a child process with limits on memory and time: a crash, a time-out or a limit is an
+/// Error, never harm to the caller. `child` is the command line that ends up in import_child_main,
+/// e.g. {"/usr/bin/raynestd", "--import-child"}. Blocking; thread-safe.
+Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& request,
+                                                        const ImportLimits& limits,
+                                                        std::span<const std::string> child);
+
+/// Body of the child: reads the request from fd 3, writes the arena or the error to fd 4. Returns the
+/// process's exit code.
+int import_child_main(const Registry& registry);
+
+/// The files that a .gltf names (buffers and images, percent-decoded), for a client that uploads
+/// them; refuses absolute names, "..", schemes and the rest of notes' list. GLB: what its JSON names.
+/// (The client has its own copy of this rule in client/upload; the import checks again.)
+
+/// builtin:forest[?trees=..&leaves=..&levels=..&seed=..], builtin:terrain[?size=..&seed=..],
+/// builtin:flake[?depth=..]. scene_invalid names the known keys.
+Result<SceneDescription> describe_builtin(std::string_view source);
+
+}  // namespace raynest

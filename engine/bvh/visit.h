@@ -1,0 +1,222 @@
+// Whatever can be hit is visited: a triangle, a record, a BVH, an instance of a BVH.
+//
+// One overload set; each hands the intersector and the query on, so nesting has no special case and
+// no fixed depth. `query.take(ray, hits)` keeps what it wants, shrinks ray.tmax and returns true when
+// the whole query is answered; every visit passes that on.
+//
+// This is the latency traversal: one ray, near children first, a stack of (child, near) per level and
+// recursion between levels (measured: no slower than one explicit stack; notes of the traversal
+// prototypes). Depth is bounded by scene_depth_max, the stack by tree_height_max; both are checked
+// when a scene is made, not here.
+#pragma once
+
+#include <bit>
+#include <cstdint>
+
+#include "engine/bvh/ask.h"
+#include "engine/bvh/box_test.h"
+#include "engine/bvh/node.h"
+#include "engine/geometry/intersect_triangle.h"
+#include "engine/geometry/record.h"
+#include "engine/geometry/record_types.h"
+#include "engine/geometry/views.h"
+
+namespace raynest {
+
+/// One object of a scene as a primitive: the tree over its triangles, records and instances.
+struct Bvh {
+    const SceneView* scene;
+    std::uint32_t object;
+
+    [[nodiscard]] const ObjectRecord& record() const { return scene->objects[object]; }
+    /// Leaf placements below: the step of path ids from one element of a list to the next.
+    [[nodiscard]] std::uint64_t leaves() const { return record().leaves; }
+};
+
+/// One placement of an object, by its index in the scene's instances.
+struct Instance {
+    using instance_tag = void;
+    const SceneView* scene;
+    std::uint32_t index;
+
+    [[nodiscard]] const InstanceRecord& record() const { return scene->instances[index]; }
+    [[nodiscard]] std::uint64_t leaves() const { return scene->objects[record().object].leaves; }
+};
+
+/// Drops back faces of single-sided materials: `--set cull=back` (CONTRACT.md §1).
+template <class H>
+[[gnu::noinline]] void drop_back_faces(const RayView& ray, H& hits) {
+    hits.keep_if([&](const Surface& surface) {
+        if (surface.front) return true;
+        if (ray.object == nullptr || ray.object->triangle_count == 0) return false;
+        const GeometryRecord& geometry = ray.scene->geometry_of(*ray.object, surface.prim);
+        return geometry.material != no_id &&
+               ray.scene->materials[geometry.material].double_sided != 0;
+    });
+}
+
+/// A primitive: the one place where surfaces are tested.
+template <class R, PrimitiveLike P, class Isect, class Query>
+RAYNEST_INLINE bool visit(R& ray, const P& primitive, Isect& isect, Query& query) {
+    auto hits = ask(isect, ray, primitive);
+    if (hits.mask == 0) [[likely]] return false;
+    if (ray.flags != 0) [[unlikely]] drop_back_faces(ray, hits);
+    return query.take(ray, hits);
+}
+
+template <class R, class Isect, class Query>
+bool visit(R& ray, const Bvh& bvh, Isect& isect, Query& query);
+
+/// The ray as the instance's object sees it: same t, one level down.
+[[nodiscard]] RAYNEST_INLINE RayView enter(const RayView& ray, const SceneView& scene,
+                                           const InstanceRecord& instance) {
+    RayView inner = ray;
+    inner.origin = instance.to_object.point(ray.origin);
+    inner.direction = instance.to_object.direction(ray.direction);
+    inner.scene = &scene;
+    inner.object = &scene.objects[instance.object];
+    inner.path = ray.path + instance.path_base;
+    return inner;
+}
+
+template <class R, class Isect, class Query>
+RAYNEST_INLINE bool visit(R& ray, const Instance& instance, Isect& isect, Query& query) {
+    const InstanceRecord& record = instance.record();
+    if ((record.mask & ray.mask) == 0) return false;
+    if (!enters(isect, ray, instance)) return false;
+    RayView inner = enter(ray, *instance.scene, record);
+    const bool done = visit(inner, Bvh{instance.scene, record.object}, isect, query);
+    ray.tmax = inner.tmax;
+    return done;
+}
+
+/// Calls `with(const P*)` for the primitive type of the object's records.
+template <class Visitor>
+RAYNEST_INLINE bool visit_record_type(const SceneView& scene, const ObjectRecord& object,
+                                      std::uint32_t first, std::uint32_t count, Visitor&& visitor) {
+    bool done = false;
+    for_each_record_type([&]<class P>(RecordType<P> type) {
+        if (object.record_type != type.id || done) return;
+        constexpr std::size_t stride = sizeof(P) + sizeof(std::uint32_t);
+        const std::byte* at = scene.records + object.first_record + stride * first;
+        for (std::uint32_t i = 0; i < count && !done; ++i, at += stride) {
+            std::uint32_t index;
+            __builtin_memcpy(&index, at + sizeof(P), sizeof index);
+            done = visitor(Record<P>{reinterpret_cast<const P*>(at), index, i == 0});
+        }
+    });
+    return done;
+}
+
+/// The latency traversal of one tree.
+template <class Isect, class Query>
+RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& query) {
+    const SceneView& scene = *bvh.scene;
+    const ObjectRecord& object = scene.objects[bvh.object];
+    const Node* nodes = scene.nodes + object.first_node;
+    const TriangleBlock* blocks = scene.blocks + object.first_block;
+
+    struct Entry {
+        std::uint32_t child;
+        float near;
+    };
+    Entry stack[7 * tree_height_max + 8];
+    Entry* top = stack;
+    std::uint32_t child = object.root;
+    if (child == child_empty) return false;
+
+    for (;;) {
+        bool pop = false;
+        while (!is_leaf(child)) {
+            const Node& node = nodes[child];
+            const auto spans = ask(isect, ray, Boxes8{&node});
+            std::uint32_t mask = spans.mask;
+            if (mask == 0) {
+                pop = true;
+                break;
+            }
+            const auto first = static_cast<std::uint32_t>(std::countr_zero(mask));
+            mask &= mask - 1;
+            if (mask == 0) {  // one child: most nodes near the leaves
+                child = node.child[first];
+                continue;
+            }
+            alignas(32) float near[8];
+            spans.near.store(near);
+            const auto second = static_cast<std::uint32_t>(std::countr_zero(mask));
+            mask &= mask - 1;
+            if (mask == 0) {
+                const bool swap = near[second] < near[first];
+                const std::uint32_t closer = swap ? second : first;
+                const std::uint32_t farther = swap ? first : second;
+                *top++ = {node.child[farther], near[farther]};
+                child = node.child[closer];
+                continue;
+            }
+            // Three and more: insertion sort on the stack, farthest first (branches beat a sorting
+            // network on coherent rays: notes of the traversal prototypes).
+            Entry* const base = top;
+            *top++ = {node.child[first], near[first]};
+            const auto insert = [&](std::uint32_t slot) {
+                Entry* at = top++;
+                for (; at != base && at[-1].near < near[slot]; --at) *at = at[-1];
+                *at = {node.child[slot], near[slot]};
+            };
+            insert(second);
+            for (; mask != 0; mask &= mask - 1) {
+                insert(static_cast<std::uint32_t>(std::countr_zero(mask)));
+            }
+            child = (--top)->child;
+        }
+
+        if (!pop) {
+            switch (kind_of(child)) {
+                case ChildKind::triangles: {
+                    const TriangleBlock* block = blocks + leaf_first(child);
+                    const TriangleBlock* const end = block + leaf_count(child);
+                    bool first = true;
+                    for (; block != end; ++block, first = false) {
+                        if (visit(ray, Triangles8{block, first}, isect, query)) return true;
+                    }
+                    break;
+                }
+                case ChildKind::instance:
+                    if (visit(ray, Instance{&scene, object.first_instance + leaf_instance(child)},
+                              isect, query)) {
+                        return true;
+                    }
+                    break;
+                case ChildKind::records:
+                    if (visit_record_type(scene, object, leaf_first(child), leaf_count(child),
+                                          [&](const auto& record) {
+                                              return visit(ray, record, isect, query);
+                                          })) {
+                        return true;
+                    }
+                    break;
+            }
+        }
+
+        // Entries behind the best hit are skipped; near == best may still win a tie.
+        for (;;) {
+            if (top == stack) return false;
+            --top;
+            if (top->near <= ray.tmax) break;
+        }
+        child = top->child;
+    }
+}
+
+/// A BVH inside another, or an element of a list: the recursion is the only call that is not inlined.
+template <class R, class Isect, class Query>
+[[gnu::noinline]] bool visit(R& ray, const Bvh& bvh, Isect& isect, Query& query) {
+    RayView inner = ray;
+    inner.scene = bvh.scene;
+    inner.object = &bvh.record();
+    BoxRay boxed(inner);
+    const bool done = traverse(boxed, bvh, isect, query);
+    ray.tmax = boxed.tmax;
+    return done;
+}
+
+}  // namespace raynest

@@ -1,0 +1,51 @@
+// What a query answers per ray, before it becomes columns.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+
+namespace raynest {
+
+inline constexpr std::uint32_t no_id = 0xFFFFFFFFU;
+inline constexpr std::uint64_t no_path = 0xFFFFFFFFFFFFFFFFULL;
+
+enum HitFlags : std::uint8_t { hit_invalid_ray = 1, hit_truncated = 2 };
+
+/// 32 bytes at any nesting depth. `triangle` is the index among all primitives of the object in
+/// declaration order (the geometries' triangles one after the other, or the index of a record);
+/// queries/columns.h turns it into `geom` and `prim`. A default-constructed record is the canonical
+/// miss.
+struct HitRecord {
+    float t = std::numeric_limits<float>::infinity();
+    float u = 0;
+    float v = 0;
+    std::uint32_t triangle = no_id;
+    std::uint64_t path = no_path;
+    std::uint32_t object = no_id;
+    std::uint8_t k = 0;      ///< which of the primitive's own hits: a sphere has two
+    std::uint8_t front = 0;  ///< 1: the ray met the side that the normal points to
+    std::uint8_t flags = 0;  ///< HitFlags
+    std::uint8_t hit = 0;
+
+    /// The total order of hits, CONTRACT.md §1: (t, path, geom, prim, k); the flat index orders
+    /// (geom, prim).
+    [[nodiscard]] bool before(const HitRecord& other) const {
+        if (t != other.t) return t < other.t;
+        if (path != other.path) return path < other.path;
+        if (triangle != other.triangle) return triangle < other.triangle;
+        return k < other.k;
+    }
+};
+static_assert(sizeof(HitRecord) == 32);
+
+/// What the Counting adapter adds up, CONTRACT.md §4; `total` = boxes + prims.
+struct Counters {
+    std::uint32_t nodes = 0;
+    std::uint32_t boxes = 0;
+    std::uint32_t leaves = 0;
+    std::uint32_t prims = 0;
+    std::uint32_t instances = 0;
+    std::uint32_t rejects = 0;
+};
+
+}  // namespace raynest

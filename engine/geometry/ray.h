@@ -1,0 +1,31 @@
+// A ray as it travels: the wire form, the pack's door and the file formats share these 32 bytes.
+#pragma once
+
+#include <cmath>
+#include <limits>
+
+#include "engine/math/vec.h"
+
+namespace raynest {
+
+/// Hits lie in (tmin, tmax], in units of the direction's length; directions are never normalised.
+struct Ray {
+    Vec3 origin{0.0F};
+    float tmin = 0.0F;
+    Vec3 direction{0.0F};
+    float tmax = std::numeric_limits<float>::infinity();
+};
+static_assert(sizeof(Ray) == 32);
+
+/// CONTRACT.md §1: tmin >= 0, tmax may be +inf; nothing else may be non-finite, the direction not
+/// zero, tmin <= tmax. An invalid ray gives the canonical miss and flag 1.
+[[nodiscard]] inline bool is_valid(const Ray& r) {
+    const auto finite = [](const Vec3& v) {
+        return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
+    };
+    const bool directed = r.direction.x != 0 || r.direction.y != 0 || r.direction.z != 0;
+    return finite(r.origin) && finite(r.direction) && directed && std::isfinite(r.tmin) &&
+           r.tmin >= 0 && r.tmin <= r.tmax;
+}
+
+}  // namespace raynest

@@ -1,0 +1,54 @@
+// The ray as kernels and intersectors see it while it travels through the levels of a scene.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+
+#include "engine/geometry/hit.h"
+#include "engine/geometry/ray.h"
+#include "engine/geometry/views.h"
+#include "engine/math/lanes.h"
+
+namespace raynest {
+
+/// One ray at one level. Inside an instance, origin and direction are in the instance's own space;
+/// `t` means the same everywhere, because directions are not renormalised. `tmax` is the best
+/// distance so far: it shrinks, and is carried into instances and across roots.
+struct RayView {
+    static constexpr int lanes = 1;
+
+    Vec3 origin;
+    Vec3 direction;
+    float tmin;
+    float tmax;
+    const Ray* world;            ///< as the request gave it
+    const SceneView* scene;      ///< null when tracing a plain list
+    const ObjectRecord* object;  ///< the level's object; null outside any
+    std::uint64_t path;          ///< leaf placements before this level, CONTRACT.md §1
+    std::uint32_t id;            ///< index of the ray in its batch: where its outputs are kept
+    std::uint32_t mask;          ///< instances with (mask & theirs) == 0 are skipped
+    std::uint32_t flags;         ///< TraceFlags
+
+    /// A point on the ray in this level's space; `world_at` in the space of the request.
+    [[nodiscard]] Vec3 at(float t) const {
+        return {fused(t, direction.x, origin.x), fused(t, direction.y, origin.y),
+                fused(t, direction.z, origin.z)};
+    }
+    [[nodiscard]] Vec3 world_at(float t) const {
+        return {fused(t, world->direction.x, world->origin.x),
+                fused(t, world->direction.y, world->origin.y),
+                fused(t, world->direction.z, world->origin.z)};
+    }
+};
+
+/// The view of a request's ray at the outermost level. A hit at infinity is no hit, so the search
+/// ends at the largest finite distance.
+[[nodiscard]] inline RayView outermost_view(const Ray& ray, const SceneView* scene, std::uint32_t id,
+                                            std::uint32_t mask, std::uint32_t flags) {
+    const float far = ray.tmax < std::numeric_limits<float>::max()
+                          ? ray.tmax
+                          : std::numeric_limits<float>::max();
+    return {ray.origin, ray.direction, ray.tmin, far, &ray, scene, nullptr, 0, id, mask, flags};
+}
+
+}  // namespace raynest

@@ -1,0 +1,76 @@
+// Primitives other than triangles: plain records with bounds() and intersect().
+//
+// A type becomes a primitive by two free functions found by argument-dependent lookup,
+//
+//     Box  bounds(const P&);
+//     auto intersect(const auto& ray, const P&);    // a RecordHits<P, N>, N = most hits it can report
+//
+// and one line in geometry/PRIMITIVES. `normal(const P&, Vec3 point)` is optional. The type must be
+// trivially copyable and consist of floats: that is how a .npy row becomes one.
+#pragma once
+
+#include <concepts>
+#include <type_traits>
+
+#include "engine/geometry/box.h"
+#include "engine/geometry/concepts.h"
+#include "engine/geometry/intersection.h"
+
+namespace raynest {
+
+/// A record in its place: the value and its index in the object, or the caller's id in a list.
+template <class P>
+struct Record {
+    using record_tag = void;
+    using value_type = P;
+    static constexpr int lanes = 1;
+    const P* value;
+    std::uint32_t prim;
+    bool first;  ///< the first record of its leaf
+
+    [[nodiscard]] RAYNEST_INLINE std::uint32_t valid() const { return 1; }
+    [[nodiscard]] RAYNEST_INLINE std::uint32_t prim_of(int) const { return prim; }
+    [[nodiscard]] RAYNEST_INLINE std::uint32_t geom_of(int) const { return 0; }
+};
+
+/// What a record's intersect() returns; lane k is the k-th hit.
+template <class P, int N>
+using RecordHits = Hits<Record<P>, N>;
+
+/// For intersect() of a record: starts without hits, then add() them nearest first.
+template <int N, class P>
+RAYNEST_INLINE RecordHits<P, N> no_hits(const P& primitive) {
+    const auto zero = Lanes<N>::splat(0);
+    return {0, 0, zero, zero, zero, Record<P>{&primitive, 0, true}};
+}
+
+/// Adds hit number k if it lies in (tmin, tmax] of the ray.
+template <class R, class P, int N>
+RAYNEST_INLINE void add_hit(const R& ray, RecordHits<P, N>& hits, int k, float t, float u, float v,
+                            bool front) {
+    hits.t.lane[k] = t;
+    hits.u.lane[k] = u;
+    hits.v.lane[k] = v;
+    hits.front |= static_cast<std::uint32_t>(front) << k;
+    if (t > ray.tmin && t <= ray.tmax) hits.mask |= 1U << k;
+}
+
+/// The overload that kernels and intersectors call: asks the type's own intersect().
+template <class R, class P>
+RAYNEST_INLINE auto intersect(const R& ray, const Record<P>& record) {
+    auto hits = intersect(ray, *record.value);
+    hits.primitive = record;
+    return hits;
+}
+
+template <class P>
+concept RecordPrimitive =
+    std::is_trivially_copyable_v<P> && sizeof(P) % sizeof(float) == 0 &&
+    requires(const P& primitive, const RayView& ray) {
+        { bounds(primitive) } -> std::convertible_to<Box>;
+        intersect(ray, primitive).mask;
+        requires std::same_as<decltype(intersect(ray, primitive)),
+                              RecordHits<P, decltype(intersect(ray, primitive))::lanes>>;
+    };
+
+}  // namespace raynest

@@ -1,0 +1,166 @@
+// The plain views that kernels read: a scene as flat arrays, no pointers inside the records.
+//
+// A SceneView points into one snapshot arena (scene/snapshot.h). Every record is relocatable: an
+// object names its nodes, leaf blocks and attributes by offset, so that arenas can be cached,
+// mapped by a worker process, joined or sent to a GPU.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "engine/geometry/box.h"
+#include "engine/math/vec.h"
+
+namespace raynest {
+
+struct Node;           // bvh/node.h
+struct TriangleBlock;  // geometry/triangle.h
+
+enum class AlphaMode : std::uint32_t { opaque, mask, blend };
+enum class Wrap : std::uint32_t { repeat, clamp, mirror };
+
+/// An image decoded once, with the sampler of one glTF texture. 8-bit planes, row 0 on top.
+struct TextureRecord {
+    std::uint64_t colour;  ///< byte offset in `attributes` of width*height RGBA8 (sRGB), no alpha weight
+    std::uint64_t alpha;   ///< byte offset of width*height u8: the plane that alpha tests read
+    std::uint32_t width;
+    std::uint32_t height;
+    Wrap wrap_s;
+    Wrap wrap_t;
+    std::uint32_t nearest;  ///< 1: magFilter says NEAREST
+    std::uint32_t unused;
+};
+
+struct MaterialRecord {
+    Vec4 base_colour;      ///< linear
+    float uv_transform[6]; ///< KHR_texture_transform as rows (a b c, d e f): s = a u + b v + c
+    std::uint32_t texture; ///< index, or no_id
+    std::uint32_t texcoord;
+    AlphaMode alpha_mode;
+    float cutoff;
+    std::uint32_t double_sided;
+    std::uint32_t name;    ///< offset in `names`
+};
+
+/// One glTF primitive: a run of triangles that share a material. All offsets are bytes in
+/// `attributes`; no_offset where the file has no such attribute.
+inline constexpr std::uint64_t no_offset = ~0ULL;
+struct GeometryRecord {
+    std::uint64_t positions;  ///< 3 x f32 per vertex
+    std::uint64_t indices;    ///< 3 x u32 per triangle
+    std::uint64_t texcoords[2];  ///< 2 x f32 per vertex
+    std::uint64_t colours;    ///< 4 x u8 per vertex (COLOR_0, linear)
+    std::uint32_t first_triangle;  ///< in the object's flat numbering
+    std::uint32_t triangle_count;
+    std::uint32_t vertex_count;
+    std::uint32_t material;   ///< index, or no_id
+};
+
+/// One placement of an object in its parent. Stored in declaration order.
+struct InstanceRecord {
+    Transform to_object;       ///< from the parent's space
+    std::uint32_t object;
+    std::uint32_t mask;        ///< skipped when (mask & request mask) == 0
+    std::uint64_t path_base;   ///< leaf placements of the parent before this one (CONTRACT.md §1)
+};
+static_assert(sizeof(InstanceRecord) == 64);
+
+/// What only names, edits and columns read of an instance; same index as InstanceRecord.
+struct InstanceInfo {
+    Transform to_parent;
+    std::uint32_t uid;
+    std::uint32_t name;  ///< offset in `names`
+};
+
+/// A BVH over triangles, over records of one other primitive type, over instances, or a mixture.
+struct ObjectRecord {
+    Box bounds;
+    float origin_error;        ///< >= 1: how much rounding of the ray the box test must absorb, see bvh/box_test
+    std::uint32_t root;        ///< child word of the tree (bvh/node.h)
+    std::uint64_t first_node;
+    std::uint64_t first_block;
+    std::uint64_t first_record;  ///< byte offset in `records`
+    std::uint64_t leaves;      ///< leaf placements below, CONTRACT.md §1
+    std::uint32_t node_count;
+    std::uint32_t block_count;
+    std::uint32_t triangle_count;
+    std::uint32_t first_geometry;
+    std::uint32_t geometry_count;
+    std::uint32_t first_instance;
+    std::uint32_t instance_count;
+    std::uint32_t record_type; ///< primitive_type("sphere") etc.; 0 when there are none
+    std::uint32_t record_count;
+    std::uint32_t record_size; ///< bytes of one record, see record_stride
+    std::uint32_t levels;      ///< BVHs on the longest path down, itself included
+    std::uint32_t name;        ///< offset in `names`
+
+    [[nodiscard]] bool has_own_primitives() const { return triangle_count + record_count != 0; }
+};
+
+/// Bytes from one entry of `records` to the next: the record, zeros up to a multiple of 4, and its
+/// original index as u32, because the tree reorders records.
+[[nodiscard]] constexpr std::uint64_t record_stride(std::uint32_t record_size) {
+    return (std::uint64_t{record_size} + 3) / 4 * 4 + sizeof(std::uint32_t);
+}
+
+struct CameraRecord {
+    Transform to_world;   ///< scale removed; looks along -Z, +Y up
+    float yfov;           ///< radians, vertical
+    float aspect;         ///< width over height, 0 when the file does not say
+    std::uint32_t name;   ///< offset in `names`
+    std::uint32_t unused;
+};
+
+struct SceneView {
+    const Node* nodes = nullptr;
+    const TriangleBlock* blocks = nullptr;
+    const std::byte* records = nullptr;  ///< primitives other than triangles, in tree order
+    const ObjectRecord* objects = nullptr;
+    const InstanceRecord* instances = nullptr;
+    const InstanceInfo* instance_infos = nullptr;
+    const GeometryRecord* geometries = nullptr;
+    const MaterialRecord* materials = nullptr;
+    const TextureRecord* textures = nullptr;
+    const CameraRecord* cameras = nullptr;
+    const std::byte* attributes = nullptr;
+    const char* names = nullptr;         ///< zero-terminated strings
+    std::uint32_t object_count = 0;
+    std::uint32_t instance_count = 0;
+    std::uint32_t geometry_count = 0;
+    std::uint32_t material_count = 0;
+    std::uint32_t texture_count = 0;
+    std::uint32_t camera_count = 0;
+    std::uint32_t root = 0;              ///< index of the outermost object
+    std::uint32_t masked_materials = 0;  ///< MASK or BLEND, in use or not
+
+    template <class T>
+    [[nodiscard]] const T* attribute(std::uint64_t offset) const {
+        return reinterpret_cast<const T*>(attributes + offset);
+    }
+
+    /// The geometry that holds a flat triangle index of `object`; objects have few geometries.
+    [[nodiscard]] const GeometryRecord& geometry_of(const ObjectRecord& object,
+                                                    std::uint32_t triangle) const {
+        const GeometryRecord* first = geometries + object.first_geometry;
+        std::uint32_t count = object.geometry_count;
+        while (count > 1) {
+            const std::uint32_t half = count / 2;
+            if (first[half].first_triangle <= triangle) {
+                first += half;
+                count -= half;
+            } else {
+                count = half;
+            }
+        }
+        return *first;
+    }
+};
+
+/// Identifies a primitive type inside objects and packs: FNV-1a of its name, never 0.
+[[nodiscard]] constexpr std::uint32_t primitive_type(const char* name) {
+    std::uint32_t hash = 2166136261U;
+    for (; *name != '\0'; ++name) hash = (hash ^ static_cast<unsigned char>(*name)) * 16777619U;
+    return hash == 0 ? 1 : hash;
+}
+
+}  // namespace raynest

@@ -1,0 +1,53 @@
+// A picture as it leaves an integrator, and the two kinds made in this folder.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "engine/geometry/hit.h"
+#include "engine/queries/columns.h"
+#include "engine/result.h"
+
+namespace raynest {
+
+/// 8-bit sRGB with straight alpha, row 0 on top.
+struct Picture {
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    std::vector<std::uint8_t> rgba;
+};
+
+/// `--integrator primary`: base colour x |n.v|, background 0.18 grey with alpha 0. Linear RGBA,
+/// one per ray of the source (closest hits).
+void shade_primary(const ColumnSource& source, std::span<Vec4> out);
+
+/// Linear RGBA -> 8-bit sRGB.
+Picture to_picture(std::uint32_t width, std::uint32_t height, std::span<const Vec4> pixels);
+
+/// Statistics over all pixels, misses included.
+struct HeatStatistics {
+    std::uint32_t min = 0, p50 = 0, p99 = 0, max = 0;
+    double mean = 0;
+    double clipped = 0;  ///< share of pixels above the range
+    std::uint64_t rays = 0, misses = 0;
+    double range_low = 0, range_high = 0;
+};
+
+struct HeatOptions {
+    std::string metric = "total";    ///< a counter field
+    std::string palette = "turbo";   ///< turbo | viridis | inferno | gray
+    std::string scale = "linear";    ///< linear | log
+    std::string range = "p99";       ///< auto | p99 | a:b
+};
+
+/// Fails with param_invalid, naming the choices.
+Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts, std::uint64_t misses,
+                                       const HeatOptions& options);
+/// The map with a legend strip: palette, ticks, unit, min/mean/p50/p99/max and the clipped share.
+Result<Picture> heat_picture(std::uint32_t width, std::uint32_t height,
+                             std::span<const std::uint32_t> counts, const HeatStatistics& statistics,
+                             const HeatOptions& options);
+
+}  // namespace raynest

@@ -1,0 +1,49 @@
+// The paper's first use case: texels with low alpha are holes that the ray passes through.
+#pragma once
+
+#include <tuple>
+
+#include "engine/bvh/ask.h"
+#include "engine/geometry/intersect_triangle.h"
+#include "engine/intersectors/params.h"
+#include "engine/intersectors/texture.h"
+
+namespace raynest {
+
+/// MASK materials are hit where alpha >= their alphaCutoff (or `cutoff`, when set), BLEND materials
+/// where alpha >= 0.5, OPAQUE ones everywhere (CONTRACT.md §3).
+struct AlphaMask {
+    static constexpr const char* text = "textures' alpha cuts holes (glTF MASK and BLEND materials)";
+    struct Params {
+        float cutoff = -1;
+    };
+    static constexpr auto params = std::tuple{
+        param("cutoff", &Params::cutoff, 0.0F, 1.0F,
+              "least alpha that is hit, for MASK materials; default: each material's own")};
+
+    AlphaMask(const SceneView& view, const Params& values) : scene(view), cutoff(values.cutoff) {}
+
+    auto operator()(const auto& ray, const TriangleLike auto& triangle) {
+        auto hits = intersect(ray, triangle);
+        hits.keep_if([&](const Surface& surface) { return ray.object == nullptr || is_solid(*ray.object, surface); });
+        return hits;
+    }
+
+private:
+    [[nodiscard]] bool is_solid(const ObjectRecord& object, const Surface& surface) const {
+        const GeometryRecord& geometry = scene.geometry_of(object, surface.prim);
+        if (geometry.material == no_id) return true;
+        const MaterialRecord& material = scene.materials[geometry.material];
+        if (material.alpha_mode == AlphaMode::opaque) return true;
+        const float least = material.alpha_mode == AlphaMode::blend ? 0.5F
+                            : cutoff >= 0                           ? cutoff
+                                                                    : material.cutoff;
+        return surface_alpha(scene, geometry, material, surface.prim, surface.u, surface.v) >=
+               least;
+    }
+
+    const SceneView& scene;
+    float cutoff;
+};
+
+}  // namespace raynest

@@ -1,0 +1,76 @@
+// Turns the mistakes that would silently ignore an intersector into one readable compile error.
+//
+// An overload that takes one ray width only, is private, returns the wrong type or is spelt with the
+// wrong concept would simply not be called, in one kernel in the worst case: a mask that is ignored.
+// One static_assert(check_intersector<...>()) per line of intersectors/LIST, in packs/variant.cpp.
+#pragma once
+
+#include "engine/bvh/ask.h"
+#include "engine/bvh/visit.h"
+
+namespace raynest {
+
+/// What a line of the list says that the intersector overrides.
+struct Declared {
+    bool boxes = false;
+    bool primitives = false;
+    bool instances = false;
+};
+
+template <class Isect>
+inline constexpr bool overrides_a_triangle = Overrides<Isect, RayView, TriangleRef>;
+template <class Isect>
+inline constexpr bool overrides_a_block = Overrides<Isect, BoxRay, Triangles8>;
+template <class Isect>
+inline constexpr bool overrides_a_box = Overrides<Isect, RayView, BoxRef>;
+template <class Isect>
+inline constexpr bool overrides_a_node = Overrides<Isect, BoxRay, Boxes8>;
+
+template <class Isect, class R, class P>
+constexpr bool returns_what_intersect_returns() {
+    if constexpr (Overrides<Isect, R, P>) {
+        using Plain = decltype(intersect(std::declval<const R&>(), std::declval<const P&>()));
+        using Own = decltype(std::declval<Isect&>()(std::declval<const R&>(),
+                                                    std::declval<const P&>()));
+        return std::is_same_v<Plain, Own>;
+    } else {
+        return true;
+    }
+}
+
+template <class Isect>
+constexpr bool overrides_any_record() {
+    bool any = false;
+    for_each_record_type([&]<class P>(RecordType<P>) {
+        any = any || Overrides<Isect, RayView, Record<P>>;
+    });
+    return any;
+}
+
+template <class Isect, Declared declared>
+constexpr bool check_intersector() {
+    static_assert(overrides_a_triangle<Isect> == overrides_a_block<Isect>,
+                  "the triangle overload takes one width only; write "
+                  "auto operator()(const auto& ray, const TriangleLike auto& triangle)");
+    static_assert(overrides_a_box<Isect> == overrides_a_node<Isect>,
+                  "the box overload takes one width only; write "
+                  "auto operator()(const auto& ray, const BoxLike auto& boxes)");
+    static_assert(returns_what_intersect_returns<Isect, BoxRay, Triangles8>() &&
+                      returns_what_intersect_returns<Isect, RayView, TriangleRef>() &&
+                      returns_what_intersect_returns<Isect, BoxRay, Boxes8>() &&
+                      returns_what_intersect_returns<Isect, RayView, BoxRef>(),
+                  "an overload must return what intersect(ray, thing) returns");
+    static_assert((overrides_a_block<Isect> || overrides_any_record<Isect>()) ==
+                      declared.primitives,
+                  "the line in LIST and the type disagree about `primitives`: is operator() public, "
+                  "not const-qualified away, and constrained by TriangleLike or PrimitiveLike?");
+    static_assert(overrides_a_node<Isect> == declared.boxes,
+                  "the line in LIST and the type disagree about `boxes`: is operator() public and "
+                  "constrained by BoxLike?");
+    static_assert(Overrides<Isect, BoxRay, Instance> == declared.instances,
+                  "the line in LIST and the type disagree about `instances`: is operator() public "
+                  "and constrained by InstanceLike?");
+    return true;
+}
+
+}  // namespace raynest

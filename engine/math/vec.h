@@ -1,0 +1,70 @@
+// Vectors and affine 3x4 transforms: the one header through which the engine sees GLM.
+//
+// Matrices are 3x4, row-major, object-to-world, as CONTRACT.md §1 says. Transforms of points spell
+// out every fma in a fixed order: the traversal, the reference and the CUDA pack walk the same chain
+// of transforms and must get the same bits (CONTRACT.md §2).
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include <glm/glm.hpp>
+
+namespace raynest {
+
+using Vec2 = glm::vec2;
+using Vec3 = glm::vec3;
+using Vec4 = glm::vec4;
+static_assert(sizeof(Vec3) == 12 && sizeof(Vec2) == 8, "do not define GLM_FORCE_DEFAULT_ALIGNED_GENTYPES");
+
+/// a*b + c with one rounding where the target has FMA; multiply-then-add on x86-64-v2, as Highway's
+/// MulAdd does there: v2 is its own reference (CONTRACT.md §2).
+[[gnu::always_inline]] inline float fused(float a, float b, float c) {
+#ifdef __FMA__
+    return __builtin_fmaf(a, b, c);
+#else
+    return a * b + c;
+#endif
+}
+
+/// Rows of a 3x4 affine map; row r is (m[4r], m[4r+1], m[4r+2] | m[4r+3]).
+struct Transform {
+    std::array<float, 12> m{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+
+    /// Maps a point. Same bits on v3, v4 and CUDA.
+    [[gnu::always_inline]] Vec3 point(const Vec3& p) const {
+        return {fused(m[0], p.x, fused(m[1], p.y, fused(m[2], p.z, m[3]))),
+                fused(m[4], p.x, fused(m[5], p.y, fused(m[6], p.z, m[7]))),
+                fused(m[8], p.x, fused(m[9], p.y, fused(m[10], p.z, m[11])))};
+    }
+
+    /// Maps a direction: no translation, no renormalising, so t means the same at every level.
+    [[gnu::always_inline]] Vec3 direction(const Vec3& d) const {
+        return {fused(m[0], d.x, fused(m[1], d.y, m[2] * d.z)),
+                fused(m[4], d.x, fused(m[5], d.y, m[6] * d.z)),
+                fused(m[8], d.x, fused(m[9], d.y, m[10] * d.z))};
+    }
+
+    /// Multiplies by the transposed 3x3: takes a normal to the world when *this is world-to-object.
+    [[gnu::always_inline]] Vec3 transposed_direction(const Vec3& n) const {
+        return {fused(m[0], n.x, fused(m[4], n.y, m[8] * n.z)),
+                fused(m[1], n.x, fused(m[5], n.y, m[9] * n.z)),
+                fused(m[2], n.x, fused(m[6], n.y, m[10] * n.z))};
+    }
+
+    bool operator==(const Transform&) const = default;
+};
+static_assert(sizeof(Transform) == 48);
+
+/// The map that applies `inner` first, then `outer`. Computed in double, rounded once.
+Transform compose(const Transform& outer, const Transform& inner);
+
+/// The inverse, computed in double; all-zero 3x3 and `false` when the transform is singular: the
+/// determinant is zero or not finite, or the inverse overflows a float (CONTRACT.md §1).
+bool invert(const Transform& transform, Transform& inverse);
+
+/// Condition number of the 3x3 part in the 2-norm (largest over smallest singular value), >= 1.
+/// Bounds how much a rounding error of an instance's ray grows on the way back to its parent.
+float condition(const Transform& transform);
+
+}  // namespace raynest

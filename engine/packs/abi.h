@@ -1,0 +1,107 @@
+// The door of a kernel pack: C types only, so that a pack can be built outside this tree.
+//
+// A pack is one loadable module per target (x86-64-v2, -v3, -v4, cuda) that exports one symbol,
+// raynest_pack(). Two reasons: the same template compiled with two -march flags in one binary is
+// silently merged by the linker, and a user can compile an intersector of their own.
+#pragma once
+
+#include <cstdint>
+
+#include "engine/geometry/hit.h"
+#include "engine/geometry/ray.h"
+#include "engine/geometry/views.h"
+
+namespace raynest {
+
+inline constexpr std::uint32_t pack_abi = 1;
+
+enum Query : std::uint32_t { query_closest, query_any, query_multi, query_count };
+/// `reference` walks every primitive with no BVH: the oracle, in the same pack and the same bits.
+enum Traversal : std::uint32_t {
+    traversal_latency,
+    traversal_batch,
+    traversal_coherent,
+    traversal_reference,
+    traversal_count
+};
+enum Precision : std::uint32_t { precision_fast, precision_watertight, precision_count };
+enum ValueType : std::uint32_t { value_f32, value_u32, value_choice };
+enum TraceFlags : std::uint32_t { trace_cull_back = 1 };
+enum TraceStatus : std::int32_t { trace_ok = 0, trace_bad_call = 1, trace_out_of_memory = 2 };
+
+inline constexpr std::uint32_t multi_hits_max = 256;
+
+/// A parameter of an intersector, set by request.
+struct PackParam {
+    const char* name;
+    const char* text;
+    ValueType type;
+    std::uint32_t choice_count;
+    const char* const* choices;  ///< for value_choice; the value is the index
+    double minimum;
+    double maximum;
+    double initial;
+};
+
+/// A per-ray output of an intersector; written for misses too. u32 or f32.
+struct PackOutput {
+    const char* name;
+    const char* text;
+    ValueType type;
+};
+
+/// One chunk of rays. Thread-safe as long as the output arrays are distinct.
+struct TraceCall {
+    const SceneView* scene;
+    const double* params;        ///< one per PackParam, in order; null: all at their initial value
+    const Ray* rays;
+    std::uint32_t ray_count;
+    std::uint32_t hits_max;      ///< multi: capacity per ray, 1..multi_hits_max; else 1
+    std::uint32_t mask;          ///< instances with (mask & theirs) == 0 are skipped
+    std::uint32_t flags;         ///< TraceFlags
+    HitRecord* hits;             ///< ray_count * hits_max; `any` sets hit and flags only
+    std::uint32_t* hit_counts;   ///< multi: one per ray; else may be null
+    Counters* counters;          ///< counting functions: one per ray; else may be null
+    void* const* outputs;        ///< one column of ray_count 4-byte values per PackOutput; may be null
+};
+
+using TraceFunction = TraceStatus (*)(const TraceCall*) noexcept;
+
+/// An intersector compiled for one target. Null where a combination was not compiled.
+struct PackVariant {
+    const char* name;
+    const char* text;
+    const PackParam* params;
+    std::uint32_t param_count;
+    std::uint32_t output_count;
+    const PackOutput* outputs;
+    TraceFunction trace[precision_count][traversal_count][query_count][2];  ///< [..][counting]
+};
+
+/// A primitive type beside triangles, as plain records.
+struct PackPrimitive {
+    const char* name;
+    std::uint32_t record_size;
+    std::uint32_t hits_max;
+    /// Bounds of `count` records.
+    void (*bounds)(const void* records, std::uint64_t count, Box* boxes) noexcept;
+    /// Outward normal of one record at an object-space point, not normalised; null: none defined.
+    void (*normal)(const void* record, const float point[3], float normal[3]) noexcept;
+};
+
+struct Pack {
+    std::uint32_t abi;           ///< pack_abi
+    std::uint32_t sizes[4];      ///< sizeof SceneView, ObjectRecord, HitRecord, TraceCall: checked at load
+    const char* target;          ///< "v2", "v3", "v4", "cuda"
+    std::uint32_t kernel_count;  ///< compiled trace functions, for the build report
+    bool (*supported)() noexcept;  ///< may this CPU run it?
+    const PackVariant* variants;
+    std::uint32_t variant_count;
+    std::uint32_t primitive_count;
+    const PackPrimitive* primitives;
+};
+
+inline constexpr const char* pack_symbol = "raynest_pack";
+using PackEntry = const Pack* (*)() noexcept;
+
+}  // namespace raynest

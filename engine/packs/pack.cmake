@@ -1,0 +1,130 @@
+# raynest_kernel_pack(<target> TARGET v2|v3|v4 [LIST <file>] [PRIMITIVES <file>] [HEADERS <dir>...])
+#
+# Builds one loadable module with every intersector of LIST compiled for one CPU target, exporting the
+# one symbol raynest_pack. Lines of LIST are `name Type overrides...`, lines of PRIMITIVES `name Type`;
+# headers are <name>.h, looked up in HEADERS (default: the folder of the list). Without PRIMITIVES the
+# pack knows the built-in types; with it, the built-in types and those of the file.
+#
+# This file is installed: an intersector of your own becomes a pack with a four-line CMakeLists.txt
+# (engine/INTERSECTORS.md).
+
+set(RAYNEST_PACK_SOURCE_DIR ${CMAKE_CURRENT_LIST_DIR})
+
+set(_raynest_flags_v2 -march=x86-64-v2)
+set(_raynest_flags_v3 -march=x86-64-v3)
+set(_raynest_flags_v4 -march=x86-64-v4 -mprefer-vector-width=256)
+set(_raynest_highway_v2 HWY_SSE4)
+set(_raynest_highway_v3 HWY_AVX2)
+set(_raynest_highway_v4 HWY_AVX3)
+set(_raynest_cpu_v2 "__builtin_cpu_supports(\"sse4.2\")&&__builtin_cpu_supports(\"popcnt\")")
+set(_raynest_cpu_v3 "__builtin_cpu_supports(\"avx2\")&&__builtin_cpu_supports(\"fma\")&&__builtin_cpu_supports(\"bmi2\")")
+set(_raynest_cpu_v4 "__builtin_cpu_supports(\"avx512f\")&&__builtin_cpu_supports(\"avx512vl\")&&__builtin_cpu_supports(\"avx512dq\")&&__builtin_cpu_supports(\"avx512bw\")&&__builtin_cpu_supports(\"avx512cd\")&&__builtin_cpu_supports(\"avx2\")&&__builtin_cpu_supports(\"fma\")&&__builtin_cpu_supports(\"bmi2\")")
+
+# Arithmetic that means what it says: explicit fma only, NaN and infinity as IEEE says.
+set(RAYNEST_KERNEL_OPTIONS -O3 -ffp-contract=off -fno-math-errno -fno-trapping-math
+    -fvisibility=hidden -fvisibility-inlines-hidden)
+set(RAYNEST_KERNEL_DEFINITIONS HWY_DISABLE_PCLMUL_AES HWY_COMPILE_ONLY_STATIC)
+
+# Reads a list file: lines without comments, as CMake lists in <out>.
+function(_raynest_read_list file out)
+    set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${file})
+    file(STRINGS ${file} lines REGEX "^[^#]")
+    set(${out} ${lines} PARENT_SCOPE)
+endfunction()
+
+function(raynest_kernel_pack pack)
+    cmake_parse_arguments(arg "" "TARGET;LIST;PRIMITIVES" "HEADERS" ${ARGN})
+    if(NOT arg_TARGET MATCHES "^v[234]$")
+        message(FATAL_ERROR "raynest_kernel_pack(${pack}): TARGET is v2, v3 or v4, not '${arg_TARGET}'")
+    endif()
+    set(builtin ${RAYNEST_PACK_SOURCE_DIR}/../..)
+    if(NOT arg_LIST)
+        set(arg_LIST ${builtin}/engine/intersectors/LIST)
+    endif()
+    get_filename_component(list_dir ${arg_LIST} DIRECTORY)
+    if(NOT arg_HEADERS)
+        set(arg_HEADERS ${list_dir})
+    endif()
+
+    # One generated header with the primitive types, one with the variants' functions.
+    set(generated ${CMAKE_CURRENT_BINARY_DIR}/${pack}.generated)
+    set(includes "")
+    set(calls "")
+    set(files ${builtin}/engine/geometry/PRIMITIVES)
+    if(arg_PRIMITIVES)
+        list(APPEND files ${arg_PRIMITIVES})
+    endif()
+    foreach(file IN LISTS files)
+        _raynest_read_list(${file} lines)
+        get_filename_component(dir ${file} DIRECTORY)
+        foreach(line IN LISTS lines)
+            separate_arguments(words UNIX_COMMAND "${line}")
+            list(GET words 0 name)
+            list(GET words 1 type)
+            string(APPEND includes "#include \"${dir}/${name}.h\"\n")
+            string(APPEND calls " X(${name}, ${type})")
+        endforeach()
+    endforeach()
+    file(CONFIGURE OUTPUT ${generated}/record_types.h CONTENT
+        "#pragma once\n${includes}#define RAYNEST_FOR_EACH_RECORD_TYPE(X)${calls}\n" @ONLY)
+
+    set(objects "")
+    set(variants "")
+    _raynest_read_list(${arg_LIST} lines)
+    foreach(line IN LISTS lines)
+        separate_arguments(words UNIX_COMMAND "${line}")
+        list(LENGTH words word_count)
+        if(word_count LESS 3)
+            message(FATAL_ERROR "${arg_LIST}: '${line}': a line is `name Type overrides...`; "
+                "overrides are boxes, primitives, instances or none")
+        endif()
+        list(POP_FRONT words name type)
+        set(overrides "")
+        foreach(word IN LISTS words)
+            if(word MATCHES "^(boxes|primitives|instances)$")
+                list(APPEND overrides ".${word}=true")
+            elseif(NOT word STREQUAL "none")
+                message(FATAL_ERROR "${arg_LIST}: '${line}': '${word}' is none of boxes, primitives, "
+                    "instances, none")
+            endif()
+        endforeach()
+        # Designated initialisers come in the order of struct Declared.
+        set(ordered "")
+        foreach(word boxes primitives instances)
+            if(".${word}=true" IN_LIST overrides)
+                list(APPEND ordered ".${word}=true")
+            endif()
+        endforeach()
+        list(JOIN ordered "," ordered)
+
+        find_file(header ${name}.h PATHS ${arg_HEADERS} NO_DEFAULT_PATH NO_CACHE REQUIRED)
+        set(object ${pack}_${name})
+        add_library(${object} OBJECT ${RAYNEST_PACK_SOURCE_DIR}/variant.cpp)
+        target_link_libraries(${object} PRIVATE raynest::kernel)
+        target_compile_options(${object} PRIVATE ${_raynest_flags_${arg_TARGET}})
+        target_compile_definitions(${object} PRIVATE
+            RAYNEST_INTERSECTOR_HEADER="${header}"
+            RAYNEST_INTERSECTOR_TYPE=${type}
+            RAYNEST_INTERSECTOR_NAME="${name}"
+            RAYNEST_INTERSECTOR_FUNCTION=raynest_variant_${name}
+            "RAYNEST_INTERSECTOR_OVERRIDES=${ordered}"
+            RAYNEST_HIGHWAY_TARGET=${_raynest_highway_${arg_TARGET}}
+            RAYNEST_RECORD_TYPES="${generated}/record_types.h")
+        unset(header)
+        list(APPEND objects $<TARGET_OBJECTS:${object}>)
+        string(APPEND variants "RAYNEST_VARIANT(raynest_variant_${name})\n")
+    endforeach()
+    file(CONFIGURE OUTPUT ${generated}/variants.inc CONTENT "${variants}" @ONLY)
+
+    add_library(${pack} MODULE ${RAYNEST_PACK_SOURCE_DIR}/pack.cpp ${objects})
+    target_link_libraries(${pack} PRIVATE raynest::kernel)
+    # The table itself must run on any CPU; sphere.h and the like need no more than SSE2 here.
+    target_compile_definitions(${pack} PRIVATE
+        RAYNEST_TARGET_NAME="${arg_TARGET}"
+        "RAYNEST_CPU_TEST=(${_raynest_cpu_${arg_TARGET}})"
+        RAYNEST_VARIANT_LIST="${generated}/variants.inc"
+        RAYNEST_RECORD_TYPES="${generated}/record_types.h")
+    set(exports ${RAYNEST_PACK_SOURCE_DIR}/pack.map)
+    target_link_options(${pack} PRIVATE -Wl,--no-undefined -Wl,--version-script=${exports})
+    set_target_properties(${pack} PROPERTIES PREFIX "" OUTPUT_NAME ${pack} LINK_DEPENDS ${exports})
+endfunction()

@@ -1,0 +1,89 @@
+// The table of one kernel pack: collects its variants and primitive types behind one symbol.
+// Compiled for the baseline CPU: it answers "may this CPU run the pack?" before anything else runs.
+#include <array>
+#include <cstdint>
+
+#include "engine/geometry/record_types.h"
+#include "engine/packs/abi.h"
+
+namespace raynest {
+
+#define RAYNEST_VARIANT(function) const PackVariant& function() noexcept;
+#include RAYNEST_VARIANT_LIST
+#undef RAYNEST_VARIANT
+
+namespace {
+
+template <class P>
+void record_bounds(const void* records, std::uint64_t count, Box* boxes) noexcept {
+    const auto* from = static_cast<const P*>(records);
+    for (std::uint64_t i = 0; i < count; ++i) boxes[i] = bounds(from[i]);
+}
+
+template <class P>
+void record_normal(const void* record, const float point[3], float out[3]) noexcept {
+    const Vec3 n = normal(*static_cast<const P*>(record), Vec3(point[0], point[1], point[2]));
+    for (int axis = 0; axis < 3; ++axis) out[axis] = n[axis];
+}
+
+template <class P>
+constexpr PackPrimitive describe_primitive(const char* name) {
+    PackPrimitive primitive{};
+    primitive.name = name;
+    primitive.record_size = sizeof(P);
+    primitive.hits_max = decltype(intersect(std::declval<const RayView&>(),
+                                            std::declval<const P&>()))::lanes;
+    primitive.bounds = record_bounds<P>;
+    if constexpr (requires(const P& p, const Vec3& v) { normal(p, v); }) {
+        primitive.normal = record_normal<P>;
+    }
+    return primitive;
+}
+
+bool cpu_supported() noexcept {
+    __builtin_cpu_init();
+    return RAYNEST_CPU_TEST;
+}
+
+}  // namespace
+}  // namespace raynest
+
+extern "C" [[gnu::visibility("default")]] const raynest::Pack* raynest_pack() noexcept {
+    using namespace raynest;
+#define RAYNEST_VARIANT(function) function(),
+    static const auto variants = std::to_array<PackVariant>({
+#include RAYNEST_VARIANT_LIST
+    });
+#undef RAYNEST_VARIANT
+#define RAYNEST_PRIMITIVE(name, Type) describe_primitive<Type>(#name),
+    static const auto primitives =
+        std::to_array<PackPrimitive>({RAYNEST_FOR_EACH_RECORD_TYPE(RAYNEST_PRIMITIVE)});
+#undef RAYNEST_PRIMITIVE
+    static const Pack pack = [] {
+        Pack p{};
+        p.abi = pack_abi;
+        p.sizes[0] = sizeof(SceneView);
+        p.sizes[1] = sizeof(ObjectRecord);
+        p.sizes[2] = sizeof(HitRecord);
+        p.sizes[3] = sizeof(TraceCall);
+        p.target = RAYNEST_TARGET_NAME;
+        p.supported = cpu_supported;
+        p.variants = variants.data();
+        p.variant_count = static_cast<std::uint32_t>(variants.size());
+        p.primitives = primitives.data();
+        p.primitive_count = static_cast<std::uint32_t>(primitives.size());
+        for (const PackVariant& variant : variants) {
+            for (const auto& precision : variant.trace) {
+                for (const auto& traversal : precision) {
+                    for (const auto& query : traversal) {
+                        for (const TraceFunction function : query) {
+                            p.kernel_count += function != nullptr ? 1 : 0;
+                        }
+                    }
+                }
+            }
+        }
+        return p;
+    }();
+    return &pack;
+}

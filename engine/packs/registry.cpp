@@ -1,0 +1,199 @@
+// Loading packs: dlopen, check the ABI, keep what this CPU runs, best target first.
+#include "engine/packs/registry.h"
+
+#include <dlfcn.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdlib>
+#include <sstream>
+
+namespace raynest {
+namespace {
+
+// Best first: a variant runs on the best target that has it (CONTRACT.md §3).
+constexpr std::array<std::string_view, 3> targets_best_first{"v4", "v3", "v2"};
+
+std::size_t rank_of(std::string_view target) {
+    return static_cast<std::size_t>(
+        std::find(targets_best_first.begin(), targets_best_first.end(), target) -
+        targets_best_first.begin());
+}
+
+std::filesystem::path builtin_directory() {
+    if (const char* set = std::getenv("RAYNEST_BUILTIN_PACKS"); set != nullptr && *set != '\0') {
+        return set;
+    }
+    std::error_code error;
+    const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
+    return error ? std::filesystem::path("raynest")
+                 : self.parent_path().parent_path() / "lib" / "raynest";
+}
+
+Result<std::vector<std::filesystem::path>> find_packs(const std::vector<std::filesystem::path>& dirs) {
+    std::vector<std::filesystem::path> found;
+    for (const auto& dir : dirs) {
+        std::error_code error;
+        std::vector<std::filesystem::path> here;
+        for (std::filesystem::directory_iterator it(dir, error), end; !error && it != end;
+             it.increment(error)) {
+            if (it->path().extension() == ".so") here.push_back(it->path());
+        }
+        if (error) {
+            return fail(ErrorCode::pack_invalid,
+                        "cannot read the pack directory " + dir.string() + ": " + error.message());
+        }
+        std::sort(here.begin(), here.end());
+        found.insert(found.end(), here.begin(), here.end());
+    }
+    return found;
+}
+
+Result<const Pack*> load_pack(const std::filesystem::path& path) {
+    // RTLD_LOCAL: packs hold templates of the same names compiled for different CPUs. Never closed:
+    // the functions are in use for the life of the process.
+    void* module = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+    if (module == nullptr) {
+        const char* why = dlerror();
+        return fail(ErrorCode::pack_invalid,
+                    "cannot load the kernel pack " + path.string() + ": " +
+                        (why != nullptr ? why : "unknown reason"));
+    }
+    const auto entry = reinterpret_cast<PackEntry>(dlsym(module, pack_symbol));
+    if (entry == nullptr) {
+        return fail(ErrorCode::pack_invalid,
+                    path.string() + " is no kernel pack: it does not export " + pack_symbol);
+    }
+    const Pack* pack = entry();
+    const std::array<std::uint32_t, 4> sizes{sizeof(SceneView), sizeof(ObjectRecord),
+                                             sizeof(HitRecord), sizeof(TraceCall)};
+    if (pack->abi != pack_abi || !std::equal(sizes.begin(), sizes.end(), pack->sizes)) {
+        return fail(ErrorCode::pack_invalid,
+                    path.string() + " was built against other engine headers (ABI " +
+                        std::to_string(pack->abi) + ", this build has " +
+                        std::to_string(pack_abi) + "): rebuild the pack");
+    }
+    return pack;
+}
+
+std::string join(const std::vector<std::string>& names) {
+    std::string text;
+    for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
+    return text;
+}
+
+}  // namespace
+
+Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
+    if (options.target != "auto" && rank_of(options.target) == targets_best_first.size()) {
+        return fail(ErrorCode::pack_invalid,
+                    "unknown target '" + options.target + "': use auto, v2, v3 or v4");
+    }
+    std::vector<std::filesystem::path> dirs{builtin_directory()};
+    dirs.insert(dirs.end(), options.pack_dirs.begin(), options.pack_dirs.end());
+    if (const char* more = std::getenv("RAYNEST_PACK_PATH"); more != nullptr) {
+        std::stringstream list(more);
+        for (std::string dir; std::getline(list, dir, ':');) {
+            if (!dir.empty()) dirs.emplace_back(dir);
+        }
+    }
+    const auto files = find_packs(dirs);
+    if (!files) return tl::unexpected(files.error());
+
+    auto registry = std::shared_ptr<Registry>(new Registry);
+    bool target_seen = false;
+    for (const auto& file : *files) {
+        const auto pack = load_pack(file);
+        if (!pack) return tl::unexpected(pack.error());
+        const bool wanted = options.target == "auto" || options.target == (*pack)->target;
+        target_seen = target_seen || options.target == (*pack)->target;
+        if (wanted && (*pack)->supported()) registry->packs_.push_back(*pack);
+    }
+    if (registry->packs_.empty()) {
+        return fail(ErrorCode::pack_invalid,
+                    options.target == "auto"
+                        ? "no kernel pack for this CPU in " + dirs.front().string() +
+                              ": build the target raynest_packs"
+                    : target_seen ? "this CPU does not run target " + options.target +
+                                        ": use --target auto"
+                                  : "no kernel pack for target " + options.target + " in " +
+                                        dirs.front().string());
+    }
+    std::stable_sort(registry->packs_.begin(), registry->packs_.end(),
+                     [](const Pack* a, const Pack* b) {
+                         return rank_of(a->target) < rank_of(b->target);
+                     });
+
+    for (const Pack* pack : registry->packs_) {
+        for (std::uint32_t i = 0; i < pack->variant_count; ++i) {
+            const PackVariant& code = pack->variants[i];
+            Variant* known = nullptr;
+            for (Variant& variant : registry->variants_) {
+                if (variant.name == code.name) known = &variant;
+            }
+            if (known == nullptr) {
+                Variant variant;
+                variant.code = &code;
+                variant.name = code.name;
+                variant.text = code.text;
+                variant.target = pack->target;
+                for (std::uint32_t p = 0; p < pack->primitive_count; ++p) {
+                    variant.record_types.push_back(primitive_type(pack->primitives[p].name));
+                }
+                known = &registry->variants_.emplace_back(std::move(variant));
+            } else if (known->targets.back() == pack->target) {
+                return fail(ErrorCode::pack_invalid,
+                            "two kernel packs for target " + std::string(pack->target) +
+                                " have an intersector named '" + code.name +
+                                "': rename one of them");
+            }
+            known->targets.emplace_back(pack->target);
+        }
+    }
+    return std::shared_ptr<const Registry>(std::move(registry));
+}
+
+const Variant* Registry::find(std::string_view name) const {
+    const auto at = std::find_if(variants_.begin(), variants_.end(),
+                                 [&](const Variant& variant) { return variant.name == name; });
+    return at == variants_.end() ? nullptr : &*at;
+}
+
+Result<const Variant*> Registry::choose(std::string_view name, const SceneView& scene) const {
+    if (name.empty() || name == "auto") name = scene.masked_materials != 0 ? "alpha_mask" : "opaque";
+    const Variant* variant = find(name);
+    if (variant == nullptr) {
+        std::vector<std::string> names;
+        for (const Variant& known : variants_) names.push_back(known.name);
+        return fail(ErrorCode::variant_unknown,
+                    "no intersector '" + std::string(name) + "'; there are: " + join(names));
+    }
+    for (std::uint32_t i = 0; i < scene.object_count; ++i) {
+        const std::uint32_t type = scene.objects[i].record_type;
+        if (type == 0 || std::find(variant->record_types.begin(), variant->record_types.end(),
+                                   type) != variant->record_types.end()) {
+            continue;
+        }
+        const PackPrimitive* primitive = find_primitive(type);
+        return fail(ErrorCode::variant_unknown,
+                    "intersector '" + variant->name + "' was not compiled for primitives of type " +
+                        (primitive != nullptr ? primitive->name : "#" + std::to_string(type)) +
+                        ": add the type to the PRIMITIVES of its pack");
+    }
+    return variant;
+}
+
+const PackPrimitive* Registry::find_primitive(std::uint32_t type) const {
+    for (const Pack* pack : packs_) {
+        for (std::uint32_t i = 0; i < pack->primitive_count; ++i) {
+            if (primitive_type(pack->primitives[i].name) == type) return &pack->primitives[i];
+        }
+    }
+    return nullptr;
+}
+
+const PackPrimitive* Registry::find_primitive(std::string_view name) const {
+    return find_primitive(primitive_type(std::string(name).c_str()));
+}
+
+}  // namespace raynest

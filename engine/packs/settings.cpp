@@ -1,0 +1,123 @@
+// Names and values of a request -> what a pack takes.
+#include <charconv>
+#include <cmath>
+#include <sstream>
+
+#include "engine/packs/registry.h"
+
+namespace raynest {
+namespace {
+
+std::string describe_range(const PackParam& param) {
+    std::ostringstream text;
+    if (param.type == value_choice) {
+        for (std::uint32_t i = 0; i < param.choice_count; ++i) {
+            text << (i != 0 ? ", " : "") << param.choices[i];
+        }
+    } else {
+        text << "a number from " << param.minimum << " to " << param.maximum;
+    }
+    return text.str();
+}
+
+Result<double> parse_value(const PackParam& param, const std::string& text) {
+    if (param.type == value_choice) {
+        for (std::uint32_t i = 0; i < param.choice_count; ++i) {
+            if (text == param.choices[i]) return i;
+        }
+    } else {
+        double value = 0;
+        const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+        const bool whole = param.type != value_u32 || std::floor(value) == value;
+        if (error == std::errc() && end == text.data() + text.size() && whole &&
+            value >= param.minimum && value <= param.maximum) {
+            return value;
+        }
+    }
+    return fail(ErrorCode::param_invalid, std::string("'") + text + "' is no value for '" +
+                                              param.name + "': use " + describe_range(param));
+}
+
+template <class T, std::size_t N>
+Result<T> parse_name(std::string_view what, std::string_view name,
+                     const std::pair<std::string_view, T> (&known)[N]) {
+    std::string names;
+    for (const auto& [text, value] : known) {
+        if (text == name) return value;
+        names += (names.empty() ? "" : ", ") + std::string(text);
+    }
+    return fail(ErrorCode::param_invalid, "unknown " + std::string(what) + " '" +
+                                              std::string(name) + "': use one of " + names);
+}
+
+}  // namespace
+
+Result<Settings> parse_settings(const Variant& variant,
+                                std::span<const std::pair<std::string, std::string>> assignments) {
+    Settings settings;
+    for (const PackParam& param : variant.params()) settings.params.push_back(param.initial);
+    for (const auto& [key, value] : assignments) {
+        if (key == "cull") {
+            if (value != "back" && value != "none") {
+                return fail(ErrorCode::param_invalid,
+                            "'" + value + "' is no value for 'cull': use back, none");
+            }
+            settings.flags = value == "back" ? std::uint32_t{trace_cull_back} : 0U;
+            continue;
+        }
+        const auto params = variant.params();
+        std::size_t i = 0;
+        while (i < params.size() && key != params[i].name) ++i;
+        if (i == params.size()) {
+            std::string names = "cull";
+            for (const PackParam& param : params) names += std::string(", ") + param.name;
+            return fail(ErrorCode::param_invalid, "intersector '" + variant.name +
+                                                      "' has no parameter '" + key +
+                                                      "'; it has: " + names);
+        }
+        const auto parsed = parse_value(params[i], value);
+        if (!parsed) return tl::unexpected(parsed.error());
+        settings.params[i] = *parsed;
+    }
+    return settings;
+}
+
+Result<TraceFunction> find_function(const Variant& variant, Query query, Precision precision,
+                                    Traversal traversal, bool counting) {
+    const TraceFunction function =
+        variant.code->trace[precision][traversal][query][counting ? 1 : 0];
+    if (function != nullptr) return function;
+    static constexpr const char* queries[] = {"closest", "any", "multi"};
+    static constexpr const char* precisions[] = {"fast", "watertight"};
+    static constexpr const char* traversals[] = {"latency", "batch", "coherent", "reference"};
+    return fail(ErrorCode::variant_unknown,
+                "intersector '" + variant.name + "' on target " + variant.target +
+                    " was not compiled for query " + queries[query] + ", precision " +
+                    precisions[precision] + ", traversal " + traversals[traversal] +
+                    (counting ? ", counters" : "") + ": try precision fast, traversal auto");
+}
+
+Result<Query> parse_query(std::string_view name) {
+    static constexpr std::pair<std::string_view, Query> known[] = {
+        {"closest", query_closest}, {"any", query_any}, {"multi", query_multi}};
+    return parse_name("query kind", name, known);
+}
+
+Result<Precision> parse_precision(std::string_view name) {
+    static constexpr std::pair<std::string_view, Precision> known[] = {
+        {"fast", precision_fast}, {"watertight", precision_watertight}};
+    return parse_name("precision", name, known);
+}
+
+Result<Traversal> parse_traversal(std::string_view name) {
+    // "auto" picks by coherence once there is more than one traversal to pick from.
+    static constexpr std::pair<std::string_view, Traversal> known[] = {
+        {"auto", traversal_latency},
+        {"latency", traversal_latency},
+        {"batch", traversal_batch},
+        {"coherent", traversal_coherent},
+        {"reference", traversal_reference}};
+    return parse_name("traversal", name, known);
+}
+
+}  // namespace raynest

@@ -1,0 +1,67 @@
+// Hit records -> the columns of CONTRACT.md §1.
+//
+// Kernels write 32-byte records; whatever else a column needs (names of levels, normals, materials)
+// follows from (path, object, triangle) and is computed here, only for the fields asked for.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+#include "engine/geometry/hit.h"
+#include "engine/geometry/ray.h"
+#include "engine/geometry/views.h"
+#include "engine/result.h"
+
+namespace raynest {
+
+enum class Field : std::uint32_t {
+    hit, t, prim, geom, path, inst, uid, uv, ng, front, position, material, flags,
+    nodes, boxes, leaves, prims, instances, rejects, total,
+    count_
+};
+enum class FieldType : std::uint8_t { u8, u32, u64, f32 };
+
+struct FieldInfo {
+    std::string_view name;
+    FieldType type;
+    std::uint32_t width;   ///< values per ray: 2 for uv, 3 for ng and position
+    bool counter;          ///< needs a counting function
+};
+
+[[nodiscard]] const FieldInfo& field_info(Field field);
+[[nodiscard]] std::size_t field_bytes(Field field);  ///< per ray
+/// field_invalid, with the list of names, when unknown.
+Result<Field> parse_field(std::string_view name);
+
+/// Gives outward normals of records; null where a primitive type has none.
+using RecordNormal = void (*)(const void* record, const float point[3], float normal[3]) noexcept;
+
+/// Input of a chunk of results. For multi-hit, `hits` are already compacted (CSR order) and `ray_of`
+/// gives the ray of each hit; else ray_of is empty and hit i belongs to ray i.
+struct ColumnSource {
+    const SceneView* scene = nullptr;
+    std::span<const Ray> rays;
+    std::span<const HitRecord> hits;
+    std::span<const std::uint32_t> ray_of;
+    std::span<const Counters> counters;  ///< one per ray, or empty
+    RecordNormal (*record_normal)(std::uint32_t type, const void* context) = nullptr;
+    const void* context = nullptr;
+};
+
+/// Writes hits.size() * field_bytes(field) bytes (counters: rays.size()), canonical for misses.
+void write_column(Field field, const ColumnSource& source, std::byte* out);
+
+/// Object-space-to-world facts of one hit, for integrators.
+struct Placement {
+    Transform to_object;      ///< world to the leaf object, composed; for display and normals
+    std::uint32_t outermost = no_id;  ///< declaration index in the root
+    std::uint32_t uid = 0;
+    std::uint32_t levels = 1;
+};
+[[nodiscard]] Placement locate(const SceneView& scene, std::uint64_t path);
+/// Unit world normal, as column `ng`.
+[[nodiscard]] Vec3 world_normal(const ColumnSource& source, const Ray& ray, const HitRecord& hit);
+
+}  // namespace raynest

@@ -1,0 +1,104 @@
+// The three visibility queries: what is kept of the candidates that survive the intersector.
+//
+// take(ray, hits) sees the surviving lanes of one primitive or block, keeps what it wants, shrinks
+// ray.tmax to the farthest distance that can still matter and returns true when nothing can. Hits are
+// ordered by (t, path, geom, prim, k), CONTRACT.md §1: of equal t the smaller key wins, whatever the
+// order of traversal, so answers do not depend on the tree.
+#pragma once
+
+#include <bit>
+#include <cstdint>
+#include <span>
+
+#include "engine/geometry/hit.h"
+#include "engine/geometry/intersection.h"
+#include "engine/geometry/concepts.h"
+
+namespace raynest {
+
+/// The record of one surviving lane.
+template <class P, int N>
+RAYNEST_INLINE HitRecord make_record(const RayView& ray, const Hits<P, N>& hits, int lane, float t,
+                                     float u, float v) {
+    HitRecord record;
+    record.t = t;
+    record.u = u;
+    record.v = v;
+    record.triangle = hits.primitive.prim_of(lane);
+    record.path = ray.path;
+    record.object = ray.object != nullptr
+                        ? static_cast<std::uint32_t>(ray.object - ray.scene->objects)
+                        : no_id;
+    record.k = RecordLike<P> ? static_cast<std::uint8_t>(lane) : std::uint8_t{0};
+    record.front = static_cast<std::uint8_t>(hits.front >> lane & 1U);
+    record.hit = 1;
+    return record;
+}
+
+/// Calls `f(record)` for every surviving lane.
+template <class P, int N, class F>
+RAYNEST_INLINE void for_each_record(const RayView& ray, const Hits<P, N>& hits, F&& f) {
+    alignas(32) float t[Hits<P, N>::lane_count];
+    alignas(32) float u[Hits<P, N>::lane_count];
+    alignas(32) float v[Hits<P, N>::lane_count];
+    hits.t.store(t);
+    hits.u.store(u);
+    hits.v.store(v);
+    for (std::uint32_t rest = hits.mask; rest != 0; rest &= rest - 1) {
+        const int lane = std::countr_zero(rest);
+        f(make_record(ray, hits, lane, t[lane], u[lane], v[lane]));
+    }
+}
+
+/// The nearest hit.
+struct ClosestHit {
+    HitRecord best;
+
+    template <class R, class P, int N>
+    RAYNEST_INLINE bool take(R& ray, const Hits<P, N>& hits) {
+        for_each_record(ray, hits, [&](const HitRecord& record) {
+            if (!record.before(best)) return;
+            best = record;
+            ray.tmax = record.t;
+        });
+        return false;
+    }
+};
+
+/// Whether anything is hit. Which surface depends on the traversal, so nothing else is kept.
+struct AnyHit {
+    bool found = false;
+
+    template <class R, class P, int N>
+    RAYNEST_INLINE bool take(R& /*ray*/, const Hits<P, N>& hits) {
+        found = hits.mask != 0;
+        return found;
+    }
+};
+
+/// The nearest hits, sorted, as many as the caller's span holds. Once it is full, its last distance
+/// ends the search.
+struct MultiHit {
+    std::span<HitRecord> nearest;  ///< capacity >= 1; the first `count` are filled
+    std::uint32_t count = 0;
+
+    template <class R, class P, int N>
+    RAYNEST_INLINE bool take(R& ray, const Hits<P, N>& hits) {
+        for_each_record(ray, hits, [&](const HitRecord& record) { insert(record); });
+        if (count == nearest.size()) ray.tmax = nearest[count - 1].t;
+        return false;
+    }
+
+private:
+    void insert(const HitRecord& record) {
+        if (count == nearest.size()) {
+            if (!record.before(nearest[count - 1])) return;
+            --count;
+        }
+        std::uint32_t at = count++;
+        for (; at > 0 && record.before(nearest[at - 1]); --at) nearest[at] = nearest[at - 1];
+        nearest[at] = record;
+    }
+};
+
+}  // namespace raynest

@@ -1,0 +1,42 @@
+// The brute-force reference: every primitive of every placement, no tree, no box.
+//
+// It walks the same chain of transforms and asks the same intersector about the same primitives, one
+// lane at a time, in the same pack; the difference to any traversal is 0 (CONTRACT.md §2). It shares
+// visit() of a single primitive with the traversal and nothing of the tree.
+#pragma once
+
+#include "engine/bvh/visit.h"
+
+namespace raynest {
+
+template <class Isect, class Query>
+bool visit_everything(RayView& ray, const Bvh& bvh, Isect& isect, Query& query) {
+    const SceneView& scene = *bvh.scene;
+    const ObjectRecord& object = bvh.record();
+    const TriangleBlock* blocks = scene.blocks + object.first_block;
+    for (std::uint32_t b = 0; b < object.block_count; ++b) {
+        for (int lane = 0; lane < 8; ++lane) {
+            if (blocks[b].triangle[lane] == no_id) continue;
+            if (visit(ray, TriangleRef(blocks[b], lane), isect, query)) return true;
+        }
+    }
+    if (object.record_count != 0 &&
+        visit_record_type(scene, object, 0, object.record_count, [&](const auto& record) {
+            return visit(ray, record, isect, query);
+        })) {
+        return true;
+    }
+    for (std::uint32_t i = 0; i < object.instance_count; ++i) {
+        const Instance instance{&scene, object.first_instance + i};
+        if ((instance.record().mask & ray.mask) == 0) continue;
+        if (!enters(isect, ray, instance)) continue;
+        RayView inner = enter(ray, scene, instance.record());
+        const bool done =
+            visit_everything(inner, Bvh{&scene, instance.record().object}, isect, query);
+        ray.tmax = inner.tmax;
+        if (done) return true;
+    }
+    return false;
+}
+
+}  // namespace raynest

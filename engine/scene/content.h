@@ -1,0 +1,82 @@
+// A scene on its way into an arena: the records with their final offsets, and what the bulk sections
+// are to be filled from. It copies no bulk data; the description must outlive it.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "engine/bvh/build.h"
+#include "engine/scene/description.h"
+#include "engine/scene/format.h"
+#include "engine/scene/snapshot.h"
+
+namespace raynest {
+
+/// Zero-terminated strings, each stored once; offset 0 is the empty string.
+class NameTable {
+public:
+    /// What follows a zero byte in `name` is dropped.
+    std::uint32_t add(const std::string& name);
+    [[nodiscard]] const std::string& bytes() const { return bytes_; }
+
+private:
+    std::string bytes_ = std::string(1, '\0');
+    std::unordered_map<std::string, std::uint32_t> offsets_{{"", 0}};
+};
+
+/// Hands out places in the `attributes` section now and fills them later.
+class AttributePlan {
+public:
+    /// Offset of a copy of `data`; no_offset when it is empty.
+    template <class T>
+    std::uint64_t add(const std::vector<T>& data) {
+        return place({reinterpret_cast<const std::byte*>(data.data()), data.size() * sizeof(T), 1});
+    }
+    /// Offset of every fourth byte of `rgba`, from the fourth on.
+    std::uint64_t add_alpha(std::span<const std::uint8_t> rgba);
+
+    [[nodiscard]] std::uint64_t size() const { return size_; }
+    void write(std::byte* section) const;
+
+private:
+    struct Source {
+        const std::byte* first;
+        std::uint64_t bytes;   ///< to write
+        std::uint32_t stride;  ///< in the source
+        std::uint64_t offset = 0;
+    };
+    std::uint64_t place(Source source);
+
+    std::vector<Source> sources_;
+    std::uint64_t size_ = 0;
+};
+
+struct Content {
+    std::vector<const ObjectDescription*> sources;  ///< one per object
+    std::vector<Tree> trees;                        ///< one per object
+    std::vector<ObjectRecord> objects;
+    std::vector<InstanceRecord> instances;
+    std::vector<InstanceInfo> instance_infos;
+    std::vector<GeometryRecord> geometries;
+    std::vector<MaterialRecord> materials;
+    std::vector<TextureRecord> textures;
+    std::vector<CameraRecord> cameras;
+    std::vector<format::SkipRecord> skips;
+    std::vector<format::NameOffset> warnings;
+    std::vector<format::NameOffset> record_types;
+    NameTable names;
+    AttributePlan attributes;
+};
+
+/// Materials, textures and cameras. Images are stored once, however many textures use them.
+void add_surfaces(const SceneDescription& description, Content& content);
+void add_cameras(const SceneDescription& description, Content& content);
+
+/// Lays out and fills the arena. Throws std::bad_alloc.
+Arena write_arena(const Content& content);
+
+}  // namespace raynest

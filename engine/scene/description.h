@@ -1,0 +1,87 @@
+// A scene as an importer or a program describes it: plain vectors, no trees yet.
+//
+// scene/bake.h turns it into a snapshot. Objects may hold triangles, records of one other primitive
+// type, instances of other objects, or a mixture; the graph of instances must be acyclic.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "engine/geometry/hit.h"
+#include "engine/geometry/views.h"
+#include "engine/math/vec.h"
+
+namespace raynest {
+
+struct ImageDescription {
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    std::vector<std::uint8_t> rgba;  ///< width*height*4, sRGB colour, straight alpha, row 0 on top
+};
+
+struct TextureDescription {
+    std::uint32_t image = no_id;
+    Wrap wrap_s = Wrap::repeat;
+    Wrap wrap_t = Wrap::repeat;
+    bool nearest = false;
+};
+
+struct MaterialDescription {
+    std::string name;
+    Vec4 base_colour{1.0F};
+    std::uint32_t texture = no_id;
+    std::uint32_t texcoord = 0;
+    std::array<float, 6> uv_transform{1, 0, 0, 0, 1, 0};
+    AlphaMode alpha_mode = AlphaMode::opaque;
+    float cutoff = 0.5F;
+    bool double_sided = false;
+};
+
+struct GeometryDescription {
+    std::vector<Vec3> positions;
+    std::vector<std::uint32_t> indices;  ///< three per triangle, all below positions.size()
+    std::vector<Vec2> texcoords[2];      ///< empty or one per vertex
+    std::vector<std::uint8_t> colours;   ///< empty or RGBA per vertex
+    std::uint32_t material = no_id;
+};
+
+struct InstanceDescription {
+    std::uint32_t object = no_id;
+    Transform transform;  ///< to the parent's space
+    std::uint32_t mask = 0xFFFFFFFFU;
+    std::uint32_t uid = 0;
+    std::string name;
+};
+
+struct ObjectDescription {
+    std::string name;
+    std::vector<GeometryDescription> geometries;
+    std::vector<InstanceDescription> instances;
+    std::string record_type;         ///< name of a primitive other than triangle, "" when none
+    std::vector<std::byte> records;  ///< record_bounds.size() records of equal size
+    std::vector<Box> record_bounds;
+};
+
+struct CameraDescription {
+    std::string name;
+    Transform to_world;
+    float yfov = 0.7F;
+    float aspect = 0;
+};
+
+struct SceneDescription {
+    std::vector<ObjectDescription> objects;
+    std::uint32_t root = 0;
+    std::vector<MaterialDescription> materials;
+    std::vector<TextureDescription> textures;
+    std::vector<ImageDescription> images;
+    std::vector<CameraDescription> cameras;
+    /// Reason -> count, e.g. {"singular_instances", 1}; shown by `info` and `load`.
+    std::map<std::string, std::uint64_t> skipped;
+    std::vector<std::string> warnings;
+};
+
+}  // namespace raynest

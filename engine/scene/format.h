@@ -1,0 +1,109 @@
+// The arena's layout in memory and on disk; FORMAT.md draws it.
+//
+// A header with a table of sections, then the sections one behind the other, each aligned to 64
+// bytes: there is exactly one way to lay out a given content, so equal scenes have equal bytes.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "engine/bvh/node.h"
+#include "engine/geometry/triangle.h"
+#include "engine/geometry/views.h"
+
+namespace raynest::format {
+
+/// Why something of the source is not in the scene, and how often.
+struct SkipRecord {
+    std::uint64_t count;
+    std::uint32_t reason;  ///< offset in `names`
+    std::uint32_t unused;
+};
+
+/// Offset in `names`: of a warning, or of the name of a primitive type.
+using NameOffset = std::uint32_t;
+
+enum class Section : std::uint32_t {
+    nodes,
+    blocks,
+    records,
+    objects,
+    instances,
+    instance_infos,
+    geometries,
+    materials,
+    textures,
+    cameras,
+    attributes,
+    names,
+    skips,
+    warnings,
+    record_types,
+    count_
+};
+inline constexpr std::size_t section_count = static_cast<std::size_t>(Section::count_);
+
+/// Bytes of one element, in the order of Section. A change of any record changes this table, and an
+/// arena of another build is refused instead of misread.
+inline constexpr std::array<std::uint32_t, section_count> element_size{
+    sizeof(Node),
+    sizeof(TriangleBlock),
+    1,
+    sizeof(ObjectRecord),
+    sizeof(InstanceRecord),
+    sizeof(InstanceInfo),
+    sizeof(GeometryRecord),
+    sizeof(MaterialRecord),
+    sizeof(TextureRecord),
+    sizeof(CameraRecord),
+    1,
+    1,
+    sizeof(SkipRecord),
+    sizeof(NameOffset),
+    sizeof(NameOffset),
+};
+// No record has padding: its bytes are its content, so the content hash is well defined.
+static_assert(sizeof(ObjectRecord) == 112 && sizeof(InstanceInfo) == 56);
+static_assert(sizeof(GeometryRecord) == 56 && sizeof(MaterialRecord) == 64);
+static_assert(sizeof(TextureRecord) == 40 && sizeof(CameraRecord) == 64);
+static_assert(sizeof(SkipRecord) == 16);
+
+struct SectionEntry {
+    std::uint64_t offset;  ///< from the start of the arena
+    std::uint64_t count;   ///< elements
+    std::uint32_t element_size;
+    std::uint32_t unused;
+};
+
+inline constexpr std::array<char, 8> magic{'R', 'N', 'S', 'C', 'E', 'N', 'E', '\0'};
+inline constexpr std::uint32_t version = 1;
+inline constexpr std::uint32_t byte_order = 0x01020304;
+inline constexpr std::uint64_t alignment = 64;
+
+struct Header {
+    std::array<char, 8> magic;
+    std::uint32_t version;
+    std::uint32_t byte_order;  ///< reads 0x01020304 where the bytes fit the reader
+    std::uint64_t bytes;       ///< of the whole arena
+    std::array<SectionEntry, section_count> sections;
+};
+static_assert(sizeof(Header) == 24 + 24 * section_count);
+
+[[nodiscard]] constexpr std::uint64_t aligned(std::uint64_t offset) {
+    return (offset + alignment - 1) / alignment * alignment;
+}
+
+/// Typed start of a section in an arena whose header was checked or has just been written.
+template <class T>
+[[nodiscard]] const T* section(const std::byte* arena, Section which) {
+    const auto& header = *reinterpret_cast<const Header*>(arena);
+    return reinterpret_cast<const T*>(
+        arena + header.sections[static_cast<std::size_t>(which)].offset);
+}
+
+[[nodiscard]] inline std::uint64_t section_size(const std::byte* arena, Section which) {
+    return reinterpret_cast<const Header*>(arena)->sections[static_cast<std::size_t>(which)].count;
+}
+
+}  // namespace raynest::format

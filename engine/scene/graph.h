@@ -1,0 +1,49 @@
+// The graph of objects and instances before any tree is built: what is reachable, in which order it
+// can be baked, and how often each leaf is placed.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "engine/result.h"
+#include "engine/scene/description.h"
+
+namespace raynest {
+
+/// How often something below an object is placed; all sums are overflow-checked.
+struct Placements {
+    std::uint64_t leaves = 0;     ///< flat leaf placements, CONTRACT.md §1
+    std::uint64_t triangles = 0;  ///< of those leaves
+
+    bool operator==(const Placements&) const = default;
+};
+
+/// One object that will be traced. Instance records are complete: `object` is an index into
+/// Graph::objects, `path_base` is set, singular instances are left out.
+struct GraphObject {
+    std::uint32_t source = 0;                ///< index in the description
+    std::uint32_t levels = 1;                ///< BVHs on the longest path down, itself included
+    Placements traced;
+    std::vector<InstanceRecord> instances;   ///< declaration order
+    std::vector<std::uint32_t> declared_as;  ///< their indices in the description
+};
+
+struct Graph {
+    std::vector<GraphObject> objects;  ///< what the root reaches, children first, the root last
+    std::map<std::string, std::uint64_t> skipped;
+};
+
+/// Fails with scene_invalid or limit_exceeded and the object's name for an instance of no object, a
+/// cycle, more than scene_depth_max levels, more than scene_paths_max paths. Iterative: no input can
+/// exhaust the stack.
+Result<Graph> resolve_graph(const SceneDescription& description);
+
+/// How messages name an object: its name in quotes, or its index.
+std::string object_label(const SceneDescription& description, std::uint32_t object);
+
+/// Triangles of the object itself.
+std::uint64_t own_triangles(const ObjectDescription& object);
+
+}  // namespace raynest

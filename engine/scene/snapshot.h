@@ -1,0 +1,106 @@
+// An immutable scene: one relocatable, versioned arena and the view that kernels read.
+//
+// The arena is a header, a section table and the sections of geometry/views.h, 64-byte aligned, no
+// pointers. It is what the import child writes, what the daemon maps, and what a cache file or a
+// CUDA worker would read. scene/FORMAT.md draws it.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "engine/geometry/views.h"
+#include "engine/result.h"
+#include "engine/scene/description.h"
+
+namespace raynest {
+
+/// Limits on what may become a snapshot; CONTRACT.md §1.
+inline constexpr std::uint32_t scene_depth_max = 32;
+inline constexpr float coordinate_max = 1e15F;
+inline constexpr std::uint64_t scene_paths_max = 1ULL << 63;
+
+/// 2 MiB-aligned anonymous memory that asks for huge pages (+2..9 %, up to +20 % on random rays:
+/// notes of the traversal prototypes). Move-only.
+class Arena {
+public:
+    Arena() = default;
+    explicit Arena(std::size_t size);  ///< throws std::bad_alloc
+    Arena(Arena&& other) noexcept;
+    Arena& operator=(Arena&& other) noexcept;
+    Arena(const Arena&) = delete;
+    ~Arena();
+    [[nodiscard]] std::byte* data() { return data_; }
+    [[nodiscard]] const std::byte* data() const { return data_; }
+    [[nodiscard]] std::size_t size() const { return size_; }
+
+private:
+    std::byte* data_ = nullptr;
+    std::size_t size_ = 0;
+};
+
+/// What `info` prints. Counts follow CONTRACT.md §6.
+struct SceneStatistics {
+    std::uint64_t unique_triangles = 0;
+    std::uint64_t instanced_triangles = 0;
+    std::uint64_t instances = 0;  ///< leaf placements of meshes that will be traced
+    std::uint32_t levels = 0;
+    std::uint32_t materials = 0;
+    std::uint32_t mask_materials = 0;
+    std::uint64_t bytes = 0;
+    std::uint64_t nodes = 0;
+    std::uint64_t leaf_blocks = 0;
+    std::vector<std::string> cameras;
+    std::map<std::string, std::uint64_t> skipped;
+    std::vector<std::string> warnings;
+};
+
+class Snapshot {
+public:
+    /// Builds every object's tree and lays the arena out. Fails with scene_invalid or
+    /// limit_exceeded, naming the object. Coordinates beyond 1e15 and non-finite ones are refused
+    /// with a count; singular instances are skipped and counted in skipped["singular_instances"].
+    static Result<std::shared_ptr<const Snapshot>> bake(const SceneDescription& description);
+
+    /// Takes an arena that came from a cache or an import child. Every section bound, child word,
+    /// index and offset is checked once, so that traversal need not check any.
+    static Result<std::shared_ptr<const Snapshot>> open(Arena arena);
+
+    [[nodiscard]] const SceneView& view() const { return view_; }
+    [[nodiscard]] const SceneStatistics& statistics() const { return statistics_; }
+    [[nodiscard]] std::span<const std::byte> bytes() const { return {arena_.data(), arena_.size()}; }
+    [[nodiscard]] const Box& bounds() const { return view_.objects[view_.root].bounds; }
+    /// Hex of the arena's 128-bit content hash (xxh3).
+    [[nodiscard]] const std::string& hash() const { return hash_; }
+    /// Names of the primitive types in use beside triangles ("sphere").
+    [[nodiscard]] const std::vector<std::string>& record_types() const { return record_types_; }
+
+private:
+    Snapshot() = default;
+    Arena arena_;
+    SceneView view_;
+    SceneStatistics statistics_;
+    std::string hash_;
+    std::vector<std::string> record_types_;
+};
+
+/// One step of an expanded path id, outermost first.
+struct PathStep {
+    std::uint32_t instance = 0;  ///< declaration index in its parent
+    std::uint32_t object = 0;
+    std::uint32_t uid = 0;
+    std::string name;            ///< of the instance, else of its object, else "#<instance>"
+};
+
+/// Expands a flat path id; fails with scene_invalid when the scene has no such path.
+Result<std::vector<PathStep>> expand_path(const SceneView& scene, std::uint64_t path);
+
+/// Names joined by '/', e.g. "stand/tree-12/leaves".
+std::string path_name(const std::vector<PathStep>& steps);
+
+}  // namespace raynest
