@@ -1,0 +1,40 @@
+#include "protocol/limits.h"
+
+#include <array>
+
+namespace raynest::protocol {
+namespace {
+
+constexpr std::array table = {
+    LimitInfo{"frame_bytes_max", &Limits::frame_bytes_max, "one frame, header included"},
+    LimitInfo{"control_bytes_max", &Limits::control_bytes_max, "control message of a frame"},
+    LimitInfo{"control_depth_max", &Limits::control_depth_max, "nesting of tables in a message"},
+    LimitInfo{"control_tables_max", &Limits::control_tables_max, "tables in a message"},
+    LimitInfo{"blocks_max", &Limits::blocks_max, "blocks of a frame"},
+    LimitInfo{"greeting_bytes_max", &Limits::greeting_bytes_max, "the frame before a welcome"},
+    LimitInfo{"greeting_ms_max", &Limits::greeting_ms_max, "time for the greeting"},
+    LimitInfo{"chunk_rays_max", &Limits::chunk_rays_max, "rays of one frame"},
+    LimitInfo{"window_bytes", &Limits::window_bytes, "credit of a request at its start"},
+    LimitInfo{"window_bytes_max", &Limits::window_bytes_max, "credit of a request at any time"},
+    LimitInfo{"jobs_max", &Limits::jobs_max, "requests in flight of one connection"},
+    LimitInfo{"rays_max", &Limits::rays_max, "rays of one query"},
+    LimitInfo{"hits_max", &Limits::hits_max, "hits per ray of a multi query"},
+    LimitInfo{"name_bytes_max", &Limits::name_bytes_max, "a name or word"},
+    LimitInfo{"text_bytes_max", &Limits::text_bytes_max, "a message or source"},
+    LimitInfo{"list_items_max", &Limits::list_items_max, "items of a list in a message"},
+    LimitInfo{"upload_files_max", &Limits::upload_files_max, "files of one upload"},
+    LimitInfo{"upload_bytes_max", &Limits::upload_bytes_max, "bytes of one upload"},
+    LimitInfo{"picture_side_max", &Limits::picture_side_max, "width or height of a picture"},
+    LimitInfo{"picture_pixels_max", &Limits::picture_pixels_max, "pixels of a picture"},
+    LimitInfo{"samples_max", &Limits::samples_max, "samples per pixel"},
+};
+static_assert(sizeof(Limits) == table.size() * sizeof(std::uint64_t),
+              "a limit is missing from the table");
+
+}  // namespace
+
+std::span<const LimitInfo> limit_table() {
+    return table;
+}
+
+}  // namespace raynest::protocol

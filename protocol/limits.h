@@ -1,0 +1,49 @@
+// THE table of limits that bytes from outside are checked against.
+//
+// One struct of numbers, each with a name and a line of text: `raynestd --print-config` prints it,
+// the configuration overrides it, and error messages quote the names.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+namespace raynest::protocol {
+
+inline constexpr std::uint16_t version_min = 1;
+inline constexpr std::uint16_t version_max = 1;
+
+struct Limits {
+    std::uint64_t frame_bytes_max = 64ULL << 20;
+    std::uint64_t control_bytes_max = 64ULL << 10;
+    std::uint64_t control_depth_max = 16;
+    std::uint64_t control_tables_max = 256;
+    std::uint64_t blocks_max = 64;
+    std::uint64_t greeting_bytes_max = 4ULL << 10;
+    std::uint64_t greeting_ms_max = 2000;
+    std::uint64_t chunk_rays_max = 16ULL << 10;
+    std::uint64_t window_bytes = 8ULL << 20;
+    std::uint64_t window_bytes_max = 32ULL << 20;
+    std::uint64_t jobs_max = 8;
+    std::uint64_t rays_max = 1ULL << 36;
+    std::uint64_t hits_max = 256;
+    std::uint64_t name_bytes_max = 256;
+    std::uint64_t text_bytes_max = 4096;
+    std::uint64_t list_items_max = 512;
+    std::uint64_t upload_files_max = 512;
+    std::uint64_t upload_bytes_max = 4ULL << 30;
+    std::uint64_t picture_side_max = 16384;
+    std::uint64_t picture_pixels_max = 64ULL << 20;
+    std::uint64_t samples_max = 65536;
+};
+
+struct LimitInfo {
+    std::string_view name;
+    std::uint64_t Limits::*value;
+    std::string_view text;
+};
+
+/// Every member of Limits, in order.
+[[nodiscard]] std::span<const LimitInfo> limit_table();
+
+}  // namespace raynest::protocol

@@ -1,0 +1,458 @@
+#include "protocol/validate.h"
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <string>
+#include <utility>
+
+namespace raynest::protocol {
+namespace {
+
+using flatbuffers::Offset;
+using flatbuffers::String;
+using flatbuffers::Vector;
+using Strings = Vector<Offset<String>>;
+
+/// Collects the first complaint about a message, so that the checks below read as a list.
+class Checks {
+public:
+    explicit Checks(const Limits& limits) : limits_(limits) {}
+
+    Checks& name(const char* field, const String* value) {
+        return string(field, value, limits_.name_bytes_max, "name_bytes_max");
+    }
+    Checks& text(const char* field, const String* value) {
+        return string(field, value, limits_.text_bytes_max, "text_bytes_max");
+    }
+    Checks& needs(const char* field, const String* value) {
+        if (value == nullptr || value->size() == 0)
+            complain(Code::invalid_field, field, "is missing");
+        return *this;
+    }
+    Checks& names(const char* field, const Strings* list) {
+        items(field, list);
+        if (!error_ && list != nullptr)
+            for (const String* item : *list) name(field, item);
+        return *this;
+    }
+    Checks& texts(const char* field, const Strings* list) {
+        items(field, list);
+        if (!error_ && list != nullptr)
+            for (const String* item : *list) text(field, item);
+        return *this;
+    }
+    template <class T>
+    Checks& items(const char* field, const Vector<T>* list) {
+        return at_most(field, size(list), limits_.list_items_max, "list_items_max");
+    }
+    template <class A, class B>
+    Checks& equally_long(const char* field, const Vector<A>* a, const Vector<B>* b) {
+        if (size(a) != size(b)) complain(Code::invalid_field, field, "lists differ in length");
+        return *this;
+    }
+    Checks& at_most(const char* field, std::uint64_t value, std::uint64_t most, const char* limit) {
+        if (value > most)
+            complain(
+                Code::limit_exceeded, field,
+                "is " + std::to_string(value) + ", over " + limit + " = " + std::to_string(most));
+        return *this;
+    }
+    Checks& at_least(const char* field, std::uint64_t value, std::uint64_t least) {
+        if (value < least)
+            complain(Code::invalid_field, field, "must be at least " + std::to_string(least));
+        return *this;
+    }
+    Checks& finite(const char* field, double value) {
+        if (!std::isfinite(value)) complain(Code::invalid_field, field, "is not finite");
+        return *this;
+    }
+    Checks& finite(const char* field, const wire::Vec3* value) {
+        if (value == nullptr) return *this;
+        return finite(field, static_cast<double>(value->x()))
+            .finite(field, static_cast<double>(value->y()))
+            .finite(field, static_cast<double>(value->z()));
+    }
+    Checks& that(bool holds, const char* field, const char* why) {
+        if (!holds) complain(Code::invalid_field, field, why);
+        return *this;
+    }
+    /// Applies the checks of a nested table.
+    template <class Table>
+    Checks& nested(const Table* table, void (*check)(Checks&, const Table&)) {
+        if (table != nullptr && !error_) check(*this, *table);
+        return *this;
+    }
+
+    [[nodiscard]] const Limits& limits() const { return limits_; }
+    [[nodiscard]] Result<void> result() {
+        if (error_) return tl::unexpected<Error>(std::move(*error_));
+        return {};
+    }
+
+private:
+    template <class T>
+    static std::uint64_t size(const Vector<T>* list) {
+        return list != nullptr ? list->size() : 0;
+    }
+    void complain(Code code, const char* field, const std::string& what) {
+        if (!error_) error_ = Error{code, std::string(field) + " " + what, 0};
+    }
+    Checks& string(const char* field, const String* value, std::uint64_t most, const char* limit) {
+        if (value == nullptr || error_) return *this;
+        at_most(field, value->size(), most, limit);
+        if (!error_ && !printable(value->string_view()))
+            complain(Code::invalid_field, field, "is not printable UTF-8");
+        return *this;
+    }
+
+    const Limits& limits_;
+    std::optional<Error> error_;
+};
+
+void check_job(Checks& checks, const wire::Job& job) {
+    checks.name("scene", job.scene())
+        .needs("scene", job.scene())
+        .name("intersector", job.intersector())
+        .names("settings", job.settings())
+        .name("precision", job.precision())
+        .name("traversal", job.traversal())
+        .name("worker", job.worker())
+        .name("priority", job.priority());
+    if (job.settings() == nullptr) return;
+    for (const String* setting : *job.settings())
+        checks.that(setting->string_view().find('=') != std::string_view::npos, "settings",
+                    "must read name=value");
+}
+
+void check_camera(Checks& checks, const wire::Camera& camera) {
+    const float fov = camera.fov_degrees();
+    checks.name("camera", camera.name())
+        .finite("eye", camera.eye())
+        .finite("at", camera.at())
+        .finite("up", camera.up())
+        .that(fov >= 0 && fov < 180, "fov_degrees", "must lie in [0, 180)")
+        .that(!camera.look_at() || (camera.eye() != nullptr && camera.at() != nullptr), "camera",
+              "look_at needs eye and at");
+}
+
+void check_size(Checks& checks, std::uint64_t width, std::uint64_t height) {
+    const Limits& limits = checks.limits();
+    checks.at_least("width", width, 1)
+        .at_least("height", height, 1)
+        .at_most("width", width, limits.picture_side_max, "picture_side_max")
+        .at_most("height", height, limits.picture_side_max, "picture_side_max")
+        .at_most("width * height", width * height, limits.picture_pixels_max, "picture_pixels_max");
+}
+
+void check_info(Checks& checks, const wire::SceneInfo& info) {
+    checks.name("name", info.name())
+        .name("hash", info.hash())
+        .names("cameras", info.cameras())
+        .names("skipped_reasons", info.skipped_reasons())
+        .equally_long("skipped", info.skipped_reasons(), info.skipped_counts())
+        .texts("warnings", info.warnings())
+        .names("record_types", info.record_types());
+}
+
+void check_param(Checks& checks, const wire::Param& param) {
+    checks.name("param", param.name())
+        .needs("param", param.name())
+        .text("text", param.text())
+        .name("type", param.type())
+        .names("choices", param.choices());
+}
+
+void check_output(Checks& checks, const wire::Output& output) {
+    checks.name("output", output.name())
+        .needs("output", output.name())
+        .text("text", output.text())
+        .name("type", output.type());
+}
+
+void check_variant(Checks& checks, const wire::Variant& variant) {
+    checks.name("variant", variant.name())
+        .needs("variant", variant.name())
+        .text("text", variant.text())
+        .name("target", variant.target())
+        .names("targets", variant.targets())
+        .names("queries", variant.queries());
+    if (variant.params() != nullptr)
+        for (const wire::Param* param : *variant.params()) checks.nested(param, check_param);
+    if (variant.outputs() != nullptr)
+        for (const wire::Output* output : *variant.outputs()) checks.nested(output, check_output);
+}
+
+void check_heat(Checks& checks, const wire::HeatStatistics& heat) {
+    checks.name("metric", heat.metric())
+        .finite("mean", heat.mean())
+        .finite("clipped", heat.clipped())
+        .finite("range_low", heat.range_low())
+        .finite("range_high", heat.range_high());
+}
+
+}  // namespace
+
+bool printable(std::string_view text) {
+    for (std::size_t i = 0; i < text.size();) {
+        const auto lead = static_cast<unsigned char>(text[i]);
+        const std::size_t length = lead < 0x80 ? 1 : lead < 0xE0 ? 2 : lead < 0xF0 ? 3 : 4;
+        if (lead < 0x20 || lead == 0x7F || (lead >= 0x80 && lead < 0xC2) || lead > 0xF4)
+            return false;
+        if (text.size() - i < length) return false;
+        std::uint32_t code = length == 1 ? lead : lead & (0xFFU >> (length + 1));
+        for (std::size_t k = 1; k < length; ++k) {
+            const auto byte = static_cast<unsigned char>(text[i + k]);
+            if ((byte & 0xC0U) != 0x80U) return false;
+            code = code << 6 | (byte & 0x3FU);
+        }
+        // The C1 controls, overlong forms, surrogates, and what lies beyond Unicode.
+        if ((code >= 0x80 && code < 0xA0) || (length == 3 && code < 0x800) ||
+            (length == 4 && code < 0x10000) || (code >= 0xD800 && code < 0xE000) || code > 0x10FFFF)
+            return false;
+        i += length;
+    }
+    return true;
+}
+
+Result<void> validate(const wire::Hello& message, const Limits& limits) {
+    return Checks(limits)
+        .name("client", message.client())
+        .name("token", message.token())
+        .that(message.version_min() <= message.version_max(), "version_min", "is above version_max")
+        .at_most("window_bytes", message.window_bytes(), limits.window_bytes_max,
+                 "window_bytes_max")
+        .result();
+}
+
+Result<void> validate(const wire::Welcome& message, const Limits& limits) {
+    return Checks(limits).name("server", message.server()).result();
+}
+
+Result<void> validate(const wire::Error& message, const Limits& limits) {
+    return Checks(limits).name("name", message.name()).text("message", message.message()).result();
+}
+
+Result<void> validate(const wire::Ping&, const Limits&) {
+    return {};
+}
+Result<void> validate(const wire::Pong&, const Limits&) {
+    return {};
+}
+
+Result<void> validate(const wire::Credit& message, const Limits& limits) {
+    return Checks(limits)
+        .at_least("bytes", message.bytes(), 1)
+        .at_most("bytes", message.bytes(), limits.window_bytes_max, "window_bytes_max")
+        .result();
+}
+
+Result<void> validate(const wire::Cancel& message, const Limits& limits) {
+    return Checks(limits).text("reason", message.reason()).result();
+}
+
+Result<void> validate(const wire::Load& message, const Limits& limits) {
+    Checks checks(limits);
+    checks.text("source", message.source())
+        .needs("source", message.source())
+        .name("name", message.name())
+        .name("build", message.build())
+        .name("primitive", message.primitive())
+        .texts("file_names", message.file_names())
+        .equally_long("files", message.file_names(), message.file_hashes())
+        .equally_long("files", message.file_names(), message.file_bytes());
+    if (message.file_names() != nullptr)
+        checks.at_most("files", message.file_names()->size(), limits.upload_files_max,
+                       "upload_files_max");
+    if (message.file_bytes() != nullptr) {
+        std::uint64_t sum = 0;  // stays below 2 * upload_bytes_max: cannot wrap
+        for (const std::uint64_t bytes : *message.file_bytes()) {
+            checks.at_most("file_bytes", bytes, limits.upload_bytes_max, "upload_bytes_max");
+            if (bytes > limits.upload_bytes_max || sum > limits.upload_bytes_max) break;
+            sum += bytes;
+        }
+        checks.at_most("file_bytes", sum, limits.upload_bytes_max, "upload_bytes_max");
+    }
+    return checks.result();
+}
+
+Result<void> validate(const wire::Need& message, const Limits& limits) {
+    return Checks(limits).items("files", message.files()).result();
+}
+
+Result<void> validate(const wire::Upload& message, const Limits& limits) {
+    return Checks(limits)
+        .at_most("file", message.file(), limits.upload_files_max - 1, "upload_files_max - 1")
+        .at_most("offset", message.offset(), limits.upload_bytes_max, "upload_bytes_max")
+        .result();
+}
+
+Result<void> validate(const wire::SceneInfo& message, const Limits& limits) {
+    Checks checks(limits);
+    check_info(checks, message);
+    return checks.result();
+}
+
+Result<void> validate(const wire::Loaded& message, const Limits& limits) {
+    return Checks(limits)
+        .that(message.info() != nullptr, "info", "is missing")
+        .nested(message.info(), check_info)
+        .finite("seconds", message.seconds())
+        .result();
+}
+
+Result<void> validate(const wire::Scenes&, const Limits&) {
+    return {};
+}
+
+Result<void> validate(const wire::SceneList& message, const Limits& limits) {
+    return Checks(limits)
+        .names("names", message.names())
+        .names("hashes", message.hashes())
+        .equally_long("hashes", message.names(), message.hashes())
+        .equally_long("epochs", message.names(), message.epochs())
+        .equally_long("instanced_triangles", message.names(), message.instanced_triangles())
+        .equally_long("bytes", message.names(), message.bytes())
+        .result();
+}
+
+Result<void> validate(const wire::Info& message, const Limits& limits) {
+    return Checks(limits).name("scene", message.scene()).needs("scene", message.scene()).result();
+}
+
+Result<void> validate(const wire::Path& message, const Limits& limits) {
+    return Checks(limits).name("scene", message.scene()).needs("scene", message.scene()).result();
+}
+
+Result<void> validate(const wire::PathName& message, const Limits& limits) {
+    return Checks(limits)
+        .that(message.name() == nullptr || printable(message.name()->string_view()), "name",
+              "is not printable UTF-8")
+        .names("steps", message.steps())
+        .equally_long("instances", message.steps(), message.instances())
+        .equally_long("uids", message.steps(), message.uids())
+        .result();
+}
+
+Result<void> validate(const wire::Unload& message, const Limits& limits) {
+    return Checks(limits).name("scene", message.scene()).needs("scene", message.scene()).result();
+}
+
+Result<void> validate(const wire::Unloaded& message, const Limits& limits) {
+    return Checks(limits).name("name", message.name()).result();
+}
+
+Result<void> validate(const wire::Variants&, const Limits&) {
+    return {};
+}
+
+Result<void> validate(const wire::VariantList& message, const Limits& limits) {
+    Checks checks(limits);
+    if (message.variants() != nullptr)
+        for (const wire::Variant* variant : *message.variants())
+            checks.nested(variant, check_variant);
+    return checks.result();
+}
+
+Result<void> validate(const wire::Stats&, const Limits&) {
+    return {};
+}
+
+Result<void> validate(const wire::Statistics& message, const Limits& limits) {
+    return Checks(limits)
+        .names("names", message.names())
+        .equally_long("values", message.names(), message.values())
+        .result();
+}
+
+Result<void> validate(const wire::Query& message, const Limits& limits) {
+    return Checks(limits)
+        .that(message.job() != nullptr, "job", "is missing")
+        .nested(message.job(), check_job)
+        .name("kind", message.kind())
+        .names("fields", message.fields())
+        .at_least("max_hits", message.max_hits(), 1)
+        .at_most("max_hits", message.max_hits(), limits.hits_max, "hits_max")
+        .at_least("ray_count", message.ray_count(), 1)
+        .at_most("ray_count", message.ray_count(), limits.rays_max, "rays_max")
+        .result();
+}
+
+Result<void> validate(const wire::QueryRays& message, const Limits& limits) {
+    return Checks(limits)
+        .at_most("first_ray", message.first_ray(), limits.rays_max, "rays_max")
+        .result();
+}
+
+Result<void> validate(const wire::Render& message, const Limits& limits) {
+    Checks checks(limits);
+    checks.that(message.job() != nullptr, "job", "is missing")
+        .nested(message.job(), check_job)
+        .nested(message.camera(), check_camera)
+        .name("integrator", message.integrator())
+        .at_least("samples", message.samples(), 1)
+        .at_most("samples", message.samples(), limits.samples_max, "samples_max")
+        .name("encode", message.encode());
+    check_size(checks, message.width(), message.height());
+    return checks.result();
+}
+
+Result<void> validate(const wire::Heatmap& message, const Limits& limits) {
+    Checks checks(limits);
+    checks.that(message.job() != nullptr, "job", "is missing")
+        .nested(message.job(), check_job)
+        .nested(message.camera(), check_camera)
+        .name("metric", message.metric())
+        .name("palette", message.palette())
+        .name("scale", message.scale())
+        .name("range", message.range())
+        .name("count", message.count())
+        .name("encode", message.encode());
+    check_size(checks, message.width(), message.height());
+    return checks.result();
+}
+
+Result<void> validate(const wire::Started& message, const Limits& limits) {
+    return Checks(limits)
+        .name("scene", message.scene())
+        .name("hash", message.hash())
+        .name("intersector", message.intersector())
+        .name("target", message.target())
+        .name("traversal", message.traversal())
+        .name("precision", message.precision())
+        .name("worker", message.worker())
+        .name("camera", message.camera())
+        .texts("notes", message.notes())
+        .result();
+}
+
+Result<void> validate(const wire::Chunk& message, const Limits& limits) {
+    return Checks(limits)
+        .at_most("first_ray", message.first_ray(), limits.rays_max, "rays_max")
+        .at_most("count", message.count(), limits.chunk_rays_max, "chunk_rays_max")
+        .result();
+}
+
+Result<void> validate(const wire::Progress& message, const Limits& limits) {
+    return Checks(limits).name("stage", message.stage()).result();
+}
+
+Result<void> validate(const wire::Picture& message, const Limits& limits) {
+    Checks checks(limits);
+    checks.name("encode", message.encode());
+    check_size(checks, message.width(), message.height());
+    return checks.result();
+}
+
+Result<void> validate(const wire::Done& message, const Limits& limits) {
+    return Checks(limits)
+        .finite("seconds", message.seconds())
+        .finite("queued_seconds", message.queued_seconds())
+        .name("traversal", message.traversal())
+        .nested(message.heat(), check_heat)
+        .result();
+}
+
+}  // namespace raynest::protocol
