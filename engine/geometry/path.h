@@ -4,16 +4,17 @@
 //   path           = sum of path_base over the instances on the way down
 #pragma once
 
+#include "engine/geometry/views.h"
+
 #include <algorithm>
 #include <cstdint>
 
-#include "engine/geometry/views.h"
-
 namespace raynest {
 
-/// Calls visit(index in SceneView::instances) for each instance on the way to leaf placement `path`,
-/// outermost first; not at all where the root's own primitives are meant. Returns the object that
-/// holds the placement's primitives, or null when the scene has no such path. O(levels * log n).
+/// Calls visit(index in SceneView::instances) for each instance on the way to leaf placement
+/// `path`, outermost first; not at all where the root's own primitives are meant. Returns the
+/// object that holds the placement's primitives, or null when the scene has no such path. O(levels
+/// * log n).
 template <class Visit>
 const ObjectRecord* walk_path(const SceneView& scene, std::uint64_t path, Visit&& visit) {
     const ObjectRecord* object = &scene.objects[scene.root];

@@ -12,7 +12,9 @@ double at(const Transform& t, std::size_t row, std::size_t column) {
     return static_cast<double>(t.m[4 * row + column]);
 }
 
-double translation(const Transform& t, std::size_t row) { return at(t, row, 3); }
+double translation(const Transform& t, std::size_t row) {
+    return at(t, row, 3);
+}
 
 }  // namespace
 
@@ -55,7 +57,8 @@ bool invert(const Transform& transform, Transform& inverse) {
         }
     }
     constexpr double rounding = 4 * std::numeric_limits<double>::epsilon();
-    if (!(std::abs(determinant) > rounding * magnitude) || !std::isfinite(determinant)) return false;
+    if (!(std::abs(determinant) > rounding * magnitude) || !std::isfinite(determinant))
+        return false;
 
     Transform result;
     for (std::size_t row = 0; row < 3; ++row) {
@@ -75,9 +78,9 @@ bool invert(const Transform& transform, Transform& inverse) {
 }
 
 float condition(const Transform& transform) {
-    // One-sided Jacobi: rotate pairs of columns until they are orthogonal; their lengths are then the
-    // singular values. It never forms A^T A, so that small ones keep their digits
-    // (Demmel and Veselic, Jacobi's method is more accurate than QR, 1992).
+    // One-sided Jacobi: rotate pairs of columns until they are orthogonal; their lengths are then
+    // the singular values. It never forms A^T A, so that small ones keep their digits (Demmel and
+    // Veselic, Jacobi's method is more accurate than QR, 1992).
     double column[3][3];
     for (std::size_t c = 0; c < 3; ++c) {
         for (std::size_t r = 0; r < 3; ++r) column[c][r] = at(transform, r, c);

@@ -1,6 +1,11 @@
-// A scene on its way into an arena: the records with their final offsets, and what the bulk sections
-// are to be filled from. It copies no bulk data; the description must outlive it.
+// A scene on its way into an arena: the records with their final offsets, and what the bulk
+// sections are to be filled from. It copies no bulk data; the description must outlive it.
 #pragma once
+
+#include "engine/bvh/build.h"
+#include "engine/scene/description.h"
+#include "engine/scene/format.h"
+#include "engine/scene/snapshot.h"
 
 #include <cstddef>
 #include <cstdint>
@@ -8,11 +13,6 @@
 #include <string>
 #include <unordered_map>
 #include <vector>
-
-#include "engine/bvh/build.h"
-#include "engine/scene/description.h"
-#include "engine/scene/format.h"
-#include "engine/scene/snapshot.h"
 
 namespace raynest {
 

@@ -8,8 +8,9 @@
 namespace raynest {
 
 /// scene_invalid naming the first inconsistency: an index out of range, attributes of unequal
-/// length, an image that is not width x height, a non-finite number, coordinates that are not finite
-/// or beyond coordinate_max (with their count). The graph of instances is resolve_graph's matter.
+/// length, an image that is not width x height, a non-finite number, coordinates that are not
+/// finite or beyond coordinate_max (with their count). The graph of instances is resolve_graph's
+/// matter.
 Result<void> check_description(const SceneDescription& description);
 
 }  // namespace raynest

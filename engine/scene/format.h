@@ -4,13 +4,13 @@
 // bytes: there is exactly one way to lay out a given content, so equal scenes have equal bytes.
 #pragma once
 
-#include <array>
-#include <cstddef>
-#include <cstdint>
-
 #include "engine/bvh/node.h"
 #include "engine/geometry/triangle.h"
 #include "engine/geometry/views.h"
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
 
 namespace raynest::format {
 
@@ -98,8 +98,8 @@ static_assert(sizeof(Header) == 24 + 24 * section_count);
 template <class T>
 [[nodiscard]] const T* section(const std::byte* arena, Section which) {
     const auto& header = *reinterpret_cast<const Header*>(arena);
-    return reinterpret_cast<const T*>(
-        arena + header.sections[static_cast<std::size_t>(which)].offset);
+    return reinterpret_cast<const T*>(arena +
+                                      header.sections[static_cast<std::size_t>(which)].offset);
 }
 
 [[nodiscard]] inline std::uint64_t section_size(const std::byte* arena, Section which) {

@@ -2,13 +2,13 @@
 // can be baked, and how often each leaf is placed.
 #pragma once
 
+#include "engine/result.h"
+#include "engine/scene/description.h"
+
 #include <cstdint>
 #include <map>
 #include <string>
 #include <vector>
-
-#include "engine/result.h"
-#include "engine/scene/description.h"
 
 namespace raynest {
 
@@ -23,8 +23,8 @@ struct Placements {
 /// One object that will be traced. Instance records are complete: `object` is an index into
 /// Graph::objects, `path_base` is set, singular instances are left out.
 struct GraphObject {
-    std::uint32_t source = 0;                ///< index in the description
-    std::uint32_t levels = 1;                ///< BVHs on the longest path down, itself included
+    std::uint32_t source = 0;  ///< index in the description
+    std::uint32_t levels = 1;  ///< BVHs on the longest path down, itself included
     Placements traced;
     std::vector<InstanceRecord> instances;   ///< declaration order
     std::vector<std::uint32_t> declared_as;  ///< their indices in the description
@@ -36,8 +36,8 @@ struct Graph {
 };
 
 /// Fails with scene_invalid or limit_exceeded and the object's name for an instance of no object, a
-/// cycle, more than scene_depth_max levels, more than scene_paths_max paths. Iterative: no input can
-/// exhaust the stack.
+/// cycle, more than scene_depth_max levels, more than scene_paths_max paths. Iterative: no input
+/// can exhaust the stack.
 Result<Graph> resolve_graph(const SceneDescription& description);
 
 /// How messages name an object: its name in quotes, or its index.

@@ -24,6 +24,8 @@ namespace raynest {
 inline constexpr std::uint32_t scene_depth_max = 32;
 inline constexpr float coordinate_max = 1e15F;
 inline constexpr std::uint64_t scene_paths_max = 1ULL << 63;
+inline constexpr std::uint32_t record_size_max = 4096;  ///< bytes of one record
+inline constexpr std::uint32_t texture_side_max = 16384;  ///< pixels; an RGBA plane stays below 2^31
 
 /// 2 MiB-aligned anonymous memory that asks for huge pages (+2..9 %, up to +20 % on random rays:
 /// notes of the traversal prototypes). Move-only.
@@ -48,10 +50,10 @@ private:
 struct SceneStatistics {
     std::uint64_t unique_triangles = 0;
     std::uint64_t instanced_triangles = 0;
-    std::uint64_t instances = 0;  ///< leaf placements of meshes that will be traced
+    std::uint64_t instances = 0;  ///< leaf placements: paths to objects with own primitives
     std::uint32_t levels = 0;
     std::uint32_t materials = 0;
-    std::uint32_t mask_materials = 0;
+    std::uint32_t mask_materials = 0;  ///< alphaMode MASK; SceneView::masked_materials adds BLEND
     std::uint64_t bytes = 0;
     std::uint64_t nodes = 0;
     std::uint64_t leaf_blocks = 0;
@@ -64,7 +66,9 @@ class Snapshot {
 public:
     /// Builds every object's tree and lays the arena out. Fails with scene_invalid or
     /// limit_exceeded, naming the object. Coordinates beyond 1e15 and non-finite ones are refused
-    /// with a count; singular instances are skipped and counted in skipped["singular_instances"].
+    /// with a count. Singular instances are left out; skipped["singular_instances"] counts the leaf
+    /// placements lost with them, "singular_instance_triangles" their triangles. Objects that the
+    /// root does not reach are left out. Throws std::bad_alloc.
     static Result<std::shared_ptr<const Snapshot>> bake(const SceneDescription& description);
 
     /// Takes an arena that came from a cache or an import child. Every section bound, child word,
@@ -75,7 +79,7 @@ public:
     [[nodiscard]] const SceneStatistics& statistics() const { return statistics_; }
     [[nodiscard]] std::span<const std::byte> bytes() const { return {arena_.data(), arena_.size()}; }
     [[nodiscard]] const Box& bounds() const { return view_.objects[view_.root].bounds; }
-    /// Hex of the arena's 128-bit content hash (xxh3).
+    /// Hex of the arena's 128-bit content hash (scene/hash.h).
     [[nodiscard]] const std::string& hash() const { return hash_; }
     /// Names of the primitive types in use beside triangles ("sphere").
     [[nodiscard]] const std::vector<std::string>& record_types() const { return record_types_; }

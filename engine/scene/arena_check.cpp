@@ -1,0 +1,320 @@
+#include "engine/scene/arena_check.h"
+
+#include "engine/geometry/hit.h"
+#include "engine/scene/format.h"
+#include "engine/scene/snapshot.h"
+#include "engine/scene/tree_check.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+#include <string>
+
+namespace raynest {
+namespace {
+
+using format::Section;
+
+tl::unexpected<Error> broken(const std::string& what) {
+    return fail(ErrorCode::scene_invalid, "the scene arena is broken: " + what);
+}
+
+bool is_finite(const Transform& t) {
+    return std::all_of(t.m.begin(), t.m.end(), [](float x) { return std::isfinite(x); });
+}
+
+bool is_finite(const Vec3& p) {
+    return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
+}
+
+class Checker {
+public:
+    explicit Checker(std::span<const std::byte> arena) : arena_(arena) {}
+
+    Result<SceneView> check() {
+        for (const auto step :
+             {&Checker::check_header, &Checker::check_sections, &Checker::make_view,
+              &Checker::check_names, &Checker::check_surfaces, &Checker::check_cameras,
+              &Checker::check_objects}) {
+            if (auto checked = (this->*step)(); !checked) return tl::unexpected(checked.error());
+        }
+        return view_;
+    }
+
+private:
+    [[nodiscard]] std::uint64_t size_of(Section section) const {
+        return format::section_size(arena_.data(), section);
+    }
+    template <class T>
+    [[nodiscard]] const T* start_of(Section section) const {
+        return format::section<T>(arena_.data(), section);
+    }
+
+    Result<void> check_header() {
+        format::Header header;
+        if (arena_.size() < sizeof header ||
+            reinterpret_cast<std::uintptr_t>(arena_.data()) % format::alignment != 0) {
+            return broken("it is shorter than its header, or not aligned");
+        }
+        std::memcpy(&header, arena_.data(), sizeof header);
+        if (header.magic != format::magic) return broken("it does not start with RNSCENE");
+        if (header.byte_order != format::byte_order) return broken("its byte order is foreign");
+        if (header.version != format::version) {
+            return fail(ErrorCode::scene_unsupported,
+                        "the scene arena has version " + std::to_string(header.version) +
+                            ", this build reads version " + std::to_string(format::version) +
+                            ": import the scene again");
+        }
+        if (header.bytes != arena_.size()) return broken("its length is not what its header says");
+        return {};
+    }
+
+    /// There is one way to lay out sections of given counts; anything else is refused.
+    Result<void> check_sections() {
+        const auto& header = *reinterpret_cast<const format::Header*>(arena_.data());
+        std::uint64_t end = format::aligned(sizeof header);
+        for (std::size_t s = 0; s < format::section_count; ++s) {
+            const format::SectionEntry& entry = header.sections[s];
+            const bool sound = entry.offset == end && end <= arena_.size() && entry.unused == 0 &&
+                               entry.element_size == format::element_size[s] &&
+                               entry.count <= (arena_.size() - end) / entry.element_size;
+            if (!sound) return broken("section " + std::to_string(s) + " is not where it belongs");
+            end = format::aligned(end + entry.count * entry.element_size);
+        }
+        if (end != arena_.size()) return broken("bytes are left over");
+        return {};
+    }
+
+    Result<void> make_view() {
+        for (const Section section : {Section::objects, Section::instances, Section::geometries,
+                                      Section::materials, Section::textures, Section::cameras}) {
+            if (size_of(section) >= no_id) return broken("it has too many records");
+        }
+        const auto count = [&](Section section) {
+            return static_cast<std::uint32_t>(size_of(section));
+        };
+        view_.nodes = start_of<Node>(Section::nodes);
+        view_.blocks = start_of<TriangleBlock>(Section::blocks);
+        view_.records = start_of<std::byte>(Section::records);
+        view_.objects = start_of<ObjectRecord>(Section::objects);
+        view_.instances = start_of<InstanceRecord>(Section::instances);
+        view_.instance_infos = start_of<InstanceInfo>(Section::instance_infos);
+        view_.geometries = start_of<GeometryRecord>(Section::geometries);
+        view_.materials = start_of<MaterialRecord>(Section::materials);
+        view_.textures = start_of<TextureRecord>(Section::textures);
+        view_.cameras = start_of<CameraRecord>(Section::cameras);
+        view_.attributes = start_of<std::byte>(Section::attributes);
+        view_.names = start_of<char>(Section::names);
+        view_.object_count = count(Section::objects);
+        view_.instance_count = count(Section::instances);
+        view_.geometry_count = count(Section::geometries);
+        view_.material_count = count(Section::materials);
+        view_.texture_count = count(Section::textures);
+        view_.camera_count = count(Section::cameras);
+        if (view_.object_count == 0) return broken("it holds no object");
+        if (size_of(Section::instance_infos) != view_.instance_count) {
+            return broken("instances and their names do not match");
+        }
+        view_.root = view_.object_count - 1;  // children are stored before their parents
+        return {};
+    }
+
+    /// Names end before the section does as long as they start inside and the last byte is zero.
+    [[nodiscard]] bool is_name(std::uint32_t offset) const {
+        return offset < size_of(Section::names);
+    }
+
+    Result<void> check_names() {
+        const std::uint64_t size = size_of(Section::names);
+        if (size == 0 || view_.names[size - 1] != '\0') return broken("its names do not end");
+        const auto* skips = start_of<format::SkipRecord>(Section::skips);
+        for (std::uint64_t i = 0; i < size_of(Section::skips); ++i) {
+            if (!is_name(skips[i].reason) || skips[i].unused != 0) return broken("a skip reason");
+        }
+        for (const Section section : {Section::warnings, Section::record_types}) {
+            const auto* names = start_of<format::NameOffset>(section);
+            if (!std::all_of(names, names + size_of(section),
+                             [&](std::uint32_t offset) { return is_name(offset); })) {
+                return broken("a name lies outside of it");
+            }
+        }
+        return {};
+    }
+
+    /// Does a run of `count` elements fit into the attributes?
+    [[nodiscard]] bool is_run(std::uint64_t offset, std::uint64_t count, std::uint64_t element,
+                              std::uint64_t element_alignment) const {
+        const std::uint64_t size = size_of(Section::attributes);
+        return offset % element_alignment == 0 && offset <= size &&
+               count <= (size - offset) / element;
+    }
+
+    Result<void> check_surfaces() {
+        for (std::uint32_t i = 0; i < view_.texture_count; ++i) {
+            const TextureRecord& texture = view_.textures[i];
+            const std::uint64_t pixels = std::uint64_t{texture.width} * texture.height;
+            const bool sound =
+                pixels != 0 && texture.width <= texture_side_max &&
+                texture.height <= texture_side_max && is_run(texture.colour, pixels, 4, 4) &&
+                is_run(texture.alpha, pixels, 1, 1) && texture.wrap_s <= Wrap::mirror &&
+                texture.wrap_t <= Wrap::mirror && texture.nearest <= 1 && texture.unused == 0;
+            if (!sound) return broken("texture " + std::to_string(i));
+        }
+        for (std::uint32_t i = 0; i < view_.material_count; ++i) {
+            const MaterialRecord& material = view_.materials[i];
+            const Vec4& c = material.base_colour;
+            const bool sound =
+                (material.texture == no_id || material.texture < view_.texture_count) &&
+                material.texcoord <= 1 && material.alpha_mode <= AlphaMode::blend &&
+                material.double_sided <= 1 && is_name(material.name) &&
+                std::isfinite(material.cutoff) && std::isfinite(c.x + c.y + c.z + c.w) &&
+                std::all_of(std::begin(material.uv_transform), std::end(material.uv_transform),
+                            [](float x) { return std::isfinite(x); });
+            if (!sound) return broken("material " + std::to_string(i));
+            if (material.alpha_mode != AlphaMode::opaque) ++view_.masked_materials;
+        }
+        return {};
+    }
+
+    Result<void> check_cameras() {
+        for (std::uint32_t i = 0; i < view_.camera_count; ++i) {
+            const CameraRecord& camera = view_.cameras[i];
+            const bool sound = is_finite(camera.to_world) && camera.yfov > 0 &&
+                               camera.yfov < std::numbers::pi_v<float> && camera.aspect >= 0 &&
+                               std::isfinite(camera.aspect) && is_name(camera.name) &&
+                               camera.unused == 0;
+            if (!sound) return broken("camera " + std::to_string(i));
+        }
+        return {};
+    }
+
+    /// Objects share the sections out between them, in order and without gaps.
+    Result<void> check_objects() {
+        std::uint64_t node = 0, block = 0, record = 0, geometry = 0, instance = 0;
+        TreeChecker tree;
+        for (std::uint32_t i = 0; i < view_.object_count; ++i) {
+            const ObjectRecord& object = view_.objects[i];
+            const std::string label = "object " + std::to_string(i);
+            if (object.first_node != node || object.first_block != block ||
+                object.first_record != record || object.first_geometry != geometry ||
+                object.first_instance != instance || object.record_size > record_size_max) {
+                return broken(label + " does not start where the last one ended");
+            }
+            node += object.node_count;
+            block += object.block_count;
+            record += object.record_count * record_stride(object.record_size);
+            geometry += object.geometry_count;
+            instance += object.instance_count;
+            if (node > size_of(Section::nodes) || block > size_of(Section::blocks) ||
+                record > size_of(Section::records) || geometry > view_.geometry_count ||
+                instance > view_.instance_count) {
+                return broken(label + " leaves its sections");
+            }
+            const bool sound = is_name(object.name) && std::isfinite(object.origin_error) &&
+                               object.origin_error >= 1 &&
+                               (object.bounds.is_empty() ? object.root == child_empty
+                                                         : is_finite(object.bounds.lower) &&
+                                                               is_finite(object.bounds.upper));
+            if (!sound) return broken(label + " has a bad name, bound or error factor");
+            for (const auto step :
+                 {&Checker::check_geometries, &Checker::check_records, &Checker::check_instances}) {
+                if (auto checked = (this->*step)(object, i); !checked) return checked;
+            }
+            if (auto checked = tree.check(view_, object); !checked) return checked;
+        }
+        if (node != size_of(Section::nodes) || block != size_of(Section::blocks) ||
+            record != size_of(Section::records) || geometry != view_.geometry_count ||
+            instance != view_.instance_count) {
+            return broken("records belong to no object");
+        }
+        return {};
+    }
+
+    Result<void> check_geometries(const ObjectRecord& object, std::uint32_t) {
+        std::uint64_t triangles = 0;
+        for (std::uint32_t i = 0; i < object.geometry_count; ++i) {
+            const GeometryRecord& geometry = view_.geometries[object.first_geometry + i];
+            const auto optional_run = [&](std::uint64_t offset, std::uint64_t element,
+                                          std::uint64_t element_alignment) {
+                return offset == no_offset ||
+                       is_run(offset, geometry.vertex_count, element, element_alignment);
+            };
+            const bool empty = geometry.triangle_count == 0;
+            bool sound = geometry.first_triangle == triangles &&
+                         (geometry.material == no_id || geometry.material < view_.material_count) &&
+                         (empty || is_run(geometry.positions, geometry.vertex_count, 12, 4)) &&
+                         (empty || is_run(geometry.indices, geometry.triangle_count, 12, 4)) &&
+                         optional_run(geometry.texcoords[0], 8, 4) &&
+                         optional_run(geometry.texcoords[1], 8, 4) &&
+                         optional_run(geometry.colours, 4, 1);
+            if (sound && !empty) {
+                const auto* indices = view_.attribute<std::uint32_t>(geometry.indices);
+                sound = std::all_of(indices, indices + std::uint64_t{geometry.triangle_count} * 3,
+                                    [&](std::uint32_t v) { return v < geometry.vertex_count; });
+            }
+            if (!sound) return broken("geometry " + std::to_string(object.first_geometry + i));
+            triangles += geometry.triangle_count;
+        }
+        if (triangles != object.triangle_count) return broken("triangles belong to no geometry");
+        return {};
+    }
+
+    Result<void> check_records(const ObjectRecord& object, std::uint32_t) {
+        if (object.record_count == 0) {
+            if (object.record_type != 0 || object.record_size != 0) return broken("a record type");
+            return {};
+        }
+        const auto* types = start_of<format::NameOffset>(Section::record_types);
+        const bool known =
+            std::any_of(types, types + size_of(Section::record_types), [&](std::uint32_t name) {
+                return primitive_type(view_.names + name) == object.record_type;
+            });
+        if (!known || object.record_size == 0) return broken("a record type has no name or size");
+        const std::uint64_t stride = record_stride(object.record_size);
+        for (std::uint32_t i = 0; i < object.record_count; ++i) {
+            std::uint32_t original = 0;
+            std::memcpy(&original,
+                        view_.records + object.first_record + (i + 1) * stride - sizeof original,
+                        sizeof original);
+            if (original >= object.record_count) return broken("a record's index");
+        }
+        return {};
+    }
+
+    /// Children are stored before their parents, so there can be no cycle, and sums over them are
+    /// known to be right.
+    Result<void> check_instances(const ObjectRecord& object, std::uint32_t index) {
+        std::uint64_t leaves = object.has_own_primitives() ? 1 : 0;
+        std::uint32_t levels = 1;
+        for (std::uint32_t i = 0; i < object.instance_count; ++i) {
+            const InstanceRecord& instance = view_.instances[object.first_instance + i];
+            const InstanceInfo& info = view_.instance_infos[object.first_instance + i];
+            if (instance.object >= index || instance.path_base != leaves ||
+                !is_finite(instance.to_object) || !is_finite(info.to_parent) ||
+                !is_name(info.name)) {
+                return broken("instance " + std::to_string(object.first_instance + i));
+            }
+            const ObjectRecord& child = view_.objects[instance.object];
+            if (child.leaves > scene_paths_max - leaves)
+                return broken("it has more than 2^63 paths");
+            leaves += child.leaves;
+            levels = std::max(levels, child.levels + 1);
+        }
+        if (leaves != object.leaves || levels != object.levels || levels > scene_depth_max) {
+            return broken("the paths or levels of object " + std::to_string(index));
+        }
+        return {};
+    }
+
+    std::span<const std::byte> arena_;
+    SceneView view_;
+};
+
+}  // namespace
+
+Result<SceneView> check_arena(std::span<const std::byte> arena) {
+    return Checker(arena).check();
+}
+
+}  // namespace raynest

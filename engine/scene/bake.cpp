@@ -1,0 +1,237 @@
+// Description -> snapshot: one tree per object, children first, then one arena.
+#include "engine/scene/content.h"
+#include "engine/scene/description_check.h"
+#include "engine/scene/graph.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace raynest {
+namespace {
+
+/// Beyond this the box test enters every box anyway; it keeps the arithmetic finite.
+constexpr float origin_error_max = 1e30F;
+
+/// How much rounding one level of instances adds, as a multiple of what a plain tree has.
+///
+/// A ray that enters an instance is transformed with rounding, so its hits lie off the exact ones
+/// by about eps * |origin|, in the instance's space. Seen from the parent that grows by the
+/// condition number of the transform, and what the levels below add grows along. Rotations and
+/// uniform scales have condition 1: 32 of them add up, they do not multiply.
+float placement_error(const Transform& to_parent, float child_error) {
+    return std::min(condition(to_parent) * (1 + child_error), origin_error_max);
+}
+
+/// The child's box as the parent's tree has to see it. The box test covers the error that comes
+/// from the ray's origin; the padding covers the rest, which grows with the coordinates of the
+/// instance itself: its box, and the translation that the transform subtracts again.
+Box placed_bounds(const Box& child, const Transform& to_parent, float error) {
+    if (child.is_empty()) return {};
+    constexpr double unit_error = 0x1p-22;
+    double lower[3];
+    double upper[3];
+    double reach = 0;
+    for (std::size_t row = 0; row < 3; ++row) {
+        const auto moved = static_cast<double>(to_parent.m[4 * row + 3]);
+        lower[row] = upper[row] = moved;
+        for (int k = 0; k < 3; ++k) {
+            const auto m = static_cast<double>(to_parent.m[4 * row + static_cast<std::size_t>(k)]);
+            const double a = m * static_cast<double>(child.lower[k]);
+            const double b = m * static_cast<double>(child.upper[k]);
+            lower[row] += std::min(a, b);
+            upper[row] += std::max(a, b);
+        }
+        reach = std::max({reach, std::abs(moved), std::abs(lower[row]), std::abs(upper[row])});
+    }
+
+    const double pad = unit_error * static_cast<double>(error) * reach;
+    constexpr float infinity = std::numeric_limits<float>::infinity();
+    Box box;
+    for (std::size_t row = 0; row < 3; ++row) {
+        const int axis = static_cast<int>(row);
+        box.lower[axis] = std::nextafter(static_cast<float>(lower[row] - pad), -infinity);
+        box.upper[axis] = std::nextafter(static_cast<float>(upper[row] + pad), infinity);
+    }
+    return box;
+}
+
+bool in_range(const Box& box) {
+    if (box.is_empty()) return true;
+    const Vec3 reach = glm::max(glm::abs(box.lower), glm::abs(box.upper));
+    return std::max({reach.x, reach.y, reach.z}) <= coordinate_max;
+}
+
+class Baker {
+public:
+    Baker(const SceneDescription& description, const Graph& graph)
+        : description_(description),
+          graph_(graph) {}
+
+    Result<Arena> bake() {
+        add_surfaces(description_, content_);
+        add_cameras(description_, content_);
+        for (const GraphObject& object : graph_.objects) {
+            if (auto added = add_object(object); !added) return tl::unexpected(added.error());
+        }
+        for (const auto& [reason, count] : graph_.skipped) {
+            content_.skips.push_back({count, content_.names.add(reason), 0});
+        }
+        for (const std::string& warning : description_.warnings) {
+            content_.warnings.push_back(content_.names.add(warning));
+        }
+        if (content_.names.bytes().size() >= no_id) {
+            return fail(ErrorCode::limit_exceeded, "the scene's names take more than 4 GiB");
+        }
+        return write_arena(content_);
+    }
+
+private:
+    Result<void> add_object(const GraphObject& node) {
+        const ObjectDescription& source = description_.objects[node.source];
+        const std::string label = object_label(description_, node.source);
+        ObjectRecord object{};
+        object.name = content_.names.add(source.name);
+        object.leaves = node.traced.leaves;
+        object.levels = node.levels;
+        object.origin_error = 1;
+        add_geometries(source, object);
+        add_records(source, object);
+
+        std::vector<Box> boxes;
+        boxes.reserve(std::size_t{object.triangle_count} + object.record_count +
+                      node.instances.size());
+        add_triangle_bounds(source, boxes);
+        boxes.insert(boxes.end(), source.record_bounds.begin(), source.record_bounds.end());
+        add_instances(node, object, boxes);
+        const auto far = std::count_if(boxes.begin(), boxes.end(),
+                                       [](const Box& box) { return !in_range(box); });
+        if (far != 0) {
+            return fail(ErrorCode::scene_invalid, "object " + label + " has " +
+                                                      std::to_string(far) +
+                                                      " instances that reach beyond 1e15");
+        }
+
+        Tree tree =
+            build_tree({boxes, object.triangle_count, object.record_count, object.instance_count});
+        const std::size_t blocks = tree.block_lanes.size() / 8;
+        if (blocks > std::size_t{leaf_first_max} + 1 || tree.height > tree_height_max) {
+            return fail(ErrorCode::limit_exceeded,
+                        "object " + label + " is too large for one tree: split it into several");
+        }
+        object.bounds = tree.bounds;
+        object.root = tree.root;
+        object.first_node = node_count_;
+        object.first_block = block_count_;
+        object.node_count = static_cast<std::uint32_t>(tree.nodes.size());
+        object.block_count = static_cast<std::uint32_t>(blocks);
+        node_count_ += object.node_count;
+        block_count_ += object.block_count;
+
+        content_.sources.push_back(&source);
+        content_.trees.push_back(std::move(tree));
+        content_.objects.push_back(object);
+        return {};
+    }
+
+    void add_geometries(const ObjectDescription& source, ObjectRecord& object) {
+        object.first_geometry = static_cast<std::uint32_t>(content_.geometries.size());
+        object.geometry_count = static_cast<std::uint32_t>(source.geometries.size());
+        for (const GeometryDescription& geometry : source.geometries) {
+            GeometryRecord record{};
+            record.positions = content_.attributes.add(geometry.positions);
+            record.indices = content_.attributes.add(geometry.indices);
+            record.texcoords[0] = content_.attributes.add(geometry.texcoords[0]);
+            record.texcoords[1] = content_.attributes.add(geometry.texcoords[1]);
+            record.colours = content_.attributes.add(geometry.colours);
+            record.first_triangle = object.triangle_count;
+            record.triangle_count = static_cast<std::uint32_t>(geometry.indices.size() / 3);
+            record.vertex_count = static_cast<std::uint32_t>(geometry.positions.size());
+            record.material = geometry.material;
+            object.triangle_count += record.triangle_count;
+            content_.geometries.push_back(record);
+        }
+    }
+
+    void add_records(const ObjectDescription& source, ObjectRecord& object) {
+        object.first_record = record_bytes_;
+        if (source.record_bounds.empty()) return;
+        object.record_type = primitive_type(source.record_type.c_str());
+        object.record_count = static_cast<std::uint32_t>(source.record_bounds.size());
+        object.record_size =
+            static_cast<std::uint32_t>(source.records.size() / object.record_count);
+        record_bytes_ += object.record_count * record_stride(object.record_size);
+        const std::uint32_t name = content_.names.add(source.record_type);
+        auto& types = content_.record_types;
+        if (std::find(types.begin(), types.end(), name) == types.end()) types.push_back(name);
+    }
+
+    static void add_triangle_bounds(const ObjectDescription& source, std::vector<Box>& boxes) {
+        for (const GeometryDescription& geometry : source.geometries) {
+            for (std::size_t i = 0; i < geometry.indices.size(); i += 3) {
+                Box& box = boxes.emplace_back();
+                for (std::size_t corner = 0; corner < 3; ++corner) {
+                    box.extend(geometry.positions[geometry.indices[i + corner]]);
+                }
+            }
+        }
+    }
+
+    void add_instances(const GraphObject& node, ObjectRecord& object, std::vector<Box>& boxes) {
+        const ObjectDescription& source = description_.objects[node.source];
+        object.first_instance = static_cast<std::uint32_t>(content_.instances.size());
+        object.instance_count = static_cast<std::uint32_t>(node.instances.size());
+        for (std::size_t i = 0; i < node.instances.size(); ++i) {
+            const InstanceRecord& record = node.instances[i];
+            const InstanceDescription& declared = source.instances[node.declared_as[i]];
+            const ObjectRecord& child = content_.objects[record.object];
+            const float error = placement_error(declared.transform, child.origin_error);
+            object.origin_error = std::max(object.origin_error, error);
+            boxes.push_back(placed_bounds(child.bounds, declared.transform, error));
+            content_.instances.push_back(record);
+            content_.instance_infos.push_back(
+                {declared.transform, declared.uid, content_.names.add(declared.name)});
+        }
+    }
+
+    const SceneDescription& description_;
+    const Graph& graph_;
+    Content content_;
+    std::uint64_t node_count_ = 0;
+    std::uint64_t block_count_ = 0;
+    std::uint64_t record_bytes_ = 0;
+};
+
+/// Section counts are u32 in the view; checked before anything is built.
+Result<void> check_counts(const SceneDescription& description, const Graph& graph) {
+    std::uint64_t instances = 0;
+    std::uint64_t geometries = 0;
+    for (const GraphObject& object : graph.objects) {
+        instances += object.instances.size();
+        geometries += description.objects[object.source].geometries.size();
+    }
+    if (instances >= no_id || geometries >= no_id) {
+        return fail(ErrorCode::limit_exceeded,
+                    "the scene has more than 2^32 instances or geometries: nest them in groups");
+    }
+    return {};
+}
+
+}  // namespace
+
+Result<std::shared_ptr<const Snapshot>> Snapshot::bake(const SceneDescription& description) {
+    if (auto checked = check_description(description); !checked) {
+        return tl::unexpected(checked.error());
+    }
+    const auto graph = resolve_graph(description);
+    if (!graph) return tl::unexpected(graph.error());
+    if (auto counted = check_counts(description, *graph); !counted) {
+        return tl::unexpected(counted.error());
+    }
+    // One way into a snapshot: what was baked is checked like what was read.
+    return Baker(description, *graph).bake().and_then([](Arena&& arena) {
+        return open(std::move(arena));
+    });
+}
+
+}  // namespace raynest

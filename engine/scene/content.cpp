@@ -1,0 +1,162 @@
+#include "engine/scene/content.h"
+
+#include <algorithm>
+#include <cstring>
+
+namespace raynest {
+namespace {
+
+using format::Section;
+
+/// SIMD loads may read a whole run; runs start aligned for them.
+constexpr std::uint64_t attribute_alignment = 16;
+
+/// Fills the leaf blocks of one object from its vertices.
+void write_blocks(const ObjectDescription& object, const Tree& tree,
+                  std::span<const GeometryRecord> geometries, TriangleBlock* blocks) {
+    const auto geometry_of = [&](std::uint32_t triangle) {
+        const auto next = std::upper_bound(
+            geometries.begin(), geometries.end(), triangle,
+            [](std::uint32_t t, const GeometryRecord& g) { return t < g.first_triangle; });
+        return static_cast<std::size_t>(next - geometries.begin()) - 1;
+    };
+    std::size_t geometry = 0;
+    for (std::size_t i = 0; i < tree.block_lanes.size(); ++i) {
+        TriangleBlock& block = blocks[i / 8];
+        const std::size_t lane = i % 8;
+        const std::uint32_t triangle = tree.block_lanes[i];
+        block.triangle[lane] = triangle;
+        if (triangle == no_id) continue;  // the arena is zero-filled: three equal vertices
+
+        // Neighbours in the tree mostly share their geometry.
+        const GeometryRecord& last = geometries[geometry];
+        if (triangle - last.first_triangle >= last.triangle_count) geometry = geometry_of(triangle);
+        const GeometryDescription& source = object.geometries[geometry];
+        const std::size_t first = triangle - geometries[geometry].first_triangle;
+        for (std::size_t corner = 0; corner < 3; ++corner) {
+            const Vec3& p = source.positions[source.indices[3 * first + corner]];
+            for (int axis = 0; axis < 3; ++axis) {
+                block.vertex[corner][axis][lane] = p[axis];
+            }
+        }
+    }
+}
+
+/// Writes one object's records in tree order, each with its original index.
+void write_records(const ObjectDescription& source, const Tree& tree, std::uint32_t record_size,
+                   std::byte* out) {
+    const std::uint64_t stride = record_stride(record_size);
+    for (const std::uint32_t record : tree.record_order) {
+        std::memcpy(out, source.records.data() + std::size_t{record} * record_size, record_size);
+        std::memcpy(out + stride - sizeof record, &record, sizeof record);
+        out += stride;
+    }
+}
+
+}  // namespace
+
+std::uint32_t NameTable::add(const std::string& name) {
+    if (name.empty()) return 0;
+    const std::string text(name.c_str());
+    const auto [at, added] = offsets_.try_emplace(text, static_cast<std::uint32_t>(bytes_.size()));
+    if (added) bytes_.append(text.c_str(), text.size() + 1);
+    return at->second;
+}
+
+std::uint64_t AttributePlan::add_alpha(std::span<const std::uint8_t> rgba) {
+    return place({reinterpret_cast<const std::byte*>(rgba.data()) + 3, rgba.size() / 4, 4});
+}
+
+std::uint64_t AttributePlan::place(Source source) {
+    if (source.bytes == 0) return no_offset;
+    source.offset = (size_ + attribute_alignment - 1) / attribute_alignment * attribute_alignment;
+    size_ = source.offset + source.bytes;
+    sources_.push_back(source);
+    return source.offset;
+}
+
+void AttributePlan::write(std::byte* section) const {
+    for (const Source& source : sources_) {
+        std::byte* const out = section + source.offset;
+        if (source.stride == 1) {
+            std::memcpy(out, source.first, source.bytes);
+        } else {
+            for (std::uint64_t i = 0; i < source.bytes; ++i)
+                out[i] = source.first[i * source.stride];
+        }
+    }
+}
+
+Arena write_arena(const Content& content) {
+    std::uint64_t nodes = 0, blocks = 0, records = 0;
+    for (std::size_t i = 0; i < content.objects.size(); ++i) {
+        nodes += content.trees[i].nodes.size();
+        blocks += content.trees[i].block_lanes.size() / 8;
+        records +=
+            content.trees[i].record_order.size() * record_stride(content.objects[i].record_size);
+    }
+    const std::array<std::uint64_t, format::section_count> counts{
+        nodes,
+        blocks,
+        records,
+        content.objects.size(),
+        content.instances.size(),
+        content.instance_infos.size(),
+        content.geometries.size(),
+        content.materials.size(),
+        content.textures.size(),
+        content.cameras.size(),
+        content.attributes.size(),
+        content.names.bytes().size(),
+        content.skips.size(),
+        content.warnings.size(),
+        content.record_types.size(),
+    };
+
+    format::Header header{format::magic, format::version, format::byte_order, 0, {}};
+    std::uint64_t end = format::aligned(sizeof header);
+    for (std::size_t s = 0; s < format::section_count; ++s) {
+        header.sections[s] = {end, counts[s], format::element_size[s], 0};
+        end = format::aligned(end + counts[s] * format::element_size[s]);
+    }
+    header.bytes = end;
+
+    Arena arena(end);
+    std::byte* const base = arena.data();
+    std::memcpy(base, &header, sizeof header);
+    const auto at = [&](Section section) {
+        return base + header.sections[static_cast<std::size_t>(section)].offset;
+    };
+    const auto copy = [&](Section section, const auto& elements) {
+        if (elements.empty()) return;
+        std::memcpy(at(section), elements.data(), elements.size() * sizeof(elements[0]));
+    };
+    copy(Section::objects, content.objects);
+    copy(Section::instances, content.instances);
+    copy(Section::instance_infos, content.instance_infos);
+    copy(Section::geometries, content.geometries);
+    copy(Section::materials, content.materials);
+    copy(Section::textures, content.textures);
+    copy(Section::cameras, content.cameras);
+    copy(Section::names, content.names.bytes());
+    copy(Section::skips, content.skips);
+    copy(Section::warnings, content.warnings);
+    copy(Section::record_types, content.record_types);
+    content.attributes.write(at(Section::attributes));
+
+    auto* const node_section = reinterpret_cast<Node*>(at(Section::nodes));
+    auto* const block_section = reinterpret_cast<TriangleBlock*>(at(Section::blocks));
+    for (std::size_t i = 0; i < content.objects.size(); ++i) {
+        const ObjectRecord& object = content.objects[i];
+        const Tree& tree = content.trees[i];
+        std::copy(tree.nodes.begin(), tree.nodes.end(), node_section + object.first_node);
+        write_blocks(*content.sources[i], tree,
+                     {content.geometries.data() + object.first_geometry, object.geometry_count},
+                     block_section + object.first_block);
+        write_records(*content.sources[i], tree, object.record_size,
+                      at(Section::records) + object.first_record);
+    }
+    return arena;
+}
+
+}  // namespace raynest
