@@ -72,7 +72,8 @@ struct InstanceInfo {
     std::uint32_t name;  ///< offset in `names`
 };
 
-/// A BVH over triangles, over records of one other primitive type, over instances, or a mixture.
+/// A BVH over triangles or records of one other primitive type, over instances, or over both kinds.
+/// Never triangles and records together: a hit names either by one flat index.
 struct ObjectRecord {
     Box bounds;
     float origin_error;        ///< >= 1: how much rounding of the ray the box test must absorb, see bvh/box_test
@@ -98,9 +99,15 @@ struct ObjectRecord {
 };
 
 /// Bytes from one entry of `records` to the next: the record, zeros up to a multiple of 4, and its
-/// original index as u32, because the tree reorders records.
+/// original index as u32, because the tree reorders records. Behind an object's entries lies the way
+/// back: the place of each original index, u32.
 [[nodiscard]] constexpr std::uint64_t record_stride(std::uint32_t record_size) {
     return (std::uint64_t{record_size} + 3) / 4 * 4 + sizeof(std::uint32_t);
+}
+
+/// Bytes of all of an object's records, the way back included.
+[[nodiscard]] constexpr std::uint64_t records_bytes(const ObjectRecord& object) {
+    return object.record_count * (record_stride(object.record_size) + sizeof(std::uint32_t));
 }
 
 struct CameraRecord {
@@ -136,6 +143,17 @@ struct SceneView {
     template <class T>
     [[nodiscard]] const T* attribute(std::uint64_t offset) const {
         return reinterpret_cast<const T*>(attributes + offset);
+    }
+
+    /// A record by its original index, as hits name it.
+    [[nodiscard]] const std::byte* record_of(const ObjectRecord& object,
+                                             std::uint32_t original) const {
+        const std::uint64_t stride = record_stride(object.record_size);
+        const std::byte* entries = records + object.first_record;
+        const std::byte* places = entries + object.record_count * stride;
+        std::uint32_t place;
+        __builtin_memcpy(&place, places + std::uint64_t{original} * sizeof place, sizeof place);
+        return entries + place * stride;
     }
 
     /// The geometry that holds a flat triangle index of `object`; objects have few geometries.

@@ -57,7 +57,7 @@ void write_column(Field field, const ColumnSource& source, std::byte* out);
 struct Placement {
     Transform to_object;      ///< world to the leaf object, composed; for display and normals
     std::uint32_t outermost = no_id;  ///< declaration index in the root
-    std::uint32_t uid = 0;
+    std::uint32_t uid = no_id;        ///< of the innermost instance; no_id when there is none
     std::uint32_t levels = 1;
 };
 [[nodiscard]] Placement locate(const SceneView& scene, std::uint64_t path);

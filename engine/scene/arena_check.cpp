@@ -203,7 +203,7 @@ private:
             }
             node += object.node_count;
             block += object.block_count;
-            record += object.record_count * record_stride(object.record_size);
+            record += records_bytes(object);
             geometry += object.geometry_count;
             instance += object.instance_count;
             if (node > size_of(Section::nodes) || block > size_of(Section::blocks) ||
@@ -261,6 +261,9 @@ private:
     }
 
     Result<void> check_records(const ObjectRecord& object, std::uint32_t) {
+        if (object.record_count != 0 && object.triangle_count != 0) {
+            return broken("an object holds triangles and records");
+        }
         if (object.record_count == 0) {
             if (object.record_type != 0 || object.record_size != 0) return broken("a record type");
             return {};
@@ -271,15 +274,24 @@ private:
                 return primitive_type(view_.names + name) == object.record_type;
             });
         if (!known || object.record_size == 0) return broken("a record type has no name or size");
-        const std::uint64_t stride = record_stride(object.record_size);
-        for (std::uint32_t i = 0; i < object.record_count; ++i) {
-            std::uint32_t original = 0;
-            std::memcpy(&original,
-                        view_.records + object.first_record + (i + 1) * stride - sizeof original,
-                        sizeof original);
-            if (original >= object.record_count) return broken("a record's index");
+        for (std::uint32_t original = 0; original < object.record_count; ++original) {
+            if (!is_record(object, original)) return broken("a record's place");
         }
         return {};
+    }
+
+    /// Do the place of a record and the index stored there name each other?
+    [[nodiscard]] bool is_record(const ObjectRecord& object, std::uint32_t original) const {
+        const std::uint64_t stride = record_stride(object.record_size);
+        const std::byte* const entries = view_.records + object.first_record;
+        std::uint32_t place = 0;
+        std::memcpy(&place,
+                    entries + object.record_count * stride + original * std::uint64_t{sizeof place},
+                    sizeof place);
+        if (place >= object.record_count) return false;
+        std::uint32_t index = 0;
+        std::memcpy(&index, entries + (place + 1) * stride - sizeof index, sizeof index);
+        return index == original;
     }
 
     /// Children are stored before their parents, so there can be no cycle, and sums over them are

@@ -160,7 +160,7 @@ private:
         object.record_count = static_cast<std::uint32_t>(source.record_bounds.size());
         object.record_size =
             static_cast<std::uint32_t>(source.records.size() / object.record_count);
-        record_bytes_ += object.record_count * record_stride(object.record_size);
+        record_bytes_ += records_bytes(object);
         const std::uint32_t name = content_.names.add(source.record_type);
         auto& types = content_.record_types;
         if (std::find(types.begin(), types.end(), name) == types.end()) types.push_back(name);

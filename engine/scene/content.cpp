@@ -42,13 +42,16 @@ void write_blocks(const ObjectDescription& object, const Tree& tree,
     }
 }
 
-/// Writes one object's records in tree order, each with its original index.
+/// Writes one object's records in tree order, each with its original index, then the way back.
 void write_records(const ObjectDescription& source, const Tree& tree, std::uint32_t record_size,
                    std::byte* out) {
     const std::uint64_t stride = record_stride(record_size);
-    for (const std::uint32_t record : tree.record_order) {
-        std::memcpy(out, source.records.data() + std::size_t{record} * record_size, record_size);
-        std::memcpy(out + stride - sizeof record, &record, sizeof record);
+    std::byte* const places = out + tree.record_order.size() * stride;
+    for (std::uint32_t place = 0; place < tree.record_order.size(); ++place) {
+        const std::uint32_t original = tree.record_order[place];
+        std::memcpy(out, source.records.data() + std::size_t{original} * record_size, record_size);
+        std::memcpy(out + stride - sizeof original, &original, sizeof original);
+        std::memcpy(places + original * sizeof place, &place, sizeof place);
         out += stride;
     }
 }
@@ -92,8 +95,7 @@ Arena write_arena(const Content& content) {
     for (std::size_t i = 0; i < content.objects.size(); ++i) {
         nodes += content.trees[i].nodes.size();
         blocks += content.trees[i].block_lanes.size() / 8;
-        records +=
-            content.trees[i].record_order.size() * record_stride(content.objects[i].record_size);
+        records += records_bytes(content.objects[i]);
     }
     const std::array<std::uint64_t, format::section_count> counts{
         nodes,

@@ -1,7 +1,7 @@
 // A scene as an importer or a program describes it: plain vectors, no trees yet.
 //
-// scene/bake.h turns it into a snapshot. Objects may hold triangles, records of one other primitive
-// type, instances of other objects, or a mixture; the graph of instances must be acyclic.
+// Snapshot::bake turns it into a snapshot. Objects may hold triangles or records of one other
+// primitive type, and instances of other objects beside them; the graph of instances must be acyclic.
 #pragma once
 
 #include <cstddef>

@@ -138,6 +138,9 @@ Result<void> check_object(const SceneDescription& description, std::uint32_t ind
         return invalid(name + " has records of more than " + std::to_string(record_size_max) +
                        " bytes");
     }
+    if (records != 0 && own_triangles(object) != 0) {
+        return invalid(name + " holds triangles and records: place one of them in a child object");
+    }
     if (own_triangles(object) >= no_id || records > std::size_t{leaf_first_max} + 1) {
         return fail(ErrorCode::limit_exceeded,
                     name + " has too many primitives for one tree: split it into several objects");

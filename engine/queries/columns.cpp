@@ -1,0 +1,245 @@
+#include "engine/queries/columns.h"
+
+#include "engine/geometry/path.h"
+
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <string>
+
+namespace raynest {
+namespace {
+
+constexpr std::size_t field_count = static_cast<std::size_t>(Field::count_);
+
+/// In the order of Field.
+constexpr std::array<FieldInfo, field_count> fields{{
+    {"hit", FieldType::u8, 1, false},       {"t", FieldType::f32, 1, false},
+    {"prim", FieldType::u32, 1, false},     {"geom", FieldType::u32, 1, false},
+    {"path", FieldType::u64, 1, false},     {"inst", FieldType::u32, 1, false},
+    {"uid", FieldType::u32, 1, false},      {"uv", FieldType::f32, 2, false},
+    {"ng", FieldType::f32, 3, false},       {"front", FieldType::u8, 1, false},
+    {"position", FieldType::f32, 3, false}, {"material", FieldType::u32, 1, false},
+    {"flags", FieldType::u8, 1, false},     {"nodes", FieldType::u32, 1, true},
+    {"boxes", FieldType::u32, 1, true},     {"leaves", FieldType::u32, 1, true},
+    {"prims", FieldType::u32, 1, true},     {"instances", FieldType::u32, 1, true},
+    {"rejects", FieldType::u32, 1, true},   {"total", FieldType::u32, 1, true},
+}};
+
+const ObjectRecord& object_of(const ColumnSource& source, const HitRecord& hit) {
+    return source.scene->objects[hit.object];
+}
+
+/// Null for a record: those belong to no geometry.
+const GeometryRecord* geometry_of(const ColumnSource& source, const HitRecord& hit) {
+    const ObjectRecord& object = object_of(source, hit);
+    return object.triangle_count == 0 ? nullptr : &source.scene->geometry_of(object, hit.triangle);
+}
+
+/// Index of the outermost instance in the root, or no_id; `innermost` in the whole scene.
+struct Ends {
+    std::uint32_t outermost = no_id;
+    std::uint32_t innermost = no_id;
+};
+
+Ends ends_of(const SceneView& scene, std::uint64_t path) {
+    Ends ends;
+    walk_path(scene, path, [&](std::uint32_t index) {
+        if (ends.outermost == no_id) {
+            ends.outermost = index - scene.objects[scene.root].first_instance;
+        }
+        ends.innermost = index;
+    });
+    return ends;
+}
+
+Vec3 world_position(const Ray& ray, float t) {
+    return {fused(t, ray.direction.x, ray.origin.x), fused(t, ray.direction.y, ray.origin.y),
+            fused(t, ray.direction.z, ray.origin.z)};
+}
+
+/// Object-space e1 x e2, in double so that the edges of tiny triangles do not underflow.
+glm::dvec3 triangle_normal(const SceneView& scene, const GeometryRecord& geometry,
+                           std::uint32_t triangle) {
+    const std::uint32_t* corner = scene.attribute<std::uint32_t>(geometry.indices) +
+                                  std::size_t{3} * (triangle - geometry.first_triangle);
+    const Vec3* position = scene.attribute<Vec3>(geometry.positions);
+    const glm::dvec3 v0(position[corner[0]]);
+    return glm::cross(glm::dvec3(position[corner[1]]) - v0, glm::dvec3(position[corner[2]]) - v0);
+}
+
+/// Outward normal of the hit record in object space; zero where its type defines none.
+glm::dvec3 record_normal(const ColumnSource& source, const HitRecord& hit, const Vec3& point) {
+    const ObjectRecord& object = object_of(source, hit);
+    const RecordNormal normal_of = source.record_normal == nullptr
+                                       ? nullptr
+                                       : source.record_normal(object.record_type, source.context);
+    if (normal_of == nullptr) return glm::dvec3(0);
+    const float at[3] = {point.x, point.y, point.z};
+    float normal[3] = {0, 0, 0};
+    normal_of(source.scene->record_of(object, hit.triangle), at, normal);
+    return {normal[0], normal[1], normal[2]};
+}
+
+/// One value per hit; `value(hit, ray)` is asked for hits only, misses get `miss`.
+template <class T, class Value>
+void write_each(const ColumnSource& source, std::byte* out, const T& miss, Value&& value) {
+    for (std::size_t i = 0; i < source.hits.size(); ++i) {
+        const HitRecord& hit = source.hits[i];
+        const std::size_t ray = source.ray_of.empty() ? i : source.ray_of[i];
+        const T element = hit.hit != 0 ? T(value(hit, source.rays[ray])) : miss;
+        std::memcpy(out + i * sizeof(T), &element, sizeof(T));
+    }
+}
+
+/// One value per ray.
+template <class Value>
+void write_counter(const ColumnSource& source, std::byte* out, Value&& value) {
+    for (std::size_t i = 0; i < source.counters.size(); ++i) {
+        const std::uint32_t count = value(source.counters[i]);
+        std::memcpy(out + i * sizeof count, &count, sizeof count);
+    }
+}
+
+std::string known_fields() {
+    std::string names;
+    for (const FieldInfo& field : fields) {
+        if (!names.empty()) names += ", ";
+        names += field.name;
+    }
+    return names;
+}
+
+}  // namespace
+
+const FieldInfo& field_info(Field field) {
+    return fields[static_cast<std::size_t>(field)];
+}
+
+std::size_t field_bytes(Field field) {
+    const FieldInfo& info = field_info(field);
+    switch (info.type) {
+        case FieldType::u8:
+            return info.width;
+        case FieldType::u32:
+        case FieldType::f32:
+            return std::size_t{4} * info.width;
+        case FieldType::u64:
+            return std::size_t{8} * info.width;
+    }
+    return 0;
+}
+
+Result<Field> parse_field(std::string_view name) {
+    for (std::size_t i = 0; i < field_count; ++i) {
+        if (fields[i].name == name) return static_cast<Field>(i);
+    }
+    return fail(ErrorCode::field_invalid,
+                "there is no column '" + std::string(name) + "'; known: " + known_fields());
+}
+
+void write_column(Field field, const ColumnSource& source, std::byte* out) {
+    using Hit = const HitRecord&;
+    using At = const Ray&;
+    const auto each = [&](auto miss, auto&& value) { write_each(source, out, miss, value); };
+    const auto counter = [&](auto&& value) { write_counter(source, out, value); };
+    const SceneView& scene = *source.scene;
+    switch (field) {
+        case Field::hit:
+            return each(std::uint8_t{0}, [](Hit, At) { return 1; });
+        case Field::t:
+            return each(std::numeric_limits<float>::infinity(), [](Hit h, At) { return h.t; });
+        case Field::prim:
+            return each(no_id, [&](Hit h, At) {
+                const GeometryRecord* geometry = geometry_of(source, h);
+                return geometry == nullptr ? h.triangle : h.triangle - geometry->first_triangle;
+            });
+        case Field::geom:
+            return each(no_id, [&](Hit h, At) {
+                const GeometryRecord* geometry = geometry_of(source, h);
+                const GeometryRecord* first =
+                    scene.geometries + object_of(source, h).first_geometry;
+                return geometry == nullptr ? 0 : geometry - first;
+            });
+        case Field::path:
+            return each(no_path, [](Hit h, At) { return h.path; });
+        case Field::inst:
+            return each(no_id, [&](Hit h, At) { return ends_of(scene, h.path).outermost; });
+        case Field::uid:
+            return each(no_id, [&](Hit h, At) {
+                const std::uint32_t innermost = ends_of(scene, h.path).innermost;
+                return innermost == no_id ? no_id : scene.instance_infos[innermost].uid;
+            });
+        case Field::uv:
+            return each(Vec2(0), [&](Hit h, At) {
+                return geometry_of(source, h) == nullptr ? Vec2(0) : Vec2(h.u, h.v);
+            });
+        case Field::ng:
+            return each(Vec3(0), [&](Hit h, At ray) { return world_normal(source, ray, h); });
+        case Field::front:
+            return each(std::uint8_t{0}, [](Hit h, At) { return h.front; });
+        case Field::position:
+            return each(Vec3(0), [](Hit h, At ray) { return world_position(ray, h.t); });
+        case Field::material:
+            return each(no_id, [&](Hit h, At) {
+                const GeometryRecord* geometry = geometry_of(source, h);
+                return geometry == nullptr ? no_id : geometry->material;
+            });
+        case Field::flags:
+            for (std::size_t i = 0; i < source.hits.size(); ++i) {
+                out[i] = static_cast<std::byte>(source.hits[i].flags);
+            }
+            return;
+        case Field::nodes:
+            return counter([](const Counters& c) { return c.nodes; });
+        case Field::boxes:
+            return counter([](const Counters& c) { return c.boxes; });
+        case Field::leaves:
+            return counter([](const Counters& c) { return c.leaves; });
+        case Field::prims:
+            return counter([](const Counters& c) { return c.prims; });
+        case Field::instances:
+            return counter([](const Counters& c) { return c.instances; });
+        case Field::rejects:
+            return counter([](const Counters& c) { return c.rejects; });
+        case Field::total:
+            return counter([](const Counters& c) { return c.boxes + c.prims; });
+        case Field::count_:
+            return;
+    }
+}
+
+Placement locate(const SceneView& scene, std::uint64_t path) {
+    Placement placement;
+    walk_path(scene, path, [&](std::uint32_t index) {
+        const InstanceRecord& instance = scene.instances[index];
+        if (placement.outermost == no_id) {
+            placement.outermost = index - scene.objects[scene.root].first_instance;
+        }
+        placement.to_object = compose(instance.to_object, placement.to_object);
+        placement.uid = scene.instance_infos[index].uid;
+        ++placement.levels;
+    });
+    return placement;
+}
+
+Vec3 world_normal(const ColumnSource& source, const Ray& ray, const HitRecord& hit) {
+    const SceneView& scene = *source.scene;
+    const Transform to_object = locate(scene, hit.path).to_object;
+    const GeometryRecord* geometry = geometry_of(source, hit);
+    const glm::dvec3 n =
+        geometry == nullptr
+            ? record_normal(source, hit, to_object.point(world_position(ray, hit.t)))
+            : triangle_normal(scene, *geometry, hit.triangle);
+
+    // A normal is a covector: the transposed world-to-object map takes it to the world, and keeps
+    // it outward where the placement mirrors.
+    const auto m = [&](std::size_t i) { return static_cast<double>(to_object.m[i]); };
+    const glm::dvec3 world(m(0) * n.x + m(4) * n.y + m(8) * n.z,
+                           m(1) * n.x + m(5) * n.y + m(9) * n.z,
+                           m(2) * n.x + m(6) * n.y + m(10) * n.z);
+    const double length = glm::length(world);
+    return length > 0 ? Vec3(world / length) : Vec3(0);
+}
+
+}  // namespace raynest
