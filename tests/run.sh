@@ -10,7 +10,8 @@ yes=0
 source "$root/.ci/setup.sh"
 
 install_missing "${test_packages[@]}"
-build_raynest -DRAYNEST_TESTS=ON -DRAYNEST_BENCH=ON --
+# The interpreter that python3-numpy was installed for, whatever else PATH offers.
+build_raynest -DRAYNEST_TESTS=ON -DRAYNEST_BENCH=ON -DPython3_EXECUTABLE=/usr/bin/python3 --
 
 printf '==> tests\n'
 start=$SECONDS status=0 results=$build/test-results.xml

@@ -1,0 +1,27 @@
+# What `cmake --install` lays down. Two components:
+#   runtime      bin/raynestd, bin/raynest, lib/raynest/ (the kernel packs, found relative to bin/)
+#   development  the engine's headers and the pack sources in their own folders under
+#                include/raynest/, so that find_package(raynest) gives raynest_kernel_pack()
+include(CMakePackageConfigHelpers)
+
+install(TARGETS ${RAYNEST_PACKS} LIBRARY DESTINATION lib/raynest COMPONENT runtime)
+foreach(program raynestd raynest)
+    if(TARGET ${program})
+        install(TARGETS ${program} RUNTIME DESTINATION bin COMPONENT runtime)
+    endif()
+endforeach()
+
+install(DIRECTORY engine DESTINATION include/raynest COMPONENT development
+    FILES_MATCHING
+    PATTERN "*.h" PATTERN "LIST" PATTERN "PRIMITIVES"
+    PATTERN "packs/pack.*" PATTERN "packs/variant.cpp"
+    PATTERN "assets" EXCLUDE PATTERN "scene" EXCLUDE PATTERN "integrators" EXCLUDE)
+set(package lib/cmake/raynest)
+install(TARGETS raynest_kernel EXPORT raynestTargets COMPONENT development)
+install(EXPORT raynestTargets NAMESPACE raynest:: DESTINATION ${package} COMPONENT development)
+configure_package_config_file(.ci/raynestConfig.cmake.in ${CMAKE_BINARY_DIR}/raynestConfig.cmake
+    INSTALL_DESTINATION ${package})
+write_basic_package_version_file(${CMAKE_BINARY_DIR}/raynestConfigVersion.cmake
+    COMPATIBILITY SameMinorVersion)
+install(FILES ${CMAKE_BINARY_DIR}/raynestConfig.cmake ${CMAKE_BINARY_DIR}/raynestConfigVersion.cmake
+    DESTINATION ${package} COMPONENT development)

@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+"""What the tracked tree may hold: the house rules that a machine can check.
+
+  check_house.py [ROOT]      prints one line per violation, exit code 1 when there is any
+
+Top-level entries, file sizes and lengths, unfinished marks, paths of one developer's machine, shell
+scripts that do not parse. Exit code 77 (skipped) where there is no git work tree to list.
+"""
+import pathlib
+import re
+import subprocess
+import sys
+
+TOP = {"CMakeLists.txt", "README.md", "LICENSE",
+       "protocol", "engine", "server", "client", "tests"}  # hidden entries are free
+FILE_BYTES_MAX = 1 << 20
+SOURCE_LINES_MAX = 450
+SOURCES = {".h", ".cpp", ".cu", ".py", ".sh"}
+# Written in pieces so that this file does not find itself.
+FORBIDDEN = {
+    "an unfinished mark": re.compile(r"\b(?:TO" + r"DO|FIX" + r"ME|X" + r"XX)\b"),
+    "a path of somebody's machine": re.compile(r"(?<![\w.$}])/(?:wo" + r"rk|home/\w+|root|Users)/"),
+}
+
+
+def tracked(root):
+    listing = subprocess.run(["git", "-C", root, "-c", f"safe.directory={root}", "ls-files", "-z"],
+                             capture_output=True, check=False)
+    if listing.returncode:
+        return None
+    return [name for name in listing.stdout.decode().split("\0") if name]
+
+
+def violations_of(root, name):
+    file = root / name
+    top = name.split("/")[0]
+    if top not in TOP and not top.startswith("."):
+        yield f"{name}: {top} is not one of the top-level entries"
+    if file.stat().st_size > FILE_BYTES_MAX:
+        yield f"{name}: {file.stat().st_size} bytes, at most {FILE_BYTES_MAX} are tracked"
+        return
+    data = file.read_bytes()
+    if b"\0" in data:
+        return
+    text = data.decode("utf-8", errors="replace")
+    for what, pattern in FORBIDDEN.items():
+        match = pattern.search(text)
+        if match:
+            line = text.count("\n", 0, match.start()) + 1
+            yield f"{name}:{line}: {what}: {match.group()}"
+    lines = text.count("\n")
+    if file.suffix in SOURCES and lines > SOURCE_LINES_MAX:
+        yield f"{name}: {lines} lines, at most {SOURCE_LINES_MAX}: it holds more than one idea"
+    if file.suffix == ".sh" or re.match(r"#!.*\bbash\b", text):
+        parsed = subprocess.run(["bash", "-n", file], capture_output=True, text=True, check=False)
+        if parsed.returncode:
+            yield f"{name}: does not parse: {parsed.stderr.strip()}"
+
+
+def main():
+    root = pathlib.Path(sys.argv[1] if len(sys.argv) > 1
+                        else pathlib.Path(__file__).parent.parent).resolve()
+    names = tracked(root)
+    if names is None:
+        print("skipped: no git work tree, so no list of tracked files")
+        return 77
+    names = [name for name in names if (root / name).is_file()]
+    found = [line for name in names for line in violations_of(root, name)]
+    print(*found, sep="\n", end="\n" if found else "")
+    print(f"{len(names)} tracked files, {len(found)} violations")
+    return 1 if found or not names else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,109 @@
+#!/usr/bin/env python3
+"""Which file may include what: the layers of the house, checked.
+
+  check_includes.py [ROOT]      prints one line per violation, exit code 1 when there is any
+
+A folder may include itself and the folders that stand below it, as listed in ALLOWED; a heavy
+third-party header may be included only where HEAVY says, by at most so many files. The layers are
+what lets kernels, engine, server and client be understood, tested and rebuilt one at a time.
+"""
+import pathlib
+import re
+import sys
+
+# The kernel side is a chain: each link sees those before it.
+KERNEL = ["engine/result.h", "engine/math", "engine/geometry", "engine/bvh", "engine/intersectors",
+          "engine/queries", "engine/packs"]
+
+
+def up_to(folder):
+    return KERNEL[:KERNEL.index(folder) + 1]
+
+
+# Folder -> what it may include. The longest matching folder decides.
+ALLOWED = {
+    "protocol": ["protocol"],
+    "client": ["client", "protocol"],
+    "server": ["server", "protocol", "engine"],
+    "tests": ["tests", "client", "server", "protocol", "engine"],
+    "engine/result.h": [],
+    **{folder: up_to(folder) for folder in KERNEL[1:]},
+    "engine/scene": up_to("engine/bvh") + ["engine/scene"],
+    "engine/assets": up_to("engine/bvh") + ["engine/scene", "engine/assets",
+                                            "engine/packs/registry.h"],
+    "engine/integrators": up_to("engine/packs") + ["engine/scene", "engine/integrators"],
+    "engine/cuda": up_to("engine/packs") + ["engine/cuda"],
+}
+
+# Header prefix -> (folder or file -> how many files of it may include that). Tests are free.
+HEAVY = {
+    "OpenImageIO/": {"engine/assets": 1},
+    "tiny_gltf.h": {"engine/assets": 1},
+    "hwy/": {"engine/math": 1},
+    "glm/": {"engine/math": 1},
+    "boost/": {"server/net": 1, "client": 1},
+    "flatbuffers/": {"protocol": 1},
+    "CLI/": {"server": 1, "client": 1},
+    "spdlog/": {"server": 1},
+    "embree3/": {},
+    "doctest/": {},
+}
+
+SOURCES = {".h", ".cpp", ".cu", ".inc", ".in"}
+INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]', re.MULTILINE)
+
+
+def within(path, folder):
+    return path == folder or path.startswith(folder + "/")
+
+
+def owner(path, table):
+    """The longest entry of the table that the path lies in."""
+    return max((entry for entry in table if within(path, entry)), key=len, default=None)
+
+
+def includes(root):
+    """(file, header, whether in angle brackets) for every include of the tree's own sources."""
+    for top in ("protocol", "engine", "server", "client", "tests"):
+        for file in sorted((root / top).rglob("*")):
+            if file.suffix in SOURCES and file.is_file():
+                text = file.read_text(encoding="utf-8", errors="replace")
+                for bracket, header in INCLUDE.findall(text):
+                    yield file.relative_to(root).as_posix(), header, bracket == "<"
+
+
+def violations(root):
+    users = {}  # (heavy header, folder) -> files that include it
+    for file, header, angled in includes(root):
+        if owner(header, ["protocol", "engine", "server", "client", "tests"]):
+            layer = owner(file, ALLOWED)
+            if layer is None:
+                yield f"{file}: lies in no known layer; name its folder in tests/check_includes.py"
+            elif owner(header, ALLOWED[layer]) is None:
+                yield f"{file}: {layer} may not include {header}"
+            if angled:
+                yield f"{file}: our own header {header} is included in quotes, not brackets"
+        for heavy, homes in HEAVY.items():
+            if header.startswith(heavy) and not within(file, "tests"):
+                home = owner(file, homes)
+                if home is None:
+                    yield f"{file}: {header} may not be included here"
+                else:
+                    users.setdefault((heavy, home), set()).add(file)
+    for (heavy, home), files in sorted(users.items()):
+        if len(files) > HEAVY[heavy][home]:
+            yield (f"{home}: {heavy} is included by {len(files)} files, "
+                   f"{HEAVY[heavy][home]} allowed: {', '.join(sorted(files))}")
+
+
+def main():
+    root = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else pathlib.Path(__file__).parent.parent)
+    seen = sum(1 for _ in includes(root))
+    found = list(violations(root))
+    print(*found, sep="\n", end="\n" if found else "")
+    print(f"{seen} includes, {len(found)} violations")
+    return 1 if found or not seen else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,109 @@
+#!/usr/bin/env python3
+"""The checks can fail: each planted violation is found, and a clean tree passes."""
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+HERE = pathlib.Path(__file__).parent
+
+
+class Planted(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.root = pathlib.Path(folder.name)
+
+    def plant(self, files):
+        for name, text in files.items():
+            path = self.root / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+
+    def check(self, script):
+        run = subprocess.run([sys.executable, HERE / script, self.root],
+                             capture_output=True, text=True, check=False)
+        return run.returncode, run.stdout
+
+
+class Includes(Planted):
+    def assert_refused(self, file, include, reason):
+        self.plant({file: f"#include {include}\n"})
+        code, text = self.check("check_includes.py")
+        self.assertEqual(code, 1, text)
+        self.assertIn(reason, text)
+
+    def test_downward_includes_pass(self):
+        self.plant({"engine/bvh/a.h": '#include "engine/math/vec.h"\n#include <vector>\n',
+                    "engine/assets/a.cpp": '#include "engine/packs/registry.h"\n',
+                    "server/a.cpp": '#include "engine/scene/x.h"\n#include "protocol/frame.h"\n'})
+        self.assertEqual(self.check("check_includes.py")[0], 0)
+
+    def test_an_empty_tree_is_not_a_pass(self):
+        self.assertEqual(self.check("check_includes.py")[0], 1)
+
+    def test_engine_does_not_know_protocol(self):
+        self.assert_refused("engine/bvh/a.h", '"protocol/frame.h"', "engine/bvh may not include")
+
+    def test_protocol_does_not_know_engine(self):
+        self.assert_refused("protocol/a.h", '"engine/result.h"', "protocol may not include")
+
+    def test_client_does_not_know_the_engine(self):
+        self.assert_refused("client/a.cpp", '"engine/result.h"', "client may not include")
+
+    def test_kernels_do_not_know_the_scene(self):
+        self.assert_refused("engine/packs/a.h", '"engine/scene/x.h"', "engine/packs may not")
+
+    def test_assets_see_only_the_registry_of_packs(self):
+        self.assert_refused("engine/assets/a.h", '"engine/packs/abi.h"', "engine/assets may not")
+
+    def test_a_heavy_header_has_one_home(self):
+        self.assert_refused("engine/scene/a.cpp", "<OpenImageIO/imageio.h>", "may not be included")
+
+    def test_a_heavy_header_has_one_file(self):
+        self.plant({"engine/assets/a.cpp": "#include <tiny_gltf.h>\n"})
+        self.assert_refused("engine/assets/b.cpp", "<tiny_gltf.h>", "included by 2 files")
+
+    def test_a_new_folder_must_be_named(self):
+        self.assert_refused("engine/novel/a.h", '"engine/result.h"', "no known layer")
+
+
+class House(Planted):
+    def setUp(self):
+        super().setUp()
+        subprocess.run(["git", "init", "-q", self.root], check=True)
+
+    def assert_refused(self, file, text, reason):
+        self.plant({file: text})
+        subprocess.run(["git", "-C", self.root, "add", "-A"], check=True)
+        code, output = self.check("check_house.py")
+        self.assertEqual(code, 1, output)
+        self.assertIn(reason, output)
+
+    def test_a_clean_tree_passes(self):
+        self.plant({"README.md": "fine\n", ".ci/run": "#!/bin/bash\necho\n"})
+        subprocess.run(["git", "-C", self.root, "add", "-A"], check=True)
+        self.assertEqual(self.check("check_house.py")[0], 0)
+
+    def test_top_level_entries_are_few(self):
+        self.assert_refused("cmake/a.cmake", "\n", "not one of the top-level entries")
+
+    def test_big_files_are_refused(self):
+        self.assert_refused("tests/big.bin", "x" * ((1 << 20) + 1), "at most 1048576")
+
+    def test_long_files_are_refused(self):
+        self.assert_refused("engine/a.h", "\n" * 1000, "more than one idea")
+
+    def test_unfinished_marks_are_refused(self):
+        self.assert_refused("engine/a.h", "// TO" + "DO later\n", "an unfinished mark")
+
+    def test_machine_paths_are_refused(self):
+        self.assert_refused("server/a.md", "see /home/" + "somebody/x\n", "somebody's machine")
+
+    def test_broken_shell_is_refused(self):
+        self.assert_refused("client/a.sh", "if true; then\n", "does not parse")
+
+
+if __name__ == "__main__":
+    unittest.main()
