@@ -6,9 +6,18 @@
 
 #include "protocol/messages_generated.h"
 
+#include <cstdlib>
 #include <string_view>
 
 namespace raynest::protocol {
+
+/// A nested table that validate() has found to be there, as every handler may rely on; ends the
+/// process otherwise.
+template <class Table>
+[[nodiscard]] const Table& present(const Table* table) {
+    if (table == nullptr) std::abort();
+    return *table;
+}
 
 /// "" for an absent string.
 [[nodiscard]] inline std::string_view text(const flatbuffers::String* string) {

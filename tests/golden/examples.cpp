@@ -1,0 +1,344 @@
+#include "tests/golden/examples.h"
+
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <memory>
+#include <span>
+#include <type_traits>
+#include <utility>
+
+namespace raynest::golden {
+namespace {
+
+using protocol::Bulk;
+using protocol::Frame;
+using protocol::Result;
+
+template <class T>
+void fill(Bulk& bulk, std::size_t index, const std::vector<T>& values) {
+    std::memcpy(bulk.block(index).data(), values.data(), values.size() * sizeof(T));
+}
+
+Bulk text_bulk(std::string_view text) {
+    Bulk bulk;
+    bulk.add("data", wire::Dtype::u8, 1, text.size());
+    bulk.allocate();
+    std::memcpy(bulk.block(0).data(), text.data(), text.size());
+    return bulk;
+}
+
+class Collection {
+public:
+    template <class Native>
+    void add(std::uint64_t id, const Native& message) {
+        append(protocol::message_of<typename Native::TableType>, protocol::encode(id, message));
+    }
+    template <class Native>
+    void add(std::uint64_t id, Native message, Bulk bulk) {
+        append(protocol::message_of<typename Native::TableType>,
+               protocol::encode(id, std::move(message), std::move(bulk)));
+    }
+    std::vector<Example> take() { return std::move(examples_); }
+
+private:
+    void append(wire::Message type, Result<Frame> frame) {
+        examples_.push_back({wire::EnumNameMessage(type), std::move(frame.value())});
+    }
+    std::vector<Example> examples_;
+};
+
+wire::JobT forest_job() {
+    wire::JobT job;
+    job.scene = "forest";
+    job.intersector = "alpha_mask";
+    job.settings = {"cutoff=0.3"};
+    job.deadline_ms = 10000;
+    return job;
+}
+
+std::unique_ptr<wire::SceneInfoT> forest_info() {
+    auto info = std::make_unique<wire::SceneInfoT>();
+    info->name = "forest";
+    info->hash = "9f86d081884c7d659a2feaa0c55ad015";
+    info->epoch = 1;
+    info->unique_triangles = 1200;
+    info->instanced_triangles = 460763;
+    info->instances = 1353;
+    info->levels = 3;
+    info->materials = 4;
+    info->mask_materials = 2;
+    info->bytes = 1U << 20;
+    info->cameras = {"overview", "low"};
+    info->skipped_reasons = {"singular_instances"};
+    info->skipped_counts = {1};
+    info->warnings = {"node 43 is singular and was skipped"};
+    info->record_types = {"sphere"};
+    info->box_min = std::make_unique<wire::Vec3>(-1.0F, 0.0F, -1.0F);
+    info->box_max = std::make_unique<wire::Vec3>(1.0F, 2.0F, 1.0F);
+    return info;
+}
+
+void add_connection(Collection& all) {
+    wire::HelloT hello;
+    hello.client = "raynest 0.1.0";
+    hello.window_bytes = 8U << 20;
+    all.add(0, hello);
+
+    wire::PingT ping;
+    ping.payload = 42;
+    all.add(1, ping);
+
+    wire::CancelT cancel;
+    cancel.reason = "interrupted";
+    all.add(7, cancel);
+}
+
+void add_scene_requests(Collection& all) {
+    wire::LoadT load;
+    load.source = "forest.gltf";
+    load.name = "forest";
+    load.build = "medium";
+    load.file_names = {"forest.gltf", "textures/leaf.png"};
+    load.file_hashes = {0xAF63BD4C8601B7BEULL, 0xCBF29CE484222325ULL};
+    load.file_bytes = {5, 0};
+    all.add(2, load);
+
+    wire::UploadT upload;
+    upload.file = 0;
+    all.add(2, std::move(upload), text_bulk("{...}"));
+
+    all.add(3, wire::ScenesT{});
+    wire::InfoT info;
+    info.scene = "forest";
+    all.add(4, info);
+    wire::PathT path;
+    path.scene = "forest";
+    path.epoch = 1;
+    path.path = 77;
+    all.add(5, path);
+    wire::UnloadT unload;
+    unload.scene = "forest";
+    all.add(6, unload);
+    all.add(8, wire::VariantsT{});
+    all.add(9, wire::StatsT{});
+}
+
+void add_work_requests(Collection& all) {
+    wire::QueryT query;
+    query.job = std::make_unique<wire::JobT>(forest_job());
+    query.kind = "closest";
+    query.fields = {"t", "path"};
+    query.ray_count = 2;
+    all.add(7, query);
+
+    Bulk rays;
+    rays.add("rays", wire::Dtype::f32, 8, 2);
+    rays.allocate();
+    fill<float>(rays, 0,
+                {0, 1, 5, 0, 0, 0, -1, std::numeric_limits<float>::infinity(),  //
+                 0, 9, 5, 0, 0, 0, -1, 100});
+    all.add(7, wire::QueryRaysT{}, std::move(rays));
+
+    wire::RenderT render;
+    render.job = std::make_unique<wire::JobT>(forest_job());
+    render.camera = std::make_unique<wire::CameraT>();
+    render.camera->name = "overview";
+    render.integrator = "primary";
+    render.encode = "png";
+    all.add(10, render);
+
+    wire::HeatmapT heatmap;
+    heatmap.job = std::make_unique<wire::JobT>(forest_job());
+    heatmap.camera = std::make_unique<wire::CameraT>();
+    heatmap.camera->look_at = true;
+    heatmap.camera->eye = std::make_unique<wire::Vec3>(5.0F, 2.0F, 5.0F);
+    heatmap.camera->at = std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
+    heatmap.camera->up = std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
+    heatmap.camera->fov_degrees = 40;
+    heatmap.metric = "total";
+    heatmap.encode = "raw";
+    all.add(11, heatmap);
+}
+
+void add_scene_answers(Collection& all) {
+    wire::CreditT credit;
+    credit.bytes = 1U << 20;
+    all.add(7, credit);
+
+    wire::WelcomeT welcome;
+    welcome.version = 1;
+    welcome.server = "raynestd 0.1.0";
+    welcome.window_bytes = 8U << 20;
+    welcome.frame_bytes_max = 64U << 20;
+    welcome.chunk_rays_max = 16U << 10;
+    welcome.jobs_max = 8;
+    all.add(0, welcome);
+
+    wire::PongT pong;
+    pong.payload = 42;
+    all.add(1, pong);
+
+    protocol::Error unknown{protocol::Code::scene_unknown,
+                            "scene 'forest' is not loaded; run: raynest load forest.glb", 0};
+    wire::ErrorT error;
+    error.code = static_cast<std::uint32_t>(unknown.code);
+    error.name = protocol::error_info(unknown.code).name;
+    error.message = unknown.message;
+    all.add(4, error);
+
+    wire::LoadedT loaded;
+    loaded.info = forest_info();
+    loaded.seconds = 0.5;
+    all.add(2, loaded);
+
+    wire::NeedT need;
+    need.files = {0};
+    all.add(2, need);
+
+    wire::SceneListT list;
+    list.total = 1;
+    list.names = {"forest"};
+    list.hashes = {"9f86d081884c7d659a2feaa0c55ad015"};
+    list.epochs = {1};
+    list.instanced_triangles = {460763};
+    list.bytes = {1U << 20};
+    all.add(3, list);
+
+    all.add(4, *forest_info());
+
+    wire::PathNameT name;
+    name.name = "stand/tree-12";
+    name.steps = {"stand", "tree-12"};
+    name.instances = {0, 12};
+    name.uids = {0, 12};
+    all.add(5, name);
+
+    wire::UnloadedT unloaded;
+    unloaded.name = "forest";
+    all.add(6, unloaded);
+
+    wire::VariantListT variants;
+    variants.total = 1;
+    variants.variants.push_back(std::make_unique<wire::VariantT>());
+    wire::VariantT& variant = *variants.variants.back();
+    variant.name = "alpha_mask";
+    variant.text = "a surface stops the ray where its alpha reaches the cutoff";
+    variant.target = "v3";
+    variant.targets = {"v3", "v2"};
+    variant.queries = {"closest", "any", "multi"};
+    variant.params.push_back(std::make_unique<wire::ParamT>());
+    variant.params.back()->name = "cutoff";
+    variant.params.back()->text = "for MASK materials";
+    variant.params.back()->type = "f32";
+    variant.params.back()->maximum = 1;
+    variant.params.back()->initial = 0.5;
+    variant.outputs.push_back(std::make_unique<wire::OutputT>());
+    variant.outputs.back()->name = "rejects";
+    variant.outputs.back()->type = "u32";
+    all.add(8, variants);
+
+    wire::StatisticsT statistics;
+    statistics.names = {"rays_total", "scenes"};
+    statistics.values = {1000, 1};
+    all.add(9, statistics);
+}
+
+void add_work_answers(Collection& all) {
+    wire::StartedT started;
+    started.scene = "forest";
+    started.hash = "9f86d081884c7d659a2feaa0c55ad015";
+    started.epoch = 1;
+    started.intersector = "alpha_mask";
+    started.target = "v3";
+    started.traversal = "latency";
+    started.precision = "fast";
+    started.worker = "cpu";
+    all.add(7, started);
+
+    Bulk columns;
+    columns.add("t", wire::Dtype::f32, 1, 2);
+    columns.add("path", wire::Dtype::u64, 1, 2);
+    columns.allocate();
+    fill<float>(columns, 0, {4.5F, std::numeric_limits<float>::infinity()});
+    fill<std::uint64_t>(columns, 1, {77, ~0ULL});
+    wire::ChunkT chunk;
+    chunk.count = 2;
+    all.add(7, std::move(chunk), std::move(columns));
+
+    wire::ProgressT progress;
+    progress.done = 1;
+    progress.total = 4;
+    progress.stage = "tracing";
+    all.add(10, progress);
+
+    wire::PictureT picture;
+    picture.width = 2;
+    picture.height = 1;
+    picture.encode = "raw";
+    picture.total = 8;
+    Bulk pixels;
+    pixels.add("data", wire::Dtype::u8, 4, 2);
+    pixels.allocate();
+    fill<std::uint8_t>(pixels, 0, {255, 0, 0, 255, 0, 255, 0, 255});
+    all.add(10, std::move(picture), std::move(pixels));
+
+    wire::DoneT done;
+    done.rays = 2;
+    done.hits = 1;
+    done.misses = 1;
+    done.seconds = 0.25;
+    done.traversal = "latency";
+    done.heat = std::make_unique<wire::HeatStatisticsT>();
+    done.heat->metric = "total";
+    done.heat->max = 40;
+    done.heat->mean = 12.5;
+    all.add(7, done);
+}
+
+/// Every table of THE LIST, so that a type of the header finds its open().
+template <class... Tables>
+Result<void> open_one_of(const Frame& frame) {
+    Result<void> result =
+        protocol::fail(protocol::Code::unknown_type, protocol::message_name(frame.header.type));
+    const auto try_one = [&]<class Table>(std::type_identity<Table>) {
+        if (frame.header.type != static_cast<std::uint16_t>(protocol::message_of<Table>)) return;
+        const auto opened = protocol::open<Table>(frame);
+        result = opened ? Result<void>{} : tl::unexpected<protocol::Error>(opened.error());
+    };
+    (try_one(std::type_identity<Tables>{}), ...);
+    return result;
+}
+
+}  // namespace
+
+std::vector<Example> examples() {
+    Collection all;
+    add_connection(all);
+    add_scene_requests(all);
+    add_work_requests(all);
+    add_scene_answers(all);
+    add_work_answers(all);
+    return all.take();
+}
+
+std::vector<std::byte> wire_bytes(const Frame& frame) {
+    std::vector<std::byte> bytes(protocol::header_bytes);
+    protocol::write_header(
+        frame.header, std::span<std::byte, protocol::header_bytes>(bytes.data(), bytes.size()));
+    for (const std::span<const std::byte> part : {frame.control.span(), frame.bulk.span()})
+        bytes.insert(bytes.end(), part.begin(), part.end());
+    return bytes;
+}
+
+Result<void> open_any(const Frame& frame) {
+    return open_one_of<wire::Hello, wire::Ping, wire::Cancel, wire::Load, wire::Upload,
+                       wire::Scenes, wire::Info, wire::Path, wire::Unload, wire::Variants,
+                       wire::Stats, wire::Query, wire::QueryRays, wire::Render, wire::Heatmap,
+                       wire::Credit, wire::Welcome, wire::Pong, wire::Error, wire::Loaded,
+                       wire::Need, wire::SceneList, wire::SceneInfo, wire::PathName, wire::Unloaded,
+                       wire::VariantList, wire::Statistics, wire::Started, wire::Chunk,
+                       wire::Progress, wire::Picture, wire::Done>(frame);
+}
+
+}  // namespace raynest::golden

@@ -1,0 +1,455 @@
+#include "tests/golden/malformed.h"
+
+#include "protocol/control.h"
+#include "tests/golden/examples.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <functional>
+#include <limits>
+#include <memory>
+#include <span>
+#include <string_view>
+#include <utility>
+
+namespace raynest::golden {
+namespace {
+
+using protocol::Buffer;
+using protocol::Code;
+using protocol::Frame;
+using protocol::FrameHeader;
+
+class Table {
+public:
+    /// Framing is lost: the answer closes.
+    void lost(std::string name, std::vector<std::byte> bytes, Code code) {
+        rows_.push_back({std::move(name), std::move(bytes), code, true});
+    }
+    void lost(const std::string& name, const FrameHeader& header, Code code) {
+        Frame frame;
+        frame.header = header;
+        lost(name, wire_bytes(frame), code);
+    }
+    /// The frame ends where it says: the connection goes on.
+    void kept(std::string name, const Frame& frame, Code code) {
+        rows_.push_back({std::move(name), wire_bytes(frame), code, false});
+    }
+    /// A good message, spoilt: `spoil` changes the native message before it is encoded.
+    template <class Native>
+    void spoilt(const std::string& name, Native message, Code code) {
+        // Encoded under limits that let the overlong through.
+        protocol::Limits generous;
+        generous.control_bytes_max = ~0ULL;
+        kept(name, protocol::encode(77, message, generous).value(), code);
+    }
+    std::vector<Malformed> take() { return std::move(rows_); }
+
+private:
+    std::vector<Malformed> rows_;
+};
+
+std::vector<std::byte> bytes_of(std::string_view text) {
+    std::vector<std::byte> bytes(text.size());
+    std::memcpy(bytes.data(), text.data(), text.size());
+    bytes.resize(std::max(bytes.size(), protocol::header_bytes), std::byte{'\n'});
+    return bytes;
+}
+
+Frame with_control(Frame frame, std::vector<std::byte> control) {
+    frame.control = Buffer(control.size());
+    std::memcpy(frame.control.data(), control.data(), control.size());
+    frame.header.control_bytes = static_cast<std::uint32_t>(control.size());
+    return frame;
+}
+
+// ---- not this protocol, or a header that cannot be believed
+// --------------------------------------
+
+void add_foreign_bytes(Table& table) {
+    using namespace std::string_view_literals;
+    const std::array foreign = {
+        std::pair{"an HTTP request", "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"sv},
+        std::pair{"an HTTP/2 preface", "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"sv},
+        std::pair{"a TLS hello", "\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"sv},
+        std::pair{"a Redis ping", "*1\r\n$4\r\nPING\r\n"sv},
+        std::pair{"an SSH banner", "SSH-2.0-OpenSSH_9.2\r\n"sv},
+        std::pair{"zeros", "\0\0\0\0\0\0\0\0"sv},
+        std::pair{"ones", "\xff\xff\xff\xff\xff\xff\xff\xff"sv},
+        std::pair{"the next protocol", "RYN2"sv},
+        std::pair{"the magic backwards", "1NYR"sv},
+        std::pair{"the magic in lower case", "ryn1"sv},
+        std::pair{"a JSON object", "{\"method\":\"query\"}"sv},
+    };
+    for (const auto& [name, text] : foreign) table.lost(name, bytes_of(text), Code::bad_frame);
+
+    const Frame ping = protocol::encode(1, wire::PingT{}).value();
+    for (std::size_t bit = 0; bit < 32; ++bit) {
+        std::vector<std::byte> bytes = wire_bytes(ping);
+        bytes[bit / 8] ^= std::byte{1} << (bit % 8);
+        table.lost("bit " + std::to_string(bit) + " of the magic flipped", std::move(bytes),
+                   Code::bad_frame);
+    }
+}
+
+void add_bad_headers(Table& table) {
+    FrameHeader good;
+    good.type = static_cast<std::uint16_t>(wire::Message::Ping);
+    good.control_bytes = 16;
+    good.request_id = 1;
+
+    for (unsigned bit = 0; bit < 16; ++bit) {
+        FrameHeader header = good;
+        header.flags = static_cast<std::uint16_t>(1U << bit);
+        table.lost("flag " + std::to_string(bit), header, Code::bad_frame);
+    }
+    for (const std::uint32_t bytes : {65537U, 65600U, 1U << 20, 1U << 31, 0xFFFFFFFFU}) {
+        FrameHeader header = good;
+        header.control_bytes = bytes;
+        table.lost("a control part of " + std::to_string(bytes), header, Code::limit_exceeded);
+    }
+    constexpr unsigned long long frame_max = 64ULL << 20;
+    for (const std::uint64_t bytes :
+         {frame_max, frame_max + 64, 1ULL << 31, 1ULL << 32, (1ULL << 32) + 64, 1ULL << 62,
+          1ULL << 63, ~0ULL - 63, ~0ULL}) {
+        FrameHeader header = good;
+        header.bulk_bytes = bytes;
+        header.block_count = 1;
+        table.lost("a bulk part of " + std::to_string(bytes), header, Code::limit_exceeded);
+    }
+    for (const std::uint64_t bytes : {1ULL, 32ULL, 63ULL, 65ULL, 4095ULL}) {
+        FrameHeader header = good;
+        header.bulk_bytes = bytes;
+        header.block_count = 1;
+        table.lost("an unpadded bulk part of " + std::to_string(bytes), header, Code::bad_frame);
+    }
+    for (const std::uint32_t blocks : {65U, 256U, 1U << 31, 0xFFFFFFFFU}) {
+        FrameHeader header = good;
+        header.block_count = blocks;
+        table.lost(std::to_string(blocks) + " blocks", header, Code::limit_exceeded);
+    }
+    FrameHeader header = good;
+    header.bulk_bytes = 64;
+    table.lost("a bulk part without blocks", header, Code::bad_frame);
+}
+
+void add_unknown_types(Table& table) {
+    const Frame ping = protocol::encode(1, wire::PingT{}).value();
+    for (const unsigned type : {0U, 4U, 5U, 6U, 7U, 16U, 23U, 28U, 63U, 65U, 127U, 128U, 160U, 255U,
+                                256U, 257U, 1000U, 32768U, 65535U}) {
+        Frame frame =
+            with_control(Frame{}, {ping.control.span().begin(), ping.control.span().end()});
+        frame.header.type = static_cast<std::uint16_t>(type);
+        frame.header.request_id = 1;
+        table.kept("message type " + std::to_string(type), frame, Code::unknown_type);
+    }
+    // What only a daemon says is as unknown to it.
+    for (const Example& example : examples())
+        if (!protocol::sent_by_client(example.frame.header.type))
+            table.kept("a client that sends " + example.name, example.frame, Code::unknown_type);
+}
+
+// ---- a control part that is no message
+// -----------------------------------------------------------
+
+void add_bad_controls(Table& table) {
+    for (const Example& example : examples()) {
+        if (!protocol::sent_by_client(example.frame.header.type)) continue;
+        if (example.name == "Hello") continue;  // the greeting is over
+        const std::span<const std::byte> control = example.frame.control.span();
+        const auto add = [&](const std::string& what, std::vector<std::byte> bytes) {
+            Frame frame = with_control(Frame{}, {});
+            frame.header = example.frame.header;
+            frame.header.block_count = 0;
+            frame.header.bulk_bytes = 0;
+            table.kept(example.name + " " + what, with_control(std::move(frame), std::move(bytes)),
+                       Code::bad_frame);
+        };
+        add("without a control part", {});
+        add("of three bytes", std::vector<std::byte>(3));
+        add("of zeros", std::vector<std::byte>(control.size()));
+        add("of ones", std::vector<std::byte>(control.size(), std::byte{0xFF}));
+        add("cut after its first offset", {control.begin(), control.begin() + 4});
+        std::vector<std::byte> wild(control.begin(), control.end());
+        const auto beyond = static_cast<std::uint32_t>(control.size() + 4);
+        std::memcpy(wild.data(), &beyond, sizeof beyond);
+        add("whose root lies outside", std::move(wild));
+    }
+}
+
+// ---- messages whose contents are out of bounds
+// ---------------------------------------------------
+
+void add_bad_texts(Table& table) {
+    const std::array<std::pair<const char*, std::string>, 9> texts = {{
+        {"an overlong name", std::string(257, 'x')},
+        {"a line break", "two\nlines"},
+        {"an escape sequence", "\x1b[2J"},
+        {"a NUL", std::string("a\0b", 3)},
+        {"a delete", "a\x7f"},
+        {"half a letter", "\xc3"},
+        {"an overlong form", "\xc0\xaf"},
+        {"a surrogate", "\xed\xa0\x80"},
+        {"a letter beyond Unicode", "\xf4\x90\x80\x80"},
+    }};
+    for (const auto& [what, text] : texts) {
+        const Code code = text.size() > 256 ? Code::limit_exceeded : Code::invalid_field;
+        const auto add = [&]<class Native>(const char* message, Native native) {
+            table.spoilt(std::string(message) + " with " + what, std::move(native), code);
+        };
+        wire::InfoT info;
+        info.scene = text;
+        add("Info", info);
+        wire::UnloadT unload;
+        unload.scene = text;
+        add("Unload", unload);
+        wire::PathT path;
+        path.scene = text;
+        add("Path", path);
+        wire::LoadT load;
+        load.source = "builtin:forest";
+        load.name = text;
+        add("Load", load);
+        wire::QueryT query;
+        query.ray_count = 1;
+        query.job = std::make_unique<wire::JobT>();
+        query.job->scene = "forest";
+        query.job->intersector = text;
+        add("Query", query);
+    }
+}
+
+void add_missing_fields(Table& table) {
+    table.spoilt("Info without a scene", wire::InfoT{}, Code::invalid_field);
+    table.spoilt("Path without a scene", wire::PathT{}, Code::invalid_field);
+    table.spoilt("Unload without a scene", wire::UnloadT{}, Code::invalid_field);
+    table.spoilt("Load without a source", wire::LoadT{}, Code::invalid_field);
+    wire::QueryT query;
+    query.ray_count = 1;
+    table.spoilt("Query without a job", query, Code::invalid_field);
+    query.job = std::make_unique<wire::JobT>();
+    table.spoilt("Query without a scene", query, Code::invalid_field);
+    table.spoilt("Render without a job", wire::RenderT{}, Code::invalid_field);
+    table.spoilt("Heatmap without a job", wire::HeatmapT{}, Code::invalid_field);
+}
+
+void add_bad_loads(Table& table) {
+    const auto add = [&](const char* name, Code code,
+                         const std::function<void(wire::LoadT&)>& spoil) {
+        wire::LoadT load;
+        load.source = "a.gltf";
+        load.file_names = {"a.gltf"};
+        load.file_hashes = {1};
+        load.file_bytes = {10};
+        spoil(load);
+        table.spoilt(name, load, code);
+    };
+    add("Load with a name too few", Code::invalid_field, [](auto& l) { l.file_names = {}; });
+    add("Load with a hash too few", Code::invalid_field, [](auto& l) { l.file_hashes = {}; });
+    add("Load with a size too many", Code::invalid_field, [](auto& l) { l.file_bytes = {1, 2}; });
+    add("Load of 2^63 bytes", Code::limit_exceeded, [](auto& l) { l.file_bytes = {1ULL << 63}; });
+    add("Load of sizes that wrap", Code::limit_exceeded, [](auto& l) {
+        l.file_names = {"a", "b"};
+        l.file_hashes = {1, 2};
+        l.file_bytes = {~0ULL, 2};
+    });
+    add("Load of many large files", Code::limit_exceeded, [](auto& l) {
+        l.file_names.assign(8, "a");
+        l.file_hashes.assign(8, 1);
+        l.file_bytes.assign(8, 1ULL << 30);
+    });
+    add("Load of 513 files", Code::limit_exceeded, [](auto& l) {
+        l.file_names.assign(513, "a");
+        l.file_hashes.assign(513, 1);
+        l.file_bytes.assign(513, 1);
+    });
+    add("Load of an overlong source", Code::limit_exceeded,
+        [](auto& l) { l.source = std::string(4097, 'x'); });
+}
+
+void add_bad_queries(Table& table) {
+    const auto add = [&](const char* name, Code code,
+                         const std::function<void(wire::QueryT&)>& spoil) {
+        wire::QueryT query;
+        query.job = std::make_unique<wire::JobT>();
+        query.job->scene = "forest";
+        query.ray_count = 1;
+        spoil(query);
+        table.spoilt(name, query, code);
+    };
+    add("Query of no rays", Code::invalid_field, [](auto& q) { q.ray_count = 0; });
+    add("Query of 2^63 rays", Code::limit_exceeded, [](auto& q) { q.ray_count = 1ULL << 63; });
+    add("Query of one ray too many", Code::limit_exceeded,
+        [](auto& q) { q.ray_count = (1ULL << 36) + 1; });
+    add("Query for no hits", Code::invalid_field, [](auto& q) { q.max_hits = 0; });
+    add("Query for 257 hits", Code::limit_exceeded, [](auto& q) { q.max_hits = 257; });
+    add("Query for 2^32 - 1 hits", Code::limit_exceeded, [](auto& q) { q.max_hits = ~0U; });
+    add("Query of 513 fields", Code::limit_exceeded, [](auto& q) { q.fields.assign(513, "t"); });
+    add("Query of an overlong field", Code::limit_exceeded,
+        [](auto& q) { q.fields = {std::string(300, 't')}; });
+    add("Query with a setting without a value", Code::invalid_field,
+        [](auto& q) { q.job->settings = {"cutoff"}; });
+    add("Query with 513 settings", Code::limit_exceeded,
+        [](auto& q) { q.job->settings.assign(513, "a=1"); });
+}
+
+template <class Native>
+void add_bad_pictures(Table& table, const std::string& message) {
+    const auto add = [&](const char* what, Code code, const std::function<void(Native&)>& spoil) {
+        Native picture;
+        picture.job = std::make_unique<wire::JobT>();
+        picture.job->scene = "forest";
+        picture.camera = std::make_unique<wire::CameraT>();
+        picture.camera->eye = std::make_unique<wire::Vec3>(0.0F, 0.0F, 0.0F);
+        picture.camera->at = std::make_unique<wire::Vec3>(0.0F, 0.0F, -1.0F);
+        picture.camera->up = std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
+        spoil(picture);
+        table.spoilt(message + " " + what, picture, code);
+    };
+    constexpr float infinite = std::numeric_limits<float>::infinity();
+    constexpr float nan = std::numeric_limits<float>::quiet_NaN();
+    add("of no width", Code::invalid_field, [](auto& p) { p.width = 0; });
+    add("of no height", Code::invalid_field, [](auto& p) { p.height = 0; });
+    add("16385 wide", Code::limit_exceeded, [](auto& p) { p.width = 16385; });
+    add("2^32 - 1 high", Code::limit_exceeded, [](auto& p) { p.height = ~0U; });
+    add("of too many pixels", Code::limit_exceeded, [](auto& p) { p.width = p.height = 16000; });
+    add("of 180 degrees", Code::invalid_field, [](auto& p) { p.camera->fov_degrees = 180; });
+    add("of a negative angle", Code::invalid_field, [](auto& p) { p.camera->fov_degrees = -1; });
+    add("of a NaN angle", Code::invalid_field, [=](auto& p) { p.camera->fov_degrees = nan; });
+    add("from infinity", Code::invalid_field,
+        [=](auto& p) { *p.camera->eye = wire::Vec3(infinite, 0, 0); });
+    add("looking at NaN", Code::invalid_field,
+        [=](auto& p) { *p.camera->at = wire::Vec3(0, nan, 0); });
+    add("with NaN above", Code::invalid_field,
+        [=](auto& p) { *p.camera->up = wire::Vec3(0, 0, nan); });
+    add("looking from nowhere", Code::invalid_field, [](auto& p) {
+        p.camera->look_at = true;
+        p.camera->eye.reset();
+    });
+    add("with an overlong encoding", Code::limit_exceeded,
+        [](auto& p) { p.encode = std::string(257, 'p'); });
+    add("with a broken camera name", Code::invalid_field, [](auto& p) { p.camera->name = "\x80"; });
+}
+
+void add_bad_numbers(Table& table) {
+    wire::CreditT credit;
+    table.spoilt("Credit of nothing", credit, Code::invalid_field);
+    for (const std::uint64_t bytes : {(32ULL << 20) + 1, 1ULL << 63, ~0ULL}) {
+        credit.bytes = bytes;
+        table.spoilt("Credit of " + std::to_string(bytes), credit, Code::limit_exceeded);
+    }
+    wire::RenderT render;
+    render.job = std::make_unique<wire::JobT>();
+    render.job->scene = "forest";
+    render.samples = 0;
+    table.spoilt("Render of no samples", render, Code::invalid_field);
+    render.samples = ~0U;
+    table.spoilt("Render of too many samples", render, Code::limit_exceeded);
+    wire::CancelT cancel;
+    cancel.reason = std::string(4097, 'x');
+    table.spoilt("Cancel with an overlong reason", cancel, Code::limit_exceeded);
+}
+
+// ---- blocks that are not what they say
+// -----------------------------------------------------------
+
+void add_bad_blocks(Table& table) {
+    const auto add = [&](const char* name, const std::function<void(wire::BlockT&)>& spoil) {
+        wire::QueryRaysT rays;
+        rays.blocks.push_back(std::make_unique<wire::BlockT>());
+        wire::BlockT& block = *rays.blocks[0];
+        block.name = "rays";
+        block.dtype = wire::Dtype::f32;
+        block.count = 2;
+        block.stride = 32;
+        block.bytes = 64;
+        spoil(block);
+        Frame frame = protocol::encode(7, rays).value();
+        frame.header.block_count = 1;
+        frame.header.bulk_bytes = 64;
+        frame.bulk = Buffer(64);
+        std::memset(frame.bulk.data(), 0, 64);
+        table.kept(name, frame, Code::bad_frame);
+    };
+    add("a block without a name", [](auto& b) { b.name = ""; });
+    add("a block of an overlong name", [](auto& b) { b.name = std::string(257, 'n'); });
+    add("a block of an unknown dtype", [](auto& b) { b.dtype = static_cast<wire::Dtype>(200); });
+    add("a block of stride 0", [](auto& b) { b.stride = 0; });
+    add("a block of stride 5", [](auto& b) { b.stride = 5; });
+    add("a block of stride 2^32 - 1", [](auto& b) { b.stride = ~0U; });
+    add("a block whose stride is no multiple of its dtype", [](auto& b) { b.stride = 2; });
+    add("a block with one element too many", [](auto& b) { b.count = 3; });
+    add("a block with one element too few", [](auto& b) { b.count = 1; });
+    add("a block whose product wraps to its bytes", [](auto& b) { b.count = (1ULL << 59) + 2; });
+    add("a block longer than the bulk part", [](auto& b) { b.bytes = 128, b.count = 4; });
+    add("a block of 2^63 bytes", [](auto& b) { b.bytes = 1ULL << 63, b.count = 1ULL << 58; });
+    add("a block of 2^64 - 32 bytes", [](auto& b) { b.bytes = ~0ULL - 31, b.count = 1ULL << 59; });
+    add("a block that leaves bytes behind", [](auto& b) { b.bytes = 0, b.count = 0; });
+    add("a block off its place", [](auto& b) { b.offset = 64; });
+    add("a block at an odd offset", [](auto& b) { b.offset = 1; });
+    add("a block at 2^64 - 64", [](auto& b) { b.offset = ~0ULL - 63; });
+
+    Frame uncounted = protocol::encode(7, wire::QueryRaysT{}).value();
+    uncounted.header.block_count = 1;
+    table.kept("a header that counts a block too many", uncounted, Code::bad_frame);
+    Frame stray = protocol::encode(1, wire::PingT{}).value();
+    stray.header.block_count = 1;
+    stray.header.bulk_bytes = 64;
+    stray.bulk = Buffer(64);
+    std::memset(stray.bulk.data(), 0, 64);
+    table.kept("Ping with a bulk part", stray, Code::bad_frame);
+
+    flatbuffers::FlatBufferBuilder builder;
+    const auto one = wire::CreateBlock(builder, builder.CreateString("rays"));
+    builder.Finish(wire::CreateQueryRays(builder, 0, builder.CreateVector(std::vector(8000, one))));
+    const auto* data = reinterpret_cast<const std::byte*>(builder.GetBufferPointer());
+    Frame many = with_control(Frame{}, {data, data + builder.GetSize()});
+    many.header.type = static_cast<std::uint16_t>(wire::Message::QueryRays);
+    many.header.request_id = 7;
+    table.kept("a list of 8000 blocks that are one table", many, Code::bad_frame);
+
+    protocol::Bulk twice;
+    twice.add("rays", wire::Dtype::f32, 8, 1);
+    twice.add("rays", wire::Dtype::f32, 8, 1);
+    twice.allocate();
+    std::memset(twice.block(0).data(), 0, 32);
+    std::memset(twice.block(1).data(), 0, 32);
+    table.kept("a block twice", protocol::encode(7, wire::QueryRaysT{}, std::move(twice)).value(),
+               Code::bad_frame);
+}
+
+}  // namespace
+
+std::vector<std::byte> table_bomb() {
+    flatbuffers::FlatBufferBuilder builder;
+    const auto param = wire::CreateParam(builder, builder.CreateString("p"));
+    const auto params = builder.CreateVector(std::vector(64, param));
+    const auto variant =
+        wire::CreateVariant(builder, builder.CreateString("v"), 0, 0, 0, 0, params);
+    const auto variants = builder.CreateVector(std::vector(8000, variant));
+    builder.Finish(wire::CreateVariantList(builder, 0, 1, variants));
+    std::vector<std::byte> bytes(builder.GetSize());
+    std::memcpy(bytes.data(), builder.GetBufferPointer(), bytes.size());
+    return bytes;
+}
+
+std::vector<Malformed> malformed_frames() {
+    Table table;
+    add_foreign_bytes(table);
+    add_bad_headers(table);
+    add_unknown_types(table);
+    add_bad_controls(table);
+    add_bad_texts(table);
+    add_missing_fields(table);
+    add_bad_loads(table);
+    add_bad_queries(table);
+    add_bad_pictures<wire::RenderT>(table, "Render");
+    add_bad_pictures<wire::HeatmapT>(table, "Heatmap");
+    add_bad_numbers(table);
+    add_bad_blocks(table);
+    return table.take();
+}
+
+}  // namespace raynest::golden
