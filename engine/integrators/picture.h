@@ -26,7 +26,7 @@ void shade_primary(const ColumnSource& source, std::span<Vec4> out);
 /// Linear RGBA -> 8-bit sRGB.
 Picture to_picture(std::uint32_t width, std::uint32_t height, std::span<const Vec4> pixels);
 
-/// Statistics over all pixels, misses included.
+/// Statistics over all pixels, misses included. Percentiles are exact (nearest rank).
 struct HeatStatistics {
     std::uint32_t min = 0, p50 = 0, p99 = 0, max = 0;
     double mean = 0;
@@ -45,7 +45,8 @@ struct HeatOptions {
 /// Fails with param_invalid, naming the choices.
 Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts, std::uint64_t misses,
                                        const HeatOptions& options);
-/// The map with a legend strip: palette, ticks, unit, min/mean/p50/p99/max and the clipped share.
+/// The map with a legend strip added below, so that the picture is higher than `height`: palette,
+/// ticks, unit, min/mean/p50/p99/max and the clipped share. `statistics` as heat_statistics gave it.
 Result<Picture> heat_picture(std::uint32_t width, std::uint32_t height,
                              std::span<const std::uint32_t> counts, const HeatStatistics& statistics,
                              const HeatOptions& options);

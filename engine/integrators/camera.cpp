@@ -1,0 +1,154 @@
+#include "engine/integrators/camera.h"
+
+#include "engine/geometry/hit.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <numbers>
+
+namespace raynest {
+namespace {
+
+constexpr double degree = std::numbers::pi / 180;
+constexpr double default_fov = 40 * degree;
+
+bool is_finite(const Vec3& v) {
+    return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
+}
+
+/// A pose that looks along `forward` from `eye`, +Y as close to `up` as it can be.
+Transform look(const glm::dvec3& eye, const glm::dvec3& forward, glm::dvec3 up) {
+    const glm::dvec3 z = -glm::normalize(forward);
+    // Straight along `up` any roll would do: take the one that has -Z, or else +X, on top.
+    for (const glm::dvec3 other : {glm::dvec3(0, 0, -1), glm::dvec3(1, 0, 0)}) {
+        if (glm::length(glm::cross(up, z)) > 1e-6 * glm::length(up)) break;
+        up = other;
+    }
+    const glm::dvec3 x = glm::normalize(glm::cross(up, z));
+    const glm::dvec3 y = glm::cross(z, x);
+    Transform pose;
+    for (int row = 0; row < 3; ++row) {
+        const auto at = 4 * static_cast<std::size_t>(row);
+        pose.m[at] = static_cast<float>(x[row]);
+        pose.m[at + 1] = static_cast<float>(y[row]);
+        pose.m[at + 2] = static_cast<float>(z[row]);
+        pose.m[at + 3] = static_cast<float>(eye[row]);
+    }
+    return pose;
+}
+
+/// CONTRACT.md §5: frames the bounding box from (+x, +y, +z) at 40 degrees, whole in any picture
+/// that is at least as wide as high.
+Camera framing_camera(const Box& bounds) {
+    constexpr double margin = 1.05;
+    const bool empty = bounds.is_empty();
+    const glm::dvec3 lower = empty ? glm::dvec3(-1) : glm::dvec3(bounds.lower);
+    const glm::dvec3 upper = empty ? glm::dvec3(1) : glm::dvec3(bounds.upper);
+    const glm::dvec3 center = 0.5 * (lower + upper);
+    const glm::dvec3 backward = glm::normalize(glm::dvec3(1));
+    const glm::dvec3 right = glm::normalize(glm::cross(glm::dvec3(0, 1, 0), backward));
+    const glm::dvec3 up = glm::cross(backward, right);
+
+    // Each corner asks for a distance at which it appears on the edge of the picture.
+    const double tangent = std::tan(default_fov / 2);
+    double distance = 0;
+    for (unsigned corner = 0; corner < 8; ++corner) {
+        const glm::dvec3 p =
+            glm::dvec3((corner & 1) != 0 ? upper.x : lower.x, (corner & 2) != 0 ? upper.y : lower.y,
+                       (corner & 4) != 0 ? upper.z : lower.z) -
+            center;
+        const double aside = std::max(std::abs(glm::dot(p, right)), std::abs(glm::dot(p, up)));
+        distance = std::max(distance, margin * aside / tangent + glm::dot(p, backward));
+    }
+    if (distance == 0) distance = 1;  // a single point
+    return {look(center + distance * backward, -backward, glm::dvec3(0, 1, 0)),
+            static_cast<float>(default_fov), "automatic"};
+}
+
+/// Index of the camera by its name, else by its number, else no_id.
+std::uint32_t find_camera(const Snapshot& scene, const std::string& request) {
+    const std::vector<std::string>& names = scene.statistics().cameras;
+    const auto named = std::find(names.begin(), names.end(), request);
+    if (named != names.end()) return static_cast<std::uint32_t>(named - names.begin());
+    std::uint32_t index = 0;
+    const char* const end = request.data() + request.size();
+    const auto [at, error] = std::from_chars(request.data(), end, index);
+    return error == std::errc{} && at == end && index < names.size() ? index : no_id;
+}
+
+std::string camera_list(const Snapshot& scene) {
+    std::string list;
+    for (std::size_t i = 0; i < scene.statistics().cameras.size(); ++i) {
+        list +=
+            (i == 0 ? "" : ", ") + std::to_string(i) + " '" + scene.statistics().cameras[i] + "'";
+    }
+    return list;
+}
+
+Result<Camera> camera_of_request(const Snapshot& scene, const CameraRequest& request) {
+    if (request.look_at) {
+        if (!is_finite(request.eye) || !is_finite(request.at) || !is_finite(request.up) ||
+            request.eye == request.at || request.up == Vec3(0)) {
+            return fail(
+                ErrorCode::param_invalid,
+                "look-at needs finite numbers, two different points and an up that is not 0");
+        }
+        return Camera{
+            look(glm::dvec3(request.eye), glm::dvec3(request.at) - glm::dvec3(request.eye),
+                 glm::dvec3(request.up)),
+            static_cast<float>(default_fov), "look-at"};
+    }
+    const SceneView& view = scene.view();
+    if (request.name.empty() && view.camera_count == 0) return framing_camera(scene.bounds());
+    const std::uint32_t index = request.name.empty() ? 0 : find_camera(scene, request.name);
+    if (index == no_id) {
+        return fail(ErrorCode::scene_invalid,
+                    view.camera_count == 0 ? "the scene has no cameras: use a look-at, or name none"
+                                           : "there is no camera '" + request.name +
+                                                 "'; there are: " + camera_list(scene));
+    }
+    const CameraRecord& record = view.cameras[index];
+    return Camera{record.to_world, record.yfov, scene.statistics().cameras[index]};
+}
+
+}  // namespace
+
+Result<Camera> choose_camera(const Snapshot& scene, const CameraRequest& request) {
+    const float fov = request.fov_degrees;
+    if (fov != 0 && !(fov > 0 && fov < 180)) {
+        return fail(ErrorCode::param_invalid,
+                    "the field of view must lie between 0 and 180 degrees");
+    }
+    auto camera = camera_of_request(scene, request);
+    if (camera && fov != 0) camera->yfov = static_cast<float>(static_cast<double>(fov) * degree);
+    return camera;
+}
+
+void generate_rays(const Camera& camera, std::uint32_t width, std::uint32_t height,
+                   std::uint64_t first, std::span<Ray> out) {
+    // In double: neighbours in a large picture must not fall on the same ray.
+    const double tangent = std::tan(static_cast<double>(camera.yfov) / 2);
+    const double half_width = 0.5 * width;
+    const double half_height = 0.5 * height;
+    const double step = tangent / half_height;
+    const auto& m = camera.to_world.m;
+    const Vec3 eye(m[3], m[7], m[11]);
+    for (std::size_t i = 0; i < out.size(); ++i) {
+        const std::uint64_t pixel = first + i;
+        const double x = (static_cast<double>(pixel % width) + 0.5 - half_width) * step;
+        const double y = (half_height - static_cast<double>(pixel / width) - 0.5) * step;
+        Ray& ray = out[i];
+        ray = Ray{};
+        ray.origin = eye;
+        for (int row = 0; row < 3; ++row) {
+            const auto at = 4 * static_cast<std::size_t>(row);
+            ray.direction[row] = static_cast<float>(x * static_cast<double>(m[at]) +
+                                                    y * static_cast<double>(m[at + 1]) -
+                                                    static_cast<double>(m[at + 2]));
+        }
+    }
+}
+
+}  // namespace raynest

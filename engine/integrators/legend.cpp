@@ -1,0 +1,228 @@
+#include "engine/integrators/legend.h"
+
+#include "engine/integrators/font.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest {
+namespace {
+
+constexpr Colour paper{22, 24, 29};
+constexpr Colour ink{232, 232, 232};
+
+// Pixels at scale 1.
+constexpr std::uint32_t margin = 6;
+constexpr std::uint32_t bar_height = 10;
+constexpr std::uint32_t tick_height = 3;
+constexpr std::uint32_t gap = 2;
+constexpr std::uint32_t label_gap = 10;
+constexpr std::uint32_t large_picture_width = 800;  ///< from here on letters are twice as large
+
+struct Meaning {
+    std::string_view metric;
+    std::string_view text;
+};
+constexpr std::array<Meaning, 7> meanings{{
+    {"nodes", "nodes visited per ray"},
+    {"boxes", "boxes tested per ray"},
+    {"leaves", "leaves visited per ray"},
+    {"prims", "primitives tested per ray"},
+    {"instances", "instances entered per ray"},
+    {"rejects", "hits rejected per ray"},
+    {"total", "total per ray (boxes + primitives)"},
+}};
+
+std::string number(double value, int digits) {
+    std::array<char, 64> text{};
+    const auto end = std::to_chars(text.data(), text.data() + text.size(), value,
+                                   std::chars_format::fixed, digits);
+    return {text.data(), end.ptr};
+}
+
+/// 12, 0.5, 250k, 3M: as short as a tick allows.
+std::string tick_label(double value) {
+    const bool millions = value >= 1e6;
+    const bool thousands = !millions && value >= 1e5;
+    const double shown = millions ? value / 1e6 : thousands ? value / 1e3 : value;
+    std::array<char, 64> text{};
+    const auto end =
+        std::to_chars(text.data(), text.data() + text.size(), shown, std::chars_format::general, 5);
+    return std::string(text.data(), end.ptr) + (millions ? "M" : thousands ? "k" : "");
+}
+
+/// Round values inside the range: steps of 1, 2 or 5 times a power of ten, or such numbers
+/// themselves on a logarithmic scale.
+std::vector<double> round_values(const HeatScale& scale, std::uint32_t count_max) {
+    std::vector<double> values;
+    if (scale.logarithmic) {
+        for (double decade = 1; decade < scale.high; decade *= 10) {
+            for (const double digit : {1.0, 2.0, 5.0}) values.push_back(decade * digit);
+        }
+    } else {
+        const double wanted = (scale.high - scale.low) / count_max;
+        double step = std::pow(10.0, std::floor(std::log10(wanted)));
+        for (const double factor : {2.0, 2.5, 2.0}) {
+            if (step < wanted) step *= factor;
+        }
+        for (std::uint32_t i = 0; i <= 2 * count_max; ++i) {
+            values.push_back((std::ceil(scale.low / step) + i) * step);
+        }
+    }
+    std::erase_if(values, [&](double v) { return v <= scale.low || v >= scale.high; });
+    return values;
+}
+
+/// Joins words with three blanks into lines that fit; a word that is too long gets its own.
+std::vector<std::string> flow(const std::vector<std::string>& words, std::uint32_t width,
+                              std::uint32_t text_scale) {
+    std::vector<std::string> lines;
+    for (const std::string& word : words) {
+        const std::string joined = lines.empty() ? word : lines.back() + "   " + word;
+        if (lines.empty() || text_width(joined, text_scale) > width) {
+            lines.push_back(word);
+        } else {
+            lines.back() = joined;
+        }
+    }
+    return lines;
+}
+
+std::vector<std::string> statistic_words(const HeatStatistics& s) {
+    const auto share = [](double part) { return number(100 * part, 1) + "%"; };
+    return {"min " + std::to_string(s.min), "mean " + number(s.mean, 1),
+            "p50 " + std::to_string(s.p50), "p99 " + std::to_string(s.p99),
+            "max " + std::to_string(s.max), "clipped " + share(s.clipped)};
+}
+
+class Legend {
+public:
+    Legend(Picture& picture, const Palette& palette, const HeatScale& scale,
+           const HeatStatistics& statistics, const std::string& metric)
+        : picture_(picture),
+          palette_(palette),
+          scale_(scale),
+          statistics_(statistics) {
+        const auto meaning = std::find_if(meanings.begin(), meanings.end(),
+                                          [&](const Meaning& m) { return m.metric == metric; });
+        std::string title(meaning == meanings.end() ? std::string_view(metric) : meaning->text);
+        if (scale.logarithmic) title += ", log scale";
+        title_ = flow({title}, inner_width(), unit_);
+        numbers_ = flow(statistic_words(statistics), inner_width(), unit_);
+    }
+
+    void append() {
+        const std::uint32_t top = picture_.height;
+        const auto lines = static_cast<std::uint32_t>(title_.size() + numbers_.size()) + 1;
+        picture_.height +=
+            unit_ * (2 * margin + bar_height + tick_height + 3 * gap + lines * line_advance);
+        picture_.rgba.resize(std::size_t{4} * picture_.width * picture_.height);
+        fill(0, top, picture_.width, picture_.height - top, paper);
+
+        std::uint32_t y = top + unit_ * margin;
+        for (const std::string& line : title_) y = write_line(line, y);
+        y = draw_bar(y) + unit_ * gap;
+        y = draw_ticks(y) + unit_ * gap;
+        for (const std::string& line : numbers_) y = write_line(line, y);
+    }
+
+private:
+    /// At least one pixel, however narrow the picture.
+    [[nodiscard]] std::uint32_t inner_width() const {
+        const std::uint32_t margins = 2 * unit_ * margin;
+        return picture_.width > margins ? picture_.width - margins : 1;
+    }
+
+    void fill(std::uint32_t x, std::uint32_t y, std::uint32_t width, std::uint32_t height,
+              Colour colour) {
+        for (std::uint32_t row = y; row < std::min(y + height, picture_.height); ++row) {
+            for (std::uint32_t column = x; column < std::min(x + width, picture_.width); ++column) {
+                std::uint8_t* pixel =
+                    &picture_.rgba[4 * (std::size_t{row} * picture_.width + column)];
+                pixel[0] = colour.r;
+                pixel[1] = colour.g;
+                pixel[2] = colour.b;
+                pixel[3] = 255;
+            }
+        }
+    }
+
+    std::uint32_t write_line(const std::string& line, std::uint32_t y) {
+        draw_text(picture_, unit_ * margin, y, line, unit_, ink);
+        return y + unit_ * line_advance;
+    }
+
+    std::uint32_t draw_bar(std::uint32_t y) {
+        const std::uint32_t width = inner_width();
+        for (std::uint32_t x = 0; x < width; ++x) {
+            fill(unit_ * margin + x, y, 1, unit_ * bar_height,
+                 palette_[std::size_t{x} * palette_.size() / width]);
+        }
+        return y + unit_ * bar_height;
+    }
+
+    /// Both ends first, then the round values that leave room for their labels.
+    std::uint32_t draw_ticks(std::uint32_t y) {
+        const bool clipped = statistics_.clipped > 0;
+        draw_tick(scale_.low, tick_label(scale_.low), y);
+        draw_tick(scale_.high, tick_label(scale_.high) + (clipped ? "+" : ""), y);
+        const std::uint32_t count_max = std::clamp(inner_width() / (60 * unit_), 1U, 10U);
+        for (const double value : round_values(scale_, count_max)) {
+            draw_tick(value, tick_label(value), y);
+        }
+        return y + unit_ * (tick_height + gap + line_advance);
+    }
+
+    void draw_tick(double value, const std::string& label, std::uint32_t y) {
+        const std::uint32_t left = unit_ * margin;
+        const std::uint32_t right = left + inner_width() - 1;
+        const auto x =
+            left + static_cast<std::uint32_t>(std::lround(scale_.position(value) * (right - left)));
+        const std::uint32_t width = text_width(label, unit_);
+        const std::uint32_t wanted = x > left + width / 2 ? x - width / 2 : left;
+        const std::uint32_t last = right + 1 > left + width ? right + 1 - width : left;
+        const Span span{std::min(wanted, last), std::min(wanted, last) + width};
+        const bool free = std::none_of(labels_.begin(), labels_.end(), [&](const Span& other) {
+            return span.begin < other.end + unit_ * label_gap &&
+                   other.begin < span.end + unit_ * label_gap;
+        });
+        if (!free) return;
+        labels_.push_back(span);
+        fill(std::min(x, right + 1 - unit_), y, unit_, unit_ * tick_height, ink);
+        draw_text(picture_, span.begin, y + unit_ * (tick_height + gap), label, unit_, ink);
+    }
+
+    struct Span {
+        std::uint32_t begin, end;
+    };
+
+    Picture& picture_;
+    const Palette& palette_;
+    const HeatScale& scale_;
+    const HeatStatistics& statistics_;
+    const std::uint32_t unit_ = picture_.width >= large_picture_width ? 2 : 1;
+    std::vector<std::string> title_;
+    std::vector<std::string> numbers_;
+    std::vector<Span> labels_;
+};
+
+}  // namespace
+
+double HeatScale::position(double count) const {
+    const double place = logarithmic
+                             ? std::log1p(std::max(count - low, 0.0)) / std::log1p(high - low)
+                             : (count - low) / (high - low);
+    return std::clamp(place, 0.0, 1.0);
+}
+
+void append_legend(Picture& picture, const Palette& palette, const HeatScale& scale,
+                   const HeatStatistics& statistics, const std::string& metric) {
+    Legend(picture, palette, scale, statistics, metric).append();
+}
+
+}  // namespace raynest

@@ -1,0 +1,29 @@
+// The strip below a heat map that says what its colours mean.
+//
+//   total per ray (boxes + primitives)
+//   [==================== palette =====================]
+//   |          |          |           |                |
+//   0         100        200         300             412+
+//   min 0   mean 123.4   p50 101   p99 412   max 1023   clipped 1.0 %
+#pragma once
+
+#include "engine/integrators/palette.h"
+#include "engine/integrators/picture.h"
+
+namespace raynest {
+
+/// Where a count stands between the two ends of the palette.
+struct HeatScale {
+    double low;
+    double high;
+    bool logarithmic;  ///< of 1 + the distance from `low`, so that 0 has a place
+
+    /// 0 to 1; what lies beyond an end stands at that end.
+    [[nodiscard]] double position(double count) const;
+};
+
+/// Adds the strip below the picture, as wide as it; a narrow picture gets more lines of text.
+void append_legend(Picture& picture, const Palette& palette, const HeatScale& scale,
+                   const HeatStatistics& statistics, const std::string& metric);
+
+}  // namespace raynest

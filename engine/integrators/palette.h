@@ -1,0 +1,18 @@
+// Colour scales of heat maps.
+#pragma once
+
+#include "engine/integrators/font.h"
+#include "engine/result.h"
+
+#include <array>
+#include <string_view>
+
+namespace raynest {
+
+/// 256 steps from low to high, 8-bit sRGB.
+using Palette = std::array<Colour, 256>;
+
+/// turbo | viridis | inferno | gray; param_invalid naming them otherwise.
+Result<Palette> find_palette(std::string_view name);
+
+}  // namespace raynest
