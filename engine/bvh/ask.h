@@ -1,23 +1,27 @@
 // The only door between kernels and intersectors: ask(intersector, ray, thing).
 //
 // An intersector is any type with call operators; what it does not overload is plain intersect().
-// There is no base class to derive from (the paper's basic_intersector): traversal recurses instead,
-// so adapters compose by holding a member, and the four silent traps of inheriting a default overload
-// (hidden, const, by value, one width only) either work or fail to compile (intersectors/check.h).
+// There is no base class to derive from (the paper's basic_intersector): traversal recurses
+// instead, so adapters compose by holding a member, and the four silent traps of inheriting a
+// default overload (hidden, const, by value, one width only) either work or fail to compile
+// (intersectors/check.h).
 #pragma once
-
-#include <utility>
 
 #include "engine/geometry/concepts.h"
 #include "engine/math/lanes.h"
 
+#include <utility>
+
 namespace raynest {
 
 template <class Isect, class R, class P>
-concept Overrides = requires(Isect& isect, const R& ray, const P& thing) { isect(ray, thing); };
+concept Overrides = requires(Isect& isect, const R& ray, const P& thing) {
+    isect(ray, thing);
+};
 
-/// The intersector's answer where it has one, else intersect(ray, thing). With RAYNEST_NO_HOOKS every
-/// call is plain intersect(): the control of the test that an unused hook costs no instruction.
+/// The intersector's answer where it has one, else intersect(ray, thing). With RAYNEST_NO_HOOKS
+/// every call is plain intersect(): the control of the test that an unused hook costs no
+/// instruction.
 template <class Isect, class R, class P>
 RAYNEST_INLINE auto ask([[maybe_unused]] Isect& isect, const R& ray, const P& thing) {
 #ifndef RAYNEST_NO_HOOKS

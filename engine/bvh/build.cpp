@@ -1,17 +1,18 @@
 // Binned SAH to a binary tree, then the cheapest cut of it into 8-wide nodes.
 //
-// The collapse is the dynamic program of Ylitie, Karras, Laine, "Efficient incoherent ray traversal on
-// GPUs through compressed wide BVHs" (2017): for every binary node the least cost of representing its
-// subtree by 1..8 roots. Two passes of linear time; the expensive part is the binning.
+// The collapse is the dynamic program of Ylitie, Karras, Laine, "Efficient incoherent ray traversal
+// on GPUs through compressed wide BVHs" (2017): for every binary node the least cost of
+// representing its subtree by 1..8 roots. Two passes of linear time; the expensive part is the
+// binning.
 #include "engine/bvh/build.h"
+
+#include "engine/geometry/hit.h"
 
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
 #include <cstddef>
-
-#include "engine/geometry/hit.h"
 
 namespace raynest {
 namespace {
@@ -33,9 +34,9 @@ struct Item {
 
 struct BinaryNode {
     Box box;
-    std::uint32_t first, count;      // items below
-    std::uint32_t left, right;       // no_id in a leaf
-    bool one_kind;                   // all items below are of the kind of the first
+    std::uint32_t first, count;  // items below
+    std::uint32_t left, right;   // no_id in a leaf
+    bool one_kind;               // all items below are of the kind of the first
 };
 
 // Least cost of a subtree as at most 1..8 roots (index 0..7), and how the minimum is reached.
@@ -89,8 +90,7 @@ private:
             tasks.pop_back();
             const std::uint32_t first = binary_[task.node].first;
             const std::uint32_t count = binary_[task.node].count;
-            const bool may_stop = binary_[task.node].one_kind &&
-                                  count <= binary_leaf_items &&
+            const bool may_stop = binary_[task.node].one_kind && count <= binary_leaf_items &&
                                   items_[first].kind != ChildKind::instance;
             if (count == 1 || may_stop) continue;
             // Halving from here on reaches single items below tree_height_max: the bound on the
@@ -162,8 +162,8 @@ private:
         std::array<std::array<Bin, bin_count>, 3> bins;
         for (std::uint32_t i = first; i < first + count; ++i) {
             for (std::size_t axis = 0; axis < 3; ++axis) {
-                Bin& bin = bins[axis][static_cast<std::size_t>(
-                    bin_of(items_[i], static_cast<int>(axis)))];
+                Bin& bin =
+                    bins[axis][static_cast<std::size_t>(bin_of(items_[i], static_cast<int>(axis)))];
                 bin.box.extend(items_[i].box);
                 ++bin.count;
             }
@@ -189,8 +189,7 @@ private:
                 box.extend(row[b].box);
                 left += row[b].count;
                 if (left == 0 || left == count) continue;
-                const float cost =
-                    box.half_area() * static_cast<float>(left) + right_cost[b + 1];
+                const float cost = box.half_area() * static_cast<float>(left) + right_cost[b + 1];
                 if (cost < best_cost) {
                     best_cost = cost;
                     best_axis = axis;
@@ -198,7 +197,8 @@ private:
                 }
             }
         }
-        if (best_axis < 0) return halve(first, count);  // coincident centres, or areas that overflow
+        if (best_axis < 0)
+            return halve(first, count);  // coincident centres, or areas that overflow
         const auto begin = items_.begin() + first;
         const auto middle = std::partition(begin, begin + count, [&](const Item& item) {
             return bin_of(item, best_axis) <= best_bin;
@@ -301,7 +301,8 @@ private:
         return at;
     }
 
-    void fill_boxes(Node& out, const std::array<std::uint32_t, 8>& roots, std::uint32_t count) const {
+    void fill_boxes(Node& out, const std::array<std::uint32_t, 8>& roots,
+                    std::uint32_t count) const {
         std::array<Vec3, 8> centers{};
         for (std::uint32_t slot = 0; slot < 8; ++slot) {
             const Box box = slot < count ? binary_[roots[slot]].box : Box{};
@@ -314,14 +315,14 @@ private:
         }
         std::fill(std::begin(out.order), std::end(out.order), 0);
         for (std::uint32_t octant = 0; octant < 8; ++octant) {
-            const Vec3 diagonal{(octant & 1U) != 0 ? -1.0F : 1.0F, (octant & 2U) != 0 ? -1.0F : 1.0F,
+            const Vec3 diagonal{(octant & 1U) != 0 ? -1.0F : 1.0F,
+                                (octant & 2U) != 0 ? -1.0F : 1.0F,
                                 (octant & 4U) != 0 ? -1.0F : 1.0F};
             std::array<std::uint32_t, 8> slots{0, 1, 2, 3, 4, 5, 6, 7};
-            std::stable_sort(slots.begin(), slots.begin() + count,
-                             [&](std::uint32_t a, std::uint32_t b) {
-                                 return glm::dot(centers[a], diagonal) <
-                                        glm::dot(centers[b], diagonal);
-                             });
+            std::stable_sort(
+                slots.begin(), slots.begin() + count, [&](std::uint32_t a, std::uint32_t b) {
+                    return glm::dot(centers[a], diagonal) < glm::dot(centers[b], diagonal);
+                });
             for (std::size_t i = 0; i < 8; ++i) out.order[i] |= slots[i] << (3 * octant);
         }
         out.order[0] |= ((1U << count) - 1) << 24;
@@ -359,6 +360,8 @@ private:
 
 }  // namespace
 
-Tree build_tree(const TreeInput& input) { return Builder(input).build(); }
+Tree build_tree(const TreeInput& input) {
+    return Builder(input).build();
+}
 
 }  // namespace raynest

@@ -3,12 +3,12 @@
 // Deterministic: the same input gives the same bytes, for any number of threads.
 #pragma once
 
+#include "engine/bvh/node.h"
+#include "engine/geometry/box.h"
+
 #include <cstdint>
 #include <span>
 #include <vector>
-
-#include "engine/bvh/node.h"
-#include "engine/geometry/box.h"
 
 namespace raynest {
 
@@ -25,12 +25,13 @@ struct Tree {
     std::vector<Node> nodes;
     std::uint32_t root = child_empty;  ///< child word; a tree without items stays empty
     Box bounds;
-    /// Triangle of lane l of block b at [8 b + l], no_id in padding lanes. Within a block ascending.
+    /// Triangle of lane l of block b at [8 b + l], no_id in padding lanes. Within a block
+    /// ascending.
     std::vector<std::uint32_t> block_lanes;
     /// Record at each place of the tree's record array.
     std::vector<std::uint32_t> record_order;
     double sah_cost = 0;
-    std::uint32_t height = 0;          ///< nodes on the longest path
+    std::uint32_t height = 0;  ///< nodes on the longest path
 };
 
 Tree build_tree(const TreeInput& input);

@@ -2,7 +2,8 @@
 //
 //   lower x[8] y[8] z[8] | upper x[8] y[8] z[8] | child[8] | order[8]
 //
-// Child word (32 bits), offsets relative to the object (ObjectRecord::first_node, first_block, ...):
+// Child word (32 bits), offsets relative to the object (ObjectRecord::first_node, first_block,
+// ...):
 //   0xFFFFFFFF                      empty slot
 //   0 | node                        inner node
 //   1 00 | first block << 3 | n-1   leaf: n triangle blocks of 8 (1..8)
@@ -33,7 +34,9 @@ static_assert(sizeof(Node) == 256);
 
 enum class ChildKind : std::uint32_t { triangles = 0, instance = 1, records = 2 };
 
-[[nodiscard]] constexpr bool is_leaf(std::uint32_t child) { return (child >> 31) != 0; }
+[[nodiscard]] constexpr bool is_leaf(std::uint32_t child) {
+    return (child >> 31) != 0;
+}
 [[nodiscard]] constexpr ChildKind kind_of(std::uint32_t leaf) {
     return static_cast<ChildKind>((leaf >> 29) & 3U);
 }
@@ -41,7 +44,9 @@ enum class ChildKind : std::uint32_t { triangles = 0, instance = 1, records = 2 
 [[nodiscard]] constexpr std::uint32_t leaf_first(std::uint32_t leaf) {
     return (leaf & 0x1FFFFFFFU) >> 3;
 }
-[[nodiscard]] constexpr std::uint32_t leaf_count(std::uint32_t leaf) { return (leaf & 7U) + 1; }
+[[nodiscard]] constexpr std::uint32_t leaf_count(std::uint32_t leaf) {
+    return (leaf & 7U) + 1;
+}
 [[nodiscard]] constexpr std::uint32_t leaf_instance(std::uint32_t leaf) {
     return leaf & 0x1FFFFFFFU;
 }

@@ -1,17 +1,14 @@
 // Whatever can be hit is visited: a triangle, a record, a BVH, an instance of a BVH.
 //
 // One overload set; each hands the intersector and the query on, so nesting has no special case and
-// no fixed depth. `query.take(ray, hits)` keeps what it wants, shrinks ray.tmax and returns true when
-// the whole query is answered; every visit passes that on.
+// no fixed depth. `query.take(ray, hits)` keeps what it wants, shrinks ray.tmax and returns true
+// when the whole query is answered; every visit passes that on.
 //
-// This is the latency traversal: one ray, near children first, a stack of (child, near) per level and
-// recursion between levels (measured: no slower than one explicit stack; notes of the traversal
+// This is the latency traversal: one ray, near children first, a stack of (child, near) per level
+// and recursion between levels (measured: no slower than one explicit stack; notes of the traversal
 // prototypes). Depth is bounded by scene_depth_max, the stack by tree_height_max; both are checked
 // when a scene is made, not here.
 #pragma once
-
-#include <bit>
-#include <cstdint>
 
 #include "engine/bvh/ask.h"
 #include "engine/bvh/box_test.h"
@@ -20,6 +17,9 @@
 #include "engine/geometry/record.h"
 #include "engine/geometry/record_types.h"
 #include "engine/geometry/views.h"
+
+#include <bit>
+#include <cstdint>
 
 namespace raynest {
 
@@ -59,8 +59,10 @@ template <class H>
 template <class R, PrimitiveLike P, class Isect, class Query>
 RAYNEST_INLINE bool visit(R& ray, const P& primitive, Isect& isect, Query& query) {
     auto hits = ask(isect, ray, primitive);
-    if (hits.mask == 0) [[likely]] return false;
-    if (ray.flags != 0) [[unlikely]] drop_back_faces(ray, hits);
+    if (hits.mask == 0) [[likely]]
+        return false;
+    if (ray.flags != 0) [[unlikely]]
+        drop_back_faces(ray, hits);
     return query.take(ray, hits);
 }
 
@@ -187,10 +189,9 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
                     }
                     break;
                 case ChildKind::records:
-                    if (visit_record_type(scene, object, leaf_first(child), leaf_count(child),
-                                          [&](const auto& record) {
-                                              return visit(ray, record, isect, query);
-                                          })) {
+                    if (visit_record_type(
+                            scene, object, leaf_first(child), leaf_count(child),
+                            [&](const auto& record) { return visit(ray, record, isect, query); })) {
                         return true;
                     }
                     break;
@@ -207,7 +208,8 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
     }
 }
 
-/// A BVH inside another, or an element of a list: the recursion is the only call that is not inlined.
+/// A BVH inside another, or an element of a list: the recursion is the only call that is not
+/// inlined.
 template <class R, class Isect, class Query>
 [[gnu::noinline]] bool visit(R& ray, const Bvh& bvh, Isect& isect, Query& query) {
     RayView inner = ray;

@@ -1,13 +1,14 @@
 // An axis-aligned box. Boxes only cull: they never decide a hit (CONTRACT.md §1).
 #pragma once
 
-#include <limits>
-
 #include "engine/math/vec.h"
+
+#include <limits>
 
 namespace raynest {
 
-/// Default-constructed it is empty: it contains nothing and extending it by a point gives the point.
+/// Default-constructed it is empty: it contains nothing and extending it by a point gives the
+/// point.
 struct Box {
     using box_tag = void;  ///< BoxLike (geometry/concepts.h)
     Vec3 lower{std::numeric_limits<float>::infinity()};

@@ -10,15 +10,21 @@ namespace raynest {
 
 /// A box or the eight boxes of a node.
 template <class T>
-concept BoxLike = requires { typename std::remove_cvref_t<T>::box_tag; };
+concept BoxLike = requires {
+    typename std::remove_cvref_t<T>::box_tag;
+};
 
 /// A triangle or a block of eight.
 template <class T>
-concept TriangleLike = requires { typename std::remove_cvref_t<T>::triangle_tag; };
+concept TriangleLike = requires {
+    typename std::remove_cvref_t<T>::triangle_tag;
+};
 
 /// One primitive of another type: a sphere, or a type of the user's.
 template <class T>
-concept RecordLike = requires { typename std::remove_cvref_t<T>::record_tag; };
+concept RecordLike = requires {
+    typename std::remove_cvref_t<T>::record_tag;
+};
 
 /// Whatever can be hit itself, as opposed to a box that holds it.
 template <class T>
@@ -26,6 +32,8 @@ concept PrimitiveLike = TriangleLike<T> || RecordLike<T>;
 
 /// A placement of a BVH.
 template <class T>
-concept InstanceLike = requires { typename std::remove_cvref_t<T>::instance_tag; };
+concept InstanceLike = requires {
+    typename std::remove_cvref_t<T>::instance_tag;
+};
 
 }  // namespace raynest

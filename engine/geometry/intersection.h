@@ -1,26 +1,27 @@
-// What intersect() answers: candidate lanes, and the one thing an intersector does to them, keep_if.
+// What intersect() answers: candidate lanes, and the one thing an intersector does to them,
+// keep_if.
 #pragma once
+
+#include "engine/geometry/ray_view.h"
+#include "engine/math/lanes.h"
 
 #include <bit>
 #include <cstddef>
 #include <cstdint>
 
-#include "engine/geometry/ray_view.h"
-#include "engine/math/lanes.h"
-
 namespace raynest {
 
 /// One candidate, as keep_if hands it to an intersector.
 struct Surface {
-    float t, u, v;            ///< hit = (1-u-v) v0 + u v1 + v v2
-    std::uint32_t prim;       ///< flat triangle index in the object, or the caller's id in a list
-    std::uint32_t geom;       ///< the caller's id in a list of triangles; 0 in a tree
+    float t, u, v;       ///< hit = (1-u-v) v0 + u v1 + v v2
+    std::uint32_t prim;  ///< flat triangle index in the object, or the caller's id in a list
+    std::uint32_t geom;  ///< the caller's id in a list of triangles; 0 in a tree
     int lane;
-    bool front;               ///< the ray meets the side that the normal points to
+    bool front;  ///< the ray meets the side that the normal points to
 };
 
-/// Candidates with tmin < t <= tmax, one bit each. In a triangle block a lane is a triangle; for one
-/// primitive lane k is its k-th hit, nearest first.
+/// Candidates with tmin < t <= tmax, one bit each. In a triangle block a lane is a triangle; for
+/// one primitive lane k is its k-th hit, nearest first.
 template <class P, int N>
 struct Hits {
     static constexpr int lanes = N;
@@ -28,13 +29,14 @@ struct Hits {
     std::uint32_t mask = 0;
     std::uint32_t front = 0;  ///< lanes that were hit from the front
     Lanes<N> t, u, v;
-    P primitive;              ///< a view, or a reference to the primitive
+    P primitive;  ///< a view, or a reference to the primitive
 
     /// Removes candidates that `keep(const Surface&)` refuses. Called for every candidate, in no
     /// order that may be relied on; a candidate may turn out to lie behind another one.
     template <class Keep>
     RAYNEST_INLINE void keep_if(Keep&& keep) {
-        if (mask == 0) [[likely]] return;
+        if (mask == 0) [[likely]]
+            return;
         alignas(32) float ts[lane_count];
         alignas(32) float us[lane_count];
         alignas(32) float vs[lane_count];

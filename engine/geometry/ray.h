@@ -1,10 +1,10 @@
 // A ray as it travels: the wire form, the pack's door and the file formats share these 32 bytes.
 #pragma once
 
+#include "engine/math/vec.h"
+
 #include <cmath>
 #include <limits>
-
-#include "engine/math/vec.h"
 
 namespace raynest {
 

@@ -1,13 +1,13 @@
 // The ray as kernels and intersectors see it while it travels through the levels of a scene.
 #pragma once
 
-#include <cstdint>
-#include <limits>
-
 #include "engine/geometry/hit.h"
 #include "engine/geometry/ray.h"
 #include "engine/geometry/views.h"
 #include "engine/math/lanes.h"
+
+#include <cstdint>
+#include <limits>
 
 namespace raynest {
 
@@ -43,11 +43,11 @@ struct RayView {
 
 /// The view of a request's ray at the outermost level. A hit at infinity is no hit, so the search
 /// ends at the largest finite distance.
-[[nodiscard]] inline RayView outermost_view(const Ray& ray, const SceneView* scene, std::uint32_t id,
-                                            std::uint32_t mask, std::uint32_t flags) {
-    const float far = ray.tmax < std::numeric_limits<float>::max()
-                          ? ray.tmax
-                          : std::numeric_limits<float>::max();
+[[nodiscard]] inline RayView outermost_view(const Ray& ray, const SceneView* scene,
+                                            std::uint32_t id, std::uint32_t mask,
+                                            std::uint32_t flags) {
+    const float far =
+        ray.tmax < std::numeric_limits<float>::max() ? ray.tmax : std::numeric_limits<float>::max();
     return {ray.origin, ray.direction, ray.tmin, far, &ray, scene, nullptr, 0, id, mask, flags};
 }
 

@@ -3,18 +3,21 @@
 // A type becomes a primitive by two free functions found by argument-dependent lookup,
 //
 //     Box  bounds(const P&);
-//     auto intersect(const auto& ray, const P&);    // a RecordHits<P, N>, N = most hits it can report
+//     auto intersect(const auto& ray, const P&);    // a RecordHits<P, N>, N = most hits it can
+//     report
 //
 // and one line in geometry/PRIMITIVES. `normal(const P&, Vec3 point)` is optional. The type must be
 // trivially copyable and consist of floats: that is how a .npy row becomes one.
 #pragma once
 
-#include <concepts>
-#include <type_traits>
-
 #include "engine/geometry/box.h"
 #include "engine/geometry/concepts.h"
 #include "engine/geometry/intersection.h"
+#include "engine/geometry/slabs.h"
+
+#include <algorithm>
+#include <concepts>
+#include <type_traits>
 
 namespace raynest {
 
@@ -44,33 +47,41 @@ RAYNEST_INLINE RecordHits<P, N> no_hits(const P& primitive) {
     return {0, 0, zero, zero, zero, Record<P>{&primitive, 0, true}};
 }
 
-/// Adds hit number k if it lies in (tmin, tmax] of the ray.
-template <class R, class P, int N>
-RAYNEST_INLINE void add_hit(const R& ray, RecordHits<P, N>& hits, int k, float t, float u, float v,
-                            bool front) {
+/// Sets hit number k. Whether it lies in (tmin, tmax] is not the primitive's concern.
+template <class P, int N>
+RAYNEST_INLINE void add_hit(RecordHits<P, N>& hits, int k, float t, float u, float v, bool front) {
     hits.t.lane[k] = t;
     hits.u.lane[k] = u;
     hits.v.lane[k] = v;
     hits.front |= static_cast<std::uint32_t>(front) << k;
-    if (t > ray.tmin && t <= ray.tmax) hits.mask |= 1U << k;
+    hits.mask |= 1U << k;
 }
 
-/// The overload that kernels and intersectors call: asks the type's own intersect().
+/// The overload that kernels and intersectors call: asks the type's own intersect(), then holds its
+/// hits to bounds() (geometry/slabs.h), so that rounding in either never makes a tree lose a hit.
 template <class R, class P>
 RAYNEST_INLINE auto intersect(const R& ray, const Record<P>& record) {
     auto hits = intersect(ray, *record.value);
     hits.primitive = record;
+    if (hits.mask == 0) return hits;
+    const auto own = own_interval(slabs_of<1>(ray), Box(bounds(*record.value)));
+    const float near = own.near.lane[0];
+    const float far = own.far.lane[0];
+    for (int k = 0; k < hits.lanes; ++k) {
+        float& t = hits.t.lane[k];
+        t = std::min(std::max(t, near), far);
+        if (!(near <= far && t > ray.tmin && t <= ray.tmax)) hits.mask &= ~(1U << k);
+    }
     return hits;
 }
 
 template <class P>
-concept RecordPrimitive =
-    std::is_trivially_copyable_v<P> && sizeof(P) % sizeof(float) == 0 &&
-    requires(const P& primitive, const RayView& ray) {
-        { bounds(primitive) } -> std::convertible_to<Box>;
-        intersect(ray, primitive).mask;
-        requires std::same_as<decltype(intersect(ray, primitive)),
-                              RecordHits<P, decltype(intersect(ray, primitive))::lanes>>;
-    };
+concept RecordPrimitive = std::is_trivially_copyable_v<P> && sizeof(P) % sizeof(float) == 0 &&
+                          requires(const P& primitive, const RayView& ray) {
+    { bounds(primitive) } -> std::convertible_to<Box>;
+    intersect(ray, primitive).mask;
+    requires std::same_as<decltype(intersect(ray, primitive)),
+                          RecordHits<P, decltype(intersect(ray, primitive))::lanes>>;
+};
 
 }  // namespace raynest

@@ -1,14 +1,14 @@
 // The primitive types that this translation unit knows beside triangles.
 //
 // A pack's list comes from geometry/PRIMITIVES through CMake (packs/pack.cmake), which defines
-// RAYNEST_RECORD_TYPES as a header of one macro line per type; code that is compiled without it knows
-// the built-in sphere.
+// RAYNEST_RECORD_TYPES as a header of one macro line per type; code that is compiled without it
+// knows the built-in sphere.
 #pragma once
-
-#include <cstdint>
 
 #include "engine/geometry/record.h"
 #include "engine/geometry/views.h"
+
+#include <cstdint>
 
 #ifdef RAYNEST_RECORD_TYPES
 #include RAYNEST_RECORD_TYPES
@@ -29,9 +29,10 @@ struct RecordType {
 /// Calls `f(RecordType<P>)` for every type.
 template <class F>
 constexpr void for_each_record_type(F&& f) {
-#define RAYNEST_CALL(name, Type)                                                             \
-    static_assert(RecordPrimitive<Type>,                                                     \
-                  #Type " needs Box bounds(const " #Type "&) and intersect(const auto& ray, " \
+#define RAYNEST_CALL(name, Type)                                                                  \
+    static_assert(RecordPrimitive<Type>,                                                          \
+                  #Type " needs Box bounds(const " #Type                                          \
+                        "&) and intersect(const auto& ray, "                                      \
                         "const " #Type "&) that returns RecordHits, and must consist of floats"); \
     f(RecordType<Type>{#name, primitive_type(#name)});
     RAYNEST_FOR_EACH_RECORD_TYPE(RAYNEST_CALL)

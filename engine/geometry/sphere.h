@@ -1,9 +1,9 @@
 // A sphere: two hits, so that refusing the entry leaves the exit.
 #pragma once
 
-#include <cmath>
-
 #include "engine/geometry/record.h"
+
+#include <cmath>
 
 namespace raynest {
 
@@ -22,9 +22,9 @@ struct Sphere {
     return point - sphere.center;
 }
 
-/// The discriminant is taken at the ray's closest approach to the centre, which keeps its digits for
-/// far and small spheres (Haines, Guenther, Akenine-Moeller, "Precision improvements for ray/sphere
-/// intersection", Ray Tracing Gems, 2019). u and v are 0.
+/// The discriminant is taken at the ray's closest approach to the centre, which keeps its digits
+/// for far and small spheres (Haines, Guenther, Akenine-Moeller, "Precision improvements for
+/// ray/sphere intersection", Ray Tracing Gems, 2019). u and v are 0.
 template <class R>
 RAYNEST_INLINE auto intersect(const R& ray, const Sphere& sphere) {
     auto hits = no_hits<2>(sphere);
@@ -41,8 +41,8 @@ RAYNEST_INLINE auto intersect(const R& ray, const Sphere& sphere) {
     const float room = fused(sphere.radius, sphere.radius, -dot(off, off));
     if (!(room >= 0)) return hits;
     const float half = std::sqrt(room / a);
-    add_hit(ray, hits, 0, nearest - half, 0, 0, true);
-    add_hit(ray, hits, 1, nearest + half, 0, 0, false);
+    add_hit(hits, 0, nearest - half, 0, 0, true);
+    add_hit(hits, 1, nearest + half, 0, 0, false);
     return hits;
 }
 

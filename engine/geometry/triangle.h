@@ -1,11 +1,11 @@
 // Triangles: one by itself, and blocks of eight as the tree's leaves hold them.
 #pragma once
 
-#include <cstdint>
-
 #include "engine/geometry/box.h"
 #include "engine/geometry/hit.h"
 #include "engine/math/vec.h"
+
+#include <cstdint>
 
 namespace raynest {
 

@@ -1,19 +1,20 @@
 // The paper's first use case: texels with low alpha are holes that the ray passes through.
 #pragma once
 
-#include <tuple>
-
 #include "engine/bvh/ask.h"
 #include "engine/geometry/intersect_triangle.h"
 #include "engine/intersectors/params.h"
 #include "engine/intersectors/texture.h"
+
+#include <tuple>
 
 namespace raynest {
 
 /// MASK materials are hit where alpha >= their alphaCutoff (or `cutoff`, when set), BLEND materials
 /// where alpha >= 0.5, OPAQUE ones everywhere (CONTRACT.md §3).
 struct AlphaMask {
-    static constexpr const char* text = "textures' alpha cuts holes (glTF MASK and BLEND materials)";
+    static constexpr const char* text =
+        "textures' alpha cuts holes (glTF MASK and BLEND materials)";
     struct Params {
         float cutoff = -1;
     };
@@ -25,7 +26,9 @@ struct AlphaMask {
 
     auto operator()(const auto& ray, const TriangleLike auto& triangle) {
         auto hits = intersect(ray, triangle);
-        hits.keep_if([&](const Surface& surface) { return ray.object == nullptr || is_solid(*ray.object, surface); });
+        hits.keep_if([&](const Surface& surface) {
+            return ray.object == nullptr || is_solid(*ray.object, surface);
+        });
         return hits;
     }
 

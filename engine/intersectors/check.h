@@ -1,8 +1,9 @@
 // Turns the mistakes that would silently ignore an intersector into one readable compile error.
 //
-// An overload that takes one ray width only, is private, returns the wrong type or is spelt with the
-// wrong concept would simply not be called, in one kernel in the worst case: a mask that is ignored.
-// One static_assert(check_intersector<...>()) per line of intersectors/LIST, in packs/variant.cpp.
+// An overload that takes one ray width only, is private, returns the wrong type or is spelt with
+// the wrong concept would simply not be called, in one kernel in the worst case: a mask that is
+// ignored. One static_assert(check_intersector<...>()) per line of intersectors/LIST, in
+// packs/variant.cpp.
 #pragma once
 
 #include "engine/bvh/ask.h"
@@ -30,8 +31,8 @@ template <class Isect, class R, class P>
 constexpr bool returns_what_intersect_returns() {
     if constexpr (Overrides<Isect, R, P>) {
         using Plain = decltype(intersect(std::declval<const R&>(), std::declval<const P&>()));
-        using Own = decltype(std::declval<Isect&>()(std::declval<const R&>(),
-                                                    std::declval<const P&>()));
+        using Own =
+            decltype(std::declval<Isect&>()(std::declval<const R&>(), std::declval<const P&>()));
         return std::is_same_v<Plain, Own>;
     } else {
         return true;
@@ -41,9 +42,8 @@ constexpr bool returns_what_intersect_returns() {
 template <class Isect>
 constexpr bool overrides_any_record() {
     bool any = false;
-    for_each_record_type([&]<class P>(RecordType<P>) {
-        any = any || Overrides<Isect, RayView, Record<P>>;
-    });
+    for_each_record_type(
+        [&]<class P>(RecordType<P>) { any = any || Overrides<Isect, RayView, Record<P>>; });
     return any;
 }
 
@@ -60,10 +60,10 @@ constexpr bool check_intersector() {
                       returns_what_intersect_returns<Isect, BoxRay, Boxes8>() &&
                       returns_what_intersect_returns<Isect, RayView, BoxRef>(),
                   "an overload must return what intersect(ray, thing) returns");
-    static_assert((overrides_a_block<Isect> || overrides_any_record<Isect>()) ==
-                      declared.primitives,
-                  "the line in LIST and the type disagree about `primitives`: is operator() public, "
-                  "not const-qualified away, and constrained by TriangleLike or PrimitiveLike?");
+    static_assert(
+        (overrides_a_block<Isect> || overrides_any_record<Isect>()) == declared.primitives,
+        "the line in LIST and the type disagree about `primitives`: is operator() public, "
+        "not const-qualified away, and constrained by TriangleLike or PrimitiveLike?");
     static_assert(overrides_a_node<Isect> == declared.boxes,
                   "the line in LIST and the type disagree about `boxes`: is operator() public and "
                   "constrained by BoxLike?");

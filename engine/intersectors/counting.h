@@ -1,10 +1,10 @@
 // The paper's third use case, as an adapter: the heat map of exactly the intersector that is used.
 #pragma once
 
-#include <bit>
-
 #include "engine/bvh/ask.h"
 #include "engine/bvh/visit.h"
+
+#include <bit>
 
 namespace raynest {
 

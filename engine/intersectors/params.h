@@ -47,15 +47,17 @@ struct Output {
 /// A float or std::uint32_t within [minimum, maximum]; the default is the member's initialiser and
 /// may lie outside (a value that says "not set").
 template <class Owner, class T>
-    requires(std::is_same_v<T, float> || std::is_same_v<T, std::uint32_t>)
-constexpr Param<Owner, T> param(const char* name, T Owner::*member, T minimum, T maximum,
-                                const char* text) {
+requires(std::is_same_v<T, float> ||
+         std::is_same_v<T, std::uint32_t>) constexpr Param<Owner, T> param(const char* name,
+                                                                           T Owner::*member,
+                                                                           T minimum, T maximum,
+                                                                           const char* text) {
     return {name, member, minimum, maximum, text};
 }
 
 /// An enumeration; `choices` has static storage.
 template <class Owner, class T, std::size_t N>
-    requires std::is_enum_v<T>
+requires std::is_enum_v<T>
 constexpr Choice<Owner, T, N> param(const char* name, T Owner::*member,
                                     const std::array<const char*, N>& choices, const char* text) {
     return {name, member, choices, text};
@@ -63,8 +65,10 @@ constexpr Choice<Owner, T, N> param(const char* name, T Owner::*member,
 
 /// A float or std::uint32_t per ray, written for misses too.
 template <class Owner, class T>
-    requires(std::is_same_v<T, float> || std::is_same_v<T, std::uint32_t>)
-constexpr Output<Owner, T> output(const char* name, T Owner::*member, const char* text) {
+requires(std::is_same_v<T, float> ||
+         std::is_same_v<T, std::uint32_t>) constexpr Output<Owner, T> output(const char* name,
+                                                                             T Owner::*member,
+                                                                             const char* text) {
     return {name, member, text};
 }
 

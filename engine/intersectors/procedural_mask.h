@@ -1,15 +1,15 @@
 // The paper's second use case: a mask computed from the texture coordinates, no image needed.
 #pragma once
 
-#include <array>
-#include <cmath>
-#include <cstdint>
-#include <tuple>
-
 #include "engine/bvh/ask.h"
 #include "engine/geometry/intersect_triangle.h"
 #include "engine/intersectors/params.h"
 #include "engine/intersectors/texture.h"
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <tuple>
 
 namespace raynest {
 
@@ -33,8 +33,9 @@ struct ProceduralMask {
         param("scale", &Params::scale, 1e-3F, 1e6F, "cells per unit of u and v"),
         param("fill", &Params::fill, 0.0F, 1.0F, "share of each cell that is solid, roughly"),
         param("seed", &Params::seed, 0U, 0xFFFFFFFFU, "of pattern=noise"),
-        param("on", &Params::on, targets,
-              "materials that are cut: MASK and BLEND ones (all, when the scene has none), or all")};
+        param(
+            "on", &Params::on, targets,
+            "materials that are cut: MASK and BLEND ones (all, when the scene has none), or all")};
 
     ProceduralMask(const SceneView& view, const Params& values)
         : scene(view),
@@ -43,20 +44,20 @@ struct ProceduralMask {
 
     auto operator()(const auto& ray, const TriangleLike auto& triangle) {
         auto hits = intersect(ray, triangle);
-        hits.keep_if([&](const Surface& surface) { return ray.object == nullptr || is_solid(*ray.object, surface); });
+        hits.keep_if([&](const Surface& surface) {
+            return ray.object == nullptr || is_solid(*ray.object, surface);
+        });
         return hits;
     }
 
 private:
     [[nodiscard]] bool is_solid(const ObjectRecord& object, const Surface& surface) const {
         const GeometryRecord& geometry = scene.geometry_of(object, surface.prim);
-        if (!everywhere &&
-            (geometry.material == no_id ||
-             scene.materials[geometry.material].alpha_mode == AlphaMode::opaque)) {
+        if (!everywhere && (geometry.material == no_id ||
+                            scene.materials[geometry.material].alpha_mode == AlphaMode::opaque)) {
             return true;
         }
-        const Vec2 st =
-            texture_coordinates(scene, geometry, 0, surface.prim, surface.u, surface.v);
+        const Vec2 st = texture_coordinates(scene, geometry, 0, surface.prim, surface.u, surface.v);
         const float x = st.x * p.scale;
         const float y = st.y * p.scale;
         const float column = std::floor(x);
@@ -86,10 +87,10 @@ private:
                 // Area pi r^2 of a cell of area 1; a full cell at fill = 1.
                 const float a = x - 0.5F;
                 const float b = y - 0.5F;
-                return fused(a, a, b * b) <= p.fill * 0.31830989F ||
-                       p.fill >= 1.0F;
+                return fused(a, a, b * b) <= p.fill * 0.31830989F || p.fill >= 1.0F;
             }
-            case Pattern::noise: return hash(column, row) < p.fill;
+            case Pattern::noise:
+                return hash(column, row) < p.fill;
         }
         return true;
     }

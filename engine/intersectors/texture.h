@@ -1,15 +1,15 @@
 // Alpha of a surface, as glTF defines it (CONTRACT.md §3): factor x texture x vertex colour.
 //
-// Textures are decoded once to 8-bit planes; a bilinear lookup of our own is 10-17 times faster than
-// OpenImageIO's texture system (measured, notes on glTF and images). All arithmetic is explicit, so
-// that every target gives the same bits.
+// Textures are decoded once to 8-bit planes; a bilinear lookup of our own is 10-17 times faster
+// than OpenImageIO's texture system (measured, notes on glTF and images). All arithmetic is
+// explicit, so that every target gives the same bits.
 #pragma once
-
-#include <cmath>
-#include <cstdint>
 
 #include "engine/geometry/views.h"
 #include "engine/math/lanes.h"
+
+#include <cmath>
+#include <cstdint>
 
 namespace raynest {
 
@@ -34,13 +34,16 @@ inline Vec2 texture_coordinates(const SceneView& scene, const GeometryRecord& ge
 /// Maps a coordinate into one period: repeat and mirror to [0, 1), clamp to [0, 1]. NaN gives 0.
 inline float wrap_coordinate(float s, Wrap wrap) {
     switch (wrap) {
-        case Wrap::repeat: s = s - std::floor(s); break;
+        case Wrap::repeat:
+            s = s - std::floor(s);
+            break;
         case Wrap::mirror: {
             const float period = s - 2.0F * std::floor(s * 0.5F);
             s = period > 1.0F ? 2.0F - period : period;
             break;
         }
-        case Wrap::clamp: break;
+        case Wrap::clamp:
+            break;
     }
     return s > 0.0F ? (s < 1.0F ? s : 1.0F) : 0.0F;
 }

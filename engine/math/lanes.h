@@ -1,11 +1,11 @@
 // Lanes: N floats side by side, the only SIMD type that intersectors and kernels see.
 //
 // Lanes<8> is one or two Highway vectors of whatever target the pack is compiled for (static mode:
-// -march decides); any other count is plain floats (scalar rays, the reference, CUDA). Masks are plain
-// bits, lane i = bit i: free on AVX2 and AVX-512, and the same source for any width.
+// -march decides); any other count is plain floats (scalar rays, the reference, CUDA). Masks are
+// plain bits, lane i = bit i: free on AVX2 and AVX-512, and the same source for any width.
 //
-// NaN: maximum(a, b) and minimum(a, b) return b when either is NaN, as x86 does; the box rule counts
-// on it (bvh/box_test.h).
+// NaN: maximum(a, b) and minimum(a, b) return b when either is NaN, as x86 does; the box rule
+// counts on it (bvh/box_test.h).
 #pragma once
 
 #ifndef HWY_DISABLE_PCLMUL_AES
@@ -15,14 +15,14 @@
 #define HWY_COMPILE_ONLY_STATIC
 #endif
 
+#include "engine/math/vec.h"
+
+#include <hwy/highway.h>
+
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <type_traits>
-
-#include <hwy/highway.h>
-
-#include "engine/math/vec.h"
 
 #define RAYNEST_INLINE [[gnu::always_inline]] inline
 
@@ -40,42 +40,96 @@ inline constexpr std::size_t width = 1;
 template <>
 inline constexpr std::size_t width<Vector> = hn::MaxLanes(Tag());
 
-RAYNEST_INLINE void set(float& to, float value) { to = value; }
-RAYNEST_INLINE void load(float& to, const float* from) { to = *from; }
-RAYNEST_INLINE void store(float a, float* to) { *to = a; }
-RAYNEST_INLINE float add(float a, float b) { return a + b; }
-RAYNEST_INLINE float subtract(float a, float b) { return a - b; }
-RAYNEST_INLINE float multiply(float a, float b) { return a * b; }
-RAYNEST_INLINE float divide(float a, float b) { return a / b; }
-RAYNEST_INLINE float minimum(float a, float b) { return a < b ? a : b; }
-RAYNEST_INLINE float maximum(float a, float b) { return a > b ? a : b; }
-RAYNEST_INLINE float flip_sign(float a, float b) { return std::signbit(b) ? -a : a; }
-RAYNEST_INLINE float fused(float a, float b, float c) { return raynest::fused(a, b, c); }
-RAYNEST_INLINE float fused_subtract(float a, float b, float c) { return raynest::fused(a, b, -c); }
-RAYNEST_INLINE std::uint32_t less(float a, float b) { return a < b ? 1 : 0; }
-RAYNEST_INLINE std::uint32_t less_equal(float a, float b) { return a <= b ? 1 : 0; }
+RAYNEST_INLINE void set(float& to, float value) {
+    to = value;
+}
+RAYNEST_INLINE void load(float& to, const float* from) {
+    to = *from;
+}
+RAYNEST_INLINE void store(float a, float* to) {
+    *to = a;
+}
+RAYNEST_INLINE float add(float a, float b) {
+    return a + b;
+}
+RAYNEST_INLINE float subtract(float a, float b) {
+    return a - b;
+}
+RAYNEST_INLINE float multiply(float a, float b) {
+    return a * b;
+}
+RAYNEST_INLINE float divide(float a, float b) {
+    return a / b;
+}
+RAYNEST_INLINE float minimum(float a, float b) {
+    return a < b ? a : b;
+}
+RAYNEST_INLINE float maximum(float a, float b) {
+    return a > b ? a : b;
+}
+RAYNEST_INLINE float flip_sign(float a, float b) {
+    return std::signbit(b) ? -a : a;
+}
+RAYNEST_INLINE float fused(float a, float b, float c) {
+    return raynest::fused(a, b, c);
+}
+RAYNEST_INLINE float fused_subtract(float a, float b, float c) {
+    return raynest::fused(a, b, -c);
+}
+RAYNEST_INLINE std::uint32_t less(float a, float b) {
+    return a < b ? 1 : 0;
+}
+RAYNEST_INLINE std::uint32_t less_equal(float a, float b) {
+    return a <= b ? 1 : 0;
+}
 
-RAYNEST_INLINE void set(Vector& to, float value) { to = hn::Set(Tag(), value); }
-RAYNEST_INLINE void load(Vector& to, const float* from) { to = hn::Load(Tag(), from); }
-RAYNEST_INLINE void store(Vector a, float* to) { hn::Store(a, Tag(), to); }
-RAYNEST_INLINE Vector add(Vector a, Vector b) { return a + b; }
-RAYNEST_INLINE Vector subtract(Vector a, Vector b) { return a - b; }
-RAYNEST_INLINE Vector multiply(Vector a, Vector b) { return a * b; }
-RAYNEST_INLINE Vector divide(Vector a, Vector b) { return a / b; }
-RAYNEST_INLINE Vector minimum(Vector a, Vector b) { return hn::Min(a, b); }
-RAYNEST_INLINE Vector maximum(Vector a, Vector b) { return hn::Max(a, b); }
+RAYNEST_INLINE void set(Vector& to, float value) {
+    to = hn::Set(Tag(), value);
+}
+RAYNEST_INLINE void load(Vector& to, const float* from) {
+    to = hn::Load(Tag(), from);
+}
+RAYNEST_INLINE void store(Vector a, float* to) {
+    hn::Store(a, Tag(), to);
+}
+RAYNEST_INLINE Vector add(Vector a, Vector b) {
+    return a + b;
+}
+RAYNEST_INLINE Vector subtract(Vector a, Vector b) {
+    return a - b;
+}
+RAYNEST_INLINE Vector multiply(Vector a, Vector b) {
+    return a * b;
+}
+RAYNEST_INLINE Vector divide(Vector a, Vector b) {
+    return a / b;
+}
+RAYNEST_INLINE Vector minimum(Vector a, Vector b) {
+    return hn::Min(a, b);
+}
+RAYNEST_INLINE Vector maximum(Vector a, Vector b) {
+    return hn::Max(a, b);
+}
 RAYNEST_INLINE Vector flip_sign(Vector a, Vector b) {
     return hn::Xor(a, hn::And(b, hn::SignBit(Tag())));
 }
-RAYNEST_INLINE Vector fused(Vector a, Vector b, Vector c) { return hn::MulAdd(a, b, c); }
-RAYNEST_INLINE Vector fused_subtract(Vector a, Vector b, Vector c) { return hn::MulSub(a, b, c); }
+RAYNEST_INLINE Vector fused(Vector a, Vector b, Vector c) {
+    return hn::MulAdd(a, b, c);
+}
+RAYNEST_INLINE Vector fused_subtract(Vector a, Vector b, Vector c) {
+    return hn::MulSub(a, b, c);
+}
 RAYNEST_INLINE std::uint32_t bits(hn::Mask<Tag> mask) {
     std::uint8_t byte[8] = {};
     hn::StoreMaskBits(Tag(), mask, byte);
     return byte[0];
 }
-RAYNEST_INLINE std::uint32_t less(Vector a, Vector b) { return bits(a < b); }
-RAYNEST_INLINE std::uint32_t less_equal(Vector a, Vector b) { return bits(a <= b); }
+RAYNEST_INLINE std::uint32_t less(Vector a, Vector b) {
+    return bits(a < b);
+}
+RAYNEST_INLINE std::uint32_t less_equal(Vector a, Vector b) {
+    return bits(a <= b);
+}
 
 }  // namespace part
 
@@ -154,8 +208,8 @@ RAYNEST_INLINE Lanes<N> fused(const Lanes<N>& a, const Lanes<N>& b, const Lanes<
 /// a*b - c: one rounding where the target has FMA.
 template <int N>
 RAYNEST_INLINE Lanes<N> fused_subtract(const Lanes<N>& a, const Lanes<N>& b, const Lanes<N>& c) {
-    return Lanes<N>::map([](auto x, auto y, auto z) { return part::fused_subtract(x, y, z); }, a,
-                         b, c);
+    return Lanes<N>::map([](auto x, auto y, auto z) { return part::fused_subtract(x, y, z); }, a, b,
+                         c);
 }
 /// Bit i: a < b in lane i. False where either is NaN.
 template <int N>

@@ -5,11 +5,11 @@
 // silently merged by the linker, and a user can compile an intersector of their own.
 #pragma once
 
-#include <cstdint>
-
 #include "engine/geometry/hit.h"
 #include "engine/geometry/ray.h"
 #include "engine/geometry/views.h"
+
+#include <cstdint>
 
 namespace raynest {
 
@@ -53,16 +53,16 @@ struct PackOutput {
 /// One chunk of rays. Thread-safe as long as the output arrays are distinct.
 struct TraceCall {
     const SceneView* scene;
-    const double* params;        ///< one per PackParam, in order; null: all at their initial value
+    const double* params;  ///< one per PackParam, in order; null: all at their initial value
     const Ray* rays;
     std::uint32_t ray_count;
-    std::uint32_t hits_max;      ///< multi: capacity per ray, 1..multi_hits_max; else 1
-    std::uint32_t mask;          ///< instances with (mask & theirs) == 0 are skipped
-    std::uint32_t flags;         ///< TraceFlags
-    HitRecord* hits;             ///< ray_count * hits_max; `any` sets hit and flags only
-    std::uint32_t* hit_counts;   ///< multi: one per ray; else may be null
-    Counters* counters;          ///< counting functions: one per ray; else may be null
-    void* const* outputs;        ///< one column of ray_count 4-byte values per PackOutput; may be null
+    std::uint32_t hits_max;     ///< multi: capacity per ray, 1..multi_hits_max; else 1
+    std::uint32_t mask;         ///< instances with (mask & theirs) == 0 are skipped
+    std::uint32_t flags;        ///< TraceFlags
+    HitRecord* hits;            ///< ray_count * hits_max; `any` sets hit and flags only
+    std::uint32_t* hit_counts;  ///< multi: one per ray; else may be null
+    Counters* counters;         ///< counting functions: one per ray; else may be null
+    void* const* outputs;  ///< one column of ray_count 4-byte values per PackOutput; may be null
 };
 
 using TraceFunction = TraceStatus (*)(const TraceCall*) noexcept;
@@ -90,10 +90,11 @@ struct PackPrimitive {
 };
 
 struct Pack {
-    std::uint32_t abi;           ///< pack_abi
-    std::uint32_t sizes[4];      ///< sizeof SceneView, ObjectRecord, HitRecord, TraceCall: checked at load
-    const char* target;          ///< "v2", "v3", "v4", "cuda"
-    std::uint32_t kernel_count;  ///< compiled trace functions, for the build report
+    std::uint32_t abi;  ///< pack_abi
+    std::uint32_t
+        sizes[4];        ///< sizeof SceneView, ObjectRecord, HitRecord, TraceCall: checked at load
+    const char* target;  ///< "v2", "v3", "v4", "cuda"
+    std::uint32_t kernel_count;    ///< compiled trace functions, for the build report
     bool (*supported)() noexcept;  ///< may this CPU run it?
     const PackVariant* variants;
     std::uint32_t variant_count;

@@ -8,17 +8,18 @@
 # This file is installed: an intersector of your own becomes a pack with a four-line CMakeLists.txt
 # (engine/INTERSECTORS.md).
 
-set(RAYNEST_PACK_SOURCE_DIR ${CMAKE_CURRENT_LIST_DIR})
+# Internal cache entries: the function below is called from folders that do not see this file's scope.
+set(RAYNEST_PACK_SOURCE_DIR ${CMAKE_CURRENT_LIST_DIR} CACHE INTERNAL "")
 
-set(_raynest_flags_v2 -march=x86-64-v2)
-set(_raynest_flags_v3 -march=x86-64-v3)
-set(_raynest_flags_v4 -march=x86-64-v4 -mprefer-vector-width=256)
-set(_raynest_highway_v2 HWY_SSE4)
-set(_raynest_highway_v3 HWY_AVX2)
-set(_raynest_highway_v4 HWY_AVX3)
-set(_raynest_cpu_v2 "__builtin_cpu_supports(\"sse4.2\")&&__builtin_cpu_supports(\"popcnt\")")
-set(_raynest_cpu_v3 "__builtin_cpu_supports(\"avx2\")&&__builtin_cpu_supports(\"fma\")&&__builtin_cpu_supports(\"bmi2\")")
-set(_raynest_cpu_v4 "__builtin_cpu_supports(\"avx512f\")&&__builtin_cpu_supports(\"avx512vl\")&&__builtin_cpu_supports(\"avx512dq\")&&__builtin_cpu_supports(\"avx512bw\")&&__builtin_cpu_supports(\"avx512cd\")&&__builtin_cpu_supports(\"avx2\")&&__builtin_cpu_supports(\"fma\")&&__builtin_cpu_supports(\"bmi2\")")
+set(_raynest_flags_v2 -march=x86-64-v2 CACHE INTERNAL "")
+set(_raynest_flags_v3 -march=x86-64-v3 CACHE INTERNAL "")
+set(_raynest_flags_v4 -march=x86-64-v4 -mprefer-vector-width=256 CACHE INTERNAL "")
+set(_raynest_highway_v2 HWY_SSE4 CACHE INTERNAL "")
+set(_raynest_highway_v3 HWY_AVX2 CACHE INTERNAL "")
+set(_raynest_highway_v4 HWY_AVX3 CACHE INTERNAL "")
+set(_raynest_cpu_v2 "__builtin_cpu_supports(\"sse4.2\")&&__builtin_cpu_supports(\"popcnt\")" CACHE INTERNAL "")
+set(_raynest_cpu_v3 "__builtin_cpu_supports(\"avx2\")&&__builtin_cpu_supports(\"fma\")&&__builtin_cpu_supports(\"bmi2\")" CACHE INTERNAL "")
+set(_raynest_cpu_v4 "__builtin_cpu_supports(\"avx512f\")&&__builtin_cpu_supports(\"avx512vl\")&&__builtin_cpu_supports(\"avx512dq\")&&__builtin_cpu_supports(\"avx512bw\")&&__builtin_cpu_supports(\"avx512cd\")&&__builtin_cpu_supports(\"avx2\")&&__builtin_cpu_supports(\"fma\")&&__builtin_cpu_supports(\"bmi2\")" CACHE INTERNAL "")
 
 # Arithmetic that means what it says: explicit fma only, NaN and infinity as IEEE says.
 set(RAYNEST_KERNEL_OPTIONS -O3 -ffp-contract=off -fno-math-errno -fno-trapping-math

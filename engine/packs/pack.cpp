@@ -1,10 +1,10 @@
 // The table of one kernel pack: collects its variants and primitive types behind one symbol.
 // Compiled for the baseline CPU: it answers "may this CPU run the pack?" before anything else runs.
-#include <array>
-#include <cstdint>
-
 #include "engine/geometry/record_types.h"
 #include "engine/packs/abi.h"
+
+#include <array>
+#include <cstdint>
 
 namespace raynest {
 
@@ -31,8 +31,8 @@ constexpr PackPrimitive describe_primitive(const char* name) {
     PackPrimitive primitive{};
     primitive.name = name;
     primitive.record_size = sizeof(P);
-    primitive.hits_max = decltype(intersect(std::declval<const RayView&>(),
-                                            std::declval<const P&>()))::lanes;
+    primitive.hits_max =
+        decltype(intersect(std::declval<const RayView&>(), std::declval<const P&>()))::lanes;
     primitive.bounds = record_bounds<P>;
     if constexpr (requires(const P& p, const Vec3& v) { normal(p, v); }) {
         primitive.normal = record_normal<P>;

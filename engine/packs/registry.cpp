@@ -30,7 +30,8 @@ std::filesystem::path builtin_directory() {
                  : self.parent_path().parent_path() / "lib" / "raynest";
 }
 
-Result<std::vector<std::filesystem::path>> find_packs(const std::vector<std::filesystem::path>& dirs) {
+Result<std::vector<std::filesystem::path>> find_packs(
+    const std::vector<std::filesystem::path>& dirs) {
     std::vector<std::filesystem::path> found;
     for (const auto& dir : dirs) {
         std::error_code error;
@@ -55,9 +56,8 @@ Result<const Pack*> load_pack(const std::filesystem::path& path) {
     void* module = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
     if (module == nullptr) {
         const char* why = dlerror();
-        return fail(ErrorCode::pack_invalid,
-                    "cannot load the kernel pack " + path.string() + ": " +
-                        (why != nullptr ? why : "unknown reason"));
+        return fail(ErrorCode::pack_invalid, "cannot load the kernel pack " + path.string() + ": " +
+                                                 (why != nullptr ? why : "unknown reason"));
     }
     const auto entry = reinterpret_cast<PackEntry>(dlsym(module, pack_symbol));
     if (entry == nullptr) {
@@ -68,10 +68,10 @@ Result<const Pack*> load_pack(const std::filesystem::path& path) {
     const std::array<std::uint32_t, 4> sizes{sizeof(SceneView), sizeof(ObjectRecord),
                                              sizeof(HitRecord), sizeof(TraceCall)};
     if (pack->abi != pack_abi || !std::equal(sizes.begin(), sizes.end(), pack->sizes)) {
-        return fail(ErrorCode::pack_invalid,
-                    path.string() + " was built against other engine headers (ABI " +
-                        std::to_string(pack->abi) + ", this build has " +
-                        std::to_string(pack_abi) + "): rebuild the pack");
+        return fail(ErrorCode::pack_invalid, path.string() +
+                                                 " was built against other engine headers (ABI " +
+                                                 std::to_string(pack->abi) + ", this build has " +
+                                                 std::to_string(pack_abi) + "): rebuild the pack");
     }
     return pack;
 }
@@ -110,19 +110,17 @@ Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
         if (wanted && (*pack)->supported()) registry->packs_.push_back(*pack);
     }
     if (registry->packs_.empty()) {
-        return fail(ErrorCode::pack_invalid,
-                    options.target == "auto"
-                        ? "no kernel pack for this CPU in " + dirs.front().string() +
-                              ": build the target raynest_packs"
-                    : target_seen ? "this CPU does not run target " + options.target +
-                                        ": use --target auto"
-                                  : "no kernel pack for target " + options.target + " in " +
-                                        dirs.front().string());
+        return fail(
+            ErrorCode::pack_invalid,
+            options.target == "auto" ? "no kernel pack for this CPU in " + dirs.front().string() +
+                                           ": build the target raynest_packs"
+            : target_seen
+                ? "this CPU does not run target " + options.target + ": use --target auto"
+                : "no kernel pack for target " + options.target + " in " + dirs.front().string());
     }
-    std::stable_sort(registry->packs_.begin(), registry->packs_.end(),
-                     [](const Pack* a, const Pack* b) {
-                         return rank_of(a->target) < rank_of(b->target);
-                     });
+    std::stable_sort(
+        registry->packs_.begin(), registry->packs_.end(),
+        [](const Pack* a, const Pack* b) { return rank_of(a->target) < rank_of(b->target); });
 
     for (const Pack* pack : registry->packs_) {
         for (std::uint32_t i = 0; i < pack->variant_count; ++i) {
@@ -142,10 +140,10 @@ Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
                 }
                 known = &registry->variants_.emplace_back(std::move(variant));
             } else if (known->targets.back() == pack->target) {
-                return fail(ErrorCode::pack_invalid,
-                            "two kernel packs for target " + std::string(pack->target) +
-                                " have an intersector named '" + code.name +
-                                "': rename one of them");
+                return fail(ErrorCode::pack_invalid, "two kernel packs for target " +
+                                                         std::string(pack->target) +
+                                                         " have an intersector named '" +
+                                                         code.name + "': rename one of them");
             }
             known->targets.emplace_back(pack->target);
         }
@@ -160,7 +158,8 @@ const Variant* Registry::find(std::string_view name) const {
 }
 
 Result<const Variant*> Registry::choose(std::string_view name, const SceneView& scene) const {
-    if (name.empty() || name == "auto") name = scene.masked_materials != 0 ? "alpha_mask" : "opaque";
+    if (name.empty() || name == "auto")
+        name = scene.masked_materials != 0 ? "alpha_mask" : "opaque";
     const Variant* variant = find(name);
     if (variant == nullptr) {
         std::vector<std::string> names;

@@ -1,6 +1,9 @@
 // Loads kernel packs and answers "which compiled function runs this request?".
 #pragma once
 
+#include "engine/packs/abi.h"
+#include "engine/result.h"
+
 #include <filesystem>
 #include <memory>
 #include <span>
@@ -9,18 +12,15 @@
 #include <utility>
 #include <vector>
 
-#include "engine/packs/abi.h"
-#include "engine/result.h"
-
 namespace raynest {
 
 /// One intersector with the best of its targets that this CPU runs.
 struct Variant {
-    const PackVariant* code = nullptr;     ///< on `target`
+    const PackVariant* code = nullptr;  ///< on `target`
     std::string name;
     std::string text;
     std::string target;
-    std::vector<std::string> targets;      ///< all loaded packs that have it, best first
+    std::vector<std::string> targets;         ///< all loaded packs that have it, best first
     std::vector<std::uint32_t> record_types;  ///< primitive types its pack can meet
     [[nodiscard]] std::span<const PackParam> params() const {
         return {code->params, code->param_count};
@@ -41,9 +41,10 @@ public:
         std::string target = "auto";                   ///< auto | v2 | v3 | v4
     };
     /// Loads every pack of the built-in directory, `pack_dirs` and RAYNEST_PACK_PATH (colon
-    /// separated). The built-in directory is RAYNEST_BUILTIN_PACKS, else <dir of the binary>/../lib/raynest.
-    /// Fails when a pack does not load, when two packs of one target share a variant's name, when no
-    /// variant is left, or when the forced target is unknown or not runnable here.
+    /// separated). The built-in directory is RAYNEST_BUILTIN_PACKS, else <dir of the
+    /// binary>/../lib/raynest. Fails when a pack does not load, when two packs of one target share
+    /// a variant's name, when no variant is left, or when the forced target is unknown or not
+    /// runnable here.
     static Result<std::shared_ptr<const Registry>> load(const Options& options);
 
     [[nodiscard]] std::span<const Variant> variants() const { return variants_; }
@@ -51,7 +52,8 @@ public:
     [[nodiscard]] const Variant* find(std::string_view name) const;
     /// "auto" is alpha_mask where the scene has MASK or BLEND materials, else opaque (CONTRACT.md
     /// §3). Also checks that the variant knows the scene's primitive types.
-    [[nodiscard]] Result<const Variant*> choose(std::string_view name, const SceneView& scene) const;
+    [[nodiscard]] Result<const Variant*> choose(std::string_view name,
+                                                const SceneView& scene) const;
     /// null when unknown. `hash` as primitive_type() gives it.
     [[nodiscard]] const PackPrimitive* find_primitive(std::uint32_t type) const;
     [[nodiscard]] const PackPrimitive* find_primitive(std::string_view name) const;
@@ -64,8 +66,8 @@ private:
 };
 
 /// What `--set` asks for, checked: a name the variant does not declare, a value out of range or not
-/// in its choices gives param_invalid and the list of what is allowed. `cull=back|none` is common to
-/// all variants and ends up in `flags` (TraceFlags).
+/// in its choices gives param_invalid and the list of what is allowed. `cull=back|none` is common
+/// to all variants and ends up in `flags` (TraceFlags).
 struct Settings {
     ParamValues params;
     std::uint32_t flags = 0;

@@ -1,9 +1,9 @@
 // Names and values of a request -> what a pack takes.
+#include "engine/packs/registry.h"
+
 #include <charconv>
 #include <cmath>
 #include <sstream>
-
-#include "engine/packs/registry.h"
 
 namespace raynest {
 namespace {

@@ -2,6 +2,13 @@
 // here, once per (intersector, target).
 #pragma once
 
+#include "engine/bvh/visit.h"
+#include "engine/intersectors/counting.h"
+#include "engine/intersectors/params.h"
+#include "engine/packs/abi.h"
+#include "engine/queries/queries.h"
+#include "engine/queries/reference.h"
+
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -10,30 +17,41 @@
 #include <tuple>
 #include <type_traits>
 
-#include "engine/bvh/visit.h"
-#include "engine/intersectors/counting.h"
-#include "engine/intersectors/params.h"
-#include "engine/packs/abi.h"
-#include "engine/queries/queries.h"
-#include "engine/queries/reference.h"
-
 namespace raynest {
 
 // ---- Declarations of an intersector as C descriptors -------------------------------------------
 
 template <class Owner>
 constexpr PackParam describe(const Param<Owner, float>& p, const Owner& initial) {
-    return {p.name, p.text, value_f32, 0, nullptr, static_cast<double>(p.minimum),
-            static_cast<double>(p.maximum), static_cast<double>(initial.*p.member)};
+    return {p.name,
+            p.text,
+            value_f32,
+            0,
+            nullptr,
+            static_cast<double>(p.minimum),
+            static_cast<double>(p.maximum),
+            static_cast<double>(initial.*p.member)};
 }
 template <class Owner>
 constexpr PackParam describe(const Param<Owner, std::uint32_t>& p, const Owner& initial) {
-    return {p.name, p.text, value_u32, 0, nullptr, static_cast<double>(p.minimum),
-            static_cast<double>(p.maximum), static_cast<double>(initial.*p.member)};
+    return {p.name,
+            p.text,
+            value_u32,
+            0,
+            nullptr,
+            static_cast<double>(p.minimum),
+            static_cast<double>(p.maximum),
+            static_cast<double>(initial.*p.member)};
 }
 template <class Owner, class T, std::size_t N>
 constexpr PackParam describe(const Choice<Owner, T, N>& p, const Owner& initial) {
-    return {p.name, p.text, value_choice, N, p.choices.data(), 0.0, static_cast<double>(N - 1),
+    return {p.name,
+            p.text,
+            value_choice,
+            N,
+            p.choices.data(),
+            0.0,
+            static_cast<double>(N - 1),
             static_cast<double>(initial.*p.member)};
 }
 template <class Owner>
@@ -63,19 +81,18 @@ template <class Isect>
 constexpr auto describe_outputs() {
     if constexpr (requires { Isect::outputs; }) {
         return std::apply(
-            [](const auto&... o) {
-                return std::array<PackOutput, sizeof...(o)>{describe(o)...};
-            },
+            [](const auto&... o) { return std::array<PackOutput, sizeof...(o)>{describe(o)...}; },
             Isect::outputs);
     } else {
         return std::array<PackOutput, 0>{};
     }
 }
 
-// ---- One chunk of rays ---------------------------------------------------------------------------
+// ---- One chunk of rays
+// ---------------------------------------------------------------------------
 
-/// Rays that are traced before their outputs are copied to columns: keeps per-ray state on the stack
-/// and in L1, without an allocation.
+/// Rays that are traced before their outputs are copied to columns: keeps per-ray state on the
+/// stack and in L1, without an allocation.
 inline constexpr std::uint32_t ray_group = 64;
 
 template <class Isect>
@@ -107,7 +124,9 @@ struct OutputsOf {
     using type = NoOutputs;
 };
 template <class Isect>
-    requires requires { typename Isect::Outputs; }
+requires requires {
+    typename Isect::Outputs;
+}
 struct OutputsOf<Isect> {
     using type = typename Isect::Outputs;
 };
@@ -205,7 +224,8 @@ TraceStatus trace(const TraceCall* pointer) noexcept {
     return trace_ok;
 }
 
-// ---- The table -----------------------------------------------------------------------------------
+// ---- The table
+// -----------------------------------------------------------------------------------
 
 /// What is compiled per intersector (CONTRACT.md §3): latency {closest, any, multi} x {plain,
 /// counting}, and the reference. A new traversal or precision is a line here.

@@ -1,18 +1,18 @@
 // The three visibility queries: what is kept of the candidates that survive the intersector.
 //
 // take(ray, hits) sees the surviving lanes of one primitive or block, keeps what it wants, shrinks
-// ray.tmax to the farthest distance that can still matter and returns true when nothing can. Hits are
-// ordered by (t, path, geom, prim, k), CONTRACT.md §1: of equal t the smaller key wins, whatever the
-// order of traversal, so answers do not depend on the tree.
+// ray.tmax to the farthest distance that can still matter and returns true when nothing can. Hits
+// are ordered by (t, path, geom, prim, k), CONTRACT.md §1: of equal t the smaller key wins,
+// whatever the order of traversal, so answers do not depend on the tree.
 #pragma once
+
+#include "engine/geometry/concepts.h"
+#include "engine/geometry/hit.h"
+#include "engine/geometry/intersection.h"
 
 #include <bit>
 #include <cstdint>
 #include <span>
-
-#include "engine/geometry/hit.h"
-#include "engine/geometry/intersection.h"
-#include "engine/geometry/concepts.h"
 
 namespace raynest {
 
@@ -26,9 +26,8 @@ RAYNEST_INLINE HitRecord make_record(const RayView& ray, const Hits<P, N>& hits,
     record.v = v;
     record.triangle = hits.primitive.prim_of(lane);
     record.path = ray.path;
-    record.object = ray.object != nullptr
-                        ? static_cast<std::uint32_t>(ray.object - ray.scene->objects)
-                        : no_id;
+    record.object =
+        ray.object != nullptr ? static_cast<std::uint32_t>(ray.object - ray.scene->objects) : no_id;
     record.k = RecordLike<P> ? static_cast<std::uint8_t>(lane) : std::uint8_t{0};
     record.front = static_cast<std::uint8_t>(hits.front >> lane & 1U);
     record.hit = 1;

@@ -7,13 +7,13 @@
 // The best distance shrinks from element to element.
 #pragma once
 
-#include <array>
-#include <cstdint>
-#include <iterator>
-
 #include "engine/bvh/visit.h"
 #include "engine/intersectors/opaque.h"
 #include "engine/queries/queries.h"
+
+#include <array>
+#include <cstdint>
+#include <iterator>
 
 namespace raynest {
 
@@ -38,8 +38,8 @@ void trace_range(const Ray& ray, Iterator first, Iterator last, Isect& isect, Qu
     }
 }
 
-/// The nearest hit; `hit` is 0 in the record when there is none. `isect` is taken by reference: what
-/// it counts stays in it.
+/// The nearest hit; `hit` is 0 in the record when there is none. `isect` is taken by reference:
+/// what it counts stays in it.
 template <class Iterator, class Isect>
 [[nodiscard]] HitRecord closest_hit(const Ray& ray, Iterator first, Iterator last, Isect&& isect) {
     ClosestHit query;

@@ -1,8 +1,8 @@
 // The brute-force reference: every primitive of every placement, no tree, no box.
 //
-// It walks the same chain of transforms and asks the same intersector about the same primitives, one
-// lane at a time, in the same pack; the difference to any traversal is 0 (CONTRACT.md §2). It shares
-// visit() of a single primitive with the traversal and nothing of the tree.
+// It walks the same chain of transforms and asks the same intersector about the same primitives,
+// one lane at a time, in the same pack; the difference to any traversal is 0 (CONTRACT.md §2). It
+// shares visit() of a single primitive with the traversal and nothing of the tree.
 #pragma once
 
 #include "engine/bvh/visit.h"
@@ -21,9 +21,8 @@ bool visit_everything(RayView& ray, const Bvh& bvh, Isect& isect, Query& query) 
         }
     }
     if (object.record_count != 0 &&
-        visit_record_type(scene, object, 0, object.record_count, [&](const auto& record) {
-            return visit(ray, record, isect, query);
-        })) {
+        visit_record_type(scene, object, 0, object.record_count,
+                          [&](const auto& record) { return visit(ray, record, isect, query); })) {
         return true;
     }
     for (std::uint32_t i = 0; i < object.instance_count; ++i) {

@@ -1,0 +1,60 @@
+// Scenes and rays that try to make a traversal disagree with the reference.
+#pragma once
+
+#include "engine/geometry/ray.h"
+#include "engine/scene/description.h"
+
+#include <bit>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace raynest::conformance {
+
+/// A small seeded generator; every run sees the same input.
+class Random {
+public:
+    explicit Random(std::uint64_t seed) : state_(seed * 0x9E3779B97F4A7C15ULL + 1) {}
+    std::uint32_t bits() {
+        state_ = state_ * 6364136223846793005ULL + 1442695040888963407ULL;
+        const auto x = static_cast<std::uint32_t>((state_ >> 18 ^ state_) >> 27);
+        const auto turn = static_cast<std::uint32_t>(state_ >> 59);
+        return std::rotr(x, static_cast<int>(turn));
+    }
+    float unit() { return static_cast<float>(bits() >> 8) * 0x1p-24F; }
+    float between(float low, float high) { return low + (high - low) * unit(); }
+    std::uint32_t below(std::uint32_t n) { return bits() % n; }
+    Vec3 in_box(float half) {
+        return {between(-half, half), between(-half, half), between(-half, half)};
+    }
+    Vec3 direction();
+
+private:
+    std::uint64_t state_;
+};
+
+/// Masked, blended and opaque triangles with textures, plus degenerate triangles, under
+/// `depth` BVHs: depth - 1 levels of rotated, scaled, sheared and mirrored instances. Each level
+/// holds geometry of its own besides its instances, so hits happen at every depth; from depth 2 on
+/// there is an object of spheres too. One instance per level of depth 32 has a singular transform
+/// and one a mask of zero.
+SceneDescription nested_scene(std::uint32_t depth, std::uint64_t seed);
+
+/// A BVH of spheres: two hits per primitive.
+SceneDescription sphere_scene(std::uint64_t seed);
+
+/// One mesh of `triangles` connected triangles (a bent sheet): many shared edges and vertices.
+SceneDescription sheet_scene(std::uint32_t triangles, std::uint32_t depth, std::uint64_t seed);
+
+/// A world-space point on a random edge or vertex of a random triangle, anywhere in the scene.
+Vec3 random_edge_point(const SceneDescription& scene, Random& random);
+
+/// Random directions from around the scene, some with short intervals.
+std::vector<Ray> random_rays(std::uint32_t count, float half, Random& random);
+/// Through edges and vertices.
+std::vector<Ray> edge_rays(const SceneDescription& scene, std::uint32_t count, float half,
+                           Random& random);
+/// Axis-parallel, zero, non-finite, denormal, reversed, enormous and tiny ones.
+std::vector<Ray> odd_rays(std::uint32_t count, float half, Random& random);
+
+}  // namespace raynest::conformance
