@@ -1,10 +1,16 @@
 // A glTF file as plain checked data: what the rest of the importer reads instead of tinygltf.
 //
-//   bytes --prescan--> tinygltf --gltf_load.cpp--> Model --geometry, materials, nodes--> description
+//   bytes --prescan--> tinygltf --gltf_load.cpp--> Model --geometry, materials, nodes-->
+//   description
 //
-// Everything in a Model has been validated by index and range: an index is below the size of what it
-// indexes or is no_id, and every byte an accessor can reach lies inside its buffer.
+// Everything in a Model has been validated by index and range: an index is below the size of what
+// it indexes or is no_id, and every byte an accessor can reach lies inside its buffer.
 #pragma once
+
+#include "engine/assets/import.h"
+#include "engine/geometry/hit.h"
+#include "engine/result.h"
+#include "engine/scene/description.h"
 
 #include <array>
 #include <cstddef>
@@ -13,11 +19,6 @@
 #include <span>
 #include <string>
 #include <vector>
-
-#include "engine/assets/import.h"
-#include "engine/geometry/hit.h"
-#include "engine/result.h"
-#include "engine/scene/description.h"
 
 namespace raynest::gltf {
 
@@ -29,8 +30,8 @@ template <class T>
 
 enum class Component : std::uint8_t { i8, u8, i16, u16, u32, f32 };
 [[nodiscard]] std::uint32_t size_of(Component component);
-/// Accessors without a bufferView are all zeros but for their sparse elements; one costs no bytes in
-/// the file, so its count is bounded.
+/// Accessors without a bufferView are all zeros but for their sparse elements; one costs no bytes
+/// in the file, so its count is bounded.
 inline constexpr std::uint64_t zero_filled_max = 1U << 20;
 
 /// Element i has `width` components and starts at data + i * stride. Without data every element is
@@ -131,7 +132,8 @@ struct Camera {
 };
 
 struct Model {
-    std::vector<std::vector<unsigned char>> storage;  ///< buffers and pictures that others point into
+    std::vector<std::vector<unsigned char>>
+        storage;  ///< buffers and pictures that others point into
     std::vector<Accessor> accessors;
     std::vector<Mesh> meshes;
     std::vector<MaterialDescription> materials;  ///< `texture` indexes `textures`
@@ -143,11 +145,11 @@ struct Model {
     bool quantized = false;            ///< KHR_mesh_quantization is in use
     bool skinned = false;
     bool morphed = false;
-    std::uint64_t upload_bytes = 0;    ///< of all files together: what amplification is measured by
+    std::uint64_t upload_bytes = 0;  ///< of all files together: what amplification is measured by
 };
 
-/// Guards 4..7 of the notes: tinygltf behind its fences, then every index and range. `json` has passed
-/// prescan_json. The model owns its bytes and never points into the request.
+/// Guards 4..7 of the notes: tinygltf behind its fences, then every index and range. `json` has
+/// passed prescan_json. The model owns its bytes and never points into the request.
 Result<Model> load_model(const ImportRequest& request);
 
 /// A node's transform from `matrix` (16, column-major) or TRS, as the file states them: the right
@@ -155,8 +157,8 @@ Result<Model> load_model(const ImportRequest& request);
 Result<Matrix> local_matrix(std::span<const double> matrix, std::span<const double> translation,
                             std::span<const double> rotation, std::span<const double> scale,
                             const std::string& where);
-/// Translation, unit quaternion (x y z w) and scale as one map; `rotation` need not be normalised but
-/// must not be zero.
+/// Translation, unit quaternion (x y z w) and scale as one map; `rotation` need not be normalised
+/// but must not be zero.
 Matrix from_trs(const double* translation, const double* rotation, const double* scale);
 /// `outer` after `inner`.
 Matrix multiply(const Matrix& outer, const Matrix& inner);
@@ -172,13 +174,15 @@ Result<std::vector<std::uint32_t>> read_indices(const Accessor& accessor);
 
 /// Reads the meshes in `used`; the result has one object per mesh of the model, without geometries
 /// where a mesh is unused or has nothing but points and lines (counted in `scene.skipped`).
-Result<std::vector<ObjectDescription>> read_meshes(const Model& model, const std::vector<bool>& used,
+Result<std::vector<ObjectDescription>> read_meshes(const Model& model,
+                                                   const std::vector<bool>& used,
                                                    const ImportLimits& limits,
                                                    SceneDescription& scene);
 
 /// Materials, their textures and the pictures those need, decoded; a texture that is missing or
 /// damaged is counted in skipped["textures"] and warned about.
-Result<void> read_materials(const Model& model, const ImportLimits& limits, SceneDescription& scene);
+Result<void> read_materials(const Model& model, const ImportLimits& limits,
+                            SceneDescription& scene);
 
 /// Objects, instances and cameras of the chosen scene.
 Result<void> read_nodes(const Model& model, const ImportLimits& limits, SceneDescription& scene);

@@ -5,14 +5,14 @@
 // that of the project's notes: container, size, nesting, then names.
 #pragma once
 
+#include "engine/assets/import.h"
+#include "engine/result.h"
+
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
 #include <string_view>
-
-#include "engine/assets/import.h"
-#include "engine/result.h"
 
 namespace raynest::gltf {
 
@@ -24,16 +24,16 @@ struct GlbChunks {
     std::span<const std::byte> binary;  ///< empty when the file has none
 };
 
-/// Walks the 12-byte header and every chunk header: magic, version 2, total length equal to the bytes
-/// received, chunk lengths inside it, JSON first. scene_invalid otherwise.
+/// Walks the 12-byte header and every chunk header: magic, version 2, total length equal to the
+/// bytes received, chunk lengths inside it, JSON first. scene_invalid otherwise.
 Result<GlbChunks> open_glb(std::span<const std::byte> file);
 
 /// One pass over the JSON text that builds nothing: syntax, nesting depth, repeated keys, number of
 /// objects, buffers without a home, and the names of files. scene_invalid or limit_exceeded.
 Result<void> prescan_json(std::span<const std::byte> json, bool is_glb, const ImportLimits& limits);
 
-/// May this (percent-encoded) URI name an uploaded file? Relative, no "..", no scheme, no backslash,
-/// no control character, and no separator or dot hidden behind a percent sign.
+/// May this (percent-encoded) URI name an uploaded file? Relative, no "..", no scheme, no
+/// backslash, no control character, and no separator or dot hidden behind a percent sign.
 [[nodiscard]] bool is_safe_name(std::string_view uri);
 
 }  // namespace raynest::gltf

@@ -1,14 +1,14 @@
 // Decoding and encoding of pictures; the only file (with image.cpp) that knows OpenImageIO.
 #pragma once
 
+#include "engine/result.h"
+#include "engine/scene/description.h"
+
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string_view>
 #include <vector>
-
-#include "engine/result.h"
-#include "engine/scene/description.h"
 
 namespace raynest {
 

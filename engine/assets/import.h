@@ -1,6 +1,10 @@
 // Files -> snapshot arena, as a pure function, and the short-lived child process that runs it.
 #pragma once
 
+#include "engine/packs/registry.h"
+#include "engine/result.h"
+#include "engine/scene/snapshot.h"
+
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
@@ -10,10 +14,6 @@
 #include <string>
 #include <string_view>
 #include <vector>
-
-#include "engine/packs/registry.h"
-#include "engine/result.h"
-#include "engine/scene/snapshot.h"
 
 namespace raynest {
 
@@ -30,8 +30,8 @@ struct ImportRequest {
 };
 
 struct ImportLimits {
-    std::uint64_t bytes_max = 8ULL << 30;   ///< address space of the child
-    std::chrono::seconds time_max{120};     ///< CPU and wall time of the child
+    std::uint64_t bytes_max = 8ULL << 30;  ///< address space of the child
+    std::chrono::seconds time_max{120};    ///< CPU and wall time of the child
     std::uint64_t file_bytes_max = 1ULL << 30;
     std::uint64_t json_bytes_max = 64ULL << 20;
     std::uint32_t json_depth_max = 64;
@@ -58,13 +58,13 @@ Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& req
                                                         const ImportLimits& limits,
                                                         std::span<const std::string> child);
 
-/// Body of the child: reads the request from fd 3, writes the arena or the error to fd 4. Returns the
-/// process's exit code.
+/// Body of the child: reads the request from fd 3, writes the arena or the error to fd 4. Returns
+/// the process's exit code.
 int import_child_main(const Registry& registry);
 
 /// The files that a .gltf names (buffers and images, percent-decoded), for a client that uploads
-/// them; refuses absolute names, "..", schemes and the rest of notes' list. GLB: what its JSON names.
-/// (The client has its own copy of this rule in client/upload; the import checks again.)
+/// them; refuses absolute names, "..", schemes and the rest of notes' list. GLB: what its JSON
+/// names. (The client has its own copy of this rule in client/upload; the import checks again.)
 
 /// builtin:forest[?trees=..&leaves=..&levels=..&seed=..], builtin:terrain[?size=..&seed=..],
 /// builtin:flake[?depth=..]. scene_invalid names the known keys.

@@ -1,0 +1,84 @@
+// builtin:NAME?key=value&...: the table of procedural scenes and the parsing of their keys.
+#include "engine/assets/builtin.h"
+
+#include "engine/assets/import.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <charconv>
+#include <span>
+#include <vector>
+
+namespace raynest {
+namespace {
+
+constexpr BuiltinKey forest_keys[] = {{"trees", 1000, 1, 4'000'000},
+                                      {"leaves", 14, 1, 200},
+                                      {"levels", 4, 1, 4},
+                                      {"seed", 1, 0, 1ULL << 53}};
+constexpr BuiltinKey terrain_keys[] = {{"size", 512, 2, 8192}, {"seed", 1, 0, 1ULL << 53}};
+constexpr BuiltinKey flake_keys[] = {{"depth", 6, 1, 16}};
+
+struct Builtin {
+    std::string_view name;
+    std::span<const BuiltinKey> keys;
+    Result<SceneDescription> (*describe)(const BuiltinValues&);
+};
+constexpr Builtin builtins[] = {{"forest", forest_keys, describe_forest},
+                                {"terrain", terrain_keys, describe_terrain},
+                                {"flake", flake_keys, describe_flake}};
+
+std::string key_list(const Builtin& builtin) {
+    std::vector<std::string> texts;
+    for (const BuiltinKey& key : builtin.keys) {
+        texts.push_back(fmt::format("{} ({}..{}, default {})", key.name, key.minimum, key.maximum,
+                                    key.initial));
+    }
+    return fmt::format("{}", fmt::join(texts, ", "));
+}
+
+/// One "key=value" into `values`; false when the key is unknown or the value out of range.
+bool assign(const Builtin& builtin, std::string_view assignment, BuiltinValues& values) {
+    const std::size_t equals = assignment.find('=');
+    if (equals == std::string_view::npos) return false;
+    const std::string_view text = assignment.substr(equals + 1);
+    for (const BuiltinKey& key : builtin.keys) {
+        if (key.name != assignment.substr(0, equals)) continue;
+        std::uint64_t value = 0;
+        const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+        if (error != std::errc{} || end != text.data() + text.size()) return false;
+        values[std::string(key.name)] = value;
+        return value >= key.minimum && value <= key.maximum;
+    }
+    return false;
+}
+
+}  // namespace
+
+Result<SceneDescription> describe_builtin(std::string_view source) {
+    constexpr std::string_view prefix = "builtin:";
+    if (source.starts_with(prefix)) source.remove_prefix(prefix.size());
+    const std::string_view name = source.substr(0, source.find('?'));
+    for (const Builtin& builtin : builtins) {
+        if (builtin.name != name) continue;
+        BuiltinValues values;
+        for (const BuiltinKey& key : builtin.keys) values.emplace(key.name, key.initial);
+        std::string_view rest = source.substr(std::min(name.size() + 1, source.size()));
+        while (!rest.empty()) {
+            const std::string_view assignment = rest.substr(0, rest.find('&'));
+            if (!assign(builtin, assignment, values)) {
+                return fail(ErrorCode::scene_invalid,
+                            fmt::format("builtin:{} does not take '{}'; its keys are {}", name,
+                                        assignment.substr(0, 60), key_list(builtin)));
+            }
+            rest.remove_prefix(std::min(assignment.size() + 1, rest.size()));
+        }
+        return builtin.describe(values);
+    }
+    return fail(ErrorCode::scene_invalid,
+                fmt::format("there is no built-in scene '{}'; there are forest, terrain and flake",
+                            name.substr(0, 60)));
+}
+
+}  // namespace raynest

@@ -1,0 +1,39 @@
+// .glb and .gltf -> SceneDescription: the guards in their order, then the readers.
+#include "engine/assets/gltf.h"
+
+#include "engine/assets/gltf_model.h"
+#include "engine/assets/gltf_prescan.h"
+
+#include <fmt/format.h>
+
+namespace raynest {
+
+Result<SceneDescription> describe_gltf(const ImportRequest& request, const ImportLimits& limits) {
+    const std::span<const std::byte> main = request.files.front().bytes;
+    const bool is_glb = gltf::starts_as_glb(main) || request.source.ends_with(".glb");
+    std::span<const std::byte> json = main;
+    if (is_glb) {
+        const auto chunks = gltf::open_glb(main);
+        if (!chunks) return gltf::error_of(chunks);
+        json = chunks->json;
+    }
+    if (auto done = gltf::prescan_json(json, is_glb, limits); !done) return gltf::error_of(done);
+    const auto model = gltf::load_model(request);
+    if (!model) return gltf::error_of(model);
+
+    SceneDescription scene;
+    if (model->skinned) scene.warnings.emplace_back("skins are shown in the pose of the file");
+    if (model->morphed) scene.warnings.emplace_back("morph targets are left out");
+    if (auto done = gltf::read_nodes(*model, limits, scene); !done) return gltf::error_of(done);
+    if (auto done = gltf::read_materials(*model, limits, scene); !done) return gltf::error_of(done);
+    for (const char* shape : {"points", "lines"}) {
+        if (const auto found = scene.skipped.find(shape); found != scene.skipped.end()) {
+            scene.warnings.push_back(
+                fmt::format("{} primitives of {} were left out; only triangles can be hit",
+                            found->second, shape));
+        }
+    }
+    return scene;
+}
+
+}  // namespace raynest

@@ -1,0 +1,257 @@
+// bufferViews and accessors: every range is checked here once, then read without a check.
+#include "engine/assets/gltf_model.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+
+namespace raynest::gltf {
+namespace {
+
+bool component_of(int type, Component& component) {
+    switch (type) {
+        case 5120:
+            component = Component::i8;
+            return true;
+        case 5121:
+            component = Component::u8;
+            return true;
+        case 5122:
+            component = Component::i16;
+            return true;
+        case 5123:
+            component = Component::u16;
+            return true;
+        case 5125:
+            component = Component::u32;
+            return true;
+        case 5126:
+            component = Component::f32;
+            return true;
+        default:
+            return false;
+    }
+}
+
+tl::unexpected<Error> refuse(const std::string& why) {
+    return fail(ErrorCode::scene_invalid, why);
+}
+
+/// Where `count` elements of `element` bytes at `offset` lie inside the view, or null. No sum or
+/// product here can wrap: every term is bounded before it is used.
+const std::byte* place(const View& view, std::uint64_t offset, std::uint64_t count,
+                       std::uint64_t stride, std::uint64_t element) {
+    const std::uint64_t size = view.bytes.size();
+    if (offset > size || element > size - offset) return nullptr;
+    if (count - 1 > (size - offset - element) / stride) return nullptr;
+    return view.bytes.data() + offset;
+}
+
+template <class T>
+T load(const std::byte* at) {
+    T value;
+    std::memcpy(&value, at, sizeof value);
+    return value;
+}
+
+float load_component(const std::byte* at, Component component, bool normalized) {
+    switch (component) {
+        case Component::i8: {
+            const auto value = static_cast<float>(load<std::int8_t>(at));
+            return normalized ? std::max(value / 127.0F, -1.0F) : value;
+        }
+        case Component::u8: {
+            const auto value = static_cast<float>(load<std::uint8_t>(at));
+            return normalized ? value / 255.0F : value;
+        }
+        case Component::i16: {
+            const auto value = static_cast<float>(load<std::int16_t>(at));
+            return normalized ? std::max(value / 32767.0F, -1.0F) : value;
+        }
+        case Component::u16: {
+            const auto value = static_cast<float>(load<std::uint16_t>(at));
+            return normalized ? value / 65535.0F : value;
+        }
+        case Component::u32:
+            return static_cast<float>(load<std::uint32_t>(at));
+        case Component::f32:
+            break;
+    }
+    return load<float>(at);
+}
+
+std::uint32_t load_index(const std::byte* at, Component component) {
+    if (component == Component::u8) return load<std::uint8_t>(at);
+    if (component == Component::u16) return load<std::uint16_t>(at);
+    return load<std::uint32_t>(at);
+}
+
+}  // namespace
+
+std::uint32_t size_of(Component component) {
+    if (component == Component::i8 || component == Component::u8) return 1;
+    if (component == Component::i16 || component == Component::u16) return 2;
+    return 4;
+}
+
+Result<View> check_view(const RawView& raw, std::span<const std::vector<unsigned char>> buffers) {
+    if (raw.buffer < 0 || static_cast<std::uint64_t>(raw.buffer) >= buffers.size()) {
+        return refuse(fmt::format("a bufferView refers to buffer {}, but there are {}", raw.buffer,
+                                  buffers.size()));
+    }
+    const auto bytes = std::as_bytes(std::span(buffers[static_cast<std::size_t>(raw.buffer)]));
+    if (raw.offset > bytes.size() || raw.length > bytes.size() - raw.offset || raw.length == 0) {
+        return refuse(
+            fmt::format("a bufferView of {} bytes at {} lies outside its buffer of {} bytes",
+                        raw.length, raw.offset, bytes.size()));
+    }
+    if (raw.stride != 0 && (raw.stride < 4 || raw.stride > 252 || raw.stride % 4 != 0)) {
+        return refuse(
+            fmt::format("a bufferView has stride {}, not a multiple of 4 up to 252", raw.stride));
+    }
+    return View{bytes.subspan(raw.offset, raw.length), raw.stride};
+}
+
+Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> views) {
+    Accessor out;
+    if (!component_of(raw.component_type, out.component)) {
+        return refuse(
+            fmt::format("an accessor has the unknown component type {}", raw.component_type));
+    }
+    if (raw.width == 0 || raw.count == 0 || raw.count > 0xFFFFFFFFU) {
+        return refuse(fmt::format("an accessor of {} elements makes no sense", raw.count));
+    }
+    out.count = raw.count;
+    out.width = raw.width;
+    out.normalized = raw.normalized;
+    out.scalar_or_vector = raw.scalar_or_vector;
+    const std::uint32_t component = size_of(out.component);
+    const std::uint32_t element = component * raw.width;
+    out.stride = element;
+
+    const auto view_of = [&](std::int64_t index) -> const View* {
+        const bool known = index >= 0 && static_cast<std::uint64_t>(index) < views.size();
+        return known ? &views[static_cast<std::size_t>(index)] : nullptr;
+    };
+    if (raw.view != -1) {
+        const View* view = view_of(raw.view);
+        if (view == nullptr) {
+            return refuse(fmt::format("an accessor refers to bufferView {}, but there are {}",
+                                      raw.view, views.size()));
+        }
+        if (view->stride != 0) out.stride = static_cast<std::uint32_t>(view->stride);
+        if (out.stride < element) {
+            return refuse(fmt::format("an accessor's elements of {} bytes overlap at stride {}",
+                                      element, out.stride));
+        }
+        out.data = place(*view, raw.offset, raw.count, out.stride, element);
+        if (out.data == nullptr) {
+            return refuse(
+                fmt::format("an accessor of {} elements lies outside its bufferView of {} bytes",
+                            raw.count, view->bytes.size()));
+        }
+        // glTF aligns to the buffer's start, which the allocator aligns for us.
+        if (reinterpret_cast<std::uintptr_t>(out.data) % component != 0 ||
+            out.stride % component != 0) {
+            return refuse("an accessor is not aligned to its component type");
+        }
+    }
+
+    if (raw.sparse) {
+        const View* indices = view_of(raw.sparse_indices_view);
+        const View* values = view_of(raw.sparse_values_view);
+        const bool index_type =
+            component_of(raw.sparse_component_type, out.sparse_component) &&
+            (out.sparse_component == Component::u8 || out.sparse_component == Component::u16 ||
+             out.sparse_component == Component::u32);
+        if (indices == nullptr || values == nullptr || !index_type || raw.sparse_count < 1 ||
+            static_cast<std::uint64_t>(raw.sparse_count) > raw.count ||
+            raw.sparse_indices_offset < 0 || raw.sparse_values_offset < 0) {
+            return refuse("a sparse accessor names bufferViews, types or counts that do not exist");
+        }
+        out.sparse_count = static_cast<std::uint64_t>(raw.sparse_count);
+        const std::uint32_t index_size = size_of(out.sparse_component);
+        out.sparse_indices = place(*indices, static_cast<std::uint64_t>(raw.sparse_indices_offset),
+                                   out.sparse_count, index_size, index_size);
+        out.sparse_values = place(*values, static_cast<std::uint64_t>(raw.sparse_values_offset),
+                                  out.sparse_count, element, element);
+        if (out.sparse_indices == nullptr || out.sparse_values == nullptr) {
+            return refuse("a sparse accessor's elements lie outside their bufferViews");
+        }
+    }
+    return out;
+}
+
+Result<std::vector<float>> read_floats(const Accessor& accessor,
+                                       std::span<const std::uint32_t> elements) {
+    const std::uint32_t width = accessor.width;
+    const std::uint32_t component = size_of(accessor.component);
+    const auto read_element = [&](const std::byte* from, float* to) {
+        for (std::uint32_t c = 0; c < width; ++c) {
+            to[c] = load_component(from + std::size_t{c} * component, accessor.component,
+                                   accessor.normalized);
+        }
+    };
+    if (accessor.sparse_count == 0) {
+        if (accessor.data == nullptr) return refuse("an attribute's accessor has no bufferView");
+        const std::uint64_t count = elements.empty() ? accessor.count : elements.size();
+        std::vector<float> out(count * width);
+        for (std::uint64_t i = 0; i < count; ++i) {
+            const std::uint64_t element = elements.empty() ? i : elements[i];
+            read_element(accessor.data + element * accessor.stride, out.data() + i * width);
+        }
+        return out;
+    }
+
+    // A sparse accessor is written out in full, then picked from.
+    if (accessor.data == nullptr && accessor.count > zero_filled_max) {
+        return fail(
+            ErrorCode::limit_exceeded,
+            fmt::format("a sparse accessor without a bufferView has {} elements; at most {} are "
+                        "allowed",
+                        accessor.count, zero_filled_max));
+    }
+    std::vector<float> full(accessor.count * width, 0.0F);
+    for (std::uint64_t i = 0; accessor.data != nullptr && i < accessor.count; ++i) {
+        read_element(accessor.data + i * accessor.stride, full.data() + i * width);
+    }
+    for (std::uint64_t i = 0; i < accessor.sparse_count; ++i) {
+        const std::uint32_t index =
+            load_index(accessor.sparse_indices + i * size_of(accessor.sparse_component),
+                       accessor.sparse_component);
+        if (index >= accessor.count) {
+            return refuse(
+                fmt::format("a sparse accessor replaces element {} of {}", index, accessor.count));
+        }
+        read_element(accessor.sparse_values + i * std::uint64_t{width} * component,
+                     full.data() + std::uint64_t{index} * width);
+    }
+    if (elements.empty()) return full;
+    std::vector<float> out(elements.size() * width);
+    for (std::size_t i = 0; i < elements.size(); ++i) {
+        std::copy_n(full.data() + std::uint64_t{elements[i]} * width, width,
+                    out.data() + i * width);
+    }
+    return out;
+}
+
+Result<std::vector<std::uint32_t>> read_indices(const Accessor& accessor) {
+    const bool is_unsigned = accessor.component == Component::u8 ||
+                             accessor.component == Component::u16 ||
+                             accessor.component == Component::u32;
+    if (accessor.width != 1 || !is_unsigned || accessor.normalized) {
+        return refuse("a primitive's indices are not plain unsigned integers");
+    }
+    if (accessor.data == nullptr || accessor.sparse_count != 0) {
+        return fail(ErrorCode::scene_unsupported,
+                    "a primitive's indices are a sparse accessor; re-export with plain ones");
+    }
+    std::vector<std::uint32_t> out(accessor.count);
+    for (std::uint64_t i = 0; i < accessor.count; ++i) {
+        out[i] = load_index(accessor.data + i * accessor.stride, accessor.component);
+    }
+    return out;
+}
+
+}  // namespace raynest::gltf

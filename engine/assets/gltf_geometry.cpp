@@ -1,0 +1,285 @@
+// Meshes: a glTF primitive becomes one geometry, the primitives of a mesh one object.
+//
+// Triangles, strips and fans become triangle lists in file order; points and lines are counted and
+// left out. Primitives often share one large vertex buffer, so each takes only the vertices it
+// uses.
+#include "engine/assets/gltf_model.h"
+#include "engine/scene/snapshot.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace raynest::gltf {
+namespace {
+
+/// Decoded geometry is at most 12 times its encoded form (a strip of byte indices) plus slack;
+/// beyond this a small file names the same bytes again and again to cost memory.
+constexpr std::uint64_t decoded_bytes_free = 32ULL << 20;
+constexpr std::uint64_t decoded_bytes_per_byte = 32;
+
+/// What may still be decoded, counted down before anything is allocated.
+struct Budget {
+    std::uint64_t triangles;
+    std::uint64_t bytes;
+
+    Result<void> take_bytes(std::uint64_t count) {
+        if (count > bytes) {
+            return fail(
+                ErrorCode::limit_exceeded,
+                fmt::format("the scene's meshes decode to more than {} times its files; it names "
+                            "the same data again and again",
+                            decoded_bytes_per_byte));
+        }
+        bytes -= count;
+        return {};
+    }
+    Result<void> take_triangles(std::uint64_t count, std::uint64_t limit) {
+        if (count > triangles) {
+            return fail(ErrorCode::limit_exceeded,
+                        fmt::format("the scene has more than {} triangles", limit));
+        }
+        triangles -= count;
+        return {};
+    }
+};
+
+enum Mode {
+    mode_points = 0,
+    mode_lines_last = 3,
+    mode_triangles = 4,
+    mode_strip = 5,
+    mode_fan = 6
+};
+
+/// Corner c of triangle i of a list, strip or fan, as a place in the index list. Strips turn every
+/// other triangle round, fans start at corner 0 (glTF 2.0, 3.7.2.1).
+std::uint64_t corner(int mode, std::uint64_t i, std::uint64_t c) {
+    if (mode == mode_strip) return c == 0 ? i : (c == 1) == (i % 2 == 0) ? i + 1 : i + 2;
+    if (mode == mode_fan) return c == 2 ? 0 : i + c + 1;
+    return 3 * i + c;
+}
+
+class MeshReader {
+public:
+    MeshReader(const Model& model, const ImportLimits& limits, SceneDescription& scene)
+        : model_(model),
+          limits_(limits),
+          scene_(scene),
+          budget_{limits.triangles_max,
+                  decoded_bytes_free + model.upload_bytes * decoded_bytes_per_byte} {}
+
+    Result<ObjectDescription> read(std::size_t index) {
+        const Mesh& mesh = model_.meshes[index];
+        where_ = fmt::format("mesh {} ('{}')", index, mesh.name.substr(0, 60));
+        ObjectDescription object;
+        object.name = mesh.name;
+        for (const Primitive& primitive : mesh.primitives) {
+            if (primitive.mode < mode_points || primitive.mode > mode_fan) {
+                return refuse(
+                    fmt::format("has a primitive of the unknown mode {}", primitive.mode));
+            }
+            if (primitive.mode <= mode_lines_last) {
+                ++scene_.skipped[primitive.mode == mode_points ? "points" : "lines"];
+                continue;
+            }
+            auto geometry = read_primitive(primitive);
+            if (!geometry) return error_of(geometry);
+            if (!geometry->indices.empty()) object.geometries.push_back(std::move(*geometry));
+        }
+        return object;
+    }
+
+private:
+    tl::unexpected<Error> refuse(const std::string& why) const {
+        return fail(ErrorCode::scene_invalid, where_ + ' ' + why);
+    }
+
+    Result<GeometryDescription> read_primitive(const Primitive& primitive) {
+        if (primitive.position == no_id) return refuse("has a primitive without POSITION");
+        const Accessor& position = model_.accessors[primitive.position];
+        if (position.count > 0xFFFFFFFEU) return refuse("has too many vertices");
+        GeometryDescription geometry;
+        geometry.material = primitive.material;
+        std::vector<std::uint32_t> vertices;  // in use; empty: all
+        if (auto done = read_triangles(primitive, position, geometry, vertices); !done) {
+            return error_of(done);
+        }
+        if (auto done = read_positions(position, vertices, geometry); !done) return error_of(done);
+        for (std::size_t set = 0; set < 2; ++set) {
+            auto done = read_texcoords(primitive.texcoords[set], position, vertices,
+                                       geometry.texcoords[set]);
+            if (!done) return error_of(done);
+        }
+        if (auto done = read_colours(primitive.colour, position, vertices, geometry); !done) {
+            return error_of(done);
+        }
+        return geometry;
+    }
+
+    Result<void> read_triangles(const Primitive& primitive, const Accessor& position,
+                                GeometryDescription& geometry,
+                                std::vector<std::uint32_t>& vertices) {
+        const bool indexed = primitive.indices != no_id;
+        const std::uint64_t corners =
+            indexed ? model_.accessors[primitive.indices].count : position.count;
+        const bool list = primitive.mode == mode_triangles;
+        const std::uint64_t triangles = list ? corners / 3 : corners < 3 ? 0 : corners - 2;
+        if (auto done = budget_.take_triangles(triangles, limits_.triangles_max); !done)
+            return done;
+        if (auto done = budget_.take_bytes(corners * 4 + triangles * 12); !done) return done;
+
+        std::vector<std::uint32_t> list_indices;
+        if (indexed) {
+            auto indices = read_indices(model_.accessors[primitive.indices]);
+            if (!indices) return refuse(indices.error().message);
+            const std::uint32_t highest = *std::max_element(indices->begin(), indices->end());
+            if (highest >= position.count) {
+                return refuse(fmt::format("uses vertex {} of {}", highest, position.count));
+            }
+            list_indices = std::move(*indices);
+        }
+
+        // Where most of a shared vertex buffer belongs to others, only the vertices in use are
+        // taken.
+        if (indexed && list_indices.size() < position.count) {
+            vertices = list_indices;
+            std::sort(vertices.begin(), vertices.end());
+            vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
+            for (std::uint32_t& index : list_indices) {
+                index = static_cast<std::uint32_t>(
+                    std::lower_bound(vertices.begin(), vertices.end(), index) - vertices.begin());
+            }
+        }
+        geometry.indices.resize(triangles * 3);
+        for (std::uint64_t i = 0; i < triangles; ++i) {
+            for (std::uint64_t c = 0; c < 3; ++c) {
+                const std::uint64_t at = corner(primitive.mode, i, c);
+                geometry.indices[3 * i + c] =
+                    indexed ? list_indices[at] : static_cast<std::uint32_t>(at);
+            }
+        }
+        return {};
+    }
+
+    /// An attribute as floats, after checking its shape and that it has one element per vertex.
+    Result<std::vector<float>> read_attribute(const Accessor& accessor, const Accessor& position,
+                                              const std::vector<std::uint32_t>& vertices,
+                                              bool type_allowed, const char* name) {
+        if (!type_allowed || !accessor.scalar_or_vector) {
+            return refuse(fmt::format("has a {} of the wrong type", name));
+        }
+        if (accessor.count != position.count) {
+            return refuse(fmt::format("has {} vertices but {} elements of {}", position.count,
+                                      accessor.count, name));
+        }
+        const bool all = vertices.empty() || accessor.sparse_count != 0;
+        const std::uint64_t count = all ? accessor.count : vertices.size();
+        if (auto done = budget_.take_bytes(count * accessor.width * 4); !done)
+            return error_of(done);
+        auto values = read_floats(accessor, vertices);
+        if (!values) return refuse(values.error().message);
+        return values;
+    }
+
+    /// KHR_mesh_quantization allows 8- and 16-bit integers where floats stood.
+    [[nodiscard]] bool is_float_or_quantized(const Accessor& accessor) const {
+        return accessor.component == Component::f32 ||
+               (model_.quantized && accessor.component != Component::u32);
+    }
+
+    Result<void> read_positions(const Accessor& position,
+                                const std::vector<std::uint32_t>& vertices,
+                                GeometryDescription& geometry) {
+        auto values =
+            read_attribute(position, position, vertices,
+                           position.width == 3 && is_float_or_quantized(position), "POSITION");
+        if (!values) return error_of(values);
+        std::uint64_t bad = 0;
+        geometry.positions.resize(values->size() / 3);
+        for (std::size_t i = 0; i < geometry.positions.size(); ++i) {
+            const Vec3 p{(*values)[3 * i], (*values)[3 * i + 1], (*values)[3 * i + 2]};
+            const bool good = std::abs(p.x) <= coordinate_max && std::abs(p.y) <= coordinate_max &&
+                              std::abs(p.z) <= coordinate_max;
+            bad += good ? 0U : 1U;
+            geometry.positions[i] = p;
+        }
+        if (bad == 0) return {};
+        return refuse(fmt::format("has {} vertices that are not finite or lie beyond 1e15", bad));
+    }
+
+    Result<void> read_texcoords(std::uint32_t index, const Accessor& position,
+                                const std::vector<std::uint32_t>& vertices,
+                                std::vector<Vec2>& out) {
+        if (index == no_id) return {};
+        const Accessor& accessor = model_.accessors[index];
+        const bool normalized_unsigned =
+            accessor.normalized &&
+            (accessor.component == Component::u8 || accessor.component == Component::u16);
+        auto values = read_attribute(
+            accessor, position, vertices,
+            accessor.width == 2 && (normalized_unsigned || is_float_or_quantized(accessor)),
+            "TEXCOORD");
+        if (!values) return error_of(values);
+        out.resize(values->size() / 2);
+        std::uint64_t bad = 0;
+        for (std::size_t i = 0; i < out.size(); ++i) {
+            out[i] = {(*values)[2 * i], (*values)[2 * i + 1]};
+            bad += std::isfinite(out[i].x) && std::isfinite(out[i].y) ? 0U : 1U;
+        }
+        if (bad == 0) return {};
+        return refuse(fmt::format("has {} texture coordinates that are not finite", bad));
+    }
+
+    Result<void> read_colours(std::uint32_t index, const Accessor& position,
+                              const std::vector<std::uint32_t>& vertices,
+                              GeometryDescription& geometry) {
+        if (index == no_id) return {};
+        const Accessor& accessor = model_.accessors[index];
+        const bool type = accessor.component == Component::f32 ||
+                          (accessor.normalized && (accessor.component == Component::u8 ||
+                                                   accessor.component == Component::u16));
+        auto values =
+            read_attribute(accessor, position, vertices,
+                           type && (accessor.width == 3 || accessor.width == 4), "COLOR_0");
+        if (!values) return error_of(values);
+        const std::size_t count = values->size() / accessor.width;
+        geometry.colours.assign(count * 4, 255);
+        for (std::size_t i = 0; i < count; ++i) {
+            for (std::size_t c = 0; c < accessor.width; ++c) {
+                const float value = (*values)[i * accessor.width + c];
+                // The comparison is false for NaN, which becomes 0.
+                const float clamped = value > 0 ? std::min(value, 1.0F) : 0.0F;
+                geometry.colours[4 * i + c] =
+                    static_cast<std::uint8_t>(std::lround(clamped * 255.0F));
+            }
+        }
+        return {};
+    }
+
+    const Model& model_;
+    const ImportLimits& limits_;
+    SceneDescription& scene_;
+    Budget budget_;
+    std::string where_;
+};
+
+}  // namespace
+
+Result<std::vector<ObjectDescription>> read_meshes(const Model& model,
+                                                   const std::vector<bool>& used,
+                                                   const ImportLimits& limits,
+                                                   SceneDescription& scene) {
+    MeshReader reader(model, limits, scene);
+    std::vector<ObjectDescription> objects(model.meshes.size());
+    for (std::size_t i = 0; i < model.meshes.size(); ++i) {
+        if (!used[i]) continue;
+        auto object = reader.read(i);
+        if (!object) return error_of(object);
+        objects[i] = std::move(*object);
+    }
+    return objects;
+}
+
+}  // namespace raynest::gltf

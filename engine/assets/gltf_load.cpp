@@ -1,0 +1,553 @@
+// The only file that includes tinygltf: runs it behind fences and copies what it read into a Model.
+//
+// tinygltf is a JSON reader, not a validator: it accepts indices, ranges and counts of any value.
+// It gets no file system (only the uploaded names), no image decoder, and no chance to throw
+// further. Nothing it produced is used before the checks below.
+#include "engine/assets/gltf_model.h"
+#include "engine/assets/gltf_prescan.h"
+
+#include <fmt/format.h>
+#include <tiny_gltf.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <new>
+#include <set>
+
+namespace raynest::gltf {
+namespace {
+
+/// What the loader's callbacks may see: the uploaded files by name, and how many bytes may be
+/// copied out of them in total (a scene that names one file a thousand times is made to cost
+/// memory).
+struct Upload {
+    const ImportRequest& request;
+    std::uint64_t bytes_left;
+    std::string missing;  ///< the first name that was asked for and is not there
+
+    [[nodiscard]] const NamedBytes* find(std::string_view name) const {
+        while (name.starts_with("./")) name.remove_prefix(2);
+        if (!is_safe_name(name)) return nullptr;
+        for (std::size_t i = 1; i < request.files.size(); ++i) {
+            if (request.files[i].name == name) return &request.files[i];
+        }
+        return nullptr;
+    }
+};
+
+bool upload_has(const std::string& name, void* user) {
+    auto& upload = *static_cast<Upload*>(user);
+    if (upload.find(name) != nullptr) return true;
+    if (upload.missing.empty()) upload.missing = name;
+    return false;
+}
+
+bool upload_read(std::vector<unsigned char>* out, std::string* error, const std::string& name,
+                 void* user) {
+    auto& upload = *static_cast<Upload*>(user);
+    const NamedBytes* file = upload.find(name);
+    if (file == nullptr || file->bytes.size() > upload.bytes_left) {
+        *error = "refused";
+        return false;
+    }
+    upload.bytes_left -= file->bytes.size();
+    const auto* first = reinterpret_cast<const unsigned char*>(file->bytes.data());
+    out->assign(first, first + file->bytes.size());
+    return true;
+}
+
+/// Keeps encoded bytes for later. For a picture inside a buffer it must not even look: the pointer
+/// and the length are unchecked there.
+bool keep_encoded(tinygltf::Image* image, int, std::string*, std::string*, int, int,
+                  const unsigned char* bytes, int size, void*) {
+    if (image->bufferView < 0 && size > 0) image->image.assign(bytes, bytes + size);
+    return true;
+}
+
+/// Foreign text on one line: control characters become spaces, and it ends before it bores.
+std::string one_line(std::string text) {
+    for (char& c : text) {
+        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) c = ' ';
+    }
+    if (text.size() > 160) text = text.substr(0, 160) + "...";
+    while (!text.empty() && text.back() == ' ') text.pop_back();
+    return text;
+}
+
+Result<void> check_extensions(const tinygltf::Model& file) {
+    static const std::set<std::string, std::less<>> known{
+        "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "KHR_texture_transform",
+        "KHR_lights_punctual", "EXT_texture_webp"};
+    for (const std::string& name : file.extensionsRequired) {
+        if (known.contains(name) || name.starts_with("KHR_materials_")) continue;
+        const bool compressed = name == "KHR_draco_mesh_compression" ||
+                                name == "EXT_meshopt_compression" || name == "KHR_texture_basisu";
+        return fail(
+            ErrorCode::scene_unsupported,
+            fmt::format("the scene requires the extension '{}', which RayNest does not read; {}",
+                        one_line(name.substr(0, 80)),
+                        compressed ? "re-export without compression" : "re-export without it"));
+    }
+    return {};
+}
+
+Result<void> run_tinygltf(const ImportRequest& request, std::uint64_t upload_bytes,
+                          tinygltf::Model& file) {
+    const std::span<const std::byte> main = request.files.front().bytes;
+    const auto* bytes = reinterpret_cast<const unsigned char*>(main.data());
+    Upload upload{request, 4 * upload_bytes, {}};
+
+    std::string problem;
+    std::string warning;
+    bool loaded = false;
+    try {
+        tinygltf::TinyGLTF loader;
+        loader.SetImageLoader(keep_encoded, nullptr);
+        loader.SetFsCallbacks({upload_has, [](const std::string& name, void*) { return name; },
+                               upload_read, nullptr, &upload});
+        const auto size = static_cast<unsigned>(main.size());
+        loaded = starts_as_glb(main)
+                     ? loader.LoadBinaryFromMemory(&file, &problem, &warning, bytes, size, "")
+                     : loader.LoadASCIIFromString(&file, &problem, &warning,
+                                                  reinterpret_cast<const char*>(bytes), size, "");
+    } catch (const std::bad_alloc&) {
+        return fail(ErrorCode::out_of_memory,
+                    "the scene needs more memory than an import may take");
+    } catch (const std::exception& error) {
+        return fail(ErrorCode::scene_invalid,
+                    fmt::format("the glTF file is damaged ({})", one_line(error.what())));
+    } catch (...) {
+        return fail(ErrorCode::scene_invalid, "the glTF file is damaged");
+    }
+
+    if (!loaded && !upload.missing.empty()) {
+        return fail(ErrorCode::scene_invalid,
+                    fmt::format("the scene names the file '{}', which did not come with it",
+                                one_line(upload.missing)));
+    }
+    if (!loaded || !problem.empty()) {
+        return fail(ErrorCode::scene_invalid,
+                    fmt::format("the glTF file is damaged: {}",
+                                problem.empty() ? "no reason given" : one_line(problem)));
+    }
+    return {};
+}
+
+/// An index of the file: -1 stands for absent, anything else must be below `size`.
+Result<std::uint32_t> optional_index(int value, std::size_t size, std::string_view what) {
+    if (value == -1) return no_id;
+    if (value < 0 || static_cast<std::size_t>(value) >= size) {
+        return fail(ErrorCode::scene_invalid,
+                    fmt::format("the scene refers to {} {}, but there are {}", what, value, size));
+    }
+    return static_cast<std::uint32_t>(value);
+}
+
+/// The member of an extension object, or null.
+const tinygltf::Value* member(const tinygltf::ExtensionMap& extensions, const char* extension,
+                              const char* name) {
+    const auto found = extensions.find(extension);
+    if (found == extensions.end() || !found->second.Has(name)) return nullptr;
+    return &found->second.Get(name);
+}
+
+Result<float> finite(double value, std::string_view what) {
+    const auto narrow = static_cast<float>(value);
+    if (std::isfinite(narrow)) return narrow;
+    return fail(ErrorCode::scene_invalid, fmt::format("{} does not fit a float", what));
+}
+
+Result<void> convert_accessors(tinygltf::Model& file, Model& model) {
+    for (tinygltf::Buffer& buffer : file.buffers) model.storage.push_back(std::move(buffer.data));
+    std::vector<View> views;
+    for (const tinygltf::BufferView& view : file.bufferViews) {
+        auto checked = check_view({view.buffer, view.byteOffset, view.byteLength, view.byteStride},
+                                  model.storage);
+        if (!checked) return error_of(checked);
+        views.push_back(*checked);
+    }
+
+    for (const tinygltf::Accessor& in : file.accessors) {
+        RawAccessor raw{
+            in.bufferView,
+            in.byteOffset,
+            in.count,
+            in.componentType,
+            static_cast<std::uint32_t>(
+                std::max(0, tinygltf::GetNumComponentsInType(static_cast<std::uint32_t>(in.type)))),
+            in.type <= TINYGLTF_TYPE_VEC4 || in.type == TINYGLTF_TYPE_SCALAR,
+            in.normalized};
+        if (in.sparse.isSparse) {
+            raw.sparse = true;
+            raw.sparse_count = in.sparse.count;
+            raw.sparse_indices_view = in.sparse.indices.bufferView;
+            raw.sparse_indices_offset = in.sparse.indices.byteOffset;
+            raw.sparse_component_type = in.sparse.indices.componentType;
+            raw.sparse_values_view = in.sparse.values.bufferView;
+            raw.sparse_values_offset = in.sparse.values.byteOffset;
+        }
+        auto checked = check_accessor(raw, views);
+        if (!checked) return error_of(checked);
+        model.accessors.push_back(*checked);
+    }
+
+    // Pictures inside buffers point there; the bytes of the others move behind the buffers.
+    for (tinygltf::Image& in : file.images) {
+        const auto view = optional_index(in.bufferView, views.size(), "bufferView");
+        if (!view) return error_of(view);
+        Image image{one_line(in.name.empty() ? in.uri : in.name), {}};
+        if (*view != no_id) image.bytes = views[*view].bytes;
+        if (*view == no_id && !in.image.empty()) {
+            model.storage.push_back(std::move(in.image));
+            image.bytes = std::as_bytes(std::span(model.storage.back()));
+        }
+        model.images.push_back(std::move(image));
+    }
+    return {};
+}
+
+Result<void> convert_meshes(tinygltf::Model& file, Model& model) {
+    for (const tinygltf::Mesh& in : file.meshes) {
+        Mesh mesh{in.name, {}};
+        for (const tinygltf::Primitive& from : in.primitives) {
+            Primitive to;
+            to.mode = from.mode;
+            const auto attribute = [&](const char* name, std::uint32_t& out) -> Result<void> {
+                const auto found = from.attributes.find(name);
+                if (found == from.attributes.end()) return {};
+                const auto index =
+                    optional_index(found->second, model.accessors.size(), "accessor");
+                if (!index) return error_of(index);
+                if (*index == no_id) {
+                    return fail(ErrorCode::scene_invalid,
+                                fmt::format("a primitive's {} names accessor -1", name));
+                }
+                out = *index;
+                return {};
+            };
+            for (const auto& result :
+                 {attribute("POSITION", to.position), attribute("TEXCOORD_0", to.texcoords[0]),
+                  attribute("TEXCOORD_1", to.texcoords[1]), attribute("COLOR_0", to.colour)}) {
+                if (!result) return result;
+            }
+            const auto indices = optional_index(from.indices, model.accessors.size(), "accessor");
+            const auto material = optional_index(from.material, file.materials.size(), "material");
+            if (!indices) return error_of(indices);
+            if (!material) return error_of(material);
+            to.indices = *indices;
+            to.material = *material;
+            mesh.primitives.push_back(to);
+        }
+        model.meshes.push_back(std::move(mesh));
+    }
+    return {};
+}
+
+Result<Wrap> convert_wrap(int value) {
+    switch (value) {
+        case TINYGLTF_TEXTURE_WRAP_REPEAT:
+            return Wrap::repeat;
+        case TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE:
+            return Wrap::clamp;
+        case TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT:
+            return Wrap::mirror;
+        default:
+            return fail(ErrorCode::scene_invalid,
+                        fmt::format("sampler wrap mode {} is unknown", value));
+    }
+}
+
+Result<void> convert_textures(tinygltf::Model& file, Model& model) {
+    for (const tinygltf::Texture& in : file.textures) {
+        // A WebP picture stands in an extension, with a fallback in the usual place.
+        int source_index = in.source;
+        if (const auto* webp = member(in.extensions, "EXT_texture_webp", "source")) {
+            if (webp->IsInt()) source_index = webp->GetNumberAsInt();
+        }
+        const auto source = optional_index(source_index, model.images.size(), "image");
+        const auto sampler = optional_index(in.sampler, file.samplers.size(), "sampler");
+        if (!source) return error_of(source);
+        if (!sampler) return error_of(sampler);
+        TextureDescription texture{*source};
+        if (*sampler != no_id) {
+            const tinygltf::Sampler& from = file.samplers[*sampler];
+            const auto wrap_s = convert_wrap(from.wrapS);
+            const auto wrap_t = convert_wrap(from.wrapT);
+            if (!wrap_s) return error_of(wrap_s);
+            if (!wrap_t) return error_of(wrap_t);
+            texture.wrap_s = *wrap_s;
+            texture.wrap_t = *wrap_t;
+            texture.nearest = from.magFilter == TINYGLTF_TEXTURE_FILTER_NEAREST;
+        }
+        model.textures.push_back(texture);
+    }
+    return {};
+}
+
+/// KHR_texture_transform as two rows of an affine map. The extension's text turns the UVs counter-
+/// clockwise as seen on the image, whose v runs down: u' = c u + s v. (Its GLSL snippet has the
+/// other sign; viewers follow the text and the Khronos test model.)
+Result<void> convert_uv_transform(const tinygltf::TextureInfo& info,
+                                  MaterialDescription& material) {
+    constexpr const char* extension = "KHR_texture_transform";
+    double offset[2] = {0, 0};
+    double scale[2] = {1, 1};
+    double rotation = 0;
+    const auto read_pair = [&](const char* name, double(&pair)[2]) {
+        const tinygltf::Value* value = member(info.extensions, extension, name);
+        if (value == nullptr) return true;
+        if (!value->IsArray() || value->ArrayLen() != 2) return false;
+        for (int i = 0; i < 2; ++i) {
+            if (!value->Get(i).IsNumber()) return false;
+            pair[i] = value->Get(i).GetNumberAsDouble();
+        }
+        return true;
+    };
+    bool valid = read_pair("offset", offset) && read_pair("scale", scale);
+    if (const auto* value = member(info.extensions, extension, "rotation")) {
+        valid = valid && value->IsNumber();
+        if (valid) rotation = value->GetNumberAsDouble();
+    }
+    if (const auto* value = member(info.extensions, extension, "texCoord")) {
+        valid = valid && value->IsInt() && value->GetNumberAsInt() >= 0;
+        if (valid) material.texcoord = static_cast<std::uint32_t>(value->GetNumberAsInt());
+    }
+    const double c = std::cos(rotation);
+    const double s = std::sin(rotation);
+    const double rows[6] = {c * scale[0],  s * scale[1], offset[0],
+                            -s * scale[0], c * scale[1], offset[1]};
+    for (std::size_t i = 0; i < 6 && valid; ++i) {
+        material.uv_transform[i] = static_cast<float>(rows[i]);
+        valid = std::isfinite(material.uv_transform[i]);
+    }
+    if (valid) return {};
+    return fail(ErrorCode::scene_invalid,
+                "a KHR_texture_transform does not hold the numbers it must");
+}
+
+Result<void> convert_materials(tinygltf::Model& file, Model& model) {
+    for (const tinygltf::Material& in : file.materials) {
+        const tinygltf::PbrMetallicRoughness& pbr = in.pbrMetallicRoughness;
+        MaterialDescription material;
+        material.name = in.name;
+        material.double_sided = in.doubleSided;
+        const std::string where = fmt::format("material {} ('{}')", model.materials.size(),
+                                              one_line(in.name.substr(0, 60)));
+        if (in.alphaMode == "MASK")
+            material.alpha_mode = AlphaMode::mask;
+        else if (in.alphaMode == "BLEND")
+            material.alpha_mode = AlphaMode::blend;
+        else if (in.alphaMode != "OPAQUE") {
+            return fail(ErrorCode::scene_invalid, where + " has an unknown alphaMode");
+        }
+        const auto cutoff = finite(in.alphaCutoff, where + ": alphaCutoff");
+        if (!cutoff) return error_of(cutoff);
+        if (*cutoff < 0)
+            return fail(ErrorCode::scene_invalid, where + " has a negative alphaCutoff");
+        material.cutoff = *cutoff;
+        if (pbr.baseColorFactor.size() != 4) {
+            return fail(ErrorCode::scene_invalid, where + ": baseColorFactor must be four numbers");
+        }
+        for (int i = 0; i < 4; ++i) {
+            const auto value = finite(pbr.baseColorFactor[static_cast<std::size_t>(i)],
+                                      where + ": baseColorFactor");
+            if (!value) return error_of(value);
+            material.base_colour[i] = *value;
+        }
+        const auto texture =
+            optional_index(pbr.baseColorTexture.index, model.textures.size(), "texture");
+        if (!texture) return error_of(texture);
+        material.texture = *texture;
+        if (pbr.baseColorTexture.texCoord < 0) {
+            return fail(ErrorCode::scene_invalid, where + " has a negative texCoord");
+        }
+        material.texcoord = static_cast<std::uint32_t>(pbr.baseColorTexture.texCoord);
+        if (auto done = convert_uv_transform(pbr.baseColorTexture, material); !done) return done;
+        model.materials.push_back(std::move(material));
+    }
+    return {};
+}
+
+Result<Instancing> convert_instancing(const tinygltf::Node& in, const Model& model) {
+    const auto* attributes = member(in.extensions, "EXT_mesh_gpu_instancing", "attributes");
+    Instancing instancing;
+    if (attributes == nullptr) return instancing;
+    std::uint64_t count = 0;
+    bool first = true;
+    const auto read = [&](const char* name, std::uint32_t width,
+                          std::uint32_t& out) -> Result<void> {
+        if (!attributes->Has(name)) return {};
+        const tinygltf::Value& value = attributes->Get(name);
+        const auto index =
+            value.IsInt() && value.GetNumberAsInt() >= 0
+                ? optional_index(value.GetNumberAsInt(), model.accessors.size(), "accessor")
+                : fail(ErrorCode::scene_invalid,
+                       fmt::format("EXT_mesh_gpu_instancing: {} names no accessor", name));
+        if (!index) return error_of(index);
+        const Accessor& accessor = model.accessors[*index];
+        const bool integer_rotation =
+            width == 4 && accessor.normalized &&
+            (accessor.component == Component::i8 || accessor.component == Component::i16);
+        if (accessor.width != width || !accessor.scalar_or_vector || accessor.data == nullptr ||
+            (accessor.component != Component::f32 && !integer_rotation)) {
+            return fail(ErrorCode::scene_invalid,
+                        fmt::format("EXT_mesh_gpu_instancing: {} has the wrong type", name));
+        }
+        if (!first && accessor.count != count) {
+            return fail(
+                ErrorCode::scene_invalid,
+                fmt::format("EXT_mesh_gpu_instancing: {} has {} elements where others have {}",
+                            name, accessor.count, count));
+        }
+        first = false;
+        count = accessor.count;
+        out = *index;
+        return {};
+    };
+    for (const auto& done :
+         {read("TRANSLATION", 3, instancing.translation), read("ROTATION", 4, instancing.rotation),
+          read("SCALE", 3, instancing.scale)}) {
+        if (!done) return error_of(done);
+    }
+    if (count == 0 || count > 0xFFFFFFFFU) {
+        return fail(ErrorCode::scene_invalid, "EXT_mesh_gpu_instancing without a placement");
+    }
+    instancing.count = static_cast<std::uint32_t>(count);
+    return instancing;
+}
+
+Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
+    for (const tinygltf::Node& in : file.nodes) {
+        const std::string where =
+            fmt::format("node {} ('{}')", model.nodes.size(), one_line(in.name.substr(0, 60)));
+        Node node;
+        node.name = in.name;
+        const auto mesh = optional_index(in.mesh, model.meshes.size(), "mesh");
+        const auto camera = optional_index(in.camera, model.cameras.size(), "camera");
+        const auto instancing = convert_instancing(in, model);
+        const auto local = local_matrix(in.matrix, in.translation, in.rotation, in.scale, where);
+        if (!mesh) return error_of(mesh);
+        if (!camera) return error_of(camera);
+        if (!instancing) return error_of(instancing);
+        if (!local) return error_of(local);
+        node.mesh = *mesh;
+        node.camera = *camera;
+        node.instancing = *instancing;
+        node.local = *local;
+        for (const int child : in.children) {
+            const auto index = child < 0 ? optional_index(-2, file.nodes.size(), "child node")
+                                         : optional_index(child, file.nodes.size(), "child node");
+            if (!index) return error_of(index);
+            node.children.push_back(*index);
+        }
+        if (in.skin >= 0) model.skinned = true;
+        model.nodes.push_back(std::move(node));
+    }
+    return {};
+}
+
+Result<void> convert_cameras(tinygltf::Model& file, Model& model) {
+    for (const tinygltf::Camera& in : file.cameras) {
+        Camera camera{in.name, in.type == "perspective"};
+        if (camera.perspective) {
+            const auto yfov = finite(in.perspective.yfov, "a camera's yfov");
+            const auto aspect = finite(in.perspective.aspectRatio, "a camera's aspectRatio");
+            if (!yfov) return error_of(yfov);
+            if (!aspect) return error_of(aspect);
+            if (!(*yfov > 0 && *yfov < 3.14159F) || *aspect < 0) {
+                return fail(
+                    ErrorCode::scene_invalid,
+                    fmt::format("camera {} has a yfov outside (0, pi) or a negative aspectRatio",
+                                model.cameras.size()));
+            }
+            camera.yfov = *yfov;
+            camera.aspect = *aspect;
+        }
+        model.cameras.push_back(std::move(camera));
+    }
+    return {};
+}
+
+/// The roots of scene `scene`, else of scene 0, else every node without a parent.
+Result<void> choose_scene(tinygltf::Model& file, Model& model) {
+    std::vector<bool> has_parent(model.nodes.size(), false);
+    for (std::size_t i = 0; i < model.nodes.size(); ++i) {
+        for (const std::uint32_t child : model.nodes[i].children) {
+            if (has_parent[child] || child == i) {
+                return fail(
+                    ErrorCode::scene_invalid,
+                    fmt::format("node {} has more than one parent; a glTF scene is a tree", child));
+            }
+            has_parent[child] = true;
+        }
+    }
+    const auto scene = optional_index(file.defaultScene, file.scenes.size(), "scene");
+    if (!scene) return error_of(scene);
+    if (file.scenes.empty()) {
+        for (std::uint32_t i = 0; i < model.nodes.size(); ++i) {
+            if (!has_parent[i]) model.roots.push_back(i);
+        }
+    } else {
+        std::vector<bool> listed(model.nodes.size(), false);
+        for (const int node : file.scenes[*scene == no_id ? 0 : *scene].nodes) {
+            const auto index =
+                optional_index(node < 0 ? -2 : node, model.nodes.size(), "scene node");
+            if (!index) return error_of(index);
+            if (has_parent[*index] || listed[*index]) {
+                return fail(
+                    ErrorCode::scene_invalid,
+                    fmt::format("the scene lists node {}, which stands elsewhere too", *index));
+            }
+            listed[*index] = true;
+            model.roots.push_back(*index);
+        }
+    }
+
+    // With one parent each, nodes that no parentless node reaches stand on a cycle.
+    std::vector<std::uint32_t> stack;
+    for (std::uint32_t i = 0; i < model.nodes.size(); ++i) {
+        if (!has_parent[i]) stack.push_back(i);
+    }
+    std::size_t reached = 0;
+    while (!stack.empty()) {
+        const std::uint32_t node = stack.back();
+        stack.pop_back();
+        ++reached;
+        stack.insert(stack.end(), model.nodes[node].children.begin(),
+                     model.nodes[node].children.end());
+    }
+    if (reached == model.nodes.size()) return {};
+    return fail(
+        ErrorCode::scene_invalid,
+        fmt::format("{} nodes of the scene are their own ancestors", model.nodes.size() - reached));
+}
+
+}  // namespace
+
+Result<Model> load_model(const ImportRequest& request) {
+    Model model;
+    for (const NamedBytes& named : request.files) model.upload_bytes += named.bytes.size();
+    tinygltf::Model file;
+    if (auto done = run_tinygltf(request, model.upload_bytes, file); !done) return error_of(done);
+    if (!file.asset.version.starts_with("2.")) {
+        return fail(ErrorCode::scene_unsupported,
+                    fmt::format("glTF version '{}' is not supported; export the scene as glTF 2.0",
+                                one_line(file.asset.version.substr(0, 20))));
+    }
+    if (auto done = check_extensions(file); !done) return error_of(done);
+    model.quantized = std::find(file.extensionsUsed.begin(), file.extensionsUsed.end(),
+                                "KHR_mesh_quantization") != file.extensionsUsed.end();
+    for (const tinygltf::Mesh& mesh : file.meshes) {
+        for (const tinygltf::Primitive& primitive : mesh.primitives) {
+            model.morphed = model.morphed || !primitive.targets.empty();
+        }
+    }
+    for (const auto convert : {convert_accessors, convert_meshes, convert_textures,
+                               convert_materials, convert_cameras, convert_nodes, choose_scene}) {
+        if (auto done = convert(file, model); !done) return error_of(done);
+    }
+    return model;
+}
+
+}  // namespace raynest::gltf

@@ -1,0 +1,92 @@
+// Materials, and the pictures that their base colours need: nothing else is decoded.
+//
+// A texture that is missing or damaged does not stop a scene: the material stays without it, the
+// count and the reason are reported. (A picture whose bytes lie outside their buffer was refused
+// when the bufferViews were checked.)
+#include "engine/assets/gltf_model.h"
+#include "engine/assets/image.h"
+
+#include <fmt/format.h>
+
+namespace raynest::gltf {
+namespace {
+
+/// All pictures of a file together may take this many times what one may.
+constexpr std::uint64_t images_per_file = 4;
+/// Warnings that name a picture; further ones are only counted.
+constexpr std::uint64_t warnings_max = 8;
+
+class PictureReader {
+public:
+    PictureReader(const Model& model, const ImportLimits& limits, SceneDescription& scene)
+        : model_(model),
+          limits_(limits),
+          scene_(scene),
+          bytes_left_(limits.image_bytes_max * images_per_file),
+          read_(model.images.size(), not_read) {}
+
+    /// Index of the decoded picture in the scene, or no_id when there is none to be had.
+    std::uint32_t read(std::uint32_t image) {
+        if (image == no_id) return missing("a texture without a picture");
+        if (read_[image] != not_read) return read_[image];
+        const Image& from = model_.images[image];
+        const std::string name = fmt::format("texture {} ('{}')", image, from.name.substr(0, 60));
+        if (from.bytes.empty())
+            return read_[image] = missing(name + " did not come with the scene");
+        auto picture = decode_image(from.bytes, limits_.image_side_max,
+                                    std::min(limits_.image_bytes_max, bytes_left_));
+        if (!picture) return read_[image] = missing(name + ": " + picture.error().message);
+        bytes_left_ -= picture->rgba.size();
+        scene_.images.push_back(std::move(*picture));
+        return read_[image] = static_cast<std::uint32_t>(scene_.images.size() - 1);
+    }
+
+private:
+    static constexpr std::uint32_t not_read = no_id - 1;
+
+    std::uint32_t missing(std::string why) {
+        if (++scene_.skipped["textures"] <= warnings_max) scene_.warnings.push_back(std::move(why));
+        return no_id;
+    }
+
+    const Model& model_;
+    const ImportLimits& limits_;
+    SceneDescription& scene_;
+    std::uint64_t bytes_left_;
+    std::vector<std::uint32_t> read_;
+};
+
+}  // namespace
+
+Result<void> read_materials(const Model& model, const ImportLimits& limits,
+                            SceneDescription& scene) {
+    PictureReader pictures(model, limits, scene);
+    std::vector<std::uint32_t> texture_of(model.textures.size(), no_id);
+    std::vector<bool> texture_read(model.textures.size(), false);
+    for (const MaterialDescription& from : model.materials) {
+        MaterialDescription material = from;
+        if (from.texture != no_id && !texture_read[from.texture]) {
+            texture_read[from.texture] = true;
+            TextureDescription texture = model.textures[from.texture];
+            texture.image = pictures.read(texture.image);
+            if (texture.image != no_id) {
+                texture_of[from.texture] = static_cast<std::uint32_t>(scene.textures.size());
+                scene.textures.push_back(texture);
+            }
+        }
+        material.texture = from.texture == no_id ? no_id : texture_of[from.texture];
+        if (material.texture != no_id && material.texcoord > 1) {
+            scene.warnings.push_back(
+                fmt::format("material '{}' uses TEXCOORD_{}; only sets 0 and 1 are read, its "
+                            "texture is left out",
+                            material.name.substr(0, 60), material.texcoord));
+            ++scene.skipped["textures"];
+            material.texture = no_id;
+        }
+        if (material.texture == no_id) material.texcoord = 0;
+        scene.materials.push_back(std::move(material));
+    }
+    return {};
+}
+
+}  // namespace raynest::gltf

@@ -1,0 +1,277 @@
+// The node tree -> objects, instances and cameras.
+//
+// A mesh becomes an object, a node with a mesh an instance of it. Nodes that stand alone disappear:
+// their transforms are composed (in double) and their names joined, so that a flat scene and one
+// with shared subtrees print the same path. Shared subtrees (gltf_sharing.h) become objects in
+// between. Declaration order is depth-first node order throughout; every walk is iterative.
+#include "engine/assets/gltf_model.h"
+#include "engine/assets/gltf_sharing.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace raynest::gltf {
+namespace {
+
+/// Joined names longer than this keep their end: a chain of a million nodes must not cost a million
+/// squared.
+constexpr std::size_t name_bytes_max = 256;
+/// A placement takes at least 12 bytes in a file; nodes may share a list of placements. Far more
+/// instances than the file has bytes for are made to cost memory.
+constexpr std::uint64_t instances_free = 1U << 20;
+constexpr std::uint64_t bytes_per_instance = 4;
+
+std::string joined(const std::string& prefix, const std::string& name) {
+    if (name.empty()) return prefix;
+    std::string path = prefix.empty() ? name : prefix + '/' + name;
+    if (path.size() > name_bytes_max) path.erase(0, path.size() - name_bytes_max);
+    return path;
+}
+
+std::vector<std::uint32_t> depth_first(const Model& model) {
+    std::vector<std::uint32_t> order;
+    std::vector<std::uint32_t> stack(model.roots.rbegin(), model.roots.rend());
+    while (!stack.empty()) {
+        order.push_back(stack.back());
+        const Node& node = model.nodes[stack.back()];
+        stack.pop_back();
+        stack.insert(stack.end(), node.children.rbegin(), node.children.rend());
+    }
+    return order;
+}
+
+/// The placements of one EXT_mesh_gpu_instancing node, relative to the node.
+Result<std::vector<Matrix>> placements_of(const Model& model, const Instancing& instancing) {
+    const auto read = [&](std::uint32_t accessor) -> Result<std::vector<float>> {
+        if (accessor == no_id) return std::vector<float>{};
+        return read_floats(model.accessors[accessor]);
+    };
+    const auto translations = read(instancing.translation);
+    const auto rotations = read(instancing.rotation);
+    const auto scales = read(instancing.scale);
+    if (!translations) return error_of(translations);
+    if (!rotations) return error_of(rotations);
+    if (!scales) return error_of(scales);
+
+    std::vector<Matrix> matrices(instancing.count);
+    std::uint64_t bad = 0;
+    for (std::size_t i = 0; i < matrices.size(); ++i) {
+        double t[3] = {0, 0, 0};
+        double r[4] = {0, 0, 0, 1};
+        double s[3] = {1, 1, 1};
+        if (!translations->empty()) std::copy_n(translations->data() + 3 * i, 3, t);
+        if (!rotations->empty()) std::copy_n(rotations->data() + 4 * i, 4, r);
+        if (!scales->empty()) std::copy_n(scales->data() + 3 * i, 3, s);
+        const double length = std::hypot(std::hypot(r[0], r[1]), std::hypot(r[2], r[3]));
+        matrices[i] = from_trs(t, r, s);
+        const bool finite = std::all_of(matrices[i].begin(), matrices[i].end(),
+                                        [](double x) { return std::isfinite(x); });
+        bad += finite && length > 1e-12 ? 0U : 1U;
+    }
+    if (bad != 0) {
+        return fail(
+            ErrorCode::scene_invalid,
+            fmt::format("EXT_mesh_gpu_instancing has {} placements that are not finite or whose "
+                        "rotation is zero",
+                        bad));
+    }
+    return matrices;
+}
+
+class SceneWriter {
+public:
+    SceneWriter(const Model& model, const Sharing& sharing, const std::vector<bool>& traceable,
+                SceneDescription& scene)
+        : model_(model),
+          sharing_(sharing),
+          traceable_(traceable),
+          scene_(scene),
+          object_of_(sharing.shapes.size(), no_id) {}
+
+    /// The shared subtrees, then the root; the meshes' objects are already in the scene.
+    Result<void> write() {
+        for (std::size_t s = 0; s < sharing_.shapes.size(); ++s) {
+            const Shape& shape = sharing_.shapes[s];
+            if (!shape.is_shared()) continue;
+            ObjectDescription object;
+            object.name = model_.nodes[shape.example].name;
+            // The object stands in the space of its top node and is named by its instances.
+            if (auto done = fill(object, {{shape.example, identity_matrix, {}, true}}); !done) {
+                return done;
+            }
+            object_of_[s] = static_cast<std::uint32_t>(scene_.objects.size());
+            scene_.objects.push_back(std::move(object));
+        }
+        ObjectDescription root;
+        root.name = "scene";
+        std::vector<Entry> stack;
+        for (auto node = model_.roots.rbegin(); node != model_.roots.rend(); ++node) {
+            stack.push_back({*node, model_.nodes[*node].local, model_.nodes[*node].name, false});
+        }
+        if (auto done = fill(root, std::move(stack)); !done) return done;
+        scene_.root = static_cast<std::uint32_t>(scene_.objects.size());
+        scene_.objects.push_back(std::move(root));
+        return {};
+    }
+
+private:
+    struct Entry {
+        std::uint32_t node;
+        Matrix to_object;  ///< from the node's space to that of the object being filled
+        std::string name;
+        bool is_top;  ///< the shared subtree that is being written itself
+    };
+
+    Result<void> fill(ObjectDescription& object, std::vector<Entry> stack) {
+        while (!stack.empty()) {
+            const Entry entry = std::move(stack.back());
+            stack.pop_back();
+            const std::uint32_t shape = sharing_.shape_of[entry.node];
+            if (shape == no_id) continue;
+            if (!entry.is_top && object_of_[shape] != no_id) {
+                object.instances.push_back({object_of_[shape], round_matrix(entry.to_object),
+                                            0xFFFFFFFFU, entry.node, entry.name});
+                continue;
+            }
+            const Node& node = model_.nodes[entry.node];
+            if (auto done = place_mesh(object, node, entry); !done) return done;
+            for (auto child = node.children.rbegin(); child != node.children.rend(); ++child) {
+                const Node& below = model_.nodes[*child];
+                stack.push_back({*child, multiply(entry.to_object, below.local),
+                                 joined(entry.name, below.name), false});
+            }
+        }
+        return {};
+    }
+
+    Result<void> place_mesh(ObjectDescription& object, const Node& node, const Entry& entry) {
+        if (node.mesh == no_id || !traceable_[node.mesh]) return {};
+        const std::string name = entry.name.empty() ? model_.meshes[node.mesh].name : entry.name;
+        if (node.instancing.count == 0) {
+            object.instances.push_back(
+                {node.mesh, round_matrix(entry.to_object), 0xFFFFFFFFU, entry.node, name});
+            return {};
+        }
+        const auto matrices = placements_of(model_, node.instancing);
+        if (!matrices) return error_of(matrices);
+        for (std::size_t i = 0; i < matrices->size(); ++i) {
+            object.instances.push_back({node.mesh,
+                                        round_matrix(multiply(entry.to_object, (*matrices)[i])),
+                                        0xFFFFFFFFU, entry.node, fmt::format("{}[{}]", name, i)});
+        }
+        return {};
+    }
+
+    const Model& model_;
+    const Sharing& sharing_;
+    const std::vector<bool>& traceable_;
+    SceneDescription& scene_;
+    std::vector<std::uint32_t> object_of_;
+};
+
+/// Computed from the nodes, not by making instances: a bomb is refused before it costs anything.
+Result<void> check_instance_count(const Model& model, const std::vector<std::uint32_t>& order,
+                                  const ImportLimits& limits) {
+    const std::uint64_t limit =
+        std::min(limits.instances_max, instances_free + model.upload_bytes / bytes_per_instance);
+    std::uint64_t count = 0;
+    for (const std::uint32_t index : order) {
+        const Node& node = model.nodes[index];
+        if (node.mesh != no_id) count += std::max(node.instancing.count, 1U);
+        if (count > limit) {
+            return fail(ErrorCode::limit_exceeded,
+                        fmt::format("the scene places more than {} instances", limit));
+        }
+    }
+    return {};
+}
+
+/// Axes of a camera node without its scale, -Z kept exactly; false when the node has no direction.
+bool remove_scale(Matrix& m) {
+    using Axis = std::array<double, 3>;
+    const auto normalize = [](Axis& a) {
+        const double length = std::sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+        for (double& x : a) x /= length;
+        return length > 0 && std::isfinite(length);
+    };
+    Axis y{m[1], m[5], m[9]};
+    Axis z{m[2], m[6], m[10]};
+    if (!normalize(z) || !normalize(y)) return false;
+    Axis x{y[1] * z[2] - y[2] * z[1], y[2] * z[0] - y[0] * z[2], y[0] * z[1] - y[1] * z[0]};
+    if (!normalize(x)) return false;
+    y = {z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]};
+    for (std::size_t row = 0; row < 3; ++row) {
+        m[4 * row] = x[row];
+        m[4 * row + 1] = y[row];
+        m[4 * row + 2] = z[row];
+    }
+    return std::isfinite(m[3]) && std::isfinite(m[7]) && std::isfinite(m[11]);
+}
+
+/// Camera nodes in node order, in the world.
+void read_cameras(const Model& model, SceneDescription& scene) {
+    struct Entry {
+        std::uint32_t node;
+        Matrix to_world;
+    };
+    std::vector<Entry> found;
+    std::vector<Entry> stack;
+    for (const std::uint32_t root : model.roots) stack.push_back({root, model.nodes[root].local});
+    while (!stack.empty()) {
+        const Entry entry = stack.back();
+        stack.pop_back();
+        const Node& node = model.nodes[entry.node];
+        if (node.camera != no_id) found.push_back(entry);
+        for (const std::uint32_t child : node.children) {
+            stack.push_back({child, multiply(entry.to_world, model.nodes[child].local)});
+        }
+    }
+    std::sort(found.begin(), found.end(),
+              [](const Entry& a, const Entry& b) { return a.node < b.node; });
+    for (Entry& entry : found) {
+        const Node& node = model.nodes[entry.node];
+        const Camera& camera = model.cameras[node.camera];
+        const std::string& name = node.name.empty() ? camera.name : node.name;
+        if (!camera.perspective || !remove_scale(entry.to_world)) {
+            ++scene.skipped["cameras"];
+            scene.warnings.push_back(
+                fmt::format("camera '{}' is {} and was left out", name.substr(0, 60),
+                            camera.perspective ? "without a direction" : "orthographic"));
+            continue;
+        }
+        scene.cameras.push_back({name, round_matrix(entry.to_world), camera.yfov, camera.aspect});
+    }
+}
+
+}  // namespace
+
+Result<void> read_nodes(const Model& model, const ImportLimits& limits, SceneDescription& scene) {
+    const std::vector<std::uint32_t> order = depth_first(model);
+    if (auto done = check_instance_count(model, order, limits); !done) return done;
+
+    std::vector<bool> used(model.meshes.size(), false);
+    for (const std::uint32_t index : order) {
+        if (model.nodes[index].mesh != no_id) used[model.nodes[index].mesh] = true;
+    }
+    auto meshes = read_meshes(model, used, limits, scene);
+    if (!meshes) return error_of(meshes);
+    std::vector<bool> traceable;
+    for (const ObjectDescription& mesh : *meshes) traceable.push_back(!mesh.geometries.empty());
+    for (const std::uint32_t index : order) {
+        const Node& node = model.nodes[index];
+        if (node.mesh != no_id && !traceable[node.mesh]) {
+            scene.skipped["instances_without_triangles"] += std::max(node.instancing.count, 1U);
+        }
+    }
+    scene.objects = std::move(*meshes);
+
+    const Sharing sharing = find_sharing(model, order, traceable);
+    SceneWriter writer(model, sharing, traceable, scene);
+    if (auto done = writer.write(); !done) return done;
+    read_cameras(model, scene);
+    return {};
+}
+
+}  // namespace raynest::gltf

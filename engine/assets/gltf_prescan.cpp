@@ -1,0 +1,194 @@
+// The JSON pre-scan: an event parser that keeps a path and some counts, never a tree.
+//
+// It is the same JSON grammar that tinygltf uses inside, so the two cannot disagree about what the
+// text means; and it is iterative, so nesting costs it no stack.
+#include "engine/assets/gltf_prescan.h"
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include <array>
+#include <unordered_set>
+#include <vector>
+
+namespace raynest::gltf {
+namespace {
+
+/// tinygltf takes about 1 kB per node, accessor or material, however short its text. Exported
+/// objects average above 40 bytes; a file far below that is made to cost memory.
+constexpr std::uint64_t objects_free = 65536;
+constexpr std::uint64_t json_bytes_per_object = 16;
+
+class Scan {
+public:
+    using number_integer_t = nlohmann::json::number_integer_t;
+    using number_unsigned_t = nlohmann::json::number_unsigned_t;
+    using number_float_t = nlohmann::json::number_float_t;
+    using string_t = nlohmann::json::string_t;
+    using binary_t = nlohmann::json::binary_t;
+
+    Scan(std::size_t bytes, bool is_glb, const ImportLimits& limits)
+        : limits_(limits),
+          objects_max_(objects_free + bytes / json_bytes_per_object),
+          is_glb_(is_glb) {}
+
+    [[nodiscard]] const Error& error() const { return error_; }
+
+    bool null() { return scalar("null"); }
+    bool boolean(bool) { return scalar("a boolean"); }
+    bool number_integer(number_integer_t) { return true; }
+    bool number_unsigned(number_unsigned_t) { return true; }
+    bool number_float(number_float_t, const string_t&) { return true; }
+    bool binary(binary_t&) { return true; }
+
+    bool string(string_t& value) {
+        if (!scalar("a string")) return false;
+        if (!at_uri("buffers")) return true;
+        has_uri_ = true;
+        if (value.starts_with("data:") || is_safe_name(value)) return true;
+        return refuse(ErrorCode::scene_invalid,
+                      fmt::format("the scene names the file '{}'; only files beside or below the "
+                                  "scene file may be used",
+                                  value.substr(0, 80)));
+    }
+
+    bool start_object(std::size_t) {
+        if (++objects_ > objects_max_) {
+            return refuse(
+                ErrorCode::limit_exceeded,
+                fmt::format("the scene's JSON has more than {} objects in its {} bytes",
+                            objects_max_, (objects_max_ - objects_free) * json_bytes_per_object));
+        }
+        if (in_top_array("nodes") && ++nodes_ > limits_.nodes_max) {
+            return refuse(ErrorCode::limit_exceeded,
+                          fmt::format("the scene has more than {} nodes", limits_.nodes_max));
+        }
+        if (in_top_array("buffers")) has_uri_ = false;
+        return open({});
+    }
+
+    bool end_object() {
+        levels_.pop_back();
+        if (in_top_array("buffers") && is_glb_ && !has_uri_ && ++binary_buffers_ > 1) {
+            return refuse(ErrorCode::scene_invalid,
+                          "more than one buffer claims the binary chunk of the GLB file");
+        }
+        return true;
+    }
+
+    bool start_array(std::size_t) { return open({}); }
+    bool end_array() {
+        levels_.pop_back();
+        return true;
+    }
+
+    bool key(string_t& name) {
+        Level& level = levels_.back();
+        level.key = name;
+        if (level.keys.insert(name).second) return true;
+        return refuse(
+            ErrorCode::scene_invalid,
+            fmt::format("the key '{}' stands twice in one JSON object", name.substr(0, 80)));
+    }
+
+    bool parse_error(std::size_t position, const std::string&, const nlohmann::json::exception&) {
+        return refuse(ErrorCode::scene_invalid,
+                      fmt::format("the scene's JSON is damaged at byte {}", position));
+    }
+
+private:
+    struct Level {
+        std::string key;  ///< the member being read; empty in arrays
+        std::unordered_set<std::string> keys;
+    };
+
+    bool refuse(ErrorCode code, std::string message) {
+        error_ = {code, std::move(message)};
+        return false;
+    }
+
+    bool open(Level level) {
+        if (levels_.size() >= limits_.json_depth_max) {
+            return refuse(ErrorCode::limit_exceeded,
+                          fmt::format("the scene's JSON is nested deeper than {} levels",
+                                      limits_.json_depth_max));
+        }
+        levels_.push_back(std::move(level));
+        return true;
+    }
+
+    /// Inside the elements' array of a top-level member: {"nodes": [ <here>
+    [[nodiscard]] bool in_top_array(std::string_view member) const {
+        return levels_.size() == 2 && levels_[0].key == member;
+    }
+    [[nodiscard]] bool at_uri(std::string_view member) const {
+        return levels_.size() == 3 && levels_[0].key == member && levels_[2].key == "uri";
+    }
+
+    /// tinygltf drops a transform that is not made of numbers and goes on with the identity.
+    bool scalar(std::string_view what) {
+        if (levels_.size() == 4 && levels_[0].key == "nodes") {
+            const std::string& member = levels_[2].key;
+            for (const char* numbers : {"translation", "rotation", "scale", "matrix", "children"}) {
+                if (member != numbers) continue;
+                return refuse(
+                    ErrorCode::scene_invalid,
+                    fmt::format("the {} of a node holds {} where a number belongs", member, what));
+            }
+        }
+        return true;
+    }
+
+    const ImportLimits& limits_;
+    std::uint64_t objects_max_;
+    bool is_glb_;
+    std::vector<Level> levels_;
+    std::uint64_t objects_ = 0;
+    std::uint64_t nodes_ = 0;
+    std::uint64_t binary_buffers_ = 0;
+    bool has_uri_ = false;
+    Error error_;
+};
+
+}  // namespace
+
+Result<void> prescan_json(std::span<const std::byte> json, bool is_glb,
+                          const ImportLimits& limits) {
+    if (json.size() > limits.json_bytes_max) {
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("the scene's JSON has {} MiB; at most {} are allowed",
+                                json.size() >> 20, limits.json_bytes_max >> 20));
+    }
+    const auto* first = reinterpret_cast<const char*>(json.data());
+    Scan scan(json.size(), is_glb, limits);
+    if (!nlohmann::json::sax_parse(first, first + json.size(), &scan)) {
+        return tl::unexpected<Error>(scan.error());
+    }
+    return {};
+}
+
+bool is_safe_name(std::string_view uri) {
+    if (uri.empty() || uri.size() > 4096 || uri.front() == '/' || uri.front() == '~') return false;
+    for (std::size_t i = 0; i < uri.size(); ++i) {
+        const auto c = static_cast<unsigned char>(uri[i]);
+        if (c < 0x20 || c == 0x7F || c == '\\' || c == ':') return false;
+        if (c != '%') continue;
+        // What a percent sign hides must not be part of the path's structure, or another percent
+        // sign.
+        const std::string_view code = uri.substr(i + 1, 2);
+        for (const char* hidden :
+             {"2e", "2E", "2f", "2F", "5c", "5C", "25", "3a", "3A", "7f", "7F"}) {
+            if (code == hidden) return false;
+        }
+        if (code.size() < 2 || code[0] == '0' || code[0] == '1') return false;
+    }
+    for (std::size_t at = 0; at <= uri.size();) {
+        const std::size_t end = std::min(uri.find('/', at), uri.size());
+        const std::string_view part = uri.substr(at, end - at);
+        if (part.empty() || part == "..") return false;
+        at = end + 1;
+    }
+    return true;
+}
+
+}  // namespace raynest::gltf

@@ -1,0 +1,36 @@
+// Finds equal subtrees of a glTF scene, so that nesting deeper than mesh-in-scene comes to light.
+//
+// glTF gives every node one parent, so exporters write a tree that stands a thousand times a
+// thousand times. Two subtrees are equal when they place the same meshes with the same transforms
+// relative to their top; names do not matter. Numbering the distinct ones from the leaves up
+// (hash-consing) finds them all in one pass. A subtree becomes an object of its own where that
+// pays: it is used at least twice, and it holds at least two placements.
+#pragma once
+
+#include "engine/assets/gltf_model.h"
+
+#include <cstdint>
+#include <vector>
+
+namespace raynest::gltf {
+
+/// One distinct subtree, without the transform of its top node.
+struct Shape {
+    std::uint64_t placements = 0;  ///< of meshes
+    std::uint32_t uses = 0;        ///< by distinct shapes and by the scene itself
+    std::uint32_t example = 0;     ///< the first node of this shape in depth-first order
+
+    [[nodiscard]] bool is_shared() const { return uses >= 2 && placements >= 2; }
+};
+
+struct Sharing {
+    std::vector<Shape> shapes;            ///< children first
+    std::vector<std::uint32_t> shape_of;  ///< by node; no_id where nothing is placed
+};
+
+/// `order` lists the nodes of the scene, parents before children; `traceable` the meshes that have
+/// triangles. Iterative and linear in nodes plus the text of their keys.
+Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order,
+                     const std::vector<bool>& traceable);
+
+}  // namespace raynest::gltf

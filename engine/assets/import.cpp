@@ -1,0 +1,62 @@
+// Which importer reads a source, and import without a child process.
+#include "engine/assets/import.h"
+
+#include "engine/assets/gltf.h"
+#include "engine/assets/npy.h"
+
+#include <fmt/format.h>
+
+namespace raynest {
+namespace {
+
+/// Built-in scenes are described without a registry; what they are made of must still be loaded.
+Result<SceneDescription> check_primitives(Result<SceneDescription> scene,
+                                          const Registry& registry) {
+    if (!scene) return scene;
+    for (const ObjectDescription& object : scene->objects) {
+        if (!object.record_type.empty() && registry.find_primitive(object.record_type) == nullptr) {
+            return fail(ErrorCode::scene_unsupported,
+                        fmt::format("the scene is made of primitives of type '{}', which no loaded "
+                                    "kernel pack has",
+                                    object.record_type));
+        }
+    }
+    return scene;
+}
+
+}  // namespace
+
+Result<SceneDescription> describe(const ImportRequest& request, const ImportLimits& limits,
+                                  const Registry& registry) {
+    const std::string_view source = request.source;
+    if (source.starts_with("builtin:")) return check_primitives(describe_builtin(source), registry);
+    if (request.files.empty() || request.files.front().bytes.empty()) {
+        return fail(ErrorCode::scene_invalid, "the scene file is empty");
+    }
+    for (const NamedBytes& file : request.files) {
+        if (file.bytes.size() > limits.file_bytes_max) {
+            return fail(
+                ErrorCode::limit_exceeded,
+                fmt::format("'{}' has {} MiB; at most {} are allowed", file.name.substr(0, 200),
+                            file.bytes.size() >> 20, limits.file_bytes_max >> 20));
+        }
+    }
+    if (source.ends_with(".glb") || source.ends_with(".gltf"))
+        return describe_gltf(request, limits);
+    if (source.ends_with(".npy")) return describe_npy(request, limits, registry);
+    return fail(
+        ErrorCode::scene_unsupported,
+        fmt::format("'{}' is not a scene that RayNest reads: .glb, .gltf, .npy, or builtin:forest, "
+                    "builtin:terrain, builtin:flake",
+                    source.substr(0, 200)));
+}
+
+Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request,
+                                                    const ImportLimits& limits,
+                                                    const Registry& registry) {
+    auto scene = describe(request, limits, registry);
+    if (!scene) return tl::unexpected<Error>(scene.error());
+    return Snapshot::bake(*scene);
+}
+
+}  // namespace raynest

@@ -1,0 +1,188 @@
+// The import child: a process that lives for one file.
+//
+// Parsers of foreign formats are where servers die, so they run where a crash, a hang or a memory
+// bomb ends in an error message: limits on address space, processor time, files and output, a
+// watchdog in the parent, no inherited descriptors but the two memory files of import_wire.h, no
+// privileges to gain, and death together with the parent.
+#include "engine/assets/import.h"
+#include "engine/assets/import_wire.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <spawn.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+#include <new>
+#include <thread>
+
+extern char** environ;
+
+namespace raynest {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr rlim_t child_files_max = 64;
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+/// Sanitizers reserve terabytes of address space for their shadow.
+constexpr bool limits_address_space = false;
+#else
+constexpr bool limits_address_space = true;
+#endif
+
+/// posix_spawn's file actions, freed on every way out.
+class FileActions {
+public:
+    FileActions() { posix_spawn_file_actions_init(&actions_); }
+    FileActions(const FileActions&) = delete;
+    FileActions& operator=(const FileActions&) = delete;
+    ~FileActions() { posix_spawn_file_actions_destroy(&actions_); }
+    [[nodiscard]] posix_spawn_file_actions_t* get() { return &actions_; }
+
+private:
+    posix_spawn_file_actions_t actions_{};
+};
+
+Result<pid_t> spawn(std::span<const std::string> command, int request, int result) {
+    FileActions actions;
+    int failed = posix_spawn_file_actions_addopen(actions.get(), 0, "/dev/null", O_RDONLY, 0);
+    for (const int output : {1, 2}) {
+        failed |= posix_spawn_file_actions_addopen(actions.get(), output, "/dev/null", O_WRONLY, 0);
+    }
+    failed |= posix_spawn_file_actions_adddup2(actions.get(), request, wire::request_fd);
+    failed |= posix_spawn_file_actions_adddup2(actions.get(), result, wire::result_fd);
+    failed |= posix_spawn_file_actions_addclosefrom_np(actions.get(), wire::result_fd + 1);
+
+    std::vector<std::string> words(command.begin(), command.end());
+    std::vector<char*> arguments;
+    for (std::string& word : words) arguments.push_back(word.data());
+    arguments.push_back(nullptr);
+    pid_t pid = 0;
+    if (failed == 0)
+        failed =
+            posix_spawnp(&pid, arguments[0], actions.get(), nullptr, arguments.data(), environ);
+    if (failed == 0) return pid;
+    return fail(ErrorCode::io_failed, fmt::format("the import process '{}' does not start: {}",
+                                                  command[0], std::strerror(failed)));
+}
+
+/// Waits until the child has ended or the deadline has passed; then it is killed. Polling needs no
+/// kernel newer than the rest of the daemon and costs 1 ms of latency.
+Result<int> wait_until(pid_t pid, Clock::time_point deadline, bool& timed_out) {
+    timed_out = false;
+    for (;;) {
+        int status = 0;
+        const pid_t ended = ::waitpid(pid, &status, timed_out ? 0 : WNOHANG);
+        if (ended == pid) return status;
+        if (ended < 0 && errno != EINTR) {
+            return fail(ErrorCode::internal,
+                        fmt::format("the import process was lost: {}", std::strerror(errno)));
+        }
+        if (!timed_out && Clock::now() >= deadline) {
+            timed_out = true;
+            ::kill(pid, SIGKILL);
+        } else if (!timed_out) {
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        }
+    }
+}
+
+void limit(decltype(RLIMIT_AS) resource, rlim_t value) {
+    const rlimit both{value, value};
+    // A lower hard limit of the machine stays in force: that is no error.
+    static_cast<void>(::setrlimit(resource, &both));
+}
+
+/// Before the first hostile byte is looked at.
+void confine(const ImportLimits& limits) {
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
+    ::prctl(PR_SET_DUMPABLE, 0);
+    const auto threads = std::max(1U, std::thread::hardware_concurrency());
+    limit(RLIMIT_CORE, 0);
+    limit(RLIMIT_NOFILE, child_files_max);
+    limit(RLIMIT_FSIZE, limits.bytes_max);
+    limit(RLIMIT_CPU, static_cast<rlim_t>(limits.time_max.count()) * threads);
+    if (limits_address_space) limit(RLIMIT_AS, limits.bytes_max);
+}
+
+Result<std::shared_ptr<const Snapshot>> import_guarded(const wire::Message& message,
+                                                       const Registry& registry) try {
+    return import_here(message.request, message.limits, registry);
+} catch (const std::bad_alloc&) {
+    return fail(ErrorCode::out_of_memory,
+                fmt::format("the scene needs more than the {} MiB that an import may take",
+                            message.limits.bytes_max >> 20));
+} catch (const std::exception& error) {
+    return fail(ErrorCode::internal, fmt::format("the import failed: {}", error.what()));
+}
+
+std::string_view file_name(const std::string& source) {
+    return std::string_view(source).substr(0, 200);
+}
+
+}  // namespace
+
+Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& request,
+                                                        const ImportLimits& limits,
+                                                        std::span<const std::string> child) {
+    const Clock::time_point deadline = Clock::now() + limits.time_max;
+    if (child.empty())
+        return fail(ErrorCode::internal, "import_in_child: no command for the child");
+    const auto request_file = wire::create_memory_file("raynest-import-request");
+    const auto result_file = wire::create_memory_file("raynest-import-result");
+    if (!request_file) return tl::unexpected<Error>(request_file.error());
+    if (!result_file) return tl::unexpected<Error>(result_file.error());
+    if (auto done = wire::write_request(request_file->get(), request, limits); !done) {
+        return tl::unexpected<Error>(done.error());
+    }
+    const auto pid = spawn(child, request_file->get(), result_file->get());
+    if (!pid) return tl::unexpected<Error>(pid.error());
+    bool timed_out = false;
+    const auto status = wait_until(*pid, deadline, timed_out);
+    if (!status) return tl::unexpected<Error>(status.error());
+
+    const bool out_of_time = timed_out || (WIFSIGNALED(*status) && WTERMSIG(*status) == SIGXCPU);
+    if (out_of_time) {
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("reading '{}' took longer than {} s and was stopped",
+                                file_name(request.source), limits.time_max.count()));
+    }
+    if (WIFSIGNALED(*status)) {
+        return fail(ErrorCode::scene_invalid,
+                    fmt::format("reading '{}' ended the import process ({}); the file is damaged",
+                                file_name(request.source), ::strsignal(WTERMSIG(*status))));
+    }
+    if (WEXITSTATUS(*status) != 0) {
+        return fail(ErrorCode::internal,
+                    fmt::format("the import process of '{}' failed with exit code {}",
+                                file_name(request.source), WEXITSTATUS(*status)));
+    }
+    return wire::read_result(result_file->get(), limits.bytes_max);
+}
+
+int import_child_main(const Registry& registry) {
+    struct stat status = {};
+    if (::fstat(wire::request_fd, &status) != 0 || status.st_size <= 0) return 2;
+    const auto size = static_cast<std::size_t>(status.st_size);
+    void* mapped = ::mmap(nullptr, size, PROT_READ, MAP_PRIVATE, wire::request_fd, 0);
+    if (mapped == MAP_FAILED) return 2;
+    const auto message = wire::parse_request({static_cast<const std::byte*>(mapped), size});
+    if (!message) return 2;
+    confine(message->limits);
+    // The parent may have ended before the death signal was set.
+    if (::getppid() != message->parent) return 2;
+    const auto result = import_guarded(*message, registry);
+    return wire::write_result(wire::result_fd, result) ? 0 : 3;
+}
+
+}  // namespace raynest

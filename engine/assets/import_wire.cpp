@@ -1,0 +1,202 @@
+#include "engine/assets/import_wire.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <limits>
+
+namespace raynest::wire {
+namespace {
+
+constexpr std::uint64_t request_magic = 0x31545345'554E5952ULL;
+constexpr std::uint64_t result_magic = 0x31544C53'554E5952ULL;
+constexpr std::uint32_t files_max = 65536;
+constexpr std::uint32_t text_bytes_max = 65536;
+constexpr std::uint32_t status_arena = 0;
+
+struct RequestHeader {
+    std::uint64_t magic = request_magic;
+    ImportLimits limits;
+    std::int32_t parent = 0;
+    std::uint32_t source_bytes = 0;
+    std::uint32_t primitive_bytes = 0;
+    std::uint32_t file_count = 0;
+};
+struct FileHeader {
+    std::uint64_t bytes = 0;
+    std::uint64_t name_bytes = 0;
+};
+struct ResultHeader {
+    std::uint64_t magic = result_magic;
+    std::uint32_t status = status_arena;  ///< or an ErrorCode
+    std::uint32_t unused = 0;
+    std::uint64_t bytes = 0;  ///< of the arena or the message that follows
+};
+
+tl::unexpected<Error> system_error(const char* what) {
+    return fail(ErrorCode::io_failed, fmt::format("import: {}: {}", what, std::strerror(errno)));
+}
+
+Result<void> write_all(int fd, const void* bytes, std::size_t size) {
+    const auto* at = static_cast<const char*>(bytes);
+    while (size != 0) {
+        const ssize_t written = ::write(fd, at, std::min(size, std::size_t{1} << 30));
+        if (written < 0 && errno == EINTR) continue;
+        if (written <= 0) return system_error("writing to a memory file");
+        at += written;
+        size -= static_cast<std::size_t>(written);
+    }
+    return {};
+}
+
+Result<void> read_all(int fd, void* bytes, std::size_t size, off_t offset) {
+    auto* at = static_cast<char*>(bytes);
+    while (size != 0) {
+        const ssize_t got = ::pread(fd, at, std::min(size, std::size_t{1} << 30), offset);
+        if (got < 0 && errno == EINTR) continue;
+        if (got <= 0)
+            return fail(ErrorCode::internal, "the import process wrote no complete result");
+        at += got;
+        offset += got;
+        size -= static_cast<std::size_t>(got);
+    }
+    return {};
+}
+
+/// Hands out the next bytes of a message, or null when it has fewer.
+class Cursor {
+public:
+    explicit Cursor(std::span<const std::byte> bytes) : rest_(bytes) {}
+    const std::byte* take(std::uint64_t size) {
+        if (size > rest_.size()) return nullptr;
+        const std::byte* at = rest_.data();
+        rest_ = rest_.subspan(size);
+        return at;
+    }
+
+private:
+    std::span<const std::byte> rest_;
+};
+
+}  // namespace
+
+Fd::~Fd() {
+    if (fd_ >= 0) ::close(fd_);
+}
+
+Result<Fd> create_memory_file(const char* name) {
+    const Fd low(::memfd_create(name, MFD_CLOEXEC));
+    if (low.get() < 0) return system_error("creating a memory file");
+    Fd high(::fcntl(low.get(), F_DUPFD_CLOEXEC, 10));
+    if (high.get() < 0) return system_error("creating a memory file");
+    return high;
+}
+
+Result<void> write_request(int fd, const ImportRequest& request, const ImportLimits& limits) {
+    RequestHeader header;
+    std::memset(static_cast<void*>(&header), 0, sizeof header);
+    header.magic = request_magic;
+    header.limits = limits;
+    header.parent = ::getpid();
+    header.source_bytes = static_cast<std::uint32_t>(request.source.size());
+    header.primitive_bytes = static_cast<std::uint32_t>(request.primitive.size());
+    header.file_count = static_cast<std::uint32_t>(request.files.size());
+    if (request.source.size() > text_bytes_max || request.primitive.size() > text_bytes_max ||
+        request.files.size() > files_max) {
+        return fail(ErrorCode::limit_exceeded, "a scene may have at most 65536 files");
+    }
+    auto done = write_all(fd, &header, sizeof header);
+    if (done) done = write_all(fd, request.source.data(), request.source.size());
+    if (done) done = write_all(fd, request.primitive.data(), request.primitive.size());
+    for (const NamedBytes& file : request.files) {
+        const FileHeader file_header{file.bytes.size(), file.name.size()};
+        if (done) done = write_all(fd, &file_header, sizeof file_header);
+        if (done) done = write_all(fd, file.name.data(), file.name.size());
+        if (done) done = write_all(fd, file.bytes.data(), file.bytes.size());
+    }
+    return done;
+}
+
+Result<Message> parse_request(std::span<const std::byte> bytes) {
+    const auto damaged = fail(ErrorCode::internal, "the import request is damaged");
+    Cursor cursor(bytes);
+    RequestHeader header;
+    const std::byte* at = cursor.take(sizeof header);
+    if (at == nullptr) return damaged;
+    std::memcpy(static_cast<void*>(&header), at, sizeof header);
+    if (header.magic != request_magic || header.file_count > files_max) return damaged;
+    Message message;
+    message.limits = header.limits;
+    message.parent = header.parent;
+    const auto take_text = [&](std::uint64_t size, std::string& text) {
+        const std::byte* from = size > text_bytes_max ? nullptr : cursor.take(size);
+        if (from != nullptr) text.assign(reinterpret_cast<const char*>(from), size);
+        return from != nullptr;
+    };
+    if (!take_text(header.source_bytes, message.request.source) ||
+        !take_text(header.primitive_bytes, message.request.primitive)) {
+        return damaged;
+    }
+    for (std::uint32_t i = 0; i < header.file_count; ++i) {
+        FileHeader file_header;
+        at = cursor.take(sizeof file_header);
+        if (at == nullptr) return damaged;
+        std::memcpy(&file_header, at, sizeof file_header);
+        NamedBytes file;
+        if (!take_text(file_header.name_bytes, file.name)) return damaged;
+        at = cursor.take(file_header.bytes);
+        if (at == nullptr) return damaged;
+        file.bytes = {at, file_header.bytes};
+        message.request.files.push_back(std::move(file));
+    }
+    return message;
+}
+
+Result<void> write_result(int fd, const Result<std::shared_ptr<const Snapshot>>& result) {
+    ResultHeader header;
+    std::span<const std::byte> payload;
+    if (result) {
+        payload = (*result)->bytes();
+    } else {
+        header.status = static_cast<std::uint32_t>(result.error().code);
+        payload = std::as_bytes(std::span(result.error().message));
+        payload = payload.first(std::min<std::size_t>(payload.size(), text_bytes_max));
+    }
+    header.bytes = payload.size();
+    auto done = write_all(fd, &header, sizeof header);
+    if (done) done = write_all(fd, payload.data(), payload.size());
+    return done;
+}
+
+Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t bytes_max) {
+    const auto damaged = fail(ErrorCode::internal, "the import process wrote no complete result");
+    ResultHeader header;
+    if (auto done = read_all(fd, &header, sizeof header, 0); !done) return damaged;
+    struct stat status = {};
+    if (header.magic != result_magic || ::fstat(fd, &status) != 0 || header.bytes > bytes_max ||
+        static_cast<std::uint64_t>(status.st_size) != sizeof header + header.bytes) {
+        return damaged;
+    }
+    if (header.status == status_arena) {
+        Arena arena(header.bytes);
+        if (auto done = read_all(fd, arena.data(), header.bytes, sizeof header); !done)
+            return damaged;
+        return Snapshot::open(std::move(arena));
+    }
+    constexpr auto last_code = static_cast<std::uint32_t>(ErrorCode::io_failed);
+    if (header.status > last_code || header.bytes > text_bytes_max) return damaged;
+    std::string message(header.bytes, ' ');
+    if (auto done = read_all(fd, message.data(), message.size(), sizeof header); !done)
+        return damaged;
+    for (char& c : message) {
+        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) c = ' ';
+    }
+    return fail(static_cast<ErrorCode>(header.status), std::move(message));
+}
+
+}  // namespace raynest::wire

@@ -1,0 +1,51 @@
+// What travels between the daemon and its import child: a request on fd 3, a result on fd 4.
+//
+// Both are memory files, so neither side can block the other. The request is written by the parent
+// and trusted by the child as far as its framing goes; the files inside it are hostile. The result
+// is not trusted: whoever owns the child may have written it.
+#pragma once
+
+#include "engine/assets/import.h"
+
+#include <cstddef>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace raynest::wire {
+
+inline constexpr int request_fd = 3;
+inline constexpr int result_fd = 4;
+
+/// A file descriptor that closes itself; -1 when empty.
+class Fd {
+public:
+    explicit Fd(int fd = -1) : fd_(fd) {}
+    Fd(Fd&& other) noexcept : fd_(other.fd_) { other.fd_ = -1; }
+    Fd& operator=(Fd&&) = delete;
+    Fd(const Fd&) = delete;
+    ~Fd();
+    [[nodiscard]] int get() const { return fd_; }
+
+private:
+    int fd_;
+};
+
+/// A memory file with close-on-exec, numbered 10 or higher so that the child's 0..4 are free.
+Result<Fd> create_memory_file(const char* name);
+
+struct Message {
+    ImportRequest request;  ///< points into the mapped message
+    ImportLimits limits;
+    int parent = 0;  ///< process id of the sender
+};
+
+Result<void> write_request(int fd, const ImportRequest& request, const ImportLimits& limits);
+/// `bytes` must outlive the message.
+Result<Message> parse_request(std::span<const std::byte> bytes);
+
+Result<void> write_result(int fd, const Result<std::shared_ptr<const Snapshot>>& result);
+/// The child's arena, checked by Snapshot::open, or its error. `bytes_max` bounds what is read.
+Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t bytes_max);
+
+}  // namespace raynest::wire

@@ -1,0 +1,183 @@
+#include "engine/assets/npy.h"
+
+#include <fmt/format.h>
+
+#include <charconv>
+#include <cmath>
+#include <cstring>
+
+namespace raynest {
+namespace {
+
+struct Array {
+    std::vector<std::uint64_t> shape;
+    std::vector<float> values;
+};
+
+tl::unexpected<Error> refuse(const std::string& name, const std::string& why) {
+    return fail(ErrorCode::scene_invalid, fmt::format("'{}' {}", name, why));
+}
+
+/// What follows `'key':` in the header's Python dictionary, blanks skipped; empty when absent.
+std::string_view member(std::string_view header, std::string_view key) {
+    const std::size_t at = header.find(fmt::format("'{}':", key));
+    if (at == std::string_view::npos) return {};
+    std::string_view rest = header.substr(at + key.size() + 3);
+    while (rest.starts_with(' ')) rest.remove_prefix(1);
+    return rest;
+}
+
+/// "(3, 4), ..." -> {3, 4}; false for anything else.
+bool parse_shape(std::string_view text, std::vector<std::uint64_t>& shape) {
+    if (!text.starts_with('(')) return false;
+    const char* at = text.data() + 1;
+    const char* const end = text.data() + text.size();
+    while (at != end && *at != ')') {
+        std::uint64_t extent = 0;
+        const auto [next, error] = std::from_chars(at, end, extent);
+        if (error != std::errc{} || shape.size() == 3) return false;
+        shape.push_back(extent);
+        at = next;
+        while (at != end && (*at == ',' || *at == ' ')) ++at;
+    }
+    return at != end;
+}
+
+/// Format: magic, version, header length (2 bytes, from version 2 on 4), a Python dictionary,
+/// values.
+Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits) {
+    constexpr std::string_view magic = "\x93NUMPY";
+    const std::string_view bytes(reinterpret_cast<const char*>(file.bytes.data()),
+                                 file.bytes.size());
+    if (!bytes.starts_with(magic) || bytes.size() < 12)
+        return refuse(file.name, "is not a .npy file");
+    const auto byte_at = [&](std::size_t i) { return static_cast<unsigned char>(bytes[i]); };
+    const bool long_header = byte_at(6) >= 2;
+    std::size_t header_bytes = byte_at(8) | static_cast<std::size_t>(byte_at(9)) << 8;
+    if (long_header) {
+        header_bytes |= static_cast<std::size_t>(byte_at(10)) << 16 |
+                        static_cast<std::size_t>(byte_at(11)) << 24;
+    }
+    const std::size_t header_at = long_header ? 12 : 10;
+    if (header_bytes > bytes.size() - header_at) return refuse(file.name, "is cut short");
+    const std::string_view header = bytes.substr(header_at, header_bytes);
+
+    Array array;
+    const bool is_double = member(header, "descr").starts_with("'<f8'");
+    if (!is_double && !member(header, "descr").starts_with("'<f4'")) {
+        return refuse(file.name, "must hold float32 or float64 (array.astype(numpy.float32))");
+    }
+    if (!member(header, "fortran_order").starts_with("False")) {
+        return refuse(file.name, "must be in C order (numpy.ascontiguousarray)");
+    }
+    if (!parse_shape(member(header, "shape"), array.shape) || array.shape.empty()) {
+        return refuse(file.name, "has no shape of one to three numbers");
+    }
+
+    // The product is bounded by the bytes that came before it is used for anything.
+    const std::size_t item = is_double ? 8 : 4;
+    const std::string_view values = bytes.substr(header_at + header_bytes);
+    std::uint64_t count = 1;
+    for (const std::uint64_t extent : array.shape) {
+        if (extent == 0 || extent > limits.file_bytes_max ||
+            count > limits.file_bytes_max / extent) {
+            return refuse(file.name, "has a shape that makes no sense");
+        }
+        count *= extent;
+    }
+    if (count > values.size() / item) return refuse(file.name, "is cut short");
+
+    array.values.resize(count);
+    std::uint64_t bad = 0;
+    for (std::uint64_t i = 0; i < count; ++i) {
+        if (is_double) {
+            double value = 0;
+            std::memcpy(&value, values.data() + i * item, item);
+            array.values[i] = static_cast<float>(value);
+        } else {
+            std::memcpy(&array.values[i], values.data() + i * item, item);
+        }
+        bad += std::isfinite(array.values[i]) ? 0U : 1U;
+    }
+    if (bad != 0)
+        return refuse(file.name, fmt::format("has {} values that are not finite float32", bad));
+    return array;
+}
+
+Result<ObjectDescription> read_records(const ImportRequest& request, const ImportLimits& limits,
+                                       const Registry& registry) {
+    const NamedBytes& file = request.files.front();
+    const PackPrimitive* primitive =
+        request.primitive.empty() ? nullptr : registry.find_primitive(request.primitive);
+    if (primitive == nullptr) {
+        return fail(
+            ErrorCode::scene_invalid,
+            fmt::format("a .npy scene needs the name of a primitive type, and '{}' is none; "
+                        "see `raynest variants`",
+                        request.primitive));
+    }
+    auto array = read_array(file, limits);
+    if (!array) return tl::unexpected<Error>(array.error());
+    if (array->shape.size() != 2 || array->shape[1] * 4 != primitive->record_size) {
+        return refuse(file.name, fmt::format("must have shape (N, {}) for primitives of type '{}'",
+                                             primitive->record_size / 4, request.primitive));
+    }
+    const std::uint64_t count = array->shape[0];
+    if (count > limits.triangles_max) {
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("the scene has more than {} primitives", limits.triangles_max));
+    }
+
+    ObjectDescription object;
+    object.name = request.primitive + "s";
+    object.record_type = request.primitive;
+    const auto bytes = std::as_bytes(std::span(array->values));
+    object.records.assign(bytes.begin(), bytes.end());
+    object.record_bounds.resize(count);
+    primitive->bounds(object.records.data(), count, object.record_bounds.data());
+    return object;
+}
+
+Result<std::vector<InstanceDescription>> read_instances(const NamedBytes& file,
+                                                        const ImportLimits& limits) {
+    auto array = read_array(file, limits);
+    if (!array) return tl::unexpected<Error>(array.error());
+    const std::vector<std::uint64_t>& shape = array->shape;
+    const bool flat = shape.size() == 2 && shape[1] == 12;
+    const bool rows = shape.size() == 3 && shape[1] == 3 && shape[2] == 4;
+    if (!flat && !rows) return refuse(file.name, "must have shape (M, 12) or (M, 3, 4)");
+    if (shape[0] > limits.instances_max) {
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("the scene has more than {} instances", limits.instances_max));
+    }
+    std::vector<InstanceDescription> instances(shape[0]);
+    for (std::size_t i = 0; i < instances.size(); ++i) {
+        instances[i].object = 0;
+        instances[i].uid = static_cast<std::uint32_t>(i);
+        std::copy_n(array->values.data() + 12 * i, 12, instances[i].transform.m.begin());
+    }
+    return instances;
+}
+
+}  // namespace
+
+Result<SceneDescription> describe_npy(const ImportRequest& request, const ImportLimits& limits,
+                                      const Registry& registry) {
+    auto object = read_records(request, limits, registry);
+    if (!object) return tl::unexpected<Error>(object.error());
+    SceneDescription scene;
+    scene.objects.push_back(std::move(*object));
+    for (std::size_t i = 1; i < request.files.size(); ++i) {
+        if (request.files[i].name != "instances.npy" || scene.root != 0) {
+            return refuse(request.files[i].name,
+                          "is not wanted; placements come as 'instances.npy'");
+        }
+        auto instances = read_instances(request.files[i], limits);
+        if (!instances) return tl::unexpected<Error>(instances.error());
+        scene.objects.push_back({"scene", {}, std::move(*instances), {}, {}, {}});
+        scene.root = 1;
+    }
+    return scene;
+}
+
+}  // namespace raynest

@@ -1,0 +1,14 @@
+// NumPy arrays as scenes: one record of a primitive type per row, and optional placements.
+#pragma once
+
+#include "engine/assets/import.h"
+
+namespace raynest {
+
+/// files[0]: float32 or float64, C order, shape (N, K) with 4 K = the record size of
+/// `request.primitive`. files[1] "instances.npy", when given: (M, 12) or (M, 3, 4) row-major 3x4
+/// object-to-world matrices. Values that are not finite as float32 are refused with a count.
+Result<SceneDescription> describe_npy(const ImportRequest& request, const ImportLimits& limits,
+                                      const Registry& registry);
+
+}  // namespace raynest
