@@ -13,8 +13,11 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstring>
+#include <iomanip>
+#include <iostream>
 #include <map>
 #include <memory>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -94,16 +97,20 @@ Difference differing_rays(const Answer& a, const Answer& b, Query query) {
 
 void print_ray(const Case& test, const Answer& answer, const Answer& expected, Query query,
                std::size_t ray) {
+    const auto text = [](const Vec3& v) {
+        std::ostringstream out;
+        out << std::setprecision(9) << v.x << ' ' << v.y << ' ' << v.z;
+        return out.str();
+    };
     const Ray& r = test.rays[ray];
-    std::printf("  ray %zu: origin %.9g %.9g %.9g tmin %.9g direction %.9g %.9g %.9g tmax %.9g\n",
-                ray, r.origin.x, r.origin.y, r.origin.z, r.tmin, r.direction.x, r.direction.y,
-                r.direction.z, r.tmax);
+    std::cout << std::setprecision(9) << "  ray " << ray << ": origin " << text(r.origin) << " tmin "
+              << r.tmin << " direction " << text(r.direction) << " tmax " << r.tmax << '\n';
     const std::size_t at = query == query_multi ? ray * multi_capacity : ray;
     for (const auto& [name, from] : {std::pair{"got     ", &answer}, {"expected", &expected}}) {
         const HitRecord& h = from->hits[at];
-        std::printf("  %s hit %u t %.9g uv %.9g %.9g triangle %u path %llu k %u (of %u)\n", name,
-                    h.hit, h.t, h.u, h.v, h.triangle, static_cast<unsigned long long>(h.path), h.k,
-                    from->counts[ray]);
+        std::cout << "  " << name << " hit " << int{h.hit} << " t " << h.t << " uv " << h.u << ' '
+                  << h.v << " triangle " << h.triangle << " path " << h.path << " k " << int{h.k}
+                  << " (of " << from->counts[ray] << ")" << std::endl;
     }
 }
 
