@@ -20,7 +20,7 @@ struct Camera {
 };
 
 struct CameraRequest {
-    std::string name;            ///< name or index of a camera of the file; "" = the first one
+    std::string name = {};       ///< name or index of a camera of the file; "" = the first one
     bool look_at = false;
     Vec3 eye{0}, at{0}, up{0, 1, 0};
     float fov_degrees = 0;       ///< vertical; 0 = the camera's own, 40 for look-at

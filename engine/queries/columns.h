@@ -42,10 +42,10 @@ using RecordNormal = void (*)(const void* record, const float point[3], float no
 /// gives the ray of each hit; else ray_of is empty and hit i belongs to ray i.
 struct ColumnSource {
     const SceneView* scene = nullptr;
-    std::span<const Ray> rays;
-    std::span<const HitRecord> hits;
-    std::span<const std::uint32_t> ray_of;
-    std::span<const Counters> counters;  ///< one per ray, or empty
+    std::span<const Ray> rays = {};
+    std::span<const HitRecord> hits = {};
+    std::span<const std::uint32_t> ray_of = {};
+    std::span<const Counters> counters = {};  ///< one per ray, or empty
     RecordNormal (*record_normal)(std::uint32_t type, const void* context) = nullptr;
     const void* context = nullptr;
 };

@@ -1,0 +1,157 @@
+#include "engine/integrators/camera.h"
+
+#include "tests/unit/engine/small_scenes.h"
+
+#include <cmath>
+#include <limits>
+#include <vector>
+
+using namespace raynest;
+using test::translation;
+
+namespace {
+
+SceneDescription with_cameras() {
+    SceneDescription scene = test::tree_scene();
+    scene.cameras = {{"front", translation(0, 0, 5), 0.5F, 1.5F},
+                     {"side", translation(9, 0, 0), 0.6F, 0},
+                     {"1", translation(7, 7, 7), 0.9F, 0}};
+    return scene;
+}
+
+Ray ray_of(const Camera& camera, std::uint32_t width, std::uint32_t height, std::uint64_t pixel) {
+    std::vector<Ray> ray(1);
+    generate_rays(camera, width, height, pixel, ray);
+    return ray[0];
+}
+
+bool is_close(const Vec3& a, const Vec3& b) {
+    return glm::length(a - b) < 1e-5F;
+}
+
+}  // namespace
+
+TEST_CASE("cameras are chosen by name, then by index, else the first") {
+    const auto scene = test::bake(with_cameras());
+    CHECK(choose_camera(*scene, {})->name == "front");
+    CHECK(choose_camera(*scene, {})->yfov == 0.5F);
+    CHECK(choose_camera(*scene, {.name = "side"})->to_world.m[3] == 9);
+    CHECK(choose_camera(*scene, {.name = "0"})->name == "front");
+    CHECK(choose_camera(*scene, {.name = "1"})->to_world.m[3] == 7);  // a name wins
+    const auto none = choose_camera(*scene, {.name = "back"});
+    REQUIRE_FALSE(none.has_value());
+    CHECK(none.error().code == ErrorCode::scene_invalid);
+    CHECK(none.error().message.find("'side'") != std::string::npos);
+    CHECK_FALSE(choose_camera(*scene, {.name = "3"}).has_value());
+}
+
+TEST_CASE("rays go through pixel centres, y down, one unit along the view axis") {
+    Camera camera;
+    camera.yfov = 2 * std::atan(1.0F);  // half height 1
+    camera.to_world = translation(1, 2, 3);
+    const Ray corner = ray_of(camera, 4, 2, 0);
+    CHECK(is_close(corner.direction, {-1.5F, 0.5F, -1}));
+    CHECK(corner.origin == Vec3(1, 2, 3));
+    CHECK(corner.tmin == 0);
+    CHECK(corner.tmax == std::numeric_limits<float>::infinity());
+    CHECK(is_close(ray_of(camera, 4, 2, 3).direction, {1.5F, 0.5F, -1}));
+    CHECK(is_close(ray_of(camera, 4, 2, 4).direction, {-1.5F, -0.5F, -1}));
+    CHECK(is_close(ray_of(camera, 1, 1, 0).direction, {0, 0, -1}));
+}
+
+TEST_CASE("a chunk of rays equals the same rays of the whole picture") {
+    Camera camera;
+    std::vector<Ray> all(35);
+    std::vector<Ray> part(10);
+    generate_rays(camera, 7, 5, 0, all);
+    generate_rays(camera, 7, 5, 20, part);
+    for (std::size_t i = 0; i < part.size(); ++i) {
+        CHECK(part[i].direction == all[20 + i].direction);
+    }
+}
+
+TEST_CASE("look-at sees its target in the middle, up on top") {
+    const auto scene = test::bake(test::tree_scene());
+    CameraRequest request;
+    request.look_at = true;
+    request.eye = {10, 0, 0};
+    request.at = {0, 0, 0};
+    const auto camera = choose_camera(*scene, request);
+    REQUIRE(camera.has_value());
+    CHECK(camera->yfov == doctest::Approx(40 * 3.14159265 / 180));
+    CHECK(is_close(ray_of(*camera, 1, 1, 0).direction, {-1, 0, 0}));
+    CHECK(ray_of(*camera, 3, 3, 1).direction.y > 0);
+    CHECK(ray_of(*camera, 3, 3, 5).direction.z < 0);  // right of one who looks along -x
+
+    request.fov_degrees = 90;
+    CHECK(choose_camera(*scene, request)->yfov == doctest::Approx(3.14159265 / 2));
+}
+
+TEST_CASE("looking straight along up still gives a camera") {
+    const auto scene = test::bake(test::tree_scene());
+    CameraRequest request;
+    request.look_at = true;
+    request.eye = {0, 10, 0};
+    request.at = {0, 0, 0};
+    const auto down = choose_camera(*scene, request);
+    REQUIRE(down.has_value());
+    CHECK(is_close(ray_of(*down, 1, 1, 0).direction, {0, -1, 0}));
+    CHECK(ray_of(*down, 3, 3, 1).direction.z < 0);
+    request.up = request.eye = {0, 0, 5};
+    CHECK(is_close(ray_of(*choose_camera(*scene, request), 1, 1, 0).direction, {0, 0, -1}));
+}
+
+TEST_CASE("unusable requests are refused") {
+    const auto scene = test::bake(test::tree_scene());
+    CameraRequest request;
+    request.look_at = true;
+    const auto refused = [&](const CameraRequest& r) {
+        const auto camera = choose_camera(*scene, r);
+        return !camera && camera.error().code == ErrorCode::param_invalid;
+    };
+    CHECK(refused(request));  // eye == at
+    request.at = {1, 0, 0};
+    CHECK_FALSE(refused(request));
+    request.up = {0, 0, 0};
+    CHECK(refused(request));
+    request.up = {0, 1, 0};
+    request.eye.x = std::numeric_limits<float>::quiet_NaN();
+    CHECK(refused(request));
+    for (const float fov : {-1.0F, 180.0F, std::numeric_limits<float>::infinity()}) {
+        CHECK(refused({.fov_degrees = fov}));
+    }
+}
+
+TEST_CASE("without cameras the whole scene is in the picture, seen from +x +y +z") {
+    const auto scene = test::bake(test::tree_scene());
+    const auto camera = choose_camera(*scene, {});
+    REQUIRE(camera.has_value());
+    CHECK(camera->name == "automatic");
+    const Vec3 backward(camera->to_world.m[2], camera->to_world.m[6], camera->to_world.m[10]);
+    CHECK(is_close(backward, glm::normalize(Vec3(1))));
+
+    Transform to_camera;
+    REQUIRE(invert(camera->to_world, to_camera));
+    const Box box = scene->bounds();
+    const float edge = std::tan(camera->yfov / 2);
+    float nearest_to_edge = 0;
+    for (int corner = 0; corner < 8; ++corner) {
+        const Vec3 p = to_camera.point({(corner & 1) != 0 ? box.upper.x : box.lower.x,
+                                        (corner & 2) != 0 ? box.upper.y : box.lower.y,
+                                        (corner & 4) != 0 ? box.upper.z : box.lower.z});
+        CHECK(p.z < 0);
+        const float aside = std::max(std::abs(p.x), std::abs(p.y)) / -p.z;
+        CHECK(aside < edge);
+        nearest_to_edge = std::max(nearest_to_edge, aside / edge);
+    }
+    CHECK(nearest_to_edge > 0.9F);  // it fills the picture
+}
+
+TEST_CASE("an empty scene still has a camera") {
+    SceneDescription description;
+    description.objects.resize(1);
+    const auto scene = test::bake(description);
+    const auto camera = choose_camera(*scene, {});
+    REQUIRE(camera.has_value());
+    for (const float element : camera->to_world.m) CHECK(std::isfinite(element));
+}

@@ -1,0 +1,167 @@
+#include "engine/integrators/font.h"
+#include "engine/integrators/legend.h"
+#include "engine/integrators/palette.h"
+#include "engine/integrators/picture.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <array>
+#include <numeric>
+#include <set>
+#include <string>
+#include <vector>
+
+using namespace raynest;
+
+namespace {
+
+std::vector<std::uint32_t> one_to(std::uint32_t n) {
+    std::vector<std::uint32_t> counts(n);
+    std::iota(counts.rbegin(), counts.rend(), 1);
+    return counts;
+}
+
+HeatStatistics statistics_of(const std::vector<std::uint32_t>& counts,
+                             const HeatOptions& options = {}) {
+    const auto statistics = heat_statistics(counts, 0, options);
+    REQUIRE(statistics.has_value());
+    return *statistics;
+}
+
+std::array<int, 3> pixel(const Picture& picture, std::uint32_t x, std::uint32_t y) {
+    const std::uint8_t* at = &picture.rgba[4 * (std::size_t{y} * picture.width + x)];
+    return {at[0], at[1], at[2]};
+}
+
+}  // namespace
+
+TEST_CASE("percentiles are exact over all pixels") {
+    const HeatStatistics s = statistics_of(one_to(1000));
+    CHECK(s.min == 1);
+    CHECK(s.p50 == 500);
+    CHECK(s.p99 == 990);
+    CHECK(s.max == 1000);
+    CHECK(s.mean == doctest::Approx(500.5));
+    CHECK(s.rays == 1000);
+    CHECK(s.range_high == 990);
+    CHECK(s.clipped == doctest::Approx(0.01));
+    const HeatStatistics one = statistics_of({7});
+    CHECK(one.p50 == 7);
+    CHECK(one.p99 == 7);
+}
+
+TEST_CASE("ranges are p99, auto or two numbers") {
+    const auto counts = one_to(100);
+    CHECK(statistics_of(counts, {.range = "auto"}).range_high == 100);
+    CHECK(statistics_of(counts, {.range = "auto"}).clipped == 0);
+    const HeatStatistics fixed = statistics_of(counts, {.range = "20:80.5"});
+    CHECK(fixed.range_low == 20);
+    CHECK(fixed.range_high == 80.5);
+    CHECK(fixed.clipped == doctest::Approx(0.2));
+    CHECK(statistics_of({0, 0, 0}).range_high > 0);  // a map of zeros has a scale too
+}
+
+TEST_CASE("unknown options are refused and the choices named") {
+    const auto message = [](const HeatOptions& options) {
+        const auto statistics = heat_statistics(one_to(4), 0, options);
+        REQUIRE_FALSE(statistics.has_value());
+        CHECK(statistics.error().code == ErrorCode::param_invalid);
+        return statistics.error().message;
+    };
+    CHECK(message({.metric = "t"}).find("nodes, boxes") != std::string::npos);
+    CHECK(message({.palette = "jet"}).find("viridis") != std::string::npos);
+    CHECK(message({.scale = "square"}).find("linear, log") != std::string::npos);
+    for (const char* range :
+         {"", "p98", "3", "5:5", "9:2", "-1:4", "0:inf", "nan:1", "0:1x", "0:1e12"}) {
+        CHECK(message({.range = range}).find("low < high") != std::string::npos);
+    }
+}
+
+TEST_CASE("palettes run from their first to their last colour without a jump") {
+    for (const char* name : {"turbo", "viridis", "inferno", "gray"}) {
+        const auto palette = find_palette(name);
+        REQUIRE(palette.has_value());
+        int largest_step = 0;
+        for (std::size_t i = 1; i < palette->size(); ++i) {
+            const Colour a = (*palette)[i - 1], b = (*palette)[i];
+            largest_step = std::max(
+                {largest_step, std::abs(a.r - b.r), std::abs(a.g - b.g), std::abs(a.b - b.b)});
+        }
+        CHECK(largest_step <= 6);  // the start of turbo: 156 steps of blue over 28 colours
+    }
+    CHECK((*find_palette("gray"))[0].r == 0);
+    CHECK((*find_palette("gray"))[255].r == 255);
+    CHECK((*find_palette("gray"))[128].g == 128);
+}
+
+TEST_CASE("the scale clamps both ends; a logarithmic one spends its colours on small counts") {
+    const HeatScale linear{10, 110, false};
+    CHECK(linear.position(60) == doctest::Approx(0.5));
+    CHECK(linear.position(0) == 0);
+    CHECK(linear.position(1e9) == 1);
+    const HeatScale log{0, 999, true};
+    CHECK(log.position(0) == 0);
+    CHECK(log.position(999) == 1);
+    CHECK(log.position(9) == doctest::Approx(1.0 / 3));
+}
+
+TEST_CASE("the map keeps every pixel and the legend stands below it") {
+    const auto counts = one_to(200);
+    const HeatOptions options{.palette = "gray", .range = "auto"};
+    const auto picture = heat_picture(20, 10, counts, statistics_of(counts, options), options);
+    REQUIRE(picture.has_value());
+    CHECK(picture->width == 20);
+    CHECK(picture->height > 10);
+    CHECK(picture->rgba.size() == std::size_t{4} * picture->width * picture->height);
+    CHECK(pixel(*picture, 0, 0) == std::array{255, 255, 255});  // 200 of 200
+    CHECK(pixel(*picture, 19, 9) == std::array{1, 1, 1});       // 1 of 200
+    for (std::size_t i = 3; i < picture->rgba.size(); i += 4) REQUIRE(picture->rgba[i] == 255);
+}
+
+TEST_CASE("the legend shows the palette from end to end") {
+    const std::vector<std::uint32_t> counts(900 * 4, 5);
+    const HeatOptions options{.palette = "viridis"};
+    const auto picture = heat_picture(900, 4, counts, statistics_of(counts, options), options);
+    REQUIRE(picture.has_value());
+    const Palette palette = *find_palette("viridis");
+    std::set<std::array<int, 3>> shown;
+    for (std::uint32_t y = 4; y < picture->height; ++y) {
+        for (std::uint32_t x = 0; x < 900; ++x) shown.insert(pixel(*picture, x, y));
+    }
+    for (const Colour& c : palette) CHECK(shown.count({c.r, c.g, c.b}) == 1);
+}
+
+TEST_CASE("pictures of any size get a legend") {
+    for (const std::uint32_t width : {1U, 2U, 13U, 64U, 799U, 800U}) {
+        for (const char* scale : {"linear", "log"}) {
+            const auto counts = one_to(width);
+            const HeatOptions options{.scale = scale, .range = "0.25:0.75"};
+            CHECK(heat_picture(width, 1, counts, statistics_of(counts, options), options)
+                      .has_value());
+        }
+    }
+    CHECK_FALSE(heat_picture(2, 2, one_to(3), statistics_of(one_to(3)), {}).has_value());
+    CHECK_FALSE(heat_picture(0, 0, {}, {}, {}).has_value());
+}
+
+TEST_CASE("every letter of the legends has a glyph of its own") {
+    const std::string letters =
+        "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz.,:+-=/%()<>_#*";
+    const auto drawn = [](char letter) {
+        Picture picture{glyph_advance, line_advance, {}};
+        picture.rgba.resize(std::size_t{4} * glyph_advance * line_advance);
+        draw_text(picture, 0, 0, std::string(1, letter), 1, {255, 255, 255});
+        return std::string(picture.rgba.begin(), picture.rgba.end());
+    };
+    std::set<std::string> shapes{drawn('~')};  // the box of unknown letters
+    for (const char letter : letters) CHECK(shapes.insert(drawn(letter)).second);
+}
+
+TEST_CASE("text is cut off at the edges of a picture") {
+    Picture picture{8, 4, std::vector<std::uint8_t>(8 * 4 * 4)};
+    draw_text(picture, -3, -2, "HHHH", 2, {255, 0, 0});
+    CHECK(std::count(picture.rgba.begin(), picture.rgba.end(), std::uint8_t{255}) > 0);
+    CHECK(text_width("abc", 2) == 34);
+    CHECK(text_width("", 2) == 0);
+}

@@ -1,0 +1,274 @@
+// Arenas from outside: the round trip, and thousands of damaged ones.
+#include "engine/bvh/node.h"
+#include "engine/geometry/path.h"
+#include "engine/geometry/triangle.h"
+#include "engine/scene/format.h"
+#include "tests/unit/engine/small_scenes.h"
+
+#include <algorithm>
+#include <cstring>
+#include <random>
+#include <vector>
+
+using namespace raynest;
+
+namespace {
+
+Arena copy_of(std::span<const std::byte> bytes) {
+    Arena arena(bytes.size());
+    std::copy(bytes.begin(), bytes.end(), arena.data());
+    return arena;
+}
+
+/// A little of everything: triangles in trees of several nodes, records, textures, cameras, names.
+std::shared_ptr<const Snapshot> rich_scene() {
+    SceneDescription scene = test::tree_scene();
+    scene.objects.resize(4);
+    GeometryDescription& many = scene.objects[0].geometries[0];
+    for (std::uint32_t i = 0; i < 60; ++i) {
+        const auto base = static_cast<std::uint32_t>(many.positions.size());
+        const auto x = static_cast<float>(i % 8), y = static_cast<float>(i / 8);
+        for (const Vec3& p : test::unit_square().positions)
+            many.positions.push_back(p + Vec3(x, y, x));
+        for (const std::uint32_t index : {0U, 1U, 2U}) many.indices.push_back(base + index);
+    }
+    many.texcoords[0].resize(many.positions.size());
+    many.colours.resize(4 * many.positions.size());
+    many.material = 0;
+    scene.materials.resize(2);
+    scene.materials[0].texture = 0;
+    scene.materials[0].alpha_mode = AlphaMode::mask;
+    scene.images = {{3, 2, std::vector<std::uint8_t>(24, 100)}};
+    scene.textures = {{0, Wrap::repeat, Wrap::clamp, true}};
+    scene.cameras = {{"eye", test::translation(0, 0, 5), 0.7F, 1}};
+    scene.skipped = {{"points", 1}};
+    scene.warnings = {"a warning"};
+    ObjectDescription& marbles = scene.objects[3];
+    marbles.record_type = "marble";
+    for (int i = 0; i < 20; ++i) {
+        const Vec3 at(static_cast<float>(i * 7 % 20), 0, 0);
+        marbles.record_bounds.push_back({at, at + Vec3(1)});
+    }
+    marbles.records.resize(20 * 8);
+    scene.objects[2].instances.push_back(test::place(3, Transform{}, "bag"));
+    return test::bake(scene);
+}
+
+/// Reads everything that traversal and columns may reach; false when it leaves its place. Returns
+/// normally only when every walk ends, so a cycle would show as a time-out.
+class Walk {
+public:
+    explicit Walk(const Snapshot& scene) : scene_(scene), view_(scene.view()) {}
+
+    bool is_sound() {
+        bool sound = true;
+        for (std::uint32_t i = 0; i < view_.object_count; ++i)
+            sound = sound && tree(view_.objects[i]);
+        for (std::uint64_t path = 0; path < std::min<std::uint64_t>(leaves(), 64); ++path) {
+            sound = sound && reads_path(path) && reads_path(leaves() - 1 - path);
+        }
+        return sound && surfaces();
+    }
+
+private:
+    [[nodiscard]] bool inside(const void* first, std::size_t bytes) const {
+        const auto* at = static_cast<const std::byte*>(first);
+        const std::byte* begin = scene_.bytes().data();
+        return at >= begin && bytes <= scene_.bytes().size() &&
+               at + bytes <= begin + scene_.bytes().size();
+    }
+
+    [[nodiscard]] std::uint64_t leaves() const { return view_.objects[view_.root].leaves; }
+
+    bool tree(const ObjectRecord& object) const {
+        if (object.root == child_empty) return true;
+        std::vector<std::uint32_t> stack{object.root};
+        std::uint64_t visited = 0;
+        while (!stack.empty()) {
+            const std::uint32_t child = stack.back();
+            stack.pop_back();
+            if (++visited > 100'000) return false;
+            if (is_leaf(child)) {
+                if (!leaf(object, child)) return false;
+                continue;
+            }
+            const Node* node = view_.nodes + object.first_node + child;
+            if (!inside(node, sizeof *node)) return false;
+            for (std::uint32_t slot = 0; slot < 8; ++slot) {
+                if ((node->valid() >> slot & 1U) != 0) stack.push_back(node->child[slot]);
+            }
+        }
+        return true;
+    }
+
+    bool leaf(const ObjectRecord& object, std::uint32_t child) const {
+        switch (kind_of(child)) {
+            case ChildKind::triangles:
+                for (std::uint32_t i = 0; i < leaf_count(child); ++i) {
+                    const auto* block = view_.blocks + object.first_block + leaf_first(child) + i;
+                    if (!inside(block, sizeof *block)) return false;
+                    for (const std::uint32_t triangle : block->triangle) {
+                        if (triangle != no_id && !surface(object, triangle)) return false;
+                    }
+                }
+                return true;
+            case ChildKind::records:
+                for (std::uint32_t i = 0; i < object.record_count; ++i) {
+                    if (!inside(view_.record_of(object, i), object.record_size)) return false;
+                }
+                return leaf_first(child) + leaf_count(child) <= object.record_count;
+            case ChildKind::instance: {
+                const auto* instance =
+                    view_.instances + object.first_instance + leaf_instance(child);
+                return inside(instance, sizeof *instance) && instance->object < view_.object_count;
+            }
+        }
+        return false;
+    }
+
+    bool surface(const ObjectRecord& object, std::uint32_t triangle) const {
+        const GeometryRecord& geometry = view_.geometry_of(object, triangle);
+        if (!inside(&geometry, sizeof geometry)) return false;
+        const auto* corner = view_.attribute<std::uint32_t>(geometry.indices) +
+                             std::size_t{3} * (triangle - geometry.first_triangle);
+        if (!inside(corner, 12)) return false;
+        for (int i = 0; i < 3; ++i) {
+            if (!inside(view_.attribute<Vec3>(geometry.positions) + corner[i], 12)) return false;
+            for (const std::uint64_t set : geometry.texcoords) {
+                if (set != no_offset && !inside(view_.attribute<Vec2>(set) + corner[i], 8)) {
+                    return false;
+                }
+            }
+            if (geometry.colours != no_offset &&
+                !inside(view_.attribute<std::uint32_t>(geometry.colours) + corner[i], 4)) {
+                return false;
+            }
+        }
+        return geometry.material == no_id || geometry.material < view_.material_count;
+    }
+
+    bool surfaces() const {
+        for (std::uint32_t i = 0; i < view_.texture_count; ++i) {
+            const TextureRecord& t = view_.textures[i];
+            const std::size_t pixels = std::size_t{t.width} * t.height;
+            if (!inside(view_.attribute<std::byte>(t.colour), 4 * pixels) ||
+                !inside(view_.attribute<std::byte>(t.alpha), pixels)) {
+                return false;
+            }
+        }
+        return true;
+    }
+
+    bool reads_path(std::uint64_t path) const {
+        const auto steps = expand_path(view_, path);
+        return steps && steps->size() < scene_depth_max;
+    }
+
+    const Snapshot& scene_;
+    const SceneView& view_;
+};
+
+}  // namespace
+
+TEST_CASE("an arena opened from its bytes is the same scene") {
+    const auto baked = rich_scene();
+    const auto opened = Snapshot::open(copy_of(baked->bytes()));
+    REQUIRE(opened.has_value());
+    CHECK((*opened)->hash() == baked->hash());
+    CHECK((*opened)->statistics().instances == baked->statistics().instances);
+    CHECK((*opened)->statistics().warnings == baked->statistics().warnings);
+    CHECK((*opened)->statistics().skipped == baked->statistics().skipped);
+    CHECK((*opened)->record_types() == baked->record_types());
+    CHECK((*opened)->view().masked_materials == 1);
+    CHECK(Walk(**opened).is_sound());
+}
+
+TEST_CASE("an arena cut short or grown is refused") {
+    const auto baked = rich_scene();
+    const std::span<const std::byte> bytes = baked->bytes();
+    for (std::size_t cut = 0; cut < bytes.size(); cut += 61) {
+        CHECK_FALSE(Snapshot::open(copy_of(bytes.first(cut))).has_value());
+    }
+    std::vector<std::byte> grown(bytes.begin(), bytes.end());
+    grown.resize(grown.size() + 64);
+    CHECK_FALSE(Snapshot::open(copy_of(grown)).has_value());
+}
+
+TEST_CASE("an arena of another version says what to do") {
+    const auto baked = rich_scene();
+    Arena arena = copy_of(baked->bytes());
+    arena.data()[offsetof(format::Header, version)] = std::byte{9};
+    const auto opened = Snapshot::open(std::move(arena));
+    REQUIRE_FALSE(opened.has_value());
+    CHECK(opened.error().code == ErrorCode::scene_unsupported);
+    CHECK(opened.error().message.find("import the scene again") != std::string::npos);
+}
+
+TEST_CASE("trees that are no trees are refused") {
+    const auto baked = rich_scene();
+    const SceneView& view = baked->view();
+    const ObjectRecord* object = view.objects;
+    while (object->node_count < 2) ++object;
+    const auto opens_with = [&](auto&& spoil) {
+        Arena arena = copy_of(baked->bytes());
+        const auto offset = reinterpret_cast<const std::byte*>(view.nodes + object->first_node) -
+                            baked->bytes().data();
+        spoil(*reinterpret_cast<Node*>(arena.data() + offset));
+        return Snapshot::open(std::move(arena)).has_value();
+    };
+    CHECK(opens_with([](Node&) {}));
+    CHECK_FALSE(opens_with([](Node& n) { n.child[0] = 0; }));            // a cycle
+    CHECK_FALSE(opens_with([](Node& n) { n.child[0] = n.child[1]; }));   // named twice
+    CHECK_FALSE(opens_with([](Node& n) { n.child[0] = child_empty; }));  // against the mask
+    CHECK_FALSE(opens_with([](Node& n) { n.child[0] = 0x70000000; }));   // far away
+    CHECK_FALSE(opens_with([](Node& n) { n.order[3] = n.order[2]; }));   // no permutation
+    CHECK_FALSE(opens_with([](Node& n) { n.child[0] = make_instance_leaf(0); }));
+}
+
+TEST_CASE("a damaged arena is refused, or every walk over it stays in range") {
+    const auto baked = rich_scene();
+    const std::span<const std::byte> bytes = baked->bytes();
+    std::mt19937_64 random(20);
+    constexpr std::uint32_t words[] = {0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0x7F800000};
+    int refused = 0;
+    int survived = 0;
+    for (int round = 0; round < 6000; ++round) {
+        Arena arena = copy_of(bytes);
+        for (std::uint64_t change = random() % 3 + 1; change > 0; --change) {
+            if (random() % 2 == 0) {
+                arena.data()[random() % bytes.size()] ^= static_cast<std::byte>(1U << random() % 8);
+            } else {
+                const std::uint32_t word = words[random() % std::size(words)];
+                std::memcpy(arena.data() + random() % (bytes.size() / 4) * 4, &word, 4);
+            }
+        }
+        const auto opened = Snapshot::open(std::move(arena));
+        if (!opened) {
+            ++refused;
+            REQUIRE(opened.error().code != ErrorCode::internal);
+            continue;
+        }
+        ++survived;
+        REQUIRE(Walk(**opened).is_sound());
+    }
+    MESSAGE("damaged arenas: " << refused << " refused, " << survived << " harmless");
+    CHECK(refused > 1000);
+    CHECK(survived > 100);
+}
+
+TEST_CASE("every word of the records is checked or harmless") {
+    const auto baked = rich_scene();
+    const std::span<const std::byte> bytes = baked->bytes();
+    const auto* header = reinterpret_cast<const format::Header*>(bytes.data());
+    const auto& attributes =
+        header->sections[static_cast<std::size_t>(format::Section::attributes)];
+    for (const std::uint32_t word : {0xFFFFFFFFU, 0x00FFFFFFU, 0U}) {
+        for (std::size_t at = 0; at + 4 <= bytes.size(); at += 4) {
+            if (at >= attributes.offset && at < attributes.offset + attributes.count) continue;
+            Arena arena = copy_of(bytes);
+            std::memcpy(arena.data() + at, &word, 4);
+            const auto opened = Snapshot::open(std::move(arena));
+            if (opened) REQUIRE(Walk(**opened).is_sound());
+        }
+    }
+}
