@@ -1,0 +1,29 @@
+// Where the daemon listens: tcp://HOST:PORT or unix:PATH, checked before a socket is made.
+#pragma once
+
+#include "engine/result.h"
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <variant>
+
+namespace raynest::server {
+
+struct TcpAddress {
+    std::string host;  ///< numeric IPv4 or IPv6, no brackets
+    std::uint16_t port = 0;
+};
+struct UnixAddress {
+    std::string path;
+};
+using Address = std::variant<TcpAddress, UnixAddress>;
+
+/// "localhost" means 127.0.0.1. Addresses other than loopback are refused: until there is a token,
+/// whoever can connect may do everything.
+[[nodiscard]] Result<Address> parse_address(std::string_view uri);
+
+/// The URI that parse_address reads, e.g. "tcp://[::1]:31060".
+[[nodiscard]] std::string to_uri(const Address& address);
+
+}  // namespace raynest::server

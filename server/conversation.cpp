@@ -1,0 +1,174 @@
+#include "server/conversation.h"
+
+#include "server/log.h"
+
+#include <algorithm>
+#include <exception>
+#include <new>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+/// A smaller window could not hold one ray's answer: 256 hits with all columns.
+constexpr std::uint64_t window_bytes_min = 64ULL << 10;
+
+}  // namespace
+
+Conversation::Conversation(const Services& services, const Engine& engine, Sink& sink,
+                           std::string principal)
+    : services_(services),
+      sink_(sink),
+      runner_(std::make_shared<Runner>(engine, sink)) {
+    caller_.principal = std::move(principal);
+}
+
+std::uint64_t Conversation::bulk_bytes_max(std::uint16_t type) const {
+    switch (static_cast<wire::Message>(type)) {
+        case wire::Message::Upload:
+            return services_.limits.window_bytes;
+        case wire::Message::QueryRays:
+            return services_.limits.chunk_rays_max * sizeof(Ray);
+        default:
+            return 0;
+    }
+}
+
+void Conversation::receive(protocol::Frame frame) {
+    if (closing_) return;
+    ++services_.metrics.frames_received;
+    const auto type = static_cast<wire::Message>(frame.header.type);
+    const std::uint64_t id = frame.header.request_id;
+    // Whatever a request makes go wrong ends that request alone.
+    try {
+        if (!greeted_) {
+            greet(frame);
+        } else if (type == wire::Message::QueryRays || type == wire::Message::Upload) {
+            runner_->feed(std::move(frame));
+        } else if (find_handler(frame.header.type) != nullptr) {
+            request(frame);
+        } else {
+            control(frame, type);
+        }
+    } catch (const std::bad_alloc&) {
+        refuse_request(id, {Code::resource_exhausted, "", 0});
+    } catch (const std::exception& error) {
+        refuse_request(id, {Code::internal, error.what(), 0});
+    }
+    settle();
+}
+
+void Conversation::greet(const protocol::Frame& frame) {
+    const auto hello = protocol::open<wire::Hello>(frame, services_.limits);
+    if (!hello) return give_up(hello.error());
+    if ((*hello)->version_min() > protocol::version_max ||
+        (*hello)->version_max() < protocol::version_min)
+        return give_up({Code::unsupported_version,
+                        "this daemon speaks version " + std::to_string(protocol::version_min) +
+                            " to " + std::to_string(protocol::version_max) +
+                            " of the protocol, the client " +
+                            std::to_string((*hello)->version_min()) + " to " +
+                            std::to_string((*hello)->version_max()),
+                        0});
+    const std::uint64_t window = (*hello)->window_bytes();
+    if (window != 0 && window < window_bytes_min)
+        return give_up({Code::invalid_field,
+                        "window_bytes must be 0 or at least " + std::to_string(window_bytes_min),
+                        0});
+    caller_.window_bytes = window == 0 ? services_.limits.window_bytes
+                                       : std::min(window, services_.limits.window_bytes_max);
+    runner_->set_window(caller_.window_bytes);
+    greeted_ = true;
+
+    wire::WelcomeT welcome;
+    welcome.version = std::min<std::uint16_t>((*hello)->version_max(), protocol::version_max);
+    welcome.server = "raynestd " RAYNEST_VERSION;
+    welcome.window_bytes = services_.limits.window_bytes;
+    welcome.frame_bytes_max = services_.limits.frame_bytes_max;
+    welcome.chunk_rays_max = static_cast<std::uint32_t>(services_.limits.chunk_rays_max);
+    welcome.jobs_max = static_cast<std::uint32_t>(services_.limits.jobs_max);
+    sink_.send(*protocol::encode(frame.header.request_id, welcome));
+    log(LogLevel::debug, "greeted",
+        {{"principal", caller_.principal},
+         {"client", std::string(protocol::text((*hello)->client()))}});
+}
+
+void Conversation::control(const protocol::Frame& frame, wire::Message type) {
+    const std::uint64_t id = frame.header.request_id;
+    if (type == wire::Message::Ping) {
+        const auto ping = protocol::open<wire::Ping>(frame, services_.limits);
+        if (!ping) return refuse_request(id, ping.error());
+        wire::PongT pong;
+        pong.payload = (*ping)->payload();
+        sink_.send(*protocol::encode(id, pong));
+    } else if (type == wire::Message::Credit) {
+        const auto credit = protocol::open<wire::Credit>(frame, services_.limits);
+        if (!credit) return refuse_request(id, credit.error());
+        runner_->grant(id, (*credit)->bytes());
+    } else if (type == wire::Message::Cancel) {
+        const auto cancel = protocol::open<wire::Cancel>(frame, services_.limits);
+        if (!cancel) return refuse_request(id, cancel.error());
+        runner_->cancel(id);
+    } else if (protocol::message_known(frame.header.type)) {
+        give_up({Code::bad_frame,
+                 protocol::message_name(frame.header.type) + " is not for a client to send now",
+                 0});
+    } else {
+        refuse_request(
+            id, {Code::unknown_type,
+                 "this daemon does not know " + protocol::message_name(frame.header.type), 0});
+    }
+}
+
+void Conversation::request(const protocol::Frame& frame) {
+    const std::uint64_t id = frame.header.request_id;
+    if (id == 0 || runner_->knows(id))
+        return refuse_request(id, {Code::invalid_field,
+                                   id == 0 ? "a request needs an id other than 0"
+                                           : "the request id " + std::to_string(id) +
+                                                 " is in use by a request under way",
+                                   0});
+    caller_.request_id = id;
+    Reply<Answer> answer = find_handler(frame.header.type)->answer(services_, caller_, frame);
+    if (!answer) return refuse_request(id, answer.error());
+    if (auto* frames = std::get_if<Frames>(&*answer)) {
+        for (protocol::Frame& reply : *frames) sink_.send(std::move(reply));
+        return;
+    }
+    if (draining_) return refuse_request(id, {Code::draining, "", 0});
+    if (const auto started = runner_->start(id, std::move(std::get<Accepted>(*answer))); !started)
+        refuse_request(id, started.error());
+}
+
+void Conversation::refuse_request(std::uint64_t id, const protocol::Error& error) {
+    log(LogLevel::debug, "refused",
+        {{"principal", caller_.principal},
+         {"request", std::to_string(id)},
+         {"code", std::string(protocol::error_info(error.code).name)},
+         {"message", error.message}});
+    sink_.send(protocol::encode_error(id, error, false));
+}
+
+void Conversation::give_up(const protocol::Error& error) {
+    if (closing_) return;
+    if (error.code == Code::bad_frame || error.code == Code::limit_exceeded)
+        ++services_.metrics.bad_frames;
+    log(LogLevel::info, "closing",
+        {{"principal", caller_.principal},
+         {"code", std::string(protocol::error_info(error.code).name)},
+         {"message", error.message}});
+    closing_ = true;
+    runner_->abandon();
+    sink_.send(protocol::encode_error(0, error, true));
+}
+
+void Conversation::drain() {
+    draining_ = true;
+    settle();
+}
+
+void Conversation::settle() {
+    if (draining_ && runner_->size() == 0) give_up({Code::draining, "", 0});
+}
+
+}  // namespace raynest::server

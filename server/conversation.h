@@ -1,0 +1,59 @@
+// What one client may say and what it hears: the protocol's state machine, without a socket.
+//
+//   greeting ──Hello──► open ──fault of framing, drained──► closing
+//
+// Frames come in through receive(), go out through the Sink; a fuzzer or a test drives it over
+// plain memory. Io thread only.
+#pragma once
+
+#include "server/handlers/handler.h"
+#include "server/jobs/runner.h"
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+namespace raynest::server {
+
+class Conversation {
+public:
+    /// `principal` owns what this client loads: "uid:1000", "127.0.0.1".
+    Conversation(const Services& services, const Engine& engine, Sink& sink, std::string principal);
+    ~Conversation() { runner_->abandon(); }
+    Conversation(const Conversation&) = delete;
+
+    /// Bulk bytes that a frame of this type may carry; checked from the header.
+    [[nodiscard]] std::uint64_t bulk_bytes_max(std::uint16_t type) const;
+
+    void receive(protocol::Frame frame);
+    /// Tells the client why the connection ends, and ends it: for what cannot be answered
+    /// otherwise.
+    void give_up(const protocol::Error& error);
+    /// No new jobs; ends the connection when the running ones ended.
+    void drain();
+
+    [[nodiscard]] bool greeted() const { return greeted_; }
+    /// The last frame was sent: flush, then close.
+    [[nodiscard]] bool closing() const { return closing_; }
+    [[nodiscard]] Runner& runner() { return *runner_; }
+    [[nodiscard]] const Runner& runner() const { return *runner_; }
+
+    /// To be called after anything that may have ended a job.
+    void settle();
+
+private:
+    void greet(const protocol::Frame& frame);
+    void control(const protocol::Frame& frame, wire::Message type);
+    void request(const protocol::Frame& frame);
+    void refuse_request(std::uint64_t id, const protocol::Error& error);
+
+    const Services& services_;
+    Sink& sink_;
+    Caller caller_;
+    std::shared_ptr<Runner> runner_;
+    bool greeted_ = false;
+    bool draining_ = false;
+    bool closing_ = false;
+};
+
+}  // namespace raynest::server

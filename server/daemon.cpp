@@ -1,0 +1,232 @@
+#include "server/daemon.h"
+
+#include "protocol/control.h"
+#include "server/handlers/handler.h"
+#include "server/jobs/admission.h"
+#include "server/jobs/runner.h"
+#include "server/jobs/workers.h"
+#include "server/log.h"
+#include "server/net/asio.h"
+#include "server/net/listener.h"
+#include "server/net/session.h"
+#include "server/ready_file.h"
+#include "server/store/scene_store.h"
+
+#include <sys/resource.h>
+
+#include <array>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+#include <unordered_set>
+#include <utility>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+constexpr std::size_t connections_max = 1024;
+constexpr std::size_t running_jobs_max = 256;
+/// Imports at once; each is a process of its own with limits of its own.
+constexpr unsigned imports_max = 2;
+constexpr std::chrono::seconds drain_time{30};
+constexpr std::chrono::milliseconds drain_look{20};
+constexpr int exit_forced = 3;
+
+class Daemon {
+public:
+    Daemon(const Options& options, std::shared_ptr<const Registry> registry);
+
+    Result<void> listen();
+    /// Serves until drained.
+    void run();
+
+private:
+    void accept(Socket socket);
+    void await_signal();
+    void drain();
+    void look_drained();
+
+    const Options& options_;
+    const std::shared_ptr<const Registry> registry_;
+    const protocol::Limits limits_;
+    Metrics metrics_;
+    Budget budget_;
+    SceneStore scenes_;
+    Admission admission_;
+    asio::io_context io_{1};
+    Services services_;
+    Engine engine_;
+    // Tasks use all of the above: workers end before it does.
+    Workers compute_;
+    Workers blocking_;
+    asio::signal_set signals_;
+    asio::steady_timer drain_timer_;
+    std::vector<std::unique_ptr<Listener>> listeners_;
+    std::unordered_set<std::shared_ptr<Session>> sessions_;
+    Clock::time_point drain_deadline_ = Clock::time_point::max();
+};
+
+/// This program again, as main.cpp understands it: the packs decide which primitives a file may
+/// hold.
+std::vector<std::string> import_command(const Options& options) {
+    std::vector<std::string> command = {std::filesystem::read_symlink("/proc/self/exe").string(),
+                                        std::string(import_child_flag), options.target};
+    for (const auto& folder : options.pack_dirs)
+        command.push_back(std::filesystem::absolute(folder).string());
+    return command;
+}
+
+Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
+    : options_(options),
+      registry_(std::move(registry)),
+      budget_(options.memory),
+      scenes_(budget_),
+      admission_(running_jobs_max),
+      services_{*registry_,
+                scenes_,
+                budget_,
+                metrics_,
+                limits_,
+                ImportLimits{},
+                options.scene_root,
+                import_command(options)},
+      engine_{compute_,   blocking_,
+              admission_, metrics_,
+              limits_,    [this](std::function<void()> done) { asio::post(io_, std::move(done)); }},
+      compute_(options.threads),
+      blocking_(imports_max),
+      signals_(io_, SIGTERM, SIGINT),
+      drain_timer_(io_) {}
+
+Result<void> Daemon::listen() {
+    for (const std::string& uri : options_.listen) {
+        const auto address = parse_address(uri);
+        if (!address) return tl::unexpected(address.error());
+        auto listener =
+            Listener::open(io_, *address, [this](Socket socket) { accept(std::move(socket)); });
+        if (!listener) return tl::unexpected(listener.error());
+        listeners_.push_back(std::move(*listener));
+    }
+    return {};
+}
+
+void Daemon::run() {
+    std::vector<std::string> uris;
+    for (const auto& listener : listeners_) {
+        listener->start();
+        uris.push_back(listener->uri());
+        log(LogLevel::info, "listening", {{"uri", listener->uri()}});
+    }
+    await_signal();
+    if (!options_.ready_file.empty()) {
+        if (const auto written = write_ready_file(options_.ready_file, uris); !written)
+            log(LogLevel::error, "not_ready", {{"reason", written.error().message}});
+    }
+    for (;;) {
+        try {
+            io_.run();
+            break;
+        } catch (const std::exception& error) {
+            // A handler outside of the connections' coroutines: what it belonged to is lost.
+            log(LogLevel::error, "handler_failed", {{"reason", error.what()}});
+        }
+    }
+    std::error_code ignored;
+    if (!options_.ready_file.empty()) std::filesystem::remove(options_.ready_file, ignored);
+    log(LogLevel::info, "stopped");
+}
+
+void Daemon::accept(Socket socket) {
+    ++metrics_.connections_accepted;
+    if (sessions_.size() >= connections_max) {
+        ++metrics_.connections_refused;
+        ++metrics_.connections_closed;
+        // A few bytes into a fresh socket: they fit, or they do not matter.
+        const protocol::Frame frame = protocol::encode_error(
+            0, {Code::busy, "the daemon has all the connections it takes", 1000}, true);
+        std::array<std::byte, protocol::header_bytes> header{};
+        protocol::write_header(frame.header, header);
+        const std::array<asio::const_buffer, 2> buffers = {
+            asio::buffer(header), asio::buffer(frame.control.data(), frame.control.size())};
+        SystemError ignored;
+        socket.non_blocking(true, ignored);
+        socket.write_some(buffers, ignored);
+        return;
+    }
+    const auto session = std::make_shared<Session>(
+        io_, std::move(socket), services_, engine_,
+        [this](const std::shared_ptr<Session>& closed) { sessions_.erase(closed); });
+    sessions_.insert(session);
+    session->start();
+}
+
+void Daemon::await_signal() {
+    signals_.async_wait([this](const SystemError& error, int /*signal*/) {
+        if (error) return;
+        if (drain_deadline_ != Clock::time_point::max()) {
+            log(LogLevel::warn, "stopping_at_once");
+            std::_Exit(exit_forced);
+        }
+        drain();
+        await_signal();
+    });
+}
+
+void Daemon::drain() {
+    log(LogLevel::info, "draining", {{"connections", std::to_string(sessions_.size())}});
+    drain_deadline_ = Clock::now() + drain_time;
+    for (const auto& listener : listeners_) listener->close();
+    const std::unordered_set<std::shared_ptr<Session>> sessions = sessions_;
+    for (const auto& session : sessions) session->drain();
+    look_drained();
+}
+
+void Daemon::look_drained() {
+    // Jobs of closed connections count too: their tasks still use what the daemon owns.
+    if (sessions_.empty() && admission_.active() == 0) return io_.stop();
+    if (Clock::now() >= drain_deadline_) {
+        log(LogLevel::warn, "drain_took_too_long", {{"jobs", std::to_string(admission_.active())}});
+        std::_Exit(exit_forced);
+    }
+    drain_timer_.expires_after(drain_look);
+    drain_timer_.async_wait([this](const SystemError& error) {
+        if (!error) look_drained();
+    });
+}
+
+/// Connections need descriptors: take as many as the system grants.
+void raise_descriptor_limit() {
+    rlimit limit{};
+    if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+    limit.rlim_cur = limit.rlim_max;
+    (void)setrlimit(RLIMIT_NOFILE, &limit);
+}
+
+int failed(const Error& error) {
+    std::fprintf(stderr, "raynestd: %s\n", error.message.c_str());
+    return 1;
+}
+
+}  // namespace
+
+int run_daemon(const Options& options) {
+    (void)std::signal(SIGPIPE, SIG_IGN);
+    raise_descriptor_limit();
+    StateLock lock;
+    if (!options.state.empty()) {
+        auto taken = StateLock::take(options.state);
+        if (!taken) return failed(taken.error());
+        lock = std::move(*taken);
+    }
+    const auto registry = Registry::load({options.pack_dirs, options.target});
+    if (!registry) return failed(registry.error());
+    Daemon daemon(options, *registry);
+    if (const auto listening = daemon.listen(); !listening) return failed(listening.error());
+    daemon.run();
+    return 0;
+}
+
+}  // namespace raynest::server

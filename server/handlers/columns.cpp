@@ -1,0 +1,149 @@
+#include "server/handlers/columns.h"
+
+#include <algorithm>
+#include <cstring>
+#include <numeric>
+
+namespace raynest::server {
+namespace {
+
+constexpr std::string_view splits_name = "ray_splits";
+
+wire::Dtype dtype(FieldType type) {
+    switch (type) {
+        case FieldType::u8:
+            return wire::Dtype::u8;
+        case FieldType::u32:
+            return wire::Dtype::u32;
+        case FieldType::u64:
+            return wire::Dtype::u64;
+        case FieldType::f32:
+            return wire::Dtype::f32;
+    }
+    return wire::Dtype::u8;
+}
+
+bool per_ray(Field field, Query query) {
+    return query != query_multi || field == Field::flags || field_info(field).counter;
+}
+
+bool defined_for_any(Field field) {
+    return field == Field::hit || field == Field::flags || field_info(field).counter;
+}
+
+/// The hits of a multi query as the columns see them: one after the other, each with its ray.
+struct Compacted {
+    std::vector<std::uint64_t> splits;
+    std::vector<std::uint32_t> ray_of;
+    std::vector<HitRecord> first;  ///< per ray: its first record, which holds the ray's flags
+};
+
+Compacted compact(TraceBuffers& buffers, std::size_t rays, std::size_t hits_max) {
+    Compacted result;
+    result.splits.reserve(rays + 1);
+    result.splits.push_back(0);
+    result.first.reserve(rays);
+    std::size_t end = 0;
+    for (std::size_t ray = 0; ray < rays; ++ray) {
+        const HitRecord* from = buffers.hits.data() + ray * hits_max;
+        const std::size_t count = buffers.counts[ray];
+        result.first.push_back(*from);
+        std::copy_n(from, count, buffers.hits.data() + end);
+        result.ray_of.insert(result.ray_of.end(), count, static_cast<std::uint32_t>(ray));
+        end += count;
+        result.splits.push_back(end);
+    }
+    return result;
+}
+
+}  // namespace
+
+Reply<Columns> Columns::choose(std::span<const std::string> names, Query query) {
+    std::vector<Field> fields;
+    for (const std::string& name : names) {
+        const auto field = parse_field(name);
+        if (!field) return refuse(field.error());
+        if (query == query_any && !defined_for_any(*field))
+            return refuse(Code::invalid_field,
+                          "column '" + name +
+                              "' is not defined for kind any: which surface an any-hit meets "
+                              "depends on the traversal; ask for hit, or use kind closest");
+        if (std::find(fields.begin(), fields.end(), *field) == fields.end())
+            fields.push_back(*field);
+    }
+    if (names.empty() && query == query_any) fields = {Field::hit};
+    if (names.empty() && query != query_any)
+        fields = {Field::t, Field::prim, Field::geom, Field::path, Field::uv};
+    return Columns(std::move(fields));
+}
+
+bool Columns::counting() const {
+    return std::any_of(fields_.begin(), fields_.end(),
+                       [](Field field) { return field_info(field).counter; });
+}
+
+Columns::Cost Columns::cost(const Plan& plan) const {
+    Cost cost;
+    const std::size_t outputs = plan.variant->outputs().size();
+    const std::size_t splits = plan.query == query_multi ? 1 : 0;
+    cost.fixed =
+        (fields_.size() + outputs + splits) * protocol::alignment + splits * sizeof(std::uint64_t);
+    cost.per_ray = outputs * sizeof(std::uint32_t) + splits * sizeof(std::uint64_t);
+    for (const Field field : fields_)
+        cost.per_ray += field_bytes(field) * (per_ray(field, plan.query) ? 1 : plan.hits_max);
+    return cost;
+}
+
+Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registry, std::uint64_t id,
+                                       std::uint64_t first_ray, std::span<const Ray> rays,
+                                       TraceBuffers& buffers, Tally& tally) const {
+    const bool multi = plan.query == query_multi;
+    Compacted csr;
+    if (multi) csr = compact(buffers, rays.size(), plan.hits_max);
+    const std::uint64_t hit_count = multi ? csr.splits.back() : rays.size();
+
+    // Lay the blocks out: splits first, then the fields as asked for, then outputs.
+    protocol::Bulk bulk;
+    if (multi) bulk.add(splits_name, wire::Dtype::u64, 1, rays.size() + 1);
+    std::vector<std::size_t> blocks;
+    for (const Field field : fields_) {
+        const FieldInfo& info = field_info(field);
+        blocks.push_back(bulk.add(info.name, dtype(info.type), info.width,
+                                  per_ray(field, plan.query) ? rays.size() : hit_count));
+    }
+    std::vector<std::size_t> output_blocks;
+    for (const PackOutput& output : plan.variant->outputs())
+        output_blocks.push_back(
+            bulk.add(output.name, output.type == value_f32 ? wire::Dtype::f32 : wire::Dtype::u32, 1,
+                     rays.size()));
+    bulk.allocate();
+
+    if (multi)
+        std::copy(csr.splits.begin(), csr.splits.end(), bulk.block_as<std::uint64_t>(0).begin());
+    ColumnSource source = plan.source(registry);
+    source.rays = rays;
+    source.counters = buffers.counters;
+    for (std::size_t i = 0; i < fields_.size(); ++i) {
+        const bool of_rays = multi && per_ray(fields_[i], plan.query);
+        source.hits = of_rays ? std::span<const HitRecord>(csr.first)
+                              : std::span<const HitRecord>(buffers.hits.data(), hit_count);
+        source.ray_of = of_rays ? std::span<const std::uint32_t>() : csr.ray_of;
+        write_column(fields_[i], source, bulk.block(blocks[i]).data());
+    }
+    for (std::size_t i = 0; i < output_blocks.size(); ++i)
+        std::memcpy(bulk.block(output_blocks[i]).data(), buffers.outputs[i].data(),
+                    rays.size() * sizeof(std::uint32_t));
+
+    const auto missed = multi ? std::count(buffers.counts.begin(), buffers.counts.end(), 0U)
+                              : std::count_if(buffers.hits.begin(), buffers.hits.end(),
+                                              [](const HitRecord& hit) { return hit.hit == 0; });
+    const auto misses = static_cast<std::uint64_t>(missed);
+    tally.add(rays.size(), multi ? hit_count : rays.size() - misses, misses);
+
+    wire::ChunkT chunk;
+    chunk.first_ray = first_ray;
+    chunk.count = static_cast<std::uint32_t>(rays.size());
+    return protocol::encode(id, std::move(chunk), std::move(bulk));
+}
+
+}  // namespace raynest::server

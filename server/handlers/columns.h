@@ -1,0 +1,43 @@
+// Which columns a query answers, and the CHUNK frame that carries them.
+#pragma once
+
+#include "server/handlers/tracing.h"
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace raynest::server {
+
+/// The columns of a query, checked: fields of the engine, then the intersector's outputs, which
+/// always come back. In multi queries what belongs to a ray (flags, counters, outputs) has one
+/// element per ray, what belongs to a hit one per hit.
+class Columns {
+public:
+    /// `names` empty: the default of the query. INVALID_FIELD names what is not known, or not
+    /// defined for `any`, whose surface depends on the traversal.
+    static Reply<Columns> choose(std::span<const std::string> names, Query query);
+
+    /// Does any column need a counting function?
+    [[nodiscard]] bool counting() const;
+
+    /// Bulk bytes of a chunk at most: fixed + rays * per_ray.
+    struct Cost {
+        std::uint64_t fixed = 0;
+        std::uint64_t per_ray = 0;
+    };
+    [[nodiscard]] Cost cost(const Plan& plan) const;
+
+    /// The answer to `rays`, which lie at `first_ray` of the query, out of what trace() wrote.
+    /// Compacts the hits of a multi query in place. Adds to `tally`.
+    Reply<protocol::Frame> encode(const Plan& plan, const Registry& registry, std::uint64_t id,
+                                  std::uint64_t first_ray, std::span<const Ray> rays,
+                                  TraceBuffers& buffers, Tally& tally) const;
+
+private:
+    explicit Columns(std::vector<Field> fields) : fields_(std::move(fields)) {}
+    std::vector<Field> fields_;
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,76 @@
+// One file per request, one line in the table: how a request becomes an answer.
+//
+// A handler runs on the io thread with a message that protocol::open() has verified. It answers at
+// once, or hands over a job; it never blocks and never touches a socket.
+#pragma once
+
+#include "engine/assets/import.h"
+#include "engine/packs/registry.h"
+#include "protocol/control.h"
+#include "server/diag/metrics.h"
+#include "server/jobs/job.h"
+#include "server/store/budget.h"
+#include "server/store/scene_store.h"
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace raynest::server {
+
+/// What handlers may use; one per daemon, outlives all jobs.
+struct Services {
+    const Registry& registry;
+    SceneStore& scenes;  ///< io thread only
+    Budget& budget;
+    Metrics& metrics;
+    const protocol::Limits& limits;
+    ImportLimits import_limits;
+    std::filesystem::path scene_root;       ///< empty: root:PATH is refused
+    std::vector<std::string> import_child;  ///< command line of the import process
+};
+
+/// Who asks.
+struct Caller {
+    std::string principal;
+    std::uint64_t request_id = 0;
+    std::uint64_t window_bytes = 0;  ///< credit that the client grants at the start
+};
+
+using Answer = std::variant<Frames, Accepted>;
+
+Reply<Answer> load(const Services&, const Caller&, const protocol::Opened<wire::Load>&);
+Reply<Answer> scenes(const Services&, const Caller&, const protocol::Opened<wire::Scenes>&);
+Reply<Answer> info(const Services&, const Caller&, const protocol::Opened<wire::Info>&);
+Reply<Answer> path(const Services&, const Caller&, const protocol::Opened<wire::Path>&);
+Reply<Answer> unload(const Services&, const Caller&, const protocol::Opened<wire::Unload>&);
+Reply<Answer> variants(const Services&, const Caller&, const protocol::Opened<wire::Variants>&);
+Reply<Answer> stats(const Services&, const Caller&, const protocol::Opened<wire::Stats>&);
+Reply<Answer> query(const Services&, const Caller&, const protocol::Opened<wire::Query>&);
+Reply<Answer> render(const Services&, const Caller&, const protocol::Opened<wire::Render>&);
+Reply<Answer> heatmap(const Services&, const Caller&, const protocol::Opened<wire::Heatmap>&);
+
+struct Handler {
+    wire::Message type;
+    Reply<Answer> (*answer)(const Services&, const Caller&, const protocol::Frame&);
+};
+
+/// THE LIST of requests.
+[[nodiscard]] std::span<const Handler> handlers();
+/// null for what is no request.
+[[nodiscard]] const Handler* find_handler(std::uint16_t type);
+
+/// An answer of one frame.
+template <class Native>
+Reply<Answer> answer_with(const Caller& caller, const Native& message, const Services& services) {
+    Reply<protocol::Frame> frame = protocol::encode(caller.request_id, message, services.limits);
+    if (!frame) return tl::unexpected(frame.error());
+    Frames frames;
+    frames.push_back(std::move(*frame));
+    return Answer{std::move(frames)};
+}
+
+}  // namespace raynest::server

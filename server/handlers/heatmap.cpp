@@ -1,0 +1,137 @@
+// HEATMAP: what a ray costs, per pixel (CONTRACT.md §4). The raw counts are the data.
+#include "engine/assets/image.h"
+#include "engine/integrators/picture.h"
+#include "server/handlers/handler.h"
+#include "server/handlers/picture_job.h"
+
+#include <array>
+#include <cstring>
+
+namespace raynest::server {
+namespace {
+
+/// The count, a sorted copy for percentiles, the picture and the encoded file.
+constexpr std::uint64_t pixel_bytes = 4 * sizeof(std::uint32_t);
+
+class HeatmapJob final : public PictureJob {
+public:
+    /// `first_pass` finds the hits without counting; there for necessary work only.
+    HeatmapJob(const Services& services, const Caller& caller, PictureOrder made,
+               HeatOptions options, std::optional<Plan> first_pass)
+        : PictureJob(services, caller, std::move(made)),
+          options_(std::move(options)),
+          metric_(*parse_field(options_.metric)),
+          first_pass_(std::move(first_pass)),
+          counts_(order().pixels()) {}
+
+protected:
+    Reply<void> expose(std::uint64_t first, std::span<Ray> rays, TraceBuffers& buffers) override {
+        // Necessary work is what lies before the hit: with tmax there, order no longer matters.
+        if (first_pass_) {
+            if (const auto traced = trace(*first_pass_, rays, buffers); !traced) return traced;
+            for (std::size_t i = 0; i < rays.size(); ++i)
+                if (buffers.hits[i].hit != 0) rays[i].tmax = buffers.hits[i].t;
+        }
+        if (const auto traced = trace(order().plan, rays, buffers); !traced) return traced;
+        ColumnSource source = order().plan.source(registry());
+        source.rays = rays;
+        source.hits = buffers.hits;
+        source.counters = buffers.counters;
+        write_column(metric_, source, reinterpret_cast<std::byte*>(counts_.data() + first));
+        return {};
+    }
+
+    Reply<Payload> develop() override {
+        const std::uint64_t misses = tally().done(order().plan).misses;
+        const auto statistics = heat_statistics(counts_, misses, options_);
+        if (!statistics) return refuse(statistics.error());
+        statistics_ = *statistics;
+
+        Payload payload{order().width, order().height, {}};
+        if (order().encode == "raw") {
+            payload.bytes.resize(counts_.size() * sizeof(std::uint32_t));
+            std::memcpy(payload.bytes.data(), counts_.data(), payload.bytes.size());
+            return payload;
+        }
+        if (order().encode == "exr") {
+            const std::array<Channel, 1> channels = {Channel{options_.metric, {}, counts_}};
+            auto file = encode_exr(payload.width, payload.height, channels);
+            if (!file) return refuse(file.error());
+            payload.bytes = std::move(*file);
+            return payload;
+        }
+        const auto picture =
+            heat_picture(payload.width, payload.height, counts_, statistics_, options_);
+        if (!picture) return refuse(picture.error());
+        auto file = encode_picture(picture->width, picture->height, picture->rgba, "png");
+        if (!file) return refuse(file.error());
+        return Payload{picture->width, picture->height, std::move(*file)};
+    }
+
+    void complete(wire::DoneT& done) const override {
+        done.heat = std::make_unique<wire::HeatStatisticsT>();
+        done.heat->metric = options_.metric;
+        done.heat->min = statistics_.min;
+        done.heat->mean = statistics_.mean;
+        done.heat->p50 = statistics_.p50;
+        done.heat->p99 = statistics_.p99;
+        done.heat->max = statistics_.max;
+        done.heat->clipped = statistics_.clipped;
+        done.heat->range_low = statistics_.range_low;
+        done.heat->range_high = statistics_.range_high;
+    }
+
+private:
+    const HeatOptions options_;
+    const Field metric_;
+    const std::optional<Plan> first_pass_;
+    std::vector<std::uint32_t> counts_;
+    HeatStatistics statistics_;
+};
+
+/// Options with the defaults filled in, checked before a ray is traced.
+Reply<HeatOptions> heat_options(const wire::Heatmap& message) {
+    using protocol::word;
+    HeatOptions options;
+    options.metric = word(message.metric(), options.metric);
+    options.palette = word(message.palette(), options.palette);
+    options.scale = word(message.scale(), options.scale);
+    options.range = word(message.range(), options.range);
+    constexpr std::array<std::uint32_t, 1> sample = {0};
+    if (const auto dry = heat_statistics(sample, 0, options); !dry)
+        return refuse(Code::invalid_field, dry.error().message);
+    return options;
+}
+
+}  // namespace
+
+Reply<Answer> heatmap(const Services& services, const Caller& caller,
+                      const protocol::Opened<wire::Heatmap>& message) {
+    auto options = heat_options(*message.table);
+    if (!options) return tl::unexpected(options.error());
+    const std::string_view count = protocol::word(message->count(), "traversed");
+    if (count != "traversed" && count != "necessary")
+        return refuse(Code::invalid_field, "unknown count '" + std::string(count) +
+                                               "': use one of traversed, necessary");
+    auto plan = make_plan(services, *message->job(), query_closest, true);
+    if (!plan) return tl::unexpected(plan.error());
+    std::optional<Plan> first_pass;
+    if (count == "necessary") {
+        auto found = make_plan(services, *message->job(), query_closest, false);
+        if (!found) return tl::unexpected(found.error());
+        first_pass = std::move(*found);
+    }
+
+    auto order =
+        make_order(services, std::move(*plan), message->camera(), message->width(),
+                   message->height(), protocol::word(message->encode(), "png"), pixel_bytes);
+    if (!order) return tl::unexpected(order.error());
+    Accepted accepted;
+    accepted.deadline_ms = order->plan.deadline_ms;
+    accepted.priority = order->plan.priority;
+    accepted.job = std::make_unique<HeatmapJob>(services, caller, std::move(*order),
+                                                std::move(*options), std::move(first_pass));
+    return Answer{std::move(accepted)};
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,255 @@
+// LOAD: files, a built-in scene or a file under --scene-root become a named scene.
+//
+//   upload:  NEED ──► UPLOAD pieces ──► import       builtin:, root:  import at once
+//
+// The import runs in a process of its own; a thread of the blocking lane waits for it.
+#include "engine/assets/import.h"
+#include "protocol/hash.h"
+#include "server/handlers/handler.h"
+#include "server/handlers/scene_info.h"
+#include "server/log.h"
+#include "server/store/scene_files.h"
+
+#include <algorithm>
+#include <cstring>
+#include <memory>
+#include <numeric>
+#include <optional>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+constexpr std::string_view builtin_scheme = "builtin:";
+constexpr std::string_view root_scheme = "root:";
+
+bool starts_with(std::string_view text, std::string_view prefix) {
+    return text.substr(0, prefix.size()) == prefix;
+}
+
+/// "dir/forest.rnscene.json" -> "forest", "builtin:forest?trees=9" -> "forest".
+std::string default_name(std::string_view source) {
+    if (starts_with(source, builtin_scheme))
+        source = source.substr(builtin_scheme.size(), source.find('?') - builtin_scheme.size());
+    if (starts_with(source, root_scheme)) source.remove_prefix(root_scheme.size());
+    source = source.substr(source.rfind('/') + 1);
+    return std::string(source.substr(0, source.find('.')));
+}
+
+/// One file of an upload while its pieces come.
+struct UploadFile {
+    std::string name;
+    std::uint64_t hash = 0;
+    protocol::Buffer bytes;
+    std::uint64_t received = 0;
+};
+
+/// What a load was asked for.
+struct LoadOrder {
+    std::string source;
+    std::string name;
+    std::string primitive;
+    std::string principal;
+    std::string note;  ///< a line for the user, or empty
+    bool replace = false;
+    std::vector<UploadFile> files;
+    Budget::Lease lease;  ///< of the files
+};
+
+class LoadJob final : public Job {
+public:
+    LoadJob(const Services& services, const Caller& caller, LoadOrder order)
+        : services_(services),
+          id_(caller.request_id),
+          order_(std::move(order)) {
+        skip_complete_files();
+    }
+
+    Frames greeting() override {
+        Frames frames;
+        if (order_.files.empty()) return frames;
+        wire::NeedT need;
+        for (std::uint32_t i = 0; i < order_.files.size(); ++i) need.files.push_back(i);
+        frames.push_back(*protocol::encode(id_, need));
+        return frames;
+    }
+
+    Reply<std::uint64_t> feed(protocol::Frame frame) override {
+        const auto message = protocol::open<wire::Upload>(frame, services_.limits);
+        if (!message) return tl::unexpected(message.error());
+        const auto block = protocol::only_block(message->blocks, "data", wire::Dtype::u8, 1);
+        if (!block) return tl::unexpected(block.error());
+        if (current_ == order_.files.size())
+            return refuse(Code::invalid_field, "all files of the upload are complete");
+        UploadFile& file = order_.files[current_];
+        if ((*message)->file() != current_ || (*message)->offset() != file.received)
+            return refuse(Code::invalid_field, "expected byte " + std::to_string(file.received) +
+                                                   " of file " + std::to_string(current_) +
+                                                   " next");
+        if (block->count > file.bytes.size() - file.received)
+            return refuse(Code::invalid_field, "file " + std::to_string(current_) +
+                                                   " is longer than its announced " +
+                                                   std::to_string(file.bytes.size()) + " bytes");
+        if (block->count != 0)
+            std::memcpy(file.bytes.data() + file.received, block->bytes.data(), block->count);
+        file.received += block->count;
+        received_ += block->count;
+        skip_complete_files();
+        return frame.header.bulk_bytes;
+    }
+
+    std::optional<Task> next() override {
+        if (current_ < order_.files.size() || import_started_) return std::nullopt;
+        import_started_ = true;
+        Task task;
+        task.lane = Lane::blocking;
+        task.run = [this](const StopFlag&) -> Reply<Frames> {
+            auto snapshot = import();
+            if (!snapshot) return tl::unexpected(snapshot.error());
+            snapshot_ = std::move(*snapshot);
+            order_.files.clear();
+            return Frames{};
+        };
+        return task;
+    }
+
+    Reply<void> ended() override {
+        order_.lease = {};
+        reused_ = services_.scenes.holds(snapshot_->hash());
+        auto scene = services_.scenes.publish(order_.name, std::move(snapshot_), order_.replace,
+                                              order_.principal);
+        if (!scene) return tl::unexpected(scene.error());
+        scene_ = std::move(*scene);
+        ++services_.metrics.scenes_loaded;
+        log(LogLevel::info, "loaded",
+            {{"scene", scene_->name},
+             {"epoch", std::to_string(scene_->epoch)},
+             {"hash", scene_->snapshot().hash()},
+             {"principal", order_.principal}});
+        return {};
+    }
+
+    [[nodiscard]] bool finished() const override { return import_started_; }
+
+    Frames farewell() override {
+        wire::LoadedT loaded;
+        loaded.info = std::make_unique<wire::SceneInfoT>(scene_info(*scene_, services_.limits));
+        if (!order_.note.empty()) loaded.info->warnings.push_back(order_.note);
+        loaded.seconds = std::chrono::duration<double>(Clock::now() - started_).count();
+        loaded.reused = reused_;
+        Frames frames;
+        frames.push_back(*protocol::encode(id_, loaded));
+        return frames;
+    }
+
+    [[nodiscard]] std::optional<Progress> progress() const override {
+        if (import_started_) return Progress{0, 0, "importing"};
+        return Progress{received_, announced_, "uploading"};
+    }
+
+private:
+    /// Files of no bytes, and the one that has just got its last, need no piece.
+    void skip_complete_files() {
+        while (current_ < order_.files.size() &&
+               order_.files[current_].received == order_.files[current_].bytes.size())
+            ++current_;
+    }
+
+    Reply<std::shared_ptr<const Snapshot>> import() {
+        ImportRequest request;
+        request.source = order_.source;
+        request.primitive = order_.primitive;
+        for (const UploadFile& file : order_.files) {
+            if (protocol::content_hash(file.bytes.span()) != file.hash)
+                return refuse(Code::scene_invalid,
+                              "'" + file.name + "' was damaged on its way: its hash differs");
+            request.files.push_back({file.name, file.bytes.span()});
+        }
+        std::vector<SourceFile> found;
+        if (starts_with(order_.source, root_scheme)) {
+            auto files = read_scene(
+                services_.scene_root, std::string_view(order_.source).substr(root_scheme.size()),
+                services_.limits.upload_files_max, services_.import_limits.file_bytes_max);
+            if (!files) return refuse(files.error());
+            found = std::move(*files);
+            request.source = found.front().name;
+            for (const SourceFile& file : found) request.files.push_back({file.name, file.bytes});
+        }
+        auto snapshot = import_in_child(request, services_.import_limits, services_.import_child);
+        if (!snapshot) return refuse(snapshot.error());
+        return std::move(*snapshot);
+    }
+
+    const Services& services_;
+    const std::uint64_t id_;
+    const Clock::time_point started_ = Clock::now();
+    LoadOrder order_;
+    const std::uint64_t announced_ = std::accumulate(
+        order_.files.begin(), order_.files.end(), std::uint64_t{0},
+        [](std::uint64_t sum, const UploadFile& file) { return sum + file.bytes.size(); });
+    std::uint64_t received_ = 0;
+    std::size_t current_ = 0;  ///< the file whose pieces come now
+    bool import_started_ = false;
+    bool reused_ = false;
+    std::shared_ptr<const Snapshot> snapshot_;  ///< written by the import task
+    std::optional<NamedScene> scene_;
+};
+
+/// The files of the message with memory for each, or none.
+Reply<void> read_files(const Services& services, const wire::Load& message, LoadOrder& order) {
+    const std::vector<std::string> names = protocol::strings(message.file_names());
+    const bool upload =
+        !starts_with(order.source, builtin_scheme) && !starts_with(order.source, root_scheme);
+    if (upload == names.empty())
+        return refuse(Code::invalid_field,
+                      upload ? "'" + order.source + "' needs its files: file_names is empty"
+                             : "'" + order.source + "' takes no files");
+    std::uint64_t total = 0;
+    for (std::size_t i = 0; i < names.size(); ++i)
+        total += message.file_bytes()->Get(static_cast<flatbuffers::uoffset_t>(i));
+    auto lease = services.budget.reserve(total);
+    if (!lease)
+        return refuse(Code::resource_exhausted,
+                      "the upload has " + std::to_string(total) + " bytes, " +
+                          std::to_string(services.budget.limit() - services.budget.used()) +
+                          " of --memory are free");
+    order.lease = std::move(*lease);
+    for (std::size_t i = 0; i < names.size(); ++i) {
+        const auto index = static_cast<flatbuffers::uoffset_t>(i);
+        order.files.push_back({names[i], message.file_hashes()->Get(index),
+                               protocol::Buffer(message.file_bytes()->Get(index)), 0});
+    }
+    return {};
+}
+
+}  // namespace
+
+Reply<Answer> load(const Services& services, const Caller& caller,
+                   const protocol::Opened<wire::Load>& message) {
+    const std::string_view build = protocol::word(message->build(), "medium");
+    if (build != "fast" && build != "medium" && build != "high")
+        return refuse(Code::invalid_field,
+                      "unknown build '" + std::string(build) + "': use one of fast, medium, high");
+    LoadOrder order;
+    order.source = protocol::text(message->source());
+    order.name = protocol::word(message->name(), default_name(order.source));
+    order.primitive = protocol::text(message->primitive());
+    order.principal = caller.principal;
+    order.replace = message->replace();
+    if (build != "medium")
+        order.note =
+            "this version builds every scene alike: build " + std::string(build) + " gives medium";
+    if (order.name.empty() || order.name.size() > services.limits.name_bytes_max)
+        return refuse(Code::invalid_field, "the scene needs a name of 1.." +
+                                               std::to_string(services.limits.name_bytes_max) +
+                                               " bytes; pass --name");
+    if (const auto files = read_files(services, *message.table, order); !files)
+        return tl::unexpected(files.error());
+
+    Accepted accepted;
+    accepted.deadline_ms = message->deadline_ms();
+    accepted.job = std::make_unique<LoadJob>(services, caller, std::move(order));
+    return Answer{std::move(accepted)};
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,190 @@
+#include "server/handlers/picture_job.h"
+
+#include "engine/assets/image.h"
+#include "server/handlers/scene_info.h"
+
+#include <algorithm>
+#include <cstring>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+constexpr std::uint64_t piece_bytes_max = 1ULL << 20;
+
+Vec3 vector(const wire::Vec3* v, const Vec3& otherwise) {
+    return v == nullptr ? otherwise : Vec3{v->x(), v->y(), v->z()};
+}
+
+CameraRequest camera_request(const wire::Camera* camera) {
+    CameraRequest request;
+    if (camera == nullptr) return request;
+    request.name = protocol::text(camera->name());
+    request.look_at = camera->look_at();
+    request.eye = vector(camera->eye(), request.eye);
+    request.at = vector(camera->at(), request.at);
+    request.up = vector(camera->up(), request.up);
+    request.fov_degrees = camera->fov_degrees();
+    return request;
+}
+
+Reply<std::string> check_encode(std::string_view word) {
+    if (word == "raw") return std::string(word);
+    if (word != "png" && word != "exr")
+        return refuse(Code::invalid_field,
+                      "unknown encode '" + std::string(word) + "': use one of png, exr, raw");
+    if (!images_available())
+        return refuse(Code::unsupported,
+                      "this daemon was built without OpenImageIO; ask for encode raw");
+    return std::string(word);
+}
+
+}  // namespace
+
+Reply<PictureOrder> make_order(const Services& services, Plan plan, const wire::Camera* camera,
+                               std::uint32_t width, std::uint32_t height, std::string_view encode,
+                               std::uint64_t pixel_bytes) {
+    PictureOrder order;
+    auto word = check_encode(encode);
+    if (!word) return tl::unexpected(word.error());
+    order.encode = std::move(*word);
+
+    auto chosen = choose_camera(plan.scene.snapshot(), camera_request(camera));
+    // No camera of that name: a fault of the request, not of the scene.
+    if (!chosen) return refuse(Code::invalid_field, chosen.error().message);
+    order.camera = std::move(*chosen);
+    const bool asked = camera != nullptr && (camera->look_at() || camera->name() != nullptr);
+    if (!asked && plan.scene.snapshot().view().camera_count == 0)
+        plan.notes.push_back("the scene has no camera: this one frames its bounding box");
+
+    order.plan = std::move(plan);
+    order.width = width;
+    order.height = height;
+    auto lease = services.budget.reserve(order.pixels() * pixel_bytes);
+    if (!lease)
+        return refuse(Code::resource_exhausted,
+                      "a picture of " + std::to_string(width) + "x" + std::to_string(height) +
+                          " needs more memory than --memory has left; ask for a smaller --size");
+    order.lease = std::move(*lease);
+    return order;
+}
+
+PictureJob::PictureJob(const Services& services, const Caller& caller, PictureOrder order)
+    : services_(services),
+      id_(caller.request_id),
+      order_(std::move(order)),
+      chunk_rays_(order_.plan.chunk_rays_max(services.limits)),
+      piece_bytes_(std::min(piece_bytes_max, caller.window_bytes / 2)) {}
+
+Frames PictureJob::greeting() {
+    wire::StartedT message = started(order_.plan, services_.limits);
+    message.camera = clean_text(order_.camera.name, services_.limits.name_bytes_max);
+    Frames frames;
+    frames.push_back(*protocol::encode(id_, message));
+    return frames;
+}
+
+std::optional<Task> PictureJob::next() {
+    switch (stage_) {
+        case Stage::tracing:
+            if (next_pixel_ < order_.pixels()) return trace_task();
+            return std::nullopt;
+        case Stage::encoding:
+            if (!encode_started_) return encode_task();
+            return std::nullopt;
+        case Stage::sending:
+            if (sent_ < payload_.bytes.size()) return send_task();
+            return std::nullopt;
+    }
+    return std::nullopt;
+}
+
+Reply<void> PictureJob::ended() {
+    if (stage_ == Stage::tracing && --chunks_running_ == 0 && next_pixel_ == order_.pixels())
+        stage_ = Stage::encoding;
+    else if (stage_ == Stage::encoding)
+        stage_ = Stage::sending;
+    return {};
+}
+
+bool PictureJob::finished() const {
+    return stage_ == Stage::sending && sent_ == payload_.bytes.size();
+}
+
+Frames PictureJob::farewell() {
+    wire::DoneT done = tally_.done(order_.plan);
+    complete(done);
+    Frames frames;
+    frames.push_back(*protocol::encode(id_, done));
+    return frames;
+}
+
+std::optional<Progress> PictureJob::progress() const {
+    if (stage_ == Stage::tracing) return Progress{tally_.rays(), order_.pixels(), "tracing"};
+    if (stage_ == Stage::encoding) return Progress{0, 0, "encoding"};
+    return Progress{sent_, payload_.bytes.size(), "sending"};
+}
+
+Task PictureJob::trace_task() {
+    const std::uint64_t first = next_pixel_;
+    const std::uint64_t count = std::min(chunk_rays_, order_.pixels() - first);
+    next_pixel_ += count;
+    ++chunks_running_;
+    Task task;
+    task.run = [this, first, count](const StopFlag&) -> Reply<Frames> {
+        tally_.begin();
+        TraceBuffers& buffers = TraceBuffers::of_this_thread();
+        buffers.rays.resize(count);
+        generate_rays(order_.camera, order_.width, order_.height, first, buffers.rays);
+        if (const auto exposed = expose(first, buffers.rays, buffers); !exposed)
+            return tl::unexpected(exposed.error());
+        const auto missed = std::count_if(buffers.hits.begin(), buffers.hits.end(),
+                                          [](const HitRecord& hit) { return hit.hit == 0; });
+        const auto misses = static_cast<std::uint64_t>(missed);
+        tally_.add(count, count - misses, misses);
+        services_.metrics.rays += count;
+        return Frames{};
+    };
+    return task;
+}
+
+Task PictureJob::encode_task() {
+    encode_started_ = true;
+    Task task;
+    task.run = [this](const StopFlag&) -> Reply<Frames> {
+        auto payload = develop();
+        if (!payload) return tl::unexpected(payload.error());
+        payload_ = std::move(*payload);
+        return Frames{};
+    };
+    return task;
+}
+
+Task PictureJob::send_task() {
+    const std::uint64_t offset = sent_;
+    const std::uint64_t count =
+        std::min<std::uint64_t>(piece_bytes_ - protocol::alignment, payload_.bytes.size() - offset);
+    sent_ += count;
+    Task task;
+    task.reply_bytes_max = protocol::padded(count);
+    task.run = [this, offset, count](const StopFlag&) -> Reply<Frames> {
+        protocol::Bulk bulk;
+        bulk.add("data", wire::Dtype::u8, 1, count);
+        bulk.allocate();
+        std::memcpy(bulk.block(0).data(), payload_.bytes.data() + offset, count);
+        wire::PictureT message;
+        message.width = payload_.width;
+        message.height = payload_.height;
+        message.encode = order_.encode;
+        message.offset = offset;
+        message.total = payload_.bytes.size();
+        auto frame = protocol::encode(id_, std::move(message), std::move(bulk), services_.limits);
+        if (!frame) return tl::unexpected(frame.error());
+        Frames frames;
+        frames.push_back(std::move(*frame));
+        return frames;
+    };
+    return task;
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,84 @@
+// RENDER and HEATMAP: camera rays in chunks, then one payload, then pieces of it.
+//
+//   tracing (tasks in any order) ──all ended──► encoding (one task) ──► sending (pieces under
+//   credit)
+#pragma once
+
+#include "engine/integrators/camera.h"
+#include "server/handlers/tracing.h"
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace raynest::server {
+
+/// The finished payload: an encoded file or raw rows.
+struct Payload {
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    std::vector<std::byte> bytes;
+};
+
+/// What a picture request asks for, checked.
+struct PictureOrder {
+    Plan plan;
+    Camera camera;
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    std::string encode;  ///< png | exr | raw
+    Budget::Lease lease;
+    [[nodiscard]] std::uint64_t pixels() const { return std::uint64_t{width} * height; }
+};
+
+/// `pixel_bytes`: what the job holds per pixel; reserved from the budget. Asks for a camera of the
+/// scene and adds a note where none was there.
+Reply<PictureOrder> make_order(const Services& services, Plan plan, const wire::Camera* camera,
+                               std::uint32_t width, std::uint32_t height, std::string_view encode,
+                               std::uint64_t pixel_bytes);
+
+class PictureJob : public Job {
+public:
+    PictureJob(const Services& services, const Caller& caller, PictureOrder order);
+
+    Frames greeting() override;
+    std::optional<Task> next() override;
+    Reply<void> ended() override;
+    [[nodiscard]] bool finished() const override;
+    Frames farewell() override;
+    [[nodiscard]] std::optional<Progress> progress() const override;
+
+protected:
+    /// Worker thread: traces `rays`, the pixels from `first` on, and keeps what the picture needs.
+    virtual Reply<void> expose(std::uint64_t first, std::span<Ray> rays, TraceBuffers& buffers) = 0;
+    /// Worker thread, after all chunks.
+    virtual Reply<Payload> develop() = 0;
+    /// Adds to DONE what only this kind of picture knows.
+    virtual void complete(wire::DoneT& /*done*/) const {}
+
+    [[nodiscard]] const PictureOrder& order() const { return order_; }
+    [[nodiscard]] const Registry& registry() const { return services_.registry; }
+    [[nodiscard]] const Tally& tally() const { return tally_; }
+
+private:
+    enum class Stage { tracing, encoding, sending };
+    Task trace_task();
+    Task encode_task();
+    Task send_task();
+
+    const Services& services_;
+    const std::uint64_t id_;
+    const PictureOrder order_;
+    const std::uint64_t chunk_rays_;
+    const std::uint64_t piece_bytes_;
+    Tally tally_;
+    Stage stage_ = Stage::tracing;
+    std::uint64_t next_pixel_ = 0;
+    std::uint64_t chunks_running_ = 0;
+    bool encode_started_ = false;
+    Payload payload_;  ///< written by the encoding task, read afterwards
+    std::uint64_t sent_ = 0;
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,150 @@
+#include "server/handlers/plan.h"
+
+#include "server/handlers/scene_info.h"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+/// A chunk of the brute-force reference must stay short enough for deadlines and cancels.
+constexpr std::uint64_t reference_rays_max = 64;
+
+/// The engine reports unknown words as parameters; on the wire they are fields of the request.
+tl::unexpected<protocol::Error> refuse_word(Error error) {
+    return refuse(Code::invalid_field, std::move(error.message));
+}
+
+Reply<Priority> parse_priority(std::string_view word) {
+    if (word == "low") return Priority::low;
+    if (word == "normal") return Priority::normal;
+    if (word == "high") return Priority::high;
+    return refuse(Code::invalid_field,
+                  "unknown priority '" + std::string(word) + "': use one of low, normal, high");
+}
+
+Reply<void> check_worker(std::string_view word) {
+    if (word == "auto" || word == "cpu") return {};
+    if (word == "cuda")
+        return refuse(Code::unsupported,
+                      "this daemon has no CUDA worker; use --worker auto or cpu");
+    return refuse(Code::invalid_field,
+                  "unknown worker '" + std::string(word) + "': use one of auto, cpu, cuda");
+}
+
+Reply<Settings> read_settings(const Variant& variant, const protocol::StringList* list) {
+    std::vector<std::pair<std::string, std::string>> assignments;
+    for (const std::string& text : protocol::strings(list)) {
+        const auto equals = text.find('=');
+        assignments.emplace_back(text.substr(0, equals), text.substr(equals + 1));
+    }
+    auto settings = parse_settings(variant, assignments);
+    if (!settings) return refuse(settings.error());
+    return std::move(*settings);
+}
+
+RecordNormal record_normal(std::uint32_t type, const void* registry) {
+    const PackPrimitive* primitive = static_cast<const Registry*>(registry)->find_primitive(type);
+    return primitive == nullptr ? nullptr : primitive->normal;
+}
+
+}  // namespace
+
+Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query query, bool counting) {
+    using protocol::text;
+    using protocol::word;
+    if (const auto worker = check_worker(word(job.worker(), "auto")); !worker)
+        return tl::unexpected(worker.error());
+    const auto priority = parse_priority(word(job.priority(), "normal"));
+    if (!priority) return tl::unexpected(priority.error());
+    const auto precision = parse_precision(word(job.precision(), "fast"));
+    if (!precision) return refuse_word(precision.error());
+    const auto traversal = parse_traversal(word(job.traversal(), "auto"));
+    if (!traversal) return refuse_word(traversal.error());
+
+    Plan plan;
+    auto scene = services.scenes.find(text(job.scene()), job.epoch());
+    if (!scene) return tl::unexpected(scene.error());
+    plan.scene = std::move(*scene);
+    const auto variant =
+        services.registry.choose(word(job.intersector(), "auto"), plan.scene.snapshot().view());
+    if (!variant) return refuse(variant.error());
+    plan.variant = *variant;
+    auto settings = read_settings(*plan.variant, job.settings());
+    if (!settings) return tl::unexpected(settings.error());
+    plan.settings = std::move(*settings);
+
+    plan.query = query;
+    plan.precision = *precision;
+    plan.traversal = *traversal;
+    plan.counting = counting;
+    if (counting && plan.traversal != traversal_latency) {
+        plan.notes.push_back("counters are defined by the latency traversal: it ran instead of " +
+                             std::string(traversal_name(plan.traversal)));
+        plan.traversal = traversal_latency;
+    }
+    const auto function =
+        find_function(*plan.variant, query, plan.precision, plan.traversal, counting);
+    if (!function) return refuse(function.error());
+    plan.trace = *function;
+    plan.mask = job.mask();
+    plan.priority = *priority;
+    plan.deadline_ms = job.deadline_ms();
+    return plan;
+}
+
+TraceCall Plan::call() const {
+    TraceCall call{};
+    call.scene = &scene.snapshot().view();
+    call.params = settings.params.empty() ? nullptr : settings.params.data();
+    call.hits_max = hits_max;
+    call.mask = mask;
+    call.flags = settings.flags;
+    return call;
+}
+
+std::uint64_t Plan::chunk_rays_max(const protocol::Limits& limits) const {
+    return traversal == traversal_reference ? std::min(reference_rays_max, limits.chunk_rays_max)
+                                            : limits.chunk_rays_max;
+}
+
+ColumnSource Plan::source(const Registry& registry) const {
+    ColumnSource source;
+    source.scene = &scene.snapshot().view();
+    source.record_normal = record_normal;
+    source.context = &registry;
+    return source;
+}
+
+const char* traversal_name(Traversal traversal) {
+    constexpr std::array<const char*, traversal_count> names = {"latency", "batch", "coherent",
+                                                                "reference"};
+    return traversal < traversal_count ? names[traversal] : "unknown";
+}
+
+wire::StartedT started(const Plan& plan, const protocol::Limits& limits) {
+    wire::StartedT message;
+    message.scene = plan.scene.name;
+    message.hash = plan.scene.snapshot().hash();
+    message.epoch = plan.scene.epoch;
+    message.intersector = clean_text(plan.variant->name, limits.name_bytes_max);
+    message.target = plan.variant->target;
+    message.traversal = traversal_name(plan.traversal);
+    message.precision = plan.precision == precision_fast ? "fast" : "watertight";
+    message.worker = "cpu";
+    message.notes = plan.notes;
+    return message;
+}
+
+Reply<void> check(TraceStatus status, const Plan& plan) {
+    if (status == trace_ok) return {};
+    if (status == trace_out_of_memory)
+        return refuse(Code::resource_exhausted,
+                      "the traversal of scene '" + plan.scene.name + "' ran out of memory");
+    return refuse(Code::internal, "intersector '" + plan.variant->name + "' on target " +
+                                      plan.variant->target + " refused its call");
+}
+
+}  // namespace raynest::server

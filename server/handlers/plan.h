@@ -1,0 +1,50 @@
+// What query, render and heat map have in common: the words of a wire::Job become one compiled
+// function and a call to fill in per chunk. Decided once per job, never per ray.
+#pragma once
+
+#include "engine/queries/columns.h"
+#include "server/handlers/handler.h"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace raynest::server {
+
+struct Plan {
+    NamedScene scene;
+    const Variant* variant = nullptr;
+    Settings settings;
+    Query query = query_closest;
+    Traversal traversal = traversal_latency;
+    Precision precision = precision_fast;
+    TraceFunction trace = nullptr;
+    bool counting = false;
+    std::uint32_t mask = 0xFFFFFFFFU;
+    std::uint32_t hits_max = 1;
+    Priority priority = Priority::normal;
+    std::uint32_t deadline_ms = 0;
+    std::vector<std::string> notes;  ///< for the user, sent with STARTED
+
+    /// Everything of a call but the rays and where the answers go.
+    [[nodiscard]] TraceCall call() const;
+    /// Rays that one task may trace at most: a chunk, or few where a ray walks the whole scene.
+    [[nodiscard]] std::uint64_t chunk_rays_max(const protocol::Limits& limits) const;
+    /// Where columns come from; the caller adds rays and hits.
+    [[nodiscard]] ColumnSource source(const Registry& registry) const;
+};
+
+/// Looks everything up; the error names the word that is wrong. `counting` forces the latency
+/// traversal on the CPU, and a note says so (CONTRACT.md §4).
+Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query query, bool counting);
+
+/// STARTED, as far as the plan knows it.
+[[nodiscard]] wire::StartedT started(const Plan& plan, const protocol::Limits& limits);
+
+/// The traversal's word.
+[[nodiscard]] const char* traversal_name(Traversal traversal);
+
+/// What a kernel gave back, as an error of the job.
+Reply<void> check(TraceStatus status, const Plan& plan);
+
+}  // namespace raynest::server

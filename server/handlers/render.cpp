@@ -1,0 +1,94 @@
+// RENDER: a picture of what a camera sees.
+#include "engine/assets/image.h"
+#include "engine/integrators/picture.h"
+#include "server/handlers/handler.h"
+#include "server/handlers/picture_job.h"
+
+#include <array>
+#include <cstring>
+
+namespace raynest::server {
+namespace {
+
+/// Linear RGBA, its 8-bit or planar form, and the encoded file.
+constexpr std::uint64_t pixel_bytes = 2 * sizeof(Vec4) + 8;
+
+Result<std::vector<std::byte>> encode_linear_exr(std::uint32_t width, std::uint32_t height,
+                                                 std::span<const Vec4> pixels) {
+    constexpr std::array<std::string_view, 4> names = {"R", "G", "B", "A"};
+    std::array<std::vector<float>, 4> planes;
+    std::array<Channel, 4> channels;
+    for (int i = 0; i < 4; ++i) {
+        auto& plane = planes[static_cast<std::size_t>(i)];
+        plane.reserve(pixels.size());
+        for (const Vec4& pixel : pixels) plane.push_back(pixel[i]);
+        channels[static_cast<std::size_t>(i)] = {names[static_cast<std::size_t>(i)], plane, {}};
+    }
+    return encode_exr(width, height, channels);
+}
+
+class RenderJob final : public PictureJob {
+public:
+    RenderJob(const Services& services, const Caller& caller, PictureOrder made)
+        : PictureJob(services, caller, std::move(made)),
+          pixels_(order().pixels()) {}
+
+protected:
+    Reply<void> expose(std::uint64_t first, std::span<Ray> rays, TraceBuffers& buffers) override {
+        if (const auto traced = trace(order().plan, rays, buffers); !traced) return traced;
+        ColumnSource source = order().plan.source(registry());
+        source.rays = rays;
+        source.hits = buffers.hits;
+        shade_primary(source, std::span(pixels_).subspan(first, rays.size()));
+        return {};
+    }
+
+    Reply<Payload> develop() override {
+        Payload payload{order().width, order().height, {}};
+        if (order().encode == "exr") {
+            auto file = encode_linear_exr(payload.width, payload.height, pixels_);
+            if (!file) return refuse(file.error());
+            payload.bytes = std::move(*file);
+            return payload;
+        }
+        const Picture picture = to_picture(payload.width, payload.height, pixels_);
+        if (order().encode == "png") {
+            auto file = encode_picture(picture.width, picture.height, picture.rgba, "png");
+            if (!file) return refuse(file.error());
+            payload.bytes = std::move(*file);
+        } else {
+            payload.bytes.resize(picture.rgba.size());
+            std::memcpy(payload.bytes.data(), picture.rgba.data(), picture.rgba.size());
+        }
+        return payload;
+    }
+
+private:
+    std::vector<Vec4> pixels_;
+};
+
+}  // namespace
+
+Reply<Answer> render(const Services& services, const Caller& caller,
+                     const protocol::Opened<wire::Render>& message) {
+    const std::string_view integrator = protocol::word(message->integrator(), "primary");
+    if (integrator != "primary")
+        return refuse(Code::unsupported, "this daemon has no integrator '" +
+                                             std::string(integrator) + "'; use primary");
+    auto plan = make_plan(services, *message->job(), query_closest, false);
+    if (!plan) return tl::unexpected(plan.error());
+    if (message->samples() > 1)
+        plan->notes.push_back("primary traces one ray per pixel, whatever --spp says");
+
+    auto order =
+        make_order(services, std::move(*plan), message->camera(), message->width(),
+                   message->height(), protocol::word(message->encode(), "png"), pixel_bytes);
+    if (!order) return tl::unexpected(order.error());
+    Accepted accepted;
+    accepted.deadline_ms = order->plan.deadline_ms;
+    accepted.priority = order->plan.priority;
+    accepted.job = std::make_unique<RenderJob>(services, caller, std::move(*order));
+    return Answer{std::move(accepted)};
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,85 @@
+#include "server/handlers/scene_info.h"
+
+#include <algorithm>
+
+namespace raynest::server {
+namespace {
+
+/// All strings of the message together; leaves room for what FlatBuffers adds to each.
+constexpr std::size_t text_bytes_max = 32 << 10;
+
+/// Fills lists of a message until its share of the message is used up.
+class TextBudget {
+public:
+    explicit TextBudget(const protocol::Limits& limits) : limits_(limits) {}
+
+    /// Appends a cleaned copy; false when the list or the message is full.
+    bool append(std::vector<std::string>& list, std::string_view text, std::size_t bytes_max) {
+        std::string clean = clean_text(text, bytes_max);
+        constexpr std::size_t overhead = 16;
+        const std::size_t cost = clean.size() + overhead;
+        // One place of every list is kept for the line that says how many are missing.
+        if (cost > left_ || list.size() + 1 >= limits_.list_items_max) return false;
+        left_ -= cost;
+        list.push_back(std::move(clean));
+        return true;
+    }
+
+private:
+    const protocol::Limits& limits_;
+    std::size_t left_ = text_bytes_max;
+};
+
+void note_missing(wire::SceneInfoT& info, std::size_t shown, std::size_t total, const char* what) {
+    if (shown < total)
+        info.warnings.push_back(std::to_string(total - shown) + " more " + what + " not listed");
+}
+
+}  // namespace
+
+std::string clean_text(std::string_view text, std::size_t bytes_max) {
+    std::string clean(text.substr(0, bytes_max));
+    // A cut inside a character leaves up to three bytes of it.
+    for (int i = 0; i < 3 && text.size() > bytes_max && !protocol::printable(clean); ++i)
+        clean.pop_back();
+    if (!protocol::printable(clean))
+        std::replace_if(
+            clean.begin(), clean.end(), [](char c) { return c < 0x20 || c > 0x7E; }, '?');
+    return clean;
+}
+
+wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& limits) {
+    const Snapshot& snapshot = scene.snapshot();
+    const SceneStatistics& statistics = snapshot.statistics();
+    wire::SceneInfoT info;
+    info.name = scene.name;
+    info.hash = snapshot.hash();
+    info.epoch = scene.epoch;
+    info.unique_triangles = statistics.unique_triangles;
+    info.instanced_triangles = statistics.instanced_triangles;
+    info.instances = statistics.instances;
+    info.levels = statistics.levels;
+    info.materials = statistics.materials;
+    info.mask_materials = statistics.mask_materials;
+    info.bytes = statistics.bytes;
+    const auto vector = [](const Vec3& v) { return std::make_unique<wire::Vec3>(v.x, v.y, v.z); };
+    info.box_min = vector(snapshot.bounds().lower);
+    info.box_max = vector(snapshot.bounds().upper);
+
+    TextBudget texts(limits);
+    for (const auto& [reason, count] : statistics.skipped)
+        if (texts.append(info.skipped_reasons, reason, limits.name_bytes_max))
+            info.skipped_counts.push_back(count);
+    for (const std::string& type : snapshot.record_types())
+        if (!texts.append(info.record_types, type, limits.name_bytes_max)) break;
+    for (const std::string& camera : statistics.cameras)
+        if (!texts.append(info.cameras, camera, limits.name_bytes_max)) break;
+    for (const std::string& warning : statistics.warnings)
+        if (!texts.append(info.warnings, warning, limits.text_bytes_max)) break;
+    const std::size_t warnings = info.warnings.size();
+    note_missing(info, warnings, statistics.warnings.size(), "warnings are");
+    note_missing(info, info.cameras.size(), statistics.cameras.size(), "cameras are");
+    return info;
+}
+
+}  // namespace raynest::server

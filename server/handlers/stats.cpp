@@ -1,0 +1,21 @@
+// STATS: the daemon's counters and budgets by name.
+#include "server/handlers/handler.h"
+
+namespace raynest::server {
+
+Reply<Answer> stats(const Services& services, const Caller& caller,
+                    const protocol::Opened<wire::Stats>& /*message*/) {
+    wire::StatisticsT statistics;
+    const auto add = [&](std::string_view name, std::uint64_t value) {
+        statistics.names.emplace_back(name);
+        statistics.values.push_back(static_cast<double>(value));
+    };
+    for (const MetricInfo& metric : metric_table)
+        add(metric.name, services.metrics.*metric.counter);
+    add("scenes", services.scenes.list().size());
+    add("memory_used_bytes", services.budget.used());
+    add("memory_limit_bytes", services.budget.limit());
+    return answer_with(caller, statistics, services);
+}
+
+}  // namespace raynest::server

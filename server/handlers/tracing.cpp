@@ -1,0 +1,63 @@
+#include "server/handlers/tracing.h"
+
+#include <algorithm>
+
+namespace raynest::server {
+
+TraceBuffers& TraceBuffers::of_this_thread() {
+    thread_local TraceBuffers buffers;
+    return buffers;
+}
+
+Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers) {
+    buffers.hits.resize(rays.size() * plan.hits_max);
+    buffers.counts.resize(plan.query == query_multi ? rays.size() : 0);
+    buffers.counters.resize(plan.counting ? rays.size() : 0);
+    buffers.outputs.resize(plan.variant->outputs().size());
+    std::vector<void*> outputs;
+    for (std::vector<std::uint32_t>& column : buffers.outputs) {
+        column.resize(rays.size());
+        outputs.push_back(column.data());
+    }
+
+    TraceCall call = plan.call();
+    call.rays = rays.data();
+    call.ray_count = static_cast<std::uint32_t>(rays.size());
+    call.hits = buffers.hits.data();
+    call.hit_counts = buffers.counts.empty() ? nullptr : buffers.counts.data();
+    call.counters = buffers.counters.empty() ? nullptr : buffers.counters.data();
+    call.outputs = outputs.empty() ? nullptr : outputs.data();
+    return check(plan.trace(&call), plan);
+}
+
+void Tally::begin() {
+    const Ticks now = std::max<Ticks>(1, (Clock::now() - accepted_).count());
+    Ticks none = 0;
+    first_.compare_exchange_strong(none, now);
+}
+
+void Tally::add(std::uint64_t rays, std::uint64_t hits, std::uint64_t misses) {
+    rays_ += rays;
+    hits_ += hits;
+    misses_ += misses;
+    const Ticks now = (Clock::now() - accepted_).count();
+    Ticks last = last_;
+    while (last < now && !last_.compare_exchange_weak(last, now)) {
+    }
+}
+
+wire::DoneT Tally::done(const Plan& plan) const {
+    const auto seconds = [](Ticks ticks) {
+        return std::chrono::duration<double>(Clock::duration(ticks)).count();
+    };
+    wire::DoneT message;
+    message.rays = rays_;
+    message.hits = hits_;
+    message.misses = misses_;
+    message.seconds = seconds(last_ - first_);
+    message.queued_seconds = seconds(first_);
+    message.traversal = traversal_name(plan.traversal);
+    return message;
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,54 @@
+// One chunk of rays through a job's compiled function, on a worker thread.
+#pragma once
+
+#include "server/handlers/plan.h"
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace raynest::server {
+
+/// What a kernel wrote for one chunk. One per worker thread, reused from chunk to chunk, so that
+/// the pages of these arrays are touched once and not once per chunk.
+struct TraceBuffers {
+    std::vector<Ray> rays;                            ///< for callers that make their own
+    std::vector<HitRecord> hits;                      ///< hits_max per ray
+    std::vector<std::uint32_t> counts;                ///< hits per ray, multi only
+    std::vector<Counters> counters;                   ///< per ray, counting only
+    std::vector<std::vector<std::uint32_t>> outputs;  ///< per output of the intersector: per ray
+
+    [[nodiscard]] static TraceBuffers& of_this_thread();
+};
+
+/// A chunk's hit records fit into this; it bounds the rays of a chunk where a ray has many hits.
+inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
+
+/// Fills `buffers` (all but its rays) with the answers of `rays`.
+Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers);
+
+/// What DONE tells about a job; written by its tasks on any thread.
+class Tally {
+public:
+    /// A task starts.
+    void begin();
+    /// A task ended, with so many rays and hits, of which so many rays had none.
+    void add(std::uint64_t rays, std::uint64_t hits, std::uint64_t misses);
+
+    [[nodiscard]] std::uint64_t rays() const { return rays_; }
+    /// Rays, hits, times and traversal of DONE.
+    [[nodiscard]] wire::DoneT done(const Plan& plan) const;
+
+private:
+    using Ticks = Clock::duration::rep;
+    const Clock::time_point accepted_ = Clock::now();
+    std::atomic<std::uint64_t> rays_{0};
+    std::atomic<std::uint64_t> hits_{0};
+    std::atomic<std::uint64_t> misses_{0};
+    std::atomic<Ticks> first_{0};  ///< since accepted_; 0: nothing began yet
+    std::atomic<Ticks> last_{0};
+};
+
+}  // namespace raynest::server

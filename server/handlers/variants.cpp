@@ -1,0 +1,103 @@
+// VARIANTS: every intersector with its parameters and outputs, a page at a time.
+#include "server/handlers/handler.h"
+#include "server/handlers/scene_info.h"
+
+#include <algorithm>
+
+namespace raynest::server {
+namespace {
+
+/// A page stays below control_tables_max tables and the size of a message. A variant comes whole.
+constexpr std::size_t page_tables = 128;
+constexpr std::size_t page_text_bytes = 24 << 10;
+
+const char* type_name(ValueType type) {
+    switch (type) {
+        case value_f32:
+            return "f32";
+        case value_u32:
+            return "u32";
+        case value_choice:
+            return "choice";
+    }
+    return "f32";
+}
+
+std::vector<std::string> compiled_queries(const PackVariant& code) {
+    constexpr const char* names[query_count] = {"closest", "any", "multi"};
+    std::vector<std::string> queries;
+    for (std::uint32_t query = 0; query < query_count; ++query)
+        if (code.trace[precision_fast][traversal_latency][query][0] != nullptr)
+            queries.emplace_back(names[query]);
+    return queries;
+}
+
+/// A description of one variant and what it adds to the page.
+struct Described {
+    wire::VariantT variant;
+    std::size_t tables = 1;
+    std::size_t text_bytes = 0;
+};
+
+Described describe(const Variant& variant, const protocol::Limits& limits) {
+    Described described;
+    const auto name = [&](std::string_view text) {
+        described.text_bytes += text.size() + 16;
+        return clean_text(text, limits.name_bytes_max);
+    };
+    const auto prose = [&](std::string_view text) {
+        described.text_bytes += text.size() + 16;
+        return clean_text(text, limits.text_bytes_max);
+    };
+    wire::VariantT& to = described.variant;
+    to.name = name(variant.name);
+    to.text = prose(variant.text);
+    to.target = name(variant.target);
+    to.targets = variant.targets;
+    to.queries = compiled_queries(*variant.code);
+    for (const PackParam& param : variant.params()) {
+        auto copy = std::make_unique<wire::ParamT>();
+        copy->name = name(param.name);
+        copy->text = prose(param.text);
+        copy->type = type_name(param.type);
+        for (std::uint32_t i = 0; i < param.choice_count; ++i)
+            copy->choices.push_back(name(param.choices[i]));
+        copy->minimum = param.minimum;
+        copy->maximum = param.maximum;
+        copy->initial = param.initial;
+        to.params.push_back(std::move(copy));
+    }
+    for (const PackOutput& output : variant.outputs()) {
+        auto copy = std::make_unique<wire::OutputT>();
+        copy->name = name(output.name);
+        copy->text = prose(output.text);
+        copy->type = type_name(output.type);
+        to.outputs.push_back(std::move(copy));
+    }
+    described.tables += to.params.size() + to.outputs.size();
+    return described;
+}
+
+}  // namespace
+
+Reply<Answer> variants(const Services& services, const Caller& caller,
+                       const protocol::Opened<wire::Variants>& message) {
+    const auto all = services.registry.variants();
+    const std::size_t first = std::min<std::size_t>(message->first(), all.size());
+    wire::VariantListT list;
+    list.first = static_cast<std::uint32_t>(first);
+    list.total = static_cast<std::uint32_t>(all.size());
+    std::size_t tables = 0;
+    std::size_t text_bytes = 0;
+    for (std::size_t i = first; i < all.size(); ++i) {
+        Described described = describe(all[i], services.limits);
+        tables += described.tables;
+        text_bytes += described.text_bytes;
+        const bool full = tables > page_tables || text_bytes > page_text_bytes;
+        if (full && !list.variants.empty()) break;
+        list.variants.push_back(std::make_unique<wire::VariantT>(std::move(described.variant)));
+    }
+    return answer_with(caller, list, services);
+}
+
+}  // namespace raynest::server

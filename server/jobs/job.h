@@ -1,0 +1,97 @@
+// What the runner asks of a job: a sequence of tasks, each small enough to be one chunk.
+//
+// A job is a state machine on the io thread. next() hands out a piece of work; the work runs on a
+// worker thread and gives back frames. Between tasks a job holds no thread: whoever reads slowly
+// leaves its job parked, at the cost of the job's own memory.
+//
+//   next() -> task ──worker──► frames ──► outbox        feed(frame): rays and pieces of files
+//      ▲                          │                     progress(): a few times a second
+//      └────── ended() ◄──────────┘                     farewell(): the last frames
+#pragma once
+
+#include "protocol/frame.h"
+#include "server/errors.h"
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <utility>
+#include <vector>
+
+namespace raynest::server {
+
+using Clock = std::chrono::steady_clock;
+
+/// Shared by a job and its tasks; may be asked from any thread.
+class StopFlag {
+public:
+    explicit StopFlag(Clock::time_point deadline) : deadline_(deadline) {}
+    void request() { requested_.store(true, std::memory_order_relaxed); }
+    [[nodiscard]] bool requested() const { return requested_.load(std::memory_order_relaxed); }
+    [[nodiscard]] bool expired() const { return Clock::now() >= deadline_; }
+    /// Asked between pieces of work.
+    [[nodiscard]] bool must_end() const { return requested() || expired(); }
+    [[nodiscard]] Clock::time_point deadline() const { return deadline_; }
+
+private:
+    std::atomic<bool> requested_{false};
+    const Clock::time_point deadline_;
+};
+
+using Frames = std::vector<protocol::Frame>;
+
+/// `compute` threads trace and encode; `blocking` ones wait for import processes and disks.
+enum class Lane { compute, blocking };
+
+struct Task {
+    std::function<Reply<Frames>(const StopFlag&)> run;
+    std::uint64_t reply_bytes_max =
+        0;                          ///< bulk bytes of the answer at most: reserved before it runs
+    std::uint64_t input_bytes = 0;  ///< bulk bytes of fed frames that are free once it ended
+    Lane lane = Lane::compute;
+};
+
+struct Progress {
+    std::uint64_t done = 0;
+    std::uint64_t total = 0;  ///< 0: not known
+    const char* stage = "";
+};
+
+/// All functions are called on the io thread, tasks run elsewhere and in any order; a task may
+/// touch what the io thread does not, until ended() was called for it.
+class Job {
+public:
+    Job() = default;
+    Job(const Job&) = delete;
+    Job& operator=(const Job&) = delete;
+    virtual ~Job() = default;
+
+    /// What the client reads first.
+    virtual Frames greeting() { return {}; }
+    /// The next task; nothing when the job waits for input or for its running tasks.
+    virtual std::optional<Task> next() = 0;
+    /// A task ended well; its frames are on their way. An error here ends the job.
+    virtual Reply<void> ended() { return {}; }
+    /// No further task will come, whatever is fed.
+    [[nodiscard]] virtual bool finished() const = 0;
+    /// What the client reads last, after all tasks ended well. No bulk.
+    virtual Frames farewell() = 0;
+    /// Bulk data for this job; gives the bytes that are free again at once.
+    virtual Reply<std::uint64_t> feed(protocol::Frame frame);
+    [[nodiscard]] virtual std::optional<Progress> progress() const { return std::nullopt; }
+};
+
+/// Share of the workers, against other jobs that wait for them.
+enum class Priority { low, normal, high };
+
+/// A job as a handler hands it over.
+struct Accepted {
+    std::unique_ptr<Job> job;
+    std::uint32_t deadline_ms = 0;  ///< from now; 0: none
+    Priority priority = Priority::normal;
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,280 @@
+#include "server/jobs/runner.h"
+
+#include "protocol/control.h"
+
+#include <algorithm>
+#include <exception>
+#include <new>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+constexpr std::chrono::milliseconds tick_period{250};
+/// A job that neither gets rays nor may send answers must not keep its place for ever.
+constexpr std::chrono::seconds idle_max{60};
+
+/// Chunks in flight are a job's share of the workers' queue.
+unsigned width_of(Priority priority, std::size_t threads) {
+    const auto full = static_cast<unsigned>(threads) + 1;
+    switch (priority) {
+        case Priority::low:
+            return 1;
+        case Priority::normal:
+            return full;
+        case Priority::high:
+            return 2 * full;
+    }
+    return full;
+}
+
+protocol::Error deadline_error() {
+    return {Code::deadline, "the request's deadline passed", 0};
+}
+
+// The border between tasks and exceptions of libraries: whatever happens fails this job alone.
+Reply<Frames> run_guarded(const Task& task, const StopFlag& stop) noexcept {
+    try {
+        if (stop.requested()) return refuse(Code::cancelled, "");
+        if (stop.expired()) return tl::unexpected(deadline_error());
+        return task.run(stop);
+    } catch (const std::bad_alloc&) {
+        return refuse(Code::resource_exhausted, "");
+    } catch (const std::exception& error) {
+        return refuse(Code::internal, error.what());
+    } catch (...) {
+        return refuse(Code::internal, "a task failed without saying why");
+    }
+}
+
+}  // namespace
+
+Reply<std::uint64_t> Job::feed(protocol::Frame /*frame*/) {
+    return refuse(Code::bad_frame, "this request takes no data");
+}
+
+Runner::ActivePointer Runner::find(std::uint64_t id) const {
+    const auto found = std::find_if(jobs_.begin(), jobs_.end(),
+                                    [&](const ActivePointer& active) { return active->id == id; });
+    return found == jobs_.end() ? nullptr : *found;
+}
+
+bool Runner::knows(std::uint64_t id) const {
+    return find(id) != nullptr;
+}
+
+Reply<void> Runner::start(std::uint64_t id, Accepted accepted) {
+    if (jobs_.size() >= engine_.limits.jobs_max) {
+        ++engine_.metrics.jobs_refused;
+        return refuse(Code::quota, "this connection has " + std::to_string(jobs_.size()) +
+                                       " requests in flight, the limit is jobs_max = " +
+                                       std::to_string(engine_.limits.jobs_max));
+    }
+    auto slot = engine_.admission.enter();
+    if (!slot) {
+        ++engine_.metrics.jobs_refused;
+        return tl::unexpected(protocol::Error{Code::busy, "", engine_.admission.retry_after_ms()});
+    }
+    const Clock::time_point now = Clock::now();
+    const Clock::time_point deadline = accepted.deadline_ms == 0
+                                           ? Clock::time_point::max()
+                                           : now + std::chrono::milliseconds(accepted.deadline_ms);
+    auto active = std::make_shared<Active>(id, std::move(accepted.job), deadline);
+    active->slot = std::move(*slot);
+    active->width = width_of(accepted.priority, engine_.compute.threads());
+    active->started = active->last_activity = now;
+    active->next_progress = now + tick_period;
+    active->credit = window_bytes_;
+    active->input_credit = engine_.limits.window_bytes;
+    jobs_.push_back(active);
+    ++engine_.metrics.jobs_started;
+    for (protocol::Frame& frame : active->job->greeting()) sink_->send(std::move(frame));
+    pump(active);
+    return {};
+}
+
+void Runner::feed(protocol::Frame frame) {
+    const ActivePointer active = find(frame.header.request_id);
+    if (active == nullptr || active->error) return;
+    const std::uint64_t bytes = frame.header.bulk_bytes;
+    if (bytes > active->input_credit) {
+        stop(*active, {Code::limit_exceeded,
+                       "the request sent more than its credit of window_bytes = " +
+                           std::to_string(engine_.limits.window_bytes),
+                       0});
+        return pump(active);
+    }
+    active->input_credit -= bytes;
+    active->last_activity = Clock::now();
+    const Reply<std::uint64_t> free = active->job->feed(std::move(frame));
+    if (free)
+        return_input(*active, *free);
+    else
+        stop(*active, free.error());
+    pump(active);
+}
+
+void Runner::grant(std::uint64_t id, std::uint64_t bytes) {
+    const ActivePointer active = find(id);
+    if (active == nullptr) return;
+    const std::uint64_t most = engine_.limits.window_bytes_max;
+    active->credit = std::min(most, active->credit + std::min(most, bytes));
+    pump(active);
+}
+
+void Runner::cancel(std::uint64_t id) {
+    const ActivePointer active = find(id);
+    if (active == nullptr) return;
+    ++engine_.metrics.jobs_cancelled;
+    stop(*active, {Code::cancelled, "", 0});
+    pump(active);
+}
+
+void Runner::pump() {
+    // Whoever comes first takes the window's room: let everybody be first in turn.
+    if (!jobs_.empty()) jobs_.splice(jobs_.end(), jobs_, jobs_.begin());
+    const std::list<ActivePointer> jobs = jobs_;
+    for (const ActivePointer& active : jobs) pump(active);
+}
+
+void Runner::pump(const ActivePointer& active) {
+    while (sink_ != nullptr && !active->error && active->running < active->width) {
+        if (!active->parked) active->parked = active->job->next();
+        if (!active->parked || !credit_allows(*active, *active->parked) ||
+            !window_allows(*active->parked))
+            break;
+        submit(active, *std::exchange(active->parked, std::nullopt));
+    }
+    const bool done = active->error || (!active->parked && active->job->finished());
+    if (active->running == 0 && done) finish(active);
+}
+
+bool Runner::credit_allows(const Active& active, const Task& task) {
+    return task.reply_bytes_max <= active.credit - active.reserved;
+}
+
+bool Runner::window_allows(const Task& task) const {
+    const std::uint64_t waiting = in_flight_bytes_ + sink_->backlog();
+    return task.reply_bytes_max == 0 || waiting == 0 ||
+           waiting + task.reply_bytes_max <= engine_.limits.window_bytes;
+}
+
+bool Runner::blocked() const {
+    return std::any_of(jobs_.begin(), jobs_.end(), [&](const ActivePointer& active) {
+        return active->parked && credit_allows(*active, *active->parked) &&
+               !window_allows(*active->parked);
+    });
+}
+
+void Runner::submit(const ActivePointer& active, Task task) {
+    ++active->running;
+    active->reserved += task.reply_bytes_max;
+    in_flight_bytes_ += task.reply_bytes_max;
+    Workers& workers = task.lane == Lane::compute ? engine_.compute : engine_.blocking;
+    const std::function<void(std::function<void()>)>& post = engine_.post;
+    workers.submit([self = shared_from_this(), active, task = std::move(task), &post] {
+        auto reply = std::make_shared<Reply<Frames>>(run_guarded(task, active->stop));
+        post([self, active, reply, reserved = task.reply_bytes_max, input = task.input_bytes] {
+            self->task_ended(active, std::move(*reply), reserved, input);
+        });
+    });
+}
+
+void Runner::task_ended(const ActivePointer& active, Reply<Frames> reply, std::uint64_t reserved,
+                        std::uint64_t input_bytes) {
+    --active->running;
+    active->reserved -= reserved;
+    in_flight_bytes_ -= reserved;
+    if (sink_ == nullptr) return finish(active);
+
+    active->last_activity = Clock::now();
+    if (reply && !active->error) {
+        for (protocol::Frame& frame : *reply) {
+            active->credit -= std::min(active->credit, frame.header.bulk_bytes);
+            sink_->send(std::move(frame));
+        }
+        return_input(*active, input_bytes);
+        if (const Reply<void> taken = active->job->ended(); !taken) stop(*active, taken.error());
+    } else if (!reply) {
+        stop(*active, reply.error());
+    }
+    pump(active);
+}
+
+void Runner::return_input(Active& active, std::uint64_t bytes) {
+    active.returned += bytes;
+    // Few grants, but early enough that the client never waits for one.
+    if (active.returned < engine_.limits.window_bytes / 4) return;
+    wire::CreditT credit;
+    credit.bytes = std::exchange(active.returned, 0);
+    active.input_credit += credit.bytes;
+    sink_->send(*protocol::encode(active.id, credit));
+}
+
+void Runner::stop(Active& active, protocol::Error error) {
+    if (!active.error) active.error = std::move(error);
+    active.parked.reset();
+    active.stop.request();
+}
+
+void Runner::finish(const ActivePointer& active) {
+    if (active->running != 0) return;
+    const auto found = std::find(jobs_.begin(), jobs_.end(), active);
+    if (found == jobs_.end()) return;
+    jobs_.erase(found);
+    ++engine_.metrics.jobs_ended;
+    engine_.admission.record(Clock::now() - active->started);
+    active->slot = {};
+    if (active->error && active->error->code != Code::cancelled) ++engine_.metrics.jobs_failed;
+    if (sink_ == nullptr) return;
+    if (active->error) {
+        sink_->send(protocol::encode_error(active->id, *active->error, false));
+    } else {
+        for (protocol::Frame& frame : active->job->farewell()) sink_->send(std::move(frame));
+    }
+}
+
+void Runner::tick(Clock::time_point now) {
+    const std::list<ActivePointer> jobs = jobs_;
+    for (const ActivePointer& active : jobs) {
+        if (!active->error && now >= active->stop.deadline()) {
+            stop(*active, deadline_error());
+            pump(active);
+        } else if (!active->error && active->running == 0 &&
+                   now - active->last_activity > idle_max) {
+            stop(*active, {Code::deadline,
+                           "the client neither sent nor took data of this request for " +
+                               std::to_string(idle_max.count()) + " s",
+                           0});
+            pump(active);
+        } else if (now >= active->next_progress) {
+            active->next_progress = now + tick_period;
+            if (const auto progress = active->job->progress(); progress && !active->error) {
+                wire::ProgressT message;
+                message.done = progress->done;
+                message.total = progress->total;
+                message.stage = progress->stage;
+                sink_->send(*protocol::encode(active->id, message));
+            }
+        }
+    }
+}
+
+Clock::time_point Runner::next_tick() const {
+    Clock::time_point next = Clock::time_point::max();
+    for (const ActivePointer& active : jobs_)
+        next = std::min({next, active->error ? Clock::time_point::max() : active->stop.deadline(),
+                         active->next_progress});
+    return next;
+}
+
+void Runner::abandon() {
+    sink_ = nullptr;
+    const std::list<ActivePointer> jobs = jobs_;
+    for (const ActivePointer& active : jobs) {
+        stop(*active, {Code::cancelled, "", 0});
+        finish(active);
+    }
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,115 @@
+// Runs the jobs of one connection: hands their tasks to workers while the client's credit and the
+// connection's window have room, collects answers, ends jobs on error, cancel and deadline.
+//
+// Knows no sockets: frames go to a Sink, completions come back through `post`. Everything here runs
+// on the io thread; only tasks run elsewhere, and what they share with it is a StopFlag.
+#pragma once
+
+#include "protocol/limits.h"
+#include "server/diag/metrics.h"
+#include "server/jobs/admission.h"
+#include "server/jobs/job.h"
+#include "server/jobs/workers.h"
+
+#include <functional>
+#include <list>
+#include <memory>
+#include <string>
+
+namespace raynest::server {
+
+/// Where frames go; implemented by the session.
+class Sink {
+public:
+    virtual void send(protocol::Frame frame) = 0;
+    /// Bytes that were sent but have not left yet.
+    [[nodiscard]] virtual std::uint64_t backlog() const = 0;
+
+protected:
+    ~Sink() = default;
+};
+
+/// What all runners of a daemon share; outlives them.
+struct Engine {
+    Workers& compute;
+    Workers& blocking;
+    Admission& admission;
+    Metrics& metrics;
+    const protocol::Limits& limits;
+    std::function<void(std::function<void()>)> post;  ///< to the io thread; thread-safe
+};
+
+class Runner : public std::enable_shared_from_this<Runner> {
+public:
+    Runner(const Engine& engine, Sink& sink) : engine_(engine), sink_(&sink) {}
+
+    /// The credit that the client grants to each request at its start.
+    void set_window(std::uint64_t bytes) { window_bytes_ = bytes; }
+
+    /// Is a job of this id under way?
+    [[nodiscard]] bool knows(std::uint64_t id) const;
+    [[nodiscard]] std::size_t size() const { return jobs_.size(); }
+
+    /// Starts a job; QUOTA or BUSY when it may not.
+    Reply<void> start(std::uint64_t id, Accepted accepted);
+    /// Bulk data for a job; that of a job that already ended is dropped: it was on its way.
+    void feed(protocol::Frame frame);
+    /// The client grants `bytes` more.
+    void grant(std::uint64_t id, std::uint64_t bytes);
+    void cancel(std::uint64_t id);
+
+    /// Bytes left: the sink has room again.
+    void pump();
+    /// Deadlines and progress; the session calls it at next_tick().
+    void tick(Clock::time_point now);
+    [[nodiscard]] Clock::time_point next_tick() const;
+    /// Does a task wait only because the connection does not take bytes? A job whose client gives
+    /// no credit is parked too, but that costs nothing and is no fault.
+    [[nodiscard]] bool blocked() const;
+
+    /// The connection is gone: all jobs stop, nothing is sent any more.
+    void abandon();
+
+private:
+    struct Active {
+        Active(std::uint64_t request_id, std::unique_ptr<Job> work, Clock::time_point deadline)
+            : id(request_id),
+              job(std::move(work)),
+              stop(deadline) {}
+        const std::uint64_t id;
+        const std::unique_ptr<Job> job;
+        StopFlag stop;
+        Admission::Slot slot;
+        Clock::time_point started;
+        Clock::time_point last_activity;  ///< data came, or a task ended
+        Clock::time_point next_progress;
+        std::optional<protocol::Error> error;  ///< why the job ends early
+        std::optional<Task> parked;            ///< taken from the job, waits for room
+        unsigned width = 1;                    ///< tasks in flight at most
+        unsigned running = 0;
+        std::uint64_t credit = 0;        ///< what we may still send
+        std::uint64_t reserved = 0;      ///< of it, promised to running tasks
+        std::uint64_t input_credit = 0;  ///< what the client may still send
+        std::uint64_t returned = 0;      ///< input bytes that are free but not yet granted again
+    };
+    using ActivePointer = std::shared_ptr<Active>;
+
+    ActivePointer find(std::uint64_t id) const;
+    void pump(const ActivePointer& active);
+    [[nodiscard]] bool window_allows(const Task& task) const;
+    [[nodiscard]] static bool credit_allows(const Active& active, const Task& task);
+    void submit(const ActivePointer& active, Task task);
+    void task_ended(const ActivePointer& active, Reply<Frames> reply, std::uint64_t reserved,
+                    std::uint64_t input_bytes);
+    void return_input(Active& active, std::uint64_t bytes);
+    void stop(Active& active, protocol::Error error);
+    void finish(const ActivePointer& active);
+
+    const Engine& engine_;
+    Sink* sink_;  ///< null once abandoned
+    std::list<ActivePointer> jobs_;
+    std::uint64_t window_bytes_ = 0;
+    std::uint64_t in_flight_bytes_ = 0;  ///< reserved by running tasks of all jobs
+};
+
+}  // namespace raynest::server

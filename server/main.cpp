@@ -1,0 +1,37 @@
+// raynestd: one program, two lives: the daemon, and the short-lived process that imports one scene.
+#include "engine/assets/import.h"
+#include "server/daemon.h"
+#include "server/log.h"
+#include "server/options.h"
+
+#include <cstdio>
+#include <exception>
+#include <new>
+
+namespace raynest::server {
+namespace {
+
+int run_import_child(int argc, const char* const* argv) {
+    const auto registry = Registry::load({{argv + 3, argv + argc}, argv[2]});
+    return registry ? import_child_main(**registry) : 2;
+}
+
+int run(int argc, const char* const* argv) {
+    if (argc >= 3 && argv[1] == import_child_flag) return run_import_child(argc, argv);
+    const ParsedOptions parsed = parse_options(argc, argv);
+    if (!parsed.options) return parsed.exit_code;
+    set_log_level(parsed.options->log_level);
+    return run_daemon(*parsed.options);
+}
+
+}  // namespace
+}  // namespace raynest::server
+
+int main(int argc, char** argv) {
+    try {
+        return raynest::server::run(argc, argv);
+    } catch (const std::exception& error) {
+        std::fprintf(stderr, "raynestd: %s\n", error.what());
+        return 1;
+    }
+}

@@ -1,0 +1,38 @@
+// The one door to Boost.Asio, and the two facts that it needs from us.
+//
+// Boost 1.74 uses std::exchange without including it; clang 14 and 16 do not recognise their own
+// coroutines without being told. A rule for everything that includes this: never write a lambda
+// with captures as a temporary inside a co_await expression (g++ 12 destroys it twice), name it and
+// std::move it; never cancel a coroutine of another executor.
+#pragma once
+
+#include <utility>
+
+#if defined(__clang__)
+#define BOOST_ASIO_HAS_CO_AWAIT
+#define BOOST_ASIO_HAS_STD_COROUTINE
+#endif
+
+/// The non-template part of Asio is compiled once, in asio.cpp.
+#define BOOST_ASIO_SEPARATE_COMPILATION
+
+#include <boost/asio/awaitable.hpp>
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/co_spawn.hpp>
+#include <boost/asio/generic/stream_protocol.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/local/stream_protocol.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/redirect_error.hpp>
+#include <boost/asio/signal_set.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/use_awaitable.hpp>
+#include <boost/asio/write.hpp>
+
+namespace raynest::server {
+namespace asio = boost::asio;
+using SystemError = boost::system::error_code;
+/// A connected stream, TCP or Unix.
+using Socket = asio::generic::stream_protocol::socket;
+}  // namespace raynest::server

@@ -1,0 +1,158 @@
+#include "server/net/listener.h"
+
+#include "server/log.h"
+
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <variant>
+
+namespace raynest::server {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr int backlog = 128;
+/// When accepting fails (no file descriptors left), it is tried again after this time, doubling.
+constexpr milliseconds backoff_min{10};
+constexpr milliseconds backoff_max{1000};
+
+/// A socket that listens, not yet given to Asio.
+struct Bound {
+    int descriptor = -1;
+    int family = 0;
+    Address address;
+};
+
+tl::unexpected<Error> refused(const Address& address, const char* what) {
+    return fail(ErrorCode::io_failed,
+                "cannot listen on " + to_uri(address) + ": " + what + ": " + std::strerror(errno));
+}
+
+Result<int> make_socket(const Address& address, int family) {
+    const int descriptor = socket(family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    if (descriptor < 0) return refused(address, "socket");
+    return descriptor;
+}
+
+Result<Bound> finish(int descriptor, int family, Address address, const sockaddr* name,
+                     socklen_t size) {
+    const bool bound = bind(descriptor, name, size) == 0;
+    if (bound && listen(descriptor, backlog) == 0) return Bound{descriptor, family, address};
+    const auto error = refused(address, bound ? "listen" : "bind");
+    close(descriptor);
+    return error;
+}
+
+Result<Bound> bind_tcp(TcpAddress address) {
+    sockaddr_in v4{};
+    sockaddr_in6 v6{};
+    v4.sin_family = AF_INET;
+    v4.sin_port = htons(address.port);
+    v6.sin6_family = AF_INET6;
+    v6.sin6_port = htons(address.port);
+    const bool is_v4 = inet_pton(AF_INET, address.host.c_str(), &v4.sin_addr) == 1;
+    if (!is_v4) inet_pton(AF_INET6, address.host.c_str(), &v6.sin6_addr);
+    auto* name = is_v4 ? reinterpret_cast<sockaddr*>(&v4) : reinterpret_cast<sockaddr*>(&v6);
+    socklen_t size = is_v4 ? sizeof v4 : sizeof v6;
+    const int family = name->sa_family;
+
+    const auto descriptor = make_socket(address, family);
+    if (!descriptor) return tl::unexpected(descriptor.error());
+    const int reuse = 1;
+    (void)setsockopt(*descriptor, SOL_SOCKET, SO_REUSEADDR, &reuse, sizeof reuse);
+    auto bound = finish(*descriptor, family, address, name, size);
+    if (!bound) return bound;
+    getsockname(*descriptor, name, &size);
+    address.port = ntohs(is_v4 ? v4.sin_port : v6.sin6_port);
+    bound->address = address;
+    return bound;
+}
+
+/// Removes what a dead daemon left; fails when somebody answers there, or when it is no socket.
+Result<void> clear_path(const UnixAddress& address, const sockaddr_un& name) {
+    struct stat status {};
+    if (lstat(address.path.c_str(), &status) != 0) return {};
+    if (!S_ISSOCK(status.st_mode)) {
+        errno = EEXIST;
+        return refused(address, "the path is taken by something that is no socket");
+    }
+    const auto probe = make_socket(address, AF_UNIX);
+    if (!probe) return tl::unexpected(probe.error());
+    const int answer = connect(*probe, reinterpret_cast<const sockaddr*>(&name), sizeof name);
+    const bool dead = answer != 0 && errno == ECONNREFUSED;
+    close(*probe);
+    if (dead && unlink(address.path.c_str()) == 0) return {};
+    errno = EADDRINUSE;
+    return refused(address, "another daemon listens there");
+}
+
+Result<Bound> bind_unix(const UnixAddress& address) {
+    sockaddr_un name{};
+    name.sun_family = AF_UNIX;
+    std::copy(address.path.begin(), address.path.end(), name.sun_path);
+    if (const auto clear = clear_path(address, name); !clear) return tl::unexpected(clear.error());
+    const auto descriptor = make_socket(address, AF_UNIX);
+    if (!descriptor) return tl::unexpected(descriptor.error());
+    // The mode must be right before anybody can connect.
+    const mode_t before = umask(0177);
+    auto bound = finish(*descriptor, AF_UNIX, address, reinterpret_cast<const sockaddr*>(&name),
+                        sizeof name);
+    umask(before);
+    return bound;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Listener>> Listener::open(asio::io_context& io, const Address& address,
+                                                 OnAccept on_accept) {
+    const auto* unix_address = std::get_if<UnixAddress>(&address);
+    const auto bound = unix_address != nullptr ? bind_unix(*unix_address)
+                                               : bind_tcp(std::get<TcpAddress>(address));
+    if (!bound) return tl::unexpected(bound.error());
+    std::unique_ptr<Listener> listener(new Listener(io, std::move(on_accept)));
+    listener->acceptor_.assign({bound->family, 0}, bound->descriptor);
+    listener->uri_ = to_uri(bound->address);
+    if (unix_address != nullptr) listener->socket_file_ = unix_address->path;
+    return listener;
+}
+
+void Listener::close() {
+    SystemError ignored;
+    acceptor_.close(ignored);
+    pause_.cancel();
+    if (!socket_file_.empty()) unlink(socket_file_.c_str());
+    socket_file_.clear();
+}
+
+void Listener::accept_next() {
+    acceptor_.async_accept(
+        [this](const SystemError& error, Socket socket) { accepted(error, std::move(socket)); });
+}
+
+void Listener::accepted(const SystemError& error, Socket socket) {
+    if (!acceptor_.is_open()) return;
+    if (!error) {
+        backoff_ = milliseconds(0);
+        on_accept_(std::move(socket));
+        return accept_next();
+    }
+    // Out of descriptors or memory: spinning would make it worse.
+    backoff_ = std::clamp(2 * backoff_, backoff_min, backoff_max);
+    if (backoff_ == backoff_max)
+        log(LogLevel::warn, "accept_failed", {{"listen", uri_}, {"reason", error.message()}});
+    pause_.expires_after(backoff_);
+    pause_.async_wait([this](const SystemError& cancelled) {
+        if (!cancelled) accept_next();
+    });
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,50 @@
+// Accepts connections on one address and hands them on.
+#pragma once
+
+#include "engine/result.h"
+#include "server/address.h"
+#include "server/net/asio.h"
+
+#include <functional>
+#include <memory>
+#include <string>
+
+namespace raynest::server {
+
+/// Io thread only; must stay until the io_context has run out of work.
+class Listener {
+public:
+    using OnAccept = std::function<void(Socket)>;
+
+    /// Binds and listens; port 0 takes a free one. A Unix socket is made with mode 0600, and one
+    /// that a dead daemon left there is replaced. io_failed says what is in the way.
+    static Result<std::unique_ptr<Listener>> open(asio::io_context& io, const Address& address,
+                                                  OnAccept on_accept);
+    ~Listener() { close(); }
+    Listener(const Listener&) = delete;
+
+    /// Starts accepting.
+    void start() { accept_next(); }
+    /// Stops accepting and removes a Unix socket's file; idempotent.
+    void close();
+
+    /// The address as it is now, with the port that was picked.
+    [[nodiscard]] const std::string& uri() const { return uri_; }
+
+private:
+    Listener(asio::io_context& io, OnAccept on_accept)
+        : acceptor_(io),
+          pause_(io),
+          on_accept_(std::move(on_accept)) {}
+    void accept_next();
+    void accepted(const SystemError& error, Socket socket);
+
+    asio::basic_socket_acceptor<asio::generic::stream_protocol> acceptor_;
+    asio::steady_timer pause_;
+    std::chrono::milliseconds backoff_{0};
+    OnAccept on_accept_;
+    std::string uri_;
+    std::string socket_file_;  ///< of a Unix socket that we made
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,320 @@
+#include "server/net/session.h"
+
+#include "server/log.h"
+
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <array>
+#include <exception>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+constexpr std::size_t stage_bytes = 4096;
+constexpr std::size_t read_bytes_max = 256 << 10;
+/// A header and control part come at once; a bulk part averages 64 KiB/s over 10 s.
+constexpr seconds header_time{5};
+constexpr seconds bulk_time{10};
+constexpr std::uint64_t bulk_checkpoint_bytes = 640ULL << 10;
+/// Answers that wait while none leaves: the peer does not read.
+constexpr seconds slow_consumer_time{10};
+/// After the closing frame: time for the peer to read it and close.
+constexpr seconds linger_time{1};
+/// Before that: time for the outbox to leave.
+constexpr seconds flush_time{5};
+constexpr std::size_t gather_frames_max = 16;
+constexpr std::uint64_t gather_bytes_max = 1ULL << 20;
+constexpr int unacknowledged_ms_max = 20'000;
+
+constexpr Clock::time_point never = Clock::time_point::max();
+
+std::string principal_of(Socket& socket) {
+    ucred peer{};
+    socklen_t size = sizeof peer;
+    sockaddr_storage address{};
+    socklen_t address_size = sizeof address;
+    auto* generic = reinterpret_cast<sockaddr*>(&address);
+    if (getsockname(socket.native_handle(), generic, &address_size) == 0 &&
+        address.ss_family == AF_UNIX &&
+        getsockopt(socket.native_handle(), SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0)
+        return "uid:" + std::to_string(peer.uid);
+    SystemError error;
+    const auto endpoint = socket.remote_endpoint(error);
+    if (error) return "unknown";
+    asio::ip::tcp::endpoint tcp;
+    if (endpoint.size() > tcp.capacity()) return "unknown";
+    std::copy_n(reinterpret_cast<const char*>(endpoint.data()), endpoint.size(),
+                reinterpret_cast<char*>(tcp.data()));
+    return tcp.address().to_string();
+}
+
+/// Options that TCP needs and Unix sockets do not know: failures do not matter.
+void tune(Socket& socket) {
+    const auto set = [&](int level, int name, int value) {
+        (void)setsockopt(socket.native_handle(), level, name, &value, sizeof value);
+    };
+    set(IPPROTO_TCP, TCP_NODELAY, 1);
+    set(SOL_SOCKET, SO_KEEPALIVE, 1);
+    set(IPPROTO_TCP, TCP_USER_TIMEOUT, unacknowledged_ms_max);
+}
+
+}  // namespace
+
+Session::Session(asio::io_context& io, Socket socket, const Services& services,
+                 const Engine& engine, OnClosed on_closed)
+    : services_(services),
+      engine_(engine),
+      on_closed_(std::move(on_closed)),
+      socket_(std::move(socket)),
+      wake_(io, never),
+      room_(io, never),
+      watchdog_(io, never),
+      decoder_(services.limits),
+      stage_(stage_bytes),
+      conversation_(services, engine, *this, principal_of(socket_)),
+      read_deadline_(Clock::now() + milliseconds(services.limits.greeting_ms_max)),
+      close_deadline_(never) {
+    tune(socket_);
+    decoder_.set_frame_bytes_max(services.limits.greeting_bytes_max);
+}
+
+void Session::start() {
+    spawn(&Session::read_frames, "reader");
+    spawn(&Session::write_frames, "writer");
+    spawn(&Session::watch, "watchdog");
+}
+
+void Session::spawn(Part part, const char* name) {
+    asio::co_spawn(socket_.get_executor(), (this->*part)(),
+                   [self = shared_from_this(), name](const std::exception_ptr& failure) {
+                       if (failure) {
+                           try {
+                               std::rethrow_exception(failure);
+                           } catch (const std::exception& error) {
+                               log(LogLevel::error, "connection_failed",
+                                   {{"part", name}, {"reason", error.what()}});
+                           }
+                       }
+                       if (failure) self->stop();
+                   });
+}
+
+void Session::drain() {
+    if (!open_) return;
+    conversation_.drain();
+    settle();
+}
+
+void Session::stop() {
+    if (!std::exchange(open_, false)) return;
+    conversation_.runner().abandon();
+    SystemError ignored;
+    socket_.close(ignored);
+    wake_.cancel();
+    room_.cancel();
+    watchdog_.cancel();
+    ++services_.metrics.connections_closed;
+    on_closed_(shared_from_this());
+}
+
+void Session::send(protocol::Frame frame) {
+    if (!open_) return;
+    backlog_ += frame.header.frame_bytes();
+    outbox_.push_back(std::move(frame));
+    wake_.cancel();
+}
+
+asio::awaitable<void> Session::wait(asio::steady_timer& timer) {
+    SystemError ignored;
+    co_await timer.async_wait(asio::redirect_error(asio::use_awaitable, ignored));
+}
+
+// ---- reader -------------------------------------------------------------------------------------
+
+asio::awaitable<void> Session::read_frames() {
+    SystemError error;
+    while (open_ && !conversation_.closing()) {
+        // Whoever does not read its answers gets no more of its requests read.
+        while (open_ && backlog_ >= services_.limits.window_bytes) co_await wait(room_);
+        if (!open_) co_return;
+        co_await read_some(error);
+        if (error) break;
+    }
+    if (open_ && !error) co_await linger();
+    stop();
+}
+
+asio::awaitable<void> Session::read_some(SystemError& error) {
+    const std::span<std::byte> bulk = decoder_.room();
+    const bool direct = !bulk.empty();
+    const std::span<std::byte> space =
+        direct ? bulk.first(std::min(bulk.size(), read_bytes_max)) : std::span(stage_);
+    const std::size_t got = co_await socket_.async_read_some(
+        asio::buffer(space.data(), space.size()), asio::redirect_error(asio::use_awaitable, error));
+    if (error || !open_) co_return;
+    services_.metrics.bytes_received += got;
+    if (direct) decoder_.filled(got);
+    take_frames(direct ? std::span<const std::byte>()
+                       : std::span<const std::byte>(space).first(got));
+    move_read_deadline(got);
+    settle();
+}
+
+void Session::take_frames(std::span<const std::byte> bytes) {
+    do {
+        const auto taken = decoder_.feed(bytes);
+        if (!taken) return conversation_.give_up(taken.error());
+        bytes = bytes.subspan(*taken);
+        check_announced();
+        if (decoder_.complete()) {
+            conversation_.receive(decoder_.take());
+            if (conversation_.greeted())
+                decoder_.set_frame_bytes_max(services_.limits.frame_bytes_max);
+        }
+    } while (open_ && !conversation_.closing() && !bytes.empty());
+}
+
+void Session::check_announced() {
+    const protocol::FrameHeader* header = decoder_.announced();
+    if (header == nullptr || conversation_.closing()) return;
+    const std::uint64_t most = conversation_.bulk_bytes_max(header->type);
+    if (header->bulk_bytes > most)
+        conversation_.give_up({Code::limit_exceeded,
+                               protocol::message_name(header->type) + " announces " +
+                                   std::to_string(header->bulk_bytes) + " bulk bytes, at most " +
+                                   std::to_string(most) + " are allowed",
+                               0});
+}
+
+void Session::move_read_deadline(std::size_t got) {
+    if (!conversation_.greeted()) return;
+    const bool in_bulk = !decoder_.room().empty();
+    if (!in_bulk) checkpoint_bytes_ = 0;
+    if (decoder_.idle()) {
+        read_deadline_ = never;
+    } else if (in_bulk) {
+        const bool first = std::exchange(checkpoint_bytes_, checkpoint_bytes_ + got) == 0;
+        if (first || checkpoint_bytes_ >= bulk_checkpoint_bytes) {
+            read_deadline_ = Clock::now() + bulk_time;
+            checkpoint_bytes_ = 1;
+        }
+    } else if (read_deadline_ == never) {
+        read_deadline_ = Clock::now() + header_time;
+    }
+}
+
+asio::awaitable<void> Session::linger() {
+    // Closing with unread bytes would reset the connection, and the peer might lose our last words.
+    while (open_) {
+        SystemError error;
+        co_await socket_.async_read_some(asio::buffer(stage_),
+                                         asio::redirect_error(asio::use_awaitable, error));
+        if (error) break;
+    }
+}
+
+// ---- writer -------------------------------------------------------------------------------------
+
+asio::awaitable<void> Session::write_frames() {
+    std::vector<protocol::Frame> batch;
+    std::vector<std::array<std::byte, protocol::header_bytes>> headers(gather_frames_max);
+    std::vector<asio::const_buffer> buffers;
+    while (open_) {
+        if (outbox_.empty()) {
+            if (conversation_.closing()) break;
+            co_await wait(wake_);
+            continue;
+        }
+        batch.clear();
+        buffers.clear();
+        std::uint64_t bytes = 0;
+        while (!outbox_.empty() && batch.size() < gather_frames_max && bytes < gather_bytes_max) {
+            bytes += outbox_.front().header.frame_bytes();
+            batch.push_back(std::move(outbox_.front()));
+            outbox_.pop_front();
+        }
+        for (std::size_t i = 0; i < batch.size(); ++i) {
+            protocol::write_header(batch[i].header, headers[i]);
+            buffers.emplace_back(headers[i].data(), headers[i].size());
+            buffers.emplace_back(batch[i].control.data(), batch[i].control.size());
+            buffers.emplace_back(batch[i].bulk.data(), batch[i].bulk.size());
+        }
+        write_started_ = Clock::now();
+        SystemError error;
+        co_await asio::async_write(socket_, buffers,
+                                   asio::redirect_error(asio::use_awaitable, error));
+        if (!open_) co_return;
+        if (error) {
+            stop();
+            co_return;
+        }
+        services_.metrics.frames_sent += batch.size();
+        services_.metrics.bytes_sent += bytes;
+        batch.clear();
+        backlog_ -= bytes;
+        room_.cancel();
+        conversation_.runner().pump();
+        settle();
+    }
+    if (!open_) co_return;
+    SystemError ignored;
+    socket_.shutdown(Socket::shutdown_send, ignored);
+    close_deadline_ = Clock::now() + linger_time;
+    settle();
+}
+
+// ---- watchdog -----------------------------------------------------------------------------------
+
+asio::awaitable<void> Session::watch() {
+    while (open_) {
+        watchdog_.expires_at(next_deadline());
+        co_await wait(watchdog_);
+        if (open_) expire(Clock::now());
+    }
+}
+
+void Session::settle() {
+    if (!open_) return;
+    conversation_.settle();
+    if (conversation_.closing() && close_deadline_ == never)
+        close_deadline_ = Clock::now() + flush_time;
+    if (next_deadline() < watchdog_.expiry()) watchdog_.cancel();
+}
+
+bool Session::stalled() const {
+    return backlog_ >= services_.limits.window_bytes || conversation_.runner().blocked();
+}
+
+Clock::time_point Session::next_deadline() const {
+    if (conversation_.closing()) return close_deadline_;
+    return std::min({read_deadline_, conversation_.runner().next_tick(),
+                     stalled() ? write_started_ + slow_consumer_time : never});
+}
+
+void Session::expire(Clock::time_point now) {
+    if (now >= close_deadline_) return stop();
+    if (conversation_.closing()) return;
+    if (stalled() && now >= write_started_ + slow_consumer_time) {
+        // Its socket is full: no words would reach it.
+        ++services_.metrics.slow_consumers;
+        log(LogLevel::warn, "slow_consumer", {{"backlog_bytes", std::to_string(backlog_)}});
+        return stop();
+    }
+    conversation_.runner().tick(now);
+    if (now >= read_deadline_) {
+        ++services_.metrics.timeouts;
+        conversation_.give_up(
+            {Code::deadline,
+             conversation_.greeted() ? "a frame came too slowly" : "no Hello came in time", 0});
+    }
+    settle();
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,78 @@
+// One connection: a reader, a writer and a watchdog coroutine around a Conversation.
+//
+//   socket ──reader──► FrameDecoder ──► Conversation ──► outbox ──writer──► socket
+//                          watchdog: deadlines of both, ticks of the jobs
+//
+// All on one single-threaded io_context. The coroutines share this object and end when `open_`
+// turns false; waiting is a timer that others cancel (one waiter each, the predicate tested again).
+#pragma once
+
+#include "protocol/frame.h"
+#include "server/conversation.h"
+#include "server/net/asio.h"
+
+#include <deque>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace raynest::server {
+
+class Session final : public Sink, public std::enable_shared_from_this<Session> {
+public:
+    using OnClosed = std::function<void(const std::shared_ptr<Session>&)>;
+
+    Session(asio::io_context& io, Socket socket, const Services& services, const Engine& engine,
+            OnClosed on_closed);
+
+    /// Starts the coroutines; they keep the session alive until all have ended.
+    void start();
+    /// No new jobs; closes when the running ones ended.
+    void drain();
+    /// Closes at once. Idempotent.
+    void stop();
+
+    void send(protocol::Frame frame) override;
+    [[nodiscard]] std::uint64_t backlog() const override { return backlog_; }
+
+private:
+    using Part = asio::awaitable<void> (Session::*)();
+    void spawn(Part part, const char* name);
+    asio::awaitable<void> read_frames();
+    asio::awaitable<void> read_some(SystemError& error);
+    asio::awaitable<void> linger();
+    asio::awaitable<void> write_frames();
+    asio::awaitable<void> watch();
+    static asio::awaitable<void> wait(asio::steady_timer& timer);
+
+    /// Hands complete frames on; false when framing is lost.
+    void take_frames(std::span<const std::byte> bytes);
+    void check_announced();
+    void move_read_deadline(std::size_t got);
+    /// After anything that may have moved a deadline or closed the conversation.
+    void settle();
+    [[nodiscard]] bool stalled() const;
+    [[nodiscard]] Clock::time_point next_deadline() const;
+    void expire(Clock::time_point now);
+
+    const Services& services_;
+    const Engine& engine_;
+    OnClosed on_closed_;
+    Socket socket_;
+    asio::steady_timer wake_;      ///< the writer: there are frames, or the end came
+    asio::steady_timer room_;      ///< the reader: the outbox shrank
+    asio::steady_timer watchdog_;  ///< the watchdog: a deadline came nearer
+    protocol::FrameDecoder decoder_;
+    std::vector<std::byte> stage_;
+    std::deque<protocol::Frame> outbox_;
+    std::uint64_t backlog_ = 0;  ///< bytes in the outbox and in the write under way
+    Conversation conversation_;
+    Clock::time_point read_deadline_;     ///< of the frame that is on its way
+    Clock::time_point write_started_;     ///< of the write under way
+    Clock::time_point close_deadline_;    ///< once the conversation is closing
+    std::uint64_t checkpoint_bytes_ = 0;  ///< of a bulk part, since its deadline last moved
+    bool open_ = true;
+};
+
+}  // namespace raynest::server

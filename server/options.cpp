@@ -1,0 +1,106 @@
+#include "server/options.h"
+
+#include "protocol/limits.h"
+#include "server/address.h"
+
+#include <CLI/CLI.hpp>
+#include <unistd.h>
+
+#include <algorithm>
+#include <iostream>
+#include <map>
+#include <thread>
+
+namespace raynest::server {
+namespace {
+
+constexpr unsigned threads_max = 1024;
+
+std::uint64_t half_of_memory() {
+    const auto pages = static_cast<std::uint64_t>(sysconf(_SC_PHYS_PAGES));
+    return pages * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE)) / 2;
+}
+
+// CLI11 wants the text of a fault, empty when there is none.
+std::string address_fault(const std::string& uri) {
+    const auto address = parse_address(uri);
+    return address ? std::string() : address.error().message;
+}
+
+void declare(CLI::App& app, Options& options, std::string& http) {
+    app.add_option(
+           "--listen", options.listen,
+           "tcp://HOST:PORT or unix:PATH, repeatable; loopback only; port 0 picks a free one")
+        ->check(CLI::Validator(address_fault, ""))
+        ->capture_default_str();
+    app.add_option("--http", http, "Diagnostics port; this version has none: only 'off'")
+        ->check(CLI::IsMember({"off"}))
+        ->capture_default_str();
+    app.add_option("--state", options.state, "Folder that this daemon alone may use; locked");
+    app.add_option("--scene-root", options.scene_root, "Folder in which root:PATH is looked up")
+        ->check(CLI::ExistingDirectory);
+    app.add_option("--pack-dir", options.pack_dirs, "Folder with more kernel packs, repeatable")
+        ->check(CLI::ExistingDirectory);
+    app.add_option("--threads", options.threads, "Compute threads")
+        ->check(CLI::Range(1U, threads_max))
+        ->capture_default_str();
+    app.add_option("--memory", options.memory, "Bytes for scenes, uploads and jobs, e.g. 8G")
+        ->transform(CLI::AsSizeValue(false))
+        ->check(CLI::Range(std::uint64_t{1} << 20, std::uint64_t{1} << 50))
+        ->capture_default_str();
+    app.add_option("--target", options.target, "Kernel pack: auto, v2, v3 or v4")
+        ->envname("RAYNEST_TARGET")
+        ->check(CLI::IsMember({"auto", "v2", "v3", "v4"}))
+        ->capture_default_str();
+    app.add_option("--ready-file", options.ready_file,
+                   "Written once requests are served: {\"listen\":[...],\"http\":...,\"pid\":...}");
+    const std::map<std::string, LogLevel> levels{{"error", LogLevel::error},
+                                                 {"warn", LogLevel::warn},
+                                                 {"info", LogLevel::info},
+                                                 {"debug", LogLevel::debug}};
+    app.add_option("--log-level", options.log_level, "error, warn, info or debug")
+        ->transform(CLI::CheckedTransformer(levels, CLI::ignore_case).description(""))
+        ->default_str("info");
+    app.set_config("--config", "", "Read options from a file as --print-config writes it");
+}
+
+void print_config(const CLI::App& app) {
+    std::cout << "# raynestd --config FILE reads this file. Flags win over it.\n"
+              << app.config_to_str(true, false) << "\n# Limits of this build, not configurable:\n";
+    const protocol::Limits limits;
+    for (const protocol::LimitInfo& limit : protocol::limit_table())
+        std::cout << "#   " << limit.name << " = " << limits.*limit.value << "  # " << limit.text
+                  << '\n';
+}
+
+}  // namespace
+
+ParsedOptions parse_options(int argc, const char* const* argv) {
+    Options options;
+    options.threads = std::clamp(std::thread::hardware_concurrency(), 1U, threads_max);
+    options.memory = half_of_memory();
+    std::string http = "off";
+
+    CLI::App app(
+        "raynestd traces rays through instanced scenes for clients.\n"
+        "Example: raynestd --listen tcp://127.0.0.1:0 --ready-file /tmp/raynest.json",
+        "raynestd");
+    bool print = false;
+    try {
+        declare(app, options, http);
+        app.add_flag("--print-config", print, "Print all options and limits, then exit")
+            ->configurable(false);
+        app.set_version_flag("--version", "raynestd " RAYNEST_VERSION);
+        app.parse(argc, argv);
+        if (!print) return {options, 0};
+        print_config(app);
+        return {std::nullopt, 0};
+    } catch (const CLI::Success& answered) {
+        return {std::nullopt, app.exit(answered)};
+    } catch (const CLI::Error& error) {
+        std::cerr << "raynestd: " << error.what() << "; see raynestd --help\n";
+        return {std::nullopt, 2};
+    }
+}
+
+}  // namespace raynest::server

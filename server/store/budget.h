@@ -1,0 +1,58 @@
+// The daemon's one byte budget (--memory): scenes, uploads and jobs reserve before they allocate.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <optional>
+#include <utility>
+
+namespace raynest::server {
+
+/// Thread-safe. Must outlive its leases.
+class Budget {
+public:
+    /// A reservation; gives the bytes back when it ends. Move-only.
+    class Lease {
+    public:
+        Lease() = default;
+        Lease(Lease&& other) noexcept
+            : budget_(std::exchange(other.budget_, nullptr)),
+              bytes_(other.bytes_) {}
+        Lease& operator=(Lease&& other) noexcept {
+            std::swap(budget_, other.budget_);
+            std::swap(bytes_, other.bytes_);
+            return *this;
+        }
+        Lease(const Lease&) = delete;
+        ~Lease() {
+            if (budget_ != nullptr) budget_->used_ -= bytes_;
+        }
+
+    private:
+        friend class Budget;
+        Lease(Budget* budget, std::uint64_t bytes) : budget_(budget), bytes_(bytes) {}
+        Budget* budget_ = nullptr;
+        std::uint64_t bytes_ = 0;
+    };
+
+    explicit Budget(std::uint64_t limit) : limit_(limit) {}
+    Budget(const Budget&) = delete;
+
+    /// Nothing when fewer than `bytes` are left; never overflows.
+    [[nodiscard]] std::optional<Lease> reserve(std::uint64_t bytes) {
+        std::uint64_t used = used_.load();
+        do {
+            if (bytes > limit_ - used) return std::nullopt;
+        } while (!used_.compare_exchange_weak(used, used + bytes));
+        return Lease(this, bytes);
+    }
+
+    [[nodiscard]] std::uint64_t limit() const { return limit_; }
+    [[nodiscard]] std::uint64_t used() const { return used_.load(); }
+
+private:
+    const std::uint64_t limit_;
+    std::atomic<std::uint64_t> used_{0};
+};
+
+}  // namespace raynest::server

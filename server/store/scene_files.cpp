@@ -1,0 +1,114 @@
+#include "server/store/scene_files.h"
+
+#include "engine/assets/gltf_names.h"
+#include "engine/assets/gltf_prescan.h"
+
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
+
+namespace raynest::server {
+namespace {
+
+using Json = nlohmann::json;
+
+int hex_digit(char c) {
+    if (c >= '0' && c <= '9') return c - '0';
+    if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+    if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+    return -1;
+}
+
+std::string percent_decoded(std::string_view uri) {
+    std::string name;
+    for (std::size_t i = 0; i < uri.size(); ++i) {
+        const bool code = uri[i] == '%' && i + 2 < uri.size() && hex_digit(uri[i + 1]) >= 0 &&
+                          hex_digit(uri[i + 2]) >= 0;
+        name +=
+            code ? static_cast<char>(hex_digit(uri[i + 1]) * 16 + hex_digit(uri[i + 2])) : uri[i];
+        if (code) i += 2;
+    }
+    return name;
+}
+
+/// Collects `uri` of the objects in the top-level arrays "buffers" and "images", and builds
+/// nothing: a document of any depth costs one word per level.
+class UriCollector final : public nlohmann::json_sax<Json> {
+public:
+    std::vector<std::string> names;
+
+    bool null() override { return true; }
+    bool boolean(bool) override { return true; }
+    bool number_integer(number_integer_t) override { return true; }
+    bool number_unsigned(number_unsigned_t) override { return true; }
+    bool number_float(number_float_t, const string_t&) override { return true; }
+    bool binary(binary_t&) override { return true; }
+    bool string(string_t& value) override {
+        if (depth_ != 3 || !in_files_ || key_ != "uri" || !gltf::is_safe_name(value)) return true;
+        std::string name = percent_decoded(value);
+        if (std::find(names.begin(), names.end(), name) == names.end())
+            names.push_back(std::move(name));
+        return names.size() <= names_max;
+    }
+    bool start_object(std::size_t) override { return ++depth_ <= depth_max; }
+    bool start_array(std::size_t) override { return ++depth_ <= depth_max; }
+    bool end_object() override { return --depth_ >= 0; }
+    bool end_array() override { return --depth_ >= 0; }
+    bool key(string_t& value) override {
+        if (depth_ == 1) in_files_ = value == "buffers" || value == "images";
+        key_ = value;
+        return true;
+    }
+    bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception&) override {
+        return false;
+    }
+
+private:
+    static constexpr int depth_max = 64;
+    static constexpr std::size_t names_max = 4096;
+    int depth_ = 0;
+    bool in_files_ = false;
+    std::string key_;
+};
+
+}  // namespace
+
+std::vector<std::string> named_files(std::span<const std::byte> main_file) {
+    std::span<const std::byte> json = main_file;
+    if (gltf::starts_as_glb(main_file)) {
+        const auto chunks = gltf::open_glb(main_file);
+        if (!chunks) return {};
+        json = chunks->json;
+    }
+    UriCollector collector;
+    const char* text = reinterpret_cast<const char*>(json.data());
+    Json::sax_parse(text, text + json.size(), &collector);
+    return std::move(collector.names);
+}
+
+Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, std::string_view path,
+                                           std::size_t files_max, std::uint64_t bytes_max) {
+    auto main = read_under_root(root, path, bytes_max);
+    if (!main) return tl::unexpected(main.error());
+    const std::filesystem::path folder = std::filesystem::path(main->name).parent_path();
+    main->name = std::filesystem::path(main->name).filename().string();
+
+    const std::vector<std::string> names = named_files(main->bytes);
+    if (names.size() >= files_max)
+        return fail(ErrorCode::limit_exceeded, "root:" + std::string(path) + " names over " +
+                                                   std::to_string(files_max) + " files");
+    std::uint64_t left = bytes_max - main->bytes.size();
+    std::vector<SourceFile> files;
+    files.push_back(std::move(*main));
+    for (const std::string& name : names) {
+        auto file = read_under_root(root, (folder / name).string(), left);
+        if (!file && file.error().code == ErrorCode::limit_exceeded)
+            return tl::unexpected(file.error());
+        if (!file) continue;
+        left -= file->bytes.size();
+        files.push_back({name, std::move(file->bytes)});
+    }
+    return files;
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,89 @@
+#include "server/store/scene_store.h"
+
+#include <utility>
+
+namespace raynest::server {
+
+Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const Snapshot> snapshot) {
+    std::weak_ptr<const HeldScene>& known = by_hash_[snapshot->hash()];
+    if (auto held = known.lock()) return held;
+
+    const std::uint64_t bytes = snapshot->bytes().size();
+    auto lease = budget_.reserve(bytes);
+    if (!lease)
+        return refuse(Code::resource_exhausted,
+                      "the scene takes " + std::to_string(bytes) + " bytes, " +
+                          std::to_string(budget_.limit() - budget_.used()) +
+                          " of --memory are free; unload a scene or start raynestd with more");
+    auto held =
+        std::make_shared<const HeldScene>(HeldScene{std::move(snapshot), std::move(*lease)});
+    known = held;
+    return held;
+}
+
+Reply<NamedScene> SceneStore::publish(const std::string& name,
+                                      std::shared_ptr<const Snapshot> snapshot, bool replace,
+                                      const std::string& principal) {
+    std::erase_if(by_hash_, [](const auto& known) { return known.second.expired(); });
+
+    const auto found = entries_.find(name);
+    const bool taken = found != entries_.end();
+    if (taken && found->second.scene.snapshot().hash() == snapshot->hash()) {
+        found->second.principals.insert(principal);
+        return found->second.scene;
+    }
+    if (taken && !replace)
+        return refuse(Code::name_taken, "the name '" + name +
+                                            "' belongs to other content; choose another --name or "
+                                            "pass --replace");
+    auto held = hold(std::move(snapshot));
+    if (!held) return tl::unexpected(held.error());
+
+    Entry& entry = entries_[name];
+    entry.scene.name = name;
+    entry.scene.held = std::move(*held);
+    ++entry.scene.epoch;
+    entry.principals.insert(principal);
+    return entry.scene;
+}
+
+bool SceneStore::holds(const std::string& hash) const {
+    const auto known = by_hash_.find(hash);
+    return known != by_hash_.end() && !known->second.expired();
+}
+
+Reply<NamedScene> SceneStore::find(std::string_view name, std::uint64_t epoch) const {
+    const auto found = entries_.find(name);
+    if (found == entries_.end())
+        return refuse(Code::scene_unknown, "scene '" + std::string(name) +
+                                               "' is not loaded; run: raynest load FILE --name " +
+                                               std::string(name));
+    const NamedScene& scene = found->second.scene;
+    if (epoch != 0 && epoch != scene.epoch)
+        return refuse(Code::scene_unknown, "scene '" + scene.name + "' is at epoch " +
+                                               std::to_string(scene.epoch) + ", not " +
+                                               std::to_string(epoch) + "; ask without --epoch");
+    return scene;
+}
+
+Reply<bool> SceneStore::unload(std::string_view name, const std::string& principal) {
+    const auto found = entries_.find(name);
+    if (found == entries_.end())
+        return refuse(Code::scene_unknown,
+                      "scene '" + std::string(name) + "' is not loaded; run: raynest scenes");
+    if (found->second.principals.erase(principal) == 0)
+        return refuse(Code::not_allowed, "scene '" + std::string(name) +
+                                             "' was loaded by others; only they unload it");
+    const bool last = found->second.principals.empty();
+    if (last) entries_.erase(found);
+    return last;
+}
+
+std::vector<NamedScene> SceneStore::list() const {
+    std::vector<NamedScene> scenes;
+    scenes.reserve(entries_.size());
+    for (const auto& [name, entry] : entries_) scenes.push_back(entry.scene);
+    return scenes;
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,76 @@
+#include "server/store/source_root.h"
+
+#include <fcntl.h>
+#include <linux/openat2.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+class Descriptor {
+public:
+    explicit Descriptor(int value) : value_(value) {}
+    Descriptor(const Descriptor&) = delete;
+    ~Descriptor() {
+        if (value_ >= 0) close(value_);
+    }
+    [[nodiscard]] int value() const { return value_; }
+
+private:
+    int value_;
+};
+
+int open_beneath(int folder, const std::string& path) {
+    open_how how{};
+    how.flags = O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY;
+    how.resolve = RESOLVE_BENEATH | RESOLVE_NO_SYMLINKS | RESOLVE_NO_MAGICLINKS;
+    return static_cast<int>(syscall(SYS_openat2, folder, path.c_str(), &how, sizeof how));
+}
+
+}  // namespace
+
+Result<SourceFile> read_under_root(const std::filesystem::path& root, std::string_view path,
+                                   std::uint64_t bytes_max) {
+    const std::string name(path);
+    if (root.empty())
+        return fail(ErrorCode::scene_unsupported,
+                    "root:" + name + " needs a daemon that was started with --scene-root DIR");
+    if (name.empty() || name.front() == '/' || name.find('\0') != std::string::npos)
+        return fail(ErrorCode::scene_invalid,
+                    "root:PATH takes the path of a file below --scene-root, without a leading /");
+
+    const Descriptor folder(open(root.c_str(), O_PATH | O_DIRECTORY | O_CLOEXEC));
+    const Descriptor file(folder.value() < 0 ? -1 : open_beneath(folder.value(), name));
+    if (file.value() < 0)
+        return fail(ErrorCode::scene_invalid, "cannot open root:" + name + ": " +
+                                                  std::strerror(errno) +
+                                                  " (links and .. are not followed)");
+    struct stat status {};
+    if (fstat(file.value(), &status) != 0 || !S_ISREG(status.st_mode))
+        return fail(ErrorCode::scene_invalid, "root:" + name + " is not a regular file");
+    const auto size = static_cast<std::uint64_t>(status.st_size);
+    if (size > bytes_max)
+        return fail(ErrorCode::limit_exceeded, "root:" + name + " has " + std::to_string(size) +
+                                                   " bytes, the limit is " +
+                                                   std::to_string(bytes_max));
+
+    // The file may shrink while it is read; it never grows past the size that was checked.
+    SourceFile result{name, std::vector<std::byte>(size)};
+    std::size_t done = 0;
+    while (done < result.bytes.size()) {
+        const ssize_t got =
+            read(file.value(), result.bytes.data() + done, result.bytes.size() - done);
+        if (got < 0 && errno == EINTR) continue;
+        if (got <= 0) return fail(ErrorCode::io_failed, "cannot read root:" + name + " to its end");
+        done += static_cast<std::size_t>(got);
+    }
+    return result;
+}
+
+}  // namespace raynest::server
