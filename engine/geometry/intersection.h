@@ -2,6 +2,7 @@
 // keep_if.
 #pragma once
 
+#include "engine/geometry/box.h"
 #include "engine/geometry/ray_view.h"
 #include "engine/math/lanes.h"
 
@@ -57,20 +58,31 @@ struct Hits {
     }
 };
 
+/// One entered box, as keep_if hands it to an intersector: in the space of the level, as the ray
+/// is.
+struct EnteredBox {
+    Box box;
+    float near;  ///< where the ray enters; t, so comparable at every level
+};
+
 /// Boxes that the ray enters before tmax, and where.
 template <class B, int N>
 struct Spans {
     static constexpr int lanes = N;
+    static constexpr std::size_t lane_count = N;
     std::uint32_t mask = 0;
     Lanes<N> near;
     B boxes;
 
-    /// Removes boxes that `keep(const Box&)` refuses; nothing inside a removed box is visited.
+    /// Removes boxes that `keep(const EnteredBox&)` refuses; nothing inside them is visited.
     template <class Keep>
     RAYNEST_INLINE void keep_if(Keep&& keep) {
+        if (mask == 0) return;
+        alignas(32) float nears[lane_count];
+        near.store(nears);
         for (std::uint32_t rest = mask; rest != 0; rest &= rest - 1) {
             const int lane = std::countr_zero(rest);
-            if (!keep(boxes.box_of(lane))) mask &= ~(1U << lane);
+            if (!keep(EnteredBox{boxes.box_of(lane), nears[lane]})) mask &= ~(1U << lane);
         }
     }
 };

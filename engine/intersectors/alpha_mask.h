@@ -1,9 +1,7 @@
 // The paper's first use case: texels with low alpha are holes that the ray passes through.
 #pragma once
 
-#include "engine/bvh/ask.h"
-#include "engine/geometry/intersect_triangle.h"
-#include "engine/intersectors/params.h"
+#include "engine/intersectors/interface.h"
 #include "engine/intersectors/texture.h"
 
 #include <tuple>

@@ -1,9 +1,7 @@
 // The paper's second use case: a mask computed from the texture coordinates, no image needed.
 #pragma once
 
-#include "engine/bvh/ask.h"
-#include "engine/geometry/intersect_triangle.h"
-#include "engine/intersectors/params.h"
+#include "engine/intersectors/interface.h"
 #include "engine/intersectors/texture.h"
 
 #include <array>

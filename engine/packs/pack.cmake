@@ -102,6 +102,7 @@ function(raynest_kernel_pack pack)
         set(object ${pack}_${name})
         add_library(${object} OBJECT ${RAYNEST_PACK_SOURCE_DIR}/variant.cpp)
         target_link_libraries(${object} PRIVATE raynest::kernel)
+        set_target_properties(${object} PROPERTIES POSITION_INDEPENDENT_CODE ON CXX_EXTENSIONS OFF)
         target_compile_options(${object} PRIVATE ${_raynest_flags_${arg_TARGET}})
         target_compile_definitions(${object} PRIVATE
             RAYNEST_INTERSECTOR_HEADER="${header}"
@@ -127,5 +128,6 @@ function(raynest_kernel_pack pack)
         RAYNEST_RECORD_TYPES="${generated}/record_types.h")
     set(exports ${RAYNEST_PACK_SOURCE_DIR}/pack.map)
     target_link_options(${pack} PRIVATE -Wl,--no-undefined -Wl,--version-script=${exports})
-    set_target_properties(${pack} PROPERTIES PREFIX "" OUTPUT_NAME ${pack} LINK_DEPENDS ${exports})
+    set_target_properties(${pack} PROPERTIES PREFIX "" OUTPUT_NAME ${pack} LINK_DEPENDS ${exports}
+        CXX_EXTENSIONS OFF)
 endfunction()

@@ -3,7 +3,8 @@
 // Nothing is listed here: the matrix is what the registry loads, so an intersector in a pack
 // outside this tree goes through it too (--pack-dir). A difference is a difference of bytes.
 //
-//   conformance [--target v2|v3|v4] [--pack-dir DIR]... [--edge-rays N]
+//   conformance [--target v2|v3|v4] [--pack-dir DIR]... [--intersector NAME] [--edge-rays N]
+//   conformance --kernels all        how many kernels each pack holds, and nothing else
 //
 // Prints one line per (target, intersector) and a closing line; exits 1 on any difference.
 #include "engine/packs/registry.h"
@@ -103,8 +104,9 @@ void print_ray(const Case& test, const Answer& answer, const Answer& expected, Q
         return out.str();
     };
     const Ray& r = test.rays[ray];
-    std::cout << std::setprecision(9) << "  ray " << ray << ": origin " << text(r.origin) << " tmin "
-              << r.tmin << " direction " << text(r.direction) << " tmax " << r.tmax << '\n';
+    std::cout << std::setprecision(9) << "  ray " << ray << ": origin " << text(r.origin)
+              << " tmin " << r.tmin << " direction " << text(r.direction) << " tmax " << r.tmax
+              << '\n';
     const std::size_t at = query == query_multi ? ray * multi_capacity : ray;
     for (const auto& [name, from] : {std::pair{"got     ", &answer}, {"expected", &expected}}) {
         const HitRecord& h = from->hits[at];
@@ -249,13 +251,23 @@ void check_variant(const Variant& variant, const std::vector<Case>& cases, Tally
 int main_checked(int argc, char** argv) {
     std::vector<std::string> targets{"v2", "v3", "v4"};
     Registry::Options options;
+    std::string only;
     std::uint32_t edge_ray_count = 1'000'000;
     for (int i = 1; i + 1 < argc; i += 2) {
         const std::string flag = argv[i];
         if (flag == "--target") targets = {argv[i + 1]};
         if (flag == "--pack-dir") options.pack_dirs.emplace_back(argv[i + 1]);
+        if (flag == "--intersector") only = argv[i + 1];
         if (flag == "--edge-rays")
             edge_ray_count = static_cast<std::uint32_t>(std::stoul(argv[i + 1]));
+    }
+    if (argc > 1 && std::string(argv[1]) == "--kernels") {
+        const auto registry = Registry::load(options);
+        if (!registry) return 1;
+        for (const Pack* pack : (*registry)->packs()) {
+            std::printf("%s %u kernels\n", pack->target, pack->kernel_count);
+        }
+        return 0;
     }
     const std::vector<Case> cases = make_cases(edge_ray_count);
     Tally total;
@@ -269,6 +281,7 @@ int main_checked(int argc, char** argv) {
             continue;
         }
         for (const Variant& variant : (*registry)->variants()) {
+            if (!only.empty() && variant.name != only) continue;
             check_variant(variant, cases, total, golden);
         }
     }

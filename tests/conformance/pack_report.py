@@ -1,0 +1,64 @@
+"""What the kernel packs cost: kernels, compile seconds and bytes per pack; and that each holds only
+instructions of its own target.
+
+usage: pack_report.py BUILD_DIR KERNELS_MAX PACK...
+
+Fails when a pack has more kernels than the committed count, exports more than one symbol, or holds
+instructions that its target lacks (VEX in v2, EVEX registers in v3). Seconds come from ninja's log of
+the last build of each object; with ccache they are those of the cache.
+"""
+
+import pathlib
+import re
+import subprocess
+import sys
+
+
+def compile_seconds(build, pack):
+    """Sum over the pack's objects of ninja's (end - start), in ms there."""
+    log = build / ".ninja_log"
+    if not log.exists():
+        return None
+    spans = {}
+    for line in log.read_text().splitlines()[1:]:
+        start, end, _, output, _ = line.split("\t")
+        if f"/{pack}_" in output or f"/{pack}.dir/" in output:
+            spans[output] = (int(end) - int(start)) / 1000
+    return sum(spans.values())
+
+
+def main():
+    build, kernels_max = pathlib.Path(sys.argv[1]), int(sys.argv[2])
+    conformance = build / "bin/conformance"
+    kernels = dict(
+        re.findall(r"^(v\d) (\d+) kernels$", subprocess.run([conformance, "--kernels", "all"], capture_output=True, text=True).stdout, re.M)
+    )
+    failed = 0
+    for path in map(pathlib.Path, sys.argv[3:]):
+        target = path.stem.split("-")[-1]
+        code = subprocess.run(["objdump", "-d", "--no-show-raw-insn", path], check=True, capture_output=True, text=True).stdout
+        exported = subprocess.run(["nm", "-D", "--defined-only", path], check=True, capture_output=True, text=True).stdout.split()[2::3]
+        vex = len(re.findall(r"\tv[a-z0-9]+ ", code))
+        evex = len(re.findall(r"%zmm|%[xy]mm(?:1[6-9]|2\d|3[01])|%k[1-7]", code))
+        seconds = compile_seconds(build, f"pack_{target}")
+        print(f"{target}: {kernels.get(target, 'not runnable here, ?')} kernels, "
+              f"{'no ninja log' if seconds is None else f'{seconds:.1f} s to compile'}, {path.stat().st_size >> 10} KiB, "
+              f"{vex} VEX and {evex} EVEX instructions")
+        if exported != ["raynest_pack"]:
+            print(f"FAILED: {path.name} exports {exported}")
+            failed = 1
+        if int(kernels.get(target, 0)) > kernels_max:
+            print(f"FAILED: more than the committed {kernels_max} kernels: raise the number in "
+                  "tests/conformance/CMakeLists.txt if that is meant")
+            failed = 1
+        if (target == "v2" and vex + evex) or (target == "v3" and evex):
+            print(f"FAILED: {path.name} holds instructions that its target lacks")
+            failed = 1
+    if not kernels:
+        print("FAILED: no pack told its kernels")
+        failed = 1
+    return failed
+
+
+if __name__ == "__main__":
+    sys.exit(main())
