@@ -1,0 +1,30 @@
+// The subcommands of `raynest`, one file each: a struct of options in, requests to the daemon, text
+// or JSON on stdout, files written. New subcommand: its options in options.h and .cpp, one file
+// here.
+#pragma once
+
+#include "client/connection.h"
+#include "client/failure.h"
+#include "client/options.h"
+#include "client/progress.h"
+
+namespace raynest::client {
+
+struct Context {
+    Connection& connection;
+    Progress& progress;
+    bool json = false;
+};
+
+Result<void> run(Context& context, const LoadOptions& options);
+Result<void> run(Context& context, const ScenesOptions& options);
+Result<void> run(Context& context, const InfoOptions& options);
+Result<void> run(Context& context, const PathOptions& options);
+Result<void> run(Context& context, const UnloadOptions& options);
+Result<void> run(Context& context, const VariantsOptions& options);
+Result<void> run(Context& context, const StatsOptions& options);
+Result<void> run(Context& context, const RenderOptions& options);
+Result<void> run(Context& context, const QueryOptions& options);
+Result<void> run(Context& context, const HeatmapOptions& options);
+
+}  // namespace raynest::client

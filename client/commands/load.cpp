@@ -1,0 +1,75 @@
+// raynest load SOURCE: upload what the daemon lacks, wait until the scene is built.
+#include "client/commands/commands.h"
+#include "client/scene_info.h"
+#include "client/upload.h"
+
+#include <iostream>
+
+namespace raynest::client {
+namespace {
+
+wire::LoadT load_message(const LoadOptions& options, const Upload& upload) {
+    wire::LoadT load;
+    load.source = upload.source;
+    load.name = options.name.empty() ? upload.scene_name : options.name;
+    load.replace = options.replace;
+    load.build = options.build;
+    load.primitive = options.primitive;
+    for (const UploadFile& file : upload.files) {
+        load.file_names.push_back(file.name);
+        load.file_hashes.push_back(file.hash);
+        load.file_bytes.push_back(file.bytes.size());
+    }
+    return load;
+}
+
+Result<Reply<wire::Loaded>> load_scene(Context& context, const LoadOptions& options,
+                                       const Upload& upload) {
+    Connection& connection = context.connection;
+    if (auto started = connection.start(load_message(options, upload)); !started)
+        return tl::unexpected<Failure>(started.error());
+    while (true) {
+        auto frame = connection.next();
+        if (!frame) return tl::unexpected<Failure>(frame.error());
+        if (is<wire::Loaded>(*frame)) return open_reply<wire::Loaded>(std::move(*frame));
+        if (is<wire::Need>(*frame)) {
+            const auto need = open_reply<wire::Need>(std::move(*frame));
+            if (!need) return tl::unexpected<Failure>(need.error());
+            const auto sent =
+                send_files(connection, upload, *need->message.table, context.progress);
+            if (!sent) return tl::unexpected<Failure>(sent.error());
+        } else if (is<wire::Progress>(*frame)) {
+            const auto news = open_reply<wire::Progress>(std::move(*frame));
+            if (news)
+                context.progress.update((*news)->done(), (*news)->total(),
+                                        protocol::text((*news)->stage()));
+        }
+    }
+}
+
+}  // namespace
+
+Result<void> run(Context& context, const LoadOptions& options) {
+    const Result<Upload> upload = gather(options.source, options.primitive, options.instances);
+    if (!upload) return tl::unexpected<Failure>(upload.error());
+    const auto loaded = load_scene(context, options, *upload);
+    context.progress.clear();
+    if (!loaded) return tl::unexpected<Failure>(loaded.error());
+
+    const wire::SceneInfo& info = protocol::present((*loaded)->info());
+    const double seconds = (*loaded)->seconds();
+    if (context.json) {
+        Json json = scene_json(info);
+        json["seconds"] = seconds;
+        json["reused"] = (*loaded)->reused();
+        print_json(json);
+    } else {
+        print_scene(info);
+        std::cout << ((*loaded)->reused() ? "was loaded already"
+                                          : "loaded in " + seconds_text(seconds))
+                  << '\n';
+    }
+    return {};
+}
+
+}  // namespace raynest::client

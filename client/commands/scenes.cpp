@@ -1,0 +1,42 @@
+// raynest scenes: what is loaded.
+#include "client/commands/commands.h"
+#include "client/output.h"
+
+namespace raynest::client {
+
+Result<void> run(Context& context, const ScenesOptions&) {
+    Json scenes = Json::array();
+    std::vector<std::vector<std::string>> rows = {
+        {"SCENE", "EPOCH", "TRIANGLES", "MEMORY", "HASH"}};
+    wire::ScenesT request;
+    // The daemon answers page by page; an empty page ends a list that shrank meanwhile.
+    for (bool more = true; more;) {
+        const auto page = ask<wire::SceneList>(context.connection, request);
+        if (!page) return tl::unexpected<Failure>(page.error());
+        const wire::SceneList& list = *page->message.table;
+        const std::vector<std::string> names = protocol::strings(list.names());
+        const std::vector<std::string> hashes = protocol::strings(list.hashes());
+        for (std::size_t k = 0; k < names.size(); ++k) {
+            const auto i = static_cast<flatbuffers::uoffset_t>(k);
+            const std::uint64_t epoch = list.epochs()->Get(i);
+            const std::uint64_t triangles = list.instanced_triangles()->Get(i);
+            const std::uint64_t bytes = list.bytes()->Get(i);
+            scenes.push_back(Json{{"name", names[k]},
+                                  {"hash", hashes[k]},
+                                  {"epoch", epoch},
+                                  {"instanced_triangles", triangles},
+                                  {"bytes", bytes}});
+            rows.push_back({names[k], std::to_string(epoch), grouped(triangles), bytes_text(bytes),
+                            hashes[k]});
+        }
+        request.first += static_cast<std::uint32_t>(names.size());
+        more = !names.empty() && request.first < list.total();
+    }
+    if (context.json)
+        print_json(Json{{"scenes", scenes}});
+    else
+        print_table(rows);
+    return {};
+}
+
+}  // namespace raynest::client

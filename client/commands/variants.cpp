@@ -1,0 +1,95 @@
+// raynest variants: the compiled intersectors, their parameters and outputs.
+#include "client/commands/commands.h"
+#include "client/output.h"
+
+#include <iostream>
+
+namespace raynest::client {
+namespace {
+
+Json param_json(const wire::Param& param) {
+    Json json{{"name", protocol::text(param.name())},
+              {"type", protocol::text(param.type())},
+              {"text", protocol::text(param.text())}};
+    const std::vector<std::string> choices = protocol::strings(param.choices());
+    if (choices.empty()) {
+        json["minimum"] = param.minimum();
+        json["maximum"] = param.maximum();
+        json["default"] = param.initial();
+        return json;
+    }
+    json["choices"] = choices;
+    // Any number may arrive as the index; what is none of the choices has no default.
+    const double initial = param.initial();
+    if (initial >= 0 && initial < static_cast<double>(choices.size()))
+        json["default"] = choices[static_cast<std::size_t>(initial)];
+    return json;
+}
+
+Json variant_json(const wire::Variant& variant) {
+    Json json{{"name", protocol::text(variant.name())},
+              {"text", protocol::text(variant.text())},
+              {"target", protocol::text(variant.target())},
+              {"targets", protocol::strings(variant.targets())},
+              {"queries", protocol::strings(variant.queries())},
+              {"params", Json::array()},
+              {"outputs", Json::array()}};
+    if (variant.params() != nullptr)
+        for (const wire::Param* param : *variant.params())
+            json["params"].push_back(param_json(*param));
+    if (variant.outputs() != nullptr)
+        for (const wire::Output* output : *variant.outputs())
+            json["outputs"].push_back(Json{{"name", protocol::text(output->name())},
+                                           {"type", protocol::text(output->type())},
+                                           {"text", protocol::text(output->text())}});
+    return json;
+}
+
+std::string joined(const Json& list) {
+    std::string line;
+    for (const Json& item : list) line += (line.empty() ? "" : " ") + item.get<std::string>();
+    return line;
+}
+
+void print_variant(const Json& variant) {
+    std::cout << variant["name"].get<std::string>() << "  (" << joined(variant["queries"]) << "; "
+              << joined(variant["targets"]) << ", runs on " << variant["target"].get<std::string>()
+              << ")\n    " << variant["text"].get<std::string>() << '\n';
+    for (const Json& param : variant["params"]) {
+        std::cout << "    --set " << param["name"].get<std::string>() << "=";
+        if (param.contains("choices"))
+            std::cout << joined(param["choices"]);
+        else
+            std::cout << param["minimum"].dump() << ".." << param["maximum"].dump();
+        const Json standard = param.value("default", Json());
+        std::cout << "  (" << (standard.is_string() ? standard.get<std::string>() : standard.dump())
+                  << ")  " << param["text"].get<std::string>() << '\n';
+    }
+    for (const Json& output : variant["outputs"])
+        std::cout << "    --fields " << output["name"].get<std::string>() << "  "
+                  << output["text"].get<std::string>() << '\n';
+}
+
+}  // namespace
+
+Result<void> run(Context& context, const VariantsOptions&) {
+    Json all = Json::array();
+    wire::VariantsT request;
+    for (bool more = true; more;) {
+        const auto page = ask<wire::VariantList>(context.connection, request);
+        if (!page) return tl::unexpected<Failure>(page.error());
+        const auto* variants = (*page)->variants();
+        const std::uint32_t count = variants != nullptr ? variants->size() : 0;
+        for (std::uint32_t i = 0; i < count; ++i) all.push_back(variant_json(*variants->Get(i)));
+        request.first += count;
+        more = count != 0 && request.first < (*page)->total();
+    }
+    if (context.json) {
+        print_json(Json{{"variants", all}});
+    } else {
+        for (const Json& variant : all) print_variant(variant);
+    }
+    return {};
+}
+
+}  // namespace raynest::client

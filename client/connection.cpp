@@ -1,0 +1,297 @@
+#include "client/connection.h"
+
+#include "client/interrupt.h"
+
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/connect.hpp>
+#include <boost/asio/generic/stream_protocol.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/local/stream_protocol.hpp>
+#include <boost/asio/write.hpp>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <utility>  // before Asio: Boost 1.74 needs std::exchange in C++20
+#include <vector>
+
+namespace raynest::client {
+
+namespace asio = boost::asio;
+using boost::system::error_code;
+using protocol::Frame;
+
+namespace {
+
+constexpr std::chrono::seconds greeting_time{5};
+/// The daemon answers DEADLINE itself; beyond this the connection is taken for dead.
+constexpr std::chrono::seconds grace{5};
+constexpr std::size_t staging_bytes = 64 << 10;
+
+/// tcp://HOST:PORT -> {HOST, PORT}
+std::optional<std::pair<std::string, std::string>> split_authority(const std::string& uri) {
+    const std::string authority = uri.substr(6);
+    const std::size_t colon = authority.rfind(':');
+    if (colon == std::string::npos || colon == 0 || colon + 1 == authority.size())
+        return std::nullopt;
+    std::string host = authority.substr(0, colon);
+    if (host.size() > 2 && host.front() == '[' && host.back() == ']')
+        host = host.substr(1, host.size() - 2);
+    return std::pair{host, authority.substr(colon + 1)};
+}
+
+/// The outcome of a connect() that was begun on a non-blocking socket.
+error_code finish_connect(int socket) {
+    pollfd waiting{socket, POLLOUT, 0};
+    const std::chrono::milliseconds patience = greeting_time;
+    const int ready = ::poll(&waiting, 1, static_cast<int>(patience.count()));
+    if (ready < 0) return {errno, boost::system::system_category()};
+    if (ready == 0) return asio::error::timed_out;
+    int outcome = 0;
+    socklen_t size = sizeof outcome;
+    getsockopt(socket, SOL_SOCKET, SO_ERROR, &outcome, &size);
+    return {outcome, boost::system::system_category()};
+}
+
+}  // namespace
+
+struct Connection::Socket {
+    asio::io_context io;
+    asio::generic::stream_protocol::socket stream{io};
+
+    /// Connects to the first endpoint that answers.
+    template <class Endpoints>
+    error_code connect(const Endpoints& endpoints) {
+        error_code error = asio::error::host_not_found;
+        for (const auto& endpoint : endpoints) {
+            stream.close(error);
+            const asio::generic::stream_protocol::endpoint generic(endpoint);
+            stream.open(generic.protocol(), error);
+            if (error) continue;
+            stream.non_blocking(true);
+            stream.connect(generic, error);
+            if (error == asio::error::in_progress || error == asio::error::would_block)
+                error = finish_connect(stream.native_handle());
+            if (error) continue;
+            stream.non_blocking(false);
+            return error;
+        }
+        return error;
+    }
+
+    error_code connect_tcp(const std::string& host, const std::string& port) {
+        error_code error;
+        asio::ip::tcp::resolver resolver(io);
+        const auto found = resolver.resolve(host, port, error);
+        if (error) return error;
+        std::vector<asio::ip::tcp::endpoint> endpoints;
+        for (const auto& entry : found) endpoints.push_back(entry.endpoint());
+        error = connect(endpoints);
+        if (error) return error;
+        const int on = 1;
+        setsockopt(stream.native_handle(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+        setsockopt(stream.native_handle(), SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
+        return error;
+    }
+};
+
+Connection::Connection(std::unique_ptr<Socket> socket)
+    : socket_(std::move(socket)),
+      staging_(new std::byte[staging_bytes]) {}
+
+Connection::~Connection() = default;
+
+Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
+                                                     const std::string& token) {
+    auto socket = std::make_unique<Socket>();
+    error_code error;
+    try {
+        if (uri.rfind("tcp://", 0) == 0) {
+            const auto authority = split_authority(uri);
+            if (!authority) return fail(Exit::usage, "'" + uri + "' is not tcp://HOST:PORT");
+            error = socket->connect_tcp(authority->first, authority->second);
+        } else if (uri.rfind("unix:", 0) == 0) {
+            const std::array endpoints = {asio::local::stream_protocol::endpoint(uri.substr(5))};
+            error = socket->connect(endpoints);
+        } else {
+            return fail(Exit::usage,
+                        "'" + uri + "' is no server: use tcp://HOST:PORT or unix:PATH");
+        }
+    } catch (const boost::system::system_error& thrown) {  // a path too long for a socket
+        error = thrown.code();
+    }
+    if (error)
+        return fail(Exit::cannot_connect, "cannot connect to " + uri + ": " + error.message() +
+                                              "; is raynestd running there?");
+
+    std::unique_ptr<Connection> connection(new Connection(std::move(socket)));
+    if (auto greeted = connection->greet(token); !greeted)
+        return tl::unexpected<Failure>(greeted.error());
+    return connection;
+}
+
+Result<void> Connection::greet(const std::string& token) {
+    wire::HelloT hello;
+    hello.version_min = protocol::version_min;
+    hello.version_max = protocol::version_max;
+    hello.client = "raynest " RAYNEST_VERSION;
+    hello.token = token;
+    hello.window_bytes = limits_.window_bytes;
+    give_up_ = Clock::now() + greeting_time;
+    if (auto sent = send(protocol::encode(0, hello)); !sent) return sent;
+    auto frame = next();
+    if (!frame && frame.error().exit == Exit::failed)
+        return fail(Exit::cannot_connect, "no RayNest daemon answers: " + frame.error().message);
+    if (!frame) return tl::unexpected<Failure>(frame.error());
+    const auto welcome = protocol::open<wire::Welcome>(*frame);
+    if (!welcome)
+        return fail(Exit::cannot_connect, "no RayNest daemon answers: " + welcome.error().message);
+    daemon_ = {std::string(protocol::text((*welcome)->server())), (*welcome)->version(),
+               (*welcome)->window_bytes(), (*welcome)->frame_bytes_max(),
+               (*welcome)->chunk_rays_max()};
+    // A daemon may be configured to take less than we could send, never more.
+    daemon_.chunk_rays_max =
+        std::clamp<std::uint64_t>(daemon_.chunk_rays_max, 1, limits_.chunk_rays_max);
+    daemon_.frame_bytes_max = std::clamp<std::uint64_t>(
+        daemon_.frame_bytes_max, 2 * limits_.control_bytes_max, limits_.frame_bytes_max);
+    return {};
+}
+
+void Connection::begin(std::chrono::milliseconds deadline) {
+    ++id_;
+    credit_ = static_cast<std::int64_t>(daemon_.window_bytes);
+    consumed_ = 0;
+    give_up_.reset();
+    if (deadline.count() > 0) give_up_ = Clock::now() + deadline + grace;
+}
+
+Result<void> Connection::send(protocol::Result<Frame> frame) {
+    if (!frame) return tl::unexpected<Failure>(failure(frame.error()));
+    std::array<std::byte, protocol::header_bytes> header;
+    protocol::write_header(frame->header, header);
+    const std::array<asio::const_buffer, 3> parts = {
+        asio::buffer(header), asio::buffer(frame->control.data(), frame->control.size()),
+        asio::buffer(frame->bulk.data(), frame->bulk.size())};
+    error_code error;
+    asio::write(socket_->stream, parts, error);
+    if (!error) return {};
+    // A daemon that closes has usually said why: that is the better message.
+    while (true) {
+        auto last = read_frame();
+        if (!last) break;
+        if (!is<wire::Error>(*last)) continue;
+        if (const auto said = protocol::open<wire::Error>(*last))
+            return tl::unexpected<Failure>(
+                failure({static_cast<protocol::Code>((*said)->code()),
+                         std::string(protocol::text((*said)->message())), 0}));
+    }
+    return fail(Exit::failed, "the connection broke: " + error.message());
+}
+
+Result<void> Connection::grant(std::uint64_t bytes) {
+    wire::CreditT credit;
+    credit.bytes = bytes;
+    return send(protocol::encode(id_, credit));
+}
+
+void Connection::cancel(const char* reason) {
+    wire::CancelT message;
+    message.reason = reason;
+    const auto frame = protocol::encode(id_, message);
+    std::vector<std::byte> bytes(protocol::header_bytes + frame->control.size());
+    protocol::write_header(frame->header, std::span<std::byte, protocol::header_bytes>(
+                                              bytes.data(), protocol::header_bytes));
+    std::memcpy(bytes.data() + protocol::header_bytes, frame->control.data(),
+                frame->control.size());
+    error_code error;
+    asio::write(socket_->stream, asio::buffer(bytes), error);  // closing cancels as well
+}
+
+Result<Frame> Connection::next() {
+    while (true) {
+        auto frame = read_frame();
+        if (!frame) return frame;
+        const bool ours = frame->header.request_id == id_;
+        const bool about_connection = frame->header.request_id == 0;
+        if (!ours && !about_connection) continue;
+
+        if (is<wire::Error>(*frame)) {
+            auto error = open_reply<wire::Error>(std::move(*frame));
+            if (!error) return tl::unexpected<Failure>(error.error());
+            return tl::unexpected<Failure>(failure(
+                {static_cast<protocol::Code>((*error)->code()),
+                 std::string(protocol::text((*error)->message())), (*error)->retry_after_ms()}));
+        }
+        if (!ours) continue;
+        if (is<wire::Credit>(*frame)) {
+            const auto credit = protocol::open<wire::Credit>(*frame);
+            if (!credit) return tl::unexpected<Failure>(failure(credit.error()));
+            credit_ += static_cast<std::int64_t>((*credit)->bytes());
+        }
+        consumed_ += frame->bulk.size();
+        if (consumed_ >= limits_.window_bytes / 2) {
+            const std::uint64_t bytes = std::min(consumed_, limits_.window_bytes_max);
+            consumed_ -= bytes;
+            if (auto granted = grant(bytes); !granted)
+                return tl::unexpected<Failure>(granted.error());
+        }
+        return frame;
+    }
+}
+
+Result<Frame> Connection::read_frame() {
+    while (true) {
+        // What was read ahead comes first, then the socket: bulk straight into its place.
+        auto taken = decoder_.feed({staging_.get() + staged_begin_, staged_end_ - staged_begin_});
+        if (!taken) return tl::unexpected<Failure>(failure(taken.error()));
+        staged_begin_ += *taken;
+        if (decoder_.complete()) return decoder_.take();
+
+        if (auto ready = wait_readable(); !ready) return tl::unexpected<Failure>(ready.error());
+        const std::span<std::byte> room = decoder_.room();
+        const bool direct = room.size() > staging_bytes;
+        error_code error;
+        const std::size_t count =
+            socket_->stream.receive(direct ? asio::buffer(room.data(), room.size())
+                                           : asio::buffer(staging_.get(), staging_bytes),
+                                    0, error);
+        if (error == asio::error::interrupted) continue;
+        if (error)
+            return fail(Exit::failed, error == asio::error::eof
+                                          ? "the daemon closed the connection"
+                                          : "the connection broke: " + error.message());
+        if (direct) {
+            decoder_.filled(count);
+        } else {
+            staged_begin_ = 0;
+            staged_end_ = count;
+        }
+    }
+}
+
+Result<void> Connection::wait_readable() {
+    while (true) {
+        // The short wait bounds the moment between this test and poll() in which a signal is
+        // missed.
+        if (interrupted()) {
+            cancel("interrupted");
+            return fail(Exit::interrupted, "interrupted; the request was cancelled");
+        }
+        if (give_up_ && Clock::now() > *give_up_) {
+            cancel("deadline");
+            return fail(Exit::deadline, "no answer from the daemon within the deadline");
+        }
+        pollfd waiting{socket_->stream.native_handle(), POLLIN, 0};
+        const int ready = ::poll(&waiting, 1, 200);
+        if (ready > 0) return {};
+        if (ready < 0 && errno != EINTR)
+            return fail(Exit::failed, std::string("the connection broke: ") + std::strerror(errno));
+    }
+}
+
+}  // namespace raynest::client

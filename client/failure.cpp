@@ -1,0 +1,51 @@
+#include "client/failure.h"
+
+#include <nlohmann/json.hpp>
+
+namespace raynest::client {
+namespace {
+
+const char* own_name(Exit exit) {
+    switch (exit) {
+        case Exit::usage:
+            return "USAGE";
+        case Exit::cannot_connect:
+            return "CANNOT_CONNECT";
+        case Exit::invalid:
+            return "FILE_INVALID";
+        case Exit::deadline:
+            return "DEADLINE";
+        case Exit::interrupted:
+            return "INTERRUPTED";
+        default:
+            return "FAILED";
+    }
+}
+
+}  // namespace
+
+Failure failure(const protocol::Error& error) {
+    const protocol::ErrorInfo& info = protocol::error_info(error.code);
+    return {info.exit, static_cast<std::uint32_t>(info.code), std::string(info.name),
+            error.message.empty() ? std::string(info.remedy) : error.message, error.retry_after_ms};
+}
+
+Failure failure(Exit exit, std::string message) {
+    return {exit, 1000U + static_cast<std::uint32_t>(exit), own_name(exit), std::move(message), 0};
+}
+
+std::string describe(const Failure& failure, bool json) {
+    std::string message = failure.message;
+    if (failure.retry_after_ms != 0)
+        message += " (try again in " + std::to_string(failure.retry_after_ms) + " ms)";
+    if (!json) return "raynest: " + message;
+    nlohmann::ordered_json error;
+    error["code"] = failure.code;
+    error["name"] = failure.name;
+    error["message"] = message;
+    // File names may hold bytes that are not UTF-8.
+    return nlohmann::ordered_json{{"error", error}}.dump(
+        -1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,28 @@
+// Opening files that somebody else's file names: beneath a folder, regular files only.
+#pragma once
+
+#include "client/failure.h"
+#include "protocol/buffer.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+
+namespace raynest::client {
+
+/// The bytes of the file at `path`, which the user named. Devices, pipes and folders are refused
+/// without being waited for. Exit code 5, naming the file.
+Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_max);
+
+/// The same for `name` (components separated by '/') beneath `folder`: no "..", no absolute name,
+/// no symbolic link in any component, so that a scene from a stranger cannot have other files
+/// uploaded.
+Result<protocol::Buffer> read_file_beneath(const std::string& folder, const std::string& name,
+                                           std::uint64_t bytes_max);
+
+/// Writes a whole file, or leaves none behind: a new file takes the place of the old one at the
+/// end.
+Result<void> write_file(const std::string& path, std::span<const std::byte> bytes);
+
+}  // namespace raynest::client

@@ -1,0 +1,181 @@
+#include "client/gltf_names.h"
+
+#include "protocol/validate.h"
+
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
+#include <cstring>
+#include <string_view>
+
+namespace raynest::client {
+namespace {
+
+using nlohmann::json;
+
+/// Walks the JSON and keeps buffers[*].uri and images[*].uri.
+class UriCollector : public json::json_sax_t {
+public:
+    std::vector<std::string> uris;
+    std::string error;
+
+    bool null() override { return value(); }
+    bool boolean(bool) override { return value(); }
+    bool number_integer(number_integer_t) override { return value(); }
+    bool number_unsigned(number_unsigned_t) override { return value(); }
+    bool number_float(number_float_t, const string_t&) override { return value(); }
+    bool binary(binary_t&) override { return value(); }
+    bool string(string_t& text) override {
+        if (depth_ == 3 && in_list_ && key_ == "uri") uris.push_back(text);
+        return value();
+    }
+    bool key(string_t& name) override {
+        // A list counts as buffers or images from its key in the root to the next one there.
+        if (depth_ == 1) in_list_ = name == "buffers" || name == "images";
+        key_ = name;
+        return true;
+    }
+    bool start_object(std::size_t) override { return enter(); }
+    bool start_array(std::size_t) override {
+        if (depth_ == 0) return refuse("is not a JSON object");
+        return enter();
+    }
+    bool end_object() override { return leave(); }
+    bool end_array() override { return leave(); }
+    bool parse_error(std::size_t position, const std::string&,
+                     const nlohmann::detail::exception&) override {
+        return refuse("is not valid JSON (byte " + std::to_string(position) + ")");
+    }
+
+private:
+    bool refuse(std::string why) {
+        error = std::move(why);
+        return false;
+    }
+    bool value() { return depth_ > 0 || refuse("is not a JSON object"); }
+    bool enter() {
+        key_.clear();
+        return ++depth_ <= json_depth_max ||
+               refuse("is nested deeper than " + std::to_string(json_depth_max) + " levels");
+    }
+    bool leave() {
+        --depth_;
+        key_.clear();
+        return true;
+    }
+
+    std::size_t depth_ = 0;
+    bool in_list_ = false;
+    std::string key_;  ///< the last one of the innermost object
+};
+
+std::uint32_t word_at(std::span<const std::byte> bytes, std::size_t offset) {
+    std::uint32_t value = 0;
+    std::memcpy(&value, bytes.data() + offset, sizeof value);
+    return value;
+}
+
+constexpr std::uint32_t glb_magic = 0x46546C67;  // "glTF"
+constexpr std::uint32_t json_chunk = 0x4E4F534A;
+constexpr std::size_t glb_header_bytes = 12;
+constexpr std::size_t chunk_header_bytes = 8;
+
+/// Walks header and chunks; the JSON chunk comes first.
+Result<std::span<const std::byte>> glb_json(std::span<const std::byte> file) {
+    if (file.size() < glb_header_bytes + chunk_header_bytes)
+        return fail(Exit::invalid, "is cut within its GLB header");
+    if (word_at(file, 4) != 2)
+        return fail(Exit::invalid, "is GLB version " + std::to_string(word_at(file, 4)) +
+                                       "; only version 2 can be read");
+    if (word_at(file, 8) != file.size())
+        return fail(Exit::invalid, "says that it has " + std::to_string(word_at(file, 8)) +
+                                       " bytes, but has " + std::to_string(file.size()));
+    std::span<const std::byte> found;
+    for (std::size_t at = glb_header_bytes; at < file.size();) {
+        if (file.size() - at < chunk_header_bytes)
+            return fail(Exit::invalid, "is cut within a chunk header");
+        const std::size_t bytes = word_at(file, at);
+        if (bytes > file.size() - at - chunk_header_bytes)
+            return fail(Exit::invalid, "has a chunk that ends beyond the file");
+        if (at == glb_header_bytes) {
+            if (word_at(file, at + 4) != json_chunk)
+                return fail(Exit::invalid, "does not begin with a JSON chunk");
+            found = file.subspan(at + chunk_header_bytes, bytes);
+        }
+        at += chunk_header_bytes + bytes;
+    }
+    return found;
+}
+
+int hex_digit(char c) {
+    if (c >= '0' && c <= '9') return c - '0';
+    if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+    if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+    return -1;
+}
+
+}  // namespace
+
+Result<std::span<const std::byte>> gltf_json(std::span<const std::byte> file) {
+    const bool binary = file.size() >= 4 && word_at(file, 0) == glb_magic;
+    Result<std::span<const std::byte>> text = file;
+    if (binary) text = glb_json(file);
+    if (text && text->size() > json_bytes_max)
+        return fail(Exit::invalid, "has " + std::to_string(text->size()) +
+                                       " bytes of JSON; at most " + std::to_string(json_bytes_max) +
+                                       " are read");
+    return text;
+}
+
+Result<std::string> decode_uri(const std::string& uri) {
+    const auto refuse = [&](const char* why) {
+        const std::string shown = protocol::printable(uri) ? uri.substr(0, 80) : "(not printable)";
+        return fail(Exit::invalid, "names the file '" + shown + "', which " + why);
+    };
+    if (uri.empty()) return refuse("is empty");
+    if (uri.find(':') != std::string::npos) return refuse("has a scheme");
+
+    std::string name;
+    for (std::size_t i = 0; i < uri.size(); ++i) {
+        if (uri[i] != '%') {
+            name += uri[i];
+            continue;
+        }
+        const int high = i + 1 < uri.size() ? hex_digit(uri[i + 1]) : -1;
+        const int low = i + 2 < uri.size() ? hex_digit(uri[i + 2]) : -1;
+        if (high < 0 || low < 0) return refuse("is wrongly percent-encoded");
+        const char letter = static_cast<char>(high * 16 + low);
+        if (letter == '.' || letter == '/') return refuse("hides a dot or a slash");
+        name += letter;
+        i += 2;
+    }
+    if (name.size() > 1024 || !protocol::printable(name)) return refuse("is not printable");
+    if (name.find('\\') != std::string::npos || name.find(':') != std::string::npos)
+        return refuse("is not a relative path");
+    for (std::size_t begin = 0; begin <= name.size();) {
+        const std::size_t end = std::min(name.find('/', begin), name.size());
+        const std::string_view component = std::string_view(name).substr(begin, end - begin);
+        if (component.empty() || component == "." || component == "..")
+            return refuse("is not a plain path beneath the scene's folder");
+        begin = end + 1;
+    }
+    return name;
+}
+
+Result<std::vector<std::string>> gltf_names(std::span<const std::byte> json_text) {
+    UriCollector collector;
+    const char* begin = reinterpret_cast<const char*>(json_text.data());
+    if (!json::sax_parse(begin, begin + json_text.size(), &collector))
+        return fail(Exit::invalid, collector.error);
+    std::vector<std::string> names;
+    for (const std::string& uri : collector.uris) {
+        if (uri.rfind("data:", 0) == 0) continue;
+        Result<std::string> name = decode_uri(uri);
+        if (!name) return tl::unexpected<Failure>(name.error());
+        if (std::find(names.begin(), names.end(), *name) == names.end())
+            names.push_back(std::move(*name));
+    }
+    return names;
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,31 @@
+#include "client/interrupt.h"
+
+#include <signal.h>
+
+namespace raynest::client {
+namespace {
+
+volatile sig_atomic_t seen = 0;
+
+void note(int) {
+    seen = 1;
+}
+
+}  // namespace
+
+void catch_interrupts() {
+    struct sigaction action = {};
+    action.sa_handler = note;
+    // Without SA_RESTART: a waiting poll() wakes up. The second signal has its default effect.
+    action.sa_flags = static_cast<int>(SA_RESETHAND);
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGINT, &action, nullptr);
+    sigaction(SIGTERM, &action, nullptr);
+    signal(SIGPIPE, SIG_IGN);
+}
+
+bool interrupted() {
+    return seen != 0;
+}
+
+}  // namespace raynest::client

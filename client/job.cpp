@@ -1,0 +1,150 @@
+#include "client/job.h"
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <iostream>
+
+namespace raynest::client {
+
+std::chrono::milliseconds deadline_of(const JobOptions& options) {
+    return std::chrono::milliseconds(std::llround(options.deadline * 1000));
+}
+
+std::unique_ptr<wire::JobT> job_message(const JobOptions& options) {
+    auto job = std::make_unique<wire::JobT>();
+    job->scene = options.scene;
+    job->epoch = options.epoch;
+    job->intersector = options.intersector;
+    job->settings = options.settings;
+    job->precision = options.precision;
+    job->traversal = options.traversal;
+    job->mask = options.mask;
+    job->worker = options.worker;
+    job->priority = options.priority;
+    job->deadline_ms = static_cast<std::uint32_t>(deadline_of(options).count());
+    return job;
+}
+
+std::unique_ptr<wire::CameraT> camera_message(const CameraOptions& options) {
+    auto camera = std::make_unique<wire::CameraT>();
+    camera->name = options.name;
+    camera->fov_degrees = options.fov_degrees;
+    const std::vector<float>& v = options.look_at;
+    if (v.size() < 6) return camera;
+    camera->look_at = true;
+    camera->eye = std::make_unique<wire::Vec3>(v[0], v[1], v[2]);
+    camera->at = std::make_unique<wire::Vec3>(v[3], v[4], v[5]);
+    camera->up = v.size() == 9 ? std::make_unique<wire::Vec3>(v[6], v[7], v[8])
+                               : std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
+    return camera;
+}
+
+Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
+    if (is<wire::Started>(frame)) {
+        const auto opened = protocol::open<wire::Started>(frame);
+        if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
+        const wire::Started& started = *opened->table;
+        outcome.scene = protocol::text(started.scene());
+        outcome.hash = protocol::text(started.hash());
+        outcome.intersector = protocol::text(started.intersector());
+        outcome.target = protocol::text(started.target());
+        outcome.traversal = protocol::text(started.traversal());
+        outcome.precision = protocol::text(started.precision());
+        outcome.worker = protocol::text(started.worker());
+        outcome.camera = protocol::text(started.camera());
+        outcome.epoch = started.epoch();
+        outcome.notes = protocol::strings(started.notes());
+    } else if (is<wire::Done>(frame)) {
+        const auto opened = protocol::open<wire::Done>(frame);
+        if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
+        const wire::Done& done = *opened->table;
+        outcome.rays = done.rays();
+        outcome.hits = done.hits();
+        outcome.misses = done.misses();
+        outcome.seconds = done.seconds();
+        outcome.queued_seconds = done.queued_seconds();
+        outcome.traversal = protocol::word(done.traversal(), outcome.traversal);
+        if (const wire::HeatStatistics* heat = done.heat()) {
+            outcome.heat.metric = protocol::text(heat->metric());
+            outcome.heat.min = heat->min();
+            outcome.heat.mean = heat->mean();
+            outcome.heat.p50 = heat->p50();
+            outcome.heat.p99 = heat->p99();
+            outcome.heat.max = heat->max();
+            outcome.heat.clipped = heat->clipped();
+            outcome.heat.range_low = heat->range_low();
+            outcome.heat.range_high = heat->range_high();
+        }
+    }
+    return {};
+}
+
+Json outcome_json(const Outcome& outcome) {
+    return Json{{"scene", outcome.scene},
+                {"epoch", outcome.epoch},
+                {"intersector", outcome.intersector},
+                {"target", outcome.target},
+                {"traversal", outcome.traversal},
+                {"precision", outcome.precision},
+                {"worker", outcome.worker},
+                {"rays", outcome.rays},
+                {"hits", outcome.hits},
+                {"misses", outcome.misses},
+                {"seconds", outcome.seconds}};
+}
+
+std::string outcome_text(const Outcome& outcome) {
+    std::array<char, 48> rate{};
+    if (outcome.seconds > 0)
+        std::snprintf(rate.data(), rate.size(), " (%.2f Mrays/s)",
+                      static_cast<double>(outcome.rays) / outcome.seconds / 1e6);
+    return grouped(outcome.rays) + (outcome.rays == 1 ? " ray in " : " rays in ") +
+           seconds_text(outcome.seconds) + rate.data() + ", " + outcome.intersector + " on " +
+           outcome.target + ", " + outcome.traversal + ", " + outcome.scene + " epoch " +
+           std::to_string(outcome.epoch);
+}
+
+void print_notes(const Outcome& outcome) {
+    for (const std::string& note : outcome.notes) std::cerr << "raynest: " << note << '\n';
+}
+
+namespace {
+
+/// Appends a piece after checking that it is the next one.
+Result<void> take_piece(const protocol::Frame& frame, ReceivedPicture& picture) {
+    const auto opened = protocol::open<wire::Picture>(frame);
+    if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
+    const wire::Picture& piece = *opened->table;
+    const protocol::BlockView* data = protocol::find_block(opened->blocks, "data");
+    if (data == nullptr || piece.offset() != picture.bytes.size() ||
+        data->bytes.size() > piece.total() - std::min(piece.offset(), piece.total()))
+        return fail(Exit::failed, "the daemon sent pieces of a picture that do not fit together");
+    picture.width = piece.width();
+    picture.height = piece.height();
+    picture.bytes.insert(picture.bytes.end(), data->bytes.begin(), data->bytes.end());
+    return {};
+}
+
+}  // namespace
+
+Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress) {
+    ReceivedPicture picture;
+    while (true) {
+        const auto frame = connection.next();
+        if (!frame) return tl::unexpected<Failure>(frame.error());
+        if (auto taken = take_news(*frame, picture.outcome); !taken)
+            return tl::unexpected<Failure>(taken.error());
+        if (is<wire::Done>(*frame)) return picture;
+        if (is<wire::Picture>(*frame)) {
+            if (auto taken = take_piece(*frame, picture); !taken)
+                return tl::unexpected<Failure>(taken.error());
+        } else if (is<wire::Progress>(*frame)) {
+            const auto news = protocol::open<wire::Progress>(*frame);
+            if (!news) return tl::unexpected<Failure>(failure(news.error()));
+            progress.update((*news)->done(), (*news)->total(), protocol::text((*news)->stage()));
+        }
+    }
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,51 @@
+// What render, query and heatmap share: the job part of a request, and what ran.
+#pragma once
+
+#include "client/connection.h"
+#include "client/options.h"
+#include "client/output.h"
+#include "client/progress.h"
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace raynest::client {
+
+[[nodiscard]] std::unique_ptr<wire::JobT> job_message(const JobOptions& options);
+[[nodiscard]] std::unique_ptr<wire::CameraT> camera_message(const CameraOptions& options);
+/// Of --deadline; 0 when there is none.
+[[nodiscard]] std::chrono::milliseconds deadline_of(const JobOptions& options);
+
+/// STARTED and DONE in one: filled as their frames come.
+struct Outcome {
+    std::string scene, hash, intersector, target, traversal, precision, worker, camera;
+    std::uint64_t epoch = 0;
+    std::vector<std::string> notes;
+    std::uint64_t rays = 0, hits = 0, misses = 0;
+    double seconds = 0, queued_seconds = 0;
+    wire::HeatStatisticsT heat;  ///< of a heat map
+};
+/// Takes what a STARTED or DONE frame says; leaves other frames alone.
+Result<void> take_news(const protocol::Frame& frame, Outcome& outcome);
+
+/// The keys that every job's JSON has.
+[[nodiscard]] Json outcome_json(const Outcome& outcome);
+/// "518,400 rays in 0.412 s (1.26 Mrays/s), alpha_mask on v3, batch, forest epoch 1".
+[[nodiscard]] std::string outcome_text(const Outcome& outcome);
+/// The daemon's remarks, on stderr.
+void print_notes(const Outcome& outcome);
+
+struct ReceivedPicture {
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    std::vector<std::byte> bytes;
+    Outcome outcome;
+};
+/// Reads the answer of a running Render or Heatmap to its end.
+Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress);
+
+}  // namespace raynest::client

@@ -1,0 +1,43 @@
+// NumPy's files: .npy in and out, and .npz out.
+//
+// A .npy is a magic, a header that reads as a Python dict, and the raw array; a .npz is a ZIP
+// archive of them. Only C order and little endian, which is what NumPy writes here.
+#pragma once
+
+#include "client/failure.h"
+#include "protocol/buffer.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::client {
+
+/// An array in memory: dtype as NumPy writes it ("<f4", "<u8", "|u1"), C order.
+struct Array {
+    std::string dtype;
+    std::vector<std::uint64_t> shape;
+    std::span<const std::byte> bytes;
+};
+
+/// Reads the header of .npy bytes; `bytes` of the result points into `file`. Exit code 5 when it is
+/// no .npy, is Fortran ordered, or is not as long as its shape says.
+Result<Array> parse_npy(std::span<const std::byte> file);
+
+/// The whole file.
+[[nodiscard]] std::vector<std::byte> format_npy(const Array& array);
+
+struct NamedArray {
+    std::string name;  ///< key in the .npz
+    Array array;
+};
+/// An archive of NAME.npy members, not compressed, in ZIP64: no limit on sizes.
+[[nodiscard]] std::vector<std::byte> format_npz(std::span<const NamedArray> arrays);
+
+/// CRC-32 as ZIP uses it (reflected polynomial 0xEDB88320).
+[[nodiscard]] std::uint32_t crc32(std::span<const std::byte> bytes, std::uint32_t seed = 0);
+
+}  // namespace raynest::client

@@ -1,0 +1,278 @@
+#include "client/options.h"
+
+#include "client/connection.h"
+
+#include <CLI/CLI.hpp>
+
+#include <charconv>
+#include <limits>
+#include <string_view>
+
+namespace raynest::client {
+namespace {
+
+constexpr const char* epilogue = R"(
+Example:
+  raynest load forest.glb
+  raynest render forest -o forest.png
+  raynest query forest --ray 0,1,5,0,0,-1
+  raynest heatmap forest -o cost.png
+
+Exit codes: 0 ok, 1 failed, 2 usage, 3 cannot connect, 4 not allowed, 5 scene, file or variant unknown
+or invalid, 6 busy, 7 deadline, 130 interrupted.)";
+
+/// "1,2.5,inf" -> numbers; nothing when there is anything else.
+std::optional<std::vector<float>> parse_numbers(std::string_view text) {
+    std::vector<float> numbers;
+    while (true) {
+        const std::size_t comma = std::min(text.find(','), text.size());
+        std::string_view one = text.substr(0, comma);
+        if (!one.empty() && one.front() == '+') one.remove_prefix(1);
+        float value = 0;
+        const auto [end, error] = std::from_chars(one.data(), one.data() + one.size(), value);
+        if (error != std::errc{} || end != one.data() + one.size()) return std::nullopt;
+        numbers.push_back(value);
+        if (comma == text.size()) return numbers;
+        text.remove_prefix(comma + 1);
+    }
+}
+
+/// An option whose text goes through `read`, which says what is wrong, or "".
+template <class Read>
+CLI::Option* add_parsed(CLI::App& app, const std::string& name, Read read,
+                        const std::string& text) {
+    return app.add_option_function<std::string>(
+        name,
+        [name, read](const std::string& value) {
+            const std::string complaint = read(value);
+            if (!complaint.empty()) throw CLI::ValidationError(name, complaint);
+        },
+        text);
+}
+
+void add_scene(CLI::App& app, std::string& scene) {
+    app.add_option("SCENE", scene, "name of a loaded scene (see: raynest scenes)")->required();
+}
+
+void add_job(CLI::App& app, JobOptions& job) {
+    add_scene(app, job.scene);
+    app.add_option("--intersector", job.intersector,
+                   "what decides whether a surface was hit (auto; see: raynest variants)");
+    app.add_option("--set", job.settings, "a parameter of the intersector, name=value")
+        ->take_all()
+        ->allow_extra_args(false);
+    app.add_option("--precision", job.precision, "fast | watertight");
+    app.add_option("--traversal", job.traversal, "auto | latency | batch | coherent");
+    add_parsed(
+        app, "--mask",
+        [&job](const std::string& text) -> std::string {
+            std::string_view digits = text;
+            if (digits.rfind("0x", 0) == 0 || digits.rfind("0X", 0) == 0) digits.remove_prefix(2);
+            const char* end = digits.data() + digits.size();
+            const auto read = std::from_chars(digits.data(), end, job.mask, 16);
+            const bool good = read.ec == std::errc{} && read.ptr == end;
+            return good ? "" : "'" + text + "' is not a 32-bit hexadecimal number";
+        },
+        "only instances with one of these bits, hexadecimal (FFFFFFFF)");
+    app.add_option("--epoch", job.epoch, "that epoch of the scene (the current one)");
+    app.add_option("--worker", job.worker, "auto | cpu | cuda");
+    app.add_option("--deadline", job.deadline, "give up after so many seconds")
+        ->check(CLI::Range(0.001, 4.0e6));
+    app.add_option("--priority", job.priority, "low | normal | high");
+}
+
+void add_camera(CLI::App& app, CameraOptions& camera) {
+    CLI::Option* name = app.add_option("--camera", camera.name,
+                                       "name or index of a camera of the scene (the first one)");
+    CLI::Option* look_at = add_parsed(
+        app, "--lookat",
+        [&camera](const std::string& text) -> std::string {
+            const auto numbers = parse_numbers(text);
+            if (!numbers || (numbers->size() != 6 && numbers->size() != 9))
+                return "'" + text + "' is not ex,ey,ez,ax,ay,az[,ux,uy,uz]";
+            camera.look_at = *numbers;
+            return "";
+        },
+        "a camera of your own: eye, point looked at, up (0,1,0)");
+    name->excludes(look_at);
+    app.add_option("--fov", camera.fov_degrees, "vertical angle of view in degrees")
+        ->check(CLI::Range(0.001, 179.999));
+    add_parsed(
+        app, "--size",
+        [&camera](const std::string& text) -> std::string {
+            const char* end = text.data() + text.size();
+            const auto width = std::from_chars(text.data(), end, camera.width);
+            const bool has_x = width.ptr != end && *width.ptr == 'x';
+            if (width.ec == std::errc{} && has_x) {
+                const auto height = std::from_chars(width.ptr + 1, end, camera.height);
+                if (height.ec == std::errc{} && height.ptr == end && camera.width > 0 &&
+                    camera.height > 0)
+                    return "";
+            }
+            return "'" + text + "' is not WIDTHxHEIGHT";
+        },
+        "pixels, WIDTHxHEIGHT (960x540)");
+}
+
+/// -o FILE with one of the given endings.
+void add_output(CLI::App& app, std::string& output, std::vector<std::string> endings,
+                const std::string& text) {
+    add_parsed(
+        app, "-o,--output",
+        [&output, endings](const std::string& value) -> std::string {
+            output = value;
+            std::string known;
+            for (const std::string& ending : endings) {
+                if (value.size() > ending.size() && value.ends_with(ending)) return "";
+                known += (known.empty() ? "" : " or ") + ending;
+            }
+            return "'" + value + "' must end in " + known;
+        },
+        text);
+}
+
+/// One subcommand: its options struct is filled by CLI11 and chosen when the subcommand was given.
+template <class Command>
+CLI::App& add_command(CLI::App& app, const char* name, const char* example, const char* text,
+                      Command& command, Options& options) {
+    CLI::App& sub = *app.add_subcommand(name, text);
+    // The first line of the help is something to type.
+    sub.description(std::string("raynest ") + example + "\n\n" + text);
+    sub.fallthrough();
+    sub.final_callback([&command, &options] { options.command = command; });
+    return sub;
+}
+
+}  // namespace
+
+Result<Ray> parse_ray(const std::string& text) {
+    const auto numbers = parse_numbers(text);
+    if (!numbers || (numbers->size() != 6 && numbers->size() != 8))
+        return fail(Exit::usage, "'" + text + "' is not ox,oy,oz,dx,dy,dz[,tmin,tmax]");
+    const std::vector<float>& n = *numbers;
+    const bool bounded = n.size() == 8;
+    return Ray{n[0], n[1], n[2], bounded ? n[6] : 0.0F,
+               n[3], n[4], n[5], bounded ? n[7] : std::numeric_limits<float>::infinity()};
+}
+
+Result<Parsed> parse_options(int argc, const char* const* argv) {
+    Options options;
+    CLI::App app("raynest - trace rays through a daemon's scenes with the intersector you name",
+                 "raynest");
+    app.footer(epilogue);
+    app.require_subcommand(1);
+    app.set_version_flag("--version", "raynest " RAYNEST_VERSION);
+    app.add_option("--server", options.server, "tcp://HOST:PORT or unix:PATH")
+        ->envname("RAYNEST_SERVER")
+        ->default_str(default_uri);
+    app.add_flag("--json", options.json, "answers and errors as JSON");
+    app.add_flag("--quiet", options.quiet, "no progress on stderr");
+
+    LoadOptions load;
+    CLI::App& load_app = add_command(app, "load", "load forest.glb --name forest",
+                                     "upload a scene, or have the daemon make one", load, options);
+    load_app
+        .add_option("SOURCE", load.source,
+                    "FILE.glb, FILE.gltf, FILE.npy, builtin:NAME[?key=value&...] or root:PATH")
+        ->required();
+    load_app.add_option("--name", load.name, "name of the scene (the file's stem)");
+    load_app.add_flag("--replace", load.replace, "a new epoch of a name that is taken");
+    load_app.add_option("--build", load.build, "fast | medium | high");
+    load_app.add_option("--primitive", load.primitive, "what the records of a .npy are");
+    load_app.add_option("--instances", load.instances, "FILE.npy with 3x4 placements of them");
+
+    ScenesOptions scenes;
+    add_command(app, "scenes", "scenes", "list the loaded scenes", scenes, options);
+    InfoOptions info;
+    add_scene(add_command(app, "info", "info forest", "describe a scene", info, options),
+              info.scene);
+    PathOptions path;
+    CLI::App& path_app = add_command(app, "path", "path forest 77",
+                                     "name the instances of a path id", path, options);
+    add_scene(path_app, path.scene);
+    path_app.add_option("ID", path.id, "the `path` of a hit")->required();
+    path_app.add_option("--epoch", path.epoch, "that epoch of the scene (the current one)");
+    UnloadOptions unload;
+    add_scene(add_command(app, "unload", "unload forest", "drop a scene", unload, options),
+              unload.scene);
+    VariantsOptions variants;
+    add_command(app, "variants", "variants", "list intersectors and their parameters", variants,
+                options);
+    StatsOptions stats;
+    add_command(app, "stats", "stats", "counters of the daemon", stats, options);
+
+    RenderOptions render;
+    CLI::App& render_app = add_command(app, "render", "render forest -o forest.png",
+                                       "make a picture", render, options);
+    add_job(render_app, render.job);
+    add_camera(render_app, render.camera);
+    add_output(render_app, render.output, {".png", ".exr"}, "FILE.png or FILE.exr");
+    render_app.get_option("--output")->required();
+    render_app.add_option("--integrator", render.integrator, "primary | ao | path");
+    render_app.add_option("--spp", render.samples, "samples per pixel")
+        ->check(CLI::Range(1U, 65536U));
+    render_app.add_option("--seed", render.seed, "of the random numbers");
+
+    QueryOptions query;
+    CLI::App& query_app = add_command(app, "query", "query forest --ray 0,1,5,0,0,-1",
+                                      "ask what rays hit", query, options);
+    add_job(query_app, query.job);
+    CLI::Option* ray =
+        query_app
+            .add_option_function<std::vector<std::string>>(
+                "--ray",
+                [&query](const std::vector<std::string>& texts) {
+                    for (const std::string& text : texts) {
+                        const auto parsed = parse_ray(text);
+                        if (!parsed) throw CLI::ValidationError("--ray", parsed.error().message);
+                        query.rays.push_back(*parsed);
+                    }
+                },
+                "ox,oy,oz,dx,dy,dz[,tmin,tmax]; may be repeated")
+            ->take_all()
+            ->allow_extra_args(false);
+    query_app
+        .add_option("--rays", query.rays_file,
+                    "FILE.npy of shape (N, 6): o d, or (N, 8): ox oy oz tmin dx dy dz tmax")
+        ->excludes(ray);
+    query_app.add_option("--kind", query.kind, "closest | any | multi");
+    query_app.add_option("--max-hits", query.max_hits, "hits per ray, for multi (8)")
+        ->check(CLI::Range(1U, 256U));
+    query_app.add_option("--fields", query.fields, "columns, separated by commas")->delimiter(',');
+    add_output(query_app, query.output, {".npz"}, "FILE.npz (else a table on stdout)");
+
+    HeatmapOptions heatmap;
+    CLI::App& heatmap_app = add_command(app, "heatmap", "heatmap forest -o cost.png",
+                                        "draw what each pixel's ray costs", heatmap, options);
+    add_job(heatmap_app, heatmap.job);
+    add_camera(heatmap_app, heatmap.camera);
+    add_output(heatmap_app, heatmap.output, {".png", ".exr", ".npy"},
+               "FILE.png with a legend; FILE.exr or FILE.npy of raw counts");
+    heatmap_app.get_option("--output")->required();
+    heatmap_app.add_option("--metric", heatmap.metric,
+                           "total | nodes | boxes | leaves | prims | instances | rejects");
+    heatmap_app.add_option("--palette", heatmap.palette, "turbo | viridis | inferno | gray");
+    heatmap_app.add_option("--scale", heatmap.scale, "linear | log");
+    heatmap_app.add_option("--range", heatmap.range, "auto | p99 | LOW:HIGH");
+    heatmap_app.add_option("--count", heatmap.count, "traversed | necessary");
+
+    try {
+        app.parse(argc, argv);
+    } catch (const CLI::CallForHelp&) {
+        const std::vector<CLI::App*> chosen = app.get_subcommands();
+        return Parsed{chosen.empty() ? app.help() : chosen[0]->help(), std::nullopt};
+    } catch (const CLI::CallForVersion& version) {
+        return Parsed{std::string(version.what()) + "\n", std::nullopt};
+    } catch (const CLI::ParseError& error) {
+        const std::vector<CLI::App*> chosen = app.get_subcommands();
+        const std::string help =
+            chosen.empty() ? "raynest --help" : "raynest " + chosen[0]->get_name() + " --help";
+        return fail(Exit::usage, std::string(error.what()) + "; see: " + help);
+    }
+    if (options.server.empty()) options.server = default_uri;
+    if (query_app.parsed() && query.rays.empty() && query.rays_file.empty())
+        return fail(Exit::usage, "query needs --ray or --rays; see: raynest query --help");
+    return Parsed{"", std::move(options)};
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,98 @@
+// What the command line says, as plain structs; options.cpp is the only file that knows CLI11.
+#pragma once
+
+#include "client/failure.h"
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace raynest::client {
+
+using Ray = std::array<float, 8>;  ///< ox oy oz tmin dx dy dz tmax
+
+/// Common to render, query and heatmap.
+struct JobOptions {
+    std::string scene;
+    std::string intersector;
+    std::vector<std::string> settings;
+    std::string precision;
+    std::string traversal;
+    std::uint32_t mask = 0xFFFFFFFF;
+    std::uint64_t epoch = 0;
+    std::string worker;
+    std::string priority;
+    double deadline = 0;  ///< seconds; 0 = none
+};
+
+struct CameraOptions {
+    std::string name;
+    std::vector<float> look_at;  ///< empty, 6 or 9 values
+    float fov_degrees = 0;
+    std::uint32_t width = 960;
+    std::uint32_t height = 540;
+};
+
+struct LoadOptions {
+    std::string source, name, build, primitive, instances;
+    bool replace = false;
+};
+struct ScenesOptions {};
+struct InfoOptions {
+    std::string scene;
+};
+struct PathOptions {
+    std::string scene;
+    std::uint64_t id = 0;
+    std::uint64_t epoch = 0;
+};
+struct UnloadOptions {
+    std::string scene;
+};
+struct VariantsOptions {};
+struct StatsOptions {};
+struct RenderOptions {
+    JobOptions job;
+    CameraOptions camera;
+    std::string output, integrator;
+    std::uint32_t samples = 1;
+    std::uint64_t seed = 0;
+};
+struct QueryOptions {
+    JobOptions job;
+    std::vector<Ray> rays;
+    std::string rays_file, kind, output;
+    std::uint32_t max_hits = 8;
+    std::vector<std::string> fields;
+};
+struct HeatmapOptions {
+    JobOptions job;
+    CameraOptions camera;
+    std::string output, metric, palette, scale, range, count;
+};
+
+using CommandOptions =
+    std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, UnloadOptions,
+                 VariantsOptions, StatsOptions, RenderOptions, QueryOptions, HeatmapOptions>;
+
+struct Options {
+    std::string server;
+    bool json = false;
+    bool quiet = false;
+    CommandOptions command;
+};
+
+/// A text to print instead of running (help or version), or the options; exit code 2 for a mistake.
+struct Parsed {
+    std::string text;
+    std::optional<Options> options;
+};
+Result<Parsed> parse_options(int argc, const char* const* argv);
+
+/// "ox,oy,oz,dx,dy,dz[,tmin,tmax]".
+Result<Ray> parse_ray(const std::string& text);
+
+}  // namespace raynest::client

@@ -1,0 +1,29 @@
+// How answers read on stdout: aligned tables and plain numbers for people, JSON for programs.
+#pragma once
+
+#include <nlohmann/json.hpp>
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace raynest::client {
+
+/// Keys stay in the order in which they were added.
+using Json = nlohmann::ordered_json;
+
+void print_json(const Json& value);
+
+/// Columns as wide as their widest cell; cells that are numbers are set to the right.
+void print_table(const std::vector<std::vector<std::string>>& rows);
+
+/// "1,234,567".
+[[nodiscard]] std::string grouped(std::uint64_t number);
+/// "8.7 MiB".
+[[nodiscard]] std::string bytes_text(std::uint64_t bytes);
+/// "0.412 s".
+[[nodiscard]] std::string seconds_text(double seconds);
+/// The shortest text that reads as the same float, as JSON wants it ("null" when not finite).
+[[nodiscard]] std::string float_text(float value);
+
+}  // namespace raynest::client

@@ -1,0 +1,138 @@
+#include "client/query.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstring>
+#include <map>
+#include <numeric>
+#include <utility>
+
+namespace raynest::client {
+namespace {
+
+using protocol::BlockView;
+
+constexpr std::array<std::string_view, 11> hit_fields = {
+    "t", "prim", "geom", "path", "inst", "uid", "uv", "ng", "front", "position", "material"};
+
+tl::unexpected<Failure> nonsense(const char* what) {
+    return fail(Exit::failed, std::string("the daemon sent ") + what);
+}
+
+/// Keeps chunks until those before them have come.
+class Reorder {
+public:
+    Reorder(std::uint64_t rays, bool multi,
+            const std::function<Result<void>(const QueryChunk&)>& consume)
+        : rays_(rays),
+          multi_(multi),
+          consume_(consume) {}
+
+    Result<void> add(protocol::Frame frame) {
+        auto chunk = open_reply<wire::Chunk>(std::move(frame));
+        if (!chunk) return tl::unexpected<Failure>(chunk.error());
+        const std::uint64_t first = (*chunk)->first_ray();
+        if ((*chunk)->count() == 0 || first < next_ || first >= rays_ ||
+            (*chunk)->count() > rays_ - first)
+            return nonsense("answers to rays that were not asked");
+        if (!waiting_.emplace(first, std::move(*chunk)).second) return nonsense("an answer twice");
+        while (!waiting_.empty() && waiting_.begin()->first == next_) {
+            if (auto passed = pass_on(waiting_.begin()->second); !passed) return passed;
+            next_ += waiting_.begin()->second->count();
+            waiting_.erase(waiting_.begin());
+        }
+        return {};
+    }
+    [[nodiscard]] std::uint64_t answered() const { return next_; }
+
+private:
+    Result<void> pass_on(const Reply<wire::Chunk>& reply) {
+        QueryChunk chunk;
+        chunk.first_ray = reply->first_ray();
+        chunk.count = reply->count();
+        std::vector<std::uint64_t> own_splits;
+        std::vector<BlockView> columns;
+        for (const BlockView& block : reply.message.blocks)
+            if (block.name != "ray_splits") columns.push_back(block);
+
+        if (multi_) {
+            const BlockView* splits = protocol::find_block(reply.message.blocks, "ray_splits");
+            if (splits == nullptr || splits->dtype != wire::Dtype::u64 || splits->width() != 1 ||
+                splits->count != chunk.count + std::uint64_t{1})
+                return nonsense("hits without ray_splits");
+            chunk.splits = splits->values<std::uint64_t>();
+            if (chunk.splits.front() != 0 ||
+                !std::is_sorted(chunk.splits.begin(), chunk.splits.end()))
+                return nonsense("ray_splits that do not rise");
+        } else {
+            own_splits.resize(chunk.count + std::size_t{1});
+            std::iota(own_splits.begin(), own_splits.end(), std::uint64_t{0});
+            chunk.splits = own_splits;
+        }
+        for (const BlockView& column : columns)
+            if (column.count != (is_hit_field(column.name) ? chunk.splits.back() : chunk.count))
+                return nonsense("a column of the wrong length");
+        chunk.columns = columns;
+        return consume_(chunk);
+    }
+
+    std::uint64_t rays_;
+    bool multi_;
+    const std::function<Result<void>(const QueryChunk&)>& consume_;
+    std::uint64_t next_ = 0;
+    std::map<std::uint64_t, Reply<wire::Chunk>> waiting_;
+};
+
+/// Sends rays [first, ...) of one frame; returns how many.
+Result<std::uint64_t> send_rays(Connection& connection, const RaySource& rays,
+                                std::uint64_t first) {
+    const std::uint64_t count = std::min(rays.count() - first, connection.daemon().chunk_rays_max);
+    protocol::Bulk bulk;
+    bulk.add("rays", wire::Dtype::f32, 8, count);
+    bulk.allocate();
+    rays.read(first, bulk.block_as<Ray>(0));
+    wire::QueryRaysT message;
+    message.first_ray = first;
+    auto sent = connection.send_bulk(std::move(message), std::move(bulk));
+    if (!sent) return tl::unexpected<Failure>(sent.error());
+    return count;
+}
+
+}  // namespace
+
+bool is_hit_field(std::string_view name) {
+    return std::find(hit_fields.begin(), hit_fields.end(), name) != hit_fields.end();
+}
+
+Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
+                          const RaySource& rays, Progress& progress,
+                          const std::function<Result<void>(const QueryChunk&)>& consume) {
+    const std::chrono::milliseconds deadline{request.job ? request.job->deadline_ms : 0};
+    if (auto started = connection.start(request, deadline); !started)
+        return tl::unexpected<Failure>(started.error());
+    Outcome outcome;
+    Reorder reorder(rays.count(), request.kind == "multi", consume);
+    std::uint64_t sent = 0;
+    while (true) {
+        while (sent < rays.count() && connection.credit() > 0) {
+            const auto count = send_rays(connection, rays, sent);
+            if (!count) return tl::unexpected<Failure>(count.error());
+            sent += *count;
+        }
+        auto frame = connection.next();
+        if (!frame) return tl::unexpected<Failure>(frame.error());
+        if (auto taken = take_news(*frame, outcome); !taken)
+            return tl::unexpected<Failure>(taken.error());
+        if (is<wire::Done>(*frame)) break;
+        if (is<wire::Chunk>(*frame)) {
+            if (auto added = reorder.add(std::move(*frame)); !added)
+                return tl::unexpected<Failure>(added.error());
+            progress.update(reorder.answered(), rays.count(), "tracing");
+        }
+    }
+    if (reorder.answered() != rays.count()) return nonsense("its last answer too early");
+    return outcome;
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,35 @@
+// A query as a stream: rays go out as credit allows, chunks of columns come back in ray order.
+#pragma once
+
+#include "client/connection.h"
+#include "client/job.h"
+#include "client/rays.h"
+
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::client {
+
+/// Answers of rays [first_ray, first_ray + count). Columns are checked: those of hits have one
+/// element per hit, all others one per ray. `splits` holds count + 1 offsets into the columns of
+/// hits: of a query for one hit per ray, 0, 1, 2, ...
+struct QueryChunk {
+    std::uint64_t first_ray = 0;
+    std::uint32_t count = 0;
+    std::span<const std::uint64_t> splits;
+    std::span<const protocol::BlockView> columns;  ///< ray_splits is not among them
+};
+
+/// Does this column describe hits (t, prim, ...), rather than rays (counters, flags, outputs)?
+[[nodiscard]] bool is_hit_field(std::string_view name);
+
+/// Runs `request` over `rays`; `consume` gets every chunk, in ray order, and may fail.
+Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
+                          const RaySource& rays, Progress& progress,
+                          const std::function<Result<void>(const QueryChunk&)>& consume);
+
+}  // namespace raynest::client

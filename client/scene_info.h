@@ -1,0 +1,12 @@
+// SceneInfo as `load` and `info` print it; the JSON keys are those of the contract.
+#pragma once
+
+#include "client/output.h"
+#include "protocol/control.h"
+
+namespace raynest::client {
+
+[[nodiscard]] Json scene_json(const wire::SceneInfo& info);
+void print_scene(const wire::SceneInfo& info);
+
+}  // namespace raynest::client

@@ -1,0 +1,42 @@
+// A SOURCE of `raynest load`, made ready to send.
+//
+//   builtin:..., root:...     only a name: the daemon has it
+//   .glb, .gltf               the file and what it names, read beneath its folder
+//   .npy                      records of a primitive type, with --primitive; --instances beside it
+//
+// Bad files are refused here with exit code 5, before anything is sent; the daemon checks again.
+#pragma once
+
+#include "client/connection.h"
+#include "client/failure.h"
+#include "client/progress.h"
+#include "protocol/buffer.h"
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace raynest::client {
+
+struct UploadFile {
+    std::string name;  ///< as the main file names it
+    protocol::Buffer bytes;
+    std::uint64_t hash = 0;
+};
+
+struct Upload {
+    std::string source;             ///< name of the main file, or the source as given
+    std::string scene_name;         ///< the stem of the source
+    std::vector<UploadFile> files;  ///< the main file first; empty for builtin: and root:
+};
+
+/// `primitive` and `instances` belong to a .npy source and are empty otherwise.
+Result<Upload> gather(const std::string& source, const std::string& primitive,
+                      const std::string& instances);
+
+/// Answers a NEED of the running Load: sends the files it lists in pieces, under the daemon's
+/// credit.
+Result<void> send_files(Connection& connection, const Upload& upload, const wire::Need& need,
+                        Progress& progress);
+
+}  // namespace raynest::client
