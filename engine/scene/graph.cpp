@@ -132,10 +132,16 @@ private:
         Graph graph;
         graph.skipped = description_.skipped;
         const Entry& root = entries_[description_.root];
-        const std::uint64_t lost = root.declared.leaves - root.object.traced.leaves;
-        const std::uint64_t lost_triangles = root.declared.triangles - root.object.traced.triangles;
-        if (lost != 0) graph.skipped["singular_instances"] += lost;
-        if (lost_triangles != 0) graph.skipped["singular_instance_triangles"] += lost_triangles;
+        std::uint64_t lost_unique = 0;
+        for (const std::uint32_t index : order_) {
+            if (!entries_[index].traced) lost_unique += own_triangles(description_.objects[index]);
+        }
+        const auto note = [&](const char* reason, std::uint64_t count) {
+            if (count != 0) graph.skipped[reason] += count;
+        };
+        note("singular_instances", root.declared.leaves - root.object.traced.leaves);
+        note("singular_instance_triangles", root.declared.triangles - root.object.traced.triangles);
+        note("singular_unique_triangles", lost_unique);
 
         std::vector<std::uint32_t> number(entries_.size(), no_id);
         for (const std::uint32_t index : order_) {

@@ -66,9 +66,10 @@ class Snapshot {
 public:
     /// Builds every object's tree and lays the arena out. Fails with scene_invalid or
     /// limit_exceeded, naming the object. Coordinates beyond 1e15 and non-finite ones are refused
-    /// with a count. Singular instances are left out; skipped["singular_instances"] counts the leaf
-    /// placements lost with them, "singular_instance_triangles" their triangles. Objects that the
-    /// root does not reach are left out. Throws std::bad_alloc.
+    /// with a count. Singular instances are left out: skipped["singular_instances"] counts the leaf
+    /// placements lost with them, "singular_instance_triangles" the triangles of those, and
+    /// "singular_unique_triangles" the triangles that nothing else places. Objects that the root does
+    /// not reach are left out. Throws std::bad_alloc.
     static Result<std::shared_ptr<const Snapshot>> bake(const SceneDescription& description);
 
     /// Takes an arena that came from a cache or an import child. Every section bound, child word,

@@ -105,6 +105,7 @@ TEST_CASE("a singular instance is left out and counted with all that it places")
     CHECK(s.instanced_triangles == 14);
     CHECK(s.skipped.at("singular_instances") == 3);
     CHECK(s.skipped.at("singular_instance_triangles") == 6);
+    CHECK(s.skipped.count("singular_unique_triangles") == 0);  // other twigs remain
     CHECK(scene->view().objects[scene->view().root].instance_count == 3);
 }
 
@@ -115,6 +116,7 @@ TEST_CASE("what only a singular instance reaches is not stored") {
     description.objects[1].geometries = {unit_square()};
     const auto scene = bake(description);
     CHECK(scene->statistics().unique_triangles == 0);
+    CHECK(scene->statistics().skipped.at("singular_unique_triangles") == 2);
     CHECK(scene->statistics().instances == 0);
     CHECK(scene->view().object_count == 1);
     CHECK(scene->bounds().is_empty());
