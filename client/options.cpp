@@ -6,18 +6,23 @@
 
 #include <charconv>
 #include <limits>
+#include <map>
+#include <memory>
 #include <string_view>
+#include <utility>
 
 namespace raynest::client {
 namespace {
 
-constexpr const char* epilogue = R"(
-Example:
+constexpr const char* examples = R"(Example:
   raynest load forest.glb
   raynest render forest -o forest.png
   raynest query forest --ray 0,1,5,0,0,-1
   raynest heatmap forest -o cost.png
 
+)";
+
+constexpr const char* exit_codes = R"(
 Exit codes: 0 ok, 1 failed, 2 usage, 3 cannot connect, 4 not allowed, 5 scene, file or variant unknown
 or invalid, 6 busy, 7 deadline, 130 interrupted.)";
 
@@ -115,9 +120,9 @@ void add_camera(CLI::App& app, CameraOptions& camera) {
 }
 
 /// -o FILE with one of the given endings.
-void add_output(CLI::App& app, std::string& output, std::vector<std::string> endings,
-                const std::string& text) {
-    add_parsed(
+CLI::Option* add_output(CLI::App& app, std::string& output, std::vector<std::string> endings,
+                        const std::string& text) {
+    return add_parsed(
         app, "-o,--output",
         [&output, endings](const std::string& value) -> std::string {
             output = value;
@@ -131,17 +136,126 @@ void add_output(CLI::App& app, std::string& output, std::vector<std::string> end
         text);
 }
 
-/// One subcommand: its options struct is filled by CLI11 and chosen when the subcommand was given.
-template <class Command>
-CLI::App& add_command(CLI::App& app, const char* name, const char* example, const char* text,
-                      Command& command, Options& options) {
-    CLI::App& sub = *app.add_subcommand(name, text);
-    // The first line of the help is something to type.
-    sub.description(std::string("raynest ") + example + "\n\n" + text);
-    sub.fallthrough();
-    sub.final_callback([&command, &options] { options.command = command; });
-    return sub;
+void declare(CLI::App& app, LoadOptions& load) {
+    app.add_option("SOURCE", load.source,
+                   "FILE.glb, FILE.gltf, FILE.npy, builtin:NAME[?key=value&...] or root:PATH")
+        ->required();
+    app.add_option("--name", load.name, "name of the scene (the file's stem)");
+    app.add_flag("--replace", load.replace, "a new epoch of a name that is taken");
+    app.add_option("--build", load.build, "fast | medium | high");
+    app.add_option("--primitive", load.primitive, "what the records of a .npy are");
+    app.add_option("--instances", load.instances, "FILE.npy with 3x4 placements of them");
 }
+
+void declare(CLI::App&, ScenesOptions&) {}
+void declare(CLI::App&, VariantsOptions&) {}
+void declare(CLI::App&, StatsOptions&) {}
+void declare(CLI::App& app, InfoOptions& info) {
+    add_scene(app, info.scene);
+}
+void declare(CLI::App& app, UnloadOptions& unload) {
+    add_scene(app, unload.scene);
+}
+
+void declare(CLI::App& app, PathOptions& path) {
+    add_scene(app, path.scene);
+    app.add_option("ID", path.id, "the path of a hit")->required();
+    app.add_option("--epoch", path.epoch, "that epoch of the scene (the current one)");
+}
+
+void declare(CLI::App& app, RenderOptions& render) {
+    add_job(app, render.job);
+    add_camera(app, render.camera);
+    add_output(app, render.output, {".png", ".exr"}, "FILE.png or FILE.exr")->required();
+    app.add_option("--integrator", render.integrator, "primary | ao | path");
+    app.add_option("--spp", render.samples, "samples per pixel")->check(CLI::Range(1U, 65536U));
+    app.add_option("--seed", render.seed, "of the random numbers");
+}
+
+void declare(CLI::App& app, QueryOptions& query) {
+    add_job(app, query.job);
+    CLI::Option_group& rays = *app.add_option_group("Rays", "one of");
+    rays.require_option(1);
+    const auto parse_rays = [&query](const std::vector<std::string>& texts) {
+        for (const std::string& text : texts) {
+            const auto ray = parse_ray(text);
+            if (!ray) throw CLI::ValidationError("--ray", ray.error().message);
+            query.rays.push_back(*ray);
+        }
+    };
+    rays.add_option_function<std::vector<std::string>>(
+            "--ray", parse_rays, "ox,oy,oz,dx,dy,dz[,tmin,tmax]; may be repeated")
+        ->take_all()
+        ->allow_extra_args(false);
+    rays.add_option("--rays", query.rays_file,
+                    "FILE.npy of shape (N, 6): o d, or (N, 8): ox oy oz tmin dx dy dz tmax");
+    app.add_option("--kind", query.kind, "closest | any | multi");
+    app.add_option("--max-hits", query.max_hits, "hits per ray, for multi (8)")
+        ->check(CLI::Range(1U, 256U));
+    app.add_option("--fields", query.fields, "columns, separated by commas")->delimiter(',');
+    add_output(app, query.output, {".npz"}, "FILE.npz (else a table on stdout)");
+}
+
+void declare(CLI::App& app, HeatmapOptions& heatmap) {
+    add_job(app, heatmap.job);
+    add_camera(app, heatmap.camera);
+    add_output(app, heatmap.output, {".png", ".exr", ".npy"},
+               "FILE.png with a legend; FILE.exr or FILE.npy of raw counts")
+        ->required();
+    app.add_option("--metric", heatmap.metric,
+                   "total | nodes | boxes | leaves | prims | instances | rejects");
+    app.add_option("--palette", heatmap.palette, "turbo | viridis | inferno | gray");
+    app.add_option("--scale", heatmap.scale, "linear | log");
+    app.add_option("--range", heatmap.range, "auto | p99 | LOW:HIGH");
+    app.add_option("--count", heatmap.count, "traversed | necessary");
+}
+
+/// The subcommands: a name, an example to type, a line of text, and the options that declare()
+/// adds.
+class Subcommands {
+public:
+    Subcommands(CLI::App& app, Options& options) : app_(app), options_(options) {
+        add<LoadOptions>("load", "load forest.glb --name forest",
+                         "upload a scene, or have the daemon make one");
+        add<ScenesOptions>("scenes", "scenes", "list the loaded scenes");
+        add<InfoOptions>("info", "info forest", "describe a scene");
+        add<PathOptions>("path", "path forest 77", "name the instances of a path id");
+        add<UnloadOptions>("unload", "unload forest", "drop a scene");
+        add<VariantsOptions>("variants", "variants", "list intersectors and their parameters");
+        add<StatsOptions>("stats", "stats", "counters of the daemon");
+        add<RenderOptions>("render", "render forest -o forest.png", "make a picture");
+        add<QueryOptions>("query", "query forest --ray 0,1,5,0,0,-1", "ask what rays hit");
+        add<HeatmapOptions>("heatmap", "heatmap forest -o cost.png",
+                            "draw what each pixel's ray costs");
+    }
+    /// The help of the chosen subcommand, or of the whole; the first thing is something to type.
+    [[nodiscard]] std::string help() const {
+        const std::vector<CLI::App*> chosen = app_.get_subcommands();
+        if (chosen.empty()) return examples + app_.help();
+        return "Example:\n  raynest " + examples_.at(chosen[0]) + "\n\n" +
+               chosen[0]->help("raynest");
+    }
+    [[nodiscard]] std::string see_also() const {
+        const std::vector<CLI::App*> chosen = app_.get_subcommands();
+        const std::string name = chosen.empty() ? "" : " " + chosen[0]->get_name();
+        return "see: raynest" + name + " --help";
+    }
+
+private:
+    template <class Command>
+    void add(const char* name, const char* example, const char* text) {
+        CLI::App* sub = app_.add_subcommand(name, text);
+        const auto command = std::make_shared<Command>();
+        declare(*sub, *command);
+        sub->fallthrough();
+        sub->final_callback([this, command] { options_.command = *command; });
+        examples_[sub] = example;
+    }
+
+    CLI::App& app_;
+    Options& options_;
+    std::map<const CLI::App*, std::string> examples_;
+};
 
 }  // namespace
 
@@ -159,119 +273,26 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     Options options;
     CLI::App app("raynest - trace rays through a daemon's scenes with the intersector you name",
                  "raynest");
-    app.footer(epilogue);
+    app.footer(exit_codes);
     app.require_subcommand(1);
     app.set_version_flag("--version", "raynest " RAYNEST_VERSION);
-    app.add_option("--server", options.server, "tcp://HOST:PORT or unix:PATH")
-        ->envname("RAYNEST_SERVER")
-        ->default_str(default_uri);
+    app.add_option("--server", options.server,
+                   "tcp://HOST:PORT or unix:PATH (" + std::string(default_uri) + ")")
+        ->envname("RAYNEST_SERVER");
     app.add_flag("--json", options.json, "answers and errors as JSON");
     app.add_flag("--quiet", options.quiet, "no progress on stderr");
-
-    LoadOptions load;
-    CLI::App& load_app = add_command(app, "load", "load forest.glb --name forest",
-                                     "upload a scene, or have the daemon make one", load, options);
-    load_app
-        .add_option("SOURCE", load.source,
-                    "FILE.glb, FILE.gltf, FILE.npy, builtin:NAME[?key=value&...] or root:PATH")
-        ->required();
-    load_app.add_option("--name", load.name, "name of the scene (the file's stem)");
-    load_app.add_flag("--replace", load.replace, "a new epoch of a name that is taken");
-    load_app.add_option("--build", load.build, "fast | medium | high");
-    load_app.add_option("--primitive", load.primitive, "what the records of a .npy are");
-    load_app.add_option("--instances", load.instances, "FILE.npy with 3x4 placements of them");
-
-    ScenesOptions scenes;
-    add_command(app, "scenes", "scenes", "list the loaded scenes", scenes, options);
-    InfoOptions info;
-    add_scene(add_command(app, "info", "info forest", "describe a scene", info, options),
-              info.scene);
-    PathOptions path;
-    CLI::App& path_app = add_command(app, "path", "path forest 77",
-                                     "name the instances of a path id", path, options);
-    add_scene(path_app, path.scene);
-    path_app.add_option("ID", path.id, "the `path` of a hit")->required();
-    path_app.add_option("--epoch", path.epoch, "that epoch of the scene (the current one)");
-    UnloadOptions unload;
-    add_scene(add_command(app, "unload", "unload forest", "drop a scene", unload, options),
-              unload.scene);
-    VariantsOptions variants;
-    add_command(app, "variants", "variants", "list intersectors and their parameters", variants,
-                options);
-    StatsOptions stats;
-    add_command(app, "stats", "stats", "counters of the daemon", stats, options);
-
-    RenderOptions render;
-    CLI::App& render_app = add_command(app, "render", "render forest -o forest.png",
-                                       "make a picture", render, options);
-    add_job(render_app, render.job);
-    add_camera(render_app, render.camera);
-    add_output(render_app, render.output, {".png", ".exr"}, "FILE.png or FILE.exr");
-    render_app.get_option("--output")->required();
-    render_app.add_option("--integrator", render.integrator, "primary | ao | path");
-    render_app.add_option("--spp", render.samples, "samples per pixel")
-        ->check(CLI::Range(1U, 65536U));
-    render_app.add_option("--seed", render.seed, "of the random numbers");
-
-    QueryOptions query;
-    CLI::App& query_app = add_command(app, "query", "query forest --ray 0,1,5,0,0,-1",
-                                      "ask what rays hit", query, options);
-    add_job(query_app, query.job);
-    CLI::Option* ray =
-        query_app
-            .add_option_function<std::vector<std::string>>(
-                "--ray",
-                [&query](const std::vector<std::string>& texts) {
-                    for (const std::string& text : texts) {
-                        const auto parsed = parse_ray(text);
-                        if (!parsed) throw CLI::ValidationError("--ray", parsed.error().message);
-                        query.rays.push_back(*parsed);
-                    }
-                },
-                "ox,oy,oz,dx,dy,dz[,tmin,tmax]; may be repeated")
-            ->take_all()
-            ->allow_extra_args(false);
-    query_app
-        .add_option("--rays", query.rays_file,
-                    "FILE.npy of shape (N, 6): o d, or (N, 8): ox oy oz tmin dx dy dz tmax")
-        ->excludes(ray);
-    query_app.add_option("--kind", query.kind, "closest | any | multi");
-    query_app.add_option("--max-hits", query.max_hits, "hits per ray, for multi (8)")
-        ->check(CLI::Range(1U, 256U));
-    query_app.add_option("--fields", query.fields, "columns, separated by commas")->delimiter(',');
-    add_output(query_app, query.output, {".npz"}, "FILE.npz (else a table on stdout)");
-
-    HeatmapOptions heatmap;
-    CLI::App& heatmap_app = add_command(app, "heatmap", "heatmap forest -o cost.png",
-                                        "draw what each pixel's ray costs", heatmap, options);
-    add_job(heatmap_app, heatmap.job);
-    add_camera(heatmap_app, heatmap.camera);
-    add_output(heatmap_app, heatmap.output, {".png", ".exr", ".npy"},
-               "FILE.png with a legend; FILE.exr or FILE.npy of raw counts");
-    heatmap_app.get_option("--output")->required();
-    heatmap_app.add_option("--metric", heatmap.metric,
-                           "total | nodes | boxes | leaves | prims | instances | rejects");
-    heatmap_app.add_option("--palette", heatmap.palette, "turbo | viridis | inferno | gray");
-    heatmap_app.add_option("--scale", heatmap.scale, "linear | log");
-    heatmap_app.add_option("--range", heatmap.range, "auto | p99 | LOW:HIGH");
-    heatmap_app.add_option("--count", heatmap.count, "traversed | necessary");
+    const Subcommands subcommands(app, options);
 
     try {
         app.parse(argc, argv);
     } catch (const CLI::CallForHelp&) {
-        const std::vector<CLI::App*> chosen = app.get_subcommands();
-        return Parsed{chosen.empty() ? app.help() : chosen[0]->help(), std::nullopt};
+        return Parsed{subcommands.help(), std::nullopt};
     } catch (const CLI::CallForVersion& version) {
         return Parsed{std::string(version.what()) + "\n", std::nullopt};
     } catch (const CLI::ParseError& error) {
-        const std::vector<CLI::App*> chosen = app.get_subcommands();
-        const std::string help =
-            chosen.empty() ? "raynest --help" : "raynest " + chosen[0]->get_name() + " --help";
-        return fail(Exit::usage, std::string(error.what()) + "; see: " + help);
+        return fail(Exit::usage, std::string(error.what()) + "; " + subcommands.see_also());
     }
     if (options.server.empty()) options.server = default_uri;
-    if (query_app.parsed() && query.rays.empty() && query.rays_file.empty())
-        return fail(Exit::usage, "query needs --ray or --rays; see: raynest query --help");
     return Parsed{"", std::move(options)};
 }
 

@@ -2,6 +2,8 @@
 #include "client/commands/commands.h"
 #include "client/output.h"
 
+#include <cmath>
+#include <cstdint>
 #include <iostream>
 
 namespace raynest::client {
@@ -51,6 +53,14 @@ std::string joined(const Json& list) {
     return line;
 }
 
+/// 0.001 rather than 0.0010000000474974513, and whole numbers in full.
+std::string number_text(const Json& number) {
+    const double value = number.is_number() ? number.get<double>() : 0;
+    if (std::floor(value) == value && std::abs(value) < 1e15)
+        return std::to_string(static_cast<std::int64_t>(value));
+    return float_text(static_cast<float>(value));
+}
+
 void print_variant(const Json& variant) {
     std::cout << variant["name"].get<std::string>() << "  (" << joined(variant["queries"]) << "; "
               << joined(variant["targets"]) << ", runs on " << variant["target"].get<std::string>()
@@ -60,9 +70,10 @@ void print_variant(const Json& variant) {
         if (param.contains("choices"))
             std::cout << joined(param["choices"]);
         else
-            std::cout << param["minimum"].dump() << ".." << param["maximum"].dump();
+            std::cout << number_text(param["minimum"]) << ".." << number_text(param["maximum"]);
         const Json standard = param.value("default", Json());
-        std::cout << "  (" << (standard.is_string() ? standard.get<std::string>() : standard.dump())
+        std::cout << "  ("
+                  << (standard.is_string() ? standard.get<std::string>() : number_text(standard))
                   << ")  " << param["text"].get<std::string>() << '\n';
     }
     for (const Json& output : variant["outputs"])
