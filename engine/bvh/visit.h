@@ -156,12 +156,13 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
                 continue;
             }
             // Three and more: insertion sort on the stack, farthest first (branches beat a sorting
-            // network on coherent rays: notes of the traversal prototypes).
+            // network on coherent rays: notes of the traversal prototypes). Of equally near
+            // children the lower slot comes first, as above: counters are part of the contract.
             Entry* const base = top;
             *top++ = {node.child[first], near[first]};
             const auto insert = [&](std::uint32_t slot) {
                 Entry* at = top++;
-                for (; at != base && at[-1].near < near[slot]; --at) *at = at[-1];
+                for (; at != base && at[-1].near <= near[slot]; --at) *at = at[-1];
                 *at = {node.child[slot], near[slot]};
             };
             insert(second);

@@ -1,0 +1,167 @@
+// The builder: every item in the tree once, inside its boxes, within the limits of node.h.
+#include "engine/bvh/build.h"
+
+#include "engine/geometry/hit.h"
+#include "tests/conformance/scenes.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <map>
+#include <vector>
+
+using namespace raynest;
+
+namespace {
+
+std::vector<Box> random_boxes(std::uint32_t count, conformance::Random& random) {
+    std::vector<Box> boxes(count);
+    for (Box& box : boxes) {
+        box.extend(random.in_box(10));
+        box.extend(box.lower + Vec3(random.unit(), random.unit(), random.unit()));
+    }
+    return boxes;
+}
+
+struct Walk {
+    const TreeInput& input;
+    const Tree& tree;
+    std::map<std::uint32_t, int> seen;  // item -> times
+    std::uint32_t height = 0;
+
+    void item(std::uint32_t id, const Box& around) {
+        ++seen[id];
+        const Box& box = input.boxes[id];
+        for (int axis = 0; axis < 3; ++axis) {
+            CHECK(box.lower[axis] >= around.lower[axis]);
+            CHECK(box.upper[axis] <= around.upper[axis]);
+        }
+    }
+
+    void visit(std::uint32_t child, const Box& around, std::uint32_t depth) {
+        if (!is_leaf(child)) {
+            height = std::max(height, depth);
+            const Node& node = tree.nodes.at(child);
+            CHECK(node.valid() != 0);
+            for (std::uint32_t slot = 0; slot < 8; ++slot) {
+                const bool valid = (node.valid() >> slot & 1U) != 0;
+                CHECK(valid == (node.child[slot] != child_empty));
+                if (!valid) continue;
+                if (!is_leaf(node.child[slot])) CHECK(node.child[slot] > child);  // parents first
+                Box box;
+                for (int axis = 0; axis < 3; ++axis) {
+                    box.lower[axis] = node.lower[axis][slot];
+                    box.upper[axis] = node.upper[axis][slot];
+                    CHECK(box.lower[axis] >= around.lower[axis]);
+                    CHECK(box.upper[axis] <= around.upper[axis]);
+                }
+                visit(node.child[slot], box, depth + 1);
+            }
+            return;
+        }
+        if (kind_of(child) == ChildKind::instance) {
+            item(input.triangle_count + input.record_count + leaf_instance(child), around);
+            return;
+        }
+        const bool triangles = kind_of(child) == ChildKind::triangles;
+        for (std::uint32_t i = 0; i < leaf_count(child); ++i) {
+            const std::uint32_t at = leaf_first(child) + i;
+            if (!triangles) {
+                item(input.triangle_count + tree.record_order.at(at), around);
+                continue;
+            }
+            for (std::uint32_t lane = 0; lane < 8; ++lane) {
+                const std::uint32_t id = tree.block_lanes.at(8 * at + lane);
+                if (id != no_id) item(id, around);
+            }
+        }
+    }
+};
+
+Walk walk(const TreeInput& input, const Tree& tree) {
+    Walk walk{input, tree, {}};
+    if (tree.root != child_empty) walk.visit(tree.root, tree.bounds, 1);
+    return walk;
+}
+
+}  // namespace
+
+TEST_CASE("every item is in the tree exactly once and inside the boxes above it") {
+    conformance::Random random(1);
+    for (const std::uint32_t count : {1U, 2U, 8U, 9U, 100U, 5000U}) {
+        const auto boxes = random_boxes(3 * count, random);
+        const TreeInput input{boxes, count, count, count};
+        const Tree tree = build_tree(input);
+        const Walk walked = walk(input, tree);
+        CHECK(walked.seen.size() == boxes.size());
+        CHECK(std::all_of(walked.seen.begin(), walked.seen.end(),
+                          [](const auto& item) { return item.second == 1; }));
+        CHECK(walked.height == tree.height);
+    }
+}
+
+TEST_CASE("the octant order lists every valid slot once, near to far along the diagonal") {
+    conformance::Random random(2);
+    const auto boxes = random_boxes(400, random);
+    const Tree tree = build_tree({boxes, 400, 0, 0});
+    for (const Node& node : tree.nodes) {
+        const int children = std::popcount(node.valid());
+        for (std::uint32_t octant = 0; octant < 8; ++octant) {
+            std::uint32_t listed = 0;
+            float last = -std::numeric_limits<float>::infinity();
+            for (int i = 0; i < children; ++i) {
+                const std::uint32_t slot = node.order[i] >> (3 * octant) & 7U;
+                listed |= 1U << slot;
+                float along = 0;
+                for (std::uint32_t axis = 0; axis < 3; ++axis) {
+                    const float center =
+                        0.5F * node.lower[axis][slot] + 0.5F * node.upper[axis][slot];
+                    along += (octant >> axis & 1U) != 0 ? -center : center;
+                }
+                CHECK(along >= last - 1e-4F);
+                last = along;
+            }
+            CHECK(listed == node.valid());
+        }
+    }
+}
+
+TEST_CASE("coincident, flat and enormous items give a tree of bounded height") {
+    conformance::Random random(3);
+    std::vector<Box> boxes(3000, Box{Vec3(1), Vec3(1)});
+    const Tree coincident = build_tree({boxes, 3000, 0, 0});
+    CHECK(walk({boxes, 3000, 0, 0}, coincident).seen.size() == 3000);
+    CHECK(coincident.height <= tree_height_max);
+
+    // Each box twice as far as the one before: a binary split at a time would be 3000 deep.
+    for (std::size_t i = 0; i < boxes.size(); ++i) {
+        const float at = std::ldexp(1.0F, static_cast<int>(i % 98) - 49);
+        boxes[i] = {Vec3(at, 0, 0), Vec3(at, at, 0)};
+    }
+    const Tree skewed = build_tree({boxes, 3000, 0, 0});
+    CHECK(walk({boxes, 3000, 0, 0}, skewed).seen.size() == 3000);
+    CHECK(skewed.height <= tree_height_max);
+}
+
+TEST_CASE("items without a finite box are left out, and nothing at all is an empty tree") {
+    const float inf = std::numeric_limits<float>::infinity();
+    const std::vector<Box> boxes{Box{}, Box{Vec3(0), Vec3(inf)}, Box{Vec3(0), Vec3(1)},
+                                 Box{Vec3(std::nanf("")), Vec3(1)}};
+    const Tree tree = build_tree({boxes, 4, 0, 0});
+    CHECK(walk({boxes, 4, 0, 0}, tree).seen == std::map<std::uint32_t, int>{{2, 1}});
+    CHECK(build_tree({}).root == child_empty);
+}
+
+TEST_CASE("the same input gives the same bytes") {
+    conformance::Random random(4);
+    const auto boxes = random_boxes(2000, random);
+    const Tree a = build_tree({boxes, 2000, 0, 0});
+    const Tree b = build_tree({boxes, 2000, 0, 0});
+    REQUIRE(a.nodes.size() == b.nodes.size());
+    CHECK(std::memcmp(a.nodes.data(), b.nodes.data(), a.nodes.size() * sizeof(Node)) == 0);
+    CHECK(a.block_lanes == b.block_lanes);
+}

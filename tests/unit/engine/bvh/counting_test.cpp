@@ -1,0 +1,130 @@
+// Counters against a plain scalar walk of the same tree: one box, one triangle at a time, recursion
+// instead of a stack.
+#include "engine/intersectors/counting.h"
+
+#include "engine/intersectors/opaque.h"
+#include "engine/queries/queries.h"
+#include "engine/scene/snapshot.h"
+#include "tests/conformance/scenes.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <vector>
+
+using namespace raynest;
+
+namespace {
+
+// Near children first, of equally near ones the lower slot; a child is skipped once the best hit
+// lies before it.
+class ScalarWalk {
+public:
+    ScalarWalk(const SceneView& scene, Counters& counters) : scene_(scene), counters_(counters) {}
+
+    void object(RayView& ray, std::uint32_t index) {
+        ray.object = &scene_.objects[index];
+        if (ray.object->root != child_empty) child(ray, *ray.object, ray.object->root);
+    }
+    ClosestHit query;
+
+private:
+    void child(RayView& ray, const ObjectRecord& object, std::uint32_t word) {
+        if (!is_leaf(word)) return node(ray, object, scene_.nodes[object.first_node + word]);
+        if (kind_of(word) == ChildKind::instance) {
+            const InstanceRecord& instance =
+                scene_.instances[object.first_instance + leaf_instance(word)];
+            if ((instance.mask & ray.mask) == 0) return;
+            ++counters_.instances;
+            RayView inner = enter(ray, scene_, instance);
+            this->object(inner, instance.object);
+            ray.tmax = inner.tmax;
+            return;
+        }
+        ++counters_.leaves;
+        if (kind_of(word) == ChildKind::records) {
+            visit_record_type(scene_, object, leaf_first(word), leaf_count(word),
+                              [&](const auto& record) {
+                                  ++counters_.prims;
+                                  Opaque opaque;
+                                  visit(ray, record, opaque, query);
+                                  return false;
+                              });
+            return;
+        }
+        for (std::uint32_t b = 0; b < leaf_count(word); ++b) {
+            const TriangleBlock& block = scene_.blocks[object.first_block + leaf_first(word) + b];
+            for (int lane = 0; lane < 8; ++lane) {
+                if (block.triangle[lane] == no_id) continue;
+                ++counters_.prims;
+                Opaque opaque;
+                visit(ray, TriangleRef(block, lane), opaque, query);
+            }
+        }
+    }
+
+    void node(RayView& ray, const ObjectRecord& object, const Node& node) {
+        ++counters_.nodes;
+        std::vector<std::pair<float, std::uint32_t>> entered;
+        for (std::uint32_t slot = 0; slot < 8; ++slot) {
+            if (node.child[slot] == child_empty) continue;
+            ++counters_.boxes;
+            const Box box = Boxes8{&node}.box_of(static_cast<int>(slot));
+            const auto span = intersect(ray, box);
+            if (span.mask != 0) entered.emplace_back(span.near.lane[0], slot);
+        }
+        std::stable_sort(entered.begin(), entered.end(),
+                         [](const auto& a, const auto& b) { return a.first < b.first; });
+        for (std::size_t i = 0; i < entered.size(); ++i) {
+            // The nearest child is entered at once; the others wait and may be overtaken.
+            if (i > 0 && !(entered[i].first <= ray.tmax)) continue;
+            child(ray, object, node.child[entered[i].second]);
+        }
+    }
+
+    const SceneView& scene_;
+    Counters& counters_;
+};
+
+}  // namespace
+
+TEST_CASE("node, box, leaf, primitive and instance counts equal those of a scalar walk") {
+    conformance::Random random(9);
+    for (const std::uint32_t depth : {1U, 2U, 3U}) {
+        const SceneDescription description = conformance::nested_scene(depth, 4);
+        const auto scene = Snapshot::bake(description);
+        REQUIRE(scene.has_value());
+        const SceneView& view = (*scene)->view();
+        auto rays = conformance::random_rays(2000, 6, random);
+        const auto edges = conformance::edge_rays(description, 500, 6, random);
+        rays.insert(rays.end(), edges.begin(), edges.end());
+
+        std::uint64_t boxes = 0;
+        std::uint64_t instances = 0;
+        int different = 0;
+        for (const Ray& ray : rays) {
+            Counters counted;
+            Opaque opaque;
+            Counting<Opaque> counting{opaque, &counted};
+            RayView start = outermost_view(ray, &view, 0, 0xFFFFFFFFU, 0);
+            start.object = &view.objects[view.root];
+            ClosestHit query;
+            BoxRay boxed(start);
+            traverse(boxed, Bvh{&view, view.root}, counting, query);
+
+            Counters expected;
+            ScalarWalk walk(view, expected);
+            RayView scalar = start;
+            walk.object(scalar, view.root);
+            different += counted.nodes != expected.nodes || counted.boxes != expected.boxes ||
+                         counted.leaves != expected.leaves || counted.prims != expected.prims ||
+                         counted.instances != expected.instances ||
+                         query.best.t != walk.query.best.t;
+            boxes += counted.boxes;
+            instances += counted.instances;
+        }
+        CHECK(different == 0);
+        CHECK(boxes > rays.size());
+        CHECK((instances > 0) == (depth > 1));
+    }
+}

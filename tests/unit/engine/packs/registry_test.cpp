@@ -1,0 +1,113 @@
+// Choosing a variant and checking what a request sets.
+#include "engine/packs/registry.h"
+
+#include <doctest/doctest.h>
+
+#include <string>
+#include <utility>
+#include <vector>
+
+using namespace raynest;
+
+namespace {
+
+std::shared_ptr<const Registry> registry_for(const char* target) {
+    auto registry = Registry::load({{}, target});
+    REQUIRE_MESSAGE(registry.has_value(), (registry ? "" : registry.error().message));
+    return *registry;
+}
+
+std::string message_of(const Variant& variant, const char* key, const char* value) {
+    const std::vector<std::pair<std::string, std::string>> assignment{{key, value}};
+    const auto settings = parse_settings(variant, assignment);
+    CHECK(!settings);
+    if (settings) return "";
+    CHECK(settings.error().code == ErrorCode::param_invalid);
+    return settings.error().message;
+}
+
+}  // namespace
+
+TEST_CASE("the best target comes first and --target forces one") {
+    const auto best = registry_for("auto");
+    const Variant* opaque = best->find("opaque");
+    REQUIRE(opaque != nullptr);
+    CHECK(opaque->targets.front() == opaque->target);
+    CHECK(opaque->targets.back() == "v2");
+    const auto forced = registry_for("v2");
+    CHECK(forced->find("opaque")->target == "v2");
+    CHECK(forced->find("opaque")->targets.size() == 1);
+}
+
+TEST_CASE("an unknown target, pack directory or variant is an error that names the choice") {
+    CHECK(Registry::load({{}, "v9"}).error().message ==
+          "unknown target 'v9': use auto, v2, v3 or v4");
+    const auto missing = Registry::load({{"/nonexistent/packs"}, "auto"});
+    CHECK(missing.error().code == ErrorCode::pack_invalid);
+    const auto registry = registry_for("auto");
+    SceneView empty;
+    const auto unknown = registry->choose("alpha", empty);
+    CHECK(unknown.error().code == ErrorCode::variant_unknown);
+    CHECK(unknown.error().message.find("opaque") != std::string::npos);
+}
+
+TEST_CASE("two packs of one target with the same intersector refuse to load") {
+    // The built-in directory given once more.
+    const char* builtin = std::getenv("RAYNEST_BUILTIN_PACKS");
+    REQUIRE(builtin != nullptr);
+    const auto twice = Registry::load({{builtin}, "auto"});
+    REQUIRE(!twice);
+    CHECK(twice.error().message.find("have an intersector named") != std::string::npos);
+}
+
+TEST_CASE("parameters are checked by name, type, range and choice") {
+    const auto registry = registry_for("auto");
+    const Variant& mask = *registry->find("procedural_mask");
+    CHECK(message_of(mask, "patern", "heart").find("pattern") != std::string::npos);
+    CHECK(message_of(mask, "pattern", "star").find("heart, checker, discs, noise") !=
+          std::string::npos);
+    for (const char* bad : {"2", "-0.1", "nan", "inf", "", "0.5x", "1e999"}) {
+        message_of(mask, "fill", bad);
+    }
+    message_of(mask, "seed", "1.5");
+    message_of(mask, "seed", "4294967296");
+    message_of(mask, "cull", "front");
+
+    const std::vector<std::pair<std::string, std::string>> good{
+        {"pattern", "heart"}, {"fill", "0.25"}, {"seed", "4294967295"}, {"cull", "back"}};
+    const auto settings = parse_settings(mask, good);
+    REQUIRE(settings.has_value());
+    CHECK(settings->params.at(0) == 0);
+    CHECK(settings->params.at(2) == 0.25);
+    CHECK(settings->params.at(3) == 4294967295.0);
+    CHECK(settings->flags == trace_cull_back);
+}
+
+TEST_CASE("what was not compiled is refused with the way out") {
+    const auto registry = registry_for("auto");
+    const Variant& opaque = *registry->find("opaque");
+    CHECK(
+        find_function(opaque, query_closest, precision_fast, traversal_latency, true).has_value());
+    const auto missing =
+        find_function(opaque, query_closest, precision_watertight, traversal_latency, false);
+    REQUIRE(!missing);
+    CHECK(missing.error().message.find("watertight") != std::string::npos);
+    CHECK(missing.error().message.find("try precision fast") != std::string::npos);
+}
+
+TEST_CASE("a malformed call is refused, not traced") {
+    const auto registry = registry_for("auto");
+    const auto function = find_function(*registry->find("opaque"), query_multi, precision_fast,
+                                        traversal_latency, false);
+    TraceCall call{};
+    CHECK((*function)(&call) == trace_bad_call);
+    SceneView scene;
+    Ray ray;
+    HitRecord hit;
+    call.scene = &scene;
+    call.rays = &ray;
+    call.hits = &hit;
+    call.ray_count = 1;
+    call.hits_max = multi_hits_max + 1;
+    CHECK((*function)(&call) == trace_bad_call);
+}
