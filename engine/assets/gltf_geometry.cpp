@@ -4,6 +4,7 @@
 // left out. Primitives often share one large vertex buffer, so each takes only the vertices it
 // uses.
 #include "engine/assets/gltf_model.h"
+#include "engine/assets/gltf_names.h"
 #include "engine/scene/snapshot.h"
 
 #include <fmt/format.h>
@@ -72,7 +73,7 @@ public:
 
     Result<ObjectDescription> read(std::size_t index) {
         const Mesh& mesh = model_.meshes[index];
-        where_ = fmt::format("mesh {} ('{}')", index, mesh.name.substr(0, 60));
+        where_ = label("mesh", index, mesh.name);
         ObjectDescription object;
         object.name = mesh.name;
         for (const Primitive& primitive : mesh.primitives) {

@@ -4,6 +4,7 @@
 // It gets no file system (only the uploaded names), no image decoder, and no chance to throw
 // further. Nothing it produced is used before the checks below.
 #include "engine/assets/gltf_model.h"
+#include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_prescan.h"
 
 #include <fmt/format.h>
@@ -18,42 +19,17 @@
 namespace raynest::gltf {
 namespace {
 
-/// What the loader's callbacks may see: the uploaded files by name, and how many bytes may be
-/// copied out of them in total (a scene that names one file a thousand times is made to cost
-/// memory).
-struct Upload {
-    const ImportRequest& request;
-    std::uint64_t bytes_left;
-    std::string missing;  ///< the first name that was asked for and is not there
-
-    [[nodiscard]] const NamedBytes* find(std::string_view name) const {
-        while (name.starts_with("./")) name.remove_prefix(2);
-        if (!is_safe_name(name)) return nullptr;
-        for (std::size_t i = 1; i < request.files.size(); ++i) {
-            if (request.files[i].name == name) return &request.files[i];
-        }
-        return nullptr;
-    }
-};
-
 bool upload_has(const std::string& name, void* user) {
-    auto& upload = *static_cast<Upload*>(user);
-    if (upload.find(name) != nullptr) return true;
-    if (upload.missing.empty()) upload.missing = name;
-    return false;
+    return static_cast<Upload*>(user)->has(name);
 }
 
 bool upload_read(std::vector<unsigned char>* out, std::string* error, const std::string& name,
                  void* user) {
-    auto& upload = *static_cast<Upload*>(user);
-    const NamedBytes* file = upload.find(name);
-    if (file == nullptr || file->bytes.size() > upload.bytes_left) {
-        *error = "refused";
-        return false;
-    }
-    upload.bytes_left -= file->bytes.size();
-    const auto* first = reinterpret_cast<const unsigned char*>(file->bytes.data());
-    out->assign(first, first + file->bytes.size());
+    const auto bytes = static_cast<Upload*>(user)->read(name);
+    if (!bytes) *error = "refused";
+    if (!bytes) return false;
+    const auto* first = reinterpret_cast<const unsigned char*>(bytes->data());
+    out->assign(first, first + bytes->size());
     return true;
 }
 
@@ -63,16 +39,6 @@ bool keep_encoded(tinygltf::Image* image, int, std::string*, std::string*, int, 
                   const unsigned char* bytes, int size, void*) {
     if (image->bufferView < 0 && size > 0) image->image.assign(bytes, bytes + size);
     return true;
-}
-
-/// Foreign text on one line: control characters become spaces, and it ends before it bores.
-std::string one_line(std::string text) {
-    for (char& c : text) {
-        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) c = ' ';
-    }
-    if (text.size() > 160) text = text.substr(0, 160) + "...";
-    while (!text.empty() && text.back() == ' ') text.pop_back();
-    return text;
 }
 
 Result<void> check_extensions(const tinygltf::Model& file) {
@@ -92,11 +58,27 @@ Result<void> check_extensions(const tinygltf::Model& file) {
     return {};
 }
 
+/// tinygltf complains about members of skins and animations that glTF does not require. Neither is
+/// read here, so neither may stop a scene.
+void drop_harmless_lines(std::string& problem) {
+    std::string kept;
+    for (std::size_t at = 0; at < problem.size();) {
+        const std::size_t end = std::min(problem.find('\n', at), problem.size());
+        const std::string line = problem.substr(at, end - at);
+        const bool harmless = line.find("inverseBindMatrices") != std::string::npos ||
+                              line.find("nimation") != std::string::npos ||
+                              line.find("'node' property is missing") != std::string::npos;
+        if (!harmless) kept += line + '\n';
+        at = end + 1;
+    }
+    problem = kept.find_first_not_of(" \n") == std::string::npos ? std::string() : kept;
+}
+
 Result<void> run_tinygltf(const ImportRequest& request, std::uint64_t upload_bytes,
                           tinygltf::Model& file) {
     const std::span<const std::byte> main = request.files.front().bytes;
     const auto* bytes = reinterpret_cast<const unsigned char*>(main.data());
-    Upload upload{request, 4 * upload_bytes, {}};
+    Upload upload(request, 4 * upload_bytes);
 
     std::string problem;
     std::string warning;
@@ -121,27 +103,12 @@ Result<void> run_tinygltf(const ImportRequest& request, std::uint64_t upload_byt
         return fail(ErrorCode::scene_invalid, "the glTF file is damaged");
     }
 
-    if (!loaded && !upload.missing.empty()) {
-        return fail(ErrorCode::scene_invalid,
-                    fmt::format("the scene names the file '{}', which did not come with it",
-                                one_line(upload.missing)));
-    }
-    if (!loaded || !problem.empty()) {
-        return fail(ErrorCode::scene_invalid,
-                    fmt::format("the glTF file is damaged: {}",
-                                problem.empty() ? "no reason given" : one_line(problem)));
-    }
-    return {};
-}
-
-/// An index of the file: -1 stands for absent, anything else must be below `size`.
-Result<std::uint32_t> optional_index(int value, std::size_t size, std::string_view what) {
-    if (value == -1) return no_id;
-    if (value < 0 || static_cast<std::size_t>(value) >= size) {
-        return fail(ErrorCode::scene_invalid,
-                    fmt::format("the scene refers to {} {}, but there are {}", what, value, size));
-    }
-    return static_cast<std::uint32_t>(value);
+    drop_harmless_lines(problem);
+    if (loaded && problem.empty()) return {};
+    if (problem.find("File not found") != std::string::npos) return upload.missing_file();
+    return fail(ErrorCode::scene_invalid,
+                fmt::format("the glTF file is damaged: {}",
+                            problem.empty() ? "no reason given" : one_line(problem)));
 }
 
 /// The member of an extension object, or null.
@@ -217,12 +184,8 @@ Result<void> convert_meshes(tinygltf::Model& file, Model& model) {
                 const auto found = from.attributes.find(name);
                 if (found == from.attributes.end()) return {};
                 const auto index =
-                    optional_index(found->second, model.accessors.size(), "accessor");
+                    required_index(found->second, model.accessors.size(), "accessor");
                 if (!index) return error_of(index);
-                if (*index == no_id) {
-                    return fail(ErrorCode::scene_invalid,
-                                fmt::format("a primitive's {} names accessor -1", name));
-                }
                 out = *index;
                 return {};
             };
@@ -332,8 +295,7 @@ Result<void> convert_materials(tinygltf::Model& file, Model& model) {
         MaterialDescription material;
         material.name = in.name;
         material.double_sided = in.doubleSided;
-        const std::string where = fmt::format("material {} ('{}')", model.materials.size(),
-                                              one_line(in.name.substr(0, 60)));
+        const std::string where = label("material", model.materials.size(), in.name);
         if (in.alphaMode == "MASK")
             material.alpha_mode = AlphaMode::mask;
         else if (in.alphaMode == "BLEND")
@@ -419,8 +381,7 @@ Result<Instancing> convert_instancing(const tinygltf::Node& in, const Model& mod
 
 Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
     for (const tinygltf::Node& in : file.nodes) {
-        const std::string where =
-            fmt::format("node {} ('{}')", model.nodes.size(), one_line(in.name.substr(0, 60)));
+        const std::string where = label("node", model.nodes.size(), in.name);
         Node node;
         node.name = in.name;
         const auto mesh = optional_index(in.mesh, model.meshes.size(), "mesh");
@@ -436,8 +397,7 @@ Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
         node.instancing = *instancing;
         node.local = *local;
         for (const int child : in.children) {
-            const auto index = child < 0 ? optional_index(-2, file.nodes.size(), "child node")
-                                         : optional_index(child, file.nodes.size(), "child node");
+            const auto index = required_index(child, file.nodes.size(), "child node");
             if (!index) return error_of(index);
             node.children.push_back(*index);
         }
@@ -469,58 +429,11 @@ Result<void> convert_cameras(tinygltf::Model& file, Model& model) {
     return {};
 }
 
-/// The roots of scene `scene`, else of scene 0, else every node without a parent.
 Result<void> choose_scene(tinygltf::Model& file, Model& model) {
-    std::vector<bool> has_parent(model.nodes.size(), false);
-    for (std::size_t i = 0; i < model.nodes.size(); ++i) {
-        for (const std::uint32_t child : model.nodes[i].children) {
-            if (has_parent[child] || child == i) {
-                return fail(
-                    ErrorCode::scene_invalid,
-                    fmt::format("node {} has more than one parent; a glTF scene is a tree", child));
-            }
-            has_parent[child] = true;
-        }
-    }
     const auto scene = optional_index(file.defaultScene, file.scenes.size(), "scene");
     if (!scene) return error_of(scene);
-    if (file.scenes.empty()) {
-        for (std::uint32_t i = 0; i < model.nodes.size(); ++i) {
-            if (!has_parent[i]) model.roots.push_back(i);
-        }
-    } else {
-        std::vector<bool> listed(model.nodes.size(), false);
-        for (const int node : file.scenes[*scene == no_id ? 0 : *scene].nodes) {
-            const auto index =
-                optional_index(node < 0 ? -2 : node, model.nodes.size(), "scene node");
-            if (!index) return error_of(index);
-            if (has_parent[*index] || listed[*index]) {
-                return fail(
-                    ErrorCode::scene_invalid,
-                    fmt::format("the scene lists node {}, which stands elsewhere too", *index));
-            }
-            listed[*index] = true;
-            model.roots.push_back(*index);
-        }
-    }
-
-    // With one parent each, nodes that no parentless node reaches stand on a cycle.
-    std::vector<std::uint32_t> stack;
-    for (std::uint32_t i = 0; i < model.nodes.size(); ++i) {
-        if (!has_parent[i]) stack.push_back(i);
-    }
-    std::size_t reached = 0;
-    while (!stack.empty()) {
-        const std::uint32_t node = stack.back();
-        stack.pop_back();
-        ++reached;
-        stack.insert(stack.end(), model.nodes[node].children.begin(),
-                     model.nodes[node].children.end());
-    }
-    if (reached == model.nodes.size()) return {};
-    return fail(
-        ErrorCode::scene_invalid,
-        fmt::format("{} nodes of the scene are their own ancestors", model.nodes.size() - reached));
+    if (file.scenes.empty()) return set_roots(model, nullptr);
+    return set_roots(model, &file.scenes[*scene == no_id ? 0 : *scene].nodes);
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 // count and the reason are reported. (A picture whose bytes lie outside their buffer was refused
 // when the bufferViews were checked.)
 #include "engine/assets/gltf_model.h"
+#include "engine/assets/gltf_names.h"
 #include "engine/assets/image.h"
 
 #include <fmt/format.h>
@@ -30,7 +31,7 @@ public:
         if (image == no_id) return missing("a texture without a picture");
         if (read_[image] != not_read) return read_[image];
         const Image& from = model_.images[image];
-        const std::string name = fmt::format("texture {} ('{}')", image, from.name.substr(0, 60));
+        const std::string name = label("texture", image, from.name);
         if (from.bytes.empty())
             return read_[image] = missing(name + " did not come with the scene");
         auto picture = decode_image(from.bytes, limits_.image_side_max,
@@ -79,7 +80,7 @@ Result<void> read_materials(const Model& model, const ImportLimits& limits,
             scene.warnings.push_back(
                 fmt::format("material '{}' uses TEXCOORD_{}; only sets 0 and 1 are read, its "
                             "texture is left out",
-                            material.name.substr(0, 60), material.texcoord));
+                            one_line(material.name, 60), material.texcoord));
             ++scene.skipped["textures"];
             material.texture = no_id;
         }

@@ -64,16 +64,16 @@ Result<Matrix> local_matrix(std::span<const double> matrix, std::span<const doub
             return fail(ErrorCode::scene_invalid,
                         where + " has a matrix and TRS; only one may be given");
         }
-        const double last = std::abs(matrix[3]) + std::abs(matrix[7]) + std::abs(matrix[11]) +
-                            std::abs(matrix[15] - 1);
-        if (last > 1e-4) {
+        // A last row of nothing but zeros belongs to a matrix of zeros: singular, not projective.
+        const double row = std::abs(matrix[3]) + std::abs(matrix[7]) + std::abs(matrix[11]);
+        if (row > 1e-4 || (std::abs(matrix[15] - 1) > 1e-4 && matrix[15] != 0)) {
             return fail(ErrorCode::scene_invalid,
                         where + " has a projective matrix, not an affine one");
         }
         Matrix out{};
-        for (std::size_t row = 0; row < 3; ++row) {
+        for (std::size_t r = 0; r < 3; ++r) {
             for (std::size_t column = 0; column < 4; ++column) {
-                out[row * 4 + column] = matrix[column * 4 + row];
+                out[r * 4 + column] = matrix[column * 4 + r];
             }
         }
         return out;

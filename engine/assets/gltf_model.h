@@ -152,6 +152,14 @@ struct Model {
 /// passed prescan_json. The model owns its bytes and never points into the request.
 Result<Model> load_model(const ImportRequest& request);
 
+/// An index of the file: -1 stands for absent and gives no_id, anything else must be below `size`.
+Result<std::uint32_t> optional_index(std::int64_t value, std::size_t size, std::string_view what);
+Result<std::uint32_t> required_index(std::int64_t value, std::size_t size, std::string_view what);
+
+/// Checks that the nodes form a forest, and sets model.roots to those listed, or to every node
+/// without a parent when the file has no scene.
+Result<void> set_roots(Model& model, const std::vector<int>* listed);
+
 /// A node's transform from `matrix` (16, column-major) or TRS, as the file states them: the right
 /// number of numbers, finite as floats, rotation normalised. `where` starts an error's message.
 Result<Matrix> local_matrix(std::span<const double> matrix, std::span<const double> translation,

@@ -5,6 +5,7 @@
 // with shared subtrees print the same path. Shared subtrees (gltf_sharing.h) become objects in
 // between. Declaration order is depth-first node order throughout; every walk is iterative.
 #include "engine/assets/gltf_model.h"
+#include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_sharing.h"
 
 #include <fmt/format.h>
@@ -237,7 +238,7 @@ void read_cameras(const Model& model, SceneDescription& scene) {
         if (!camera.perspective || !remove_scale(entry.to_world)) {
             ++scene.skipped["cameras"];
             scene.warnings.push_back(
-                fmt::format("camera '{}' is {} and was left out", name.substr(0, 60),
+                fmt::format("camera '{}' is {} and was left out", one_line(name, 60),
                             camera.perspective ? "without a direction" : "orthographic"));
             continue;
         }

@@ -4,6 +4,8 @@
 // text means; and it is iterative, so nesting costs it no stack.
 #include "engine/assets/gltf_prescan.h"
 
+#include "engine/assets/gltf_names.h"
+
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -165,30 +167,6 @@ Result<void> prescan_json(std::span<const std::byte> json, bool is_glb,
         return tl::unexpected<Error>(scan.error());
     }
     return {};
-}
-
-bool is_safe_name(std::string_view uri) {
-    if (uri.empty() || uri.size() > 4096 || uri.front() == '/' || uri.front() == '~') return false;
-    for (std::size_t i = 0; i < uri.size(); ++i) {
-        const auto c = static_cast<unsigned char>(uri[i]);
-        if (c < 0x20 || c == 0x7F || c == '\\' || c == ':') return false;
-        if (c != '%') continue;
-        // What a percent sign hides must not be part of the path's structure, or another percent
-        // sign.
-        const std::string_view code = uri.substr(i + 1, 2);
-        for (const char* hidden :
-             {"2e", "2E", "2f", "2F", "5c", "5C", "25", "3a", "3A", "7f", "7F"}) {
-            if (code == hidden) return false;
-        }
-        if (code.size() < 2 || code[0] == '0' || code[0] == '1') return false;
-    }
-    for (std::size_t at = 0; at <= uri.size();) {
-        const std::size_t end = std::min(uri.find('/', at), uri.size());
-        const std::string_view part = uri.substr(at, end - at);
-        if (part.empty() || part == "..") return false;
-        at = end + 1;
-    }
-    return true;
 }
 
 }  // namespace raynest::gltf

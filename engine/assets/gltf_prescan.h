@@ -32,8 +32,4 @@ Result<GlbChunks> open_glb(std::span<const std::byte> file);
 /// objects, buffers without a home, and the names of files. scene_invalid or limit_exceeded.
 Result<void> prescan_json(std::span<const std::byte> json, bool is_glb, const ImportLimits& limits);
 
-/// May this (percent-encoded) URI name an uploaded file? Relative, no "..", no scheme, no
-/// backslash, no control character, and no separator or dot hidden behind a percent sign.
-[[nodiscard]] bool is_safe_name(std::string_view uri);
-
 }  // namespace raynest::gltf

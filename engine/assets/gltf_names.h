@@ -1,0 +1,45 @@
+// Names that come out of a scene file: how they are shown, and which files they may reach.
+#pragma once
+
+#include "engine/assets/import.h"
+#include "engine/result.h"
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace raynest::gltf {
+
+/// May this URI (percent-encoded or decoded) name an uploaded file? Relative, no "..", no scheme,
+/// no backslash, no control character, and no separator or dot hidden behind a percent sign.
+[[nodiscard]] bool is_safe_name(std::string_view uri);
+
+/// Foreign text for a message: control characters become spaces, and it ends before it bores.
+[[nodiscard]] std::string one_line(std::string_view text, std::size_t length_max = 160);
+
+/// "mesh 7 ('leaf')", or "mesh 7" when it has no name.
+[[nodiscard]] std::string label(std::string_view kind, std::uint64_t index, std::string_view name);
+
+/// The uploaded files as a loader sees them: by exact name, and only so many bytes in total. (A
+/// scene that names one file a thousand times is made to cost memory.)
+class Upload {
+public:
+    Upload(const ImportRequest& request, std::uint64_t bytes_max)
+        : request_(request),
+          bytes_left_(bytes_max) {}
+
+    [[nodiscard]] bool has(std::string_view name);
+    Result<std::span<const std::byte>> read(std::string_view name);
+    /// The error for the first name that was asked for and is not there.
+    [[nodiscard]] tl::unexpected<Error> missing_file() const;
+
+private:
+    [[nodiscard]] const NamedBytes* find(std::string_view name) const;
+
+    const ImportRequest& request_;
+    std::uint64_t bytes_left_;
+    std::string missing_;
+};
+
+}  // namespace raynest::gltf

@@ -1,0 +1,103 @@
+#include "engine/assets/import.h"
+#include "engine/scene/snapshot.h"
+
+#include <doctest/doctest.h>
+
+#include <chrono>
+
+using namespace raynest;
+
+namespace {
+
+std::shared_ptr<const Snapshot> bake(const std::string& source) {
+    const auto scene = describe_builtin(source);
+    REQUIRE_MESSAGE(scene.has_value(), (scene ? "" : scene.error().message));
+    auto snapshot = Snapshot::bake(*scene);
+    REQUIRE(snapshot.has_value());
+    return *snapshot;
+}
+
+std::string refusal(const std::string& source) {
+    const auto scene = describe_builtin(source);
+    REQUIRE_FALSE(scene.has_value());
+    return scene.error().message;
+}
+
+}  // namespace
+
+TEST_CASE("the forest nests four levels, is masked, and is ready in a blink") {
+    const auto start = std::chrono::steady_clock::now();
+    const auto forest = bake("builtin:forest");
+    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+    const SceneStatistics& s = forest->statistics();
+    CHECK(s.levels == 4);
+    CHECK(s.mask_materials >= 6);
+    CHECK(s.cameras.size() == 2);
+    CHECK(s.skipped.empty());
+    CHECK(s.instanced_triangles > 1'000'000);
+    CHECK(s.instanced_triangles < 20'000'000);
+    CHECK(s.bytes < (64U << 20));
+    MESSAGE("builtin:forest: ", s.instanced_triangles, " triangles placed, ", s.unique_triangles,
+            " stored, in ", took.count(), " s");
+}
+
+TEST_CASE("the same keys give the same forest, another seed another one") {
+    const auto forest = bake("builtin:forest?trees=40&seed=7");
+    CHECK(forest->hash() == bake("builtin:forest?seed=7&trees=40")->hash());
+    CHECK(forest->hash() != bake("builtin:forest?trees=40&seed=8")->hash());
+}
+
+TEST_CASE("fewer levels hold the same triangles") {
+    const auto nested = bake("builtin:forest?trees=40&leaves=4");
+    for (const std::uint32_t levels : {1U, 2U, 3U}) {
+        const auto flatter =
+            bake("builtin:forest?trees=40&leaves=4&levels=" + std::to_string(levels));
+        CHECK(flatter->statistics().levels == levels);
+        CHECK(flatter->statistics().instanced_triangles ==
+              nested->statistics().instanced_triangles);
+        // A box of turned boxes is looser than a box of the same triangles, but not by much.
+        const Vec3 slack = 0.05F * nested->bounds().size();
+        for (int axis = 0; axis < 3; ++axis) {
+            const Box& flat = flatter->bounds();
+            const Box& loose = nested->bounds();
+            CHECK(flat.lower[axis] >= loose.lower[axis] - 1e-3F);
+            CHECK(flat.lower[axis] <= loose.lower[axis] + slack[axis]);
+            CHECK(flat.upper[axis] <= loose.upper[axis] + 1e-3F);
+            CHECK(flat.upper[axis] >= loose.upper[axis] - slack[axis]);
+        }
+    }
+    CHECK(refusal("builtin:forest?trees=1000000&levels=1").find("more than") != std::string::npos);
+}
+
+TEST_CASE("a forest may have any number of trees") {
+    const auto triangles = [](const char* source) {
+        return bake(source)->statistics().instanced_triangles;
+    };
+    CHECK(triangles("builtin:forest?trees=1") > 10000);
+    CHECK(triangles("builtin:forest?trees=100000") > 50 * triangles("builtin:forest?trees=1000"));
+}
+
+TEST_CASE("the terrain is one mesh, the flake is nested spheres") {
+    const auto terrain = bake("builtin:terrain?size=64");
+    CHECK(terrain->statistics().unique_triangles == 2 * 64 * 64);
+    CHECK(terrain->statistics().levels == 1);
+    const auto flake = bake("builtin:flake?depth=4");
+    CHECK(flake->statistics().levels == 4);
+    CHECK(flake->statistics().instances == 1 + 9 + 81 + 729);
+    // 1 + 2/3 + 2/9 + 2/27 along one axis at most, and some slack for boxes of turned boxes.
+    CHECK(flake->bounds().upper.y < 2.3F);
+    CHECK(flake->bounds().upper.y > 1.6F);
+}
+
+TEST_CASE("an unknown scene or key names what there is") {
+    CHECK(refusal("builtin:jungle").find("forest, terrain and flake") != std::string::npos);
+    CHECK(refusal("builtin:forest?tree=3").find("trees (1..4000000, default 1000)") !=
+          std::string::npos);
+    for (const char* source :
+         {"builtin:forest?trees=0", "builtin:forest?trees=-1", "builtin:forest?trees=1e3",
+          "builtin:forest?trees=99999999999999999999", "builtin:forest?trees",
+          "builtin:flake?depth=17", "builtin:forest?&", "builtin:"}) {
+        CAPTURE(source);
+        CHECK_FALSE(describe_builtin(source).has_value());
+    }
+}

@@ -1,0 +1,124 @@
+#include "engine/assets/image.h"
+
+#include "tests/unit/engine/assets/samples.h"
+
+using namespace raynest;
+using test::Bytes;
+using test::raw_png;
+
+namespace {
+
+constexpr std::uint32_t side_max = 4096;
+constexpr std::uint64_t bytes_max = 64U << 20;
+
+std::vector<std::uint8_t> pixels_of(const Bytes& file) {
+    const auto image = decode_image(file, side_max, bytes_max);
+    REQUIRE_MESSAGE(image.has_value(), (image ? "" : image.error().message));
+    return image->rgba;
+}
+
+/// A 64 x 48 picture with noise in every channel, alpha included.
+std::vector<std::uint8_t> noise() {
+    std::vector<std::uint8_t> rgba(64 * 48 * 4);
+    std::uint32_t state = 1;
+    for (std::uint8_t& value : rgba) {
+        state = state * 1664525U + 1013904223U;
+        value = static_cast<std::uint8_t>(state >> 24);
+    }
+    return rgba;
+}
+
+}  // namespace
+
+TEST_CASE("a PNG comes back bit for bit, straight alpha included") {
+    if (!images_available()) return;
+    const auto rgba = noise();
+    const auto file = encode_picture(64, 48, rgba, "png");
+    REQUIRE(file.has_value());
+    CHECK(pixels_of(*file) == rgba);
+}
+
+TEST_CASE("grey, grey with alpha, palette and 16-bit pictures become RGBA8") {
+    if (!images_available()) return;
+    CHECK(pixels_of(raw_png(2, 1, 8, 0, std::string("\0\x10\x20", 3))) ==
+          std::vector<std::uint8_t>{16, 16, 16, 255, 32, 32, 32, 255});
+    CHECK(pixels_of(raw_png(1, 1, 8, 4, std::string("\0\x10\x80", 3))) ==
+          std::vector<std::uint8_t>{16, 16, 16, 128});
+    CHECK(
+        pixels_of(raw_png(2, 1, 8, 3, std::string("\0\x01\x00", 3), "\x01\x02\x03\x04\x05\x06")) ==
+        std::vector<std::uint8_t>{4, 5, 6, 255, 1, 2, 3, 255});
+    CHECK(pixels_of(raw_png(1, 1, 16, 6, std::string("\0\x80\x80\x40\x40\x20\x20\xFF\xFF", 9))) ==
+          std::vector<std::uint8_t>{128, 64, 32, 255});
+}
+
+TEST_CASE("a picture is stopped by its header, not by its pixels") {
+    if (!images_available()) return;
+    const Bytes wide = raw_png(5000, 2, 8, 0, std::string("\0\x10", 2));
+    const auto too_wide = decode_image(wide, side_max, bytes_max);
+    REQUIRE_FALSE(too_wide.has_value());
+    CHECK(too_wide.error().code == ErrorCode::limit_exceeded);
+    const auto too_many =
+        decode_image(raw_png(4000, 4000, 8, 0, std::string("\0\x10", 2)), side_max, 1 << 20);
+    REQUIRE_FALSE(too_many.has_value());
+    CHECK(too_many.error().code == ErrorCode::limit_exceeded);
+}
+
+TEST_CASE("a PNG cut anywhere is an error") {
+    if (!images_available()) return;
+    const auto file = encode_picture(64, 48, noise(), "png");
+    REQUIRE(file.has_value());
+    // The last 12 bytes are the end chunk, which holds no pixel.
+    for (std::size_t length = 0; length + 12 < file->size(); length += 37) {
+        CAPTURE(length);
+        CHECK_FALSE(decode_image(std::span(*file).first(length), side_max, bytes_max).has_value());
+    }
+}
+
+TEST_CASE("a JPEG cut anywhere is an error") {
+    if (!images_available() || !test::have_shared_scenes()) return;
+    // The first JPEG inside a scene: from its start marker to the end of its bufferView is enough,
+    // for what follows the end marker does not matter.
+    const Bytes scene = test::read_file(test::shared_scene("temple.glb"));
+    const std::string_view text(reinterpret_cast<const char*>(scene.data()), scene.size());
+    const std::size_t at = text.find("\xFF\xD8\xFF\xE0");
+    REQUIRE(at != std::string_view::npos);
+    const auto rest = std::span(scene).subspan(at);
+    REQUIRE(decode_image(rest, side_max, bytes_max).has_value());
+    const std::size_t end = text.find("\xFF\xD9", at) + 2 - at;
+    for (std::size_t length = 0; length < end; length += 97) {
+        CAPTURE(length);
+        CHECK_FALSE(decode_image(rest.first(length), side_max, bytes_max).has_value());
+    }
+}
+
+TEST_CASE("only PNG, JPEG and WebP are looked at") {
+    if (!images_available()) return;
+    for (const char* magic : {"BM", "GIF89a", "v/1\x01", "DDS ", "II*", "P6\n", "RIFF1234AVI "}) {
+        const auto image =
+            decode_image(test::to_bytes(magic + std::string(64, 'x')), side_max, bytes_max);
+        REQUIRE_FALSE(image.has_value());
+        CHECK(image.error().code == ErrorCode::scene_unsupported);
+    }
+}
+
+TEST_CASE("an EXR holds floats and counts by name") {
+    if (!images_available()) return;
+    const std::vector<float> depth{1.5F, -2, 0, 4};
+    const std::vector<std::uint32_t> prim{1, 0xFFFFFFFFU, 3, 4};
+    const Channel channels[] = {{"Z", depth, {}}, {"prim", {}, prim}};
+    const auto file = encode_exr(2, 2, channels);
+    REQUIRE(file.has_value());
+    const std::string_view text(reinterpret_cast<const char*>(file->data()), file->size());
+    CHECK(text.starts_with("v/1\x01"));
+    // The channel list: name, zero, pixel type (0 = UINT, 2 = FLOAT).
+    CHECK(text.find(std::string("Z\0\2\0\0\0", 6)) != std::string_view::npos);
+    CHECK(text.find(std::string("prim\0\0\0\0\0", 9)) != std::string_view::npos);
+}
+
+TEST_CASE("a channel that does not fill the picture is refused") {
+    const std::vector<float> three{1, 2, 3};
+    const Channel channels[] = {{"Z", three, {}}};
+    CHECK_FALSE(encode_exr(2, 2, channels).has_value());
+    CHECK_FALSE(encode_picture(2, 2, std::vector<std::uint8_t>(15), "png").has_value());
+    CHECK_FALSE(encode_picture(1, 1, std::vector<std::uint8_t>(4), "bmp").has_value());
+}

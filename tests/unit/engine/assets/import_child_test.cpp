@@ -1,0 +1,134 @@
+#include "tests/unit/engine/assets/samples.h"
+
+#include <fcntl.h>
+#include <sys/resource.h>
+
+#include <chrono>
+#include <thread>
+
+using namespace raynest;
+namespace fs = std::filesystem;
+
+namespace {
+
+std::vector<std::string> child(const char* mode = "--import-child") {
+    return {RAYNEST_TEST_IMPORT_CHILD, mode};
+}
+
+Result<std::shared_ptr<const Snapshot>> import(const ImportRequest& request,
+                                               const char* mode = "--import-child",
+                                               const ImportLimits& limits = {}) {
+    return import_in_child(request, limits, child(mode));
+}
+
+ImportRequest builtin(const char* source) {
+    ImportRequest request;
+    request.source = source;
+    return request;
+}
+
+std::string refusal(const char* mode, const ImportLimits& limits = {}) {
+    const auto scene = import(builtin("builtin:flake?depth=2"), mode, limits);
+    REQUIRE_FALSE(scene.has_value());
+    return scene.error().message;
+}
+
+}  // namespace
+
+TEST_CASE("the child makes the same snapshot as this process") {
+    const auto registry = Registry::load({});
+    REQUIRE(registry.has_value());
+    const ImportRequest request = builtin("builtin:forest?trees=20");
+    const auto here = import_here(request, ImportLimits{}, **registry);
+    const auto there = import(request);
+    REQUIRE(here.has_value());
+    REQUIRE_MESSAGE(there.has_value(), (there ? "" : there.error().message));
+    CHECK((*here)->hash() == (*there)->hash());
+}
+
+TEST_CASE("the child's error arrives with its code") {
+    const auto scene = import(builtin("builtin:jungle"));
+    REQUIRE_FALSE(scene.has_value());
+    CHECK(scene.error().code == ErrorCode::scene_invalid);
+    CHECK(scene.error().message.find("jungle") != std::string::npos);
+}
+
+TEST_CASE("a child that crashes, fails, hangs or lies is an error") {
+    CHECK(refusal("--crash").find("ended the import process") != std::string::npos);
+    CHECK(refusal("--fail").find("exit code 7") != std::string::npos);
+    CHECK(refusal("--junk").find("no complete result") != std::string::npos);
+    CHECK(refusal("--nothing").find("no complete result") != std::string::npos);
+    ImportLimits limits;
+    limits.time_max = std::chrono::seconds(1);
+    CHECK(refusal("--hang", limits).find("longer than 1 s") != std::string::npos);
+    const std::vector<std::string> absent{"/nonexistent/raynestd"};
+    CHECK_FALSE(import_in_child(builtin("builtin:flake"), limits, absent).has_value());
+}
+
+TEST_CASE("the child inherits nothing but its two files") {
+    // 0, 1, 2 are /dev/null, 3 and 4 the memory files; a descriptor without close-on-exec stays
+    // here.
+    const int open_here = ::open("/dev/null", O_RDONLY);
+    REQUIRE(open_here >= 0);
+    CHECK(refusal("--list-descriptors").find("exit code 105") != std::string::npos);
+    ::close(open_here);
+}
+
+TEST_CASE("a limit on memory ends in an error, not in harm") {
+    ImportLimits limits;
+    limits.bytes_max = 1ULL << 30;
+    const auto scene = import(builtin("builtin:terrain?size=8192"), "--import-child", limits);
+    REQUIRE_FALSE(scene.has_value());
+    MESSAGE("out of memory reads: ", scene.error().message);
+    CHECK(scene.error().code != ErrorCode::internal);
+}
+
+TEST_CASE("many imports at once do not disturb each other") {
+    const auto expected = import(builtin("builtin:flake?depth=3"));
+    REQUIRE(expected.has_value());
+    std::vector<std::string> hashes(6);
+    {
+        std::vector<std::jthread> threads;
+        for (std::string& hash : hashes) {
+            threads.emplace_back([&hash] {
+                const auto scene = import(builtin("builtin:flake?depth=3"));
+                hash = scene ? (*scene)->hash() : scene.error().message;
+            });
+        }
+    }
+    for (const std::string& hash : hashes) CHECK(hash == (*expected)->hash());
+}
+
+TEST_CASE("hostile files take neither time nor memory from the child") {
+    if (!test::have_shared_scenes()) return;
+    std::size_t count = 0;
+    for (const auto& entry : fs::directory_iterator(test::shared_scene("hostile"))) {
+        const fs::path extension = entry.path().extension();
+        // A child costs a quarter of a second to start; the whole folder is read in process
+        // elsewhere.
+        const bool sample = ++count % 8 == 0 || entry.path().stem() == "img_png_bomb_20k" ||
+                            entry.path().stem() == "deep_extras_20000";
+        if (!sample || (extension != ".gltf" && extension != ".glb")) continue;
+        CAPTURE(entry.path().string());
+        const test::Upload upload(entry.path());
+        const auto start = std::chrono::steady_clock::now();
+        const auto scene = import(upload.request());
+        const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+        CHECK(took.count() < 5);
+        if (!scene) CHECK(scene.error().code != ErrorCode::internal);
+    }
+    rusage usage{};
+    REQUIRE(::getrusage(RUSAGE_CHILDREN, &usage) == 0);
+    MESSAGE("largest import child so far: ", usage.ru_maxrss / 1024, " MiB");
+}
+
+TEST_CASE("cocoa_temple.glb loads through the child in under three seconds") {
+    if (!test::have_shared_scenes()) return;
+    const test::Upload upload(test::shared_scene("cocoa_temple.glb"));
+    const auto start = std::chrono::steady_clock::now();
+    const auto scene = import(upload.request());
+    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+    REQUIRE_MESSAGE(scene.has_value(), (scene ? "" : scene.error().message));
+    MESSAGE("cocoa_temple.glb through the child: ", took.count(), " s");
+    CHECK((*scene)->statistics().instances == 1353);
+}
