@@ -136,17 +136,18 @@ void generate_rays(const Camera& camera, std::uint32_t width, std::uint32_t heig
     const auto& m = camera.to_world.m;
     const Vec3 eye(m[3], m[7], m[11]);
     for (std::size_t i = 0; i < out.size(); ++i) {
-        const std::uint64_t pixel = first + i;
-        const double x = (static_cast<double>(pixel % width) + 0.5 - half_width) * step;
-        const double y = (half_height - static_cast<double>(pixel / width) - 0.5) * step;
+        const std::uint64_t column = (first + i) % width;
+        const std::uint64_t row = (first + i) / width;
+        const double x = (static_cast<double>(column) + 0.5 - half_width) * step;
+        const double y = (half_height - static_cast<double>(row) - 0.5) * step;
         Ray& ray = out[i];
         ray = Ray{};
         ray.origin = eye;
-        for (int row = 0; row < 3; ++row) {
-            const auto at = 4 * static_cast<std::size_t>(row);
-            ray.direction[row] = static_cast<float>(x * static_cast<double>(m[at]) +
-                                                    y * static_cast<double>(m[at + 1]) -
-                                                    static_cast<double>(m[at + 2]));
+        for (int axis = 0; axis < 3; ++axis) {
+            const auto at = 4 * static_cast<std::size_t>(axis);
+            ray.direction[axis] = static_cast<float>(x * static_cast<double>(m[at]) +
+                                                     y * static_cast<double>(m[at + 1]) -
+                                                     static_cast<double>(m[at + 2]));
         }
     }
 }

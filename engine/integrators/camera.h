@@ -1,14 +1,14 @@
 // Pinhole cameras: glTF cameras, look-at, and the one that frames a scene (CONTRACT.md §5).
 #pragma once
 
+#include "engine/geometry/ray.h"
+#include "engine/result.h"
+#include "engine/scene/snapshot.h"
+
 #include <cstdint>
 #include <span>
 #include <string>
 #include <string_view>
-
-#include "engine/geometry/ray.h"
-#include "engine/result.h"
-#include "engine/scene/snapshot.h"
 
 namespace raynest {
 
@@ -20,18 +20,18 @@ struct Camera {
 };
 
 struct CameraRequest {
-    std::string name = {};       ///< name or index of a camera of the file; "" = the first one
+    std::string name = {};  ///< name or index of a camera of the file; "" = the first one
     bool look_at = false;
     Vec3 eye{0}, at{0}, up{0, 1, 0};
-    float fov_degrees = 0;       ///< vertical; 0 = the camera's own, 40 for look-at
+    float fov_degrees = 0;  ///< vertical; 0 = the camera's own, 40 for look-at
 };
 
 /// The requested camera; scene_invalid naming the cameras there are. Without any in the file: one
 /// that frames the bounding box from (+x, +y, +z) at 40 degrees, named "automatic".
 Result<Camera> choose_camera(const Snapshot& scene, const CameraRequest& request);
 
-/// Rays of pixels [first, first + out.size()) of a width x height image, row by row, y down, through
-/// pixel centres (+0.5). Directions are not normalised: unit length along the view axis.
+/// Rays of pixels [first, first + out.size()) of a width x height image, row by row, y down,
+/// through pixel centres (+0.5). Directions are not normalised: unit length along the view axis.
 void generate_rays(const Camera& camera, std::uint32_t width, std::uint32_t height,
                    std::uint64_t first, std::span<Ray> out);
 

@@ -3,6 +3,7 @@
 #include "engine/integrators/palette.h"
 #include "engine/integrators/picture.h"
 
+#include <cmath>
 #include <cstddef>
 
 namespace raynest {
@@ -21,8 +22,8 @@ Result<Picture> heat_picture(std::uint32_t width, std::uint32_t height,
     picture.rgba.resize(4 * counts.size());
     for (std::size_t i = 0; i < counts.size(); ++i) {
         const double position = scale.position(static_cast<double>(counts[i]));
-        const auto step =
-            static_cast<std::size_t>(position * static_cast<double>(palette->size() - 1) + 0.5);
+        const auto step = static_cast<std::size_t>(
+            std::lround(position * static_cast<double>(palette->size() - 1)));
         const Colour colour = (*palette)[step];
         std::uint8_t* pixel = &picture.rgba[4 * i];
         pixel[0] = colour.r;

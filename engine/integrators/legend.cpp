@@ -61,8 +61,10 @@ std::string tick_label(double value) {
 std::vector<double> round_values(const HeatScale& scale, std::uint32_t count_max) {
     std::vector<double> values;
     if (scale.logarithmic) {
-        for (double decade = 1; decade < scale.high; decade *= 10) {
-            for (const double digit : {1.0, 2.0, 5.0}) values.push_back(decade * digit);
+        for (std::uint64_t decade = 1; static_cast<double>(decade) < scale.high; decade *= 10) {
+            for (const unsigned digit : {1U, 2U, 5U}) {
+                values.push_back(static_cast<double>(decade * digit));
+            }
         }
     } else {
         const double wanted = (scale.high - scale.low) / count_max;
@@ -153,7 +155,7 @@ private:
     }
 
     std::uint32_t write_line(const std::string& line, std::uint32_t y) {
-        draw_text(picture_, unit_ * margin, y, line, unit_, ink);
+        draw_text(picture_, std::int64_t{unit_} * margin, y, line, unit_, ink);
         return y + unit_ * line_advance;
     }
 

@@ -1,14 +1,14 @@
 // A picture as it leaves an integrator, and the two kinds made in this folder.
 #pragma once
 
+#include "engine/geometry/hit.h"
+#include "engine/queries/columns.h"
+#include "engine/result.h"
+
 #include <cstdint>
 #include <span>
 #include <string>
 #include <vector>
-
-#include "engine/geometry/hit.h"
-#include "engine/queries/columns.h"
-#include "engine/result.h"
 
 namespace raynest {
 
@@ -36,19 +36,20 @@ struct HeatStatistics {
 };
 
 struct HeatOptions {
-    std::string metric = "total";    ///< a counter field
-    std::string palette = "turbo";   ///< turbo | viridis | inferno | gray
-    std::string scale = "linear";    ///< linear | log
-    std::string range = "p99";       ///< auto | p99 | a:b
+    std::string metric = "total";   ///< a counter field
+    std::string palette = "turbo";  ///< turbo | viridis | inferno | gray
+    std::string scale = "linear";   ///< linear | log
+    std::string range = "p99";      ///< auto | p99 | a:b
 };
 
 /// Fails with param_invalid, naming the choices.
 Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts, std::uint64_t misses,
                                        const HeatOptions& options);
 /// The map with a legend strip added below, so that the picture is higher than `height`: palette,
-/// ticks, unit, min/mean/p50/p99/max and the clipped share. `statistics` as heat_statistics gave it.
+/// ticks, unit, min/mean/p50/p99/max and the clipped share. `statistics` as heat_statistics gave
+/// it.
 Result<Picture> heat_picture(std::uint32_t width, std::uint32_t height,
-                             std::span<const std::uint32_t> counts, const HeatStatistics& statistics,
-                             const HeatOptions& options);
+                             std::span<const std::uint32_t> counts,
+                             const HeatStatistics& statistics, const HeatOptions& options);
 
 }  // namespace raynest

@@ -60,9 +60,9 @@ void write_records(const ObjectDescription& source, const Tree& tree, std::uint3
 
 std::uint32_t NameTable::add(const std::string& name) {
     if (name.empty()) return 0;
-    const std::string text(name.c_str());
+    const std::string text = name.substr(0, name.find('\0'));
     const auto [at, added] = offsets_.try_emplace(text, static_cast<std::uint32_t>(bytes_.size()));
-    if (added) bytes_.append(text.c_str(), text.size() + 1);
+    if (added) (bytes_ += text) += '\0';
     return at->second;
 }
 

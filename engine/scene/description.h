@@ -1,18 +1,19 @@
 // A scene as an importer or a program describes it: plain vectors, no trees yet.
 //
 // Snapshot::bake turns it into a snapshot. Objects may hold triangles or records of one other
-// primitive type, and instances of other objects beside them; the graph of instances must be acyclic.
+// primitive type, and instances of other objects beside them; the graph of instances must be
+// acyclic.
 #pragma once
+
+#include "engine/geometry/hit.h"
+#include "engine/geometry/views.h"
+#include "engine/math/vec.h"
 
 #include <cstddef>
 #include <cstdint>
 #include <map>
 #include <string>
 #include <vector>
-
-#include "engine/geometry/hit.h"
-#include "engine/geometry/views.h"
-#include "engine/math/vec.h"
 
 namespace raynest {
 

@@ -5,6 +5,10 @@
 // CUDA worker would read. scene/FORMAT.md draws it.
 #pragma once
 
+#include "engine/geometry/views.h"
+#include "engine/result.h"
+#include "engine/scene/description.h"
+
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -14,10 +18,6 @@
 #include <string_view>
 #include <vector>
 
-#include "engine/geometry/views.h"
-#include "engine/result.h"
-#include "engine/scene/description.h"
-
 namespace raynest {
 
 /// Limits on what may become a snapshot; CONTRACT.md §1.
@@ -25,7 +25,8 @@ inline constexpr std::uint32_t scene_depth_max = 32;
 inline constexpr float coordinate_max = 1e15F;
 inline constexpr std::uint64_t scene_paths_max = 1ULL << 63;
 inline constexpr std::uint32_t record_size_max = 4096;  ///< bytes of one record
-inline constexpr std::uint32_t texture_side_max = 16384;  ///< pixels; an RGBA plane stays below 2^31
+inline constexpr std::uint32_t texture_side_max =
+    16384;  ///< pixels; an RGBA plane stays below 2^31
 
 /// 2 MiB-aligned anonymous memory that asks for huge pages (+2..9 %, up to +20 % on random rays:
 /// notes of the traversal prototypes). Move-only.
@@ -68,8 +69,8 @@ public:
     /// limit_exceeded, naming the object. Coordinates beyond 1e15 and non-finite ones are refused
     /// with a count. Singular instances are left out: skipped["singular_instances"] counts the leaf
     /// placements lost with them, "singular_instance_triangles" the triangles of those, and
-    /// "singular_unique_triangles" the triangles that nothing else places. Objects that the root does
-    /// not reach are left out. Throws std::bad_alloc.
+    /// "singular_unique_triangles" the triangles that nothing else places. Objects that the root
+    /// does not reach are left out. Throws std::bad_alloc.
     static Result<std::shared_ptr<const Snapshot>> bake(const SceneDescription& description);
 
     /// Takes an arena that came from a cache or an import child. Every section bound, child word,
@@ -78,7 +79,9 @@ public:
 
     [[nodiscard]] const SceneView& view() const { return view_; }
     [[nodiscard]] const SceneStatistics& statistics() const { return statistics_; }
-    [[nodiscard]] std::span<const std::byte> bytes() const { return {arena_.data(), arena_.size()}; }
+    [[nodiscard]] std::span<const std::byte> bytes() const {
+        return {arena_.data(), arena_.size()};
+    }
     [[nodiscard]] const Box& bounds() const { return view_.objects[view_.root].bounds; }
     /// Hex of the arena's 128-bit content hash (scene/hash.h).
     [[nodiscard]] const std::string& hash() const { return hash_; }
@@ -99,7 +102,7 @@ struct PathStep {
     std::uint32_t instance = 0;  ///< declaration index in its parent
     std::uint32_t object = 0;
     std::uint32_t uid = 0;
-    std::string name;            ///< of the instance, else of its object, else "#<instance>"
+    std::string name;  ///< of the instance, else of its object, else "#<instance>"
 };
 
 /// Expands a flat path id; fails with scene_invalid when the scene has no such path.
