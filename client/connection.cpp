@@ -155,16 +155,17 @@ Result<void> Connection::greet(const std::string& token) {
                (*welcome)->window_bytes(), (*welcome)->frame_bytes_max(),
                (*welcome)->chunk_rays_max()};
     // A daemon may be configured to take less than we could send, never more.
-    daemon_.chunk_rays_max =
-        std::clamp<std::uint64_t>(daemon_.chunk_rays_max, 1, limits_.chunk_rays_max);
-    daemon_.frame_bytes_max = std::clamp<std::uint64_t>(
-        daemon_.frame_bytes_max, 2 * limits_.control_bytes_max, limits_.frame_bytes_max);
+    daemon_.chunk_rays_max = std::min(daemon_.chunk_rays_max, limits_.chunk_rays_max);
+    daemon_.frame_bytes_max = std::min(daemon_.frame_bytes_max, limits_.frame_bytes_max);
+    daemon_.window_bytes = std::min(daemon_.window_bytes, limits_.window_bytes_max);
+    if (daemon_.chunk_rays_max == 0 || bulk_bytes_max() < protocol::alignment)
+        return fail(Exit::failed, "the daemon takes no data: its limits are too small");
     return {};
 }
 
 void Connection::begin(std::chrono::milliseconds deadline) {
     ++id_;
-    credit_ = static_cast<std::int64_t>(daemon_.window_bytes);
+    credit_ = daemon_.window_bytes;
     consumed_ = 0;
     give_up_.reset();
     if (deadline.count() > 0) give_up_ = Clock::now() + deadline + grace;
@@ -231,13 +232,12 @@ Result<Frame> Connection::next() {
         if (is<wire::Credit>(*frame)) {
             const auto credit = protocol::open<wire::Credit>(*frame);
             if (!credit) return tl::unexpected<Failure>(failure(credit.error()));
-            credit_ += static_cast<std::int64_t>((*credit)->bytes());
+            credit_ += (*credit)->bytes();
         }
         consumed_ += frame->bulk.size();
-        if (consumed_ >= limits_.window_bytes / 2) {
-            const std::uint64_t bytes = std::min(consumed_, limits_.window_bytes_max);
-            consumed_ -= bytes;
-            if (auto granted = grant(bytes); !granted)
+        // Early enough that the daemon never waits for it.
+        if (consumed_ >= limits_.window_bytes / 4) {
+            if (auto granted = grant(std::exchange(consumed_, 0)); !granted)
                 return tl::unexpected<Failure>(granted.error());
         }
         return frame;

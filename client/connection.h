@@ -9,6 +9,7 @@
 #include "client/failure.h"
 #include "protocol/control.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <memory>
@@ -48,14 +49,18 @@ public:
         begin(deadline);
         return send(protocol::encode(id_, request));
     }
-    /// Sends bulk of the running request. Call it while credit() is positive.
+    /// Sends bulk of the running request, which must fit credit().
     template <class Native>
     Result<void> send_bulk(Native message, protocol::Bulk bulk) {
-        credit_ -= static_cast<std::int64_t>(bulk.bytes());
+        credit_ -= bulk.bytes();
         return send(protocol::encode(id_, std::move(message), std::move(bulk)));
     }
-    /// Bulk bytes that the daemon takes now; one frame may overdraw it.
-    [[nodiscard]] std::int64_t credit() const { return credit_; }
+    /// Bulk bytes, padding included, that the daemon takes now.
+    [[nodiscard]] std::uint64_t credit() const { return credit_; }
+    /// The most bulk that one frame should have: credit for so much always comes back.
+    [[nodiscard]] std::uint64_t bulk_bytes_max() const {
+        return std::min(daemon_.window_bytes / 2, daemon_.frame_bytes_max / 2);
+    }
 
     /// The next frame of the running request, CREDIT included (already counted). An ERROR frame is
     /// a Failure.
@@ -82,7 +87,7 @@ private:
     std::size_t staged_end_ = 0;
     Daemon daemon_;
     std::uint64_t id_ = 0;
-    std::int64_t credit_ = 0;
+    std::uint64_t credit_ = 0;
     std::uint64_t consumed_ = 0;  ///< bulk bytes not yet granted again
     std::optional<Clock::time_point> give_up_;
 };

@@ -84,19 +84,22 @@ private:
     std::map<std::uint64_t, Reply<wire::Chunk>> waiting_;
 };
 
-/// Sends rays [first, ...) of one frame; returns how many.
-Result<std::uint64_t> send_rays(Connection& connection, const RaySource& rays,
-                                std::uint64_t first) {
-    const std::uint64_t count = std::min(rays.count() - first, connection.daemon().chunk_rays_max);
+/// Rays of the frame that begins at `first`.
+std::uint64_t rays_of_frame(const Connection& connection, const RaySource& rays,
+                            std::uint64_t first) {
+    return std::min({rays.count() - first, connection.daemon().chunk_rays_max,
+                     connection.bulk_bytes_max() / sizeof(Ray)});
+}
+
+Result<void> send_rays(Connection& connection, const RaySource& rays, std::uint64_t first,
+                       std::uint64_t count) {
     protocol::Bulk bulk;
     bulk.add("rays", wire::Dtype::f32, 8, count);
     bulk.allocate();
     rays.read(first, bulk.block_as<Ray>(0));
     wire::QueryRaysT message;
     message.first_ray = first;
-    auto sent = connection.send_bulk(std::move(message), std::move(bulk));
-    if (!sent) return tl::unexpected<Failure>(sent.error());
-    return count;
+    return connection.send_bulk(std::move(message), std::move(bulk));
 }
 
 }  // namespace
@@ -115,10 +118,12 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
     Reorder reorder(rays.count(), request.kind == "multi", consume);
     std::uint64_t sent = 0;
     while (true) {
-        while (sent < rays.count() && connection.credit() > 0) {
-            const auto count = send_rays(connection, rays, sent);
-            if (!count) return tl::unexpected<Failure>(count.error());
-            sent += *count;
+        while (sent < rays.count()) {
+            const std::uint64_t count = rays_of_frame(connection, rays, sent);
+            if (connection.credit() < protocol::padded(count * sizeof(Ray))) break;
+            if (auto done = send_rays(connection, rays, sent, count); !done)
+                return tl::unexpected<Failure>(done.error());
+            sent += count;
         }
         auto frame = connection.next();
         if (!frame) return tl::unexpected<Failure>(frame.error());

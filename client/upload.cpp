@@ -131,20 +131,19 @@ Result<void> send_files(Connection& connection, const Upload& upload, const wire
     }
     for (const std::uint32_t index : *need.files()) {
         const std::span<const std::byte> bytes = upload.files[index].bytes.span();
-        // An empty file is one empty piece.
-        std::uint64_t offset = 0;
-        do {
-            while (connection.credit() <= 0) {
+        // A file of no bytes needs no piece.
+        for (std::uint64_t offset = 0; offset < bytes.size();) {
+            const std::uint64_t count =
+                std::min({bytes.size() - offset, piece_bytes,
+                          connection.bulk_bytes_max() & ~std::uint64_t{63}});
+            while (connection.credit() < protocol::padded(count)) {
                 if (auto frame = connection.next(); !frame)
                     return tl::unexpected<Failure>(frame.error());
             }
-            const std::uint64_t count = std::min<std::uint64_t>(
-                bytes.size() - offset,
-                std::min(piece_bytes, connection.daemon().frame_bytes_max / 2));
             protocol::Bulk bulk;
             bulk.add("data", wire::Dtype::u8, 1, count);
             bulk.allocate();
-            if (count != 0) std::memcpy(bulk.block(0).data(), bytes.data() + offset, count);
+            std::memcpy(bulk.block(0).data(), bytes.data() + offset, count);
             wire::UploadT piece;
             piece.file = index;
             piece.offset = offset;
@@ -153,7 +152,7 @@ Result<void> send_files(Connection& connection, const Upload& upload, const wire
             offset += count;
             sent += count;
             progress.update(sent, total, "uploading");
-        } while (offset < bytes.size());
+        }
     }
     return {};
 }

@@ -1,7 +1,8 @@
 // The content hash of uploaded files: FNV-1a, 64 bit.
 //
-// It finds damage and tells unchanged files apart from changed ones; it is no defence against somebody
-// who wants two files to look alike, so a daemon never serves one principal's bytes to another by it.
+// It finds damage and tells unchanged files apart from changed ones; it is no defence against
+// somebody who wants two files to look alike, so a daemon never serves one principal's bytes to
+// another by it.
 #pragma once
 
 #include <cstddef>

@@ -26,7 +26,7 @@ class Table {
 public:
     /// Framing is lost: the answer closes.
     void lost(std::string name, std::vector<std::byte> bytes, Code code) {
-        rows_.push_back({std::move(name), std::move(bytes), code, true});
+        rows_.push_back({std::move(name), std::move(bytes), code, true, false});
     }
     void lost(const std::string& name, const FrameHeader& header, Code code) {
         Frame frame;
@@ -35,7 +35,9 @@ public:
     }
     /// The frame ends where it says: the connection goes on.
     void kept(std::string name, const Frame& frame, Code code) {
-        rows_.push_back({std::move(name), wire_bytes(frame), code, false});
+        const auto type = static_cast<wire::Message>(frame.header.type);
+        const bool bulky = type == wire::Message::QueryRays || type == wire::Message::Upload;
+        rows_.push_back({std::move(name), wire_bytes(frame), code, false, bulky});
     }
     /// A good message, spoilt: `spoil` changes the native message before it is encoded.
     template <class Native>
@@ -145,10 +147,17 @@ void add_unknown_types(Table& table) {
         frame.header.request_id = 1;
         table.kept("message type " + std::to_string(type), frame, Code::unknown_type);
     }
-    // What only a daemon says is as unknown to it.
-    for (const Example& example : examples())
-        if (!protocol::sent_by_client(example.frame.header.type))
-            table.kept("a client that sends " + example.name, example.frame, Code::unknown_type);
+    // Who sends what only a daemon says has lost track of the conversation.
+    for (const Example& example : examples()) {
+        if (protocol::sent_by_client(example.frame.header.type)) continue;
+        FrameHeader header = example.frame.header;
+        header.block_count = 0;
+        header.bulk_bytes = 0;
+        const std::span<const std::byte> control = example.frame.control.span();
+        Frame frame = with_control(Frame{}, {control.begin(), control.end()});
+        frame.header = header;
+        table.lost("a client that sends " + example.name, wire_bytes(frame), Code::bad_frame);
+    }
 }
 
 // ---- a control part that is no message
@@ -162,6 +171,7 @@ void add_bad_controls(Table& table) {
         const auto add = [&](const std::string& what, std::vector<std::byte> bytes) {
             Frame frame = with_control(Frame{}, {});
             frame.header = example.frame.header;
+            frame.header.request_id = query_id;
             frame.header.block_count = 0;
             frame.header.bulk_bytes = 0;
             table.kept(example.name + " " + what, with_control(std::move(frame), std::move(bytes)),
@@ -366,7 +376,7 @@ void add_bad_blocks(Table& table) {
         block.stride = 32;
         block.bytes = 64;
         spoil(block);
-        Frame frame = protocol::encode(7, rays).value();
+        Frame frame = protocol::encode(query_id, rays).value();
         frame.header.block_count = 1;
         frame.header.bulk_bytes = 64;
         frame.bulk = Buffer(64);
@@ -391,23 +401,16 @@ void add_bad_blocks(Table& table) {
     add("a block at an odd offset", [](auto& b) { b.offset = 1; });
     add("a block at 2^64 - 64", [](auto& b) { b.offset = ~0ULL - 63; });
 
-    Frame uncounted = protocol::encode(7, wire::QueryRaysT{}).value();
+    Frame uncounted = protocol::encode(query_id, wire::QueryRaysT{}).value();
     uncounted.header.block_count = 1;
     table.kept("a header that counts a block too many", uncounted, Code::bad_frame);
-    Frame stray = protocol::encode(1, wire::PingT{}).value();
-    stray.header.block_count = 1;
-    stray.header.bulk_bytes = 64;
-    stray.bulk = Buffer(64);
-    std::memset(stray.bulk.data(), 0, 64);
-    table.kept("Ping with a bulk part", stray, Code::bad_frame);
-
     flatbuffers::FlatBufferBuilder builder;
     const auto one = wire::CreateBlock(builder, builder.CreateString("rays"));
     builder.Finish(wire::CreateQueryRays(builder, 0, builder.CreateVector(std::vector(8000, one))));
     const auto* data = reinterpret_cast<const std::byte*>(builder.GetBufferPointer());
     Frame many = with_control(Frame{}, {data, data + builder.GetSize()});
     many.header.type = static_cast<std::uint16_t>(wire::Message::QueryRays);
-    many.header.request_id = 7;
+    many.header.request_id = query_id;
     table.kept("a list of 8000 blocks that are one table", many, Code::bad_frame);
 
     protocol::Bulk twice;
@@ -416,7 +419,8 @@ void add_bad_blocks(Table& table) {
     twice.allocate();
     std::memset(twice.block(0).data(), 0, 32);
     std::memset(twice.block(1).data(), 0, 32);
-    table.kept("a block twice", protocol::encode(7, wire::QueryRaysT{}, std::move(twice)).value(),
+    table.kept("a block twice",
+               protocol::encode(query_id, wire::QueryRaysT{}, std::move(twice)).value(),
                Code::bad_frame);
 }
 

@@ -5,6 +5,7 @@
 #include "protocol/errors.h"
 
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -15,7 +16,10 @@ struct Malformed {
     std::vector<std::byte> bytes;  ///< sent after a good greeting
     protocol::Code code;           ///< of the ERROR frame that answers
     bool closes;                   ///< framing is lost: the connection ends after the ERROR
+    bool needs_query;              ///< belongs to a Query of two rays that is under way as query_id
 };
+
+inline constexpr std::uint64_t query_id = 7;
 
 /// At least 200, the same on every call.
 std::vector<Malformed> malformed_frames();
