@@ -6,7 +6,7 @@
 #pragma once
 
 #include "engine/geometry/views.h"
-#include "engine/math/lanes.h"
+#include "engine/math/vec.h"
 
 #include <cmath>
 #include <cstdint>

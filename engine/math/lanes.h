@@ -24,8 +24,6 @@
 #include <cstdint>
 #include <type_traits>
 
-#define RAYNEST_INLINE [[gnu::always_inline]] inline
-
 namespace raynest {
 
 // One register, or one float: the same few operations on both.

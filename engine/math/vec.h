@@ -10,6 +10,9 @@
 
 #include <glm/glm.hpp>
 
+/// For functions that kernels are made of: a call left over would cost more than its body.
+#define RAYNEST_INLINE [[gnu::always_inline]] inline
+
 namespace raynest {
 
 using Vec2 = glm::vec2;
@@ -19,7 +22,7 @@ static_assert(sizeof(Vec3) == 12 && sizeof(Vec2) == 8, "do not define GLM_FORCE_
 
 /// a*b + c with one rounding where the target has FMA; multiply-then-add on x86-64-v2, as Highway's
 /// MulAdd does there: v2 is its own reference (CONTRACT.md §2).
-[[gnu::always_inline]] inline float fused(float a, float b, float c) {
+RAYNEST_INLINE float fused(float a, float b, float c) {
 #ifdef __FMA__
     return __builtin_fmaf(a, b, c);
 #else

@@ -169,11 +169,18 @@ Result<const Variant*> Registry::choose(std::string_view name, const SceneView& 
     }
     for (std::uint32_t i = 0; i < scene.object_count; ++i) {
         const std::uint32_t type = scene.objects[i].record_type;
-        if (type == 0 || std::find(variant->record_types.begin(), variant->record_types.end(),
-                                   type) != variant->record_types.end()) {
+        if (type == 0) continue;
+        const PackPrimitive* primitive = find_primitive(type);
+        if (primitive != nullptr && primitive->record_size != scene.objects[i].record_size) {
+            return fail(ErrorCode::scene_invalid,
+                        std::string("the scene's records of type ") + primitive->name + " have " +
+                            std::to_string(scene.objects[i].record_size) + " bytes, the pack's " +
+                            std::to_string(primitive->record_size) + ": import the scene again");
+        }
+        if (std::find(variant->record_types.begin(), variant->record_types.end(), type) !=
+            variant->record_types.end()) {
             continue;
         }
-        const PackPrimitive* primitive = find_primitive(type);
         return fail(ErrorCode::variant_unknown,
                     "intersector '" + variant->name + "' was not compiled for primitives of type " +
                         (primitive != nullptr ? primitive->name : "#" + std::to_string(type)) +

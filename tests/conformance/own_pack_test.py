@@ -93,7 +93,7 @@ class OwnPack(unittest.TestCase):
         ready = cls.scratch / "ready.json"
         cls.daemon = subprocess.Popen(
             [str(BIN / "raynestd"), "--listen", "tcp://127.0.0.1:0", "--ready-file", str(ready),
-             "--pack-dir", str(cls.packs), "--state", str(cls.scratch / "state")],
+             "--pack-dir", str(cls.packs), "--state", str(cls.scratch / "state"), "--log-level", "error"],
             env=dict(os.environ, RAYNEST_BUILTIN_PACKS=str(BUILD / "lib/raynest")))
         cls.addClassCleanup(cls.daemon.wait, 20)
         cls.addClassCleanup(cls.daemon.terminate)
@@ -128,6 +128,10 @@ class OwnPack(unittest.TestCase):
         cut = self.hits("small", *down, "--intersector", "clip_plane", "--set", "height=-1000")[0]["hits"]
         self.assertEqual(len(whole), 1)
         self.assertEqual(cut, [])
+        asked = self.raynest("query", "small", *down, "--intersector", "clip_plane", "--set", "height=-1000",
+                             "--fields", "t,clipped")
+        self.assertIn("clipped", asked)
+        self.assertRegex(asked, r"inf\s+[1-9]")  # a miss, and how many surfaces the plane removed
 
     def test_a_primitive_of_our_own_in_a_list_in_a_bvh_and_under_instances(self):
         discs = [(x, y, 0, 0.5, 0, 0, 1) for x in range(8) for y in range(8)]

@@ -3,8 +3,9 @@ instructions of its own target.
 
 usage: pack_report.py BUILD_DIR KERNELS_MAX PACK...
 
-Fails when a pack has more kernels than the committed count, exports more than one symbol, or holds
-instructions that its target lacks (VEX in v2, EVEX registers in v3). Seconds come from ninja's log of
+Fails when a pack has more kernels than the committed count, exports more than one symbol, holds
+instructions that its target lacks (VEX in v2, EVEX registers in v3), or when an intersector's header is
+compiled into more than its own objects (touching it would rebuild others). Seconds come from ninja's log of
 the last build of each object; with ccache they are those of the cache.
 """
 
@@ -25,6 +26,24 @@ def compile_seconds(build, pack):
         if f"/{pack}_" in output or f"/{pack}.dir/" in output:
             spans[output] = (int(end) - int(start)) / 1000
     return sum(spans.values())
+
+
+def foreign_dependents(build, source):
+    """Objects that would be rebuilt when an intersector's header changes, but are not its own."""
+    names = [line.split()[0] for line in (source / "LIST").read_text().splitlines() if line and line[0] != "#"]
+    told = subprocess.run(["ninja", "-C", build, "-t", "deps"], capture_output=True, text=True).stdout
+    wrong, seen, output = [], set(), ""
+    for line in told.splitlines():
+        if line and not line.startswith(" "):
+            output = line.split(":")[0]
+        header = pathlib.Path(line.strip())
+        if "engine/packs" not in output or header.parent.name != "intersectors" or header.stem not in names:
+            continue
+        own = re.search(r"pack_v\d_(\w+)\.dir", output)
+        seen.add(header.stem)
+        if own is None or own.group(1) != header.stem:
+            wrong.append(f"{header.name} -> {output}")
+    return wrong, sorted(set(names) - seen)
 
 
 def main():
@@ -54,6 +73,10 @@ def main():
         if (target == "v2" and vex + evex) or (target == "v3" and evex):
             print(f"FAILED: {path.name} holds instructions that its target lacks")
             failed = 1
+    wrong, unseen = foreign_dependents(build, pathlib.Path(__file__).parents[2] / "engine/intersectors")
+    if (build / ".ninja_log").exists() and (wrong or unseen):
+        print("FAILED: an intersector's header is compiled into other objects, or into none:", wrong, unseen)
+        failed = 1
     if not kernels:
         print("FAILED: no pack told its kernels")
         failed = 1
