@@ -20,9 +20,16 @@ constexpr float clearing_radius = 13;
 constexpr float stand_radius = 9;
 constexpr std::uint32_t trees_per_stand = 16;
 constexpr std::uint32_t stand_variants = 4;
+/// Which trees stand round the clearing, from left to right as the first camera sees them; indices
+/// into Planter::trees_. Pale trunks and one dark spruce before the green of the stands.
+constexpr std::uint32_t clearing_kinds[] = {6, 0, 5, 4, 6, 1, 5, 7, 6, 4, 5, 0, 8, 6, 4, 1};
 /// Undergrowth is placed where a camera near the clearing can tell.
 constexpr float thicket_reach = 38;
 constexpr std::uint64_t flat_triangles_max = 20'000'000;
+
+Vec3 clearing_eye() {
+    return {0.5F, floor_height(0.5F, 13) + 1.65F, 13};
+}
 
 class Planter {
 public:
@@ -52,14 +59,14 @@ public:
         const float reach = glm::length(spiral(stands)) + 2 * stand_radius;
         add(root, add_object(floor_mesh(reach + 30)), Transform{}, "floor");
 
+        // The south stays open: there the camera stands.
         for (std::uint64_t i = 0; i < singles + left; ++i) {
-            const float angle = (static_cast<float>(i) + random_.uniform(0.1F, 0.9F)) * 2 * pi /
+            const float share = (static_cast<float>(i) + random_.uniform(0.2F, 0.8F)) /
                                 static_cast<float>(singles + left);
+            const float angle = pi / 2 + 0.75F + (2 * pi - 1.5F) * share;
             const float r = clearing_radius + random_.uniform(-2.5F, 1.5F);
-            // The view down the glade stays open.
-            const bool in_view = std::abs(std::remainder(angle - pi / 2, 2 * pi)) < 0.5F;
-            add_tree(root, {(in_view ? 1.5F : 1.0F) * r * std::cos(angle), 0, r * std::sin(angle)},
-                     random_.below(static_cast<std::uint32_t>(trees_.size())));
+            add_tree(root, {r * std::cos(angle), 0, r * std::sin(angle)},
+                     clearing_kinds[i % std::size(clearing_kinds)]);
         }
         for (std::uint64_t i = 0; i < stands; ++i) {
             const Vec3 at =
@@ -107,12 +114,14 @@ private:
         };
         oak_leaves_ = clusters({leaf_dark, leaf_mid, leaf_mid, leaf_light});
         const auto dark_leaves = clusters({leaf_dark, leaf_dark, leaf_mid});
+        const auto amber_leaves = clusters({leaf_mid, leaf_amber, leaf_amber});
         const auto birch_leaves = clusters({birch_leaf, birch_leaf});
         const std::vector<std::uint32_t> boughs{add_object(needle_bough(random_.split())),
                                                 add_object(needle_bough(random_.split()))};
 
         const BroadleafShape oak{9.5F, 0.34F, 0.26F, 0.4F, 0.55F, 11, bark, 1.25F};
         const BroadleafShape beech{13, 0.3F, 0.3F, 0.27F, 0.9F, 14, bark, 1.2F};
+        const BroadleafShape maple{8, 0.24F, 0.3F, 0.34F, 0.7F, 10, bark, 1.15F};
         const BroadleafShape birch{10.5F, 0.15F, 0.35F, 0.2F, 1.2F, 12, birch_bark, 0.95F};
         const auto tree = [&](const char* name, ObjectDescription object) {
             object.name = name;
@@ -122,6 +131,7 @@ private:
         tree("oak", broadleaf(random_.split(), oak, oak_leaves_));
         tree("beech", broadleaf(random_.split(), beech, dark_leaves));
         tree("beech", broadleaf(random_.split(), beech, oak_leaves_));
+        tree("maple", broadleaf(random_.split(), maple, amber_leaves));
         tree("birch", broadleaf(random_.split(), birch, birch_leaves));
         tree("birch", broadleaf(random_.split(), birch, birch_leaves));
         tree("spruce", spruce(random_.split(), 15, boughs));
@@ -173,16 +183,23 @@ private:
         }
     }
 
-    /// Leaves that hang into the camera's view from the upper left: big cards near the eye.
+    /// Leaves that hang into the first camera's view from the upper left and stand in its lower
+    /// right: big cards near the eye.
     void frame(ObjectDescription& root) {
-        for (int i = 0; i < 9; ++i) {
-            const float s = static_cast<float>(i) / 8;
-            const Vec3 at(-2.3F + 1.7F * s, floor_height(0, 16) + 2.75F - 0.25F * s,
-                          13.2F - 0.5F * s);
-            add(root, oak_leaves_[static_cast<std::size_t>(i) % oak_leaves_.size()],
-                place(at, random_.uniform(0.55F, 0.8F), random_.uniform(0, 2 * pi),
-                      random_.uniform(-0.5F, 0.5F)),
+        const auto hang = [&](float right, float up, float ahead, std::size_t tone) {
+            add(root, oak_leaves_[tone],
+                place(clearing_eye() + Vec3(right, up, -ahead), random_.uniform(0.5F, 0.72F),
+                      random_.uniform(0, 2 * pi), random_.uniform(-0.5F, 0.5F)),
                 "leaves");
+        };
+        for (std::size_t i = 0; i < 9; ++i) {
+            const float s = static_cast<float>(i) / 8;
+            hang(-2.4F + 1.9F * s, 1.05F + 0.5F * s + random_.uniform(-0.1F, 0.1F), 2.6F - 0.3F * s,
+                 i % 4);
+        }
+        for (std::size_t i = 0; i < 5; ++i) {
+            hang(1.5F + 0.3F * static_cast<float>(i), -0.95F + 0.07F * static_cast<float>(i), 2.9F,
+                 i % 4);
         }
     }
 
@@ -219,10 +236,9 @@ Result<SceneDescription> describe_forest(const BuiltinValues& values) {
     scene.root = static_cast<std::uint32_t>(scene.objects.size());
     scene.objects.push_back(std::move(root));
 
-    const float eye_height = floor_height(0, 16) + 1.65F;
     scene.cameras.push_back(
-        look("clearing", {0, eye_height, 16}, {0.8F, eye_height + 1.7F, 0}, 0.85F));
-    scene.cameras.push_back(look("canopy", {26, 21, 34}, {-4, 3, -10}, 0.8F));
+        look("clearing", clearing_eye(), clearing_eye() + Vec3(-0.6F, 1.7F, -15), 0.85F));
+    scene.cameras.push_back(look("canopy", {26, 22, 46}, {-2, 5, -6}, 0.75F));
 
     auto flat =
         flatten_levels(scene, static_cast<std::uint32_t>(value("levels")), flat_triangles_max);

@@ -123,9 +123,9 @@ ObjectDescription needle_bough(Random random) {
     // The flat spray in two drooping halves, and two shorter ones that hang from it.
     const auto spray = [&](const Vec3& base, const Vec3& along, const Vec3& side, float length) {
         const Vec3 bend = along * (0.5F * length) - Vec3(0, 0.06F * length, 0);
-        add_card(geometry, base, bend, side * (0.36F * length), {0, 0.5F}, {1, 1});
+        add_card(geometry, base, bend, side * (0.3F * length), {0, 0.5F}, {1, 1});
         add_card(geometry, base + bend, along * (0.5F * length) - Vec3(0, 0.2F * length, 0),
-                 side * (0.36F * length), {0, 0}, {1, 0.5F});
+                 side * (0.3F * length), {0, 0}, {1, 0.5F});
     };
     spray(Vec3(0), {1, 0, 0}, {0, 0, 1}, 1);
     for (const float turn : {-0.5F, 0.5F}) {
@@ -302,9 +302,9 @@ ObjectDescription spruce(Random random, float height, const std::vector<std::uin
     }
     add_tube(geometry_for(object, bark), rings, 9);
     float turn = 0;
-    for (float y = 0.9F; y < height - 0.3F; y += 0.34F + 0.1F * (1 - y / height)) {
-        const float reach = 0.27F * height * std::pow(1 - y / height, 0.8F) + 0.15F;
-        const int count = 6 + static_cast<int>(reach);
+    for (float y = 0.9F; y < height - 0.3F; y += 0.46F + 0.16F * (1 - y / height)) {
+        const float reach = 0.23F * height * std::pow(1 - y / height, 0.8F) + 0.15F;
+        const int count = 5 + static_cast<int>(reach);
         for (int i = 0; i < count; ++i) {
             turn += 2 * pi / static_cast<float>(count) + random.uniform(-0.15F, 0.15F);
             // Low boughs hang, high ones reach for the light.

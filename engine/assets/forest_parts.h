@@ -16,6 +16,7 @@ enum MaterialId : std::uint32_t {
     leaf_light,
     leaf_mid,
     leaf_dark,
+    leaf_amber,
     birch_leaf,
     needles,
     fern,

@@ -28,7 +28,8 @@ Vec3 varied(Random& random, const Vec3& colour, float amount) {
 void paint_leaf(Canvas& canvas, const Vec2& base, const Vec2& tip, float half, const Vec3& colour,
                 bool tiled = false) {
     const auto outline = [half](float s) {
-        return half * std::pow(std::sin(pi * std::pow(std::max(s, 1e-4F), 0.72F)), 0.85F);
+        const float bulge = std::sin(pi * std::pow(s, 0.72F));
+        return half * std::pow(std::max(bulge, 0.0F), 0.85F);
     };
     const auto shade = [&colour](float s, float t) {
         const float rib = std::abs(t) < 0.07F ? 0.28F : 0.0F;
@@ -92,7 +93,7 @@ ImageDescription paint_sprigs(std::uint64_t seed, const Vec3& colour, int pairs,
 /// A flat bough of a spruce: an axis, twigs to both sides, needles on all of them.
 ImageDescription paint_needles(std::uint64_t seed) {
     constexpr float size = 256;
-    const Vec3 colour(0.16F, 0.33F, 0.17F);
+    const Vec3 colour(0.25F, 0.42F, 0.24F);
     Canvas canvas(256, 256, colour * 0.8F);
     Random random(seed);
     const auto twig = [&](const Vec2& from, const Vec2& to, float needle) {
@@ -196,7 +197,8 @@ ImageDescription paint_ground(std::uint64_t seed) {
             const float moss =
                 std::clamp(3 * fractal_noise(u * 4, v * 4, 4, 4, seed) - 1.1F, 0.0F, 1.0F);
             const float grain = fractal_noise(u * 64, v * 64, 3, 64, seed + 9);
-            const Vec3 colour = glm::mix(Vec3(0.3F, 0.23F, 0.15F), Vec3(0.29F, 0.36F, 0.15F), moss);
+            const Vec3 colour =
+                glm::mix(Vec3(0.42F, 0.33F, 0.21F), Vec3(0.37F, 0.45F, 0.19F), moss);
             canvas.at(x, y) = Vec4(colour * (0.65F + 0.6F * grain), 1);
         }
     }
@@ -218,8 +220,8 @@ void add_materials(SceneDescription& scene, std::uint64_t seed) {
     scene.images.push_back(paint_ground(seed));
     scene.images.push_back(paint_bark(seed + 1, false));
     scene.images.push_back(paint_bark(seed + 2, true));
-    scene.images.push_back(paint_sprigs(seed + 3, {0.3F, 0.45F, 0.15F}, 5, 0.34F, 0.082F));
-    scene.images.push_back(paint_sprigs(seed + 4, {0.47F, 0.57F, 0.2F}, 7, 0.2F, 0.066F));
+    scene.images.push_back(paint_sprigs(seed + 3, {0.32F, 0.47F, 0.16F}, 5, 0.33F, 0.07F));
+    scene.images.push_back(paint_sprigs(seed + 4, {0.47F, 0.57F, 0.2F}, 7, 0.2F, 0.058F));
     scene.images.push_back(paint_needles(seed + 5));
     scene.images.push_back(paint_frond(seed + 6));
     scene.images.push_back(paint_blades(seed + 7));
@@ -245,6 +247,7 @@ void add_materials(SceneDescription& scene, std::uint64_t seed) {
     define(leaf_light, "leaf-light", 3, Vec3(1.3F, 1.25F, 1.0F), true);
     define(leaf_mid, "leaf-mid", 3, Vec3(0.85F, 0.9F, 0.8F), true);
     define(leaf_dark, "leaf-dark", 3, Vec3(0.48F, 0.58F, 0.55F), true);
+    define(leaf_amber, "leaf-amber", 3, Vec3(3.0F, 1.2F, 0.7F), true);
     define(birch_leaf, "birch-leaf", 4, Vec3(1), true);
     define(needles, "needles", 5, Vec3(1), true);
     define(fern, "fern", 6, Vec3(1), true);
