@@ -73,14 +73,14 @@ install_missing() {
         read -rp 'Install them now? [Y/n] ' answer
         [[ ${answer:-y} == [yY]* ]] || fail "not installed; to do it by hand: $remedy"
     fi
-    step 'packages' install_quietly "${apt[@]}" -y "${missing[@]}"
+    step 'packages' quietly "${apt[@]}" -y "${missing[@]}"
 }
 
-# install_quietly COMMAND...: thousands of lines of apt go to a log, which is shown when it fails.
-install_quietly() {
+# quietly COMMAND...: what it prints is worth reading only when it fails, and shown only then.
+quietly() {
     local log
     log=$(mktemp)
-    "$@" </dev/null >"$log" 2>&1 || { tail -n 20 "$log" >&2; rm -f "$log"; return 1; }
+    "$@" </dev/null >"$log" 2>&1 || { tail -n 40 "$log" >&2; rm -f "$log"; return 1; }
     rm -f "$log"
 }
 
@@ -94,7 +94,7 @@ build_raynest() {
     (($#)) && targets=(--target "$@")
     local strict=OFF
     [[ $("${CXX:-g++}" -dumpversion 2>/dev/null) == 12* ]] && strict=ON
-    step 'configure' cmake -S "$root" -B "$build" -G Ninja -C "$root/.ci/release.cmake" \
-        --log-level=WARNING -DRAYNEST_WERROR=$strict "${options[@]}"
+    step 'configure' quietly cmake -S "$root" -B "$build" -G Ninja -C "$root/.ci/release.cmake" \
+        -DRAYNEST_WERROR=$strict "${options[@]}"
     step 'build' cmake --build "$build" --parallel "$(nproc)" "${targets[@]}"
 }
