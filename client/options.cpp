@@ -55,6 +55,12 @@ CLI::Option* add_parsed(CLI::App& app, const std::string& name, Read read,
         text);
 }
 
+/// A whole number; left to itself, CLI11 reads -1 as 2^64 - 1.
+CLI::Option* add_number(CLI::App& app, const std::string& name, std::uint64_t& value,
+                        const std::string& text) {
+    return app.add_option(name, value, text)->check(CLI::NonNegativeNumber);
+}
+
 void add_scene(CLI::App& app, std::string& scene) {
     app.add_option("SCENE", scene, "name of a loaded scene (see: raynest scenes)")->required();
 }
@@ -79,7 +85,7 @@ void add_job(CLI::App& app, JobOptions& job) {
             return good ? "" : "'" + text + "' is not a 32-bit hexadecimal number";
         },
         "only instances with one of these bits, hexadecimal (FFFFFFFF)");
-    app.add_option("--epoch", job.epoch, "that epoch of the scene (the current one)");
+    add_number(app, "--epoch", job.epoch, "that epoch of the scene (the current one)");
     app.add_option("--worker", job.worker, "auto | cpu | cuda");
     app.add_option("--deadline", job.deadline, "give up after so many seconds")
         ->check(CLI::Range(0.001, 4.0e6));
@@ -159,8 +165,8 @@ void declare(CLI::App& app, UnloadOptions& unload) {
 
 void declare(CLI::App& app, PathOptions& path) {
     add_scene(app, path.scene);
-    app.add_option("ID", path.id, "the path of a hit")->required();
-    app.add_option("--epoch", path.epoch, "that epoch of the scene (the current one)");
+    add_number(app, "ID", path.id, "the path of a hit")->required();
+    add_number(app, "--epoch", path.epoch, "that epoch of the scene (the current one)");
 }
 
 void declare(CLI::App& app, RenderOptions& render) {
@@ -169,7 +175,7 @@ void declare(CLI::App& app, RenderOptions& render) {
     add_output(app, render.output, {".png", ".exr"}, "FILE.png or FILE.exr")->required();
     app.add_option("--integrator", render.integrator, "primary | ao | path");
     app.add_option("--spp", render.samples, "samples per pixel")->check(CLI::Range(1U, 65536U));
-    app.add_option("--seed", render.seed, "of the random numbers");
+    add_number(app, "--seed", render.seed, "of the random numbers");
 }
 
 void declare(CLI::App& app, QueryOptions& query) {

@@ -62,7 +62,7 @@ std::vector<std::byte> bytes_of(std::string_view text) {
 
 Frame with_control(Frame frame, std::vector<std::byte> control) {
     frame.control = Buffer(control.size());
-    std::memcpy(frame.control.data(), control.data(), control.size());
+    std::copy(control.begin(), control.end(), frame.control.data());
     frame.header.control_bytes = static_cast<std::uint32_t>(control.size());
     return frame;
 }

@@ -1,0 +1,100 @@
+#include "tests/unit/client/fake_daemon.h"
+
+#include "tests/golden/examples.h"
+
+#include <doctest/doctest.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cstring>
+#include <stdexcept>
+
+namespace raynest::client {
+
+std::pair<int, std::string> listen_somewhere() {
+    static std::atomic<int> count = 0;
+    const std::string path =
+        "/tmp/raynest-test-" + std::to_string(::getpid()) + "-" + std::to_string(++count) + ".sock";
+    ::unlink(path.c_str());
+    sockaddr_un address = {};
+    address.sun_family = AF_UNIX;
+    std::memcpy(address.sun_path, path.c_str(), path.size() + 1);
+    const int listener = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (::bind(listener, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0 ||
+        ::listen(listener, 4) != 0)
+        throw std::runtime_error("cannot listen on " + path);
+    return {listener, path};
+}
+
+int accept_one(int listener) {
+    pollfd waiting{listener, POLLIN, 0};
+    if (::poll(&waiting, 1, 10000) != 1) return -1;
+    return ::accept(listener, nullptr, nullptr);
+}
+
+Peer::~Peer() {
+    ::close(socket_);
+}
+
+protocol::Frame Peer::receive() {
+    std::byte byte;
+    // Byte by byte: slow, but nothing is read ahead of the frame.
+    while (!decoder_.complete()) {
+        const std::span<std::byte> room = decoder_.room();
+        std::byte* const out = room.empty() ? &byte : room.data();
+        const ssize_t count = ::recv(socket_, out, room.empty() ? 1 : room.size(), 0);
+        if (count <= 0) return {};
+        if (room.empty()) {
+            if (!decoder_.feed({&byte, 1})) return {};
+        } else {
+            decoder_.filled(static_cast<std::size_t>(count));
+        }
+    }
+    return decoder_.take();
+}
+
+void Peer::send_bytes(std::span<const std::byte> bytes) {
+    while (!bytes.empty()) {
+        const ssize_t count = ::send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
+        if (count <= 0) return;
+        bytes = bytes.subspan(static_cast<std::size_t>(count));
+    }
+}
+
+void Peer::send(const protocol::Frame& frame) {
+    send_bytes(golden::wire_bytes(frame));
+}
+
+void Peer::welcome(std::uint64_t window_bytes, std::uint32_t chunk_rays_max) {
+    const protocol::Frame hello = receive();
+    CHECK(protocol::open<wire::Hello>(hello).has_value());
+    wire::WelcomeT welcome;
+    welcome.version = 1;
+    welcome.server = "fake";
+    welcome.window_bytes = window_bytes;
+    welcome.frame_bytes_max = 64U << 20;
+    welcome.chunk_rays_max = chunk_rays_max;
+    welcome.jobs_max = 8;
+    send(hello.header.request_id, welcome);
+}
+
+FakeDaemon::FakeDaemon(std::function<void(Peer&)> script) {
+    std::tie(listener_, path_) = listen_somewhere();
+    thread_ = std::thread([this, script = std::move(script)] {
+        const int socket = accept_one(listener_);
+        if (socket < 0) return;
+        Peer peer(socket);
+        script(peer);
+    });
+}
+
+FakeDaemon::~FakeDaemon() {
+    thread_.join();
+    ::close(listener_);
+    ::unlink(path_.c_str());
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,82 @@
+#include "client/files.h"
+
+#include "client/upload.h"
+#include "tests/unit/client/temporary_folder.h"
+
+#include <doctest/doctest.h>
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+using namespace raynest;
+using client::TemporaryFolder;
+
+namespace {
+
+std::string text_of(const protocol::Buffer& buffer) {
+    return {reinterpret_cast<const char*>(buffer.data()), buffer.size()};
+}
+
+}  // namespace
+
+TEST_CASE("a file beneath the folder is read, whatever its depth") {
+    const TemporaryFolder folder;
+    folder.write("a.bin", "one");
+    folder.write("deep/er/b.bin", "two");
+    CHECK(text_of(client::read_file_beneath(folder.path(), "a.bin", 100).value()) == "one");
+    CHECK(text_of(client::read_file_beneath(folder.path(), "deep/er/b.bin", 100).value()) == "two");
+}
+
+TEST_CASE("nothing outside of the folder is read") {
+    const TemporaryFolder outside;
+    outside.write("secret", "secret");
+    const TemporaryFolder folder;
+    std::filesystem::create_symlink(outside.path() + "/secret", folder.path() + "/link");
+    std::filesystem::create_directory_symlink(outside.path(), folder.path() + "/dir");
+    const std::string up = "../" + std::filesystem::path(outside.path()).filename().string();
+    for (const std::string& name :
+         {std::string("link"), std::string("dir/secret"), up + "/secret",
+          outside.path() + "/secret", std::string(""), std::string("."), std::string(".."),
+          std::string("dir/../dir/secret"), std::string("missing"), std::string("secret\0x", 8)}) {
+        CAPTURE(name);
+        const auto read = client::read_file_beneath(folder.path(), name, 100);
+        REQUIRE(!read);
+        CHECK(read.error().exit == protocol::Exit::invalid);
+    }
+}
+
+TEST_CASE("only regular files are read, and pipes are not waited for") {
+    const TemporaryFolder folder;
+    REQUIRE(::mkfifo((folder.path() + "/pipe").c_str(), 0600) == 0);
+    std::filesystem::create_directory(folder.path() + "/sub");
+    CHECK(!client::read_file_beneath(folder.path(), "pipe", 100));
+    CHECK(!client::read_file_beneath(folder.path(), "sub", 100));
+    CHECK(!client::read_file(folder.path() + "/pipe", 100));
+    CHECK(!client::read_file("/dev/zero", 100));
+}
+
+TEST_CASE("a file over the limit is refused by its size") {
+    const TemporaryFolder folder;
+    folder.write("a", "12345");
+    CHECK(client::read_file(folder.path() + "/a", 5));
+    CHECK(!client::read_file(folder.path() + "/a", 4));
+}
+
+TEST_CASE("a file is written whole or not at all") {
+    const TemporaryFolder folder;
+    folder.write("out", "old");
+    const std::string text = "new";
+    REQUIRE(client::write_file(folder.path() + "/out", std::as_bytes(std::span(text))));
+    CHECK(text_of(client::read_file(folder.path() + "/out", 100).value()) == "new");
+    CHECK(!std::filesystem::exists(folder.path() + "/out.part"));
+
+    std::filesystem::create_directory(folder.path() + "/taken");
+    CHECK(!client::write_file(folder.path() + "/taken", std::as_bytes(std::span(text))));
+    CHECK(!std::filesystem::exists(folder.path() + "/taken.part"));
+    CHECK(!client::write_file(folder.path() + "/no/such/folder", std::as_bytes(std::span(text))));
+}

@@ -1,0 +1,108 @@
+#include "client/gltf_names.h"
+
+#include <doctest/doctest.h>
+
+#include <string>
+#include <vector>
+
+using namespace raynest;
+using Names = std::vector<std::string>;
+
+namespace {
+
+client::Result<Names> names_of(const std::string& json) {
+    return client::gltf_names(std::as_bytes(std::span(json)));
+}
+
+std::string word(std::size_t value) {
+    std::string bytes;
+    for (int i = 0; i < 4; ++i) bytes += static_cast<char>(value >> (8 * i) & 0xFF);
+    return bytes;
+}
+
+std::string chunk(const std::string& type, const std::string& data) {
+    return word(data.size()) + type + data;
+}
+
+std::string glb(const std::string& chunks, std::size_t version = 2) {
+    return "glTF" + word(version) + word(12 + chunks.size()) + chunks;
+}
+
+bool reads(const std::string& file) {
+    return client::gltf_json(std::as_bytes(std::span(file))).has_value();
+}
+
+}  // namespace
+
+TEST_CASE("buffers and images name files, nothing else does") {
+    const auto names = names_of(R"({
+        "asset": {"version": "2.0", "uri": "no"}, "uri": "no", "skins": [{"uri": "no"}],
+        "buffers": [{"uri": "a.bin", "extras": {"uri": "no"}}, {"byteLength": 4}],
+        "images": [{"name": "x", "uri": "t/leaf%20one.png"}, {"bufferView": 0}, {"uri": "a.bin"},
+                   {"uri": "data:image/png;base64,AAAA"}, [{"uri": "no"}]],
+        "extras": {"images": [{"uri": "no"}]}})");
+    REQUIRE(names);
+    CHECK(*names == Names{"a.bin", "t/leaf one.png"});
+}
+
+TEST_CASE("what is no JSON object, or nested too deeply, is refused without recursion") {
+    for (const std::string& bad :
+         {std::string(), std::string("[]"), std::string("7"), std::string("{"),
+          std::string("{\"a\":1e999}"), std::string("{\"a\":\"\xff\"}"), std::string("{} {}"),
+          std::string(3000000, '['),
+          "{\"a\":" + std::string(100, '[') + std::string(100, ']') + "}"}) {
+        const auto names = names_of(bad);
+        REQUIRE(!names);
+        CHECK(names.error().exit == protocol::Exit::invalid);
+    }
+    CHECK(names_of("{\"a\":" + std::string(63, '[') + std::string(63, ']') + "}"));
+    CHECK(!names_of("{\"a\":" + std::string(64, '[') + std::string(64, ']') + "}"));
+}
+
+TEST_CASE("a uri is a relative path of plain components, or refused") {
+    for (const char* good : {"a.bin", "textures/leaf.png", "..a/b..", "a%20b", "%C3%A4.png", "..."})
+        CHECK(client::decode_uri(good));
+    for (const char* bad : {"",
+                            "/etc/passwd",
+                            "../x",
+                            "a/../../x",
+                            "a/..",
+                            "./x",
+                            "a//b",
+                            "a/",
+                            "..%2fx",
+                            "%2e%2e/x",
+                            "%2E%2E/x",
+                            "a%2Fb",
+                            "file:///etc/passwd",
+                            "http://x/y",
+                            "c:x",
+                            "a\\b",
+                            "a%5Cb",
+                            "%00",
+                            "a%0Ab",
+                            "a%",
+                            "a%4",
+                            "a%zz",
+                            "%ff",
+                            "%3Ax",
+                            "~\x01"})
+        CHECK_MESSAGE(!client::decode_uri(bad), bad);
+    CHECK(client::decode_uri("textures/leaf%20one.png").value() == "textures/leaf one.png");
+    CHECK(!client::decode_uri(std::string(1025, 'a')));
+}
+
+TEST_CASE("a GLB's lengths must add up") {
+    const std::string json = chunk("JSON", "{}  ");
+    CHECK(reads(glb(json)));
+    CHECK(reads(glb(json + chunk(std::string("BIN\0", 4), "abcd"))));
+    CHECK(!reads("glTF"));
+    CHECK(!reads(glb("")));
+    CHECK(!reads(glb(json, 1)));
+    CHECK(!reads(glb(json) + "x"));
+    CHECK(!reads(glb(chunk(std::string("BIN\0", 4), "abcd") + json)));
+    CHECK(!reads(glb(word(0xFFFFFFFF) + "JSON{}")));
+    CHECK(!reads(glb(json + "abc")));
+    const std::string whole = glb(json);
+    for (std::size_t size = 4; size < whole.size(); ++size) CHECK(!reads(whole.substr(0, size)));
+}

@@ -1,0 +1,136 @@
+#include "client/npy.h"
+
+#include "client/rays.h"
+#include "tests/unit/client/temporary_folder.h"
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <cstring>
+#include <string>
+#include <vector>
+
+using namespace raynest;
+using client::Array;
+
+namespace {
+
+std::vector<std::byte> bytes_of(const std::string& text) {
+    std::vector<std::byte> bytes(text.size());
+    std::memcpy(bytes.data(), text.data(), text.size());
+    return bytes;
+}
+
+/// A version 1 .npy with this header text and data.
+std::vector<std::byte> npy(const std::string& header, const std::string& data) {
+    std::string text = "\x93NUMPY";
+    text += '\x01';
+    text += '\0';
+    text += static_cast<char>(header.size() & 0xFF);
+    text += static_cast<char>(header.size() >> 8);
+    return bytes_of(text + header + data);
+}
+
+std::string header_of(const std::string& descr, const std::string& order,
+                      const std::string& shape) {
+    return "{'descr': '" + descr + "', 'fortran_order': " + order + ", 'shape': " + shape + ", }\n";
+}
+
+void write_rays(const client::TemporaryFolder& folder, const Array& array) {
+    const std::vector<std::byte> file = client::format_npy(array);
+    folder.write("rays.npy", {reinterpret_cast<const char*>(file.data()), file.size()});
+}
+
+}  // namespace
+
+TEST_CASE("what is written reads back") {
+    const std::vector<std::byte> data(96);
+    for (const Array& array : {Array{"<f4", {3, 8}, data}, Array{"<f8", {12}, data},
+                               Array{"|u1", {96}, data}, Array{"<u8", {1, 2, 6}, data}}) {
+        const std::vector<std::byte> file = client::format_npy(array);
+        CHECK((file.size() - data.size()) % 64 == 0);
+        const auto read = client::parse_npy(file);
+        REQUIRE(read);
+        CHECK(read->dtype == array.dtype);
+        CHECK(read->shape == array.shape);
+        CHECK(read->bytes.size() == data.size());
+    }
+}
+
+TEST_CASE("the header is NumPy's own") {
+    const std::vector<std::byte> data(8);
+    const std::vector<std::byte> file = client::format_npy({"<u4", {2}, data});
+    const std::string text(reinterpret_cast<const char*>(file.data()), 128);
+    CHECK(text.substr(10, 58) == "{'descr': '<u4', 'fortran_order': False, 'shape': (2,), } ");
+    CHECK(text[127] == '\n');
+}
+
+TEST_CASE("files that are no arrays of numbers are refused") {
+    const std::string eight(8, 'x');
+    CHECK(client::parse_npy(npy(header_of("<f4", "False", "(2,)"), eight)));
+    CHECK(client::parse_npy(npy(header_of("<f8", "False", "()"), eight)));
+    for (const auto& file :
+         {bytes_of(""), bytes_of("PK\x03\x04........"), bytes_of("\x93NUMPY\x01"),
+          npy(header_of("<f4", "True", "(2,)"), eight),
+          npy(header_of(">f4", "False", "(2,)"), eight),
+          npy(header_of("|O", "False", "(2,)"), eight),
+          npy(header_of("<f4", "False", "(3,)"), eight),
+          npy(header_of("<f4", "False", "(2,"), eight), npy(header_of("<f4", "False", "2"), eight),
+          npy(header_of("<f4", "False", "(-2,)"), eight),
+          npy(header_of("<f4", "False", "(4611686018427387906,)"), eight),
+          npy(header_of("<f4", "False", "(18446744073709551615, 2)"), eight),
+          npy(header_of("<f4", "False", "(1,1,1,1,1,1,1,1,2)"), eight), npy("{}", eight),
+          npy("", eight)}) {
+        const auto read = client::parse_npy(file);
+        REQUIRE(!read);
+        CHECK(read.error().exit == protocol::Exit::invalid);
+    }
+}
+
+TEST_CASE("CRC-32 is ZIP's") {
+    CHECK(client::crc32(bytes_of("123456789")) == 0xCBF43926U);
+    CHECK(client::crc32({}) == 0);
+}
+
+TEST_CASE("an archive ends with a directory of its members") {
+    const std::vector<std::byte> data(8);
+    const std::vector<client::NamedArray> arrays = {{"t", {"<f4", {2}, data}},
+                                                    {"path", {"<u8", {1}, data}}};
+    const std::vector<std::byte> zip = client::format_npz(arrays);
+    const std::string text(reinterpret_cast<const char*>(zip.data()), zip.size());
+    CHECK(text.substr(0, 4) == "PK\x03\x04");
+    CHECK(text.substr(zip.size() - 22, 4) == "PK\x05\x06");
+    CHECK(text.find("t.npy") != std::string::npos);
+    CHECK(text.find("path.npy") != std::string::npos);
+    CHECK(text.find("PK\x06\x06") != std::string::npos);
+}
+
+TEST_CASE("rays are read from float32 and float64, six or eight to a row") {
+    const client::TemporaryFolder folder;
+    const std::vector<float> six = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12};
+    write_rays(folder, {"<f4", {2, 6}, std::as_bytes(std::span(six))});
+    auto rays = client::RaySource::open(folder.path() + "/rays.npy");
+    REQUIRE(rays);
+    REQUIRE(rays->count() == 2);
+    std::vector<client::Ray> out(1);
+    rays->read(1, out);
+    CHECK(out[0][0] == 7);
+    CHECK(out[0][3] == 0);
+    CHECK(out[0][4] == 10);
+    CHECK(std::isinf(out[0][7]));
+
+    const std::vector<double> eight = {1, 2, 3, 0.5, 5, 6, 7, 100};
+    write_rays(folder, {"<f8", {1, 8}, std::as_bytes(std::span(eight))});
+    rays = client::RaySource::open(folder.path() + "/rays.npy");
+    REQUIRE(rays);
+    rays->read(0, out);
+    CHECK(out[0] == client::Ray{1, 2, 3, 0.5F, 5, 6, 7, 100});
+
+    for (const Array& bad :
+         {Array{"<f4", {12}, std::as_bytes(std::span(six))},
+          Array{"<f4", {4, 3}, std::as_bytes(std::span(six))},
+          Array{"<u4", {2, 6}, std::as_bytes(std::span(six))}, Array{"<f4", {0, 6}, {}}}) {
+        write_rays(folder, bad);
+        CHECK(!client::RaySource::open(folder.path() + "/rays.npy"));
+    }
+}

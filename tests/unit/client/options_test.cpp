@@ -1,0 +1,146 @@
+#include "client/options.h"
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <sstream>
+#include <string>
+#include <vector>
+
+using namespace raynest::client;
+
+namespace {
+
+Result<Parsed> parse(const std::vector<std::string>& words) {
+    std::vector<const char*> argv = {"raynest"};
+    for (const std::string& word : words) argv.push_back(word.c_str());
+    return parse_options(static_cast<int>(argv.size()), argv.data());
+}
+
+template <class Command>
+Command command_of(const std::vector<std::string>& words) {
+    auto parsed = parse(words);
+    REQUIRE_MESSAGE(parsed, (parsed ? "" : parsed.error().message));
+    REQUIRE(parsed->options);
+    REQUIRE(std::holds_alternative<Command>(parsed->options->command));
+    return std::get<Command>(parsed->options->command);
+}
+
+}  // namespace
+
+TEST_CASE("the options of the contract are understood") {
+    const auto query = command_of<QueryOptions>({"query",
+                                                 "forest",
+                                                 "--ray",
+                                                 "0,1,5,0,0,-1",
+                                                 "--ray",
+                                                 "-1,-2,-3,0,1,0,0.5,9",
+                                                 "--kind",
+                                                 "multi",
+                                                 "--max-hits",
+                                                 "4",
+                                                 "--fields",
+                                                 "t,path",
+                                                 "--intersector",
+                                                 "alpha_mask",
+                                                 "--set",
+                                                 "cutoff=0.3",
+                                                 "--set",
+                                                 "cull=back",
+                                                 "--mask",
+                                                 "0xFF",
+                                                 "--deadline",
+                                                 "2.5",
+                                                 "-o",
+                                                 "h.npz"});
+    CHECK(query.job.scene == "forest");
+    REQUIRE(query.rays.size() == 2);
+    CHECK(query.rays[0][3] == 0);
+    CHECK(std::isinf(query.rays[0][7]));
+    CHECK(query.rays[1] == Ray{-1, -2, -3, 0.5F, 0, 1, 0, 9});
+    CHECK(query.kind == "multi");
+    CHECK(query.max_hits == 4);
+    CHECK(query.fields == std::vector<std::string>{"t", "path"});
+    CHECK(query.job.settings == std::vector<std::string>{"cutoff=0.3", "cull=back"});
+    CHECK(query.job.mask == 0xFF);
+    CHECK(query.job.deadline == 2.5);
+    CHECK(query.output == "h.npz");
+
+    const auto heatmap = command_of<HeatmapOptions>(
+        {"heatmap", "f", "-o", "h.npy", "--lookat", "1,2,3,0,0,0", "--fov", "30", "--size",
+         "320x200", "--metric", "nodes", "--range", "0:40"});
+    CHECK(heatmap.camera.look_at.size() == 6);
+    CHECK(heatmap.camera.width == 320);
+    CHECK(heatmap.camera.height == 200);
+    CHECK(heatmap.metric == "nodes");
+
+    const auto load = command_of<LoadOptions>(
+        {"load", "a.npy", "--primitive", "sphere", "--instances", "b.npy", "--replace"});
+    CHECK(load.primitive == "sphere");
+    CHECK(load.replace);
+    CHECK(command_of<PathOptions>({"path", "f", "18446744073709551615"}).id == ~0ULL);
+}
+
+TEST_CASE("global options stand before or after the subcommand") {
+    for (const auto& words : {std::vector<std::string>{"--json", "--server", "unix:x", "scenes"},
+                              std::vector<std::string>{"scenes", "--server", "unix:x", "--json"}}) {
+        const auto parsed = parse(words);
+        REQUIRE(parsed);
+        CHECK(parsed->options->json);
+        CHECK(parsed->options->server == "unix:x");
+    }
+}
+
+TEST_CASE("mistakes are usage errors in one line") {
+    const std::vector<std::string> lines = {"",
+                                            "nonsense",
+                                            "load",
+                                            "scenes extra",
+                                            "query f",
+                                            "query f --ray 1,2,3",
+                                            "query f --ray 1,2,3,4,5,six",
+                                            "query f --ray 1,2,3,4,5,6,",
+                                            "query f --rays a --ray 1,2,3,4,5,6",
+                                            "query f --ray 1,2,3,4,5,6 --max-hits 0",
+                                            "query f --ray 1,2,3,4,5,6 -o hits.txt",
+                                            "render f",
+                                            "render f -o x.gif",
+                                            "render f -o .png",
+                                            "render f -o x.png --size 10",
+                                            "render f -o x.png --size 0x10",
+                                            "render f -o x.png --size 10x20x30",
+                                            "render f -o x.png --fov 180",
+                                            "render f -o x.png --lookat 1,2,3",
+                                            "render f -o x.png --camera a --lookat 1,2,3,4,5,6",
+                                            "render f -o x.png --mask xyz",
+                                            "render f -o x.png --mask 123456789",
+                                            "render f -o x.png --deadline 0",
+                                            "render f -o x.png --spp 0",
+                                            "heatmap f -o x.jpg",
+                                            "path f nine",
+                                            "path f -1"};
+    for (const std::string& line : lines) {
+        CAPTURE(line);
+        std::vector<std::string> words;
+        std::istringstream stream(line);
+        for (std::string word; stream >> word;) words.push_back(word);
+        const auto parsed = parse(words);
+        REQUIRE(!parsed);
+        CHECK(parsed.error().exit == Exit::usage);
+        CHECK(parsed.error().message.find('\n') == std::string::npos);
+    }
+}
+
+TEST_CASE("help begins with something to type") {
+    for (const auto& [words, start] :
+         {std::pair{std::vector<std::string>{"--help"}, "Example:\n  raynest load forest.glb\n"},
+          std::pair{std::vector<std::string>{"heatmap", "--help"},
+                    "Example:\n  raynest heatmap forest -o cost.png\n"}}) {
+        const auto parsed = parse(words);
+        REQUIRE(parsed);
+        CHECK(!parsed->options);
+        CHECK(parsed->text.rfind(start, 0) == 0);
+    }
+    CHECK(parse({"--version"})->text.rfind("raynest ", 0) == 0);
+}

@@ -1,0 +1,179 @@
+#include "client/upload.h"
+
+#include "client/files.h"
+#include "protocol/hash.h"
+#include "tests/unit/client/fake_daemon.h"
+#include "tests/unit/client/temporary_folder.h"
+
+#include <doctest/doctest.h>
+
+#include <chrono>
+#include <filesystem>
+#include <set>
+#include <string>
+
+using namespace raynest;
+using client::gather;
+using client::TemporaryFolder;
+using client::Upload;
+
+namespace {
+
+constexpr const char* two_files =
+    R"({"asset":{"version":"2.0"},"buffers":[{"uri":"a%20b.bin"}],"images":[{"uri":"t/leaf.png"}]})";
+
+TemporaryFolder& sample_folder() {
+    static TemporaryFolder folder;
+    folder.write("scene.gltf", two_files);
+    folder.write("a b.bin", "buffer");
+    folder.write("t/leaf.png", "");
+    return folder;
+}
+
+}  // namespace
+
+TEST_CASE("a glTF is gathered with what it names") {
+    const auto upload = gather(sample_folder().path() + "/scene.gltf", "", "");
+    REQUIRE(upload);
+    CHECK(upload->source == "scene.gltf");
+    CHECK(upload->scene_name == "scene");
+    REQUIRE(upload->files.size() == 3);
+    CHECK(upload->files[0].name == "scene.gltf");
+    CHECK(upload->files[1].name == "a b.bin");
+    CHECK(upload->files[2].name == "t/leaf.png");
+    CHECK(upload->files[1].bytes.size() == 6);
+    const std::string text = "buffer";
+    CHECK(upload->files[1].hash == protocol::content_hash(std::as_bytes(std::span(text))));
+}
+
+TEST_CASE("the hash is FNV-1a") {
+    const std::string text = "foobar";
+    CHECK(protocol::content_hash({}) == 0xCBF29CE484222325ULL);
+    CHECK(protocol::content_hash(std::as_bytes(std::span(text))) == 0x85944171F73967E8ULL);
+}
+
+TEST_CASE("sources without files are only names") {
+    const auto forest = gather("builtin:forest?trees=9", "", "");
+    REQUIRE(forest);
+    CHECK(forest->source == "builtin:forest?trees=9");
+    CHECK(forest->scene_name == "forest");
+    CHECK(forest->files.empty());
+    CHECK(gather("root:maps/town.glb", "", "")->scene_name == "town");
+}
+
+TEST_CASE("records come with the name of their primitive and their instances") {
+    const TemporaryFolder folder;
+    folder.write("balls.npy", "x");
+    folder.write("places.npy", "y");
+    const auto upload =
+        gather(folder.path() + "/balls.npy", "sphere", folder.path() + "/places.npy");
+    REQUIRE(upload);
+    CHECK(upload->source == "points.npy");
+    CHECK(upload->scene_name == "balls");
+    REQUIRE(upload->files.size() == 2);
+    CHECK(upload->files[0].name == "points.npy");
+    CHECK(upload->files[1].name == "instances.npy");
+    const auto nameless = gather(folder.path() + "/balls.npy", "", "");
+    REQUIRE(!nameless);
+    CHECK(nameless.error().exit == protocol::Exit::usage);
+}
+
+TEST_CASE("bad sources end with exit code 5 before anything is sent") {
+    const TemporaryFolder folder;
+    folder.write("self.gltf", R"({"buffers":[{"uri":"self.gltf"}]})");
+    folder.write("gone.gltf", R"({"buffers":[{"uri":"gone.bin"}]})");
+    folder.write("text.txt", "x");
+    folder.write("cut.glb", "glTF\x02");
+    for (const char* name : {"self.gltf", "gone.gltf", "text.txt", "cut.glb", "missing.glb", ""}) {
+        const auto upload = gather(folder.path() + "/" + name, "", "");
+        REQUIRE(!upload);
+        CHECK(upload.error().exit == protocol::Exit::invalid);
+    }
+}
+
+TEST_CASE("only what the daemon needs is sent, in pieces that fit its credit") {
+    const TemporaryFolder folder;
+    const std::string large(300000, 'z');
+    folder.write("scene.gltf", two_files);
+    folder.write("a b.bin", large);
+    folder.write("t/leaf.png", "");
+    const auto upload = gather(folder.path() + "/scene.gltf", "", "");
+    REQUIRE(upload);
+
+    constexpr std::uint64_t window = 128U << 10;
+    std::string received;
+    {
+        client::FakeDaemon daemon([&](client::Peer& peer) {
+            peer.welcome(window);
+            const std::uint64_t id = peer.receive().header.request_id;
+            std::uint64_t outstanding = 0;
+            while (received.size() < large.size()) {
+                const protocol::Frame frame = peer.receive();
+                const auto piece = protocol::open<wire::Upload>(frame);
+                if (!piece) return;
+                CHECK((*piece)->file() == 1);
+                CHECK((*piece)->offset() == received.size());
+                const auto bytes = piece->blocks[0].bytes;
+                received.append(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+                outstanding += frame.header.bulk_bytes;
+                CHECK(outstanding <= window);
+                if (outstanding > window / 2) {
+                    wire::CreditT credit;
+                    credit.bytes = std::exchange(outstanding, 0);
+                    peer.send(id, credit);
+                }
+            }
+        });
+        const auto connection = client::Connection::open(daemon.uri(), "");
+        REQUIRE(connection);
+        REQUIRE((*connection)->start(wire::LoadT{}));
+        wire::NeedT need;
+        need.files = {1, 2};
+        const auto frame = protocol::encode(1, need);
+        client::Progress progress(client::Progress::Style::none);
+        CHECK(client::send_files(**connection, *upload,
+                                 *protocol::open<wire::Need>(*frame).value().table, progress));
+    }
+    CHECK(received == large);
+}
+
+TEST_CASE("the shared hostile files are refused or left to the daemon, quickly") {
+    const std::filesystem::path hostile = std::string(RAYNEST_SHARED_SCENES) + "/hostile";
+    if (!std::filesystem::exists(hostile)) {
+        MESSAGE("skipped: ", hostile.string(), " is not there");
+        return;
+    }
+    // What must be stopped here, because the daemon never sees the file that is named.
+    std::size_t outside = 0;
+    const std::set<std::string> stems = {"buf_uri", "img_uri"};
+    for (const auto& entry : std::filesystem::directory_iterator(hostile)) {
+        const std::string name = entry.path().filename().string();
+        if (!name.ends_with(".gltf") && !name.ends_with(".glb")) continue;
+        CAPTURE(name);
+        const auto start = std::chrono::steady_clock::now();
+        const auto upload = gather(entry.path().string(), "", "");
+        CHECK(std::chrono::steady_clock::now() - start < std::chrono::seconds(5));
+        if (!upload) CHECK(upload.error().exit == protocol::Exit::invalid);
+        if (!stems.contains(name.substr(0, 7))) continue;
+        ++outside;
+        CHECK(!upload);
+    }
+    CHECK(outside >= 15);
+}
+
+TEST_CASE("a good scene cut anywhere is refused, or the daemon's to refuse") {
+    const std::filesystem::path whole =
+        std::string(RAYNEST_SHARED_SCENES) + "/small/simple-instancing.glb";
+    if (!std::filesystem::exists(whole)) {
+        MESSAGE("skipped: ", whole.string(), " is not there");
+        return;
+    }
+    const auto read = client::read_file(whole.string(), 1U << 20);
+    REQUIRE(read);
+    const std::string bytes(reinterpret_cast<const char*>(read->data()), read->size());
+    const TemporaryFolder folder;
+    for (std::size_t i = 0; i < 200; ++i) {
+        folder.write("cut.glb", bytes.substr(0, bytes.size() * i / 200));
+        CHECK(!gather(folder.path() + "/cut.glb", "", ""));
+    }
+}
