@@ -20,6 +20,7 @@
 
 #include <bit>
 #include <cstdint>
+#include <utility>
 
 namespace raynest {
 
@@ -158,6 +159,18 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
             // Three and more: insertion sort on the stack, farthest first (branches beat a sorting
             // network on coherent rays: notes of the traversal prototypes). Of equally near
             // children the lower slot comes first, as above: counters are part of the contract.
+            if constexpr (!Query::ordered) {
+                // Any hit ends the search: only the nearest child is worth finding.
+                std::uint32_t nearest = near[second] < near[first] ? second : first;
+                *top++ = {node.child[first ^ second ^ nearest], near[first ^ second ^ nearest]};
+                for (; mask != 0; mask &= mask - 1) {
+                    auto slot = static_cast<std::uint32_t>(std::countr_zero(mask));
+                    if (near[slot] < near[nearest]) std::swap(slot, nearest);
+                    *top++ = {node.child[slot], near[slot]};
+                }
+                child = node.child[nearest];
+                continue;
+            }
             Entry* const base = top;
             *top++ = {node.child[first], near[first]};
             const auto insert = [&](std::uint32_t slot) {

@@ -51,6 +51,7 @@ RAYNEST_INLINE void for_each_record(const RayView& ray, const Hits<P, N>& hits, 
 
 /// The nearest hit.
 struct ClosestHit {
+    static constexpr bool ordered = true;  ///< visiting near children first pays
     HitRecord best;
 
     template <class R, class P, int N>
@@ -66,6 +67,7 @@ struct ClosestHit {
 
 /// Whether anything is hit. Which surface depends on the traversal, so nothing else is kept.
 struct AnyHit {
+    static constexpr bool ordered = false;
     bool found = false;
 
     template <class R, class P, int N>
@@ -78,6 +80,7 @@ struct AnyHit {
 /// The nearest hits, sorted, as many as the caller's span holds. Once it is full, its last distance
 /// ends the search.
 struct MultiHit {
+    static constexpr bool ordered = true;
     std::span<HitRecord> nearest;  ///< capacity >= 1; the first `count` are filled
     std::uint32_t count = 0;
 
