@@ -6,11 +6,22 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cctype>
+
 namespace raynest {
+
+bool has_extension(std::string_view source, std::string_view extension) {
+    if (source.size() < extension.size()) return false;
+    source.remove_prefix(source.size() - extension.size());
+    return std::equal(source.begin(), source.end(), extension.begin(), [](char a, char b) {
+        return std::tolower(static_cast<unsigned char>(a)) == b;
+    });
+}
 
 Result<SceneDescription> describe_gltf(const ImportRequest& request, const ImportLimits& limits) {
     const std::span<const std::byte> main = request.files.front().bytes;
-    const bool is_glb = gltf::starts_as_glb(main) || request.source.ends_with(".glb");
+    const bool is_glb = gltf::starts_as_glb(main) || has_extension(request.source, ".glb");
     std::span<const std::byte> json = main;
     if (is_glb) {
         const auto chunks = gltf::open_glb(main);

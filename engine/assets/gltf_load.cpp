@@ -176,7 +176,7 @@ Result<void> convert_accessors(tinygltf::Model& file, Model& model) {
 
 Result<void> convert_meshes(tinygltf::Model& file, Model& model) {
     for (const tinygltf::Mesh& in : file.meshes) {
-        Mesh mesh{in.name, {}};
+        Mesh mesh{one_line(in.name), {}};
         for (const tinygltf::Primitive& from : in.primitives) {
             Primitive to;
             to.mode = from.mode;
@@ -293,7 +293,7 @@ Result<void> convert_materials(tinygltf::Model& file, Model& model) {
     for (const tinygltf::Material& in : file.materials) {
         const tinygltf::PbrMetallicRoughness& pbr = in.pbrMetallicRoughness;
         MaterialDescription material;
-        material.name = in.name;
+        material.name = one_line(in.name);
         material.double_sided = in.doubleSided;
         const std::string where = label("material", model.materials.size(), in.name);
         if (in.alphaMode == "MASK")
@@ -383,7 +383,7 @@ Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
     for (const tinygltf::Node& in : file.nodes) {
         const std::string where = label("node", model.nodes.size(), in.name);
         Node node;
-        node.name = in.name;
+        node.name = one_line(in.name);
         const auto mesh = optional_index(in.mesh, model.meshes.size(), "mesh");
         const auto camera = optional_index(in.camera, model.cameras.size(), "camera");
         const auto instancing = convert_instancing(in, model);
@@ -409,7 +409,7 @@ Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
 
 Result<void> convert_cameras(tinygltf::Model& file, Model& model) {
     for (const tinygltf::Camera& in : file.cameras) {
-        Camera camera{in.name, in.type == "perspective"};
+        Camera camera{one_line(in.name), in.type == "perspective"};
         if (camera.perspective) {
             const auto yfov = finite(in.perspective.yfov, "a camera's yfov");
             const auto aspect = finite(in.perspective.aspectRatio, "a camera's aspectRatio");

@@ -51,7 +51,7 @@ public:
         return refuse(ErrorCode::scene_invalid,
                       fmt::format("the scene names the file '{}'; only files beside or below the "
                                   "scene file may be used",
-                                  value.substr(0, 80)));
+                                  one_line(value, 80)));
     }
 
     bool start_object(std::size_t) {
@@ -90,7 +90,7 @@ public:
         if (level.keys.insert(name).second) return true;
         return refuse(
             ErrorCode::scene_invalid,
-            fmt::format("the key '{}' stands twice in one JSON object", name.substr(0, 80)));
+            fmt::format("the key '{}' stands twice in one JSON object", one_line(name, 80)));
     }
 
     bool parse_error(std::size_t position, const std::string&, const nlohmann::json::exception&) {

@@ -41,9 +41,9 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
                             file.bytes.size() >> 20, limits.file_bytes_max >> 20));
         }
     }
-    if (source.ends_with(".glb") || source.ends_with(".gltf"))
+    if (has_extension(source, ".glb") || has_extension(source, ".gltf"))
         return describe_gltf(request, limits);
-    if (source.ends_with(".npy")) return describe_npy(request, limits, registry);
+    if (has_extension(source, ".npy")) return describe_npy(request, limits, registry);
     return fail(
         ErrorCode::scene_unsupported,
         fmt::format("'{}' is not a scene that RayNest reads: .glb, .gltf, .npy, or builtin:forest, "

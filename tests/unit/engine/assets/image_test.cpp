@@ -31,7 +31,7 @@ std::vector<std::uint8_t> noise() {
 }  // namespace
 
 TEST_CASE("a PNG comes back bit for bit, straight alpha included") {
-    if (!images_available()) return;
+    if (!test::have_images()) return;
     const auto rgba = noise();
     const auto file = encode_picture(64, 48, rgba, "png");
     REQUIRE(file.has_value());
@@ -39,7 +39,7 @@ TEST_CASE("a PNG comes back bit for bit, straight alpha included") {
 }
 
 TEST_CASE("grey, grey with alpha, palette and 16-bit pictures become RGBA8") {
-    if (!images_available()) return;
+    if (!test::have_images()) return;
     CHECK(pixels_of(raw_png(2, 1, 8, 0, std::string("\0\x10\x20", 3))) ==
           std::vector<std::uint8_t>{16, 16, 16, 255, 32, 32, 32, 255});
     CHECK(pixels_of(raw_png(1, 1, 8, 4, std::string("\0\x10\x80", 3))) ==
@@ -52,7 +52,7 @@ TEST_CASE("grey, grey with alpha, palette and 16-bit pictures become RGBA8") {
 }
 
 TEST_CASE("a picture is stopped by its header, not by its pixels") {
-    if (!images_available()) return;
+    if (!test::have_images()) return;
     const Bytes wide = raw_png(5000, 2, 8, 0, std::string("\0\x10", 2));
     const auto too_wide = decode_image(wide, side_max, bytes_max);
     REQUIRE_FALSE(too_wide.has_value());
@@ -64,7 +64,7 @@ TEST_CASE("a picture is stopped by its header, not by its pixels") {
 }
 
 TEST_CASE("a PNG cut anywhere is an error") {
-    if (!images_available()) return;
+    if (!test::have_images()) return;
     const auto file = encode_picture(64, 48, noise(), "png");
     REQUIRE(file.has_value());
     // The last 12 bytes are the end chunk, which holds no pixel.
@@ -75,7 +75,7 @@ TEST_CASE("a PNG cut anywhere is an error") {
 }
 
 TEST_CASE("a JPEG cut anywhere is an error") {
-    if (!images_available() || !test::have_shared_scenes()) return;
+    if (!test::have_images() || !test::have_shared_scenes()) return;
     // The first JPEG inside a scene: from its start marker to the end of its bufferView is enough,
     // for what follows the end marker does not matter.
     const Bytes scene = test::read_file(test::shared_scene("temple.glb"));
@@ -92,7 +92,7 @@ TEST_CASE("a JPEG cut anywhere is an error") {
 }
 
 TEST_CASE("only PNG, JPEG and WebP are looked at") {
-    if (!images_available()) return;
+    if (!test::have_images()) return;
     for (const char* magic : {"BM", "GIF89a", "v/1\x01", "DDS ", "II*", "P6\n", "RIFF1234AVI "}) {
         const auto image =
             decode_image(test::to_bytes(magic + std::string(64, 'x')), side_max, bytes_max);
@@ -102,7 +102,7 @@ TEST_CASE("only PNG, JPEG and WebP are looked at") {
 }
 
 TEST_CASE("an EXR holds floats and counts by name") {
-    if (!images_available()) return;
+    if (!test::have_images()) return;
     const std::vector<float> depth{1.5F, -2, 0, 4};
     const std::vector<std::uint32_t> prim{1, 0xFFFFFFFFU, 3, 4};
     const Channel channels[] = {{"Z", depth, {}}, {"prim", {}, prim}};

@@ -2,6 +2,7 @@
 // the shared scenes, which stand beside the repository and may be absent.
 #pragma once
 
+#include "engine/assets/image.h"
 #include "engine/assets/import.h"
 
 #include <doctest/doctest.h>
@@ -36,6 +37,13 @@ inline bool have_shared_scenes() {
     if (std::filesystem::exists(std::filesystem::path(RAYNEST_SHARED_SCENES) / "expected.json"))
         return true;
     MESSAGE("skipped: no shared scenes at " RAYNEST_SHARED_SCENES);
+    return false;
+}
+
+/// Whether this build decodes pictures; says so where it does not.
+inline bool have_images() {
+    if (images_available()) return true;
+    MESSAGE("skipped: built without OpenImageIO");
     return false;
 }
 

@@ -1,0 +1,101 @@
+#include "engine/assets/gltf_prescan.h"
+
+#include "engine/assets/gltf_names.h"
+#include "tests/unit/engine/assets/samples.h"
+
+using namespace raynest;
+using gltf::prescan_json;
+
+namespace {
+
+/// The reason for a refusal, "" when the text may go on to the loader.
+std::string scan(const std::string& json, bool is_glb = false) {
+    const auto done = prescan_json(test::to_bytes(json), is_glb, ImportLimits{});
+    return done ? "" : done.error().message;
+}
+
+bool contains(const std::string& text, const std::string& part) {
+    return text.find(part) != std::string::npos;
+}
+
+std::string repeated(const std::string& text, int count) {
+    std::string all;
+    for (int i = 0; i < count; ++i) all += text;
+    return all;
+}
+
+void put_word(test::Bytes& bytes, std::size_t at, std::uint32_t value) {
+    std::memcpy(bytes.data() + at, &value, sizeof value);
+}
+
+}  // namespace
+
+TEST_CASE("JSON nests 64 levels deep and no deeper, brackets in strings not counted") {
+    CHECK(scan(repeated("[", 64) + repeated("]", 64)).empty());
+    CHECK(contains(scan(repeated("[", 65) + repeated("]", 65)), "deeper than 64"));
+    CHECK(contains(scan(repeated("{\"a\":", 65) + "0" + repeated("}", 65)), "deeper than 64"));
+    CHECK(contains(scan(repeated("[", 3'000'000)), "deeper than 64"));
+    CHECK(scan("{\"extras\":\"" + repeated("[{", 1000) + "\"}").empty());
+}
+
+TEST_CASE("JSON that is cut, doubled or not JSON is refused at its byte") {
+    CHECK(contains(scan("{\"asset\":{"), "damaged at byte"));
+    CHECK(contains(scan("{\"n\":1e999}"), "damaged at byte"));
+    CHECK(contains(scan("{\"n\":NaN}"), "damaged at byte"));
+    CHECK(contains(scan("{\"n\":\"\xFF\"}"), "damaged at byte"));
+    CHECK(contains(scan("{\"nodes\":[],\"nodes\":[]}"), "stands twice"));
+    CHECK(scan("{\"a\":{\"n\":1},\"b\":{\"n\":1}}").empty());
+}
+
+TEST_CASE("node transforms hold numbers") {
+    CHECK(contains(scan(R"({"nodes":[{"translation":["1",2,3]}]})"), "holds a string"));
+    CHECK(contains(scan(R"({"nodes":[{"rotation":[null,0,0,1]}]})"), "holds null"));
+    CHECK(contains(scan(R"({"nodes":[{"children":[true]}]})"), "holds a boolean"));
+    CHECK(scan(R"({"nodes":[{"translation":[1,2,3],"extras":["x",null,true]}]})").empty());
+}
+
+TEST_CASE("only one buffer of a GLB may live in its binary chunk") {
+    CHECK(scan(R"({"buffers":[{"byteLength":4},{"byteLength":4,"uri":"b.bin"}]})", true).empty());
+    CHECK(contains(scan(R"({"buffers":[{"byteLength":4},{"byteLength":4}]})", true),
+                   "more than one"));
+}
+
+TEST_CASE("a file's name stays beside or below the scene") {
+    for (const char* name : {"a.bin", "./a.bin", "sub/deeper/a.png", "with%20blank.png",
+                             "\xC3\xA4.png", "..a", "a..b"}) {
+        CAPTURE(name);
+        CHECK(gltf::is_safe_name(name));
+    }
+    for (const char* name :
+         {"",      "/abs",      "//host/x",   "../x",  "a/../../x", "..",       "a/..",   "a//b",
+          "~/x",   "file:///x", "http://x/y", "C:\\x", "a\\b",      "%2e%2e/x", "%2E./x", "a%2fb",
+          "a%5Cb", "%252e",     "a%00b",      "a%0ab", "%7fa",      "a\nb",     "100%",   "a%2"}) {
+        CAPTURE(name);
+        CHECK_FALSE(gltf::is_safe_name(name));
+    }
+}
+
+TEST_CASE("a GLB container that lies about its lengths is refused") {
+    test::GlbWriter writer;
+    const test::Bytes good = writer.glb(test::one_triangle_mesh(writer));
+    const auto chunks = gltf::open_glb(good);
+    REQUIRE(chunks.has_value());
+    CHECK(chunks->binary.size() == 36);
+    const std::size_t binary_header = 12 + 8 + chunks->json.size();
+    struct Lie {
+        std::size_t at;
+        std::uint32_t value;
+    };
+    for (const Lie lie :
+         {Lie{0, 0x46546C68}, Lie{4, 1}, Lie{4, 3}, Lie{8, 12}, Lie{8, 0xFFFFFFFF},
+          Lie{12, 0xFFFFFFFC}, Lie{12, 0}, Lie{16, 0x004E4942}, Lie{binary_header, 0xFFFFFFF0}}) {
+        CAPTURE(lie.at);
+        CAPTURE(lie.value);
+        test::Bytes bad = good;
+        put_word(bad, lie.at, lie.value);
+        CHECK_FALSE(gltf::open_glb(bad).has_value());
+    }
+    for (std::size_t length = 0; length < good.size(); ++length) {
+        CHECK_FALSE(gltf::open_glb(std::span(good).first(length)).has_value());
+    }
+}
