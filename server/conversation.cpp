@@ -153,7 +153,7 @@ void Conversation::give_up(const protocol::Error& error) {
     if (closing_) return;
     if (error.code == Code::bad_frame || error.code == Code::limit_exceeded)
         ++services_.metrics.bad_frames;
-    log(LogLevel::info, "closing",
+    log(LogLevel::debug, "closing",
         {{"principal", caller_.principal},
          {"code", std::string(protocol::error_info(error.code).name)},
          {"message", error.message}});

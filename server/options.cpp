@@ -8,7 +8,6 @@
 
 #include <algorithm>
 #include <iostream>
-#include <map>
 #include <thread>
 
 namespace raynest::server {
@@ -27,13 +26,25 @@ std::string address_fault(const std::string& uri) {
     return address ? std::string() : address.error().message;
 }
 
-void declare(CLI::App& app, Options& options, std::string& http) {
+/// Options that are words for something else.
+struct Words {
+    std::string http = "off";
+    std::string log_level = "info";
+};
+
+LogLevel to_log_level(const std::string& word) {
+    if (word == "error") return LogLevel::error;
+    if (word == "warn") return LogLevel::warn;
+    return word == "debug" ? LogLevel::debug : LogLevel::info;
+}
+
+void declare(CLI::App& app, Options& options, Words& words) {
     app.add_option(
            "--listen", options.listen,
            "tcp://HOST:PORT or unix:PATH, repeatable; loopback only; port 0 picks a free one")
         ->check(CLI::Validator(address_fault, ""))
-        ->capture_default_str();
-    app.add_option("--http", http, "Diagnostics port; this version has none: only 'off'")
+        ->default_str(options.listen.front());
+    app.add_option("--http", words.http, "Diagnostics port; this version has none: only 'off'")
         ->check(CLI::IsMember({"off"}))
         ->capture_default_str();
     app.add_option("--state", options.state, "Folder that this daemon alone may use; locked");
@@ -54,19 +65,27 @@ void declare(CLI::App& app, Options& options, std::string& http) {
         ->capture_default_str();
     app.add_option("--ready-file", options.ready_file,
                    "Written once requests are served: {\"listen\":[...],\"http\":...,\"pid\":...}");
-    const std::map<std::string, LogLevel> levels{{"error", LogLevel::error},
-                                                 {"warn", LogLevel::warn},
-                                                 {"info", LogLevel::info},
-                                                 {"debug", LogLevel::debug}};
-    app.add_option("--log-level", options.log_level, "error, warn, info or debug")
-        ->transform(CLI::CheckedTransformer(levels, CLI::ignore_case).description(""))
-        ->default_str("info");
-    app.set_config("--config", "", "Read options from a file as --print-config writes it");
+    app.add_option("--log-level", words.log_level, "error, warn, info or debug")
+        ->check(CLI::IsMember({"error", "warn", "info", "debug"}))
+        ->capture_default_str();
+    app.set_config("--config", "", "Read options from a file as --print-config writes it")
+        ->configurable(false);
 }
 
+// Every line explains itself; what has no value stays as a comment, to be filled in.
 void print_config(const CLI::App& app) {
-    std::cout << "# raynestd --config FILE reads this file. Flags win over it.\n"
-              << app.config_to_str(true, false) << "\n# Limits of this build, not configurable:\n";
+    std::cout << "# raynestd --config FILE reads this file; flags win over it.\n";
+    for (const CLI::Option* option : app.get_options()) {
+        if (!option->get_configurable()) continue;
+        std::vector<std::string> values = option->results();
+        if (values.empty() && !option->get_default_str().empty())
+            values.push_back(option->get_default_str());
+        std::cout << "\n# " << option->get_description() << '\n';
+        const std::string name = option->get_single_name();
+        if (values.empty()) std::cout << "# " << name << "=\n";
+        for (const std::string& value : values) std::cout << name << "=\"" << value << "\"\n";
+    }
+    std::cout << "\n# Limits of this build, not configurable:\n";
     const protocol::Limits limits;
     for (const protocol::LimitInfo& limit : protocol::limit_table())
         std::cout << "#   " << limit.name << " = " << limits.*limit.value << "  # " << limit.text
@@ -79,7 +98,7 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
     Options options;
     options.threads = std::clamp(std::thread::hardware_concurrency(), 1U, threads_max);
     options.memory = half_of_memory();
-    std::string http = "off";
+    Words words;
 
     CLI::App app(
         "raynestd traces rays through instanced scenes for clients.\n"
@@ -87,11 +106,12 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
         "raynestd");
     bool print = false;
     try {
-        declare(app, options, http);
+        declare(app, options, words);
         app.add_flag("--print-config", print, "Print all options and limits, then exit")
             ->configurable(false);
         app.set_version_flag("--version", "raynestd " RAYNEST_VERSION);
         app.parse(argc, argv);
+        options.log_level = to_log_level(words.log_level);
         if (!print) return {options, 0};
         print_config(app);
         return {std::nullopt, 0};

@@ -1,0 +1,279 @@
+#include "tests/integration/daemon.h"
+
+#include <arpa/inet.h>
+#include <doctest/doctest.h>
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <nlohmann/json.hpp>
+#include <poll.h>
+#include <signal.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+#include <thread>
+
+namespace raynest::test {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+constexpr milliseconds look_again{5};
+
+/// fork and exec; `output` becomes stdout and stderr, -1 keeps them.
+pid_t spawn(const std::vector<std::string>& arguments, int output) {
+    std::vector<std::string> words = {RAYNEST_DAEMON};
+    words.insert(words.end(), arguments.begin(), arguments.end());
+    std::vector<char*> argv;
+    for (std::string& word : words) argv.push_back(word.data());
+    argv.push_back(nullptr);
+    const pid_t pid = fork();
+    if (pid != 0) return pid;
+    if (output >= 0) {
+        dup2(output, STDOUT_FILENO);
+        dup2(output, STDERR_FILENO);
+    }
+    execv(argv[0], argv.data());
+    _exit(127);
+}
+
+std::optional<int> wait_for(pid_t pid, Clock::duration time) {
+    const Clock::time_point end = Clock::now() + time;
+    for (;;) {
+        int status = 0;
+        if (waitpid(pid, &status, WNOHANG) == pid)
+            return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+        if (Clock::now() > end) return std::nullopt;
+        std::this_thread::sleep_for(look_again);
+    }
+}
+
+}  // namespace
+
+TemporaryFolder::TemporaryFolder() {
+    std::string name = (std::filesystem::temp_directory_path() / "raynest-test-XXXXXX").string();
+    REQUIRE(mkdtemp(name.data()) != nullptr);
+    path_ = name;
+}
+
+TemporaryFolder::~TemporaryFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+}
+
+Daemon::Daemon(const std::vector<std::string>& arguments) {
+    const std::filesystem::path ready = folder() / "ready.json";
+    std::vector<std::string> all = {"--listen", "tcp://127.0.0.1:0", "--ready-file",
+                                    ready.string()};
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    const int log = open((folder() / "log").c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+    pid_ = spawn(all, log);
+    close(log);
+
+    const Clock::time_point end = Clock::now() + patience;
+    while (!std::filesystem::exists(ready) && Clock::now() < end)
+        std::this_thread::sleep_for(look_again);
+    std::ifstream file(ready);
+    REQUIRE_MESSAGE(file, "raynestd did not become ready");
+    const auto content = nlohmann::json::parse(file);
+    CHECK(content["pid"] == pid_);
+    const std::string uri = content["listen"][0];
+    port_ = static_cast<std::uint16_t>(std::stoul(uri.substr(uri.rfind(':') + 1)));
+}
+
+Daemon::~Daemon() {
+    if (pid_ <= 0) return;
+    kill(pid_, SIGTERM);
+    if (!wait_for(pid_, std::chrono::seconds(5))) {
+        kill(pid_, SIGKILL);
+        waitpid(pid_, nullptr, 0);
+    }
+}
+
+void Daemon::signal(int number) const {
+    REQUIRE(kill(pid_, number) == 0);
+}
+
+std::optional<int> Daemon::wait() {
+    const auto code = wait_for(pid_, patience);
+    if (code) pid_ = -1;
+    return code;
+}
+
+std::uint64_t Daemon::resident_bytes() const {
+    std::ifstream statm("/proc/" + std::to_string(pid_) + "/statm");
+    std::uint64_t total = 0;
+    std::uint64_t resident = 0;
+    statm >> total >> resident;
+    return resident * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
+}
+
+std::size_t Daemon::descriptors() const {
+    const std::filesystem::directory_iterator all("/proc/" + std::to_string(pid_) + "/fd");
+    return static_cast<std::size_t>(std::distance(begin(all), end(all)));
+}
+
+Ended run_raynestd(const std::vector<std::string>& arguments) {
+    const TemporaryFolder folder;
+    const std::filesystem::path output = folder.path() / "output";
+    const int file = open(output.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+    const pid_t pid = spawn(arguments, file);
+    close(file);
+    const auto code = wait_for(pid, patience);
+    if (!code) {
+        kill(pid, SIGKILL);
+        waitpid(pid, nullptr, 0);
+    }
+    std::ostringstream text;
+    text << std::ifstream(output).rdbuf();
+    return {code.value_or(-1), text.str()};
+}
+
+Peer::Peer(const Daemon& daemon) : socket_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(daemon.port());
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    REQUIRE(connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0);
+    const int one = 1;
+    setsockopt(socket_, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
+}
+
+Peer::~Peer() {
+    if (socket_ >= 0) close(socket_);
+}
+
+bool Peer::send(std::span<const std::byte> bytes) {
+    while (!bytes.empty()) {
+        const ssize_t sent = ::send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
+        if (sent <= 0) return false;
+        bytes = bytes.subspan(static_cast<std::size_t>(sent));
+    }
+    return true;
+}
+
+bool Peer::send_frame(const protocol::Frame& frame) {
+    std::array<std::byte, protocol::header_bytes> header{};
+    protocol::write_header(frame.header, header);
+    return send(header) && send(frame.control.span()) && send(frame.bulk.span());
+}
+
+std::optional<protocol::Frame> Peer::read() {
+    const Clock::time_point end = Clock::now() + patience;
+    for (;;) {
+        const auto taken = decoder_.feed(pending_);
+        REQUIRE(taken);
+        pending_.erase(pending_.begin(), pending_.begin() + static_cast<std::ptrdiff_t>(*taken));
+        if (decoder_.complete()) return decoder_.take();
+
+        pollfd wait{socket_, POLLIN, 0};
+        const auto left = std::chrono::duration_cast<milliseconds>(end - Clock::now()).count();
+        REQUIRE_MESSAGE(poll(&wait, 1, static_cast<int>(std::max<long long>(left, 0))) == 1,
+                        "the daemon says nothing");
+        std::array<std::byte, 65536> bytes;
+        const ssize_t got = recv(socket_, bytes.data(), bytes.size(), 0);
+        if (got <= 0) return std::nullopt;
+        pending_.insert(pending_.end(), bytes.begin(), bytes.begin() + got);
+    }
+}
+
+protocol::Frame Peer::read_type(std::uint16_t type) {
+    for (;;) {
+        auto frame = read();
+        REQUIRE_MESSAGE(frame.has_value(), "the stream ended before ",
+                        protocol::message_name(type));
+        if (frame->header.type == type) return std::move(*frame);
+        if (const auto error = protocol::open<wire::Error>(*frame))
+            FAIL("instead of ", protocol::message_name(type), ": ",
+                 protocol::text((*error)->message()));
+    }
+}
+
+std::optional<protocol::Code> Peer::read_error() {
+    while (const auto frame = read())
+        if (const auto error = protocol::open<wire::Error>(*frame))
+            return static_cast<protocol::Code>((*error)->code());
+    return std::nullopt;
+}
+
+bool Peer::ends() {
+    while (read()) {
+    }
+    return true;
+}
+
+void Peer::greet() {
+    REQUIRE(say(0, wire::HelloT{}));
+    read_until<wire::Welcome>();
+}
+
+bool Peer::answers() {
+    if (!say(1, wire::PingT{})) return false;
+    while (const auto frame = read())
+        if (frame->header.type == static_cast<std::uint16_t>(wire::Message::Pong)) return true;
+    return false;
+}
+
+void Peer::reset() {
+    const linger at_once{1, 0};
+    setsockopt(socket_, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
+    close(socket_);
+    socket_ = -1;
+}
+
+void Peer::finish_sending() {
+    shutdown(socket_, SHUT_WR);
+}
+
+void load_scene(Peer& peer) {
+    wire::LoadT load;
+    load.source = "builtin:terrain?size=16";
+    load.name = "scene";
+    REQUIRE(peer.say(2, load));
+    peer.read_until<wire::Loaded>();
+}
+
+wire::QueryT query_of(std::uint64_t rays) {
+    wire::QueryT query;
+    query.job = std::make_unique<wire::JobT>();
+    query.job->scene = "scene";
+    query.ray_count = rays;
+    return query;
+}
+
+protocol::Frame rays_frame(std::uint64_t id, std::uint64_t first, std::uint64_t count) {
+    protocol::Bulk bulk;
+    bulk.add("rays", wire::Dtype::f32, 8, count);
+    bulk.allocate();
+    const std::span<float> values = bulk.block_as<float>(0);
+    constexpr std::array<float, 8> down = {0.1F, 1000.0F, 0.1F, 0.0F, 0.0F, -1.0F, 0.0F, 1e30F};
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = down[i % down.size()];
+    wire::QueryRaysT rays;
+    rays.first_ray = first;
+    return protocol::encode(id, std::move(rays), std::move(bulk)).value();
+}
+
+double counter(Peer& peer, std::string_view name) {
+    REQUIRE(peer.say(3, wire::StatsT{}));
+    const protocol::Frame frame = peer.read_until<wire::Statistics>();
+    const auto statistics = protocol::open<wire::Statistics>(frame);
+    REQUIRE(statistics);
+    const std::vector<std::string> names = protocol::strings((*statistics)->names());
+    const auto* values = (*statistics)->values();
+    REQUIRE(values != nullptr);
+    for (std::size_t i = 0; i < names.size(); ++i)
+        if (names[i] == name) return values->Get(static_cast<flatbuffers::uoffset_t>(i));
+    FAIL("no counter ", name);
+    return 0;
+}
+
+}  // namespace raynest::test

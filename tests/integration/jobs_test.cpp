@@ -1,0 +1,264 @@
+// Jobs of a real daemon: streamed, cancelled, abandoned, too late, drained.
+#include "tests/integration/daemon.h"
+
+#include <doctest/doctest.h>
+#include <signal.h>
+
+#include <algorithm>
+#include <chrono>
+#include <memory>
+
+namespace raynest::test {
+namespace {
+
+using protocol::Code;
+
+constexpr std::uint64_t chunk = 16384;
+
+/// A picture that takes minutes: something to interrupt.
+wire::RenderT endless_render() {
+    wire::RenderT render;
+    render.job = std::make_unique<wire::JobT>();
+    render.job->scene = "scene";
+    render.job->traversal = "reference";
+    render.width = 8192;
+    render.height = 8192;
+    render.encode = "raw";
+    return render;
+}
+
+void wait_for_idle(Peer& peer) {
+    REQUIRE(
+        eventually([&] { return counter(peer, "jobs_started") == counter(peer, "jobs_ended"); }));
+}
+
+TEST_CASE("chunks cover every ray once, under the client's credit") {
+    const Daemon daemon;
+    Peer peer(daemon);
+    wire::HelloT hello;
+    hello.window_bytes = 256 << 10;
+    REQUIRE(peer.say(0, hello));
+    peer.read_until<wire::Welcome>();
+    load_scene(peer);
+
+    constexpr std::uint64_t rays = 10 * chunk + 7;
+    REQUIRE(peer.say(5, query_of(rays)));
+    for (std::uint64_t first = 0; first < rays; first += chunk)
+        REQUIRE(peer.send_frame(rays_frame(5, first, std::min(chunk, rays - first))));
+
+    std::vector<int> seen(rays, 0);
+    std::uint64_t credit = hello.window_bytes;
+    for (;;) {
+        const auto frame = peer.read();
+        REQUIRE(frame.has_value());
+        if (frame->header.type == static_cast<std::uint16_t>(wire::Message::Done)) break;
+        if (frame->header.type != static_cast<std::uint16_t>(wire::Message::Chunk)) continue;
+        REQUIRE(frame->header.bulk_bytes <= credit);
+        credit -= frame->header.bulk_bytes;
+        const auto answer = protocol::open<wire::Chunk>(*frame);
+        REQUIRE(answer);
+        for (std::uint64_t i = 0; i < (*answer)->count(); ++i) ++seen[(*answer)->first_ray() + i];
+        for (const protocol::BlockView& block : answer->blocks)
+            CHECK(block.count == (*answer)->count());
+        wire::CreditT grant;
+        grant.bytes = frame->header.bulk_bytes;
+        credit += grant.bytes;
+        REQUIRE(peer.say(5, grant));
+    }
+    CHECK(std::all_of(seen.begin(), seen.end(), [](int times) { return times == 1; }));
+}
+
+TEST_CASE("without credit the daemon keeps its answers to itself") {
+    const Daemon daemon;
+    Peer peer(daemon);
+    wire::HelloT hello;
+    hello.window_bytes = 64 << 10;
+    REQUIRE(peer.say(0, hello));
+    peer.read_until<wire::Welcome>();
+    load_scene(peer);
+    REQUIRE(peer.say(5, query_of(8 * chunk)));
+    for (std::uint64_t i = 0; i < 8; ++i) REQUIRE(peer.send_frame(rays_frame(5, i * chunk, chunk)));
+
+    std::uint64_t got = 0;
+    REQUIRE(peer.say(1, wire::PingT{}));
+    // A parked job says only how far it is: three such lines in a row, and nothing else will come.
+    for (int quiet = 0; quiet < 3;) {
+        const auto frame = peer.read();
+        REQUIRE(frame.has_value());
+        got += frame->header.bulk_bytes;
+        quiet = frame->header.type == static_cast<std::uint16_t>(wire::Message::Progress)
+                    ? quiet + 1
+                    : 0;
+    }
+    CHECK(got <= hello.window_bytes);
+    CHECK(got > 0);
+    CHECK(peer.answers());
+}
+
+TEST_CASE("cancel ends a job, and the connection goes on") {
+    const Daemon daemon;
+    Peer peer(daemon);
+    peer.greet();
+    load_scene(peer);
+    REQUIRE(peer.say(5, endless_render()));
+    peer.read_until<wire::Started>();
+    REQUIRE(peer.say(5, wire::CancelT{}));
+    CHECK(peer.read_error() == Code::cancelled);
+    CHECK(peer.answers());
+    CHECK(counter(peer, "jobs_cancelled") == 1);
+}
+
+TEST_CASE("a deadline ends a job that runs and one that waits for rays") {
+    const Daemon daemon;
+    Peer peer(daemon);
+    peer.greet();
+    load_scene(peer);
+    wire::RenderT render = endless_render();
+    render.job->deadline_ms = 50;
+    REQUIRE(peer.say(5, render));
+    CHECK(peer.read_error() == Code::deadline);
+    wire::QueryT query = query_of(10);
+    query.job->deadline_ms = 50;
+    REQUIRE(peer.say(6, query));
+    CHECK(peer.read_error() == Code::deadline);
+    CHECK(peer.answers());
+}
+
+TEST_CASE("a request id under way cannot be used again") {
+    const Daemon daemon;
+    Peer peer(daemon);
+    peer.greet();
+    load_scene(peer);
+    REQUIRE(peer.say(5, query_of(1)));
+    REQUIRE(peer.say(5, query_of(1)));
+    CHECK(peer.read_error() == Code::invalid_field);
+    REQUIRE(peer.send_frame(rays_frame(5, 0, 1)));
+    peer.read_until<wire::Done>();
+    REQUIRE(peer.say(5, query_of(1)));
+    peer.read_until<wire::Started>();
+}
+
+TEST_CASE("a connection has only so many requests in flight") {
+    const Daemon daemon;
+    Peer peer(daemon);
+    peer.greet();
+    load_scene(peer);
+    const std::uint64_t most = protocol::Limits{}.jobs_max;
+    for (std::uint64_t id = 10; id < 10 + most; ++id) REQUIRE(peer.say(id, query_of(1)));
+    REQUIRE(peer.say(99, query_of(1)));
+    CHECK(peer.read_error() == Code::quota);
+    REQUIRE(peer.send_frame(rays_frame(10, 0, 1)));
+    peer.read_until<wire::Done>();
+    REQUIRE(peer.say(99, query_of(1)));
+    peer.read_until<wire::Started>();
+}
+
+TEST_CASE("rays beyond the credit end their query") {
+    const Daemon daemon;
+    Peer peer(daemon);
+    wire::HelloT hello;
+    hello.window_bytes = 64 << 10;
+    REQUIRE(peer.say(0, hello));
+    peer.read_until<wire::Welcome>();
+    load_scene(peer);
+    // Answers are parked for lack of credit, so the rays are not taken either.
+    constexpr std::uint64_t frames = 40;
+    REQUIRE(peer.say(5, query_of(frames * chunk)));
+    for (std::uint64_t i = 0; i < frames; ++i)
+        REQUIRE(peer.send_frame(rays_frame(5, i * chunk, chunk)));
+    CHECK(peer.read_error() == Code::limit_exceeded);
+    CHECK(peer.answers());
+}
+
+TEST_CASE("clients that vanish leave no job, no descriptor and no memory behind") {
+    const Daemon daemon;
+    Peer other(daemon);
+    other.greet();
+    load_scene(other);
+    const std::size_t descriptors = daemon.descriptors();
+    std::uint64_t before = 0;
+    for (int i = 0; i < 60; ++i) {
+        Peer peer(daemon);
+        peer.greet();
+        wire::RenderT render = endless_render();
+        render.width = render.height = 256;
+        REQUIRE(peer.say(5, render));
+        REQUIRE(peer.say(6, query_of(chunk)));
+        REQUIRE(peer.send_frame(rays_frame(6, 0, chunk)));
+        if (i % 3 == 0) peer.read_until<wire::Started>();
+        if (i % 2 == 0) peer.reset();
+        // The first ones fill the allocator's and the workers' buffers.
+        if (i == 20) {
+            wait_for_idle(other);
+            before = daemon.resident_bytes();
+        }
+    }
+    wait_for_idle(other);
+    CHECK(daemon.descriptors() == descriptors);
+    CHECK(daemon.resident_bytes() < before + (32 << 20));
+    CHECK(other.answers());
+}
+
+TEST_CASE("a reader that stops reading is closed, and others are served meanwhile") {
+    const Daemon daemon;
+    Peer other(daemon);
+    other.greet();
+    load_scene(other);
+    Peer slow(daemon);
+    wire::HelloT hello;
+    hello.window_bytes = 32 << 20;
+    REQUIRE(slow.say(0, hello));
+    // Eight requests with 32 MiB of credit each: more than the connection's window.
+    wire::RenderT render;
+    render.job = std::make_unique<wire::JobT>();
+    render.job->scene = "scene";
+    render.width = render.height = 2048;
+    render.encode = "raw";
+    for (std::uint64_t id = 1; id <= 8; ++id) REQUIRE(slow.say(id, render));
+    REQUIRE(eventually([&] { return counter(other, "slow_consumers") == 1; }));
+    wait_for_idle(other);
+    CHECK(other.answers());
+}
+
+TEST_CASE("SIGTERM lets running jobs end, refuses new ones, and exits with 0") {
+    Daemon daemon;
+    Peer peer(daemon);
+    peer.greet();
+    load_scene(peer);
+    REQUIRE(peer.say(5, query_of(2)));
+    peer.read_until<wire::Started>();
+    daemon.signal(SIGTERM);
+    // The listener goes first; a new request is how the test sees that the drain began.
+    for (std::uint64_t id = 100;; ++id) {
+        REQUIRE(peer.say(id, query_of(1)));
+        auto frame = peer.read();
+        REQUIRE(frame.has_value());
+        const auto error = protocol::open<wire::Error>(*frame);
+        if (error && static_cast<Code>((*error)->code()) == Code::draining) break;
+        REQUIRE(peer.say(id, wire::CancelT{}));
+        CHECK(peer.read_error() == Code::cancelled);
+    }
+    REQUIRE(peer.send_frame(rays_frame(5, 0, 2)));
+    peer.read_until<wire::Chunk>();
+    peer.read_until<wire::Done>();
+    CHECK(peer.read_error() == Code::draining);
+    CHECK(peer.ends());
+    CHECK(daemon.wait() == 0);
+}
+
+TEST_CASE("a second SIGTERM ends the daemon at once with code 3") {
+    Daemon daemon;
+    Peer peer(daemon);
+    peer.greet();
+    load_scene(peer);
+    REQUIRE(peer.say(5, endless_render()));
+    peer.read_until<wire::Started>();
+    daemon.signal(SIGTERM);
+    // The render goes on; only a second signal ends it.
+    peer.read_until<wire::Progress>();
+    daemon.signal(SIGTERM);
+    CHECK(daemon.wait() == 3);
+}
+
+}  // namespace
+}  // namespace raynest::test

@@ -1,0 +1,153 @@
+// A real daemon against bytes of every kind: whatever one connection says, the daemon lives, says
+// why, and serves the others.
+#include "tests/golden/examples.h"
+#include "tests/golden/malformed.h"
+#include "tests/integration/daemon.h"
+
+#include <doctest/doctest.h>
+
+#include <thread>
+
+namespace raynest::test {
+namespace {
+
+using protocol::Code;
+
+TEST_CASE("every malformed frame gets its error, and the daemon serves on") {
+    const Daemon daemon;
+    Peer other(daemon);
+    other.greet();
+    load_scene(other);
+
+    const auto table = golden::malformed_frames();
+    REQUIRE(table.size() >= 200);
+    for (const golden::Malformed& row : table) {
+        INFO(row.name);
+        Peer peer(daemon);
+        peer.greet();
+        if (row.needs_query) {
+            REQUIRE(peer.say(golden::query_id, query_of(2)));
+            peer.read_until<wire::Started>();
+        }
+        peer.send(row.bytes);
+        const auto code = peer.read_error();
+        REQUIRE(code.has_value());
+        CHECK(protocol::error_info(*code).name == protocol::error_info(row.code).name);
+        CHECK((row.closes ? peer.ends() : peer.answers()));
+    }
+    CHECK(other.answers());
+    CHECK(counter(other, "jobs_started") == counter(other, "jobs_ended"));
+}
+
+TEST_CASE("every message cut at every byte leaves nothing behind") {
+    const Daemon daemon;
+    Peer other(daemon);
+    other.greet();
+    load_scene(other);
+    const std::size_t descriptors = daemon.descriptors();
+
+    std::size_t cuts = 0;
+    for (const golden::Example& example : golden::examples()) {
+        const std::vector<std::byte> bytes = golden::wire_bytes(example.frame);
+        for (std::size_t size = 0; size < bytes.size(); ++size) {
+            Peer peer(daemon);
+            REQUIRE(peer.say(0, wire::HelloT{}));
+            peer.send(std::span(bytes).first(size));
+            ++cuts;
+        }
+    }
+    MESSAGE(cuts << " cuts");
+    CHECK(eventually([&] {
+        return counter(other, "connections_accepted") == counter(other, "connections_closed") + 1;
+    }));
+    CHECK(daemon.descriptors() == descriptors);
+    CHECK(counter(other, "jobs_started") == counter(other, "jobs_ended"));
+}
+
+TEST_CASE("a query in one-byte writes gets the same answer as in one piece") {
+    const Daemon daemon;
+    Peer peer(daemon);
+    peer.greet();
+    load_scene(peer);
+    const auto ask = [&](bool bytewise) {
+        const protocol::Frame query = protocol::encode(9, query_of(3)).value();
+        const protocol::Frame rays = rays_frame(9, 0, 3);
+        for (const protocol::Frame* frame : {&query, &rays}) {
+            const std::vector<std::byte> bytes = golden::wire_bytes(*frame);
+            for (std::size_t i = 0; bytewise && i < bytes.size(); ++i)
+                REQUIRE(peer.send(std::span(bytes).subspan(i, 1)));
+            if (!bytewise) REQUIRE(peer.send(bytes));
+        }
+        std::vector<std::byte> answer = golden::wire_bytes(peer.read_until<wire::Chunk>());
+        peer.read_until<wire::Done>();
+        return answer;
+    };
+    CHECK(ask(true) == ask(false));
+}
+
+TEST_CASE("a client of another protocol version is told which versions there are") {
+    const Daemon daemon;
+    Peer peer(daemon);
+    wire::HelloT hello;
+    hello.version_min = 2;
+    hello.version_max = 9;
+    REQUIRE(peer.say(0, hello));
+    CHECK(peer.read_error() == Code::unsupported_version);
+    CHECK(peer.ends());
+}
+
+TEST_CASE("a browser that finds the port is told off") {
+    const Daemon daemon;
+    Peer peer(daemon);
+    peer.send(std::string_view("GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"));
+    CHECK(peer.read_error() == Code::bad_frame);
+    CHECK(peer.ends());
+}
+
+TEST_CASE("a request before the greeting ends the connection") {
+    const Daemon daemon;
+    Peer peer(daemon);
+    REQUIRE(peer.say(1, wire::ScenesT{}));
+    CHECK(peer.read_error() == Code::bad_frame);
+    CHECK(peer.ends());
+}
+
+TEST_CASE("silence before the greeting, and half a header after it, end in time") {
+    const Daemon daemon;
+    Peer silent(daemon);
+    Peer half(daemon);
+    half.greet();
+    half.send(std::string_view("RYN1half a head"));
+    CHECK(silent.read_error() == Code::deadline);
+    CHECK(silent.ends());
+    CHECK(half.read_error() == Code::deadline);
+    CHECK(half.ends());
+}
+
+TEST_CASE("an announced bulk part costs no memory until it comes") {
+    const Daemon daemon;
+    Peer other(daemon);
+    other.greet();
+    load_scene(other);
+    const std::uint64_t before = daemon.resident_bytes();
+    std::vector<std::unique_ptr<Peer>> peers;
+    constexpr std::size_t count = 100;
+    for (std::size_t i = 0; i < count; ++i) {
+        peers.push_back(std::make_unique<Peer>(daemon));
+        peers.back()->greet();
+        // A control part of no bytes: the decoder goes on to the bulk part.
+        protocol::FrameHeader header;
+        header.type = static_cast<std::uint16_t>(wire::Message::Upload);
+        header.block_count = 1;
+        header.bulk_bytes = 8 << 20;
+        header.request_id = 5;
+        std::array<std::byte, protocol::header_bytes> bytes{};
+        protocol::write_header(header, bytes);
+        REQUIRE(peers.back()->send(bytes));
+    }
+    REQUIRE(other.answers());
+    CHECK(daemon.resident_bytes() - before < count * (64 << 10));
+}
+
+}  // namespace
+}  // namespace raynest::test

@@ -1,0 +1,41 @@
+#include "server/address.h"
+
+#include <doctest/doctest.h>
+
+#include <string>
+
+namespace raynest::server {
+namespace {
+
+TEST_CASE("an address that parses is written back as it was") {
+    for (const char* uri : {"tcp://127.0.0.1:31060", "tcp://127.9.8.7:0", "tcp://[::1]:65535",
+                            "unix:/run/raynest/socket", "unix:relative"}) {
+        const auto address = parse_address(uri);
+        REQUIRE_MESSAGE(address, uri);
+        CHECK(to_uri(*address) == uri);
+    }
+    CHECK(to_uri(*parse_address("tcp://localhost:1")) == "tcp://127.0.0.1:1");
+}
+
+TEST_CASE("only loopback may be listened on") {
+    for (const char* uri :
+         {"tcp://0.0.0.0:1", "tcp://10.0.0.1:1", "tcp://[::]:1", "tcp://[2001:db8::1]:1"}) {
+        const auto address = parse_address(uri);
+        REQUIRE_FALSE(address);
+        CHECK(address.error().message.find("loopback") != std::string::npos);
+    }
+}
+
+TEST_CASE("what is no address is refused") {
+    const std::string long_path = "unix:" + std::string(108, 'x');
+    for (const std::string& uri :
+         {std::string(""), std::string("tcp://"), std::string("tcp://127.0.0.1"),
+          std::string("tcp://127.0.0.1:"), std::string("tcp://127.0.0.1:65536"),
+          std::string("tcp://127.0.0.1:-1"), std::string("tcp://127.0.0.1:1x"),
+          std::string("tcp://host.example:1"), std::string("tcp://:1"), std::string("unix:"),
+          std::string("http://127.0.0.1:1"), std::string("unix:a\0b", 8), long_path})
+        CHECK_FALSE_MESSAGE(parse_address(uri), uri);
+}
+
+}  // namespace
+}  // namespace raynest::server

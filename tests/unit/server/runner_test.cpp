@@ -1,0 +1,291 @@
+// The runner against scripted jobs and a sink in memory: what the client would see, and when.
+#include "server/jobs/runner.h"
+
+#include "protocol/control.h"
+
+#include <doctest/doctest.h>
+
+#include <chrono>
+#include <condition_variable>
+#include <deque>
+#include <mutex>
+#include <new>
+#include <stdexcept>
+
+namespace raynest::server {
+namespace {
+
+using std::chrono::seconds;
+
+/// Stands for the io thread: completions wait in a queue until the test takes them.
+class Bench final : public Sink {
+public:
+    Bench() { runner->set_window(window); }
+    ~Bench() { runner->abandon(); }
+
+    void send(protocol::Frame frame) override { sent.push_back(std::move(frame)); }
+    [[nodiscard]] std::uint64_t backlog() const override { return waiting; }
+
+    /// Takes completions until `done` holds; false when none comes for 10 s.
+    template <class Condition>
+    bool run_until(Condition done) {
+        while (!done()) {
+            std::unique_lock lock(mutex_);
+            if (!wake_.wait_for(lock, seconds(10), [&] { return !posted_.empty(); })) return false;
+            const std::function<void()> next = std::move(posted_.front());
+            posted_.pop_front();
+            lock.unlock();
+            next();
+        }
+        return true;
+    }
+    bool run_until_idle() {
+        return run_until([&] { return runner->size() == 0 && admission.active() == 0; });
+    }
+    [[nodiscard]] std::size_t count(wire::Message type) const {
+        std::size_t n = 0;
+        for (const auto& frame : sent) n += frame.header.type == static_cast<std::uint16_t>(type);
+        return n;
+    }
+    [[nodiscard]] std::optional<Code> error() const {
+        for (const auto& frame : sent)
+            if (const auto message = protocol::open<wire::Error>(frame))
+                return static_cast<Code>((*message)->code());
+        return std::nullopt;
+    }
+
+    static constexpr std::uint64_t window = 1 << 20;
+    protocol::Limits limits;
+    Metrics metrics;
+    Admission admission{4};
+    std::uint64_t waiting = 0;
+    std::vector<protocol::Frame> sent;
+
+private:
+    std::mutex mutex_;
+    std::condition_variable wake_;
+    std::deque<std::function<void()>> posted_;
+    Workers compute_{2};
+    Workers blocking_{1};
+
+public:
+    Engine engine{
+        compute_, blocking_, admission, metrics, limits, [this](std::function<void()> done) {
+            const std::lock_guard lock(mutex_);
+            posted_.push_back(std::move(done));
+            wake_.notify_all();
+        }};
+    std::shared_ptr<Runner> runner = std::make_shared<Runner>(engine, *this);
+};
+
+protocol::Frame chunk_of(std::uint64_t bytes) {
+    protocol::Bulk bulk;
+    bulk.add("data", wire::Dtype::u8, 1, bytes);
+    bulk.allocate();
+    return protocol::encode(1, wire::ChunkT{}, std::move(bulk)).value();
+}
+
+/// `tasks` tasks that answer `bytes` each; `work` runs before each answer.
+class ScriptedJob final : public Job {
+public:
+    ScriptedJob(std::size_t tasks, std::uint64_t bytes,
+                std::function<Reply<void>(const StopFlag&)> work = {})
+        : tasks_(tasks),
+          bytes_(bytes),
+          work_(std::move(work)) {}
+
+    std::optional<Task> next() override {
+        if (given_ == tasks_) return std::nullopt;
+        ++given_;
+        Task task;
+        task.reply_bytes_max = protocol::padded(bytes_);
+        task.run = [this](const StopFlag& stop) -> Reply<Frames> {
+            if (work_)
+                if (const auto worked = work_(stop); !worked) return tl::unexpected(worked.error());
+            Frames frames;
+            frames.push_back(chunk_of(bytes_));
+            return frames;
+        };
+        return task;
+    }
+    [[nodiscard]] bool finished() const override { return given_ == tasks_; }
+    Frames farewell() override {
+        Frames frames;
+        frames.push_back(*protocol::encode(1, wire::DoneT{}));
+        return frames;
+    }
+
+private:
+    const std::size_t tasks_;
+    const std::uint64_t bytes_;
+    const std::function<Reply<void>(const StopFlag&)> work_;
+    std::size_t given_ = 0;
+};
+
+Accepted accept(std::unique_ptr<Job> job, std::uint32_t deadline_ms = 0) {
+    return {std::move(job), deadline_ms, Priority::normal};
+}
+
+TEST_CASE("a job answers all its tasks, then says farewell") {
+    Bench bench;
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<ScriptedJob>(50, 1000))));
+    REQUIRE(bench.run_until_idle());
+    CHECK(bench.count(wire::Message::Chunk) == 50);
+    CHECK(bench.sent.back().header.type == static_cast<std::uint16_t>(wire::Message::Done));
+    CHECK(bench.metrics.jobs_ended == 1);
+}
+
+TEST_CASE("never more bytes than the client's credit, and every grant is used") {
+    Bench bench;
+    constexpr std::uint64_t bytes = 400 << 10;
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<ScriptedJob>(5, bytes))));
+    // 1 MiB of credit holds two answers of 400 KiB.
+    REQUIRE(bench.run_until([&] { return bench.count(wire::Message::Chunk) == 2; }));
+    CHECK_FALSE(bench.runner->blocked());
+    for (std::size_t answers = 3; answers <= 5; ++answers) {
+        bench.runner->grant(1, bytes);
+        REQUIRE(bench.run_until([&] { return bench.count(wire::Message::Chunk) == answers; }));
+    }
+    CHECK(bench.run_until_idle());
+}
+
+TEST_CASE("a full connection parks its jobs until bytes leave") {
+    Bench bench;
+    bench.waiting = bench.limits.window_bytes;
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<ScriptedJob>(3, 1000))));
+    CHECK(bench.sent.empty());
+    CHECK(bench.runner->blocked());
+    bench.waiting = 0;
+    bench.runner->pump();
+    REQUIRE(bench.run_until_idle());
+    CHECK(bench.count(wire::Message::Chunk) == 3);
+}
+
+TEST_CASE("whatever a task throws fails its job alone") {
+    const std::pair<std::function<Reply<void>(const StopFlag&)>, Code> cases[] = {
+        {[](const StopFlag&) -> Reply<void> { throw std::runtime_error("x"); }, Code::internal},
+        {[](const StopFlag&) -> Reply<void> { throw std::bad_alloc(); }, Code::resource_exhausted},
+        {[](const StopFlag&) -> Reply<void> { throw 7; }, Code::internal},
+        {[](const StopFlag&) -> Reply<void> { return refuse(Code::scene_invalid, "x"); },
+         Code::scene_invalid},
+    };
+    for (const auto& [work, code] : cases) {
+        Bench bench;
+        REQUIRE(bench.runner->start(1, accept(std::make_unique<ScriptedJob>(3, 10, work))));
+        REQUIRE(bench.runner->start(2, accept(std::make_unique<ScriptedJob>(3, 10))));
+        REQUIRE(bench.run_until_idle());
+        CHECK(bench.error() == code);
+        CHECK(bench.count(wire::Message::Error) == 1);
+        CHECK(bench.count(wire::Message::Done) == 1);
+        CHECK(bench.metrics.jobs_failed == 1);
+    }
+}
+
+TEST_CASE("a cancelled job keeps its place until its task has stopped") {
+    Bench bench;
+    std::atomic<bool> running{false};
+    std::atomic<bool> may_stop{false};
+    const auto work = [&](const StopFlag& stop) -> Reply<void> {
+        running = true;
+        while (!stop.requested() || !may_stop) std::this_thread::yield();
+        return {};
+    };
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<ScriptedJob>(1, 10, work))));
+    while (!running) std::this_thread::yield();
+    bench.runner->cancel(1);
+    CHECK(bench.sent.empty());
+    CHECK(bench.admission.active() == 1);
+    may_stop = true;
+    REQUIRE(bench.run_until_idle());
+    CHECK(bench.error() == Code::cancelled);
+    CHECK(bench.count(wire::Message::Chunk) == 0);
+}
+
+TEST_CASE("an expired job in the queue is never run") {
+    Bench bench;
+    std::atomic<int> ran{0};
+    bench.waiting = bench.limits.window_bytes;
+    const auto work = [&](const StopFlag&) -> Reply<void> {
+        ++ran;
+        return {};
+    };
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<ScriptedJob>(3, 10, work), 1000)));
+    bench.runner->tick(Clock::now() + seconds(2));
+    CHECK(bench.error() == Code::deadline);
+    CHECK(bench.runner->size() == 0);
+    bench.waiting = 0;
+    bench.runner->pump();
+    CHECK(ran == 0);
+}
+
+TEST_CASE("a job whose client does nothing for a minute ends") {
+    Bench bench;
+    class Waiting final : public Job {
+        std::optional<Task> next() override { return std::nullopt; }
+        [[nodiscard]] bool finished() const override { return false; }
+        Frames farewell() override { return {}; }
+    };
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<Waiting>())));
+    bench.runner->tick(Clock::now() + seconds(59));
+    CHECK(bench.runner->size() == 1);
+    bench.runner->tick(Clock::now() + seconds(61));
+    CHECK(bench.error() == Code::deadline);
+}
+
+TEST_CASE("a full daemon says BUSY and when to come back, a greedy connection gets QUOTA") {
+    Bench bench;
+    bench.waiting = bench.limits.window_bytes;
+    bench.limits.jobs_max = 3;
+    for (std::uint64_t id = 1; id <= 3; ++id)
+        REQUIRE(bench.runner->start(id, accept(std::make_unique<ScriptedJob>(1, 10))));
+    const auto quota = bench.runner->start(4, accept(std::make_unique<ScriptedJob>(1, 10)));
+    REQUIRE_FALSE(quota);
+    CHECK(quota.error().code == Code::quota);
+
+    const auto other = std::make_shared<Runner>(bench.engine, bench);
+    other->set_window(Bench::window);
+    REQUIRE(other->start(1, accept(std::make_unique<ScriptedJob>(1, 10))));
+    const auto busy = other->start(2, accept(std::make_unique<ScriptedJob>(1, 10)));
+    REQUIRE_FALSE(busy);
+    CHECK(busy.error().code == Code::busy);
+    CHECK(busy.error().retry_after_ms > 0);
+    other->abandon();
+}
+
+TEST_CASE("an abandoned runner is silent, and its jobs still end") {
+    Bench bench;
+    std::atomic<bool> running{false};
+    const auto work = [&](const StopFlag& stop) -> Reply<void> {
+        running = true;
+        while (!stop.requested()) std::this_thread::yield();
+        return {};
+    };
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<ScriptedJob>(9, 10, work))));
+    while (!running) std::this_thread::yield();
+    bench.runner->abandon();
+    REQUIRE(bench.run_until_idle());
+    CHECK(bench.sent.empty());
+    CHECK(bench.metrics.jobs_started == bench.metrics.jobs_ended);
+}
+
+TEST_CASE("input beyond the credit ends the job, input within it is granted again") {
+    Bench bench;
+    class Sponge final : public Job {
+        std::optional<Task> next() override { return std::nullopt; }
+        [[nodiscard]] bool finished() const override { return false; }
+        Frames farewell() override { return {}; }
+        Reply<std::uint64_t> feed(protocol::Frame frame) override {
+            return frame.header.bulk_bytes;
+        }
+    };
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<Sponge>())));
+    const std::uint64_t quarter = bench.limits.window_bytes / 4;
+    for (int i = 0; i < 12; ++i) bench.runner->feed(chunk_of(quarter));
+    CHECK(bench.count(wire::Message::Credit) == 12);
+    CHECK_FALSE(bench.error());
+    bench.runner->feed(chunk_of(bench.limits.window_bytes + 64));
+    CHECK(bench.error() == Code::limit_exceeded);
+}
+
+}  // namespace
+}  // namespace raynest::server

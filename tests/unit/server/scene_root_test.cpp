@@ -1,0 +1,89 @@
+// root:PATH must reach what lies beneath the folder, and nothing else.
+#include "server/store/scene_files.h"
+#include "server/store/source_root.h"
+#include "tests/unit/server/temporary_folder.h"
+
+#include <doctest/doctest.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <string>
+
+namespace raynest::server {
+namespace {
+
+std::span<const std::byte> bytes_of(const std::string& text) {
+    return std::as_bytes(std::span(text));
+}
+
+TEST_CASE("a file beneath the root is read whole") {
+    const test::TemporaryFolder folder;
+    folder.write("sub/a.gltf", "content");
+    const auto file = read_under_root(folder.path(), "sub/a.gltf", 100);
+    REQUIRE(file);
+    CHECK(file->bytes.size() == 7);
+    CHECK(read_under_root(folder.path(), "sub/../sub/a.gltf", 100));
+    CHECK(read_under_root(folder.path(), "sub/a.gltf", 6).error().code ==
+          ErrorCode::limit_exceeded);
+}
+
+TEST_CASE("nothing outside of the root is opened, and no message names a folder") {
+    const test::TemporaryFolder outside;
+    outside.write("secret", "secret");
+    const test::TemporaryFolder folder;
+    folder.write("a", "a");
+    std::filesystem::create_directory(folder.path() / "directory");
+    std::filesystem::create_symlink(outside.path() / "secret", folder.path() / "link");
+    std::filesystem::create_symlink("a", folder.path() / "inner");
+    std::filesystem::create_directory_symlink(outside.path(), folder.path() / "linked");
+    REQUIRE(mkfifo((folder.path() / "fifo").c_str(), 0600) == 0);
+
+    const std::string sibling = "../" + outside.path().filename().string() + "/secret";
+    for (const std::string& path :
+         {std::string(""), std::string("."), std::string(".."), std::string("/etc/passwd"),
+          std::string("../etc/passwd"), sibling, std::string("directory"), std::string("link"),
+          std::string("inner"), std::string("linked/secret"), std::string("fifo"),
+          std::string("missing"), std::string("a\0b", 3), std::string("a/"),
+          std::string("/proc/self/environ"), std::string("~/x"), std::string("file:///etc/passwd"),
+          std::string("%2e%2e/x"), std::string(5000, 'x')}) {
+        const auto file = read_under_root(folder.path(), path, 100);
+        CHECK_FALSE_MESSAGE(file, path);
+        CHECK(file.error().message.find(folder.path().string()) == std::string::npos);
+    }
+    CHECK_FALSE(read_under_root({}, "a", 100));
+}
+
+TEST_CASE("a glTF's files are found by their names, once each, and unsafe ones are left out") {
+    const std::string gltf = R"({"buffers":[{"uri":"a.bin"},{"uri":"a.bin"},{"uri":"../x"},
+        {"uri":"data:application/octet-stream;base64,AAAA"},{"uri":"/etc/passwd"}],
+        "images":[{"uri":"t%20x/leaf.png"},{"name":"uri"}],
+        "extras":{"uri":"no.bin","buffers":[{"uri":"no.bin"}]},"nodes":[{"uri":"no.bin"}]})";
+    CHECK(named_files(bytes_of(gltf)) == std::vector<std::string>{"a.bin", "t x/leaf.png"});
+    CHECK(named_files(bytes_of("not json")).empty());
+    CHECK(named_files({}).empty());
+    CHECK(named_files(bytes_of("glTF" + std::string(40, '\xff'))).empty());
+    CHECK(named_files(bytes_of(std::string(1'000'000, '['))).empty());
+}
+
+TEST_CASE("a scene is read with what it names beneath its own folder") {
+    const test::TemporaryFolder folder;
+    folder.write("sub/scene.gltf",
+                 R"({"buffers":[{"uri":"a.bin"},{"uri":"missing.bin"},{"uri":"link.bin"}]})");
+    folder.write("sub/a.bin", "1234");
+    folder.write("other.bin", "secret");
+    std::filesystem::create_symlink("../other.bin", folder.path() / "sub/link.bin");
+    const auto files = read_scene(folder.path(), "sub/scene.gltf", 10, 1000);
+    REQUIRE(files);
+    REQUIRE(files->size() == 2);
+    CHECK((*files)[0].name == "scene.gltf");
+    CHECK((*files)[1].name == "a.bin");
+    CHECK((*files)[1].bytes.size() == 4);
+    CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 2, 1000));
+    const std::uint64_t bytes = (*files)[0].bytes.size() + (*files)[1].bytes.size();
+    CHECK(read_scene(folder.path(), "sub/scene.gltf", 10, bytes));
+    CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 10, bytes - 1));
+}
+
+}  // namespace
+}  // namespace raynest::server

@@ -1,0 +1,117 @@
+#include "server/store/scene_store.h"
+
+#include "server/handlers/scene_info.h"
+#include "tests/unit/engine/small_scenes.h"
+
+#include <doctest/doctest.h>
+
+namespace raynest::server {
+namespace {
+
+using test::bake;
+
+std::shared_ptr<const Snapshot> square(float size) {
+    SceneDescription scene;
+    scene.objects.resize(1);
+    scene.objects[0].geometries = {test::unit_square()};
+    for (Vec3& p : scene.objects[0].geometries[0].positions) p *= size;
+    return bake(scene);
+}
+
+TEST_CASE("other content under a taken name needs replace, and is a new epoch") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    const auto first = store.publish("a", square(1), false, "me");
+    REQUIRE(first);
+    CHECK(first->epoch == 1);
+    CHECK(store.publish("a", square(1), false, "me")->epoch == 1);
+
+    const auto taken = store.publish("a", square(2), false, "me");
+    REQUIRE_FALSE(taken);
+    CHECK(taken.error().code == Code::name_taken);
+    const auto second = store.publish("a", square(2), true, "me");
+    REQUIRE(second);
+    CHECK(second->epoch == 2);
+    CHECK(store.find("a", 2));
+    CHECK(store.find("a", 0)->epoch == 2);
+    const auto old = store.find("a", 1);
+    REQUIRE_FALSE(old);
+    CHECK(old.error().code == Code::scene_unknown);
+    // Whoever holds the first still has it.
+    CHECK(first->snapshot().bounds().upper.x == 1);
+}
+
+TEST_CASE("equal content is held once, and memory returns with the last holder") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    auto running = store.publish("a", square(1), false, "me");
+    const std::uint64_t used = budget.used();
+    CHECK(used > 0);
+    CHECK(store.publish("b", square(1), false, "me"));
+    CHECK(budget.used() == used);
+    CHECK(store.list().size() == 2);
+    CHECK(store.unload("a", "me"));
+    CHECK(store.unload("b", "me"));
+    CHECK(budget.used() == used);
+    CHECK(store.holds(running->snapshot().hash()));
+    running = refuse(Code::cancelled, "");
+    CHECK(budget.used() == 0);
+}
+
+TEST_CASE("a scene stays until its last owner unloads it") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    REQUIRE(store.publish("a", square(1), false, "me"));
+    REQUIRE(store.publish("a", square(1), false, "you"));
+    CHECK(store.unload("a", "stranger").error().code == Code::not_allowed);
+    CHECK(*store.unload("a", "me") == false);
+    CHECK(store.find("a", 0));
+    CHECK(*store.unload("a", "you") == true);
+    CHECK(store.find("a", 0).error().code == Code::scene_unknown);
+    CHECK(store.unload("a", "you").error().code == Code::scene_unknown);
+}
+
+TEST_CASE("a scene beyond the budget is refused, and the name stays as it was") {
+    const std::uint64_t bytes = square(1)->bytes().size();
+    Budget budget(bytes + bytes / 2);
+    SceneStore store(budget);
+    REQUIRE(store.publish("a", square(1), false, "me"));
+    CHECK(store.publish("a", square(2), true, "me").error().code == Code::resource_exhausted);
+    CHECK(store.find("a", 0)->epoch == 1);
+    CHECK(store.publish("b", square(2), false, "me").error().code == Code::resource_exhausted);
+    CHECK(store.list().size() == 1);
+}
+
+TEST_CASE("names out of a file are made safe to send, and long lists are cut with a word") {
+    SceneDescription scene;
+    scene.objects.resize(1);
+    scene.objects[0].geometries = {test::unit_square()};
+    for (int i = 0; i < 2000; ++i) {
+        CameraDescription camera;
+        camera.name = std::string(300, i % 2 == 0 ? '\x01' : '\xff') + std::to_string(i);
+        scene.cameras.push_back(camera);
+    }
+    scene.warnings.assign(50, std::string(5000, 'w'));
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    const auto named = store.publish("a", bake(scene), false, "me");
+    REQUIRE(named);
+    const protocol::Limits limits;
+    const auto frame = protocol::encode(1, scene_info(*named, limits), limits);
+    REQUIRE(frame);
+    const auto info = protocol::open<wire::SceneInfo>(*frame, limits);
+    REQUIRE(info);
+    CHECK((*info)->cameras()->size() > 10);
+    const auto* warnings = (*info)->warnings();
+    CHECK(warnings->Get(warnings->size() - 1)->str().find("more cameras") != std::string::npos);
+}
+
+TEST_CASE("text is cut between characters") {
+    CHECK(clean_text("abc", 2) == "ab");
+    CHECK(clean_text("a\xc3\xa4", 2) == "a");
+    CHECK(clean_text("a\xc3\xa4", 3) == "a\xc3\xa4");
+    CHECK(clean_text("a\x1b[2J", 9) == "a?[2J");
+}
+
+}  // namespace
+}  // namespace raynest::server
