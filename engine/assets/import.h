@@ -62,11 +62,7 @@ Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& req
 /// the process's exit code.
 int import_child_main(const Registry& registry);
 
-/// The files that a .gltf names (buffers and images, percent-decoded), for a client that uploads
-/// them; refuses absolute names, "..", schemes and the rest of notes' list. GLB: what its JSON
-/// names. (The client has its own copy of this rule in client/upload; the import checks again.)
-
-/// builtin:forest[?trees=..&leaves=..&levels=..&seed=..], builtin:terrain[?size=..&seed=..],
+/// builtin:forest[?trees=..&leaves=..&levels=1..4&seed=..], builtin:terrain[?size=..&seed=..],
 /// builtin:flake[?depth=..]. scene_invalid names the known keys.
 Result<SceneDescription> describe_builtin(std::string_view source);
 

@@ -2,6 +2,8 @@
 
 #include "tests/unit/engine/assets/samples.h"
 
+#include <cstdlib>
+
 using namespace raynest;
 using test::Bytes;
 using test::raw_png;
@@ -49,6 +51,21 @@ TEST_CASE("grey, grey with alpha, palette and 16-bit pictures become RGBA8") {
         std::vector<std::uint8_t>{4, 5, 6, 255, 1, 2, 3, 255});
     CHECK(pixels_of(raw_png(1, 1, 16, 6, std::string("\0\x80\x80\x40\x40\x20\x20\xFF\xFF", 9))) ==
           std::vector<std::uint8_t>{128, 64, 32, 255});
+}
+
+TEST_CASE("a WebP keeps its straight alpha") {
+    if (!test::have_images()) return;
+    // 16 x 16 pixels of (200, 100, 50, 128), lossless.
+    const std::string file(
+        "\x52\x49\x46\x46\x1e\x00\x00\x00\x57\x45\x42\x50\x56\x50\x38\x4c\x11\x00\x00"
+        "\x00\x2f\x0f\xc0\x03\x10\x07\x50\xb2\x22\x57\xa6\x80\x81\x88\xe8\x7f\x00\x00",
+        38);
+    const auto pixels = pixels_of(test::to_bytes(file));
+    REQUIRE(pixels.size() == 16 * 16 * 4);
+    CHECK(std::abs(pixels[0] - 200) <= 1);
+    CHECK(std::abs(pixels[1] - 100) <= 1);
+    CHECK(std::abs(pixels[2] - 50) <= 1);
+    CHECK(pixels[3] == 128);
 }
 
 TEST_CASE("a picture is stopped by its header, not by its pixels") {
