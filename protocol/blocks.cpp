@@ -105,6 +105,7 @@ std::size_t Bulk::add(std::string_view name, wire::Dtype dtype, std::uint32_t wi
 
 void Bulk::allocate() {
     buffer_ = Buffer(bytes_);
+    if (bytes_ == 0) return;
     for (const wire::BlockT& block : blocks_)
         std::memset(buffer_.data() + block.offset + block.bytes, 0,
                     padded(block.bytes) - block.bytes);

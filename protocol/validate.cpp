@@ -48,8 +48,18 @@ public:
     Checks& items(const char* field, const Vector<T>* list) {
         return at_most(field, size(list), limits_.list_items_max, "list_items_max");
     }
-    template <class A, class B>
-    Checks& equally_long(const char* field, const Vector<A>* a, const Vector<B>* b) {
+    /// One number for each item of `list`. FlatBuffers aligns the length of a vector, but up
+    /// to 2.0.8 does not verify that elements of 8 bytes are aligned as well.
+    template <class Number>
+    Checks& numbers(const char* field, const Strings* list, const Vector<Number>* numbers) {
+        if (size(list) != size(numbers))
+            complain(Code::invalid_field, field, "lists differ in length");
+        if (numbers != nullptr &&
+            reinterpret_cast<std::uintptr_t>(numbers->Data()) % sizeof(Number) != 0)
+            complain(Code::bad_frame, field, "numbers are not aligned");
+        return *this;
+    }
+    Checks& equally_long(const char* field, const Strings* a, const Strings* b) {
         if (size(a) != size(b)) complain(Code::invalid_field, field, "lists differ in length");
         return *this;
     }
@@ -86,6 +96,8 @@ public:
         return *this;
     }
 
+    /// Has nothing been complained about? Then lists may be walked.
+    [[nodiscard]] bool good() const { return !error_; }
     [[nodiscard]] const Limits& limits() const { return limits_; }
     [[nodiscard]] Result<void> result() {
         if (error_) return tl::unexpected<Error>(std::move(*error_));
@@ -152,7 +164,7 @@ void check_info(Checks& checks, const wire::SceneInfo& info) {
         .name("hash", info.hash())
         .names("cameras", info.cameras())
         .names("skipped_reasons", info.skipped_reasons())
-        .equally_long("skipped", info.skipped_reasons(), info.skipped_counts())
+        .numbers("skipped", info.skipped_reasons(), info.skipped_counts())
         .texts("warnings", info.warnings())
         .names("record_types", info.record_types());
 }
@@ -261,12 +273,12 @@ Result<void> validate(const wire::Load& message, const Limits& limits) {
         .name("build", message.build())
         .name("primitive", message.primitive())
         .texts("file_names", message.file_names())
-        .equally_long("files", message.file_names(), message.file_hashes())
-        .equally_long("files", message.file_names(), message.file_bytes());
+        .numbers("files", message.file_names(), message.file_hashes())
+        .numbers("files", message.file_names(), message.file_bytes());
     if (message.file_names() != nullptr)
         checks.at_most("files", message.file_names()->size(), limits.upload_files_max,
                        "upload_files_max");
-    if (message.file_bytes() != nullptr) {
+    if (checks.good() && message.file_bytes() != nullptr) {
         std::uint64_t sum = 0;  // stays below 2 * upload_bytes_max: cannot wrap
         for (const std::uint64_t bytes : *message.file_bytes()) {
             checks.at_most("file_bytes", bytes, limits.upload_bytes_max, "upload_bytes_max");
@@ -312,9 +324,9 @@ Result<void> validate(const wire::SceneList& message, const Limits& limits) {
         .names("names", message.names())
         .names("hashes", message.hashes())
         .equally_long("hashes", message.names(), message.hashes())
-        .equally_long("epochs", message.names(), message.epochs())
-        .equally_long("instanced_triangles", message.names(), message.instanced_triangles())
-        .equally_long("bytes", message.names(), message.bytes())
+        .numbers("epochs", message.names(), message.epochs())
+        .numbers("instanced_triangles", message.names(), message.instanced_triangles())
+        .numbers("bytes", message.names(), message.bytes())
         .result();
 }
 
@@ -331,8 +343,8 @@ Result<void> validate(const wire::PathName& message, const Limits& limits) {
         .that(message.name() == nullptr || printable(message.name()->string_view()), "name",
               "is not printable UTF-8")
         .names("steps", message.steps())
-        .equally_long("instances", message.steps(), message.instances())
-        .equally_long("uids", message.steps(), message.uids())
+        .numbers("instances", message.steps(), message.instances())
+        .numbers("uids", message.steps(), message.uids())
         .result();
 }
 
@@ -363,7 +375,7 @@ Result<void> validate(const wire::Stats&, const Limits&) {
 Result<void> validate(const wire::Statistics& message, const Limits& limits) {
     return Checks(limits)
         .names("names", message.names())
-        .equally_long("values", message.names(), message.values())
+        .numbers("values", message.names(), message.values())
         .result();
 }
 

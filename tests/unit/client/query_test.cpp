@@ -4,6 +4,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cstring>
 #include <string>
 #include <vector>
@@ -92,7 +93,7 @@ void add_splits(protocol::Bulk& bulk, const std::vector<std::uint64_t>& splits,
     bulk.add("t", wire::Dtype::f32, 1, hits);
     bulk.allocate();
     std::memcpy(bulk.block(0).data(), splits.data(), splits.size() * sizeof(std::uint64_t));
-    std::memset(bulk.block(1).data(), 0, hits * sizeof(float));
+    std::ranges::fill(bulk.block(1), std::byte{0});
 }
 
 }  // namespace
@@ -168,7 +169,7 @@ TEST_CASE("columns of another length than their rays or hits are refused") {
         return [count](protocol::Bulk& bulk) {
             bulk.add("t", wire::Dtype::f32, 1, count);
             bulk.allocate();
-            std::memset(bulk.block(0).data(), 0, count * sizeof(float));
+            std::ranges::fill(bulk.block(0), std::byte{0});
         };
     };
     CHECK(takes("closest", 2, t_column(2)));
@@ -193,7 +194,7 @@ TEST_CASE("ray_splits must be there, begin at 0, rise and fit the columns") {
     CHECK(!takes("multi", 2, [](protocol::Bulk& bulk) {
         bulk.add("t", wire::Dtype::f32, 1, 2);
         bulk.allocate();
-        std::memset(bulk.block(0).data(), 0, 8);
+        std::ranges::fill(bulk.block(0), std::byte{0});
     }));
 }
 

@@ -5,7 +5,10 @@
 
 #include <doctest/doctest.h>
 
+#include <cstdint>
+#include <cstring>
 #include <string>
+#include <vector>
 
 using namespace raynest;
 using protocol::printable;
@@ -44,4 +47,34 @@ TEST_CASE("a complaint names the field and the limit") {
     const auto opened = protocol::open<wire::Render>(*frame);
     REQUIRE(!opened);
     CHECK(opened.error().message == "width is 20000, over picture_side_max = 16384");
+}
+
+TEST_CASE("64-bit numbers that the verifier lets pass off their alignment are refused") {
+    bool met_misaligned = false;
+    for (int shift = 0; shift < 2; ++shift) {
+        // A vector that says two elements of 8 bytes, laid out with the alignment of four of 4
+        // bytes.
+        flatbuffers::FlatBufferBuilder builder;
+        const auto name = builder.CreateString("name");
+        builder.StartVector(4, 4);
+        for (std::uint32_t i = 0; i < 4; ++i) builder.PushElement(i);
+        const flatbuffers::Offset<flatbuffers::Vector<double>> values(builder.EndVector(2));
+        // Stands between the start of the message and the vector.
+        builder.CreateString(shift == 0 ? "abc" : "abcdefg");
+        const auto names = builder.CreateVector(std::vector{name, name});
+        builder.Finish(wire::CreateStatistics(builder, names, values));
+        protocol::Frame frame;
+        frame.header.type = static_cast<std::uint16_t>(wire::Message::Statistics);
+        frame.control = protocol::Buffer(builder.GetSize());
+        std::memcpy(frame.control.data(), builder.GetBufferPointer(), builder.GetSize());
+
+        const auto* root = flatbuffers::GetRoot<wire::Statistics>(frame.control.data());
+        const auto* data = protocol::present(root->values()).Data();
+        const bool aligned = reinterpret_cast<std::uintptr_t>(data) % 8 == 0;
+        const auto opened = protocol::open<wire::Statistics>(frame);
+        CHECK(opened.has_value() == aligned);
+        if (!aligned) CHECK(opened.error().code == protocol::Code::bad_frame);
+        met_misaligned = met_misaligned || !aligned;
+    }
+    CHECK(met_misaligned);
 }
