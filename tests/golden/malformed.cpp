@@ -2,6 +2,7 @@
 
 #include "protocol/control.h"
 #include "tests/golden/examples.h"
+#include "tests/golden/malformed_table.h"
 
 #include <algorithm>
 #include <array>
@@ -18,40 +19,6 @@ namespace raynest::golden {
 namespace {
 
 using protocol::Buffer;
-using protocol::Code;
-using protocol::Frame;
-using protocol::FrameHeader;
-
-class Table {
-public:
-    /// Framing is lost: the answer closes.
-    void lost(std::string name, std::vector<std::byte> bytes, Code code) {
-        rows_.push_back({std::move(name), std::move(bytes), code, true, false});
-    }
-    void lost(const std::string& name, const FrameHeader& header, Code code) {
-        Frame frame;
-        frame.header = header;
-        lost(name, wire_bytes(frame), code);
-    }
-    /// The frame ends where it says: the connection goes on.
-    void kept(std::string name, const Frame& frame, Code code) {
-        const auto type = static_cast<wire::Message>(frame.header.type);
-        const bool bulky = type == wire::Message::QueryRays || type == wire::Message::Upload;
-        rows_.push_back({std::move(name), wire_bytes(frame), code, false, bulky});
-    }
-    /// A good message, spoilt: `spoil` changes the native message before it is encoded.
-    template <class Native>
-    void spoilt(const std::string& name, Native message, Code code) {
-        // Encoded under limits that let the overlong through.
-        protocol::Limits generous;
-        generous.control_bytes_max = ~0ULL;
-        kept(name, protocol::encode(77, message, generous).value(), code);
-    }
-    std::vector<Malformed> take() { return std::move(rows_); }
-
-private:
-    std::vector<Malformed> rows_;
-};
 
 std::vector<std::byte> bytes_of(std::string_view text) {
     std::vector<std::byte> bytes(text.size());
@@ -68,7 +35,6 @@ Frame with_control(Frame frame, std::vector<std::byte> control) {
 }
 
 // ---- not this protocol, or a header that cannot be believed
-// --------------------------------------
 
 void add_foreign_bytes(Table& table) {
     using namespace std::string_view_literals;
@@ -161,7 +127,6 @@ void add_unknown_types(Table& table) {
 }
 
 // ---- a control part that is no message
-// -----------------------------------------------------------
 
 void add_bad_controls(Table& table) {
     for (const Example& example : examples()) {
@@ -189,181 +154,7 @@ void add_bad_controls(Table& table) {
     }
 }
 
-// ---- messages whose contents are out of bounds
-// ---------------------------------------------------
-
-void add_bad_texts(Table& table) {
-    const std::array<std::pair<const char*, std::string>, 9> texts = {{
-        {"an overlong name", std::string(257, 'x')},
-        {"a line break", "two\nlines"},
-        {"an escape sequence", "\x1b[2J"},
-        {"a NUL", std::string("a\0b", 3)},
-        {"a delete", "a\x7f"},
-        {"half a letter", "\xc3"},
-        {"an overlong form", "\xc0\xaf"},
-        {"a surrogate", "\xed\xa0\x80"},
-        {"a letter beyond Unicode", "\xf4\x90\x80\x80"},
-    }};
-    for (const auto& [what, text] : texts) {
-        const Code code = text.size() > 256 ? Code::limit_exceeded : Code::invalid_field;
-        const auto add = [&]<class Native>(const char* message, Native native) {
-            table.spoilt(std::string(message) + " with " + what, std::move(native), code);
-        };
-        wire::InfoT info;
-        info.scene = text;
-        add("Info", info);
-        wire::UnloadT unload;
-        unload.scene = text;
-        add("Unload", unload);
-        wire::PathT path;
-        path.scene = text;
-        add("Path", path);
-        wire::LoadT load;
-        load.source = "builtin:forest";
-        load.name = text;
-        add("Load", load);
-        wire::QueryT query;
-        query.ray_count = 1;
-        query.job = std::make_unique<wire::JobT>();
-        query.job->scene = "forest";
-        query.job->intersector = text;
-        add("Query", query);
-    }
-}
-
-void add_missing_fields(Table& table) {
-    table.spoilt("Info without a scene", wire::InfoT{}, Code::invalid_field);
-    table.spoilt("Path without a scene", wire::PathT{}, Code::invalid_field);
-    table.spoilt("Unload without a scene", wire::UnloadT{}, Code::invalid_field);
-    table.spoilt("Load without a source", wire::LoadT{}, Code::invalid_field);
-    wire::QueryT query;
-    query.ray_count = 1;
-    table.spoilt("Query without a job", query, Code::invalid_field);
-    query.job = std::make_unique<wire::JobT>();
-    table.spoilt("Query without a scene", query, Code::invalid_field);
-    table.spoilt("Render without a job", wire::RenderT{}, Code::invalid_field);
-    table.spoilt("Heatmap without a job", wire::HeatmapT{}, Code::invalid_field);
-}
-
-void add_bad_loads(Table& table) {
-    const auto add = [&](const char* name, Code code,
-                         const std::function<void(wire::LoadT&)>& spoil) {
-        wire::LoadT load;
-        load.source = "a.gltf";
-        load.file_names = {"a.gltf"};
-        load.file_hashes = {1};
-        load.file_bytes = {10};
-        spoil(load);
-        table.spoilt(name, load, code);
-    };
-    add("Load with a name too few", Code::invalid_field, [](auto& l) { l.file_names = {}; });
-    add("Load with a hash too few", Code::invalid_field, [](auto& l) { l.file_hashes = {}; });
-    add("Load with a size too many", Code::invalid_field, [](auto& l) { l.file_bytes = {1, 2}; });
-    add("Load of 2^63 bytes", Code::limit_exceeded, [](auto& l) { l.file_bytes = {1ULL << 63}; });
-    add("Load of sizes that wrap", Code::limit_exceeded, [](auto& l) {
-        l.file_names = {"a", "b"};
-        l.file_hashes = {1, 2};
-        l.file_bytes = {~0ULL, 2};
-    });
-    add("Load of many large files", Code::limit_exceeded, [](auto& l) {
-        l.file_names.assign(8, "a");
-        l.file_hashes.assign(8, 1);
-        l.file_bytes.assign(8, 1ULL << 30);
-    });
-    add("Load of 513 files", Code::limit_exceeded, [](auto& l) {
-        l.file_names.assign(513, "a");
-        l.file_hashes.assign(513, 1);
-        l.file_bytes.assign(513, 1);
-    });
-    add("Load of an overlong source", Code::limit_exceeded,
-        [](auto& l) { l.source = std::string(4097, 'x'); });
-}
-
-void add_bad_queries(Table& table) {
-    const auto add = [&](const char* name, Code code,
-                         const std::function<void(wire::QueryT&)>& spoil) {
-        wire::QueryT query;
-        query.job = std::make_unique<wire::JobT>();
-        query.job->scene = "forest";
-        query.ray_count = 1;
-        spoil(query);
-        table.spoilt(name, query, code);
-    };
-    add("Query of no rays", Code::invalid_field, [](auto& q) { q.ray_count = 0; });
-    add("Query of 2^63 rays", Code::limit_exceeded, [](auto& q) { q.ray_count = 1ULL << 63; });
-    add("Query of one ray too many", Code::limit_exceeded,
-        [](auto& q) { q.ray_count = (1ULL << 36) + 1; });
-    add("Query for no hits", Code::invalid_field, [](auto& q) { q.max_hits = 0; });
-    add("Query for 257 hits", Code::limit_exceeded, [](auto& q) { q.max_hits = 257; });
-    add("Query for 2^32 - 1 hits", Code::limit_exceeded, [](auto& q) { q.max_hits = ~0U; });
-    add("Query of 513 fields", Code::limit_exceeded, [](auto& q) { q.fields.assign(513, "t"); });
-    add("Query of an overlong field", Code::limit_exceeded,
-        [](auto& q) { q.fields = {std::string(300, 't')}; });
-    add("Query with a setting without a value", Code::invalid_field,
-        [](auto& q) { q.job->settings = {"cutoff"}; });
-    add("Query with 513 settings", Code::limit_exceeded,
-        [](auto& q) { q.job->settings.assign(513, "a=1"); });
-}
-
-template <class Native>
-void add_bad_pictures(Table& table, const std::string& message) {
-    const auto add = [&](const char* what, Code code, const std::function<void(Native&)>& spoil) {
-        Native picture;
-        picture.job = std::make_unique<wire::JobT>();
-        picture.job->scene = "forest";
-        picture.camera = std::make_unique<wire::CameraT>();
-        picture.camera->eye = std::make_unique<wire::Vec3>(0.0F, 0.0F, 0.0F);
-        picture.camera->at = std::make_unique<wire::Vec3>(0.0F, 0.0F, -1.0F);
-        picture.camera->up = std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
-        spoil(picture);
-        table.spoilt(message + " " + what, picture, code);
-    };
-    constexpr float infinite = std::numeric_limits<float>::infinity();
-    constexpr float nan = std::numeric_limits<float>::quiet_NaN();
-    add("of no width", Code::invalid_field, [](auto& p) { p.width = 0; });
-    add("of no height", Code::invalid_field, [](auto& p) { p.height = 0; });
-    add("16385 wide", Code::limit_exceeded, [](auto& p) { p.width = 16385; });
-    add("2^32 - 1 high", Code::limit_exceeded, [](auto& p) { p.height = ~0U; });
-    add("of too many pixels", Code::limit_exceeded, [](auto& p) { p.width = p.height = 16000; });
-    add("of 180 degrees", Code::invalid_field, [](auto& p) { p.camera->fov_degrees = 180; });
-    add("of a negative angle", Code::invalid_field, [](auto& p) { p.camera->fov_degrees = -1; });
-    add("of a NaN angle", Code::invalid_field, [=](auto& p) { p.camera->fov_degrees = nan; });
-    add("from infinity", Code::invalid_field,
-        [=](auto& p) { *p.camera->eye = wire::Vec3(infinite, 0, 0); });
-    add("looking at NaN", Code::invalid_field,
-        [=](auto& p) { *p.camera->at = wire::Vec3(0, nan, 0); });
-    add("with NaN above", Code::invalid_field,
-        [=](auto& p) { *p.camera->up = wire::Vec3(0, 0, nan); });
-    add("looking from nowhere", Code::invalid_field, [](auto& p) {
-        p.camera->look_at = true;
-        p.camera->eye.reset();
-    });
-    add("with an overlong encoding", Code::limit_exceeded,
-        [](auto& p) { p.encode = std::string(257, 'p'); });
-    add("with a broken camera name", Code::invalid_field, [](auto& p) { p.camera->name = "\x80"; });
-}
-
-void add_bad_numbers(Table& table) {
-    wire::CreditT credit;
-    table.spoilt("Credit of nothing", credit, Code::invalid_field);
-    for (const std::uint64_t bytes : {(32ULL << 20) + 1, 1ULL << 63, ~0ULL}) {
-        credit.bytes = bytes;
-        table.spoilt("Credit of " + std::to_string(bytes), credit, Code::limit_exceeded);
-    }
-    wire::RenderT render;
-    render.job = std::make_unique<wire::JobT>();
-    render.job->scene = "forest";
-    render.samples = 0;
-    table.spoilt("Render of no samples", render, Code::invalid_field);
-    render.samples = ~0U;
-    table.spoilt("Render of too many samples", render, Code::limit_exceeded);
-    wire::CancelT cancel;
-    cancel.reason = std::string(4097, 'x');
-    table.spoilt("Cancel with an overlong reason", cancel, Code::limit_exceeded);
-}
-
 // ---- blocks that are not what they say
-// -----------------------------------------------------------
 
 void add_bad_blocks(Table& table) {
     const auto add = [&](const char* name, const std::function<void(wire::BlockT&)>& spoil) {
@@ -445,13 +236,7 @@ std::vector<Malformed> malformed_frames() {
     add_bad_headers(table);
     add_unknown_types(table);
     add_bad_controls(table);
-    add_bad_texts(table);
-    add_missing_fields(table);
-    add_bad_loads(table);
-    add_bad_queries(table);
-    add_bad_pictures<wire::RenderT>(table, "Render");
-    add_bad_pictures<wire::HeatmapT>(table, "Heatmap");
-    add_bad_numbers(table);
+    add_malformed_messages(table);
     add_bad_blocks(table);
     return table.take();
 }
