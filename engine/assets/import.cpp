@@ -6,6 +6,9 @@
 
 #include <fmt/format.h>
 
+#include <exception>
+#include <new>
+
 namespace raynest {
 namespace {
 
@@ -53,10 +56,14 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
 
 Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request,
                                                     const ImportLimits& limits,
-                                                    const Registry& registry) {
+                                                    const Registry& registry) try {
     auto scene = describe(request, limits, registry);
     if (!scene) return tl::unexpected<Error>(scene.error());
     return Snapshot::bake(*scene);
+} catch (const std::bad_alloc&) {
+    return fail(ErrorCode::out_of_memory, "the scene needs more memory than an import may take");
+} catch (const std::exception& error) {
+    return fail(ErrorCode::internal, fmt::format("the import failed: {}", error.what()));
 }
 
 }  // namespace raynest

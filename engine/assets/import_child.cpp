@@ -21,7 +21,6 @@
 #include <cerrno>
 #include <csignal>
 #include <cstring>
-#include <new>
 #include <thread>
 
 extern char** environ;
@@ -115,17 +114,6 @@ void confine(const ImportLimits& limits) {
     if (limits_address_space) limit(RLIMIT_AS, limits.bytes_max);
 }
 
-Result<std::shared_ptr<const Snapshot>> import_guarded(const wire::Message& message,
-                                                       const Registry& registry) try {
-    return import_here(message.request, message.limits, registry);
-} catch (const std::bad_alloc&) {
-    return fail(ErrorCode::out_of_memory,
-                fmt::format("the scene needs more than the {} MiB that an import may take",
-                            message.limits.bytes_max >> 20));
-} catch (const std::exception& error) {
-    return fail(ErrorCode::internal, fmt::format("the import failed: {}", error.what()));
-}
-
 std::string_view file_name(const std::string& source) {
     return std::string_view(source).substr(0, 200);
 }
@@ -181,7 +169,7 @@ int import_child_main(const Registry& registry) {
     confine(message->limits);
     // The parent may have ended before the death signal was set.
     if (::getppid() != message->parent) return 2;
-    const auto result = import_guarded(*message, registry);
+    const auto result = import_here(message->request, message->limits, registry);
     return wire::write_result(wire::result_fd, result) ? 0 : 3;
 }
 
