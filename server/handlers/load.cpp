@@ -79,7 +79,7 @@ public:
         if (!message) return tl::unexpected(message.error());
         const auto block = protocol::only_block(message->blocks, "data", wire::Dtype::u8, 1);
         if (!block) return tl::unexpected(block.error());
-        if (current_ == order_.files.size())
+        if (import_started_ || current_ == order_.files.size())
             return refuse(Code::invalid_field, "all files of the upload are complete");
         UploadFile& file = order_.files[current_];
         if ((*message)->file() != current_ || (*message)->offset() != file.received)
@@ -99,21 +99,21 @@ public:
     }
 
     std::optional<Task> next() override {
-        if (current_ < order_.files.size() || import_started_) return std::nullopt;
+        if (import_started_ || current_ < order_.files.size()) return std::nullopt;
         import_started_ = true;
         Task task;
         task.lane = Lane::blocking;
-        task.run = [this](const StopFlag&) -> Reply<Frames> {
-            auto snapshot = import();
+        task.run = [this](const StopFlag& stop) -> Reply<Frames> {
+            auto snapshot = import(stop.deadline());
             if (!snapshot) return tl::unexpected(snapshot.error());
             snapshot_ = std::move(*snapshot);
-            order_.files.clear();
             return Frames{};
         };
         return task;
     }
 
     Reply<void> ended() override {
+        order_.files.clear();
         order_.lease = {};
         reused_ = services_.scenes.holds(snapshot_->hash());
         auto scene = services_.scenes.publish(order_.name, std::move(snapshot_), order_.replace,
@@ -155,7 +155,8 @@ private:
             ++current_;
     }
 
-    Reply<std::shared_ptr<const Snapshot>> import() {
+    /// Worker thread; the io thread leaves the order alone meanwhile.
+    Reply<std::shared_ptr<const Snapshot>> import(Clock::time_point deadline) const {
         ImportRequest request;
         request.source = order_.source;
         request.primitive = order_.primitive;
@@ -175,7 +176,12 @@ private:
             request.source = found.front().name;
             for (const SourceFile& file : found) request.files.push_back({file.name, file.bytes});
         }
-        auto snapshot = import_in_child(request, services_.import_limits, services_.import_child);
+        ImportLimits limits = services_.import_limits;
+        const Clock::time_point now = Clock::now();
+        if (deadline < now + limits.time_max)
+            limits.time_max = std::max(std::chrono::ceil<std::chrono::seconds>(deadline - now),
+                                       std::chrono::seconds(1));
+        auto snapshot = import_in_child(request, limits, services_.import_child);
         if (!snapshot) return refuse(snapshot.error());
         return std::move(*snapshot);
     }

@@ -1,0 +1,224 @@
+#!/usr/bin/env python3
+"""Every subcommand of raynest against a real daemon: answers, files and exit codes of the contract.
+
+  cli_test.py RAYNESTD RAYNEST
+"""
+import ast
+import json
+import pathlib
+import signal
+import struct
+import sys
+import tempfile
+import time
+import unittest
+import zipfile
+
+from daemon import Client, Daemon
+
+DOWN = "0.3,1000,0.4,0,-1,0"
+UP = "0.3,1000,0.4,0,1,0"
+
+
+def read_npy(data):
+    """dtype, shape and values of a .npy, without numpy."""
+    assert data[:6] == b"\x93NUMPY", data[:6]
+    size = struct.unpack("<H", data[8:10])[0]
+    header = ast.literal_eval(data[10:10 + size].decode())
+    letter = {"<f4": "f", "<u4": "I", "<u8": "Q", "|u1": "B"}[header["descr"]]
+    body = data[10 + size:]
+    values = struct.unpack(f"<{len(body) // struct.calcsize(letter)}{letter}", body)
+    return header["descr"], header["shape"], values
+
+
+class Cli(unittest.TestCase):
+    raynestd = None
+    raynest = None
+
+    @classmethod
+    def setUpClass(cls):
+        cls.daemon = Daemon(cls.raynestd)
+        cls.client = Client(cls.raynest, cls.daemon.uri)
+        cls.client.json("load", "builtin:terrain?size=32", "--name", "hills")
+        cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
+        cls.folder = tempfile.TemporaryDirectory(prefix="raynest cli ")
+        cls.out = pathlib.Path(cls.folder.name)
+
+    @classmethod
+    def tearDownClass(cls):
+        code = cls.daemon.stop()
+        cls.folder.cleanup()
+        assert code == 0, code
+
+    def expect(self, code, *arguments, says=""):
+        done = self.client.run(*arguments)
+        self.assertEqual(done.returncode, code, f"{arguments}: {done.stderr}")
+        if code != 0:
+            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+            self.assertIn(says, done.stderr)
+        return done
+
+    def query(self, *arguments):
+        done = self.expect(0, "--json", "query", *arguments)
+        return [json.loads(line) for line in done.stdout.splitlines()]
+
+    def test_load_and_info_say_the_same(self):
+        loaded = self.client.json("load", "builtin:terrain?size=32", "--name", "hills")
+        seconds = loaded.pop("seconds")
+        self.assertGreaterEqual(seconds, 0)
+        info = self.client.json("info", "hills")
+        for key in ("name", "hash", "epoch", "unique_triangles", "instanced_triangles", "instances",
+                    "levels", "materials", "mask_materials", "bytes", "cameras", "skipped"):
+            self.assertIn(key, info)
+            self.assertEqual(info[key], loaded[key])
+        self.assertGreater(info["unique_triangles"], 1000)
+
+    def test_scenes_are_listed_by_name(self):
+        done = self.expect(0, "scenes")
+        self.assertIn("hills", done.stdout)
+        self.assertIn("woods", done.stdout)
+
+    def test_a_taken_name_needs_replace_and_is_a_new_epoch(self):
+        first = self.client.json("load", "builtin:terrain?size=8", "--name", "taken")
+        self.expect(1, "load", "builtin:terrain?size=9", "--name", "taken", says="--replace")
+        second = self.client.json("load", "builtin:terrain?size=9", "--name", "taken", "--replace")
+        self.assertEqual(second["epoch"], first["epoch"] + 1)
+        self.expect(5, "query", "taken", "--ray", DOWN, "--epoch", "1", says="epoch 2")
+        self.expect(0, "unload", "taken")
+        self.expect(5, "info", "taken", says="raynest load")
+
+    def test_variants_name_parameters_and_queries(self):
+        done = self.expect(0, "variants")
+        for word in ("opaque", "alpha_mask", "procedural_mask", "cutoff", "closest"):
+            self.assertIn(word, done.stdout)
+
+    def test_a_hit_a_miss_and_an_any(self):
+        hit, miss = self.query("hills", "--ray", DOWN, "--ray", UP)
+        self.assertEqual(hit["ray"], 0)
+        self.assertEqual(sorted(hit["hits"][0]), ["geom", "path", "prim", "t", "u", "v"])
+        self.assertTrue(900 < hit["hits"][0]["t"] < 1100)
+        self.assertEqual(miss, {"ray": 1, "hits": []})
+        self.assertEqual(self.query("hills", "--kind", "any", "--ray", DOWN, "--ray", UP),
+                         [{"ray": 0, "hit": True}, {"ray": 1, "hit": False}])
+
+    def test_hits_of_multi_are_sorted_and_start_with_the_closest(self):
+        closest = self.query("woods", "--ray", DOWN)[0]["hits"][0]
+        multi = self.query("woods", "--kind", "multi", "--max-hits", "16", "--ray", DOWN)[0]["hits"]
+        self.assertEqual(multi[0], closest)
+        distances = [hit["t"] for hit in multi]
+        self.assertEqual(distances, sorted(distances))
+
+    def test_columns_come_as_npz(self):
+        rays = [[0.1 * i, 1000, 0.1, 0, -1, 0] for i in range(50)]
+        body = struct.pack("<300f", *(value for ray in rays for value in ray))
+        header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (50, 6), }"
+        header += b" " * (64 - (10 + len(header) + 1) % 64) + b"\n"
+        npy = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + body
+        (self.out / "rays.npy").write_bytes(npy)
+        self.expect(0, "query", "hills", "--rays", self.out / "rays.npy", "--fields",
+                    "t,ng,path,front,total", "-o", self.out / "hits.npz")
+        with zipfile.ZipFile(self.out / "hits.npz") as file:
+            self.assertIsNone(file.testzip())
+            columns = {name[:-4]: read_npy(file.read(name)) for name in file.namelist()}
+        self.assertEqual({name: column[:2] for name, column in columns.items()},
+                         {"t": ("<f4", (50,)), "ng": ("<f4", (50, 3)), "path": ("<u8", (50,)),
+                          "front": ("|u1", (50,)), "total": ("<u4", (50,))})
+        self.assertTrue(all(count > 0 for count in columns["total"][2]))
+
+    def test_a_path_has_a_name(self):
+        hit = self.query("woods", "--ray", DOWN)[0]["hits"][0]
+        done = self.expect(0, "path", "woods", hit["path"])
+        self.assertTrue(done.stdout.strip())
+        self.expect(2, "path", "woods", 2**60, says="path")
+
+    def test_pictures_are_what_their_names_say(self):
+        magic = {"a.png": b"\x89PNG", "a.exr": b"\x76\x2f\x31\x01"}
+        for name, start in magic.items():
+            for command in ("render", "heatmap"):
+                self.expect(0, command, "woods", "--size", "64x36", "-o", self.out / name)
+                self.assertEqual((self.out / name).read_bytes()[:4], start)
+
+    def test_the_raw_heat_map_agrees_with_its_statistics(self):
+        heat = self.client.json("heatmap", "woods", "--size", "64x36", "-o", self.out / "h.npy")
+        _, shape, counts = read_npy((self.out / "h.npy").read_bytes())
+        self.assertEqual(shape, (36, 64))
+        ordered = sorted(counts)
+        self.assertEqual((heat["metric"], heat["min"], heat["max"], heat["rays"]),
+                         ("total", ordered[0], ordered[-1], len(counts)))
+        self.assertAlmostEqual(heat["mean"], sum(counts) / len(counts), places=3)
+        self.assertEqual(heat["p99"], ordered[-(-len(counts) * 99 // 100) - 1])
+
+    def test_necessary_work_is_never_more_than_traversed_work(self):
+        counts = {}
+        for count in ("traversed", "necessary"):
+            name = self.out / f"{count}.npy"
+            self.expect(0, "heatmap", "woods", "--size", "64x36", "--count", count, "-o", name)
+            counts[count] = read_npy(name.read_bytes())[2]
+        self.assertTrue(all(n <= t for n, t in zip(counts["necessary"], counts["traversed"])))
+        self.assertLess(sum(counts["necessary"]), sum(counts["traversed"]))
+
+    def test_the_same_request_gives_the_same_bytes(self):
+        pictures = []
+        for _ in range(2):
+            self.expect(0, "render", "woods", "--size", "96x54", "-o", self.out / "same.png")
+            pictures.append((self.out / "same.png").read_bytes())
+        self.assertEqual(*pictures)
+
+    def test_exit_codes_of_what_is_asked_wrongly(self):
+        self.expect(5, "render", "nowhere", "-o", self.out / "x.png", says="raynest load")
+        self.expect(5, "query", "hills", "--ray", DOWN, "--intersector", "unheard_of",
+                    says="unheard_of")
+        self.expect(2, "query", "hills", "--ray", DOWN, "--set", "unheard=1", says="unheard")
+        self.expect(2, "query", "hills", "--ray", DOWN, "--fields", "t,unheard", says="unheard")
+        self.expect(2, "query", "hills", "--ray", DOWN, "--kind", "any", "--fields", "t",
+                    says="any")
+        self.expect(2, "heatmap", "hills", "-o", self.out / "x.png", "--metric", "unheard",
+                    says="unheard")
+        self.expect(2, "render", "hills", "-o", self.out / "x.png", "--camera", "unheard",
+                    says="unheard")
+        self.expect(5, "render", "hills", "-o", self.out / "x.png", "--worker", "cuda",
+                    says="--worker")
+        self.expect(5, "load", "builtin:unheard_of", says="unheard_of")
+        self.expect(5, "load", "root:x.glb", says="--scene-root")
+        self.assertEqual(self.client.run("query", "hills").returncode, 2)
+        self.assertFalse((self.out / "x.png").exists())
+
+    def test_errors_are_json_when_asked_for(self):
+        done = self.client.run("--json", "info", "nowhere")
+        self.assertEqual(done.returncode, 5)
+        error = json.loads(done.stderr)["error"]
+        self.assertEqual((error["name"], sorted(error)), ("SCENE_UNKNOWN", ["code", "message",
+                                                                            "name"]))
+
+    def test_nobody_at_the_address_is_exit_code_3(self):
+        done = Client(self.raynest, "tcp://127.0.0.1:9").run("scenes")
+        self.assertEqual(done.returncode, 3)
+
+    def test_a_deadline_is_exit_code_7(self):
+        self.expect(7, "render", "woods", "--size", "4096x4096", "--traversal", "reference", "-o",
+                    self.out / "x.png", "--deadline", "0.2")
+
+    def test_an_interrupt_cancels_the_job_and_is_exit_code_130(self):
+        before = self.counter("jobs_cancelled")
+        started = self.counter("jobs_started")
+        render = self.client.start("render", "woods", "--size", "4096x4096", "--traversal",
+                                   "reference", "-o", self.out / "x.png")
+        self.until(lambda: self.counter("jobs_started") > started)
+        render.send_signal(signal.SIGINT)
+        render.communicate(timeout=20)
+        self.assertEqual(render.returncode, 130)
+        self.until(lambda: self.counter("jobs_started") == self.counter("jobs_ended"))
+        self.assertGreater(self.counter("jobs_cancelled"), before)
+
+    def counter(self, name):
+        return self.client.json("stats")[name]
+
+    def until(self, condition):
+        end = time.monotonic() + 20
+        while not condition():
+            self.assertLess(time.monotonic(), end, "it did not come true")
+
+
+if __name__ == "__main__":
+    Cli.raynestd, Cli.raynest = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1])

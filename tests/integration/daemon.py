@@ -1,0 +1,84 @@
+"""A real raynestd and the raynest command line, for the tests of this folder.
+
+A daemon listens on a free loopback port and goes away with the test; every wait has a deadline.
+"""
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import tempfile
+import time
+
+PATIENCE = 30
+SHARED_SCENES = pathlib.Path(__file__).resolve().parents[3] / "shared" / "scenes"
+
+
+class Daemon:
+    def __init__(self, program, *arguments):
+        self.folder = tempfile.TemporaryDirectory(prefix="raynest-test-")
+        ready = pathlib.Path(self.folder.name) / "ready.json"
+        with open(pathlib.Path(self.folder.name) / "log", "wb") as log:
+            self.process = subprocess.Popen(
+                [program, "--listen", "tcp://127.0.0.1:0", "--ready-file", ready, *arguments],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        end = time.monotonic() + PATIENCE
+        while not ready.exists():
+            if self.process.poll() is not None or time.monotonic() > end:
+                raise RuntimeError("raynestd did not become ready: " + self.log())
+            time.sleep(0.01)
+        self.uri = json.loads(ready.read_text())["listen"][0]
+
+    def log(self):
+        return (pathlib.Path(self.folder.name) / "log").read_text(errors="replace")
+
+    def resident_bytes(self, key="VmRSS"):
+        for line in pathlib.Path(f"/proc/{self.process.pid}/status").read_text().splitlines():
+            if line.startswith(key + ":"):
+                return int(line.split()[1]) * 1024
+        raise RuntimeError(f"no {key}")
+
+    def alive(self):
+        return self.process.poll() is None
+
+    def stop(self):
+        """Ends it as a user would; gives the exit code."""
+        self.process.send_signal(signal.SIGTERM)
+        try:
+            code = self.process.wait(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            code = self.process.wait()
+        self.folder.cleanup()
+        return code
+
+
+class Client:
+    """Runs `raynest` against one daemon."""
+
+    def __init__(self, program, uri):
+        self.program = program
+        self.uri = uri
+
+    def start(self, *arguments, **options):
+        environment = dict(os.environ, RAYNEST_SERVER=self.uri)
+        return subprocess.Popen([self.program, *map(str, arguments)], env=environment,
+                                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                                stderr=subprocess.PIPE, text=True, errors="replace", **options)
+
+    def run(self, *arguments, timeout=PATIENCE):
+        process = self.start(*arguments)
+        try:
+            output, errors = process.communicate(timeout=timeout)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            raise
+        return subprocess.CompletedProcess(arguments, process.returncode, output, errors)
+
+    def json(self, *arguments):
+        """The answer of a command that must succeed, one object."""
+        done = self.run("--json", *arguments)
+        if done.returncode != 0:
+            raise AssertionError(f"{arguments}: {done.returncode}: {done.stderr}")
+        return json.loads(done.stdout)
