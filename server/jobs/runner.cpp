@@ -219,19 +219,18 @@ void Runner::stop(Active& active, protocol::Error error) {
 
 void Runner::finish(const ActivePointer& active) {
     if (active->running != 0) return;
-    const auto found = std::find(jobs_.begin(), jobs_.end(), active);
-    if (found == jobs_.end()) return;
-    jobs_.erase(found);
+    jobs_.remove(active);
     ++engine_.metrics.jobs_ended;
     engine_.admission.record(Clock::now() - active->started);
-    active->slot = {};
     if (active->error && active->error->code != Code::cancelled) ++engine_.metrics.jobs_failed;
-    if (sink_ == nullptr) return;
-    if (active->error) {
+    if (sink_ != nullptr && active->error)
         sink_->send(protocol::encode_error(active->id, *active->error, false));
-    } else {
+    if (sink_ != nullptr && !active->error)
         for (protocol::Frame& frame : active->job->farewell()) sink_->send(std::move(frame));
-    }
+    // Here and now, not where the worker drops the last reference: what a job held is free again
+    // when its slot is.
+    active->job.reset();
+    active->slot = {};
 }
 
 void Runner::tick(Clock::time_point now) {

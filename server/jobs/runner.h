@@ -77,7 +77,7 @@ private:
               job(std::move(work)),
               stop(deadline) {}
         const std::uint64_t id;
-        const std::unique_ptr<Job> job;
+        std::unique_ptr<Job> job;  ///< gone once finished, whoever still holds this record
         StopFlag stop;
         Admission::Slot slot;
         Clock::time_point started;
