@@ -31,7 +31,10 @@ constexpr seconds linger_time{1};
 constexpr seconds flush_time{5};
 constexpr std::size_t gather_frames_max = 16;
 constexpr std::uint64_t gather_bytes_max = 1ULL << 20;
-constexpr int unacknowledged_ms_max = 20'000;
+/// A peer that died without a word is noticed within this time.
+constexpr int keepalive_s = 15;
+constexpr int keepalive_probes = 2;
+constexpr int unacknowledged_ms_max = 1000 * keepalive_s * (1 + keepalive_probes);
 
 constexpr Clock::time_point never = Clock::time_point::max();
 
@@ -62,6 +65,9 @@ void tune(Socket& socket) {
     };
     set(IPPROTO_TCP, TCP_NODELAY, 1);
     set(SOL_SOCKET, SO_KEEPALIVE, 1);
+    set(IPPROTO_TCP, TCP_KEEPIDLE, keepalive_s);
+    set(IPPROTO_TCP, TCP_KEEPINTVL, keepalive_s);
+    set(IPPROTO_TCP, TCP_KEEPCNT, keepalive_probes);
     set(IPPROTO_TCP, TCP_USER_TIMEOUT, unacknowledged_ms_max);
 }
 
@@ -70,7 +76,6 @@ void tune(Socket& socket) {
 Session::Session(asio::io_context& io, Socket socket, const Services& services,
                  const Engine& engine, OnClosed on_closed)
     : services_(services),
-      engine_(engine),
       on_closed_(std::move(on_closed)),
       socket_(std::move(socket)),
       wake_(io, never),
@@ -94,15 +99,14 @@ void Session::start() {
 void Session::spawn(Part part, const char* name) {
     asio::co_spawn(socket_.get_executor(), (this->*part)(),
                    [self = shared_from_this(), name](const std::exception_ptr& failure) {
-                       if (failure) {
-                           try {
-                               std::rethrow_exception(failure);
-                           } catch (const std::exception& error) {
-                               log(LogLevel::error, "connection_failed",
-                                   {{"part", name}, {"reason", error.what()}});
-                           }
+                       if (!failure) return;
+                       try {
+                           std::rethrow_exception(failure);
+                       } catch (const std::exception& error) {
+                           log(LogLevel::error, "connection_failed",
+                               {{"part", name}, {"reason", error.what()}});
                        }
-                       if (failure) self->stop();
+                       self->stop();
                    });
 }
 
@@ -247,9 +251,11 @@ asio::awaitable<void> Session::write_frames() {
             buffers.emplace_back(batch[i].bulk.data(), batch[i].bulk.size());
         }
         write_started_ = Clock::now();
+        writing_ = true;
         SystemError error;
         co_await asio::async_write(socket_, buffers,
                                    asio::redirect_error(asio::use_awaitable, error));
+        writing_ = false;
         if (!open_) co_return;
         if (error) {
             stop();
@@ -289,7 +295,8 @@ void Session::settle() {
 }
 
 bool Session::stalled() const {
-    return backlog_ >= services_.limits.window_bytes || conversation_.runner().blocked();
+    return writing_ &&
+           (backlog_ >= services_.limits.window_bytes || conversation_.runner().blocked());
 }
 
 Clock::time_point Session::next_deadline() const {

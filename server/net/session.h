@@ -52,12 +52,12 @@ private:
     void move_read_deadline(std::size_t got);
     /// After anything that may have moved a deadline or closed the conversation.
     void settle();
+    /// Does the peer hold things up? Not while nothing waits for the socket: then tasks are slow.
     [[nodiscard]] bool stalled() const;
     [[nodiscard]] Clock::time_point next_deadline() const;
     void expire(Clock::time_point now);
 
     const Services& services_;
-    const Engine& engine_;
     OnClosed on_closed_;
     Socket socket_;
     asio::steady_timer wake_;      ///< the writer: there are frames, or the end came
@@ -73,6 +73,7 @@ private:
     Clock::time_point close_deadline_;    ///< once the conversation is closing
     std::uint64_t checkpoint_bytes_ = 0;  ///< of a bulk part, since its deadline last moved
     bool open_ = true;
+    bool writing_ = false;
 };
 
 }  // namespace raynest::server
