@@ -59,10 +59,14 @@ Compacted compact(TraceBuffers& buffers, std::size_t rays, std::size_t hits_max)
 }  // namespace
 
 Reply<Columns> Columns::choose(std::span<const std::string> names, Query query) {
-    std::vector<Field> fields;
+    Columns columns;
+    std::vector<Field>& fields = columns.fields_;
     for (const std::string& name : names) {
         const auto field = parse_field(name);
-        if (!field) return refuse(field.error());
+        if (!field) {
+            columns.outputs_.push_back(name);
+            continue;
+        }
         if (query == query_any && !defined_for_any(*field))
             return refuse(Code::invalid_field,
                           "column '" + name +
@@ -74,7 +78,18 @@ Reply<Columns> Columns::choose(std::span<const std::string> names, Query query) 
     if (names.empty() && query == query_any) fields = {Field::hit};
     if (names.empty() && query != query_any)
         fields = {Field::t, Field::prim, Field::geom, Field::path, Field::uv};
-    return Columns(std::move(fields));
+    return columns;
+}
+
+Reply<void> Columns::check_outputs(const Variant& variant) const {
+    for (const std::string& name : outputs_) {
+        const auto outputs = variant.outputs();
+        const bool known =
+            std::any_of(outputs.begin(), outputs.end(),
+                        [&](const PackOutput& output) { return name == output.name; });
+        if (!known) return refuse(parse_field(name).error());
+    }
+    return {};
 }
 
 bool Columns::counting() const {

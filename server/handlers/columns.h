@@ -11,13 +11,17 @@
 namespace raynest::server {
 
 /// The columns of a query, checked: fields of the engine, then the intersector's outputs, which
-/// always come back. In multi queries what belongs to a ray (flags, counters, outputs) has one
-/// element per ray, what belongs to a hit one per hit.
+/// always come back, asked for by name or not. In multi queries what belongs to a ray (flags,
+/// counters, outputs) has one element per ray, what belongs to a hit one per hit.
 class Columns {
 public:
-    /// `names` empty: the default of the query. INVALID_FIELD names what is not known, or not
-    /// defined for `any`, whose surface depends on the traversal.
+    /// `names` empty: the default of the query. INVALID_FIELD names what is not defined for `any`,
+    /// whose surface depends on the traversal. What is no field may be an output of the
+    /// intersector: check_outputs() tells, once it is known which one runs.
     static Reply<Columns> choose(std::span<const std::string> names, Query query);
+
+    /// INVALID_FIELD when a name is neither a field nor an output of `variant`.
+    [[nodiscard]] Reply<void> check_outputs(const Variant& variant) const;
 
     /// Does any column need a counting function?
     [[nodiscard]] bool counting() const;
@@ -36,8 +40,8 @@ public:
                                   TraceBuffers& buffers, Tally& tally) const;
 
 private:
-    explicit Columns(std::vector<Field> fields) : fields_(std::move(fields)) {}
     std::vector<Field> fields_;
+    std::vector<std::string> outputs_;  ///< names that are no field
 };
 
 }  // namespace raynest::server

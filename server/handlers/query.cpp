@@ -141,6 +141,8 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     if (!columns) return tl::unexpected(columns.error());
     auto plan = make_plan(services, *message->job(), *kind, columns->counting());
     if (!plan) return tl::unexpected(plan.error());
+    if (const auto known = columns->check_outputs(*plan->variant); !known)
+        return tl::unexpected(known.error());
     if (*kind == query_multi) plan->hits_max = message->max_hits();
 
     Accepted accepted;
