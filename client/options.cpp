@@ -126,7 +126,7 @@ void add_camera(CLI::App& app, CameraOptions& camera) {
 }
 
 /// -o FILE with one of the given endings.
-CLI::Option* add_output(CLI::App& app, std::string& output, std::vector<std::string> endings,
+CLI::Option* add_output(CLI::App& app, std::string& output, const std::vector<std::string>& endings,
                         const std::string& text) {
     return add_parsed(
         app, "-o,--output",
