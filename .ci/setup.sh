@@ -1,7 +1,8 @@
 # What client/demo.sh and tests/run.sh share: install what is missing, configure, build.
 #
-# To be sourced with `root` set to the repository's folder; gives the functions below and `build`, the
-# absolute build folder (RAYNEST_BUILD overrides it). Needs nothing that a minimal Debian 12 lacks.
+# To be sourced with `root` set to the repository's folder and `cpu_minutes` to what a first build (and
+# test) takes on one core; gives the functions below and `build`, the absolute build folder
+# (RAYNEST_BUILD overrides it). Needs nothing that a minimal Debian 12 lacks.
 # When no package is missing neither apt nor root is needed; before anything is installed the cost is
 # printed, and asked about when stdin is a terminal (unless `yes` is 1).
 
@@ -16,12 +17,12 @@ build=${RAYNEST_BUILD:-$root/build}
 
 fail() { printf 'error: %s\n' "$1" >&2; exit 1; }
 
-# step NAME COMMAND...: runs it and prints how long it took.
+# step NAME COMMAND...: runs it, with nothing to read, and prints how long it took.
 step() {
     local name=$1 start=$SECONDS
     shift
     printf '==> %s\n' "$name"
-    "$@" || fail "$name failed; its output is above"
+    "$@" </dev/null || fail "$name failed; its output is above"
     printf '    %s: %d s\n' "$name" $((SECONDS - start))
 }
 
@@ -57,30 +58,33 @@ install_missing() {
     printf 'Not installed yet: %s\n' "${missing[*]}"
     step 'package lists' "${apt[@]}" -qq update
 
-    # apt prices it: a dry run that ends at its own question. --no-remove: never at another's cost.
+    # apt prices it. With --print-uris it only prints; --assume-no would install without a question
+    # where no further package comes along. --no-remove: never at the cost of what is there.
     local plan count download disk minutes
-    apt+=(install --no-install-recommends --no-remove)
-    plan=$("${apt[@]}" --assume-no "${missing[@]}" 2>&1) || true
+    apt+=(install -y --no-install-recommends --no-remove)
+    plan=$("${apt[@]}" --print-uris "${missing[@]}" </dev/null 2>&1) || true
     count=$(sed -n 's/.* \([0-9]*\) newly installed.*/\1/p' <<<"$plan")
-    download=$(sed -n 's/^Need to get \(.*\) of archives.*/\1/p' <<<"$plan")
+    download=$(sed -n 's/^Need to get \([0-9.,]* [kMG]*B\).*/\1/p' <<<"$plan")
     disk=$(sed -n 's/^After this operation, \(.*\) of additional disk.*/\1/p' <<<"$plan")
     [[ $count ]] || { printf '%s\n' "$plan" >&2; fail "apt cannot install them; its reason is above"; }
-    minutes=$((count / 120 + 1))
-    printf 'To install: %d packages, %s to download, %s on disk, about %d minute(s).\n' \
-        "$count" "${download:-nothing}" "${disk:-nothing}" "$minutes"
+    minutes=$((1 + count / 120 + cpu_minutes / $(nproc)))
+    printf 'To install: %d packages, %s to download, %s on disk.\n' \
+        "$count" "${download:-nothing}" "${disk:-nothing}"
+    printf 'All of it, the build included, takes about %d minutes on %d cores.\n' \
+        "$minutes" "$(nproc)"
     if [[ -t 0 && ${yes:-0} != 1 ]]; then
         local answer
-        read -rp 'Install them now? [Y/n] ' answer
+        read -rp 'Install them now? [Y/n] ' answer || answer=no
         [[ ${answer:-y} == [yY]* ]] || fail "not installed; to do it by hand: $remedy"
     fi
-    step 'packages' quietly "${apt[@]}" -y "${missing[@]}"
+    step 'packages' quietly "${apt[@]}" "${missing[@]}"
 }
 
 # quietly COMMAND...: what it prints is worth reading only when it fails, and shown only then.
 quietly() {
     local log
     log=$(mktemp)
-    "$@" </dev/null >"$log" 2>&1 || { tail -n 40 "$log" >&2; rm -f "$log"; return 1; }
+    "$@" >"$log" 2>&1 || { tail -n 40 "$log" >&2; rm -f "$log"; return 1; }
     rm -f "$log"
 }
 

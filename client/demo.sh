@@ -14,6 +14,7 @@ for argument in "$@"; do
         *) source=$argument ;;
     esac
 done
+cpu_minutes=10
 # shellcheck source=.ci/setup.sh
 source "$root/.ci/setup.sh"
 

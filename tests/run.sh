@@ -6,6 +6,7 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 yes=0
 [[ ${1:-} != --yes ]] || { yes=1; shift; }
+cpu_minutes=20
 # shellcheck source=.ci/setup.sh
 source "$root/.ci/setup.sh"
 
