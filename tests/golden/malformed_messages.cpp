@@ -23,7 +23,9 @@ void add_bad_texts(Table& table) {
         {"a surrogate", "\xed\xa0\x80"},
         {"a letter beyond Unicode", "\xf4\x90\x80\x80"},
     }};
-    for (const auto& [what, text] : texts) {
+    for (const auto& entry : texts) {
+        const std::string what = entry.first;
+        const std::string& text = entry.second;
         const Code code = text.size() > 256 ? Code::limit_exceeded : Code::invalid_field;
         const auto add = [&]<class Native>(const char* message, Native native) {
             table.spoilt(std::string(message) + " with " + what, std::move(native), code);

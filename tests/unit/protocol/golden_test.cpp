@@ -94,7 +94,9 @@ void check_against_examples(const Dumps& dumps) {
     std::map<std::string, std::vector<std::byte>> fresh;
     for (const golden::Example& example : golden::examples())
         fresh[example.name] = golden::wire_bytes(example.frame);
-    for (const auto& [name, bytes] : dumps) {
+    for (const auto& entry : dumps) {
+        const std::string& name = entry.first;
+        const std::vector<std::byte>& bytes = entry.second;
         CAPTURE(name);
         check_decodes(name, bytes);
         CHECK_MESSAGE(fresh[name] == bytes, "\nfreshly encoded:\n" << dump(name, fresh[name]));
