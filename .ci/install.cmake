@@ -5,11 +5,7 @@
 include(CMakePackageConfigHelpers)
 
 install(TARGETS ${RAYNEST_PACKS} LIBRARY DESTINATION lib/raynest COMPONENT runtime)
-foreach(program raynestd raynest)
-    if(TARGET ${program})
-        install(TARGETS ${program} RUNTIME DESTINATION bin COMPONENT runtime)
-    endif()
-endforeach()
+install(TARGETS raynestd raynest RUNTIME DESTINATION bin COMPONENT runtime)
 
 install(DIRECTORY engine DESTINATION include/raynest COMPONENT development
     FILES_MATCHING
