@@ -19,7 +19,12 @@
 
 namespace raynest::test {
 
-inline constexpr std::chrono::seconds patience{20};
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+inline constexpr bool sanitized = true;  ///< slow, and freed memory stays resident
+#else
+inline constexpr bool sanitized = false;
+#endif
+inline constexpr std::chrono::seconds patience{sanitized ? 120 : 20};
 
 /// Does it become true before patience ends? Asks again and again.
 template <class Condition>

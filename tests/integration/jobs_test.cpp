@@ -195,7 +195,7 @@ TEST_CASE("clients that vanish leave no job, no descriptor and no memory behind"
     }
     wait_for_idle(other);
     CHECK(daemon.descriptors() == descriptors);
-    CHECK(daemon.resident_bytes() < before + (32 << 20));
+    if (!sanitized) CHECK(daemon.resident_bytes() < before + (32 << 20));
     CHECK(other.answers());
 }
 
@@ -212,7 +212,7 @@ TEST_CASE("a reader that stops reading is closed, and others are served meanwhil
     wire::RenderT render;
     render.job = std::make_unique<wire::JobT>();
     render.job->scene = "scene";
-    render.width = render.height = 2048;
+    render.width = render.height = 1280;
     render.encode = "raw";
     for (std::uint64_t id = 1; id <= 8; ++id) REQUIRE(slow.say(id, render));
     REQUIRE(eventually([&] { return counter(other, "slow_consumers") == 1; }));
