@@ -24,7 +24,8 @@ wire::Dtype dtype(FieldType type) {
 }
 
 bool per_ray(Field field, Query query) {
-    return query != query_multi || field == Field::flags || field_info(field).counter;
+    return query != query_multi || field == Field::hit || field == Field::flags ||
+           field_info(field).counter;
 }
 
 bool defined_for_any(Field field) {
@@ -35,7 +36,7 @@ bool defined_for_any(Field field) {
 struct Compacted {
     std::vector<std::uint64_t> splits;
     std::vector<std::uint32_t> ray_of;
-    std::vector<HitRecord> first;  ///< per ray: its first record, which holds the ray's flags
+    std::vector<HitRecord> first;  ///< per ray: its first record, which holds `hit` and the flags
 };
 
 Compacted compact(TraceBuffers& buffers, std::size_t rays, std::size_t hits_max) {

@@ -125,6 +125,15 @@ class Cli(unittest.TestCase):
                           "front": ("|u1", (50,)), "total": ("<u4", (50,))})
         self.assertTrue(all(count > 0 for count in columns["total"][2]))
 
+    def test_columns_of_multi_are_per_hit_or_per_ray(self):
+        self.expect(0, "query", "hills", "--kind", "multi", "--fields", "t,path,hit,flags,total",
+                    "--ray", UP, "--ray", DOWN, "--ray", "0,0,0,0,0,0", "-o", self.out / "m.npz")
+        with zipfile.ZipFile(self.out / "m.npz") as file:
+            columns = {name[:-4]: read_npy(file.read(name))[2] for name in file.namelist()}
+        self.assertEqual(columns["ray_splits"], (0, 0, 1, 1))
+        self.assertEqual((columns["hit"], columns["flags"]), ((0, 1, 0), (0, 0, 1)))
+        self.assertEqual((len(columns["t"]), len(columns["path"]), len(columns["total"])), (1, 1, 3))
+
     def test_a_path_has_a_name(self):
         hit = self.query("woods", "--ray", DOWN)[0]["hits"][0]
         done = self.expect(0, "path", "woods", hit["path"])
