@@ -11,8 +11,8 @@
 namespace raynest::server {
 
 /// The columns of a query, checked: fields of the engine, then the intersector's outputs, which
-/// always come back, asked for by name or not. In multi queries what belongs to a ray (flags,
-/// counters, outputs) has one element per ray, what belongs to a hit one per hit.
+/// always come back, asked for by name or not. In multi queries what belongs to a ray (hit,
+/// flags, counters, outputs) has one element per ray, what belongs to a hit one per hit.
 class Columns {
 public:
     /// `names` empty: the default of the query. INVALID_FIELD names what is not defined for `any`,
