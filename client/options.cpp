@@ -5,6 +5,8 @@
 #include <CLI/CLI.hpp>
 
 #include <charconv>
+#include <cmath>
+#include <cstdlib>
 #include <limits>
 #include <map>
 #include <memory>
@@ -88,7 +90,11 @@ void add_job(CLI::App& app, JobOptions& job) {
     add_number(app, "--epoch", job.epoch, "that epoch of the scene (the current one)");
     app.add_option("--worker", job.worker, "auto | cpu | cuda");
     app.add_option("--deadline", job.deadline, "give up after so many seconds")
-        ->check(CLI::Range(0.001, 4.0e6));
+        ->check(CLI::Range(0.001, 4.0e6))
+        ->check([](const std::string& text) {  // NaN is in every range
+            return std::isnan(std::strtod(text.c_str(), nullptr)) ? "it is not a number of seconds"
+                                                                  : "";
+        });
     app.add_option("--priority", job.priority, "low | normal | high");
 }
 

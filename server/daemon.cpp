@@ -40,8 +40,8 @@ public:
     Daemon(const Options& options, std::shared_ptr<const Registry> registry);
 
     Result<void> listen();
-    /// Serves until drained.
-    void run();
+    /// Serves until drained. Fails when the ready file cannot be written.
+    Result<void> run();
 
 private:
     void accept(Socket socket);
@@ -113,7 +113,7 @@ Result<void> Daemon::listen() {
     return {};
 }
 
-void Daemon::run() {
+Result<void> Daemon::run() {
     std::vector<std::string> uris;
     for (const auto& listener : listeners_) {
         listener->start();
@@ -122,8 +122,9 @@ void Daemon::run() {
     }
     await_signal();
     if (!options_.ready_file.empty()) {
+        // Whoever waits for the file would wait for ever.
         if (const auto written = write_ready_file(options_.ready_file, uris); !written)
-            log(LogLevel::error, "not_ready", {{"reason", written.error().message}});
+            return tl::unexpected(written.error());
     }
     for (;;) {
         try {
@@ -137,6 +138,7 @@ void Daemon::run() {
     std::error_code ignored;
     if (!options_.ready_file.empty()) std::filesystem::remove(options_.ready_file, ignored);
     log(LogLevel::info, "stopped");
+    return {};
 }
 
 void Daemon::accept(Socket socket) {
@@ -225,7 +227,7 @@ int run_daemon(const Options& options) {
     if (!registry) return failed(registry.error());
     Daemon daemon(options, *registry);
     if (const auto listening = daemon.listen(); !listening) return failed(listening.error());
-    daemon.run();
+    if (const auto ended = daemon.run(); !ended) return failed(ended.error());
     return 0;
 }
 

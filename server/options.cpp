@@ -70,6 +70,7 @@ void declare(CLI::App& app, Options& options, Words& words) {
         ->capture_default_str();
     app.set_config("--config", "", "Read options from a file as --print-config writes it")
         ->configurable(false);
+    app.allow_config_extras(false);  // a misspelt line is an error, not ignored
 }
 
 // Every line explains itself; what has no value stays as a comment, to be filled in.

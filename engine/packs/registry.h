@@ -65,6 +65,9 @@ private:
     std::vector<Variant> variants_;
 };
 
+/// Parameters that every variant takes, beside its own: `cull`.
+std::span<const PackParam> common_params();
+
 /// What `--set` asks for, checked: a name the variant does not declare, a value out of range or not
 /// in its choices gives param_invalid and the list of what is allowed. `cull=back|none` is common
 /// to all variants and ends up in `flags` (TraceFlags).

@@ -52,24 +52,32 @@ Result<T> parse_name(std::string_view what, std::string_view name,
 
 }  // namespace
 
+std::span<const PackParam> common_params() {
+    static constexpr const char* sides[] = {"none", "back"};
+    static constexpr PackParam params[] = {{"cull",
+                                            "faces that are not hit: none, or the back of "
+                                            "single-sided materials",
+                                            value_choice, 2, sides, 0, 1, 0}};
+    return params;
+}
+
 Result<Settings> parse_settings(const Variant& variant,
                                 std::span<const std::pair<std::string, std::string>> assignments) {
     Settings settings;
     for (const PackParam& param : variant.params()) settings.params.push_back(param.initial);
     for (const auto& [key, value] : assignments) {
-        if (key == "cull") {
-            if (value != "back" && value != "none") {
-                return fail(ErrorCode::param_invalid,
-                            "'" + value + "' is no value for 'cull': use back, none");
-            }
-            settings.flags = value == "back" ? std::uint32_t{trace_cull_back} : 0U;
+        const PackParam& cull = common_params().front();
+        if (key == cull.name) {
+            const auto side = parse_value(cull, value);
+            if (!side) return tl::unexpected(side.error());
+            settings.flags = *side != 0 ? std::uint32_t{trace_cull_back} : 0U;
             continue;
         }
         const auto params = variant.params();
         std::size_t i = 0;
         while (i < params.size() && key != params[i].name) ++i;
         if (i == params.size()) {
-            std::string names = "cull";
+            std::string names = cull.name;
             for (const PackParam& param : params) names += std::string(", ") + param.name;
             return fail(ErrorCode::param_invalid, "intersector '" + variant.name +
                                                       "' has no parameter '" + key +

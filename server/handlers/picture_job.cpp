@@ -93,7 +93,8 @@ std::optional<Task> PictureJob::next() {
             if (!encode_started_) return encode_task();
             return std::nullopt;
         case Stage::sending:
-            if (sent_ < payload_.bytes.size()) return send_task();
+            // Pieces come in order: the next one is made when this one has been handed on.
+            if (!piece_running_ && sent_ < payload_.bytes.size()) return send_task();
             return std::nullopt;
     }
     return std::nullopt;
@@ -104,6 +105,8 @@ Reply<void> PictureJob::ended() {
         stage_ = Stage::encoding;
     else if (stage_ == Stage::encoding)
         stage_ = Stage::sending;
+    else
+        piece_running_ = false;
     return {};
 }
 
@@ -165,6 +168,7 @@ Task PictureJob::send_task() {
     const std::uint64_t count =
         std::min<std::uint64_t>(piece_bytes_ - protocol::alignment, payload_.bytes.size() - offset);
     sent_ += count;
+    piece_running_ = true;
     Task task;
     task.reply_bytes_max = protocol::padded(count);
     task.run = [this, offset, count](const StopFlag&) -> Reply<Frames> {

@@ -77,6 +77,7 @@ private:
     std::uint64_t next_pixel_ = 0;
     std::uint64_t chunks_running_ = 0;
     bool encode_started_ = false;
+    bool piece_running_ = false;
     Payload payload_;  ///< written by the encoding task, read afterwards
     std::uint64_t sent_ = 0;
 };

@@ -55,7 +55,9 @@ Described describe(const Variant& variant, const protocol::Limits& limits) {
     to.target = name(variant.target);
     to.targets = variant.targets;
     to.queries = compiled_queries(*variant.code);
-    for (const PackParam& param : variant.params()) {
+    std::vector<PackParam> params(variant.params().begin(), variant.params().end());
+    params.insert(params.end(), common_params().begin(), common_params().end());
+    for (const PackParam& param : params) {
         auto copy = std::make_unique<wire::ParamT>();
         copy->name = name(param.name);
         copy->text = prose(param.text);

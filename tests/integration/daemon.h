@@ -24,7 +24,7 @@ inline constexpr bool sanitized = true;  ///< slow, and freed memory stays resid
 #else
 inline constexpr bool sanitized = false;
 #endif
-inline constexpr std::chrono::seconds patience{sanitized ? 120 : 20};
+inline constexpr std::chrono::seconds patience{sanitized ? 180 : 60};
 
 /// Does it become true before patience ends? Asks again and again.
 template <class Condition>
