@@ -194,7 +194,7 @@ TEST_CASE("clients that vanish leave no job, no descriptor and no memory behind"
         }
     }
     wait_for_idle(other);
-    CHECK(daemon.descriptors() == descriptors);
+    CHECK(eventually([&] { return daemon.descriptors() == descriptors; }));
     if (!sanitized) CHECK(daemon.resident_bytes() < before + (32 << 20));
     CHECK(other.answers());
 }

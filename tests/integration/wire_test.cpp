@@ -60,7 +60,7 @@ TEST_CASE("every message cut at every byte leaves nothing behind") {
     CHECK(eventually([&] {
         return counter(other, "connections_accepted") == counter(other, "connections_closed") + 1;
     }));
-    CHECK(daemon.descriptors() == descriptors);
+    CHECK(eventually([&] { return daemon.descriptors() == descriptors; }));
     CHECK(counter(other, "jobs_started") == counter(other, "jobs_ended"));
 }
 
