@@ -1,31 +1,83 @@
-// Another ray tracer in the same process, for ratios.
+// Another ray tracer in the same process, for ratios: the door between raynest-bench and a peer's
+// module.
+//
+// A peer is a module per CPU target, compiled with the flags of our kernel packs, so that what it
+// inlines around its library (ray fills, filter callbacks) is as fast as ours. Both sides read the
+// same array of rays and write the same 32-byte records.
 #pragma once
 
 #include "engine/geometry/hit.h"
 #include "engine/geometry/ray.h"
+#include "engine/geometry/views.h"
+#include "engine/packs/abi.h"
 #include "engine/result.h"
-#include "engine/scene/description.h"
 
+#include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <span>
 #include <string>
+#include <vector>
 
 namespace raynest::bench {
 
+struct PeerCall {
+    const Ray* rays;
+    std::uint32_t ray_count;
+    std::uint32_t hits_max;
+    HitRecord* hits;            ///< ray_count * hits_max, in the peer's own ids; any: only `hit`
+    std::uint32_t* hit_counts;  ///< multi only
+};
+
+/// One way in which a peer answers one query, on a scene of its own. Thread-safe.
 class Peer {
 public:
     virtual ~Peer() = default;
-    [[nodiscard]] virtual std::string name() const = 0;
-    /// Closest hits: t (+inf on a miss) per ray.
-    virtual void closest(std::span<const Ray> rays, std::span<float> t) = 0;
-    /// Any hit: 0 or +inf per ray.
-    virtual void any(std::span<const Ray> rays, std::span<float> t) = 0;
+    virtual void trace(const PeerCall& call) const = 0;
+    /// Rewrites the ids of a trace as path, object and triangle of the view; not timed.
+    virtual void translate(std::span<HitRecord> hits) const = 0;
 };
 
-/// Embree in its best configuration (frequency_level=simd512, huge pages: else it takes a 4-wide
-/// tree on some CPUs and every ratio flatters us). Debian's build knows one level of instances, so
-/// deeper scenes are given as the list of their leaf placements. Fails when the build has no
-/// Embree.
-Result<std::unique_ptr<Peer>> make_embree(const SceneDescription& scene);
+/// What a peer's row is called and what it answers.
+struct PeerForm {
+    std::string name;
+    bool masks;  ///< tests alpha as our alpha_mask does
+    bool packets;
+    std::vector<Query> queries;
+};
+
+/// Quality of a build.
+enum class Quality : std::uint8_t { fast, medium, high };
+
+/// One build of the library's tree, its vertices already in place.
+struct PeerBuild {
+    double wall_seconds;
+    double cpu_seconds;           ///< of the whole process
+    std::uint64_t rss_bytes;      ///< growth of the resident set
+    std::int64_t reported_bytes;  ///< by the library's own monitor
+};
+
+class PeerLibrary {
+public:
+    virtual ~PeerLibrary() = default;
+    /// Version, instruction set, kind of tree, whether its asserts are live.
+    [[nodiscard]] virtual std::string about() const = 0;
+    /// How much faster the library is known to be with its asserts off: 1 when they are.
+    [[nodiscard]] virtual double assert_factor(Query query, bool packets) const = 0;
+    [[nodiscard]] virtual std::span<const PeerForm> forms() const = 0;
+    /// The peer's own tree over the view's triangles and instances; `view` must outlive the peer.
+    virtual Result<std::unique_ptr<Peer>> open(const PeerForm& form, Query query,
+                                               const SceneView& view) = 0;
+    virtual Result<PeerBuild> build(const SceneView& view, Quality quality, unsigned threads) = 0;
+};
+
+inline constexpr const char* peer_symbol = "raynest_bench_peer";
+using PeerEntry = PeerLibrary* (*)();
+
+/// Where the build puts what only raynest-bench loads.
+std::filesystem::path module_dir();
+
+/// Loads the module of the best target that this CPU runs; variant_unknown when none was built.
+Result<std::unique_ptr<PeerLibrary>> load_peers();
 
 }  // namespace raynest::bench

@@ -1,0 +1,46 @@
+// What one side answered to a set of rays, and how two sides differ.
+#pragma once
+
+#include "engine/geometry/hit.h"
+#include "engine/packs/abi.h"
+#include "tests/bench/files.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace raynest::bench {
+
+struct Answers {
+    Answers(Query of, std::uint32_t rays, std::uint32_t hits_per_ray)
+        : query(of),
+          hits_max(hits_per_ray),
+          hits(std::size_t{rays} * hits_per_ray),
+          counts(rays) {}
+
+    /// The hits of a ray; for closest and any one record, which may be a miss.
+    [[nodiscard]] std::span<const HitRecord> of(std::size_t ray) const {
+        return {hits.data() + ray * hits_max, query == query_multi ? counts[ray] : 1};
+    }
+
+    Query query;
+    std::uint32_t hits_max;
+    std::vector<HitRecord> hits;
+    std::vector<std::uint32_t> counts;  ///< multi only
+};
+
+/// Counted in rays. A mismatch is another hit or miss, another number of hits, or |dt| > 1e-4
+/// (1 + t); a tie is the same t on another surface.
+struct Differences {
+    std::uint64_t mismatches = 0;
+    std::uint64_t ties = 0;
+};
+Differences compare(const Answers& a, const Answers& b);
+/// Closest hits against a file; `inst` is compared where the file has one.
+Differences compare(const Answers& a, std::span<const Reference> b);
+
+/// Rays whose bytes differ: 0 among our own variants of one precision.
+std::uint64_t count_unequal(const Answers& a, const Answers& b);
+
+}  // namespace raynest::bench

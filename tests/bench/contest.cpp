@@ -1,0 +1,265 @@
+#include "tests/bench/contest.h"
+
+#include "tests/bench/files.h"
+#include "tests/bench/rays.h"
+#include "tests/bench/report.h"
+#include "tests/bench/side.h"
+
+#include <algorithm>
+#include <iostream>
+#include <map>
+#include <set>
+#include <tuple>
+#include <utility>
+
+namespace raynest::bench {
+namespace {
+
+bool contains(const std::vector<std::string>& list, const std::string& name) {
+    return std::find(list.begin(), list.end(), name) != list.end();
+}
+
+struct RaySet {
+    std::vector<Ray> rays;
+    Query query;
+};
+
+Result<RaySet> prepare_rays(const Options& options, const Loaded& loaded, const std::string& name) {
+    RaySet set{{}, query_closest};
+    if (name.ends_with(".rays")) {
+        auto read = read_rays(name);
+        if (!read) return tl::unexpected(read.error());
+        set.rays = std::move(*read);
+    } else {
+        const auto kind = parse_ray_kind(name);
+        if (!kind) return tl::unexpected(kind.error());
+        const auto opaque =
+            loaded.registries.front()->choose("opaque", loaded.workload.scene->view());
+        if (!opaque) return tl::unexpected(opaque.error());
+        const auto finder =
+            find_function(**opaque, query_closest, precision_fast, traversal_latency, false);
+        if (!finder) return tl::unexpected(finder.error());
+        set.rays = make_rays(loaded.workload, *kind, options.count, *finder);
+        set.query = natural_query(*kind);
+    }
+    if (set.rays.empty()) return fail(ErrorCode::param_invalid, "no rays of kind " + name);
+    if (options.kind != "auto") {
+        const auto query = parse_query(options.kind);
+        if (!query) return tl::unexpected(query.error());
+        set.query = *query;
+    }
+    return set;
+}
+
+/// The sides of one set of rays.
+class Sides {
+public:
+    Sides(const Options& options, Loaded& loaded, const RaySet& set)
+        : options_(options),
+          loaded_(loaded),
+          set_(set),
+          hits_max_(set.query == query_multi ? options.hits_max : 1) {}
+
+    Result<std::vector<Side>> make() {
+        for (const unsigned threads : options_.threads) {
+            if (auto added = add_own(loaded_.workload, threads); !added) {
+                return tl::unexpected(added.error());
+            }
+        }
+        if (sides_.empty()) {
+            return fail(ErrorCode::variant_unknown, "none of the variants asked for is compiled");
+        }
+        if (loaded_.over) {
+            if (auto added = add_own(*loaded_.over, 1); !added) {
+                return tl::unexpected(added.error());
+            }
+        }
+        if (auto added = add_peers(); !added) return tl::unexpected(added.error());
+        return std::move(sides_);
+    }
+
+private:
+    Result<void> add_own(const Workload& workload, unsigned threads) {
+        for (const auto& registry : loaded_.registries) {
+            for (const std::string& intersector : options_.intersectors) {
+                const auto variant = registry->choose(intersector, workload.scene->view());
+                if (!variant) return tl::unexpected(variant.error());
+                for (const std::string& precision : options_.precisions) {
+                    for (const std::string& traversal : options_.traversals) {
+                        Label label{"own",     traversal,          (*variant)->name,
+                                    precision, (*variant)->target, threads};
+                        if (auto added = add_variant(workload, **variant, std::move(label));
+                            !added) {
+                            return added;
+                        }
+                    }
+                }
+            }
+        }
+        return {};
+    }
+
+    Result<void> add_variant(const Workload& workload, const Variant& variant, Label label) {
+        const auto precision = parse_precision(label.precision);
+        if (!precision) return tl::unexpected(precision.error());
+        const auto traversal = parse_traversal(label.traversal);
+        if (!traversal) return tl::unexpected(traversal.error());
+        const auto function = find_function(variant, set_.query, *precision, *traversal, false);
+        if (!function) {
+            static std::set<std::string> said;
+            const std::string skipped = variant.name + ", " + label.traversal + ", " +
+                                        label.precision + " on " + variant.target;
+            if (said.insert(skipped).second) {
+                std::cerr << "raynest-bench: skipped, not compiled: " << skipped << "\n";
+            }
+            return {};
+        }
+        Side side =
+            make_own_side(std::move(label), workload, *function, set_.rays, set_.query, hits_max_);
+        side.over = &workload != &loaded_.workload;
+        if (side.over) side.label.name = "own-over";
+        sides_.push_back(std::move(side));
+        return {};
+    }
+
+    Result<void> add_peers() {
+        if (loaded_.peers == nullptr) return {};
+        for (const PeerForm& form : loaded_.peers->forms()) {
+            const bool answers = std::find(form.queries.begin(), form.queries.end(), set_.query) !=
+                                 form.queries.end();
+            const bool wanted = contains(options_.peers, form.name);
+            const bool comparable =
+                std::any_of(sides_.begin(), sides_.end(),
+                            [&](const Side& side) { return side.masks == form.masks; });
+            if (!wanted || !answers || !comparable) continue;
+            auto side = make_peer_side(*loaded_.peers, form, loaded_.workload, set_.rays,
+                                       set_.query, hits_max_);
+            if (!side) return tl::unexpected(side.error());
+            sides_.push_back(std::move(*side));
+        }
+        return {};
+    }
+
+    const Options& options_;
+    Loaded& loaded_;
+    const RaySet& set_;
+    std::uint32_t hits_max_;
+    std::vector<Side> sides_;
+};
+
+/// Every variant of ours gives the bits of the first one that asks the same.
+Result<void> check_own(const std::vector<Side>& sides) {
+    std::map<std::tuple<bool, bool, std::string>, const Side*> first;
+    for (const Side& side : sides) {
+        if (side.peer != nullptr) continue;
+        const auto [at, added] =
+            first.try_emplace({side.masks, side.over, side.label.precision}, &side);
+        const std::uint64_t unequal = count_unequal(*side.answers, *at->second->answers);
+        if (unequal == 0) continue;
+        const Label& a = side.label;
+        const Label& b = at->second->label;
+        return fail(ErrorCode::internal, std::to_string(unequal) + " answers of " + a.intersector +
+                                             "/" + a.traversal + "/" + a.target + " differ from " +
+                                             b.intersector + "/" + b.traversal + "/" + b.target);
+    }
+    return {};
+}
+
+/// What edges and the rounding of transforms explain: 1e-4 of the rays, 5e-4 through instances.
+std::uint64_t mismatches_max(const Loaded& loaded, std::size_t ray_count) {
+    const bool instanced = loaded.workload.scene->statistics().levels > 1;
+    const double share = instanced ? 5e-4 : 1e-4;
+    return std::max<std::uint64_t>(
+        4, static_cast<std::uint64_t>(share * static_cast<double>(ray_count)));
+}
+
+/// Sides that `ours` gets a row against.
+std::vector<const Side*> opponents_of(const Side& ours, const std::vector<Side>& sides,
+                                      const Options& options) {
+    std::vector<const Side*> opponents;
+    if (contains(options.peers, "own") && &ours != &sides.front()) {
+        opponents.push_back(&sides.front());
+    }
+    for (const Side& side : sides) {
+        const bool own_form = side.over && side.label.traversal == ours.label.traversal &&
+                              side.label.intersector == ours.label.intersector &&
+                              side.label.precision == ours.label.precision &&
+                              side.label.target == ours.label.target;
+        if (own_form || (side.peer != nullptr && side.masks == ours.masks)) {
+            opponents.push_back(&side);
+        }
+    }
+    return opponents;
+}
+
+const char* name_of(Query query) {
+    return query == query_closest ? "closest" : query == query_any ? "any" : "multi";
+}
+
+}  // namespace
+
+Result<void> contest(const Options& options, Loaded& loaded, const std::string& rays) {
+    const auto set = prepare_rays(options, loaded, rays);
+    if (!set) return tl::unexpected(set.error());
+    const auto ray_count = static_cast<std::uint32_t>(set->rays.size());
+    std::vector<Reference> references;
+    if (!options.ref.empty()) {
+        auto read = read_references(options.ref);
+        if (!read) return tl::unexpected(read.error());
+        if (read->size() != ray_count || set->query == query_multi) {
+            return fail(ErrorCode::param_invalid,
+                        options.ref +
+                            " does not answer these rays: it needs one record per ray, "
+                            "and a query of one hit");
+        }
+        references = std::move(*read);
+    }
+    auto sides = Sides(options, loaded, *set).make();
+    if (!sides) return tl::unexpected(sides.error());
+    for (Side& side : *sides) answer(side, ray_count);
+    if (auto checked = check_own(*sides); !checked) return checked;
+
+    // Before any timing, which overwrites the answers: differences of every pair that gets a row.
+    std::map<std::pair<const Side*, const Side*>, Differences> differences;
+    std::map<const Side*, Differences> ref_differences;
+    for (const Side& ours : *sides) {
+        if (ours.peer != nullptr || ours.over) continue;
+        if (!references.empty()) ref_differences[&ours] = compare(*ours.answers, references);
+        for (const Side* opponent : opponents_of(ours, *sides, options)) {
+            Differences& found = differences[{&ours, opponent}];
+            if (ours.masks != opponent->masks) continue;
+            found = compare(*ours.answers, *opponent->answers);
+            if (found.mismatches <= mismatches_max(loaded, ray_count)) continue;
+            return fail(ErrorCode::internal,
+                        std::to_string(found.mismatches) + " of " + std::to_string(ray_count) +
+                            " answers of " + ours.label.traversal + " differ from " +
+                            opponent->label.name + ": more than edges explain");
+        }
+    }
+
+    std::vector<Entrant> entrants;
+    for (const Side& side : *sides) entrants.push_back({side.trace, side.label.threads});
+    const auto laps = race(entrants, ray_count, options.rounds);
+    const auto laps_of = [&](const Side* side) {
+        return std::span<const Lap>(laps[static_cast<std::size_t>(side - sides->data())]);
+    };
+    const Setting setting{loaded.workload.name, rays, name_of(set->query), ray_count,
+                          loaded.peers != nullptr ? loaded.peers->about() : ""};
+    for (const Side& ours : *sides) {
+        if (ours.peer != nullptr || ours.over) continue;
+        const auto opponents = opponents_of(ours, *sides, options);
+        Outcome alone{ours, laps_of(&ours)};
+        alone.ref_differences = ref_differences[&ours];
+        if (opponents.empty()) print_row(options, setting, alone);
+        for (const Side* opponent : opponents) {
+            Outcome outcome = alone;
+            outcome.opponent = opponent;
+            outcome.opponent_laps = laps_of(opponent);
+            outcome.differences = differences[{&ours, opponent}];
+            print_row(options, setting, outcome);
+        }
+    }
+    return {};
+}
+
+}  // namespace raynest::bench

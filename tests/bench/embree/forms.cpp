@@ -1,0 +1,232 @@
+#include "tests/bench/embree/forms.h"
+
+#include "tests/bench/embree/filters.h"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+#include <vector>
+
+namespace raynest::bench {
+namespace {
+
+void fill(RTCRay& to, const Ray& ray) {
+    to.org_x = ray.origin.x;
+    to.org_y = ray.origin.y;
+    to.org_z = ray.origin.z;
+    to.tnear = ray.tmin;
+    to.dir_x = ray.direction.x;
+    to.dir_y = ray.direction.y;
+    to.dir_z = ray.direction.z;
+    to.tfar = ray.tmax;
+    to.time = 0;
+    to.mask = 0xFFFFFFFFU;
+    to.id = 0;
+    to.flags = 0;
+}
+
+void fill(RTCRay16& to, const Ray* rays, std::uint32_t count) {
+    for (std::uint32_t i = 0; i < count; ++i) {
+        to.org_x[i] = rays[i].origin.x;
+        to.org_y[i] = rays[i].origin.y;
+        to.org_z[i] = rays[i].origin.z;
+        to.tnear[i] = rays[i].tmin;
+        to.dir_x[i] = rays[i].direction.x;
+        to.dir_y[i] = rays[i].direction.y;
+        to.dir_z[i] = rays[i].direction.z;
+        to.tfar[i] = rays[i].tmax;
+    }
+    std::fill_n(to.time, 16, 0.0F);
+    std::fill_n(to.mask, 16, 0xFFFFFFFFU);
+    std::fill_n(to.flags, 16, 0U);
+}
+
+HitRecord record_of(const RTCRayHit& query) {
+    HitRecord record;
+    if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return record;
+    record.t = query.ray.tfar;
+    record.u = query.hit.u;
+    record.v = query.hit.v;
+    record.triangle = query.hit.primID;
+    record.object = query.hit.geomID;
+    record.path = query.hit.instID[0];
+    record.hit = 1;
+    return record;
+}
+
+HitRecord record_of(const RTCRayHit16& query, std::uint32_t i) {
+    HitRecord record;
+    if (query.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) return record;
+    record.t = query.ray.tfar[i];
+    record.u = query.hit.u[i];
+    record.v = query.hit.v[i];
+    record.triangle = query.hit.primID[i];
+    record.object = query.hit.geomID[i];
+    record.path = query.hit.instID[0][i];
+    record.hit = 1;
+    return record;
+}
+
+HitRecord occluded(float tfar) {
+    HitRecord record;
+    record.hit = tfar < 0 ? 1 : 0;
+    return record;
+}
+
+void closest_single(RTCScene scene, RTCFilterFunctionN filter, const PeerCall& call) {
+    Asker asker(false, filter);
+    for (std::uint32_t i = 0; i < call.ray_count; ++i) {
+        RTCRayHit query;
+        fill(query.ray, call.rays[i]);
+        query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+        query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+        asker.closest(scene, query);
+        call.hits[i] = record_of(query);
+    }
+}
+
+void any_single(RTCScene scene, RTCFilterFunctionN filter, const PeerCall& call) {
+    Asker asker(false, filter);
+    for (std::uint32_t i = 0; i < call.ray_count; ++i) {
+        RTCRay query;
+        fill(query, call.rays[i]);
+        asker.any(scene, query);
+        call.hits[i] = occluded(query.tfar);
+    }
+}
+
+/// Lanes of the last packet that hold no ray stay inactive.
+alignas(64) constexpr int first_lanes[32] = {-1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1,
+                                             -1, -1, -1, -1, -1, 0,  0,  0,  0,  0,  0,
+                                             0,  0,  0,  0,  0,  0,  0,  0,  0,  0};
+
+void closest_packets(RTCScene scene, bool coherent, const PeerCall& call) {
+    Asker asker(coherent, nullptr);
+    for (std::uint32_t first = 0; first < call.ray_count; first += 16) {
+        const std::uint32_t count = std::min(16U, call.ray_count - first);
+        alignas(64) int valid[16];
+        std::copy_n(first_lanes + 16 - count, 16, valid);
+        RTCRayHit16 query;
+        fill(query.ray, call.rays + first, count);
+        std::fill_n(query.hit.geomID, 16, RTC_INVALID_GEOMETRY_ID);
+        std::fill_n(query.hit.instID[0], 16, RTC_INVALID_GEOMETRY_ID);
+        asker.closest(valid, scene, query);
+        for (std::uint32_t i = 0; i < count; ++i) call.hits[first + i] = record_of(query, i);
+    }
+}
+
+void any_packets(RTCScene scene, bool coherent, const PeerCall& call) {
+    Asker asker(coherent, nullptr);
+    for (std::uint32_t first = 0; first < call.ray_count; first += 16) {
+        const std::uint32_t count = std::min(16U, call.ray_count - first);
+        alignas(64) int valid[16];
+        std::copy_n(first_lanes + 16 - count, 16, valid);
+        RTCRay16 query;
+        fill(query, call.rays + first, count);
+        asker.any(valid, scene, query);
+        for (std::uint32_t i = 0; i < count; ++i) call.hits[first + i] = occluded(query.tfar[i]);
+    }
+}
+
+void list_single(RTCScene scene, const PeerCall& call) {
+    ListAsker asker(false, nullptr);
+    asker.capacity = call.hits_max;
+    for (std::uint32_t i = 0; i < call.ray_count; ++i) {
+        RTCRayHit query;
+        fill(query.ray, call.rays[i]);
+        query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+        query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+        asker.nearest = call.hits + std::size_t{i} * call.hits_max;
+        asker.count = 0;
+        asker.closest(scene, query);
+        call.hit_counts[i] = asker.count;
+    }
+}
+
+/// Lane count of a form, its scene and its filter.
+struct Plan {
+    PeerForm form;
+    TreeForm tree;
+    bool coherent;
+};
+
+const std::vector<Plan>& plans() {
+    static const std::vector<Plan> all = [] {
+        const std::vector<Query> both{query_closest, query_any};
+        TreeForm robust;
+        robust.robust = true;
+        TreeForm filter;
+        filter.filter = filter_alpha;
+        TreeForm argument = filter;
+        argument.filter_in_query = true;
+        TreeForm list;
+        list.filter = filter_list_all;
+        list.filter_all = true;
+        TreeForm shrink = list;
+        shrink.filter = filter_list_shrink;
+        return std::vector<Plan>{{{"embree", false, false, both}, {}, false},
+                                 {{"embree-packet", false, true, both}, {}, false},
+                                 {{"embree-coherent", false, true, both}, {}, true},
+                                 {{"embree-robust", false, false, both}, robust, false},
+                                 {{"embree-filter", true, false, both}, filter, false},
+                                 {{"embree-argument", true, false, both}, argument, false},
+                                 {{"embree-list", false, false, {query_multi}}, list, false},
+                                 {{"embree-shrink", false, false, {query_multi}}, shrink, false}};
+    }();
+    return all;
+}
+
+class EmbreePeer final : public Peer {
+public:
+    EmbreePeer(std::unique_ptr<EmbreeTree> tree, const Plan& plan, Query query)
+        : tree_(std::move(tree)),
+          plan_(plan),
+          query_(query) {}
+
+    void trace(const PeerCall& call) const override {
+        const RTCScene scene = tree_->root();
+        const RTCFilterFunctionN filter = plan_.tree.filter_in_query ? plan_.tree.filter : nullptr;
+        if (query_ == query_multi) {
+            list_single(scene, call);
+        } else if (plan_.form.packets) {
+            query_ == query_any ? any_packets(scene, plan_.coherent, call)
+                                : closest_packets(scene, plan_.coherent, call);
+        } else {
+            query_ == query_any ? any_single(scene, filter, call)
+                                : closest_single(scene, filter, call);
+        }
+    }
+
+    void translate(std::span<HitRecord> hits) const override {
+        if (query_ != query_any) tree_->translate(hits);
+    }
+
+private:
+    std::unique_ptr<EmbreeTree> tree_;
+    const Plan& plan_;
+    Query query_;
+};
+
+}  // namespace
+
+std::span<const PeerForm> embree_forms() {
+    static const std::vector<PeerForm> forms = [] {
+        std::vector<PeerForm> all;
+        for (const Plan& plan : plans()) all.push_back(plan.form);
+        return all;
+    }();
+    return forms;
+}
+
+Result<std::unique_ptr<Peer>> open_embree(const PeerForm& form, Query query,
+                                          const SceneView& view) {
+    const auto plan = std::find_if(plans().begin(), plans().end(), [&](const Plan& candidate) {
+        return candidate.form.name == form.name;
+    });
+    auto tree = EmbreeTree::make(view, plan->tree, 1);
+    if (!tree) return tl::unexpected(tree.error());
+    (*tree)->commit();
+    return std::make_unique<EmbreePeer>(std::move(*tree), *plan, query);
+}
+
+}  // namespace raynest::bench

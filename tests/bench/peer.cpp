@@ -1,0 +1,45 @@
+#include "tests/bench/peer.h"
+
+#include <dlfcn.h>
+
+#include <array>
+#include <string_view>
+
+namespace raynest::bench {
+namespace {
+
+std::string_view best_target() {
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq")) return "v4";
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? "v3" : "v2";
+}
+
+}  // namespace
+
+std::filesystem::path module_dir() {
+    std::error_code error;
+    const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
+    return self.parent_path().parent_path() / "lib" / "raynest-bench";
+}
+
+Result<std::unique_ptr<PeerLibrary>> load_peers() {
+    const std::string_view best = best_target();
+    bool runnable = false;
+    for (const std::string_view target : std::array<std::string_view, 3>{"v4", "v3", "v2"}) {
+        runnable = runnable || target == best;
+        const auto module = module_dir() / ("embree-" + std::string(target) + ".so");
+        if (!runnable || !std::filesystem::exists(module)) continue;
+        // RTLD_LOCAL, as for kernel packs: modules hold the same templates for different CPUs.
+        void* loaded = dlopen(module.c_str(), RTLD_NOW | RTLD_LOCAL);
+        void* entry = loaded != nullptr ? dlsym(loaded, peer_symbol) : nullptr;
+        if (entry == nullptr) {
+            const char* why = dlerror();
+            return fail(ErrorCode::pack_invalid, why != nullptr ? why : module.string());
+        }
+        return std::unique_ptr<PeerLibrary>(reinterpret_cast<PeerEntry>(entry)());
+    }
+    return fail(ErrorCode::variant_unknown,
+                "this build has no Embree: install libembree-dev and configure again");
+}
+
+}  // namespace raynest::bench

@@ -1,0 +1,63 @@
+#include "tests/bench/side.h"
+
+#include <utility>
+
+namespace raynest::bench {
+
+Side make_own_side(Label label, const Workload& workload, TraceFunction function,
+                   std::span<const Ray> rays, Query query, std::uint32_t hits_max) {
+    Side side;
+    side.label = std::move(label);
+    // Any intersector named after alpha asks the same question: alpha_mask and its controls.
+    side.masks = side.label.intersector.find("alpha") != std::string::npos;
+    side.answers =
+        std::make_unique<Answers>(query, static_cast<std::uint32_t>(rays.size()), hits_max);
+    side.trace = [&view = workload.scene->view(), function, rays, answers = side.answers.get()](
+                     std::uint32_t first, std::uint32_t count) {
+        const TraceCall call{&view,
+                             nullptr,
+                             rays.data() + first,
+                             count,
+                             answers->hits_max,
+                             0xFFFFFFFFU,
+                             0,
+                             answers->hits.data() + std::size_t{first} * answers->hits_max,
+                             answers->counts.data() + first,
+                             nullptr,
+                             nullptr};
+        function(&call);
+    };
+    return side;
+}
+
+Result<Side> make_peer_side(PeerLibrary& library, const PeerForm& form, const Workload& workload,
+                            std::span<const Ray> rays, Query query, std::uint32_t hits_max) {
+    auto peer = library.open(form, query, workload.scene->view());
+    if (!peer) return tl::unexpected(peer.error());
+    Side side;
+    side.label.name = form.name;
+    side.masks = form.masks;
+    side.adjusted = library.assert_factor(query, form.packets);
+    side.peer = std::move(*peer);
+    side.answers =
+        std::make_unique<Answers>(query, static_cast<std::uint32_t>(rays.size()), hits_max);
+    side.trace = [tracer = side.peer.get(), rays, answers = side.answers.get()](
+                     std::uint32_t first, std::uint32_t count) {
+        tracer->trace({rays.data() + first, count, answers->hits_max,
+                       answers->hits.data() + std::size_t{first} * answers->hits_max,
+                       answers->counts.data() + first});
+    };
+    return side;
+}
+
+void answer(Side& side, std::uint32_t ray_count) {
+    run_lap({side.trace, side.label.threads}, ray_count);
+    if (side.peer == nullptr) return;
+    for (std::size_t ray = 0; ray < side.answers->counts.size(); ++ray) {
+        const auto hits = side.answers->of(ray);
+        const auto first = static_cast<std::size_t>(hits.data() - side.answers->hits.data());
+        side.peer->translate({side.answers->hits.data() + first, hits.size()});
+    }
+}
+
+}  // namespace raynest::bench

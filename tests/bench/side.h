@@ -1,0 +1,45 @@
+// One side of a measurement: a variant of ours or a form of a peer, with what it answered.
+#pragma once
+
+#include "engine/packs/registry.h"
+#include "tests/bench/answers.h"
+#include "tests/bench/peer.h"
+#include "tests/bench/race.h"
+#include "tests/bench/workload.h"
+
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace raynest::bench {
+
+/// What a row says of a side. Peers have a name only.
+struct Label {
+    std::string name;  ///< as opponent: "embree-packet", "own", "own-over"
+    std::string traversal = {};
+    std::string intersector = {};
+    std::string precision = {};
+    std::string target = {};
+    unsigned threads = 1;
+};
+
+struct Side {
+    Label label;
+    bool masks = false;   ///< tests alpha; only sides that ask the same are compared
+    bool over = false;    ///< traces the other form of the scene
+    double adjusted = 1;  ///< how much faster this side would be with its asserts off
+    std::unique_ptr<Answers> answers;
+    std::unique_ptr<const Peer> peer;  ///< null for ours
+    TracePart trace;
+};
+
+Side make_own_side(Label label, const Workload& workload, TraceFunction function,
+                   std::span<const Ray> rays, Query query, std::uint32_t hits_max);
+Result<Side> make_peer_side(PeerLibrary& library, const PeerForm& form, const Workload& workload,
+                            std::span<const Ray> rays, Query query, std::uint32_t hits_max);
+
+/// First pass: warms caches and pages, and leaves the answers, translated to our ids.
+void answer(Side& side, std::uint32_t ray_count);
+
+}  // namespace raynest::bench
