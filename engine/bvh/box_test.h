@@ -5,6 +5,7 @@
 
 #include "engine/bvh/node.h"
 #include "engine/geometry/box.h"
+#include "engine/geometry/box_ray.h"
 #include "engine/geometry/concepts.h"
 #include "engine/geometry/intersection.h"
 #include "engine/geometry/slabs.h"
@@ -49,7 +50,7 @@ RAYNEST_INLINE Spans<B, N> entered(const RayView& ray, const Interval<N>& interv
 RAYNEST_INLINE Spans<Boxes8, 8> intersect(const BoxRay& ray, const Boxes8& boxes) {
     const float(*rows)[3][8] = &boxes.node->lower;  // lower and upper lie one behind the other
     static_assert(offsetof(Node, upper) == sizeof(Node::lower));
-    const Slabs<8>& slabs = ray.slabs;
+    const Slabs& slabs = ray.slabs;
     const auto near = [&](int axis) {
         return slabs.near_plane(axis, Lanes<8>::load(rows[slabs.near_row[axis]][axis]));
     };
@@ -62,7 +63,7 @@ RAYNEST_INLINE Spans<Boxes8, 8> intersect(const BoxRay& ray, const Boxes8& boxes
 
 template <class R>
 RAYNEST_INLINE Spans<BoxRef, 1> intersect(const R& ray, const BoxRef& boxes) {
-    return entered(ray, own_interval(slabs_of<1>(ray), *boxes.box), boxes);
+    return entered(ray, own_interval(slabs_of(ray), *boxes.box), boxes);
 }
 
 template <class R>

@@ -67,19 +67,24 @@ RAYNEST_INLINE bool visit(R& ray, const P& primitive, Isect& isect, Query& query
     return query.take(ray, hits);
 }
 
-template <class R, class Isect, class Query>
-bool visit(R& ray, const Bvh& bvh, Isect& isect, Query& query);
+template <class Isect, class Query>
+bool visit_tree(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& query);
 
 /// The ray as the instance's object sees it: same t, one level down.
 [[nodiscard]] RAYNEST_INLINE RayView enter(const RayView& ray, const SceneView& scene,
                                            const InstanceRecord& instance) {
-    RayView inner = ray;
-    inner.origin = instance.to_object.point(ray.origin);
-    inner.direction = instance.to_object.direction(ray.direction);
-    inner.scene = &scene;
-    inner.object = &scene.objects[instance.object];
-    inner.path = ray.path + instance.path_base;
-    return inner;
+    // Member by member: a copied block would wait for the stores that it was written with.
+    return {instance.to_object.point(ray.origin),
+            instance.to_object.direction(ray.direction),
+            ray.tmin,
+            ray.tmax,
+            ray.world,
+            &scene,
+            &scene.objects[instance.object],
+            ray.path + instance.path_base,
+            ray.id,
+            ray.mask,
+            ray.flags};
 }
 
 template <class R, class Isect, class Query>
@@ -87,8 +92,8 @@ RAYNEST_INLINE bool visit(R& ray, const Instance& instance, Isect& isect, Query&
     const InstanceRecord& record = instance.record();
     if ((record.mask & ray.mask) == 0) return false;
     if (!enters(isect, ray, instance)) return false;
-    RayView inner = enter(ray, *instance.scene, record);
-    const bool done = visit(inner, Bvh{instance.scene, record.object}, isect, query);
+    BoxRay inner(enter(ray, *instance.scene, record));
+    const bool done = visit_tree(inner, Bvh{instance.scene, record.object}, isect, query);
     ray.tmax = inner.tmax;
     return done;
 }
@@ -144,6 +149,15 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
                 child = node.child[first];
                 continue;
             }
+            if constexpr (!Query::ordered) {
+                // Any hit ends the search; looking for the nearest child first costs more than it
+                // saves (measured: 4 % on ambient occlusion).
+                child = node.child[first];
+                for (; mask != 0; mask &= mask - 1) {
+                    *top++ = {node.child[std::countr_zero(mask)], ray.tmin};
+                }
+                continue;
+            }
             alignas(32) float near[8];
             spans.near.store(near);
             const auto second = static_cast<std::uint32_t>(std::countr_zero(mask));
@@ -159,18 +173,6 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
             // Three and more: insertion sort on the stack, farthest first (branches beat a sorting
             // network on coherent rays: notes of the traversal prototypes). Of equally near
             // children the lower slot comes first, as above: counters are part of the contract.
-            if constexpr (!Query::ordered) {
-                // Any hit ends the search: only the nearest child is worth finding.
-                std::uint32_t nearest = near[second] < near[first] ? second : first;
-                *top++ = {node.child[first ^ second ^ nearest], near[first ^ second ^ nearest]};
-                for (; mask != 0; mask &= mask - 1) {
-                    auto slot = static_cast<std::uint32_t>(std::countr_zero(mask));
-                    if (near[slot] < near[nearest]) std::swap(slot, nearest);
-                    *top++ = {node.child[slot], near[slot]};
-                }
-                child = node.child[nearest];
-                continue;
-            }
             Entry* const base = top;
             *top++ = {node.child[first], near[first]};
             const auto insert = [&](std::uint32_t slot) {
@@ -222,15 +224,20 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
     }
 }
 
-/// A BVH inside another, or an element of a list: the recursion is the only call that is not
-/// inlined.
+/// A BVH inside another: the recursion is the only call that is not inlined.
+template <class Isect, class Query>
+[[gnu::noinline]] bool visit_tree(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& query) {
+    return traverse(ray, bvh, isect, query);
+}
+
+/// A BVH as an element of a list.
 template <class R, class Isect, class Query>
-[[gnu::noinline]] bool visit(R& ray, const Bvh& bvh, Isect& isect, Query& query) {
+bool visit(R& ray, const Bvh& bvh, Isect& isect, Query& query) {
     RayView inner = ray;
     inner.scene = bvh.scene;
     inner.object = &bvh.record();
     BoxRay boxed(inner);
-    const bool done = traverse(boxed, bvh, isect, query);
+    const bool done = visit_tree(boxed, bvh, isect, query);
     ray.tmax = boxed.tmax;
     return done;
 }

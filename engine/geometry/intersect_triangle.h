@@ -1,5 +1,13 @@
-// Ray against triangle: Moeller, Trumbore, "Fast, minimum storage ray/triangle intersection"
-// (1997), one source for one triangle and for a block of eight.
+// Ray against triangle, watertight: Woop, Benthin, Wald, "Watertight ray/triangle intersection"
+// (2013), one source for one triangle and for a block of eight.
+//
+// The vertices are sheared into the ray's own frame, where the ray is the z axis; three edge
+// functions of the plane then say on which side of each edge it passes. No ray slips between two
+// triangles that share an edge or a vertex: a shared vertex lands on the same bits for both, and
+// the edge function of a shared edge is the exact negative for the other side, because products are
+// rounded one by one (no fma here). Rounding is monotone, so a sign is never wrong, it only becomes
+// 0; 0 counts as inside for both sides, which is why the paper's second look in double precision is
+// not needed.
 //
 // Unlike the original, t is held to the interval in which the ray passes the triangle's own box
 // (geometry/slabs.h): what the test calls a hit is then never culled by a box around it, and t of a
@@ -8,8 +16,12 @@
 
 #include "engine/geometry/concepts.h"
 #include "engine/geometry/intersection.h"
+#include "engine/geometry/shear.h"
 #include "engine/geometry/slabs.h"
 #include "engine/geometry/triangle.h"
+
+#include <array>
+#include <bit>
 
 namespace raynest {
 
@@ -34,9 +46,11 @@ struct TriangleRef {
           prim(block.triangle[lane]),
           geom(0) {}
 
+    /// Of corner k of all lanes.
     template <int N>
-    [[nodiscard]] RAYNEST_INLINE Lanes3<N> vertex(int k) const {
-        return Lanes3<N>::splat(k == 0 ? v0 : k == 1 ? v1 : v2);
+    [[nodiscard]] RAYNEST_INLINE Lanes<N> coordinate(int k, std::uint32_t axis) const {
+        const Vec3& vertex = k == 0 ? v0 : k == 1 ? v1 : v2;
+        return Lanes<N>::splat(std::bit_cast<std::array<float, 3>>(vertex)[axis]);
     }
     [[nodiscard]] RAYNEST_INLINE std::uint32_t valid() const { return 1; }
     [[nodiscard]] RAYNEST_INLINE std::uint32_t prim_of(int) const { return prim; }
@@ -56,9 +70,8 @@ struct Triangles8 {
     bool first;
 
     template <int N>
-    [[nodiscard]] RAYNEST_INLINE Lanes3<N> vertex(int k) const {
-        return {Lanes<N>::load(block->vertex[k][0]), Lanes<N>::load(block->vertex[k][1]),
-                Lanes<N>::load(block->vertex[k][2])};
+    [[nodiscard]] RAYNEST_INLINE Lanes<N> coordinate(int k, std::uint32_t axis) const {
+        return Lanes<N>::load(block->vertex[k][axis]);
     }
     /// Lanes that hold a triangle; the others are padding.
     [[nodiscard]] std::uint32_t valid() const {
@@ -80,36 +93,48 @@ template <class R, TriangleLike T>
 requires(requires { T::lanes; }) RAYNEST_INLINE auto intersect(const R& ray, const T& triangles) {
     constexpr int N = T::lanes;
     using F = Lanes<N>;
-    Hits<T, N> hits{0, 0, F::splat(0), F::splat(0), F::splat(0), triangles};
+    Hits<T, N> hits(triangles);
 
-    const auto v0 = triangles.template vertex<N>(0);
-    const auto v1 = triangles.template vertex<N>(1);
-    const auto v2 = triangles.template vertex<N>(2);
-    const auto e1 = v1 - v0;
-    const auto e2 = v2 - v0;
-    const auto direction = Lanes3<N>::splat(ray.direction);
-    const auto p = cross(direction, e2);
-    const F det = dot(e1, p);
-    const auto s = Lanes3<N>::splat(ray.origin) - v0;
-    const auto q = cross(s, e1);
+    const auto& shear = shear_of(ray);
+    struct Corner {
+        F x, y, z;
+    };
+    const auto corner = [&](int k) {
+        const auto from = [&](std::uint32_t axis, const auto& origin) {
+            return triangles.template coordinate<N>(k, axis) - in_lanes<N>(origin);
+        };
+        const F z = from(shear.z, shear.origin_z);
+        return Corner{fused(in_lanes<N>(shear.to_x), z, from(shear.x, shear.origin_x)),
+                      fused(in_lanes<N>(shear.to_y), z, from(shear.y, shear.origin_y)), z};
+    };
+    const auto edge = [](const Corner& p, const Corner& q) { return p.x * q.y - p.y * q.x; };
+    const Corner a = corner(0);
+    const Corner b = corner(1);
+    const Corner c = corner(2);
+    const F at_a = edge(c, b);
+    const F at_b = edge(a, c);
+    const F at_c = edge(b, a);
+    const F det = at_a + at_b + at_c;
 
-    // All scaled by |det|: no division before a lane survives.
+    // Barycentric coordinates scaled by |det|: no division before a lane survives.
     const F zero = F::splat(0);
     const F scale = flip_sign(det, det);
-    const F u = flip_sign(dot(s, p), det);
-    const F v = flip_sign(dot(direction, q), det);
-    const std::uint32_t mask =
-        less(zero, scale) & less_equal(zero, u) & less_equal(zero, v) & less_equal(u + v, scale);
+    const F u = flip_sign(at_b, det);
+    const F v = flip_sign(at_c, det);
+    const std::uint32_t mask = less(zero, scale) & less_equal(zero, flip_sign(at_a, det)) &
+                               less_equal(zero, u) & less_equal(zero, v);
     if (mask == 0) return hits;
 
-    const auto own = own_interval<N>(slabs_of<N>(ray), v0, v1, v2);
-    const F t = flip_sign(dot(e2, q), det) / scale;
+    const auto own = own_interval<N>(slabs_of(ray), triangles);
+    const F distance = fused(at_a, a.z, fused(at_b, b.z, at_c * c.z));
+    const F inverse = F::splat(1) / scale;  // one division: three would cost as much as the rest
+    const F t = flip_sign(distance, det) * in_lanes<N>(shear.scale) * inverse;
     hits.t = minimum(maximum(t, own.near), own.far);
-    hits.u = u / scale;
-    hits.v = v / scale;
-    hits.mask = mask & less_equal(own.near, own.far) & less(F::splat(ray.tmin), hits.t) &
-                less_equal(hits.t, F::splat(ray.tmax));
-    hits.front = less(zero, det);
+    hits.u = u * inverse;
+    hits.v = v * inverse;
+    hits.mask = mask & less_equal(own.near, own.far) & less(in_lanes<N>(ray.tmin), hits.t) &
+                less_equal(hits.t, in_lanes<N>(ray.tmax));
+    hits.front = less(zero, det * in_lanes<N>(shear.scale));
     return hits;
 }
 

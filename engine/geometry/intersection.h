@@ -29,8 +29,11 @@ struct Hits {
     static constexpr std::size_t lane_count = N;
     std::uint32_t mask = 0;
     std::uint32_t front = 0;  ///< lanes that were hit from the front
-    Lanes<N> t, u, v;
-    P primitive;  ///< a view, or a reference to the primitive
+    Lanes<N> t, u, v;         ///< to be read in the lanes of `mask` only
+    P primitive;              ///< a view, or a reference to the primitive
+
+    /// No candidate yet. The lanes stay unset: filling them would cost stores for every block.
+    RAYNEST_INLINE explicit Hits(const P& tested) : primitive(tested) {}
 
     /// Removes candidates that `keep(const Surface&)` refuses. Called for every candidate, in no
     /// order that may be relied on; a candidate may turn out to lie behind another one.

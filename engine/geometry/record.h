@@ -43,8 +43,9 @@ using RecordHits = Hits<Record<P>, N>;
 /// For intersect() of a record: starts without hits, then add() them nearest first.
 template <int N, class P>
 RAYNEST_INLINE RecordHits<P, N> no_hits(const P& primitive) {
-    const auto zero = Lanes<N>::splat(0);
-    return {0, 0, zero, zero, zero, Record<P>{&primitive, 0, true}};
+    RecordHits<P, N> hits(Record<P>{&primitive, 0, true});
+    hits.t = hits.u = hits.v = Lanes<N>::splat(0);
+    return hits;
 }
 
 /// Sets hit number k. Whether it lies in (tmin, tmax] is not the primitive's concern.
@@ -64,7 +65,7 @@ RAYNEST_INLINE auto intersect(const R& ray, const Record<P>& record) {
     auto hits = intersect(ray, *record.value);
     hits.primitive = record;
     if (hits.mask == 0) return hits;
-    const auto own = own_interval(slabs_of<1>(ray), Box(bounds(*record.value)));
+    const auto own = own_interval(slabs_of(ray), Box(bounds(*record.value)));
     const float near = own.near.lane[0];
     const float far = own.far.lane[0];
     for (int k = 0; k < hits.lanes; ++k) {

@@ -2,6 +2,8 @@
 // here, once per (intersector, target).
 #pragma once
 
+#include "engine/bvh/batch.h"
+#include "engine/bvh/coherent.h"
 #include "engine/bvh/visit.h"
 #include "engine/intersectors/counting.h"
 #include "engine/intersectors/params.h"
@@ -92,8 +94,9 @@ constexpr auto describe_outputs() {
 // ---------------------------------------------------------------------------
 
 /// Rays that are traced before their outputs are copied to columns: keeps per-ray state on the
-/// stack and in L1, without an allocation.
-inline constexpr std::uint32_t ray_group = 64;
+/// stack and in L1, without an allocation. A batch is larger, because its last rays travel alone.
+template <Traversal traversal>
+inline constexpr std::uint32_t ray_group = traversal == traversal_batch ? 1024 : 64;
 
 template <class Isect>
 Isect make_intersector(const TraceCall& call) {
@@ -147,49 +150,84 @@ void write_outputs(const TraceCall& call, std::uint32_t first, std::uint32_t cou
     }
 }
 
-/// Traces one ray. `Everything` takes the place of the tree by the brute-force reference.
-template <bool Everything, class Isect, class Query>
-RAYNEST_INLINE void trace_ray(const RayView& view, const Bvh& root, Isect& isect, Query& query) {
-    if constexpr (Everything) {
-        RayView ray = view;
-        visit_everything(ray, root, isect, query);
-    } else {
-        BoxRay ray(view);
-        traverse(ray, root, isect, query);
+/// What a traversal traces: rays [0, count) of a group, by number, and where their answers go.
+template <Query kind>
+struct Feed {
+    using Query = std::conditional_t<kind == query_closest, ClosestHit,
+                                     std::conditional_t<kind == query_any, AnyHit, MultiHit>>;
+    const TraceCall& call;
+    std::uint32_t first;  ///< of the group in the call
+
+    /// The ray as it enters the root; false when it is invalid and thereby answered.
+    [[nodiscard]] RAYNEST_INLINE bool begin(std::uint32_t i, RayView& view) const {
+        const Ray& ray = call.rays[first + i];
+        HitRecord& answer = *hits_of(i);
+        answer = HitRecord{};
+        if (!is_valid(ray)) {
+            answer.flags = hit_invalid_ray;
+            if constexpr (kind == query_multi) call.hit_counts[first + i] = 0;
+            return false;
+        }
+        view = outermost_view(ray, call.scene, i, call.mask, call.flags);
+        view.object = &call.scene->objects[call.scene->root];
+        return true;
+    }
+    [[nodiscard]] RAYNEST_INLINE Query query(std::uint32_t i) const {
+        if constexpr (kind == query_multi) {
+            return MultiHit{std::span(hits_of(i), call.hits_max)};
+        } else {
+            return {};
+        }
+    }
+    RAYNEST_INLINE void end(std::uint32_t i, const Query& query) const {
+        if constexpr (kind == query_closest) {
+            *hits_of(i) = query.best;
+        } else if constexpr (kind == query_any) {
+            hits_of(i)->hit = query.found ? 1 : 0;
+        } else {
+            call.hit_counts[first + i] = query.count;
+        }
+    }
+
+private:
+    [[nodiscard]] RAYNEST_INLINE HitRecord* hits_of(std::uint32_t i) const {
+        return call.hits + static_cast<std::size_t>(first + i) * call.hits_max;
+    }
+};
+
+/// One ray after the other; with `Everything` by the reference, which knows no tree.
+template <bool Everything, class Isect, class Feed>
+RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& isect,
+                                 const Feed& feed) {
+    for (std::uint32_t i = 0; i < count; ++i) {
+        RayView view;
+        if (!feed.begin(i, view)) continue;
+        auto query = feed.query(i);
+        if constexpr (Everything) {
+            visit_everything(view, root, isect, query);
+        } else {
+            BoxRay ray(view);
+            traverse(ray, root, isect, query);
+        }
+        feed.end(i, query);
     }
 }
 
-template <Query kind, bool Everything, class Isect>
-RAYNEST_INLINE void answer_ray(const TraceCall& call, std::uint32_t index, std::uint32_t id,
-                               const Bvh& root, Isect& isect) {
-    const Ray& ray = call.rays[index];
-    HitRecord* out = call.hits + static_cast<std::size_t>(index) * call.hits_max;
-    if (!is_valid(ray)) {
-        *out = HitRecord{};
-        out->flags = hit_invalid_ray;
-        if constexpr (kind == query_multi) call.hit_counts[index] = 0;
-        return;
-    }
-    RayView view = outermost_view(ray, call.scene, id, call.mask, call.flags);
-    view.object = &root.record();
-    if constexpr (kind == query_closest) {
-        ClosestHit query;
-        trace_ray<Everything>(view, root, isect, query);
-        *out = query.best;
-    } else if constexpr (kind == query_any) {
-        AnyHit query;
-        trace_ray<Everything>(view, root, isect, query);
-        *out = HitRecord{};
-        out->hit = query.found ? 1 : 0;
+template <Traversal traversal, class Isect, class Feed>
+RAYNEST_INLINE TraceStatus trace_group(const Bvh& root, std::uint32_t count, Isect& isect,
+                                       const Feed& feed) {
+    if constexpr (traversal == traversal_batch) {
+        return Batch(root, isect, feed).trace(count) ? trace_ok : trace_out_of_memory;
+    } else if constexpr (traversal == traversal_coherent && !Overrides<Isect, BoxRay, Boxes8>) {
+        Coherent<Isect, typename Feed::Query>(isect).trace(root, count, feed);
+        return trace_ok;
     } else {
-        MultiHit query{std::span(out, call.hits_max)};
-        *out = HitRecord{};
-        trace_ray<Everything>(view, root, isect, query);
-        call.hit_counts[index] = query.count;
+        trace_singly<traversal == traversal_reference>(root, count, isect, feed);
+        return trace_ok;
     }
 }
 
-template <class Isect, Query kind, bool Everything, bool Counted>
+template <class Isect, Query kind, Traversal traversal, bool Counted>
 TraceStatus trace(const TraceCall* pointer) noexcept {
     const TraceCall& call = *pointer;
     const bool well_formed = call.scene != nullptr && call.rays != nullptr &&
@@ -202,23 +240,23 @@ TraceStatus trace(const TraceCall* pointer) noexcept {
     Isect isect = make_intersector<Isect>(call);
     const Bvh root{call.scene, call.scene->root};
     using Outputs = typename OutputsOf<Isect>::type;
-    for (std::uint32_t first = 0; first < call.ray_count; first += ray_group) {
+    constexpr std::uint32_t group = ray_group<traversal>;
+    for (std::uint32_t first = 0; first < call.ray_count; first += group) {
         const std::uint32_t rest = call.ray_count - first;
-        const std::uint32_t count = rest < ray_group ? rest : ray_group;
-        std::array<Outputs, ray_group> states{};
+        const std::uint32_t count = rest < group ? rest : group;
+        const Feed<kind> feed{call, first};
+        std::array<Outputs, group> states{};
         if constexpr (requires { isect.state = states.data(); }) isect.state = states.data();
+        TraceStatus status = trace_ok;
         if constexpr (Counted) {
             Counters* counters = call.counters + first;
             for (std::uint32_t i = 0; i < count; ++i) counters[i] = Counters{};
             Counting<Isect> counting{isect, counters};
-            for (std::uint32_t i = 0; i < count; ++i) {
-                answer_ray<kind, Everything>(call, first + i, i, root, counting);
-            }
+            status = trace_group<traversal>(root, count, counting, feed);
         } else {
-            for (std::uint32_t i = 0; i < count; ++i) {
-                answer_ray<kind, Everything>(call, first + i, i, root, isect);
-            }
+            status = trace_group<traversal>(root, count, isect, feed);
         }
+        if (status != trace_ok) return status;
         write_outputs<Isect>(call, first, count, states.data());
     }
     return trace_ok;
@@ -245,17 +283,27 @@ constexpr PackVariant make_variant(const char* name) {
     v.param_count = static_cast<std::uint32_t>(params.size());
     v.outputs = outputs.data();
     v.output_count = static_cast<std::uint32_t>(outputs.size());
-    auto& latency = v.trace[precision_fast][traversal_latency];
-    latency[query_closest][0] = trace<Isect, query_closest, false, false>;
-    latency[query_closest][1] = trace<Isect, query_closest, false, true>;
-    latency[query_any][0] = trace<Isect, query_any, false, false>;
-    latency[query_any][1] = trace<Isect, query_any, false, true>;
-    latency[query_multi][0] = trace<Isect, query_multi, false, false>;
-    latency[query_multi][1] = trace<Isect, query_multi, false, true>;
-    auto& reference = v.trace[precision_fast][traversal_reference];
-    reference[query_closest][0] = trace<Isect, query_closest, true, false>;
-    reference[query_any][0] = trace<Isect, query_any, true, false>;
-    reference[query_multi][0] = trace<Isect, query_multi, true, false>;
+    auto& fast = v.trace[precision_fast];
+    auto& latency = fast[traversal_latency];
+    latency[query_closest][0] = trace<Isect, query_closest, traversal_latency, false>;
+    latency[query_closest][1] = trace<Isect, query_closest, traversal_latency, true>;
+    latency[query_any][0] = trace<Isect, query_any, traversal_latency, false>;
+    latency[query_any][1] = trace<Isect, query_any, traversal_latency, true>;
+    latency[query_multi][0] = trace<Isect, query_multi, traversal_latency, false>;
+    latency[query_multi][1] = trace<Isect, query_multi, traversal_latency, true>;
+    if constexpr (Lanes<8>::parts == 1) {  // v2 is for correctness, not speed
+        auto& batch = fast[traversal_batch];
+        batch[query_closest][0] = trace<Isect, query_closest, traversal_batch, false>;
+        batch[query_any][0] = trace<Isect, query_any, traversal_batch, false>;
+        batch[query_multi][0] = trace<Isect, query_multi, traversal_batch, false>;
+        auto& coherent = fast[traversal_coherent];
+        coherent[query_closest][0] = trace<Isect, query_closest, traversal_coherent, false>;
+        coherent[query_any][0] = trace<Isect, query_any, traversal_coherent, false>;
+    }
+    auto& reference = fast[traversal_reference];
+    reference[query_closest][0] = trace<Isect, query_closest, traversal_reference, false>;
+    reference[query_any][0] = trace<Isect, query_any, traversal_reference, false>;
+    reference[query_multi][0] = trace<Isect, query_multi, traversal_reference, false>;
     return v;
 }
 

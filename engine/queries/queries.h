@@ -34,7 +34,7 @@ RAYNEST_INLINE HitRecord make_record(const RayView& ray, const Hits<P, N>& hits,
     return record;
 }
 
-/// Calls `f(record)` for every surviving lane.
+/// Calls `f(lane, record)` for every surviving lane.
 template <class P, int N, class F>
 RAYNEST_INLINE void for_each_record(const RayView& ray, const Hits<P, N>& hits, F&& f) {
     alignas(32) float t[Hits<P, N>::lane_count];
@@ -45,7 +45,7 @@ RAYNEST_INLINE void for_each_record(const RayView& ray, const Hits<P, N>& hits, 
     hits.v.store(v);
     for (std::uint32_t rest = hits.mask; rest != 0; rest &= rest - 1) {
         const int lane = std::countr_zero(rest);
-        f(make_record(ray, hits, lane, t[lane], u[lane], v[lane]));
+        f(lane, make_record(ray, hits, lane, t[lane], u[lane], v[lane]));
     }
 }
 
@@ -56,11 +56,15 @@ struct ClosestHit {
 
     template <class R, class P, int N>
     RAYNEST_INLINE bool take(R& ray, const Hits<P, N>& hits) {
-        for_each_record(ray, hits, [&](const HitRecord& record) {
-            if (!record.before(best)) return;
+        for_each_record(ray, hits, [&](int, const HitRecord& record) { add(record, ray.tmax); });
+        return false;
+    }
+    /// One hit of a ray whose search ends at `tmax`.
+    RAYNEST_INLINE bool add(const HitRecord& record, float& tmax) {
+        if (record.before(best)) {
             best = record;
-            ray.tmax = record.t;
-        });
+            tmax = record.t;
+        }
         return false;
     }
 };
@@ -75,6 +79,10 @@ struct AnyHit {
         found = hits.mask != 0;
         return found;
     }
+    RAYNEST_INLINE bool add(const HitRecord& /*record*/, float& /*tmax*/) {
+        found = true;
+        return true;
+    }
 };
 
 /// The nearest hits, sorted, as many as the caller's span holds. Once it is full, its last distance
@@ -86,7 +94,7 @@ struct MultiHit {
 
     template <class R, class P, int N>
     RAYNEST_INLINE bool take(R& ray, const Hits<P, N>& hits) {
-        for_each_record(ray, hits, [&](const HitRecord& record) { insert(record); });
+        for_each_record(ray, hits, [&](int, const HitRecord& record) { insert(record); });
         if (count == nearest.size()) ray.tmax = nearest[count - 1].t;
         return false;
     }

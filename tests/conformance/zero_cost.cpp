@@ -19,8 +19,17 @@ struct Tested {
 struct Tested : Opaque {};
 #endif
 
-template TraceStatus trace<Tested, query_closest, false, false>(const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_any, false, false>(const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_multi, false, false>(const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_closest, traversal_latency, false>(
+    const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_any, traversal_latency, false>(const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_multi, traversal_latency, false>(
+    const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_closest, traversal_batch, false>(
+    const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_any, traversal_batch, false>(const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_multi, traversal_batch, false>(const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_closest, traversal_coherent, false>(
+    const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_any, traversal_coherent, false>(const TraceCall*) noexcept;
 
 }  // namespace raynest

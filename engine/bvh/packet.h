@@ -1,0 +1,201 @@
+// Sixty-four rays side by side at one level of a scene: what the coherent traversal tests at once.
+//
+// The same terms as of a single ray (geometry/slabs.h, geometry/shear.h), computed by the same
+// operations in the same order, so that a lane of a packet has the bits that the ray would have by
+// itself.
+#pragma once
+
+#include "engine/bvh/visit.h"
+
+#include <bit>
+#include <cstdint>
+
+namespace raynest {
+
+inline constexpr std::uint32_t packet_rays = 64;
+inline constexpr int packet_lanes = 16;  ///< rays per step of a loop over the packet
+inline constexpr std::uint32_t packet_groups = packet_rays / packet_lanes;
+using PacketLanes = Lanes<packet_lanes>;
+
+/// One bit per ray of a packet.
+using RaySet = std::uint64_t;
+
+struct alignas(64) PacketRow {
+    float of[packet_rays];
+
+    [[nodiscard]] RAYNEST_INLINE PacketLanes group(std::uint32_t g) const {
+        return PacketLanes::load(of + packet_lanes * g);
+    }
+    RAYNEST_INLINE void set_group(std::uint32_t g, const PacketLanes& values) {
+        values.store(of + packet_lanes * g);
+    }
+};
+
+/// The least (most) value of the rays of a set that is not empty.
+[[nodiscard]] RAYNEST_INLINE float least_of(const PacketRow& row, RaySet rays) {
+    auto r = PacketLanes::splat(std::numeric_limits<float>::infinity());
+    for (std::uint32_t g = 0; g < packet_groups; ++g) {
+        const auto members = static_cast<std::uint32_t>(rays >> (packet_lanes * g) & 0xFFFFU);
+        r = minimum(r, select(members, row.group(g), r));
+    }
+    return least(r);
+}
+[[nodiscard]] RAYNEST_INLINE float most_of(const PacketRow& row, RaySet rays) {
+    auto r = PacketLanes::splat(-std::numeric_limits<float>::infinity());
+    for (std::uint32_t g = 0; g < packet_groups; ++g) {
+        const auto members = static_cast<std::uint32_t>(rays >> (packet_lanes * g) & 0xFFFFU);
+        r = maximum(r, select(members, row.group(g), r));
+    }
+    return most(r);
+}
+
+/// What the rays share at every level, because t means the same everywhere.
+struct PacketRange {
+    PacketRow tmin;
+    PacketRow tmax;
+};
+
+/// The rays as one object sees them.
+struct PacketLevel {
+    PacketRow origin[3], direction[3];
+    PacketRow reciprocal[3];
+    PacketRow near_scale[3], near_offset[3], far_scale[3], far_offset[3];
+    RaySet backwards[3];  ///< rays that meet the upper plane of the axis first
+    RaySet largest[3];    ///< rays whose largest component is along the axis
+    RaySet finite;        ///< rays whose box terms do not overflow
+
+    /// Computes all but origin and direction.
+    RAYNEST_INLINE void prepare(float origin_error) {
+        for (RaySet& set : backwards) set = 0;
+        for (RaySet& set : largest) set = 0;
+        finite = 0;
+        for (std::uint32_t g = 0; g < packet_groups; ++g) prepare_group(g, origin_error);
+    }
+
+private:
+    RAYNEST_INLINE void prepare_group(std::uint32_t g, float origin_error) {
+        using F = PacketLanes;
+        const std::uint32_t shift = packet_lanes * g;
+        const auto absolute = [](const F& a) { return flip_sign(a, a); };
+        const auto largest_of = [&](const PacketRow(&v)[3]) {
+            return maximum(maximum(absolute(v[0].group(g)), absolute(v[1].group(g))),
+                           absolute(v[2].group(g)));
+        };
+        const F extent = largest_of(origin) * F::splat(origin_error * box_origin_error);
+        const F smallest = largest_of(direction) * F::splat(direction_min_relative);
+        std::uint32_t bounded = 0xFFFFU;
+        for (std::uint32_t axis = 0; axis < 3; ++axis) {
+            const F d = direction[axis].group(g);
+            const F r = F::splat(1) / flip_sign(maximum(absolute(d), smallest), d);
+            const F m = F::splat(0) - origin[axis].group(g) * r;
+            const F e = absolute(r) * extent;
+            reciprocal[axis].set_group(g, r);
+            near_scale[axis].set_group(g, r * F::splat(box_near_factor));
+            near_offset[axis].set_group(g, (m - e) * F::splat(box_near_factor));
+            far_scale[axis].set_group(g, r * F::splat(box_far_factor));
+            far_offset[axis].set_group(g, (m + e) * F::splat(box_far_factor));
+            backwards[axis] |= RaySet{less(r, F::splat(0))} << shift;
+            bounded &= less((absolute(m) + e) * F::splat(box_far_factor),
+                            F::splat(std::numeric_limits<float>::max()));
+        }
+        finite |= RaySet{bounded} << shift;
+
+        const F x = absolute(direction[0].group(g));
+        const F y = absolute(direction[1].group(g));
+        const std::uint32_t z_largest = less(maximum(x, y), absolute(direction[2].group(g)));
+        const std::uint32_t y_largest = less(x, y) & ~z_largest;
+        largest[2] |= RaySet{z_largest} << shift;
+        largest[1] |= RaySet{y_largest} << shift;
+        largest[0] |= RaySet{0xFFFFU & ~(z_largest | y_largest)} << shift;
+    }
+};
+
+/// Sixteen rays of a packet against one triangle: what geometry/intersect_triangle.h is asked with.
+struct RayGroup {
+    struct Slabs {
+        const PacketLevel& level;
+        std::uint32_t g;
+
+        template <int N>
+        [[nodiscard]] RAYNEST_INLINE Lanes<N> near_plane(int axis, const Lanes<N>& p) const {
+            return fused(p, level.near_scale[axis].group(g), level.near_offset[axis].group(g));
+        }
+        template <int N>
+        [[nodiscard]] RAYNEST_INLINE Lanes<N> far_plane(int axis, const Lanes<N>& p) const {
+            return fused(p, level.far_scale[axis].group(g), level.far_offset[axis].group(g));
+        }
+    };
+    struct Shear {
+        std::uint32_t x, y, z;
+        PacketLanes origin_x, origin_y, origin_z;
+        PacketLanes to_x, to_y;
+        PacketLanes scale;
+    };
+    Slabs slabs;
+    Shear shear;
+    PacketLanes tmin, tmax;
+
+    /// Rays 16 g to 16 g + 15, whose largest component is along z.
+    RAYNEST_INLINE RayGroup(const PacketLevel& level, const PacketRange& range, std::uint32_t g,
+                            std::uint32_t z)
+        : slabs{level, g},
+          tmin(range.tmin.group(g)),
+          tmax(range.tmax.group(g)) {
+        shear.z = z;
+        shear.x = (1U << z) & 3U;
+        shear.y = shear.x ^ z ^ 3U;
+        const auto negative = [](const PacketLanes& a) { return PacketLanes::splat(0) - a; };
+        shear.origin_x = level.origin[shear.x].group(g);
+        shear.origin_y = level.origin[shear.y].group(g);
+        shear.origin_z = level.origin[z].group(g);
+        shear.scale = level.reciprocal[z].group(g);
+        shear.to_x = negative(level.direction[shear.x].group(g)) * shear.scale;
+        shear.to_y = negative(level.direction[shear.y].group(g)) * shear.scale;
+    }
+};
+
+/// One ray of a packet, with the terms that the packet has already.
+struct PacketRay : RayView {
+    struct Slabs {
+        const PacketLevel& level;
+        std::uint32_t i;
+
+        template <int N>
+        [[nodiscard]] RAYNEST_INLINE Lanes<N> near_plane(int axis, const Lanes<N>& p) const {
+            return fused(p, Lanes<N>::splat(level.near_scale[axis].of[i]),
+                         Lanes<N>::splat(level.near_offset[axis].of[i]));
+        }
+        template <int N>
+        [[nodiscard]] RAYNEST_INLINE Lanes<N> far_plane(int axis, const Lanes<N>& p) const {
+            return fused(p, Lanes<N>::splat(level.far_scale[axis].of[i]),
+                         Lanes<N>::splat(level.far_offset[axis].of[i]));
+        }
+    };
+    Slabs slabs;
+    Shear shear;
+
+    RAYNEST_INLINE PacketRay(const RayView& ray, const PacketLevel& level, std::uint32_t i)
+        : RayView(ray),
+          slabs{level, i},
+          shear(ray, {level.reciprocal[0].of[i], level.reciprocal[1].of[i],
+                      level.reciprocal[2].of[i], 1.0F}) {}
+};
+
+/// One lane of a block, as sixteen rays see it.
+struct SharedTriangle {
+    using triangle_tag = void;
+    static constexpr int lanes = packet_lanes;
+    const TriangleBlock* block;
+    std::uint32_t triangle;  ///< the lane of the block
+
+    template <int N>
+    [[nodiscard]] RAYNEST_INLINE Lanes<N> coordinate(int k, std::uint32_t axis) const {
+        return Lanes<N>::splat(block->vertex[k][axis][triangle]);
+    }
+    [[nodiscard]] RAYNEST_INLINE std::uint32_t prim_of(int) const {
+        return block->triangle[triangle];
+    }
+    [[nodiscard]] RAYNEST_INLINE std::uint32_t geom_of(int) const { return 0; }
+};
+
+}  // namespace raynest

@@ -1,0 +1,21 @@
+// A ray that enters a tree.
+#pragma once
+
+#include "engine/geometry/shear.h"
+#include "engine/geometry/slabs.h"
+
+namespace raynest {
+
+/// The terms of the box and triangle tests, computed once per level.
+struct BoxRay : RayView {
+    Slabs slabs;
+    Shear shear;
+
+    RAYNEST_INLINE explicit BoxRay(const RayView& ray)
+        : RayView{ray.origin, ray.direction, ray.tmin, ray.tmax, ray.world, ray.scene,
+                  ray.object, ray.path,      ray.id,   ray.mask, ray.flags},
+          slabs(ray),
+          shear(ray) {}
+};
+
+}  // namespace raynest
