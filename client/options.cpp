@@ -74,7 +74,7 @@ void add_job(CLI::App& app, JobOptions& job) {
     app.add_option("--set", job.settings, "a parameter of the intersector, name=value")
         ->take_all()
         ->allow_extra_args(false);
-    app.add_option("--precision", job.precision, "fast | watertight");
+    app.add_option("--precision", job.precision, "watertight | fast: the same code, watertight costs nothing");
     app.add_option("--traversal", job.traversal, "auto | latency | batch | coherent");
     add_parsed(
         app, "--mask",

@@ -12,6 +12,7 @@
 #pragma once
 
 #include "engine/bvh/packet.h"
+#include "engine/queries/coherence.h"
 
 #include <bit>
 #include <cmath>
@@ -25,10 +26,6 @@ namespace raynest {
 
 /// Fewer rays than this are traced one by one.
 inline constexpr int packet_rays_min = 8;
-/// How far rays may look apart (tangent of the angle), and start apart (share of the object's
-/// size).
-inline constexpr float coherent_turn = 0.125F;
-inline constexpr float coherent_shift = 0.0625F;
 /// Up to this many of sixteen rays are tested against eight triangles each instead.
 inline constexpr int group_rays_few = 2;
 
@@ -236,8 +233,8 @@ private:
                    [&](BoxRay& ray, Query& query) { return visit_tree(ray, bvh, isect_, query); });
     }
 
-    /// Whether an interval around the rays of a set is worth a walk: they look within about seven
-    /// degrees of each other and start close together, compared with the object.
+    /// Whether an interval around the rays of a set is worth a walk: they look the same way from
+    /// the same place (queries/coherence.h).
     static bool is_coherent(const ObjectRecord& object, const PacketLevel& level, RaySet rays) {
         const Vec3 size = object.bounds.size();
         float turn = 0;

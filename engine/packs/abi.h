@@ -22,7 +22,8 @@ enum Traversal : std::uint32_t {
     traversal_batch,
     traversal_coherent,
     traversal_reference,
-    traversal_count
+    traversal_count,
+    traversal_auto = traversal_count  ///< a request's word for: look at the rays (packs/tracer.h)
 };
 enum Precision : std::uint32_t { precision_fast, precision_watertight, precision_count };
 enum ValueType : std::uint32_t { value_f32, value_u32, value_choice };

@@ -73,12 +73,10 @@ extern "C" [[gnu::visibility("default")]] const raynest::Pack* raynest_pack() no
         p.primitives = primitives.data();
         p.primitive_count = static_cast<std::uint32_t>(primitives.size());
         for (const PackVariant& variant : variants) {
-            for (const auto& precision : variant.trace) {
-                for (const auto& traversal : precision) {
-                    for (const auto& query : traversal) {
-                        for (const TraceFunction function : query) {
-                            p.kernel_count += function != nullptr ? 1 : 0;
-                        }
+            for (const auto& traversal : variant.trace[precision_watertight]) {
+                for (const auto& query : traversal) {
+                    for (const TraceFunction function : query) {
+                        p.kernel_count += function != nullptr ? 1 : 0;
                     }
                 }
             }

@@ -102,7 +102,7 @@ Result<TraceFunction> find_function(const Variant& variant, Query query, Precisi
                 "intersector '" + variant.name + "' on target " + variant.target +
                     " was not compiled for query " + queries[query] + ", precision " +
                     precisions[precision] + ", traversal " + traversals[traversal] +
-                    (counting ? ", counters" : "") + ": try precision fast, traversal auto");
+                    (counting ? ", counters" : "") + ": try traversal auto");
 }
 
 Result<Query> parse_query(std::string_view name) {
@@ -118,9 +118,8 @@ Result<Precision> parse_precision(std::string_view name) {
 }
 
 Result<Traversal> parse_traversal(std::string_view name) {
-    // "auto" picks by coherence once there is more than one traversal to pick from.
     static constexpr std::pair<std::string_view, Traversal> known[] = {
-        {"auto", traversal_latency},
+        {"auto", traversal_auto},
         {"latency", traversal_latency},
         {"batch", traversal_batch},
         {"coherent", traversal_coherent},

@@ -283,8 +283,8 @@ constexpr PackVariant make_variant(const char* name) {
     v.param_count = static_cast<std::uint32_t>(params.size());
     v.outputs = outputs.data();
     v.output_count = static_cast<std::uint32_t>(outputs.size());
-    auto& fast = v.trace[precision_fast];
-    auto& latency = fast[traversal_latency];
+    auto& kernels = v.trace[precision_watertight];
+    auto& latency = kernels[traversal_latency];
     latency[query_closest][0] = trace<Isect, query_closest, traversal_latency, false>;
     latency[query_closest][1] = trace<Isect, query_closest, traversal_latency, true>;
     latency[query_any][0] = trace<Isect, query_any, traversal_latency, false>;
@@ -292,18 +292,27 @@ constexpr PackVariant make_variant(const char* name) {
     latency[query_multi][0] = trace<Isect, query_multi, traversal_latency, false>;
     latency[query_multi][1] = trace<Isect, query_multi, traversal_latency, true>;
     if constexpr (Lanes<8>::parts == 1) {  // v2 is for correctness, not speed
-        auto& batch = fast[traversal_batch];
+        auto& batch = kernels[traversal_batch];
         batch[query_closest][0] = trace<Isect, query_closest, traversal_batch, false>;
         batch[query_any][0] = trace<Isect, query_any, traversal_batch, false>;
         batch[query_multi][0] = trace<Isect, query_multi, traversal_batch, false>;
-        auto& coherent = fast[traversal_coherent];
+        auto& coherent = kernels[traversal_coherent];
         coherent[query_closest][0] = trace<Isect, query_closest, traversal_coherent, false>;
         coherent[query_any][0] = trace<Isect, query_any, traversal_coherent, false>;
     }
-    auto& reference = fast[traversal_reference];
+    auto& reference = kernels[traversal_reference];
     reference[query_closest][0] = trace<Isect, query_closest, traversal_reference, false>;
     reference[query_any][0] = trace<Isect, query_any, traversal_reference, false>;
     reference[query_multi][0] = trace<Isect, query_multi, traversal_reference, false>;
+    // The watertight test costs no more than one that leaks (geometry/intersect_triangle.h), so
+    // there is no other one to compile.
+    for (std::uint32_t t = 0; t < traversal_count; ++t) {
+        for (std::uint32_t q = 0; q < query_count; ++q) {
+            for (const std::uint32_t counting : {0U, 1U}) {
+                v.trace[precision_fast][t][q][counting] = kernels[t][q][counting];
+            }
+        }
+    }
     return v;
 }
 

@@ -154,7 +154,7 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
                               : std::count_if(buffers.hits.begin(), buffers.hits.end(),
                                               [](const HitRecord& hit) { return hit.hit == 0; });
     const auto misses = static_cast<std::uint64_t>(missed);
-    tally.add(rays.size(), multi ? hit_count : rays.size() - misses, misses);
+    tally.add(buffers.traversal, rays.size(), multi ? hit_count : rays.size() - misses, misses);
 
     wire::ChunkT chunk;
     chunk.first_ray = first_ray;

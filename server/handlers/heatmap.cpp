@@ -42,7 +42,7 @@ protected:
     }
 
     Reply<Payload> develop() override {
-        const std::uint64_t misses = tally().done(order().plan).misses;
+        const std::uint64_t misses = tally().done().misses;
         const auto statistics = heat_statistics(counts_, misses, options_);
         if (!statistics) return refuse(statistics.error());
         statistics_ = *statistics;

@@ -115,7 +115,7 @@ bool PictureJob::finished() const {
 }
 
 Frames PictureJob::farewell() {
-    wire::DoneT done = tally_.done(order_.plan);
+    wire::DoneT done = tally_.done();
     complete(done);
     Frames frames;
     frames.push_back(*protocol::encode(id_, done));
@@ -144,7 +144,7 @@ Task PictureJob::trace_task() {
         const auto missed = std::count_if(buffers.hits.begin(), buffers.hits.end(),
                                           [](const HitRecord& hit) { return hit.hit == 0; });
         const auto misses = static_cast<std::uint64_t>(missed);
-        tally_.add(count, count - misses, misses);
+        tally_.add(buffers.traversal, count, count - misses, misses);
         services_.metrics.rays += count;
         return Frames{};
     };

@@ -59,7 +59,7 @@ Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query quer
         return tl::unexpected(worker.error());
     const auto priority = parse_priority(word(job.priority(), "normal"));
     if (!priority) return tl::unexpected(priority.error());
-    const auto precision = parse_precision(word(job.precision(), "fast"));
+    const auto precision = parse_precision(word(job.precision(), "watertight"));
     if (!precision) return refuse_word(precision.error());
     const auto traversal = parse_traversal(word(job.traversal(), "auto"));
     if (!traversal) return refuse_word(traversal.error());
@@ -81,14 +81,15 @@ Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query quer
     plan.traversal = *traversal;
     plan.counting = counting;
     if (counting && plan.traversal != traversal_latency) {
-        plan.notes.push_back("counters are defined by the latency traversal: it ran instead of " +
-                             std::string(traversal_name(plan.traversal)));
+        if (plan.traversal != traversal_auto)
+            plan.notes.push_back(
+                "counters are defined by the latency traversal: it ran instead of " +
+                std::string(traversal_name(plan.traversal)));
         plan.traversal = traversal_latency;
     }
-    const auto function =
-        find_function(*plan.variant, query, plan.precision, plan.traversal, counting);
-    if (!function) return refuse(function.error());
-    plan.trace = *function;
+    auto tracer = Tracer::make(*plan.variant, query, plan.precision, plan.traversal, counting);
+    if (!tracer) return refuse(tracer.error());
+    plan.tracer = *tracer;
     plan.mask = job.mask();
     plan.priority = *priority;
     plan.deadline_ms = job.deadline_ms();
@@ -119,9 +120,9 @@ ColumnSource Plan::source(const Registry& registry) const {
 }
 
 const char* traversal_name(Traversal traversal) {
-    constexpr std::array<const char*, traversal_count> names = {"latency", "batch", "coherent",
-                                                                "reference"};
-    return traversal < traversal_count ? names[traversal] : "unknown";
+    constexpr std::array<const char*, traversal_count + 1> names = {"latency", "batch", "coherent",
+                                                                    "reference", "auto"};
+    return names[traversal];
 }
 
 wire::StartedT started(const Plan& plan, const protocol::Limits& limits) {

@@ -2,6 +2,7 @@
 // function and a call to fill in per chunk. Decided once per job, never per ray.
 #pragma once
 
+#include "engine/packs/tracer.h"
 #include "engine/queries/columns.h"
 #include "server/handlers/handler.h"
 
@@ -16,9 +17,9 @@ struct Plan {
     const Variant* variant = nullptr;
     Settings settings;
     Query query = query_closest;
-    Traversal traversal = traversal_latency;
-    Precision precision = precision_fast;
-    TraceFunction trace = nullptr;
+    Traversal traversal = traversal_auto;  ///< as asked; what each chunk went through, Tally knows
+    Precision precision = precision_watertight;
+    Tracer tracer;
     bool counting = false;
     std::uint32_t mask = 0xFFFFFFFFU;
     std::uint32_t hits_max = 1;
@@ -41,7 +42,7 @@ Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query quer
 /// STARTED, as far as the plan knows it.
 [[nodiscard]] wire::StartedT started(const Plan& plan, const protocol::Limits& limits);
 
-/// The traversal's word.
+/// The traversal's word; "auto" for traversal_auto.
 [[nodiscard]] const char* traversal_name(Traversal traversal);
 
 /// What a kernel gave back, as an error of the job.

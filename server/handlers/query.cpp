@@ -90,7 +90,7 @@ public:
 
     Frames farewell() override {
         Frames frames;
-        frames.push_back(*protocol::encode(id_, tally_.done(plan_)));
+        frames.push_back(*protocol::encode(id_, tally_.done()));
         return frames;
     }
 

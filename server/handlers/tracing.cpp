@@ -1,6 +1,7 @@
 #include "server/handlers/tracing.h"
 
 #include <algorithm>
+#include <bit>
 
 namespace raynest::server {
 
@@ -27,7 +28,8 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buf
     call.hit_counts = buffers.counts.empty() ? nullptr : buffers.counts.data();
     call.counters = buffers.counters.empty() ? nullptr : buffers.counters.data();
     call.outputs = outputs.empty() ? nullptr : outputs.data();
-    return check(plan.trace(&call), plan);
+    buffers.traversal = plan.tracer.choose(rays, *call.scene);
+    return check(plan.tracer.function(buffers.traversal)(&call), plan);
 }
 
 void Tally::begin() {
@@ -36,7 +38,8 @@ void Tally::begin() {
     first_.compare_exchange_strong(none, now);
 }
 
-void Tally::add(std::uint64_t rays, std::uint64_t hits, std::uint64_t misses) {
+void Tally::add(Traversal traversal, std::uint64_t rays, std::uint64_t hits, std::uint64_t misses) {
+    traversals_ |= 1U << traversal;
     rays_ += rays;
     hits_ += hits;
     misses_ += misses;
@@ -46,7 +49,7 @@ void Tally::add(std::uint64_t rays, std::uint64_t hits, std::uint64_t misses) {
     }
 }
 
-wire::DoneT Tally::done(const Plan& plan) const {
+wire::DoneT Tally::done() const {
     const auto seconds = [](Ticks ticks) {
         return std::chrono::duration<double>(Clock::duration(ticks)).count();
     };
@@ -56,7 +59,12 @@ wire::DoneT Tally::done(const Plan& plan) const {
     message.misses = misses_;
     message.seconds = seconds(last_ - first_);
     message.queued_seconds = seconds(first_);
-    message.traversal = traversal_name(plan.traversal);
+    const std::uint32_t ran = traversals_;
+    if (ran != 0) {
+        message.traversal = std::has_single_bit(ran)
+                                ? traversal_name(static_cast<Traversal>(std::countr_zero(ran)))
+                                : "mixed";
+    }
     return message;
 }
 

@@ -20,6 +20,8 @@ struct TraceBuffers {
     std::vector<Counters> counters;                   ///< per ray, counting only
     std::vector<std::vector<std::uint32_t>> outputs;  ///< per output of the intersector: per ray
 
+    Traversal traversal = traversal_latency;  ///< that gave the answers
+
     [[nodiscard]] static TraceBuffers& of_this_thread();
 };
 
@@ -35,11 +37,11 @@ public:
     /// A task starts.
     void begin();
     /// A task ended, with so many rays and hits, of which so many rays had none.
-    void add(std::uint64_t rays, std::uint64_t hits, std::uint64_t misses);
+    void add(Traversal traversal, std::uint64_t rays, std::uint64_t hits, std::uint64_t misses);
 
     [[nodiscard]] std::uint64_t rays() const { return rays_; }
     /// Rays, hits, times and traversal of DONE.
-    [[nodiscard]] wire::DoneT done(const Plan& plan) const;
+    [[nodiscard]] wire::DoneT done() const;
 
 private:
     using Ticks = Clock::duration::rep;
@@ -47,7 +49,8 @@ private:
     std::atomic<std::uint64_t> rays_{0};
     std::atomic<std::uint64_t> hits_{0};
     std::atomic<std::uint64_t> misses_{0};
-    std::atomic<Ticks> first_{0};  ///< since accepted_; 0: nothing began yet
+    std::atomic<std::uint32_t> traversals_{0};  ///< bit t: traversal t gave answers
+    std::atomic<Ticks> first_{0};               ///< since accepted_; 0: nothing began yet
     std::atomic<Ticks> last_{0};
 };
 

@@ -89,10 +89,10 @@ TEST_CASE("what was not compiled is refused with the way out") {
     CHECK(
         find_function(opaque, query_closest, precision_fast, traversal_latency, true).has_value());
     const auto missing =
-        find_function(opaque, query_closest, precision_watertight, traversal_latency, false);
+        find_function(opaque, query_multi, precision_watertight, traversal_coherent, false);
     REQUIRE(!missing);
     CHECK(missing.error().message.find("watertight") != std::string::npos);
-    CHECK(missing.error().message.find("try precision fast") != std::string::npos);
+    CHECK(missing.error().message.find("try traversal auto") != std::string::npos);
 }
 
 TEST_CASE("a malformed call is refused, not traced") {

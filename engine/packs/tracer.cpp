@@ -1,0 +1,60 @@
+#include "engine/packs/tracer.h"
+
+#include "engine/queries/coherence.h"
+
+#include <algorithm>
+
+namespace raynest {
+namespace {
+
+constexpr std::size_t group_rays = 64;  // what the coherent traversal takes at once
+constexpr std::size_t sample_groups = 8;
+
+// Whether most groups of an even sample are coherent.
+bool look_coherent(std::span<const Ray> rays, const Box& bounds) {
+    const std::size_t groups = rays.size() / group_rays;
+    const std::size_t sampled = std::min(groups, sample_groups);
+    std::size_t coherent = 0;
+    for (std::size_t i = 0; i < sampled; ++i) {
+        const std::size_t group = i * groups / sampled;
+        const auto members = rays.subspan(group * group_rays, group_rays);
+        if (is_coherent(members, bounds)) ++coherent;
+    }
+    return 2 * coherent > sampled;
+}
+
+}  // namespace
+
+Result<Tracer> Tracer::make(const Variant& variant, Query query, Precision precision,
+                            Traversal traversal, bool counting) {
+    Tracer tracer;
+    const bool choice = traversal == traversal_auto && !counting;
+    for (const Traversal each : {traversal_latency, traversal_batch, traversal_coherent}) {
+        if (!choice) break;
+        tracer.functions_[each] = variant.code->trace[precision][each][query][0];
+    }
+    const Traversal needed =
+        counting || traversal == traversal_auto ? traversal_latency : traversal;
+    const auto function = find_function(variant, query, precision, needed, counting);
+    if (!function) return tl::unexpected(function.error());
+    tracer.functions_[needed] = *function;
+    return tracer;
+}
+
+Traversal Tracer::choose(std::span<const Ray> rays, const SceneView& scene) const {
+    const auto compiled = [&](Traversal traversal) { return functions_[traversal] != nullptr; };
+    const auto only = std::count_if(functions_.begin(), functions_.end(),
+                                    [](TraceFunction f) { return f != nullptr; }) == 1;
+    if (only) {
+        for (std::uint32_t t = 0; t < traversal_count; ++t) {
+            if (functions_[t] != nullptr) return static_cast<Traversal>(t);
+        }
+    }
+    if (rays.size() < group_rays) return traversal_latency;
+    const ObjectRecord& root = scene.objects[scene.root];
+    if (compiled(traversal_coherent) && look_coherent(rays, root.bounds)) return traversal_coherent;
+    if (compiled(traversal_batch) && root.levels == 1) return traversal_batch;
+    return traversal_latency;
+}
+
+}  // namespace raynest

@@ -1,0 +1,36 @@
+// The compiled functions of one request, and which of them a chunk of rays goes through.
+//
+// All traversals give the same bytes (CONTRACT.md §2), so the choice is free to look at the rays.
+#pragma once
+
+#include "engine/packs/registry.h"
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+namespace raynest {
+
+/// Immutable once made; safe to use from many threads.
+class Tracer {
+public:
+    /// For a traversal that was named, that one; for traversal_auto all that were compiled.
+    /// Counters are defined by the latency traversal: with them it is the only one. Fails with
+    /// variant_unknown where nothing fits.
+    static Result<Tracer> make(const Variant& variant, Query query, Precision precision,
+                               Traversal traversal, bool counting);
+
+    /// What rays that lie next to each other in a request should go through: `coherent` where most
+    /// of a sample of 64-ray groups look the same way from the same place, else `batch` in a scene
+    /// of one level, else `latency` (batches lose on instances: entering one is many small steps).
+    [[nodiscard]] Traversal choose(std::span<const Ray> rays, const SceneView& scene) const;
+
+    [[nodiscard]] TraceFunction function(Traversal traversal) const {
+        return functions_[traversal];
+    }
+
+private:
+    std::array<TraceFunction, traversal_count> functions_{};
+};
+
+}  // namespace raynest
