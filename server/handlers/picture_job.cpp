@@ -33,9 +33,8 @@ Reply<std::string> check_encode(std::string_view word) {
     if (word != "png" && word != "exr")
         return refuse(Code::invalid_field,
                       "unknown encode '" + std::string(word) + "': use one of png, exr, raw");
-    if (!images_available())
-        return refuse(Code::unsupported,
-                      "this daemon was built without OpenImageIO; ask for encode raw");
+    if (const auto images = images_available(); !images)
+        return refuse(Code::unsupported, images.error().message + "; or ask for encode raw");
     return std::string(word);
 }
 

@@ -6,6 +6,7 @@
 import ast
 import json
 import pathlib
+import shutil
 import signal
 import struct
 import sys
@@ -153,6 +154,17 @@ class Cli(unittest.TestCase):
                 done = self.client.json(command, "woods", "--size", "64x36", "-o", self.out / name)
                 self.assertEqual(done["file"], str(self.out / name))
                 self.assertEqual((self.out / name).read_bytes()[:4], start)
+
+    def test_without_the_image_module_raw_counts_still_work(self):
+        (self.out / "bin").mkdir()
+        daemon = Daemon(shutil.copy(self.raynestd, self.out / "bin"))
+        self.addCleanup(daemon.stop)
+        client = Client(self.raynest, daemon.uri)
+        client.json("load", "builtin:terrain?size=8")
+        done = client.run("render", "terrain", "--size", "8x8", "-o", self.out / "none.png")
+        self.assertEqual(done.returncode, 5, done.stderr)
+        self.assertIn("install OpenImageIO", done.stderr)
+        client.json("heatmap", "terrain", "--size", "8x8", "-o", self.out / "some.npy")
 
     def test_the_raw_heat_map_agrees_with_its_statistics(self):
         heat = self.client.json("heatmap", "woods", "--size", "64x36", "-o", self.out / "h.npy")
