@@ -284,7 +284,9 @@ Result<void> Connection::wait_readable() {
         }
         if (give_up_ && Clock::now() > *give_up_) {
             cancel("deadline");
-            return fail(Exit::deadline, "no answer from the daemon within the deadline");
+            return fail(Exit::deadline,
+                        "no answer from the daemon within the deadline; " +
+                            std::string(protocol::error_info(protocol::Code::deadline).remedy));
         }
         pollfd waiting{socket_->stream.native_handle(), POLLIN, 0};
         const int ready = ::poll(&waiting, 1, 200);

@@ -109,42 +109,4 @@ void print_notes(const Outcome& outcome) {
     for (const std::string& note : outcome.notes) std::cerr << "raynest: " << note << '\n';
 }
 
-namespace {
-
-/// Appends a piece after checking that it is the next one.
-Result<void> take_piece(const protocol::Frame& frame, ReceivedPicture& picture) {
-    const auto opened = protocol::open<wire::Picture>(frame);
-    if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
-    const wire::Picture& piece = *opened->table;
-    const protocol::BlockView* data = protocol::find_block(opened->blocks, "data");
-    if (data == nullptr || piece.offset() != picture.bytes.size() ||
-        data->bytes.size() > piece.total() - std::min(piece.offset(), piece.total()))
-        return fail(Exit::failed, "the daemon sent pieces of a picture that do not fit together");
-    picture.width = piece.width();
-    picture.height = piece.height();
-    picture.bytes.insert(picture.bytes.end(), data->bytes.begin(), data->bytes.end());
-    return {};
-}
-
-}  // namespace
-
-Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress) {
-    ReceivedPicture picture;
-    while (true) {
-        const auto frame = connection.next();
-        if (!frame) return tl::unexpected<Failure>(frame.error());
-        if (auto taken = take_news(*frame, picture.outcome); !taken)
-            return tl::unexpected<Failure>(taken.error());
-        if (is<wire::Done>(*frame)) return picture;
-        if (is<wire::Picture>(*frame)) {
-            if (auto taken = take_piece(*frame, picture); !taken)
-                return tl::unexpected<Failure>(taken.error());
-        } else if (is<wire::Progress>(*frame)) {
-            const auto news = protocol::open<wire::Progress>(*frame);
-            if (!news) return tl::unexpected<Failure>(failure(news.error()));
-            progress.update((*news)->done(), (*news)->total(), protocol::text((*news)->stage()));
-        }
-    }
-}
-
 }  // namespace raynest::client

@@ -4,10 +4,8 @@
 #include "client/connection.h"
 #include "client/options.h"
 #include "client/output.h"
-#include "client/progress.h"
 
 #include <chrono>
-#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -38,14 +36,5 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome);
 [[nodiscard]] std::string outcome_text(const Outcome& outcome);
 /// The daemon's remarks, on stderr.
 void print_notes(const Outcome& outcome);
-
-struct ReceivedPicture {
-    std::uint32_t width = 0;
-    std::uint32_t height = 0;
-    std::vector<std::byte> bytes;
-    Outcome outcome;
-};
-/// Reads the answer of a running Render or Heatmap to its end.
-Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress);
 
 }  // namespace raynest::client

@@ -4,12 +4,12 @@
 
 #include <CLI/CLI.hpp>
 
+#include <algorithm>
 #include <charconv>
-#include <cmath>
-#include <cstdlib>
 #include <limits>
 #include <map>
 #include <memory>
+#include <set>
 #include <string_view>
 #include <utility>
 
@@ -28,20 +28,33 @@ constexpr const char* exit_codes = R"(
 Exit codes: 0 ok, 1 failed, 2 usage, 3 cannot connect, 4 not allowed, 5 scene, file or variant unknown
 or invalid, 6 busy, 7 deadline, 130 interrupted.)";
 
-/// "1,2.5,inf" -> numbers; nothing when there is anything else.
-std::optional<std::vector<float>> parse_numbers(std::string_view text) {
-    std::vector<float> numbers;
+/// What stands between the commas, empty parts too.
+std::vector<std::string> split(std::string_view text) {
+    std::vector<std::string> parts;
     while (true) {
         const std::size_t comma = std::min(text.find(','), text.size());
-        std::string_view one = text.substr(0, comma);
-        if (!one.empty() && one.front() == '+') one.remove_prefix(1);
-        float value = 0;
-        const auto [end, error] = std::from_chars(one.data(), one.data() + one.size(), value);
-        if (error != std::errc{} || end != one.data() + one.size()) return std::nullopt;
-        numbers.push_back(value);
-        if (comma == text.size()) return numbers;
+        parts.emplace_back(text.substr(0, comma));
+        if (comma == text.size()) return parts;
         text.remove_prefix(comma + 1);
     }
+}
+
+/// "1,2.5,inf" -> `few` or `many` numbers; `shape` is how the text should look.
+Result<std::vector<float>> parse_numbers(const std::string& text, std::size_t few, std::size_t many,
+                                         const std::string& shape) {
+    const auto misshapen = fail(Exit::usage, "'" + text + "' is not " + shape);
+    std::vector<float> numbers;
+    for (const std::string& part : split(text)) {
+        const char* begin = part.c_str() + (part.starts_with('+') ? 1 : 0);
+        float value = 0;
+        const auto [end, error] = std::from_chars(begin, part.c_str() + part.size(), value);
+        if (error == std::errc::result_out_of_range)
+            return fail(Exit::usage, "'" + part + "' does not fit a 32-bit float");
+        if (error != std::errc{} || end != part.c_str() + part.size()) return misshapen;
+        numbers.push_back(value);
+    }
+    if (numbers.size() != few && numbers.size() != many) return misshapen;
+    return numbers;
 }
 
 /// An option whose text goes through `read`, which says what is wrong, or "".
@@ -57,25 +70,71 @@ CLI::Option* add_parsed(CLI::App& app, const std::string& name, Read read,
         text);
 }
 
-/// A whole number; left to itself, CLI11 reads -1 as 2^64 - 1.
-CLI::Option* add_number(CLI::App& app, const std::string& name, std::uint64_t& value,
-                        const std::string& text) {
-    return app.add_option(name, value, text)->check(CLI::NonNegativeNumber);
+/// A number from `least` to `most`; `what` says so to people. CLI11 alone would read -1 as 2^64 - 1
+/// and 2^70 as 2^64 - 1, and let NaN through every range.
+template <class Number>
+CLI::Option* add_number(CLI::App& app, const std::string& name, Number& value, Number least,
+                        Number most, const std::string& what, const std::string& text) {
+    const auto read = [&value, least, most, what](const std::string& digits) -> std::string {
+        const char* last = digits.data() + digits.size();
+        const auto [end, error] = std::from_chars(digits.data(), last, value);
+        const bool good = error == std::errc{} && end == last && value >= least && value <= most;
+        return good ? "" : "'" + digits + "' is not " + what;
+    };
+    return add_parsed(app, name, read, text)->type_name("NUMBER");
+}
+
+template <class Whole>
+CLI::Option* add_whole(CLI::App& app, const std::string& name, Whole& value, Whole least,
+                       Whole most, const std::string& text) {
+    return add_number(
+        app, name, value, least, most,
+        "a whole number from " + std::to_string(least) + " to " + std::to_string(most), text);
+}
+constexpr std::uint64_t any_whole = std::numeric_limits<std::uint64_t>::max();
+
+/// "" is what a script passes for a variable that it forgot to set.
+std::string complain_if_empty(const std::string& text) {
+    return text.empty() ? "must not be empty" : "";
+}
+
+/// name=value, each name once.
+void check_settings(const std::vector<std::string>& settings) {
+    std::set<std::string> names;
+    for (const std::string& setting : settings) {
+        const std::size_t equals = setting.find('=');
+        if (equals == 0 || equals == std::string::npos)
+            throw CLI::ValidationError("--set", "'" + setting + "' is not name=value");
+        if (!names.insert(setting.substr(0, equals)).second)
+            throw CLI::ValidationError("--set", "'" + setting.substr(0, equals) + "' is set twice");
+    }
 }
 
 void add_scene(CLI::App& app, std::string& scene) {
     app.add_option("SCENE", scene, "name of a loaded scene (see: raynest scenes)")->required();
 }
 
+void add_epoch(CLI::App& app, std::uint64_t& epoch) {
+    add_whole(app, "--epoch", epoch, std::uint64_t{0}, any_whole,
+              "that epoch of the scene (the current one)");
+}
+
 void add_job(CLI::App& app, JobOptions& job) {
     add_scene(app, job.scene);
     app.add_option("--intersector", job.intersector,
                    "what decides whether a surface was hit (auto; see: raynest variants)");
-    app.add_option("--set", job.settings, "a parameter of the intersector, name=value")
+    app.add_option_function<std::vector<std::string>>(
+           "--set",
+           [&job](const std::vector<std::string>& settings) {
+               check_settings(settings);
+               job.settings = settings;
+           },
+           "a parameter of the intersector, name=value; may be repeated")
         ->take_all()
         ->allow_extra_args(false);
-    app.add_option("--precision", job.precision, "watertight | fast: the same code, watertight costs nothing");
-    app.add_option("--traversal", job.traversal, "auto | latency | batch | coherent");
+    app.add_option("--precision", job.precision,
+                   "watertight | fast: the same code, because watertight costs nothing");
+    app.add_option("--traversal", job.traversal, "auto | latency | batch | coherent | reference");
     add_parsed(
         app, "--mask",
         [&job](const std::string& text) -> std::string {
@@ -87,14 +146,10 @@ void add_job(CLI::App& app, JobOptions& job) {
             return good ? "" : "'" + text + "' is not a 32-bit hexadecimal number";
         },
         "only instances with one of these bits, hexadecimal (FFFFFFFF)");
-    add_number(app, "--epoch", job.epoch, "that epoch of the scene (the current one)");
-    app.add_option("--worker", job.worker, "auto | cpu | cuda");
-    app.add_option("--deadline", job.deadline, "give up after so many seconds")
-        ->check(CLI::Range(0.001, 4.0e6))
-        ->check([](const std::string& text) {  // NaN is in every range
-            return std::isnan(std::strtod(text.c_str(), nullptr)) ? "it is not a number of seconds"
-                                                                  : "";
-        });
+    add_epoch(app, job.epoch);
+    app.add_option("--worker", job.worker, "auto | cpu");
+    add_number(app, "--deadline", job.deadline, 0.001, 4.0e6,
+               "a number of seconds from 0.001 to 4000000", "give up after so many seconds");
     app.add_option("--priority", job.priority, "low | normal | high");
 }
 
@@ -104,16 +159,15 @@ void add_camera(CLI::App& app, CameraOptions& camera) {
     CLI::Option* look_at = add_parsed(
         app, "--lookat",
         [&camera](const std::string& text) -> std::string {
-            const auto numbers = parse_numbers(text);
-            if (!numbers || (numbers->size() != 6 && numbers->size() != 9))
-                return "'" + text + "' is not ex,ey,ez,ax,ay,az[,ux,uy,uz]";
+            const auto numbers = parse_numbers(text, 6, 9, "ex,ey,ez,ax,ay,az[,ux,uy,uz]");
+            if (!numbers) return numbers.error().message;
             camera.look_at = *numbers;
             return "";
         },
         "a camera of your own: eye, point looked at, up (0,1,0)");
     name->excludes(look_at);
-    app.add_option("--fov", camera.fov_degrees, "vertical angle of view in degrees")
-        ->check(CLI::Range(0.001, 179.999));
+    add_number(app, "--fov", camera.fov_degrees, 0.001F, 179.999F,
+               "a number of degrees from 0.001 to 179.999", "vertical angle of view in degrees");
     add_parsed(
         app, "--size",
         [&camera](const std::string& text) -> std::string {
@@ -151,8 +205,11 @@ CLI::Option* add_output(CLI::App& app, std::string& output, const std::vector<st
 void declare(CLI::App& app, LoadOptions& load) {
     app.add_option("SOURCE", load.source,
                    "FILE.glb, FILE.gltf, FILE.npy, builtin:NAME[?key=value&...] or root:PATH")
-        ->required();
-    app.add_option("--name", load.name, "name of the scene (the file's stem)");
+        ->required()
+        ->check(CLI::Validator(complain_if_empty, ""));
+    app.add_option("--name", load.name,
+                   "name of the scene (the file's stem; forest for builtin:forest?trees=5)")
+        ->check(CLI::Validator(complain_if_empty, ""));
     app.add_flag("--replace", load.replace, "a new epoch of a name that is taken");
     app.add_option("--build", load.build, "fast | medium | high");
     app.add_option("--primitive", load.primitive, "what the records of a .npy are");
@@ -171,17 +228,17 @@ void declare(CLI::App& app, UnloadOptions& unload) {
 
 void declare(CLI::App& app, PathOptions& path) {
     add_scene(app, path.scene);
-    add_number(app, "ID", path.id, "the path of a hit")->required();
-    add_number(app, "--epoch", path.epoch, "that epoch of the scene (the current one)");
+    add_whole(app, "ID", path.id, std::uint64_t{0}, any_whole, "the path of a hit")->required();
+    add_epoch(app, path.epoch);
 }
 
 void declare(CLI::App& app, RenderOptions& render) {
     add_job(app, render.job);
     add_camera(app, render.camera);
     add_output(app, render.output, {".png", ".exr"}, "FILE.png or FILE.exr")->required();
-    app.add_option("--integrator", render.integrator, "primary | ao | path");
-    app.add_option("--spp", render.samples, "samples per pixel")->check(CLI::Range(1U, 65536U));
-    add_number(app, "--seed", render.seed, "of the random numbers");
+    app.add_option("--integrator", render.integrator, "primary");
+    add_whole(app, "--spp", render.samples, 1U, 65536U, "samples per pixel (1)");
+    add_whole(app, "--seed", render.seed, std::uint64_t{0}, any_whole, "of the random numbers (0)");
 }
 
 void declare(CLI::App& app, QueryOptions& query) {
@@ -202,9 +259,19 @@ void declare(CLI::App& app, QueryOptions& query) {
     rays.add_option("--rays", query.rays_file,
                     "FILE.npy of shape (N, 6): o d, or (N, 8): ox oy oz tmin dx dy dz tmax");
     app.add_option("--kind", query.kind, "closest | any | multi");
-    app.add_option("--max-hits", query.max_hits, "hits per ray, for multi (8)")
-        ->check(CLI::Range(1U, 256U));
-    app.add_option("--fields", query.fields, "columns, separated by commas")->delimiter(',');
+    add_whole(app, "--max-hits", query.max_hits, 1U, 256U, "hits per ray, for multi (8)");
+    add_parsed(
+        app, "--fields",
+        [&query](const std::string& text) -> std::string {
+            query.fields = split(text);
+            std::set<std::string> seen;
+            for (const std::string& field : query.fields) {
+                if (field.empty()) return "'" + text + "' has an empty name between its commas";
+                if (!seen.insert(field).second) return "'" + field + "' is named twice";
+            }
+            return "";
+        },
+        "columns, separated by commas");
     add_output(app, query.output, {".npz"}, "FILE.npz (else a table on stdout)");
 }
 
@@ -247,6 +314,16 @@ public:
         return "Example:\n  raynest " + examples_.at(chosen[0]) + "\n\n" +
                chosen[0]->help("raynest");
     }
+    /// What is wrong with the first word when it chooses no subcommand; "" when nothing is.
+    [[nodiscard]] std::string complaint() const {
+        const std::vector<std::string> words = app_.remaining();
+        if (!app_.get_subcommands().empty() || words.empty()) return "";
+        if (words[0].starts_with('-')) return "there is no option " + words[0];
+        std::string names;
+        for (const CLI::App* sub : app_.get_subcommands({}))
+            names += (names.empty() ? "" : ", ") + sub->get_name();
+        return "there is no subcommand '" + words[0] + "'; there are " + names;
+    }
     [[nodiscard]] std::string see_also() const {
         const std::vector<CLI::App*> chosen = app_.get_subcommands();
         const std::string name = chosen.empty() ? "" : " " + chosen[0]->get_name();
@@ -272,9 +349,8 @@ private:
 }  // namespace
 
 Result<Ray> parse_ray(const std::string& text) {
-    const auto numbers = parse_numbers(text);
-    if (!numbers || (numbers->size() != 6 && numbers->size() != 8))
-        return fail(Exit::usage, "'" + text + "' is not ox,oy,oz,dx,dy,dz[,tmin,tmax]");
+    const auto numbers = parse_numbers(text, 6, 8, "ox,oy,oz,dx,dy,dz[,tmin,tmax]");
+    if (!numbers) return tl::unexpected<Failure>(numbers.error());
     const std::vector<float>& n = *numbers;
     const bool bounded = n.size() == 8;
     return Ray{n[0], n[1], n[2], bounded ? n[6] : 0.0F,
@@ -294,15 +370,21 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     app.add_flag("--json", options.json, "answers and errors as JSON");
     app.add_flag("--quiet", options.quiet, "no progress on stderr");
     const Subcommands subcommands(app, options);
+    const auto refuse = [&](const std::string& complaint) {
+        return fail(Exit::usage, complaint + "; " + subcommands.see_also());
+    };
 
     try {
         app.parse(argc, argv);
     } catch (const CLI::CallForHelp&) {
+        const std::string complaint = subcommands.complaint();
+        if (!complaint.empty()) return refuse(complaint);
         return Parsed{subcommands.help(), std::nullopt};
     } catch (const CLI::CallForVersion& version) {
         return Parsed{std::string(version.what()) + "\n", std::nullopt};
     } catch (const CLI::ParseError& error) {
-        return fail(Exit::usage, std::string(error.what()) + "; " + subcommands.see_also());
+        const std::string complaint = subcommands.complaint();
+        return refuse(complaint.empty() ? error.what() : complaint);
     }
     if (options.server.empty()) options.server = default_uri;
     return Parsed{"", std::move(options)};

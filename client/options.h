@@ -54,10 +54,14 @@ struct UnloadOptions {
 };
 struct VariantsOptions {};
 struct StatsOptions {};
-struct RenderOptions {
+/// Common to render and heatmap.
+struct PictureOptions {
     JobOptions job;
     CameraOptions camera;
-    std::string output, integrator;
+    std::string output;
+};
+struct RenderOptions : PictureOptions {
+    std::string integrator;
     std::uint32_t samples = 1;
     std::uint64_t seed = 0;
 };
@@ -68,10 +72,8 @@ struct QueryOptions {
     std::uint32_t max_hits = 8;
     std::vector<std::string> fields;
 };
-struct HeatmapOptions {
-    JobOptions job;
-    CameraOptions camera;
-    std::string output, metric, palette, scale, range, count;
+struct HeatmapOptions : PictureOptions {
+    std::string metric, palette, scale, range, count;
 };
 
 using CommandOptions =

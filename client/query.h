@@ -3,6 +3,7 @@
 
 #include "client/connection.h"
 #include "client/job.h"
+#include "client/progress.h"
 #include "client/rays.h"
 
 #include <cstdint>

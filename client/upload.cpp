@@ -37,13 +37,6 @@ std::string extension_of(const std::string& name) {
     return extension;
 }
 
-/// "builtin:forest?trees=9" -> "forest"
-std::string stem_of_named(const std::string& source) {
-    const std::string name = source.substr(source.find(':') + 1);
-    const std::string path = name.substr(0, name.find('?'));
-    return source.rfind("root:", 0) == 0 ? stem_of(file_name_of(path)) : path;
-}
-
 /// Reads files until the sum of their bytes is over the limit.
 class Gatherer {
 public:
@@ -91,10 +84,7 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
                       const std::string& instances) {
     Upload upload;
     upload.source = source;
-    if (source.rfind("builtin:", 0) == 0 || source.rfind("root:", 0) == 0) {
-        upload.scene_name = stem_of_named(source);
-        return upload;
-    }
+    if (source.rfind("builtin:", 0) == 0 || source.rfind("root:", 0) == 0) return upload;
 
     upload.source = file_name_of(source);
     upload.scene_name = stem_of(upload.source);

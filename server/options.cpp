@@ -102,8 +102,9 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
     Words words;
 
     CLI::App app(
-        "raynestd traces rays through instanced scenes for clients.\n"
-        "Example: raynestd --listen tcp://127.0.0.1:0 --ready-file /tmp/raynest.json",
+        "Example:\n"
+        "  raynestd --listen tcp://127.0.0.1:0 --ready-file /tmp/raynest.json\n\n"
+        "raynestd traces rays through instanced scenes for clients.",
         "raynestd");
     bool print = false;
     try {

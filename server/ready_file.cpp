@@ -42,7 +42,8 @@ Result<StateLock> StateLock::take(const std::filesystem::path& directory) {
     if (lock.descriptor_ < 0)
         return fail(ErrorCode::io_failed,
                     "cannot open " + (directory / "lock").string() + ": " +
-                        std::error_code(errno, std::generic_category()).message());
+                        std::error_code(errno, std::generic_category()).message() +
+                        "; give --state a folder that can be written");
     if (flock(lock.descriptor_, LOCK_EX | LOCK_NB) != 0)
         return fail(ErrorCode::io_failed, "another daemon uses " + directory.string() +
                                               "; stop it or give --state another folder");

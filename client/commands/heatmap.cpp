@@ -1,28 +1,24 @@
 // raynest heatmap SCENE -o FILE: what each pixel's ray costs, as a picture or as raw counts.
 #include "client/commands/commands.h"
 #include "client/files.h"
-#include "client/job.h"
 #include "client/npy.h"
+#include "client/picture.h"
 
 #include <array>
 #include <cstdio>
 #include <iostream>
+#include <utility>
 
 namespace raynest::client {
 namespace {
 
-wire::HeatmapT heatmap_message(const HeatmapOptions& options, bool raw) {
-    wire::HeatmapT request;
-    request.job = job_message(options.job);
-    request.camera = camera_message(options.camera);
-    request.width = options.camera.width;
-    request.height = options.camera.height;
+wire::HeatmapT heatmap_message(const HeatmapOptions& options) {
+    auto request = picture_request<wire::HeatmapT>(options);
     request.metric = options.metric;
     request.palette = options.palette;
     request.scale = options.scale;
     request.range = options.range;
     request.count = options.count;
-    request.encode = raw ? "raw" : options.output.substr(options.output.rfind('.') + 1);
     return request;
 }
 
@@ -33,8 +29,7 @@ Result<std::vector<std::byte>> counts_file(const ReceivedPicture& picture) {
     return format_npy({"<u4", {picture.height, picture.width}, picture.bytes});
 }
 
-void print_statistics(const Outcome& outcome) {
-    const wire::HeatStatisticsT& heat = outcome.heat;
+void print_statistics(const wire::HeatStatisticsT& heat) {
     std::array<char, 160> line;
     std::snprintf(line.data(), line.size(),
                   "%s per ray: min %u, mean %.2f, p50 %u, p99 %u, max %u, %.2f %% clipped",
@@ -43,26 +38,19 @@ void print_statistics(const Outcome& outcome) {
     std::cout << line.data() << '\n';
 }
 
-Json statistics_json(const Outcome& outcome) {
-    const wire::HeatStatisticsT& heat = outcome.heat;
-    Json json{{"metric", heat.metric},  {"min", heat.min}, {"mean", heat.mean},
-              {"p50", heat.p50},        {"p99", heat.p99}, {"max", heat.max},
-              {"clipped", heat.clipped}};
-    json.update(outcome_json(outcome));
-    return json;
+Json statistics_json(const wire::HeatStatisticsT& heat) {
+    return Json{{"metric", heat.metric},  {"min", heat.min}, {"mean", heat.mean},
+                {"p50", heat.p50},        {"p99", heat.p99}, {"max", heat.max},
+                {"clipped", heat.clipped}};
 }
 
 }  // namespace
 
 Result<void> run(Context& context, const HeatmapOptions& options) {
-    const bool raw = options.output.ends_with(".npy");
-    const auto started =
-        context.connection.start(heatmap_message(options, raw), deadline_of(options.job));
-    if (!started) return started;
-    auto picture = receive_picture(context.connection, context.progress);
-    context.progress.clear();
+    auto picture =
+        ask_picture(context.connection, context.progress, options, heatmap_message(options));
     if (!picture) return tl::unexpected<Failure>(picture.error());
-    if (raw) {
+    if (options.output.ends_with(".npy")) {
         auto file = counts_file(*picture);
         if (!file) return tl::unexpected<Failure>(file.error());
         picture->bytes = std::move(*file);
@@ -71,13 +59,12 @@ Result<void> run(Context& context, const HeatmapOptions& options) {
 
     print_notes(picture->outcome);
     if (context.json) {
-        Json json = statistics_json(picture->outcome);
-        json["picture"] = options.output;
+        Json json = statistics_json(picture->outcome.heat);
+        json.update(picture_json(options.output, *picture));
         print_json(json);
     } else {
-        std::cout << options.output << ": " << picture->width << "x" << picture->height << ", "
-                  << outcome_text(picture->outcome) << '\n';
-        print_statistics(picture->outcome);
+        std::cout << picture_text(options.output, *picture) << '\n';
+        print_statistics(picture->outcome.heat);
     }
     return {};
 }

@@ -34,6 +34,10 @@ bool component_of(int type, Component& component) {
     }
 }
 
+bool is_unsigned(Component component) {
+    return component == Component::u8 || component == Component::u16 || component == Component::u32;
+}
+
 tl::unexpected<Error> refuse(const std::string& why) {
     return fail(ErrorCode::scene_invalid, why);
 }
@@ -97,18 +101,16 @@ std::uint32_t size_of(Component component) {
 
 Result<View> check_view(const RawView& raw, std::span<const std::vector<unsigned char>> buffers) {
     if (raw.buffer < 0 || static_cast<std::uint64_t>(raw.buffer) >= buffers.size()) {
-        return refuse(fmt::format("a bufferView refers to buffer {}, but there are {}", raw.buffer,
-                                  buffers.size()));
+        return refuse(
+            fmt::format("refers to buffer {}, but there are {}", raw.buffer, buffers.size()));
     }
     const auto bytes = std::as_bytes(std::span(buffers[static_cast<std::size_t>(raw.buffer)]));
     if (raw.offset > bytes.size() || raw.length > bytes.size() - raw.offset || raw.length == 0) {
-        return refuse(
-            fmt::format("a bufferView of {} bytes at {} lies outside its buffer of {} bytes",
-                        raw.length, raw.offset, bytes.size()));
+        return refuse(fmt::format("has {} bytes from byte {} on, outside its buffer of {} bytes",
+                                  raw.length, raw.offset, bytes.size()));
     }
     if (raw.stride != 0 && (raw.stride < 4 || raw.stride > 252 || raw.stride % 4 != 0)) {
-        return refuse(
-            fmt::format("a bufferView has stride {}, not a multiple of 4 up to 252", raw.stride));
+        return refuse(fmt::format("has stride {}, not a multiple of 4 up to 252", raw.stride));
     }
     return View{bytes.subspan(raw.offset, raw.length), raw.stride};
 }
@@ -116,11 +118,14 @@ Result<View> check_view(const RawView& raw, std::span<const std::vector<unsigned
 Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> views) {
     Accessor out;
     if (!component_of(raw.component_type, out.component)) {
-        return refuse(
-            fmt::format("an accessor has the unknown component type {}", raw.component_type));
+        return refuse(fmt::format("has the unknown component type {}", raw.component_type));
     }
     if (raw.width == 0 || raw.count == 0 || raw.count > 0xFFFFFFFFU) {
-        return refuse(fmt::format("an accessor of {} elements makes no sense", raw.count));
+        return refuse(fmt::format("has {} elements of {} components", raw.count, raw.width));
+    }
+    // Before the range: floats where indices belong are too long for their bufferView as well.
+    if (raw.holds_indices && (raw.width != 1 || !is_unsigned(out.component) || raw.normalized)) {
+        return refuse("holds indices, which must be plain unsigned integers");
     }
     out.count = raw.count;
     out.width = raw.width;
@@ -137,38 +142,37 @@ Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> vi
     if (raw.view != -1) {
         const View* view = view_of(raw.view);
         if (view == nullptr) {
-            return refuse(fmt::format("an accessor refers to bufferView {}, but there are {}",
-                                      raw.view, views.size()));
+            return refuse(
+                fmt::format("refers to bufferView {}, but there are {}", raw.view, views.size()));
         }
         if (view->stride != 0) out.stride = static_cast<std::uint32_t>(view->stride);
         if (out.stride < element) {
-            return refuse(fmt::format("an accessor's elements of {} bytes overlap at stride {}",
-                                      element, out.stride));
+            return refuse(fmt::format("has elements of {} bytes that overlap at stride {}", element,
+                                      out.stride));
+        }
+        // glTF aligns to the buffer's start, which the allocator aligns for us.
+        const auto start = reinterpret_cast<std::uintptr_t>(view->bytes.data());
+        if ((start + raw.offset) % component != 0 || out.stride % component != 0) {
+            return refuse(fmt::format("is not aligned to its components of {} bytes", component));
         }
         out.data = place(*view, raw.offset, raw.count, out.stride, element);
         if (out.data == nullptr) {
             return refuse(
-                fmt::format("an accessor of {} elements lies outside its bufferView of {} bytes",
-                            raw.count, view->bytes.size()));
-        }
-        // glTF aligns to the buffer's start, which the allocator aligns for us.
-        if (reinterpret_cast<std::uintptr_t>(out.data) % component != 0 ||
-            out.stride % component != 0) {
-            return refuse("an accessor is not aligned to its component type");
+                fmt::format("has {} elements of {} bytes from byte {} on, outside its bufferView "
+                            "of {} bytes",
+                            raw.count, element, raw.offset, view->bytes.size()));
         }
     }
 
     if (raw.sparse) {
         const View* indices = view_of(raw.sparse_indices_view);
         const View* values = view_of(raw.sparse_values_view);
-        const bool index_type =
-            component_of(raw.sparse_component_type, out.sparse_component) &&
-            (out.sparse_component == Component::u8 || out.sparse_component == Component::u16 ||
-             out.sparse_component == Component::u32);
+        const bool index_type = component_of(raw.sparse_component_type, out.sparse_component) &&
+                                is_unsigned(out.sparse_component);
         if (indices == nullptr || values == nullptr || !index_type || raw.sparse_count < 1 ||
             static_cast<std::uint64_t>(raw.sparse_count) > raw.count ||
             raw.sparse_indices_offset < 0 || raw.sparse_values_offset < 0) {
-            return refuse("a sparse accessor names bufferViews, types or counts that do not exist");
+            return refuse("is sparse and names bufferViews, types or counts that do not exist");
         }
         out.sparse_count = static_cast<std::uint64_t>(raw.sparse_count);
         const std::uint32_t index_size = size_of(out.sparse_component);
@@ -177,7 +181,7 @@ Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> vi
         out.sparse_values = place(*values, static_cast<std::uint64_t>(raw.sparse_values_offset),
                                   out.sparse_count, element, element);
         if (out.sparse_indices == nullptr || out.sparse_values == nullptr) {
-            return refuse("a sparse accessor's elements lie outside their bufferViews");
+            return refuse("is sparse and has elements outside their bufferViews");
         }
     }
     return out;
@@ -194,7 +198,8 @@ Result<std::vector<float>> read_floats(const Accessor& accessor,
         }
     };
     if (accessor.sparse_count == 0) {
-        if (accessor.data == nullptr) return refuse("an attribute's accessor has no bufferView");
+        if (accessor.data == nullptr)
+            return refuse("has an attribute whose accessor has no bufferView");
         const std::uint64_t count = elements.empty() ? accessor.count : elements.size();
         std::vector<float> out(count * width);
         for (std::uint64_t i = 0; i < count; ++i) {
@@ -208,7 +213,7 @@ Result<std::vector<float>> read_floats(const Accessor& accessor,
     if (accessor.data == nullptr && accessor.count > zero_filled_max) {
         return fail(
             ErrorCode::limit_exceeded,
-            fmt::format("a sparse accessor without a bufferView has {} elements; at most {} are "
+            fmt::format("has a sparse accessor of {} elements without a bufferView; at most {} are "
                         "allowed",
                         accessor.count, zero_filled_max));
     }
@@ -221,8 +226,8 @@ Result<std::vector<float>> read_floats(const Accessor& accessor,
             load_index(accessor.sparse_indices + i * size_of(accessor.sparse_component),
                        accessor.sparse_component);
         if (index >= accessor.count) {
-            return refuse(
-                fmt::format("a sparse accessor replaces element {} of {}", index, accessor.count));
+            return refuse(fmt::format("has a sparse accessor that replaces element {} of {}", index,
+                                      accessor.count));
         }
         read_element(accessor.sparse_values + i * std::uint64_t{width} * component,
                      full.data() + std::uint64_t{index} * width);
@@ -237,15 +242,9 @@ Result<std::vector<float>> read_floats(const Accessor& accessor,
 }
 
 Result<std::vector<std::uint32_t>> read_indices(const Accessor& accessor) {
-    const bool is_unsigned = accessor.component == Component::u8 ||
-                             accessor.component == Component::u16 ||
-                             accessor.component == Component::u32;
-    if (accessor.width != 1 || !is_unsigned || accessor.normalized) {
-        return refuse("a primitive's indices are not plain unsigned integers");
-    }
     if (accessor.data == nullptr || accessor.sparse_count != 0) {
         return fail(ErrorCode::scene_unsupported,
-                    "a primitive's indices are a sparse accessor; re-export with plain ones");
+                    "has indices in a sparse accessor; re-export with plain ones");
     }
     std::vector<std::uint32_t> out(accessor.count);
     for (std::uint64_t i = 0; i < accessor.count; ++i) {

@@ -134,7 +134,7 @@ private:
         std::vector<std::uint32_t> list_indices;
         if (indexed) {
             auto indices = read_indices(model_.accessors[primitive.indices]);
-            if (!indices) return refuse(indices.error().message);
+            if (!indices) return blame(where_, indices.error());
             const std::uint32_t highest = *std::max_element(indices->begin(), indices->end());
             if (highest >= position.count) {
                 return refuse(fmt::format("uses vertex {} of {}", highest, position.count));
@@ -180,7 +180,7 @@ private:
         if (auto done = budget_.take_bytes(count * accessor.width * 4); !done)
             return error_of(done);
         auto values = read_floats(accessor, vertices);
-        if (!values) return refuse(values.error().message);
+        if (!values) return blame(where_, values.error());
         return values;
     }
 

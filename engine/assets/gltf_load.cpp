@@ -96,11 +96,8 @@ Result<void> run_tinygltf(const ImportRequest& request, std::uint64_t upload_byt
     } catch (const std::bad_alloc&) {
         return fail(ErrorCode::out_of_memory,
                     "the scene needs more memory than an import may take");
-    } catch (const std::exception& error) {
-        return fail(ErrorCode::scene_invalid,
-                    fmt::format("the glTF file is damaged ({})", one_line(error.what())));
-    } catch (...) {
-        return fail(ErrorCode::scene_invalid, "the glTF file is damaged");
+    } catch (...) {  // what tinygltf lets through speaks of containers, not of glTF
+        return fail(ErrorCode::scene_invalid, "the glTF file is damaged; export it again");
     }
 
     drop_harmless_lines(problem);
@@ -131,10 +128,17 @@ Result<void> convert_accessors(tinygltf::Model& file, Model& model) {
     for (const tinygltf::BufferView& view : file.bufferViews) {
         auto checked = check_view({view.buffer, view.byteOffset, view.byteLength, view.byteStride},
                                   model.storage);
-        if (!checked) return error_of(checked);
+        if (!checked) return blame(label("bufferView", views.size(), view.name), checked.error());
         views.push_back(*checked);
     }
 
+    std::vector<bool> holds_indices(file.accessors.size(), false);
+    for (const tinygltf::Mesh& mesh : file.meshes) {
+        for (const tinygltf::Primitive& primitive : mesh.primitives) {
+            const auto index = static_cast<std::size_t>(primitive.indices);
+            if (index < holds_indices.size()) holds_indices[index] = true;
+        }
+    }
     for (const tinygltf::Accessor& in : file.accessors) {
         RawAccessor raw{
             in.bufferView,
@@ -144,7 +148,8 @@ Result<void> convert_accessors(tinygltf::Model& file, Model& model) {
             static_cast<std::uint32_t>(
                 std::max(0, tinygltf::GetNumComponentsInType(static_cast<std::uint32_t>(in.type)))),
             in.type <= TINYGLTF_TYPE_VEC4 || in.type == TINYGLTF_TYPE_SCALAR,
-            in.normalized};
+            in.normalized,
+            holds_indices[model.accessors.size()]};
         if (in.sparse.isSparse) {
             raw.sparse = true;
             raw.sparse_count = in.sparse.count;
@@ -155,7 +160,8 @@ Result<void> convert_accessors(tinygltf::Model& file, Model& model) {
             raw.sparse_values_offset = in.sparse.values.byteOffset;
         }
         auto checked = check_accessor(raw, views);
-        if (!checked) return error_of(checked);
+        if (!checked)
+            return blame(label("accessor", model.accessors.size(), in.name), checked.error());
         model.accessors.push_back(*checked);
     }
 

@@ -28,6 +28,11 @@ template <class T>
     return tl::unexpected<Error>(result.error());
 }
 
+/// The same with what it is about in front: "mesh 7" + "has no vertices".
+[[nodiscard]] inline tl::unexpected<Error> blame(const std::string& where, const Error& error) {
+    return fail(error.code, where + ' ' + error.message);
+}
+
 enum class Component : std::uint8_t { i8, u8, i16, u16, u32, f32 };
 [[nodiscard]] std::uint32_t size_of(Component component);
 /// Accessors without a bufferView are all zeros but for their sparse elements; one costs no bytes
@@ -66,6 +71,7 @@ struct RawAccessor {
     std::uint32_t width = 0;
     bool scalar_or_vector = true;
     bool normalized = false;
+    bool holds_indices = false;  ///< of a primitive
     bool sparse = false;
     std::int64_t sparse_count = 0;
     std::int64_t sparse_indices_view = -1;
@@ -80,6 +86,7 @@ struct View {
     std::span<const std::byte> bytes;
     std::uint64_t stride = 0;
 };
+/// Errors say what is wrong and leave it to blame() to say with what.
 Result<View> check_view(const RawView& raw, std::span<const std::vector<unsigned char>> buffers);
 Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> views);
 
@@ -174,10 +181,11 @@ Matrix multiply(const Matrix& outer, const Matrix& inner);
 Transform round_matrix(const Matrix& matrix);
 
 /// Elements as floats, `width` per element, normalised integers mapped to [0,1] or [-1,1]: those
-/// listed in `elements` (each below accessor.count), all when the list is empty.
+/// listed in `elements` (each below accessor.count), all when the list is empty. Errors are for
+/// blame().
 Result<std::vector<float>> read_floats(const Accessor& accessor,
                                        std::span<const std::uint32_t> elements = {});
-/// Elements of a SCALAR accessor of an unsigned integer type.
+/// Elements of an accessor that holds indices.
 Result<std::vector<std::uint32_t>> read_indices(const Accessor& accessor);
 
 /// Reads the meshes in `used`; the result has one object per mesh of the model, without geometries

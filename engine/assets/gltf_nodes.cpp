@@ -47,7 +47,9 @@ std::vector<std::uint32_t> depth_first(const Model& model) {
 Result<std::vector<Matrix>> placements_of(const Model& model, const Instancing& instancing) {
     const auto read = [&](std::uint32_t accessor) -> Result<std::vector<float>> {
         if (accessor == no_id) return std::vector<float>{};
-        return read_floats(model.accessors[accessor]);
+        auto values = read_floats(model.accessors[accessor]);
+        if (!values) return blame("EXT_mesh_gpu_instancing", values.error());
+        return values;
     };
     const auto translations = read(instancing.translation);
     const auto rotations = read(instancing.rotation);

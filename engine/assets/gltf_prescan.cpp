@@ -39,13 +39,16 @@ public:
     bool null() { return scalar("null"); }
     bool boolean(bool) { return scalar("a boolean"); }
     bool number_integer(number_integer_t) { return true; }
-    bool number_unsigned(number_unsigned_t) { return true; }
+    bool number_unsigned(number_unsigned_t value) {
+        if (value != 0 || !at("buffers", "byteLength")) return true;
+        return refuse(ErrorCode::scene_invalid, "a buffer of the scene has a byteLength of 0");
+    }
     bool number_float(number_float_t, const string_t&) { return true; }
     bool binary(binary_t&) { return true; }
 
     bool string(string_t& value) {
         if (!scalar("a string")) return false;
-        if (!at_uri("buffers")) return true;
+        if (!at("buffers", "uri")) return true;
         has_uri_ = true;
         if (value.starts_with("data:") || is_safe_name(value)) return true;
         return refuse(ErrorCode::scene_invalid,
@@ -123,8 +126,9 @@ private:
     [[nodiscard]] bool in_top_array(std::string_view member) const {
         return levels_.size() == 2 && levels_[0].key == member;
     }
-    [[nodiscard]] bool at_uri(std::string_view member) const {
-        return levels_.size() == 3 && levels_[0].key == member && levels_[2].key == "uri";
+    /// At a value of one of those elements: {"buffers": [{"uri": <here>
+    [[nodiscard]] bool at(std::string_view member, std::string_view key) const {
+        return levels_.size() == 3 && levels_[0].key == member && levels_[2].key == key;
     }
 
     /// tinygltf drops a transform that is not made of numbers and goes on with the identity.

@@ -24,7 +24,11 @@ Result<void> set_roots(Model& model, const std::vector<int>* listed) {
     std::vector<bool> placed(model.nodes.size(), false);
     for (std::size_t i = 0; i < model.nodes.size(); ++i) {
         for (const std::uint32_t child : model.nodes[i].children) {
-            if (placed[child] || child == i) {
+            if (child == i) {
+                return fail(ErrorCode::scene_invalid,
+                            fmt::format("node {} is its own child; a glTF scene is a tree", child));
+            }
+            if (placed[child]) {
                 return fail(
                     ErrorCode::scene_invalid,
                     fmt::format("node {} has more than one parent; a glTF scene is a tree", child));

@@ -1,4 +1,4 @@
-// Decoding and encoding of pictures; the only file (with image.cpp) that knows OpenImageIO.
+// Decoding and encoding of pictures. OpenImageIO stands behind image_module.h.
 #pragma once
 
 #include "engine/result.h"
@@ -31,7 +31,8 @@ struct Channel {
 Result<std::vector<std::byte>> encode_exr(std::uint32_t width, std::uint32_t height,
                                           std::span<const Channel> channels);
 
-/// False when the build has no OpenImageIO: textures and encoded pictures are refused by name.
-[[nodiscard]] bool images_available();
+/// scene_unsupported, with what to do, where the build has no OpenImageIO or it does not load: the
+/// functions above then fail alike. The first call in a process may take 0.2 s.
+Result<void> images_available();
 
 }  // namespace raynest

@@ -2,12 +2,14 @@
 #include "engine/assets/import.h"
 
 #include "engine/assets/gltf.h"
+#include "engine/assets/gltf_names.h"
 #include "engine/assets/npy.h"
 
 #include <fmt/format.h>
 
 #include <exception>
 #include <new>
+#include <utility>
 
 namespace raynest {
 namespace {
@@ -27,6 +29,18 @@ Result<SceneDescription> check_primitives(Result<SceneDescription> scene,
     return scene;
 }
 
+bool is_gltf(std::string_view source) {
+    return has_extension(source, ".glb") || has_extension(source, ".gltf");
+}
+
+/// Who loads a dozen scenes wants to know which one it was. Built-in scenes and arrays name
+/// themselves.
+Error named(const ImportRequest& request, Error error) {
+    if (is_gltf(request.source))
+        error.message = fmt::format("{}: {}", gltf::one_line(request.source), error.message);
+    return error;
+}
+
 }  // namespace
 
 Result<SceneDescription> describe(const ImportRequest& request, const ImportLimits& limits,
@@ -44,8 +58,7 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
                             file.bytes.size() >> 20, limits.file_bytes_max >> 20));
         }
     }
-    if (has_extension(source, ".glb") || has_extension(source, ".gltf"))
-        return describe_gltf(request, limits);
+    if (is_gltf(source)) return describe_gltf(request, limits);
     if (has_extension(source, ".npy")) return describe_npy(request, limits, registry);
     return fail(
         ErrorCode::scene_unsupported,
@@ -58,10 +71,14 @@ Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request
                                                     const ImportLimits& limits,
                                                     const Registry& registry) try {
     auto scene = describe(request, limits, registry);
-    if (!scene) return tl::unexpected<Error>(scene.error());
-    return Snapshot::bake(*scene);
+    if (!scene) return tl::unexpected<Error>(named(request, std::move(scene.error())));
+    auto snapshot = Snapshot::bake(*scene);
+    if (!snapshot) return tl::unexpected<Error>(named(request, std::move(snapshot.error())));
+    return snapshot;
 } catch (const std::bad_alloc&) {
-    return fail(ErrorCode::out_of_memory, "the scene needs more memory than an import may take");
+    return tl::unexpected<Error>(
+        named(request,
+              {ErrorCode::out_of_memory, "the scene needs more memory than an import may take"}));
 } catch (const std::exception& error) {
     return fail(ErrorCode::internal, fmt::format("the import failed: {}", error.what()));
 }

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace raynest {
@@ -28,6 +29,7 @@ struct Meaning {
     std::string_view metric;
     std::string_view text;
 };
+constexpr std::string_view log_suffix = ", log scale";
 constexpr std::array<Meaning, 7> meanings{{
     {"nodes", "nodes visited per ray"},
     {"boxes", "boxes tested per ray"},
@@ -37,6 +39,15 @@ constexpr std::array<Meaning, 7> meanings{{
     {"rejects", "hits rejected per ray"},
     {"total", "total per ray (boxes + primitives)"},
 }};
+
+/// The title is the longest text that cannot be broken into lines.
+constexpr bool titles_fit() {
+    return std::all_of(meanings.begin(), meanings.end(), [](const Meaning& m) {
+        return (m.text.size() + log_suffix.size()) * glyph_advance <=
+               heat_picture_width_min - 2 * margin;
+    });
+}
+static_assert(titles_fit());
 
 std::string number(double value, int digits) {
     std::array<char, 64> text{};
@@ -112,33 +123,41 @@ public:
           statistics_(statistics) {
         const auto meaning = std::find_if(meanings.begin(), meanings.end(),
                                           [&](const Meaning& m) { return m.metric == metric; });
-        std::string title(meaning == meanings.end() ? std::string_view(metric) : meaning->text);
-        if (scale.logarithmic) title += ", log scale";
-        title_ = flow({title}, inner_width(), unit_);
+        title_ = meaning == meanings.end() ? std::string_view(metric) : meaning->text;
+        if (scale.logarithmic) title_ += log_suffix;
+        widen();
         numbers_ = flow(statistic_words(statistics), inner_width(), unit_);
     }
 
     void append() {
         const std::uint32_t top = picture_.height;
-        const auto lines = static_cast<std::uint32_t>(title_.size() + numbers_.size()) + 1;
+        const auto lines = static_cast<std::uint32_t>(numbers_.size()) + 2;
         picture_.height +=
             unit_ * (2 * margin + bar_height + tick_height + 3 * gap + lines * line_advance);
         picture_.rgba.resize(std::size_t{4} * picture_.width * picture_.height);
         fill(0, top, picture_.width, picture_.height - top, paper);
 
-        std::uint32_t y = top + unit_ * margin;
-        for (const std::string& line : title_) y = write_line(line, y);
+        std::uint32_t y = write_line(title_, top + unit_ * margin);
         y = draw_bar(y) + unit_ * gap;
         y = draw_ticks(y) + unit_ * gap;
         for (const std::string& line : numbers_) y = write_line(line, y);
     }
 
 private:
-    /// At least one pixel, however narrow the picture.
-    [[nodiscard]] std::uint32_t inner_width() const {
-        const std::uint32_t margins = 2 * unit_ * margin;
-        return picture_.width > margins ? picture_.width - margins : 1;
+    void widen() {
+        const std::uint32_t width = picture_.width;
+        if (width >= heat_picture_width_min) return;
+        Picture wide{heat_picture_width_min, picture_.height, {}};
+        wide.rgba.resize(std::size_t{4} * wide.width * wide.height);
+        for (std::size_t y = 0; y < wide.height; ++y) {
+            std::copy_n(&picture_.rgba[4 * y * width], std::size_t{4} * width,
+                        &wide.rgba[4 * y * wide.width]);
+        }
+        picture_ = std::move(wide);
+        fill(width, 0, picture_.width - width, picture_.height, paper);
     }
+
+    [[nodiscard]] std::uint32_t inner_width() const { return picture_.width - 2 * unit_ * margin; }
 
     void fill(std::uint32_t x, std::uint32_t y, std::uint32_t width, std::uint32_t height,
               Colour colour) {
@@ -208,7 +227,7 @@ private:
     const HeatScale& scale_;
     const HeatStatistics& statistics_;
     const std::uint32_t unit_ = picture_.width >= large_picture_width ? 2 : 1;
-    std::vector<std::string> title_;
+    std::string title_;
     std::vector<std::string> numbers_;
     std::vector<Span> labels_;
 };

@@ -22,7 +22,9 @@ struct HeatScale {
     [[nodiscard]] double position(double count) const;
 };
 
-/// Adds the strip below the picture, as wide as it; a narrow picture gets more lines of text.
+/// Adds the strip below the picture, as wide as it. A picture narrower than heat_picture_width_min
+/// first gets an empty margin on its right, so that no text is ever cut and pixel (x, y) stays
+/// where it is.
 void append_legend(Picture& picture, const Palette& palette, const HeatScale& scale,
                    const HeatStatistics& statistics, const std::string& metric);
 

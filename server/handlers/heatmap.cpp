@@ -4,6 +4,7 @@
 #include "server/handlers/handler.h"
 #include "server/handlers/picture_job.h"
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 
@@ -12,6 +13,11 @@ namespace {
 
 /// The count, a sorted copy for percentiles, the picture and the encoded file.
 constexpr std::uint64_t pixel_bytes = 4 * sizeof(std::uint32_t);
+
+/// A narrow map costs what the map that its legend widens it to costs.
+std::uint64_t heat_bytes(std::uint32_t width, std::uint32_t height) {
+    return pixel_bytes * std::max(width, heat_picture_width_min) * height;
+}
 
 class HeatmapJob final : public PictureJob {
 public:
@@ -122,9 +128,9 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
         first_pass = std::move(*found);
     }
 
-    auto order =
-        make_order(services, std::move(*plan), message->camera(), message->width(),
-                   message->height(), protocol::word(message->encode(), "png"), pixel_bytes);
+    auto order = make_order(services, std::move(*plan), message->camera(), message->width(),
+                            message->height(), protocol::word(message->encode(), "png"),
+                            heat_bytes(message->width(), message->height()));
     if (!order) return tl::unexpected(order.error());
     Accepted accepted;
     accepted.deadline_ms = order->plan.deadline_ms;

@@ -27,13 +27,14 @@ bool starts_with(std::string_view text, std::string_view prefix) {
     return text.substr(0, prefix.size()) == prefix;
 }
 
-/// "dir/forest.rnscene.json" -> "forest", "builtin:forest?trees=9" -> "forest".
+/// "root:maps/town.v2.glb" -> "town.v2", as the client names uploads; "builtin:forest?trees=9" ->
+/// "forest".
 std::string default_name(std::string_view source) {
     if (starts_with(source, builtin_scheme))
         source = source.substr(builtin_scheme.size(), source.find('?') - builtin_scheme.size());
     if (starts_with(source, root_scheme)) source.remove_prefix(root_scheme.size());
     source = source.substr(source.rfind('/') + 1);
-    return std::string(source.substr(0, source.find('.')));
+    return std::string(source.substr(0, source.rfind('.')));
 }
 
 /// One file of an upload while its pieces come.

@@ -33,9 +33,8 @@ Reply<std::string> check_encode(std::string_view word) {
     if (word != "png" && word != "exr")
         return refuse(Code::invalid_field,
                       "unknown encode '" + std::string(word) + "': use one of png, exr, raw");
-    if (!images_available())
-        return refuse(Code::unsupported,
-                      "this daemon was built without OpenImageIO; ask for encode raw");
+    if (const auto images = images_available(); !images)
+        return refuse(Code::unsupported, images.error().message + "; or ask for encode raw");
     return std::string(word);
 }
 
@@ -43,7 +42,7 @@ Reply<std::string> check_encode(std::string_view word) {
 
 Reply<PictureOrder> make_order(const Services& services, Plan plan, const wire::Camera* camera,
                                std::uint32_t width, std::uint32_t height, std::string_view encode,
-                               std::uint64_t pixel_bytes) {
+                               std::uint64_t bytes) {
     PictureOrder order;
     auto word = check_encode(encode);
     if (!word) return tl::unexpected(word.error());
@@ -60,7 +59,7 @@ Reply<PictureOrder> make_order(const Services& services, Plan plan, const wire::
     order.plan = std::move(plan);
     order.width = width;
     order.height = height;
-    auto lease = services.budget.reserve(order.pixels() * pixel_bytes);
+    auto lease = services.budget.reserve(bytes);
     if (!lease)
         return refuse(Code::resource_exhausted,
                       "a picture of " + std::to_string(width) + "x" + std::to_string(height) +

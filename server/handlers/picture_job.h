@@ -32,11 +32,11 @@ struct PictureOrder {
     [[nodiscard]] std::uint64_t pixels() const { return std::uint64_t{width} * height; }
 };
 
-/// `pixel_bytes`: what the job holds per pixel; reserved from the budget. Asks for a camera of the
-/// scene and adds a note where none was there.
+/// `bytes`: what the job holds; reserved from the budget. Asks for a camera of the scene and adds a
+/// note where none was there.
 Reply<PictureOrder> make_order(const Services& services, Plan plan, const wire::Camera* camera,
                                std::uint32_t width, std::uint32_t height, std::string_view encode,
-                               std::uint64_t pixel_bytes);
+                               std::uint64_t bytes);
 
 class PictureJob : public Job {
 public:

@@ -80,9 +80,9 @@ Reply<Answer> render(const Services& services, const Caller& caller,
     if (message->samples() > 1)
         plan->notes.push_back("primary traces one ray per pixel, whatever --spp says");
 
-    auto order =
-        make_order(services, std::move(*plan), message->camera(), message->width(),
-                   message->height(), protocol::word(message->encode(), "png"), pixel_bytes);
+    auto order = make_order(services, std::move(*plan), message->camera(), message->width(),
+                            message->height(), protocol::word(message->encode(), "png"),
+                            pixel_bytes * message->width() * message->height());
     if (!order) return tl::unexpected(order.error());
     Accepted accepted;
     accepted.deadline_ms = order->plan.deadline_ms;

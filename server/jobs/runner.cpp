@@ -29,7 +29,10 @@ unsigned width_of(Priority priority, std::size_t threads) {
 }
 
 protocol::Error deadline_error() {
-    return {Code::deadline, "the request's deadline passed", 0};
+    return {Code::deadline,
+            "the request's deadline passed; " +
+                std::string(protocol::error_info(Code::deadline).remedy),
+            0};
 }
 
 // The border between tasks and exceptions of libraries: whatever happens fails this job alone.
@@ -243,7 +246,8 @@ void Runner::tick(Clock::time_point now) {
                    now - active->last_activity > idle_max) {
             stop(*active, {Code::deadline,
                            "the client neither sent nor took data of this request for " +
-                               std::to_string(idle_max.count()) + " s",
+                               std::to_string(idle_max.count()) +
+                               " s; send the rays that are due, or grant credit for answers",
                            0});
             pump(active);
         } else if (now >= active->next_progress) {

@@ -32,22 +32,28 @@ struct Bound {
     Address address;
 };
 
-tl::unexpected<Error> refused(const Address& address, const char* what) {
-    return fail(ErrorCode::io_failed,
-                "cannot listen on " + to_uri(address) + ": " + what + ": " + std::strerror(errno));
+tl::unexpected<Error> refused(const Address& address, const std::string& why) {
+    const bool tcp = std::holds_alternative<TcpAddress>(address);
+    return fail(ErrorCode::io_failed, "cannot listen on " + to_uri(address) + ": " + why +
+                                          "; give --listen another " +
+                                          (tcp ? "port, 0 picks a free one" : "path"));
+}
+
+tl::unexpected<Error> failed(const Address& address, const char* call) {
+    return refused(address, std::string(call) + ": " + std::strerror(errno));
 }
 
 Result<int> make_socket(const Address& address, int family) {
     const int descriptor = socket(family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    if (descriptor < 0) return refused(address, "socket");
+    if (descriptor < 0) return failed(address, "socket");
     return descriptor;
 }
 
-Result<Bound> finish(int descriptor, int family, Address address, const sockaddr* name,
+Result<Bound> finish(int descriptor, int family, const Address& address, const sockaddr* name,
                      socklen_t size) {
     const bool bound = bind(descriptor, name, size) == 0;
     if (bound && listen(descriptor, backlog) == 0) return Bound{descriptor, family, address};
-    const auto error = refused(address, bound ? "listen" : "bind");
+    const auto error = failed(address, bound ? "listen" : "bind");
     close(descriptor);
     return error;
 }
@@ -81,17 +87,13 @@ Result<Bound> bind_tcp(TcpAddress address) {
 Result<void> clear_path(const UnixAddress& address, const sockaddr_un& name) {
     struct stat status {};
     if (lstat(address.path.c_str(), &status) != 0) return {};
-    if (!S_ISSOCK(status.st_mode)) {
-        errno = EEXIST;
-        return refused(address, "the path is taken by something that is no socket");
-    }
+    if (!S_ISSOCK(status.st_mode)) return refused(address, "something that is no socket is there");
     const auto probe = make_socket(address, AF_UNIX);
     if (!probe) return tl::unexpected(probe.error());
     const int answer = connect(*probe, reinterpret_cast<const sockaddr*>(&name), sizeof name);
     const bool dead = answer != 0 && errno == ECONNREFUSED;
     close(*probe);
     if (dead && unlink(address.path.c_str()) == 0) return {};
-    errno = EADDRINUSE;
     return refused(address, "another daemon listens there");
 }
 

@@ -33,9 +33,9 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         return found->second.scene;
     }
     if (taken && !replace)
-        return refuse(Code::name_taken, "the name '" + name +
-                                            "' belongs to other content; choose another --name or "
-                                            "pass --replace");
+        return refuse(Code::name_taken, "another scene is called '" + name +
+                                            "'; load this one with --name NAME, or put it in the "
+                                            "other's place with --replace");
     auto held = hold(std::move(snapshot));
     if (!held) return tl::unexpected(held.error());
 

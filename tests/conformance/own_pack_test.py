@@ -143,15 +143,17 @@ class OwnPack(unittest.TestCase):
         self.raynest("load", str(self.scratch / "discs.npy"), "--primitive", "disc", "--name", "twice",
                      "--instances", str(self.scratch / "two.npy"))
         rays = ["--ray", "3.2,4.1,9,0,0,-1", "--ray", "3.5,4.5,9,0,0,-1", "--ray", "5,2,9,0.1,0,-1"]
-        clip = ["--intersector", "clip_plane", "--set", "height=100"]
+        def clip(height):
+            return ["--intersector", "clip_plane", "--set", f"height={height}"]
+
         for scene, t in (("flat", 9), ("twice", 5)):
-            tree = self.hits(scene, *rays, *clip)
-            without_tree = self.hits(scene, *rays, *clip, "--traversal", "reference")
+            tree = self.hits(scene, *rays, *clip(100))
+            without_tree = self.hits(scene, *rays, *clip(100), "--traversal", "reference")
             self.assertEqual(tree, without_tree)
             self.assertEqual(tree[0]["hits"][0]["prim"], 3 * 8 + 4)
             self.assertAlmostEqual(tree[0]["hits"][0]["t"], t, places=5)
             self.assertEqual(tree[1]["hits"], [])  # between the discs
-        self.assertEqual(self.hits("twice", *rays[:2], *clip, "--set", "height=3")[0]["hits"], [])
+        self.assertEqual(self.hits("twice", *rays[:2], *clip(3))[0]["hits"], [])
 
     def test_an_intersector_that_does_not_know_the_primitive_says_so(self):
         write_npy(self.scratch / "one.npy", [(0, 0, 0, 1, 0, 0, 1)], (1, 7))

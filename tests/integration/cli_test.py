@@ -6,6 +6,7 @@
 import ast
 import json
 import pathlib
+import shutil
 import signal
 import struct
 import sys
@@ -80,12 +81,18 @@ class Cli(unittest.TestCase):
 
     def test_a_taken_name_needs_replace_and_is_a_new_epoch(self):
         first = self.client.json("load", "builtin:terrain?size=8", "--name", "taken")
-        self.expect(1, "load", "builtin:terrain?size=9", "--name", "taken", says="--replace")
+        for remedy in ("--replace", "--name"):
+            self.expect(1, "load", "builtin:terrain?size=9", "--name", "taken", says=remedy)
         second = self.client.json("load", "builtin:terrain?size=9", "--name", "taken", "--replace")
         self.assertEqual(second["epoch"], first["epoch"] + 1)
         self.expect(5, "query", "taken", "--ray", DOWN, "--epoch", "1", says="epoch 2")
         self.expect(0, "unload", "taken")
         self.expect(5, "info", "taken", says="raynest load")
+
+    def test_a_builtin_scene_is_called_by_its_kind(self):
+        self.assertEqual(self.client.json("load", "builtin:flake?depth=2")["name"], "flake")
+        self.expect(1, "load", "builtin:flake?depth=3", says="'flake'")
+        self.expect(0, "unload", "flake")
 
     def test_variants_name_parameters_and_queries(self):
         done = self.expect(0, "variants")
@@ -144,8 +151,20 @@ class Cli(unittest.TestCase):
         magic = {"a.png": b"\x89PNG", "a.exr": b"\x76\x2f\x31\x01"}
         for name, start in magic.items():
             for command in ("render", "heatmap"):
-                self.expect(0, command, "woods", "--size", "64x36", "-o", self.out / name)
+                done = self.client.json(command, "woods", "--size", "64x36", "-o", self.out / name)
+                self.assertEqual(done["file"], str(self.out / name))
                 self.assertEqual((self.out / name).read_bytes()[:4], start)
+
+    def test_without_the_image_module_raw_counts_still_work(self):
+        (self.out / "bin").mkdir()
+        daemon = Daemon(shutil.copy(self.raynestd, self.out / "bin"))
+        self.addCleanup(daemon.stop)
+        client = Client(self.raynest, daemon.uri)
+        client.json("load", "builtin:terrain?size=8")
+        done = client.run("render", "terrain", "--size", "8x8", "-o", self.out / "none.png")
+        self.assertEqual(done.returncode, 5, done.stderr)
+        self.assertIn("install OpenImageIO", done.stderr)
+        client.json("heatmap", "terrain", "--size", "8x8", "-o", self.out / "some.npy")
 
     def test_the_raw_heat_map_agrees_with_its_statistics(self):
         heat = self.client.json("heatmap", "woods", "--size", "64x36", "-o", self.out / "h.npy")
@@ -205,7 +224,7 @@ class Cli(unittest.TestCase):
 
     def test_a_deadline_is_exit_code_7(self):
         self.expect(7, "render", "woods", "--size", "4096x4096", "--traversal", "reference", "-o",
-                    self.out / "x.png", "--deadline", "0.2")
+                    self.out / "x.png", "--deadline", "0.2", says="longer --deadline")
 
     def test_an_interrupt_cancels_the_job_and_is_exit_code_130(self):
         before = self.counter("jobs_cancelled")

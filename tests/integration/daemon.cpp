@@ -211,8 +211,8 @@ bool Peer::ends() {
     return true;
 }
 
-void Peer::greet() {
-    REQUIRE(say(0, wire::HelloT{}));
+void Peer::greet(const wire::HelloT& hello) {
+    REQUIRE(say(0, hello));
     read_until<wire::Welcome>();
 }
 
@@ -240,6 +240,11 @@ void load_scene(Peer& peer) {
     load.name = "scene";
     REQUIRE(peer.say(2, load));
     peer.read_until<wire::Loaded>();
+}
+
+Served::Served() {
+    peer.greet();
+    load_scene(peer);
 }
 
 wire::QueryT query_of(std::uint64_t rays) {

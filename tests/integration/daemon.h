@@ -107,7 +107,7 @@ public:
     /// Has the daemon closed? Skips what it still says.
     bool ends();
     /// HELLO and WELCOME.
-    void greet();
+    void greet(const wire::HelloT& hello = {});
     /// PING and its PONG, frames in between skipped: the connection lives.
     bool answers();
     /// Ends the connection without a FIN: the daemon sees a reset.
@@ -126,6 +126,12 @@ private:
 
 /// Loads a small built-in scene under the name "scene".
 void load_scene(Peer& peer);
+/// A daemon that holds that scene, and the connection that loaded it: for TEST_CASE_FIXTURE.
+struct Served {
+    Served();
+    Daemon daemon;
+    Peer peer{daemon};
+};
 /// A query of `rays` rays of that scene; the rays are still to be sent.
 wire::QueryT query_of(std::uint64_t rays);
 /// Rays [first, first + count) of such a query, all downwards.

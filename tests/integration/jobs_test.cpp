@@ -37,8 +37,7 @@ TEST_CASE("chunks cover every ray once, under the client's credit") {
     Peer peer(daemon);
     wire::HelloT hello;
     hello.window_bytes = 256 << 10;
-    REQUIRE(peer.say(0, hello));
-    peer.read_until<wire::Welcome>();
+    peer.greet(hello);
     load_scene(peer);
 
     constexpr std::uint64_t rays = 10 * chunk + 7;
@@ -73,8 +72,7 @@ TEST_CASE("without credit the daemon keeps its answers to itself") {
     Peer peer(daemon);
     wire::HelloT hello;
     hello.window_bytes = 64 << 10;
-    REQUIRE(peer.say(0, hello));
-    peer.read_until<wire::Welcome>();
+    peer.greet(hello);
     load_scene(peer);
     REQUIRE(peer.say(5, query_of(8 * chunk)));
     for (std::uint64_t i = 0; i < 8; ++i) REQUIRE(peer.send_frame(rays_frame(5, i * chunk, chunk)));
@@ -95,11 +93,7 @@ TEST_CASE("without credit the daemon keeps its answers to itself") {
     CHECK(peer.answers());
 }
 
-TEST_CASE("cancel ends a job, and the connection goes on") {
-    const Daemon daemon;
-    Peer peer(daemon);
-    peer.greet();
-    load_scene(peer);
+TEST_CASE_FIXTURE(Served, "cancel ends a job, and the connection goes on") {
     REQUIRE(peer.say(5, endless_render()));
     peer.read_until<wire::Started>();
     REQUIRE(peer.say(5, wire::CancelT{}));
@@ -108,11 +102,7 @@ TEST_CASE("cancel ends a job, and the connection goes on") {
     CHECK(counter(peer, "jobs_cancelled") == 1);
 }
 
-TEST_CASE("a deadline ends a job that runs and one that waits for rays") {
-    const Daemon daemon;
-    Peer peer(daemon);
-    peer.greet();
-    load_scene(peer);
+TEST_CASE_FIXTURE(Served, "a deadline ends a job that runs and one that waits for rays") {
     wire::RenderT render = endless_render();
     render.job->deadline_ms = 50;
     REQUIRE(peer.say(5, render));
@@ -124,11 +114,7 @@ TEST_CASE("a deadline ends a job that runs and one that waits for rays") {
     CHECK(peer.answers());
 }
 
-TEST_CASE("a request id under way cannot be used again") {
-    const Daemon daemon;
-    Peer peer(daemon);
-    peer.greet();
-    load_scene(peer);
+TEST_CASE_FIXTURE(Served, "a request id under way cannot be used again") {
     REQUIRE(peer.say(5, query_of(1)));
     REQUIRE(peer.say(5, query_of(1)));
     CHECK(peer.read_error() == Code::invalid_field);
@@ -138,11 +124,7 @@ TEST_CASE("a request id under way cannot be used again") {
     peer.read_until<wire::Started>();
 }
 
-TEST_CASE("a connection has only so many requests in flight") {
-    const Daemon daemon;
-    Peer peer(daemon);
-    peer.greet();
-    load_scene(peer);
+TEST_CASE_FIXTURE(Served, "a connection has only so many requests in flight") {
     const std::uint64_t most = protocol::Limits{}.jobs_max;
     for (std::uint64_t id = 10; id < 10 + most; ++id) REQUIRE(peer.say(id, query_of(1)));
     REQUIRE(peer.say(99, query_of(1)));
@@ -158,8 +140,7 @@ TEST_CASE("rays beyond the credit end their query") {
     Peer peer(daemon);
     wire::HelloT hello;
     hello.window_bytes = 64 << 10;
-    REQUIRE(peer.say(0, hello));
-    peer.read_until<wire::Welcome>();
+    peer.greet(hello);
     load_scene(peer);
     // Answers are parked for lack of credit, so the rays are not taken either.
     constexpr std::uint64_t frames = 40;
@@ -170,40 +151,33 @@ TEST_CASE("rays beyond the credit end their query") {
     CHECK(peer.answers());
 }
 
-TEST_CASE("clients that vanish leave no job, no descriptor and no memory behind") {
-    const Daemon daemon;
-    Peer other(daemon);
-    other.greet();
-    load_scene(other);
+TEST_CASE_FIXTURE(Served, "clients that vanish leave no job, no descriptor and no memory behind") {
     const std::size_t descriptors = daemon.descriptors();
     std::uint64_t before = 0;
     for (int i = 0; i < 60; ++i) {
-        Peer peer(daemon);
-        peer.greet();
+        Peer guest(daemon);
+        guest.greet();
         wire::RenderT render = endless_render();
         render.width = render.height = 256;
-        REQUIRE(peer.say(5, render));
-        REQUIRE(peer.say(6, query_of(chunk)));
-        REQUIRE(peer.send_frame(rays_frame(6, 0, chunk)));
-        if (i % 3 == 0) peer.read_until<wire::Started>();
-        if (i % 2 == 0) peer.reset();
+        REQUIRE(guest.say(5, render));
+        REQUIRE(guest.say(6, query_of(chunk)));
+        REQUIRE(guest.send_frame(rays_frame(6, 0, chunk)));
+        if (i % 3 == 0) guest.read_until<wire::Started>();
+        if (i % 2 == 0) guest.reset();
         // The first ones fill the allocator's and the workers' buffers.
         if (i == 20) {
-            wait_for_idle(other);
+            wait_for_idle(peer);
             before = daemon.resident_bytes();
         }
     }
-    wait_for_idle(other);
+    wait_for_idle(peer);
     CHECK(eventually([&] { return daemon.descriptors() == descriptors; }));
     if (!sanitized) CHECK(daemon.resident_bytes() < before + (32 << 20));
-    CHECK(other.answers());
+    CHECK(peer.answers());
 }
 
-TEST_CASE("a reader that stops reading is closed, and others are served meanwhile") {
-    const Daemon daemon;
-    Peer other(daemon);
-    other.greet();
-    load_scene(other);
+TEST_CASE_FIXTURE(Served,
+                  "a reader that stops reading is closed, and others are served meanwhile") {
     Peer slow(daemon);
     wire::HelloT hello;
     hello.window_bytes = 32 << 20;
@@ -215,16 +189,12 @@ TEST_CASE("a reader that stops reading is closed, and others are served meanwhil
     render.width = render.height = 1280;
     render.encode = "raw";
     for (std::uint64_t id = 1; id <= 8; ++id) REQUIRE(slow.say(id, render));
-    REQUIRE(eventually([&] { return counter(other, "slow_consumers") == 1; }));
-    wait_for_idle(other);
-    CHECK(other.answers());
+    REQUIRE(eventually([&] { return counter(peer, "slow_consumers") == 1; }));
+    wait_for_idle(peer);
+    CHECK(peer.answers());
 }
 
-TEST_CASE("SIGTERM lets running jobs end, refuses new ones, and exits with 0") {
-    Daemon daemon;
-    Peer peer(daemon);
-    peer.greet();
-    load_scene(peer);
+TEST_CASE_FIXTURE(Served, "SIGTERM lets running jobs end, refuses new ones, and exits with 0") {
     REQUIRE(peer.say(5, query_of(2)));
     peer.read_until<wire::Started>();
     daemon.signal(SIGTERM);
@@ -246,11 +216,7 @@ TEST_CASE("SIGTERM lets running jobs end, refuses new ones, and exits with 0") {
     CHECK(daemon.wait() == 0);
 }
 
-TEST_CASE("a second SIGTERM ends the daemon at once with code 3") {
-    Daemon daemon;
-    Peer peer(daemon);
-    peer.greet();
-    load_scene(peer);
+TEST_CASE_FIXTURE(Served, "a second SIGTERM ends the daemon at once with code 3") {
     REQUIRE(peer.say(5, endless_render()));
     peer.read_until<wire::Started>();
     daemon.signal(SIGTERM);

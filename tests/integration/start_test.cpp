@@ -24,12 +24,13 @@ TEST_CASE("addresses beyond loopback are refused with exit code 2 and a way out"
     }
 }
 
-TEST_CASE("an address that is taken is an error that names it") {
+TEST_CASE("an address that is taken is an error that names it and a way out") {
     const Daemon daemon;
     const std::string uri = "tcp://127.0.0.1:" + std::to_string(daemon.port());
     const Ended ended = run_raynestd({"--listen", uri});
     CHECK(ended.exit_code == 1);
     CHECK(has(ended, uri));
+    CHECK(has(ended, "another port"));
 }
 
 TEST_CASE("what --print-config writes, --config reads") {
@@ -54,7 +55,9 @@ TEST_CASE("a Unix socket is private, replaces a dead one, and goes with the daem
         struct stat status {};
         REQUIRE(stat(path.c_str(), &status) == 0);
         CHECK((status.st_mode & 0777) == 0600);
-        CHECK(run_raynestd({"--listen", "unix:" + path}).exit_code == 1);
+        const Ended second = run_raynestd({"--listen", "unix:" + path});
+        CHECK(second.exit_code == 1);
+        CHECK(has(second, "another path"));
         daemon.signal(SIGKILL);
         CHECK(daemon.wait() == 128 + SIGKILL);
     }

@@ -13,62 +13,49 @@ namespace {
 
 using protocol::Code;
 
-TEST_CASE("every malformed frame gets its error, and the daemon serves on") {
-    const Daemon daemon;
-    Peer other(daemon);
-    other.greet();
-    load_scene(other);
-
+TEST_CASE_FIXTURE(Served, "every malformed frame gets its error, and the daemon serves on") {
     const auto table = golden::malformed_frames();
     REQUIRE(table.size() >= 200);
     for (const golden::Malformed& row : table) {
         INFO(row.name);
-        Peer peer(daemon);
-        peer.greet();
+        Peer guest(daemon);
+        guest.greet();
         if (row.needs_query) {
-            REQUIRE(peer.say(golden::query_id, query_of(2)));
-            peer.read_until<wire::Started>();
+            REQUIRE(guest.say(golden::query_id, query_of(2)));
+            guest.read_until<wire::Started>();
         }
-        peer.send(row.bytes);
-        const auto code = peer.read_error();
+        guest.send(row.bytes);
+        const auto code = guest.read_error();
         REQUIRE(code.has_value());
         CHECK(protocol::error_info(*code).name == protocol::error_info(row.code).name);
-        CHECK((row.closes ? peer.ends() : peer.answers()));
+        CHECK((row.closes ? guest.ends() : guest.answers()));
     }
-    CHECK(other.answers());
-    CHECK(counter(other, "jobs_started") == counter(other, "jobs_ended"));
+    CHECK(peer.answers());
+    CHECK(counter(peer, "jobs_started") == counter(peer, "jobs_ended"));
 }
 
-TEST_CASE("every message cut at every byte leaves nothing behind") {
-    const Daemon daemon;
-    Peer other(daemon);
-    other.greet();
-    load_scene(other);
+TEST_CASE_FIXTURE(Served, "every message cut at every byte leaves nothing behind") {
     const std::size_t descriptors = daemon.descriptors();
 
     std::size_t cuts = 0;
     for (const golden::Example& example : golden::examples()) {
         const std::vector<std::byte> bytes = golden::wire_bytes(example.frame);
         for (std::size_t size = 0; size < bytes.size(); ++size) {
-            Peer peer(daemon);
-            REQUIRE(peer.say(0, wire::HelloT{}));
-            peer.send(std::span(bytes).first(size));
+            Peer guest(daemon);
+            REQUIRE(guest.say(0, wire::HelloT{}));
+            guest.send(std::span(bytes).first(size));
             ++cuts;
         }
     }
     MESSAGE(cuts << " cuts");
     CHECK(eventually([&] {
-        return counter(other, "connections_accepted") == counter(other, "connections_closed") + 1;
+        return counter(peer, "connections_accepted") == counter(peer, "connections_closed") + 1;
     }));
     CHECK(eventually([&] { return daemon.descriptors() == descriptors; }));
-    CHECK(counter(other, "jobs_started") == counter(other, "jobs_ended"));
+    CHECK(counter(peer, "jobs_started") == counter(peer, "jobs_ended"));
 }
 
-TEST_CASE("a query in one-byte writes gets the same answer as in one piece") {
-    const Daemon daemon;
-    Peer peer(daemon);
-    peer.greet();
-    load_scene(peer);
+TEST_CASE_FIXTURE(Served, "a query in one-byte writes gets the same answer as in one piece") {
     const auto ask = [&](bool bytewise) {
         const protocol::Frame query = protocol::encode(9, query_of(3)).value();
         const protocol::Frame rays = rays_frame(9, 0, 3);
@@ -124,11 +111,7 @@ TEST_CASE("silence before the greeting, and half a header after it, end in time"
     CHECK(half.ends());
 }
 
-TEST_CASE("an announced bulk part costs no memory until it comes") {
-    const Daemon daemon;
-    Peer other(daemon);
-    other.greet();
-    load_scene(other);
+TEST_CASE_FIXTURE(Served, "an announced bulk part costs no memory until it comes") {
     const std::uint64_t before = daemon.resident_bytes();
     std::vector<std::unique_ptr<Peer>> peers;
     constexpr std::size_t count = 100;
@@ -145,7 +128,7 @@ TEST_CASE("an announced bulk part costs no memory until it comes") {
         protocol::write_header(header, bytes);
         REQUIRE(peers.back()->send(bytes));
     }
-    REQUIRE(other.answers());
+    REQUIRE(peer.answers());
     CHECK(daemon.resident_bytes() - before < count * (64 << 10));
 }
 

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <cstdlib>
+#include <iterator>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -25,6 +26,18 @@ Command command_of(const std::vector<std::string>& words) {
     REQUIRE(parsed->options);
     REQUIRE(std::holds_alternative<Command>(parsed->options->command));
     return std::get<Command>(parsed->options->command);
+}
+
+std::vector<std::string> words_of(const std::string& line) {
+    std::istringstream stream(line);
+    return {std::istream_iterator<std::string>(stream), {}};
+}
+
+std::string complaint(const std::vector<std::string>& words) {
+    const auto parsed = parse(words);
+    REQUIRE(!parsed);
+    CHECK(parsed.error().exit == Exit::usage);
+    return parsed.error().message;
 }
 
 }  // namespace
@@ -122,13 +135,39 @@ TEST_CASE("mistakes are usage errors in one line") {
                                             "path f -1"};
     for (const std::string& line : lines) {
         CAPTURE(line);
-        std::vector<std::string> words;
-        std::istringstream stream(line);
-        for (std::string word; stream >> word;) words.push_back(word);
-        const auto parsed = parse(words);
-        REQUIRE(!parsed);
-        CHECK(parsed.error().exit == Exit::usage);
-        CHECK(parsed.error().message.find('\n') == std::string::npos);
+        CHECK(complaint(words_of(line)).find('\n') == std::string::npos);
+    }
+}
+
+TEST_CASE("a complaint names what is wrong and what is wanted") {
+    const auto says = [](const std::string& line, const std::string& part) {
+        CAPTURE(line);
+        const std::string message = complaint(words_of(line));
+        CAPTURE(message);
+        CHECK(message.size() < 200);
+        CHECK(message.find(part) != std::string::npos);
+    };
+    for (const std::string line : {"rendr", "rendr --help", "rendr forest -o x.png"})
+        says(line, "no subcommand 'rendr'; there are load, scenes");
+    says("--jason --help", "no option --jason");
+    says("path f -1", "'-1' is not a whole number from 0 to 18446744073709551615");
+    says("path f 9 --epoch 99999999999999999999", "'99999999999999999999' is not a whole number");
+    says("render f -o x.png --seed 0.5", "'0.5' is not a whole number");
+    says("render f -o x.png --spp 65537", "a whole number from 1 to 65536");
+    says("render f -o x.png --deadline nan", "'nan' is not a number of seconds from 0.001");
+    says("query f --ray 1e300,0,0,0,0,1", "'1e300' does not fit a 32-bit float");
+    const std::string query = "query f --ray 0,0,0,0,0,1 ";
+    says(query + "--set cutoff=1 --set cutoff=2", "'cutoff' is set twice");
+    says(query + "--set cutoff", "'cutoff' is not name=value");
+    says(query + "--fields t,prim,t", "'t' is named twice");
+    says(query + "--fields t,,prim", "empty name");
+}
+
+TEST_CASE("empty texts are refused where a name belongs") {
+    for (const auto& words : {std::vector<std::string>{"load", ""},
+                              {"load", "a.glb", "--name", ""},
+                              {"query", "f", "--ray", "0,0,0,0,0,1", "--fields", ""}}) {
+        CHECK(complaint(words).find("empty") != std::string::npos);
     }
 }
 

@@ -52,13 +52,14 @@ TEST_CASE("the hash is FNV-1a") {
     CHECK(protocol::content_hash(std::as_bytes(std::span(text))) == 0x85944171F73967E8ULL);
 }
 
-TEST_CASE("sources without files are only names") {
-    const auto forest = gather("builtin:forest?trees=9", "", "");
-    REQUIRE(forest);
-    CHECK(forest->source == "builtin:forest?trees=9");
-    CHECK(forest->scene_name == "forest");
-    CHECK(forest->files.empty());
-    CHECK(gather("root:maps/town.glb", "", "")->scene_name == "town");
+TEST_CASE("sources without files are sent as they are, and the daemon names the scene") {
+    for (const char* source : {"builtin:forest?trees=9", "root:maps/town.glb"}) {
+        const auto upload = gather(source, "", "");
+        REQUIRE(upload);
+        CHECK(upload->source == source);
+        CHECK(upload->scene_name.empty());
+        CHECK(upload->files.empty());
+    }
 }
 
 TEST_CASE("records come with the name of their primitive and their instances") {

@@ -44,5 +44,15 @@ TEST_CASE("a state folder has one owner at a time") {
     CHECK(StateLock::take(state));
 }
 
+TEST_CASE("a state folder that is a file is an error that says what to give") {
+    const test::TemporaryFolder folder;
+    const auto file = folder.path() / "file";
+    std::ofstream(file) << "x";
+    const auto taken = StateLock::take(file);
+    REQUIRE_FALSE(taken);
+    CHECK(taken.error().message.find(file.string()) != std::string::npos);
+    CHECK(taken.error().message.find("give --state a folder") != std::string::npos);
+}
+
 }  // namespace
 }  // namespace raynest::server

@@ -60,6 +60,11 @@ TEST_CASE("only one buffer of a GLB may live in its binary chunk") {
                    "more than one"));
 }
 
+TEST_CASE("a buffer of no bytes is refused before the loader reads its first") {
+    CHECK(contains(scan(R"({"buffers":[{"byteLength":0}]})"), "byteLength of 0"));
+    CHECK(scan(R"({"buffers":[{"byteLength":1}],"bufferViews":[{"byteLength":0}]})").empty());
+}
+
 TEST_CASE("a file's name stays beside or below the scene") {
     for (const char* name : {"a.bin", "./a.bin", "sub/deeper/a.png", "with%20blank.png",
                              "\xC3\xA4.png", "..a", "a..b"}) {

@@ -23,8 +23,8 @@ SceneDescription must_describe(const test::Bytes& bytes) {
     return std::move(*scene);
 }
 
-std::string refusal(const test::Bytes& bytes) {
-    const auto scene = describe(bytes);
+std::string refusal(const test::Bytes& bytes, const std::string& name = "scene.glb") {
+    const auto scene = describe(bytes, name);
     REQUIRE_FALSE(scene.has_value());
     CHECK(scene.error().message.find('\n') == std::string::npos);
     return scene.error().message;
@@ -329,6 +329,40 @@ TEST_CASE("what a small file cannot honestly hold is refused before it costs mem
     }
     nodes.pop_back();
     CHECK(contains(refusal(instanced.glb(mesh + ",\"nodes\":[" + nodes + "]")), "instances"));
+}
+
+TEST_CASE("a refusal names the element at fault and its own fault, not a consequence") {
+    GlbWriter writer;
+    const std::string mesh = one_triangle_mesh(writer);
+    CHECK(contains(refusal(writer.glb(mesh + R"(,"nodes":[{"mesh":0,"children":[0]}])")),
+                   "node 0 is its own child"));
+
+    GlbWriter misaligned;
+    misaligned.add<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 5126, 3, ",\"byteOffset\":2");
+    CHECK(contains(refusal(misaligned.glb("\"nodes\":[]")), "accessor 0 is not aligned"));
+
+    // Read as floats, three 16-bit indices reach beyond their bufferView, too.
+    GlbWriter floats;
+    floats.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 3);
+    floats.add<std::uint16_t>({0, 1, 2}, "SCALAR", 5126, 1);
+    CHECK(contains(refusal(floats.glb(R"("nodes":[{"mesh":0}],"meshes":[{"primitives":[
+                       {"attributes":{"POSITION":0},"indices":1}]}])")),
+                   "accessor 1 holds indices, which must be plain unsigned integers"));
+
+    CHECK(contains(refusal(test::to_bytes(R"({"asset":{"version":"2.0"},"nodes":[{"mesh":0}],
+                       "accessors":[{"componentType":5126,"count":3,"type":"VEC3"}],
+                       "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]})"),
+                           "scene.gltf"),
+                   "mesh 0 has an attribute whose accessor has no bufferView"));
+}
+
+TEST_CASE("an import that fails names its file") {
+    const auto registry = Registry::load({});
+    REQUIRE(registry.has_value());
+    const test::Upload upload("sub/town.glb", test::to_bytes("glTF"));
+    const auto scene = import_here(upload.request(), ImportLimits{}, **registry);
+    REQUIRE_FALSE(scene.has_value());
+    CHECK(contains(scene.error().message, "sub/town.glb: the GLB file"));
 }
 
 TEST_CASE("a chain of a hundred thousand nodes is walked, not recursed into") {

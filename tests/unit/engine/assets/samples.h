@@ -43,7 +43,7 @@ inline bool have_shared_scenes() {
 /// Whether this build decodes pictures; says so where it does not.
 inline bool have_images() {
     if (images_available()) return true;
-    MESSAGE("skipped: built without OpenImageIO");
+    MESSAGE("skipped: no image module");
     return false;
 }
 

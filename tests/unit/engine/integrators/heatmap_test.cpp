@@ -9,6 +9,7 @@
 #include <array>
 #include <numeric>
 #include <set>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -111,7 +112,7 @@ TEST_CASE("the map keeps every pixel and the legend stands below it") {
     const HeatOptions options{.palette = "gray", .range = "auto"};
     const auto picture = heat_picture(20, 10, counts, statistics_of(counts, options), options);
     REQUIRE(picture.has_value());
-    CHECK(picture->width == 20);
+    CHECK(picture->width >= 20);
     CHECK(picture->height > 10);
     CHECK(picture->rgba.size() == std::size_t{4} * picture->width * picture->height);
     CHECK(pixel(*picture, 0, 0) == std::array{255, 255, 255});  // 200 of 200
@@ -132,15 +133,50 @@ TEST_CASE("the legend shows the palette from end to end") {
     for (const Colour& c : palette) CHECK(shown.count({c.r, c.g, c.b}) == 1);
 }
 
-TEST_CASE("pictures of any size get a legend") {
-    for (const std::uint32_t width : {1U, 2U, 13U, 64U, 799U, 800U}) {
-        for (const char* scale : {"linear", "log"}) {
-            const auto counts = one_to(width);
-            const HeatOptions options{.scale = scale, .range = "0.25:0.75"};
-            CHECK(heat_picture(width, 1, counts, statistics_of(counts, options), options)
-                      .has_value());
+TEST_CASE("a picture too narrow for the legend is widened on its right, not the legend cut") {
+    const auto counts = one_to(5);
+    const HeatOptions options{.palette = "gray", .range = "auto"};
+    const HeatStatistics statistics = statistics_of(counts, options);
+    const auto narrow = heat_picture(1, 5, counts, statistics, options);
+    REQUIRE(narrow.has_value());
+    REQUIRE(narrow->width == heat_picture_width_min);
+    CHECK(pixel(*narrow, 0, 0) == std::array{255, 255, 255});
+    CHECK(pixel(*narrow, 0, 4) == std::array{51, 51, 51});  // 1 of 5
+    const std::array<int, 3> paper = pixel(*narrow, 0, narrow->height - 1);
+    for (std::uint32_t y = 0; y < 5; ++y) CHECK(pixel(*narrow, 1, y) == paper);
+
+    const std::vector<std::uint32_t> row(heat_picture_width_min, 1);
+    const auto wide = heat_picture(heat_picture_width_min, 1, row, statistics, options);
+    REQUIRE(wide.has_value());
+    const auto strip = [](const Picture& picture, std::size_t rows) {
+        const auto pixels = std::span(picture.rgba).subspan(4 * picture.width * rows);
+        return std::vector(pixels.begin(), pixels.end());
+    };
+    CHECK(strip(*narrow, 5) == strip(*wide, 1));
+}
+
+TEST_CASE("no text of a legend reaches the picture's edge") {
+    constexpr std::uint32_t most = 4294967295;
+    for (const std::uint32_t width : {1U, 64U, 799U, 800U, 1000U}) {
+        for (const char* metric :
+             {"nodes", "boxes", "leaves", "prims", "instances", "rejects", "total"}) {
+            for (const char* scale : {"linear", "log"}) {
+                const std::vector<std::uint32_t> counts(width, most);
+                const HeatOptions options{.metric = metric, .scale = scale, .range = "0.25:0.75"};
+                const auto map =
+                    heat_picture(width, 1, counts, statistics_of(counts, options), options);
+                REQUIRE(map.has_value());
+                const std::array<int, 3> paper = pixel(*map, 0, map->height - 1);
+                for (std::uint32_t y = 1; y < map->height; ++y) {
+                    for (std::uint32_t x = 1; x <= 6; ++x)
+                        REQUIRE(pixel(*map, map->width - x, y) == paper);
+                }
+            }
         }
     }
+}
+
+TEST_CASE("counts that do not fill the picture are refused") {
     CHECK_FALSE(heat_picture(2, 2, one_to(3), statistics_of(one_to(3)), {}).has_value());
     CHECK_FALSE(heat_picture(0, 0, {}, {}, {}).has_value());
 }

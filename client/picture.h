@@ -1,0 +1,56 @@
+// What render and heatmap share: a request for a picture, its answer, and the line about it.
+#pragma once
+
+#include "client/connection.h"
+#include "client/job.h"
+#include "client/options.h"
+#include "client/output.h"
+#include "client/progress.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace raynest::client {
+
+/// "raw" for a .npy, which the client writes; else the ending, which the daemon encodes.
+[[nodiscard]] std::string encoding_of(const std::string& output);
+
+/// A wire::RenderT or wire::HeatmapT but for what only one of them has.
+template <class Request>
+[[nodiscard]] Request picture_request(const PictureOptions& options) {
+    Request request;
+    request.job = job_message(options.job);
+    request.camera = camera_message(options.camera);
+    request.width = options.camera.width;
+    request.height = options.camera.height;
+    request.encode = encoding_of(options.output);
+    return request;
+}
+
+struct ReceivedPicture {
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    std::vector<std::byte> bytes;
+    Outcome outcome;
+};
+/// Reads the answer of a running Render or Heatmap to its end.
+Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress);
+
+template <class Request>
+Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,
+                                    const PictureOptions& options, const Request& request) {
+    if (auto started = connection.start(request, deadline_of(options.job)); !started)
+        return tl::unexpected<Failure>(started.error());
+    auto picture = receive_picture(connection, progress);
+    progress.clear();
+    return picture;
+}
+
+/// The keys that the JSON of every picture has.
+[[nodiscard]] Json picture_json(const std::string& file, const ReceivedPicture& picture);
+/// "forest.png: 960x540, " and outcome_text().
+[[nodiscard]] std::string picture_text(const std::string& file, const ReceivedPicture& picture);
+
+}  // namespace raynest::client

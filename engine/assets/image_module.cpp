@@ -1,0 +1,237 @@
+// Pictures through OpenImageIO: the only file that includes it, and a loadable module of its own.
+//
+// Decoders are where servers die (notes: a row of CVEs in this very version), so the order is
+// fixed: magic bytes choose one of three decoders, the header's dimensions are checked against the
+// limits, and only then is a pixel decoded. Nothing here reads or writes a file.
+#include "engine/assets/image_module.h"
+
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstring>
+#include <memory>
+#include <mutex>
+#include <string>
+
+namespace raynest {
+namespace {
+
+namespace oiio = OIIO;
+
+/// One decoder thread, so that a picture costs what its pixels cost, and OpenImageIO's own cap as a
+/// second fence behind ours.
+void configure_once() {
+    static std::once_flag once;
+    std::call_once(once, [] {
+        oiio::attribute("threads", 1);
+        oiio::attribute("limits:channels", 4);
+        oiio::attribute("limits:imagesize_MB", 2048);
+    });
+}
+
+bool starts_with(std::span<const std::byte> file, std::string_view magic, std::size_t at = 0) {
+    return file.size() >= at + magic.size() &&
+           std::memcmp(file.data() + at, magic.data(), magic.size()) == 0;
+}
+
+/// The file name that selects OpenImageIO's plugin; empty when the format is not on the list.
+std::string plugin_name(std::span<const std::byte> file) {
+    if (starts_with(file, "\x89PNG\r\n\x1A\n")) return "memory.png";
+    if (starts_with(file, "\xFF\xD8\xFF")) return "memory.jpg";
+    if (starts_with(file, "RIFF") && starts_with(file, "WEBP", 8)) return "memory.webp";
+    return {};
+}
+
+/// libjpeg fills what is missing with grey and reports success, so a cut file is found by walking
+/// its markers to the end-of-image one.
+bool jpeg_is_complete(std::span<const std::byte> file) {
+    const auto at = [&](std::size_t i) { return std::to_integer<unsigned>(file[i]); };
+    std::size_t i = 2;
+    bool in_scan = false;
+    while (i + 1 < file.size()) {
+        if (at(i) != 0xFF) {
+            if (!in_scan) return false;
+            ++i;
+            continue;
+        }
+        const unsigned marker = at(i + 1);
+        const bool stuffed_or_restart = marker == 0 || (marker >= 0xD0 && marker <= 0xD7);
+        if (marker == 0xFF) {
+            ++i;  // fill byte
+        } else if (stuffed_or_restart) {
+            i += 2;
+        } else if (marker == 0xD9) {
+            return true;
+        } else {
+            if (i + 3 >= file.size()) return false;
+            in_scan = marker == 0xDA;
+            i += 2 + (at(i + 2) << 8 | at(i + 3));
+        }
+    }
+    return false;
+}
+
+/// Grey, grey + alpha, RGB or RGBA -> RGBA, in place of a switch per pixel.
+std::vector<std::uint8_t> to_rgba(const std::vector<std::uint8_t>& pixels, std::size_t count,
+                                  std::size_t channels) {
+    std::vector<std::uint8_t> rgba(count * 4);
+    const bool grey = channels <= 2;
+    const bool alpha = channels == 2 || channels == 4;
+    for (std::size_t i = 0; i < count; ++i) {
+        const std::uint8_t* in = pixels.data() + i * channels;
+        std::uint8_t* out = rgba.data() + i * 4;
+        out[0] = in[0];
+        out[1] = grey ? in[0] : in[1];
+        out[2] = grey ? in[0] : in[2];
+        out[3] = alpha ? in[channels - 1] : std::uint8_t{255};
+    }
+    return rgba;
+}
+
+/// OpenImageIO's WebP reader multiplies colours by alpha whatever it is asked. Dividing again loses
+/// digits only where hardly anything is seen.
+void divide_by_alpha(std::vector<std::uint8_t>& rgba) {
+    for (std::size_t i = 0; i < rgba.size(); i += 4) {
+        const unsigned alpha = rgba[i + 3];
+        if (alpha == 0 || alpha == 255) continue;
+        for (std::size_t c = 0; c < 3; ++c) {
+            const unsigned straight = (rgba[i + c] * 255U + alpha / 2) / alpha;
+            rgba[i + c] = static_cast<std::uint8_t>(std::min(straight, 255U));
+        }
+    }
+}
+
+tl::unexpected<Error> encode_failed(std::string_view format, const std::string& why) {
+    return fail(ErrorCode::internal,
+                fmt::format("the {} picture was not encoded: {}", format, why));
+}
+
+/// Opens `output` on a growing buffer, hands it one image and closes it.
+Result<std::vector<std::byte>> write_to_memory(const char* name, const oiio::ImageSpec& spec,
+                                               oiio::TypeDesc type, const void* pixels) {
+    std::vector<unsigned char> bytes;
+    oiio::Filesystem::IOVecOutput memory(bytes);
+    const std::unique_ptr<oiio::ImageOutput> output = oiio::ImageOutput::create(name, &memory);
+    if (!output) return encode_failed(name, oiio::geterror());
+    output->set_ioproxy(&memory);
+    if (!output->open(name, spec) || !output->write_image(type, pixels) || !output->close()) {
+        return encode_failed(name, output->geterror());
+    }
+    const auto* first = reinterpret_cast<const std::byte*>(bytes.data());
+    return std::vector<std::byte>(first, first + bytes.size());
+}
+
+Result<ImageDescription> decode(std::span<const std::byte> file, std::uint32_t side_max,
+                                std::uint64_t bytes_max) try {
+    configure_once();
+    const std::string name = plugin_name(file);
+    if (name.empty()) {
+        return fail(ErrorCode::scene_unsupported, "the picture is not a PNG, JPEG or WebP file");
+    }
+    if (name == "memory.jpg" && !jpeg_is_complete(file)) {
+        return fail(ErrorCode::scene_invalid, "the JPEG picture is cut short");
+    }
+
+    // Straight alpha: an associated colour would darken the edge of every leaf.
+    oiio::Filesystem::IOMemReader memory(const_cast<std::byte*>(file.data()), file.size());
+    const std::unique_ptr<oiio::ImageInput> input =
+        oiio::ImageInput::create(name, false, nullptr, &memory);
+    oiio::ImageSpec spec;
+    oiio::ImageSpec config;
+    config["oiio:UnassociatedAlpha"] = 1;
+    if (!input || !input->set_ioproxy(&memory) || !input->open(name, spec, config)) {
+        return fail(ErrorCode::scene_invalid, "the picture's header cannot be read");
+    }
+
+    if (spec.width <= 0 || spec.height <= 0 || spec.depth > 1 || spec.nchannels < 1 ||
+        spec.nchannels > 4) {
+        return fail(ErrorCode::scene_invalid, "the picture's header makes no sense");
+    }
+    const auto width = static_cast<std::uint32_t>(spec.width);
+    const auto height = static_cast<std::uint32_t>(spec.height);
+    const std::uint64_t count = std::uint64_t{width} * height;
+    if (width > side_max || height > side_max || count * 4 > bytes_max) {
+        return fail(
+            ErrorCode::limit_exceeded,
+            fmt::format("the picture is {} x {} pixels; at most {} a side and {} MiB decoded "
+                        "are allowed",
+                        width, height, side_max, bytes_max >> 20));
+    }
+
+    const auto channels = static_cast<std::size_t>(spec.nchannels);
+    std::vector<std::uint8_t> pixels(count * channels);
+    if (!input->read_image(0, 0, 0, spec.nchannels, oiio::TypeDesc::UINT8, pixels.data())) {
+        static_cast<void>(input->geterror());
+        return fail(ErrorCode::scene_invalid, "the picture is damaged or cut short");
+    }
+    if (channels != 4) return ImageDescription{width, height, to_rgba(pixels, count, channels)};
+    if (name == "memory.webp") divide_by_alpha(pixels);
+    return ImageDescription{width, height, std::move(pixels)};
+} catch (const std::bad_alloc&) {
+    return fail(ErrorCode::out_of_memory, "no memory left to decode the picture");
+} catch (const std::exception& error) {
+    return fail(ErrorCode::scene_invalid, fmt::format("the picture was refused: {}", error.what()));
+}
+
+Result<std::vector<std::byte>> encode(std::uint32_t width, std::uint32_t height,
+                                      std::span<const std::uint8_t> rgba,
+                                      std::string_view format) try {
+    if (format != "png") {
+        return fail(ErrorCode::param_invalid,
+                    fmt::format("pictures are encoded as png, not '{}'", format));
+    }
+    if (rgba.size() != std::size_t{width} * height * 4 || rgba.empty()) {
+        return fail(ErrorCode::internal, "encode_picture: the pixels do not fill the picture");
+    }
+    configure_once();
+    oiio::ImageSpec spec(static_cast<int>(width), static_cast<int>(height), 4,
+                         oiio::TypeDesc::UINT8);
+    spec.alpha_channel = 3;
+    spec["oiio:UnassociatedAlpha"] = 1;
+    spec["oiio:ColorSpace"] = "sRGB";
+    spec["png:compressionLevel"] = 4;
+    return write_to_memory("memory.png", spec, oiio::TypeDesc::UINT8, rgba.data());
+} catch (const std::exception& error) {
+    return encode_failed(format, error.what());
+}
+
+Result<std::vector<std::byte>> encode_channels(std::uint32_t width, std::uint32_t height,
+                                               std::span<const Channel> channels) try {
+    const std::size_t count = std::size_t{width} * height;
+    if (count == 0 || channels.empty()) {
+        return fail(ErrorCode::internal, "encode_exr: there is nothing to encode");
+    }
+    configure_once();
+    oiio::ImageSpec spec(static_cast<int>(width), static_cast<int>(height),
+                         static_cast<int>(channels.size()), oiio::TypeDesc::FLOAT);
+    spec.channelnames.clear();
+    spec["compression"] = "zip";
+
+    // Every channel is 32 bits wide, so mixed floats and counts interleave as plain words.
+    std::vector<std::uint32_t> words(count * channels.size());
+    for (std::size_t c = 0; c < channels.size(); ++c) {
+        const Channel& channel = channels[c];
+        const bool is_float = !channel.f32.empty();
+        if ((is_float ? channel.f32.size() : channel.u32.size()) != count) {
+            return fail(ErrorCode::internal, "encode_exr: a channel does not fill the picture");
+        }
+        spec.channelnames.emplace_back(channel.name);
+        spec.channelformats.emplace_back(is_float ? oiio::TypeDesc::FLOAT : oiio::TypeDesc::UINT);
+        for (std::size_t i = 0; i < count; ++i) {
+            words[i * channels.size() + c] =
+                is_float ? std::bit_cast<std::uint32_t>(channel.f32[i]) : channel.u32[i];
+        }
+    }
+    return write_to_memory("memory.exr", spec, oiio::TypeDesc::UNKNOWN, words.data());
+} catch (const std::exception& error) {
+    return encode_failed("exr", error.what());
+}
+
+}  // namespace
+}  // namespace raynest
+
+extern "C" [[gnu::visibility("default")]] raynest::ImageModule raynest_images() noexcept {
+    return {raynest::decode, raynest::encode, raynest::encode_channels};
+}
