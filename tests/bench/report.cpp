@@ -75,6 +75,7 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
         row["ratio_best"] = best_cpu(outcome.opponent_laps) / best_cpu(outcome.laps);
         row["ratio_low"] = *low;
         row["ratio_high"] = *high;
+        row["mismatches_max"] = outcome.mismatches_max;
         row["ties"] = outcome.differences.ties;
     }
     if (!options.ref.empty()) {

@@ -29,6 +29,7 @@ struct Outcome {
     const Side* opponent = nullptr;
     std::span<const Lap> opponent_laps = {};
     Differences differences = {};      ///< to the opponent
+    std::uint64_t mismatches_max = 0;  ///< what edges explain
     Differences ref_differences = {};  ///< to --ref
 };
 
