@@ -6,13 +6,15 @@
 #include "tests/bench/report.h"
 
 #include <nlohmann/json.hpp>
+#include <oneapi/tbb/blocked_range.h>
 #include <oneapi/tbb/global_control.h>
+#include <oneapi/tbb/parallel_for.h>
 #include <time.h>
 
 #include <algorithm>
 #include <array>
 #include <functional>
-#include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -43,20 +45,52 @@ BuildTime timed(const std::function<void()>& build) {
 constexpr std::array<std::pair<std::string_view, Quality>, 1> qualities{
     {{"medium", Quality::medium}}};
 
-/// The trees of all objects, over boxes of their triangles; instances are the bake's business.
-void build_trees(const SceneDescription& scene, Quality /*medium is the only one*/) {
-    for (const ObjectDescription& object : scene.objects) {
-        std::vector<Box> boxes;
-        for (const GeometryDescription& geometry : object.geometries) {
-            for (std::size_t i = 0; i < geometry.indices.size(); i += 3) {
-                Box& box = boxes.emplace_back();
-                for (std::size_t k = 0; k < 3; ++k) {
-                    box.extend(geometry.positions[geometry.indices[i + k]]);
+using Corners = std::array<const Vec3*, 3>;
+
+/// The corners of every triangle of the scene's one object, in flat order; not timed.
+std::vector<Corners> corners_of(const SceneDescription& scene) {
+    std::vector<Corners> corners;
+    for (const GeometryDescription& geometry : scene.objects[scene.root].geometries) {
+        for (std::size_t i = 0; i < geometry.indices.size(); i += 3) {
+            const auto corner = [&](std::size_t k) {
+                return &geometry.positions[geometry.indices[i + k]];
+            };
+            corners.push_back({corner(0), corner(1), corner(2)});
+        }
+    }
+    return corners;
+}
+
+/// Calls work(i) for i in [0, count) on the threads that are allowed.
+template <class Work>
+void in_parallel(std::size_t count, Work&& work) {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 4096),
+                      [&](const tbb::blocked_range<std::size_t>& range) {
+                          for (std::size_t i = range.begin(); i != range.end(); ++i) work(i);
+                      });
+}
+
+/// Boxes of the triangles, the tree over them and its filled leaves: what the peer's commit does.
+void build_leaves(std::span<const Corners> corners, Quality /*medium is the only one*/) {
+    std::vector<Box> boxes(corners.size());
+    in_parallel(corners.size(), [&](std::size_t i) {
+        for (const Vec3* corner : corners[i]) boxes[i].extend(*corner);
+    });
+    const Tree tree = build_tree({boxes, static_cast<std::uint32_t>(boxes.size()), 0, 0});
+    std::vector<TriangleBlock> blocks(tree.block_lanes.size() / 8);
+    in_parallel(blocks.size(), [&](std::size_t block) {
+        for (std::size_t lane = 0; lane < 8; ++lane) {
+            const std::uint32_t triangle = tree.block_lanes[8 * block + lane];
+            blocks[block].triangle[lane] = triangle;
+            if (triangle == no_id) continue;
+            for (std::size_t k = 0; k < 3; ++k) {
+                const Vec3& corner = *corners[triangle][k];
+                for (int axis = 0; axis < 3; ++axis) {
+                    blocks[block].vertex[k][axis][lane] = corner[axis];
                 }
             }
         }
-        build_tree({boxes, static_cast<std::uint32_t>(boxes.size()), 0, 0});
-    }
+    });
 }
 
 void bake(const SceneDescription& scene, Quality /*medium is the only one*/) {
@@ -66,9 +100,8 @@ void bake(const SceneDescription& scene, Quality /*medium is the only one*/) {
 
 struct Stage {
     const char* name;
-    void (*build)(const SceneDescription&, Quality);
+    std::function<void()> build;
 };
-constexpr std::array<Stage, 2> stages{{{"tree", build_trees}, {"bake", bake}}};
 
 std::uint64_t triangles_of(const Loaded& loaded) {
     return loaded.workload.scene->statistics().unique_triangles;
@@ -77,13 +110,16 @@ std::uint64_t triangles_of(const Loaded& loaded) {
 /// Rounds of every stage and of the peer in turn.
 Result<void> race_build(const Options& options, Loaded& loaded, std::string_view quality_name,
                         Quality quality, unsigned threads) {
+    const SceneDescription& scene = loaded.workload.description;
+    const std::vector<Corners> corners = corners_of(scene);
+    const std::array<Stage, 2> stages{{{"tree", [&] { build_leaves(corners, quality); }},
+                                       {"bake", [&] { bake(scene, quality); }}}};
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    std::array<std::vector<BuildTime>, stages.size()> ours;
+    std::array<std::vector<BuildTime>, 2> ours;
     std::vector<PeerBuild> theirs;
     for (int round = 0; round < options.rounds; ++round) {
         for (std::size_t i = 0; i < stages.size(); ++i) {
-            ours[i].push_back(
-                timed([&] { stages[i].build(loaded.workload.description, quality); }));
+            ours[i].push_back(timed(stages[i].build));
         }
         if (loaded.peers == nullptr) continue;
         const auto build = loaded.peers->build(loaded.workload.scene->view(), quality, threads);

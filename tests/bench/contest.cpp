@@ -147,13 +147,14 @@ private:
     std::vector<Side> sides_;
 };
 
-/// Every variant of ours gives the bits of the first one that asks the same.
+/// Every variant of ours gives the bits of the first one that asks the same. v2 has no fma: its
+/// bits are its own (CONTRACT.md §2).
 Result<void> check_own(const std::vector<Side>& sides) {
-    std::map<std::tuple<bool, bool, std::string>, const Side*> first;
+    std::map<std::tuple<bool, bool, bool, std::string>, const Side*> first;
     for (const Side& side : sides) {
         if (side.peer != nullptr) continue;
-        const auto [at, added] =
-            first.try_emplace({side.masks, side.over, side.label.precision}, &side);
+        const auto [at, added] = first.try_emplace(
+            {side.masks, side.over, side.label.target == "v2", side.label.precision}, &side);
         const std::uint64_t unequal = count_unequal(*side.answers, *at->second->answers);
         if (unequal == 0) continue;
         const Label& a = side.label;
@@ -241,7 +242,11 @@ Result<bool> contest(const Options& options, Loaded& loaded, const std::string& 
     const auto laps_of = [&](const Side* side) {
         return std::span<const Lap>(laps[static_cast<std::size_t>(side - sides->data())]);
     };
-    const Setting setting{loaded.workload.name, rays, name_of(set->query), ray_count,
+    const Setting setting{loaded.workload.name,
+                          loaded.workload.scene->hash(),
+                          rays,
+                          name_of(set->query),
+                          ray_count,
                           loaded.peers != nullptr ? loaded.peers->about() : ""};
     for (const Side& ours : *sides) {
         if (ours.peer != nullptr || ours.over) continue;

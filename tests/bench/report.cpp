@@ -82,6 +82,7 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
         row["ref_mismatches"] = outcome.ref_differences.mismatches;
         row["ref_ties"] = outcome.ref_differences.ties;
     }
+    row["scene_hash"] = setting.scene_hash;
     row["count"] = setting.ray_count;
     row["rounds"] = options.rounds;
     row["command"] = options.command;

@@ -16,6 +16,7 @@ namespace raynest::bench {
 /// What all rows of one set of rays share.
 struct Setting {
     std::string scene;
+    std::string scene_hash;
     std::string rays;
     std::string kind;
     std::uint32_t ray_count = 0;

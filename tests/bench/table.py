@@ -67,7 +67,7 @@ def claims(target):
     filters = ("embree-filter", "embree-argument")
     multi = {**ours, "traversal": "latency", "kind": "multi"}
     tight = {**ours, "precision": "watertight", "traversal": "latency"}
-    build = {"kind": "build", "build": "medium", "stage": "bake", "value": "ratio"}
+    build = {"kind": "build", "build": "medium", "stage": "tree", "value": "ratio"}
     yield Claim("single rays, closest (primary, diffuse, random)", 1.05, 1.2,
                 over(FLAT, "primary", "diffuse", "random"), **latency)
     yield Claim("single rays, any (shadow, AO)", 1.15, 1.35, over(FLAT, "shadow", "ao"), **latency)

@@ -1,7 +1,7 @@
-// The alpha test of alpha_mask behind a live pointer.
+// The alpha test behind a live pointer.
 #pragma once
 
-#include "engine/intersectors/texture.h"
+#include "tests/bench/control/alpha_test.h"
 #include "tests/bench/control/pointer.h"
 
 namespace raynest {
@@ -13,17 +13,10 @@ struct PointerAlpha : PointerTested {
     PointerAlpha(const SceneView& scene, const Params&) : PointerTested(alpha, &scene) {}
 
 private:
-    static bool is_solid(const void* context, const ObjectRecord* object, const Surface& surface) {
-        const SceneView& scene = *static_cast<const SceneView*>(context);
-        const GeometryRecord& geometry = scene.geometry_of(*object, surface.prim);
-        if (geometry.material == no_id) return true;
-        const MaterialRecord& material = scene.materials[geometry.material];
-        if (material.alpha_mode == AlphaMode::opaque) return true;
-        const float least = material.alpha_mode == AlphaMode::blend ? 0.5F : material.cutoff;
-        return surface_alpha(scene, geometry, material, surface.prim, surface.u, surface.v) >=
-               least;
+    static bool call(const void* context, const ObjectRecord* object, const Surface& surface) {
+        return passes_alpha(*static_cast<const SceneView*>(context), *object, surface);
     }
-    static inline constinit SurfaceTest volatile alpha = is_solid;
+    static inline constinit SurfaceTest volatile alpha = call;
 };
 
 }  // namespace raynest

@@ -116,7 +116,7 @@ public:
 
     Result<std::unique_ptr<Peer>> open(const PeerForm& form, Query query,
                                        const SceneView& view) override {
-        return open_embree(form, query, view);
+        return open_embree(trees_, form, query, view);
     }
 
     Result<PeerBuild> build(const SceneView& view, Quality quality, unsigned threads) override {
@@ -159,6 +159,7 @@ public:
 private:
     bool asserts_;
     std::string about_;
+    EmbreeTrees trees_;
 };
 
 }  // namespace

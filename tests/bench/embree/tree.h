@@ -32,6 +32,8 @@ struct TreeForm {
     RTCFilterFunctionN filter = nullptr;  ///< called for candidates on filtered geometries
     bool filter_all = false;              ///< else masked geometries only
     bool filter_in_query = false;         ///< the query carries the filter, not the geometry
+
+    bool operator==(const TreeForm&) const = default;
 };
 
 class EmbreeTree {
