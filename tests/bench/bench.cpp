@@ -3,6 +3,7 @@
 //   raynest-bench --scene gen:terrain --rays primary,ao --peers embree,embree-coherent
 //
 // BENCH.md says how it measures. Never quote two figures of different runs.
+#include "tests/bench/builds.h"
 #include "tests/bench/contest.h"
 #include "tests/bench/options.h"
 #include "tests/bench/report.h"
@@ -52,15 +53,22 @@ Result<Loaded> load(const Options& options) {
     return loaded;
 }
 
-Result<void> run(const Options& options) {
+/// False when a row's mismatches are beyond its limit.
+Result<bool> run(const Options& options) {
     auto loaded = load(options);
     if (!loaded) return tl::unexpected(loaded.error());
+    if (options.build) return race_builds(options, *loaded);
     print_header(options);
+    bool within = true;
     for (const std::string& rays : options.rays) {
-        if (auto done = contest(options, *loaded, rays); !done) return done;
+        const auto done = contest(options, *loaded, rays);
+        if (!done) return done;
+        within = within && *done;
     }
-    return {};
+    return within;
 }
+
+constexpr int exit_threshold = 9;
 
 /// CONTRACT.md §8: 2 usage, 5 scene, file or variant unknown or invalid, 1 all else.
 int exit_code_of(ErrorCode code) {
@@ -83,7 +91,11 @@ int main(int argc, char** argv) {
     const auto options = parse_options(argc, argv, exit_code);
     if (!options) return exit_code;
     const auto done = run(*options);
-    if (done) return 0;
+    if (done && *done) return 0;
+    if (done) {
+        std::cerr << "raynest-bench: more answers differ than edges explain: see mismatches\n";
+        return exit_threshold;
+    }
     std::cerr << "raynest-bench: " << done.error().message << "\n";
     return exit_code_of(done.error().code);
 }

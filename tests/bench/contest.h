@@ -23,8 +23,8 @@ struct Loaded {
 };
 
 /// Prints the rows of one set of rays: every variant of ours against every opponent that answers
-/// the same question. Fails when two variants of ours differ in a bit, or when more answers differ
-/// from a peer's than edges explain.
-Result<void> contest(const Options& options, Loaded& loaded, const std::string& rays);
+/// the same question. False when more answers differ from an opponent's than edges explain. Fails
+/// when two variants of ours differ in a bit.
+Result<bool> contest(const Options& options, Loaded& loaded, const std::string& rays);
 
 }  // namespace raynest::bench

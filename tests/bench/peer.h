@@ -52,9 +52,15 @@ enum class Quality : std::uint8_t { fast, medium, high };
 /// One build of the library's tree, its vertices already in place.
 struct PeerBuild {
     double wall_seconds;
-    double cpu_seconds;           ///< of the whole process
-    std::uint64_t rss_bytes;      ///< growth of the resident set
-    std::int64_t reported_bytes;  ///< by the library's own monitor
+    double cpu_seconds;  ///< of the whole process
+};
+
+/// What a scene takes beside its vertices and indices: growth of the resident set, because the
+/// library's own monitor misses most of an instance.
+struct PeerMemory {
+    std::uint64_t tree_bytes;      ///< of the root's commit
+    std::int64_t reported_bytes;   ///< of the same, by the monitor
+    std::uint64_t instance_bytes;  ///< the scene with its instances less the scene without
 };
 
 class PeerLibrary {
@@ -69,6 +75,7 @@ public:
     virtual Result<std::unique_ptr<Peer>> open(const PeerForm& form, Query query,
                                                const SceneView& view) = 0;
     virtual Result<PeerBuild> build(const SceneView& view, Quality quality, unsigned threads) = 0;
+    virtual Result<PeerMemory> weigh(const SceneView& view) = 0;
 };
 
 inline constexpr const char* peer_symbol = "raynest_bench_peer";

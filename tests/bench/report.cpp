@@ -75,12 +75,14 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
         row["ratio_best"] = best_cpu(outcome.opponent_laps) / best_cpu(outcome.laps);
         row["ratio_low"] = *low;
         row["ratio_high"] = *high;
+        row["mismatches_max"] = outcome.mismatches_max;
         row["ties"] = outcome.differences.ties;
     }
     if (!options.ref.empty()) {
         row["ref_mismatches"] = outcome.ref_differences.mismatches;
         row["ref_ties"] = outcome.ref_differences.ties;
     }
+    row["scene_hash"] = setting.scene_hash;
     row["count"] = setting.ray_count;
     row["rounds"] = options.rounds;
     row["command"] = options.command;

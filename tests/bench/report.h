@@ -16,6 +16,7 @@ namespace raynest::bench {
 /// What all rows of one set of rays share.
 struct Setting {
     std::string scene;
+    std::string scene_hash;
     std::string rays;
     std::string kind;
     std::uint32_t ray_count = 0;
@@ -29,6 +30,7 @@ struct Outcome {
     const Side* opponent = nullptr;
     std::span<const Lap> opponent_laps = {};
     Differences differences = {};      ///< to the opponent
+    std::uint64_t mismatches_max = 0;  ///< what edges explain
     Differences ref_differences = {};  ///< to --ref
 };
 

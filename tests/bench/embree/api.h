@@ -22,9 +22,8 @@ struct Asker : RTCRayQueryContext {
         rtcInitRayQueryContext(this);
         rtcInitIntersectArguments(&intersect_);
         rtcInitOccludedArguments(&occluded_);
-        const auto flags = static_cast<RTCRayQueryFlags>(
-            (coherent ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT) |
-            (filter != nullptr ? RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER : 0));
+        const RTCRayQueryFlags flags =
+            coherent ? RTC_RAY_QUERY_FLAG_COHERENT : RTC_RAY_QUERY_FLAG_INCOHERENT;
         intersect_.flags = occluded_.flags = flags;
         intersect_.filter = occluded_.filter = filter;
         intersect_.context = occluded_.context = this;

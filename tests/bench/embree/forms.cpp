@@ -178,7 +178,7 @@ const std::vector<Plan>& plans() {
 
 class EmbreePeer final : public Peer {
 public:
-    EmbreePeer(std::unique_ptr<EmbreeTree> tree, const Plan& plan, Query query)
+    EmbreePeer(std::shared_ptr<const EmbreeTree> tree, const Plan& plan, Query query)
         : tree_(std::move(tree)),
           plan_(plan),
           query_(query) {}
@@ -202,7 +202,7 @@ public:
     }
 
 private:
-    std::unique_ptr<EmbreeTree> tree_;
+    std::shared_ptr<const EmbreeTree> tree_;
     const Plan& plan_;
     Query query_;
 };
@@ -218,15 +218,21 @@ std::span<const PeerForm> embree_forms() {
     return forms;
 }
 
-Result<std::unique_ptr<Peer>> open_embree(const PeerForm& form, Query query,
+Result<std::unique_ptr<Peer>> open_embree(EmbreeTrees& trees, const PeerForm& form, Query query,
                                           const SceneView& view) {
     const auto plan = std::find_if(plans().begin(), plans().end(), [&](const Plan& candidate) {
         return candidate.form.name == form.name;
     });
+    for (const EmbreeTrees::Entry& entry : trees.entries) {
+        if (entry.view == &view && entry.form == plan->tree) {
+            return std::make_unique<EmbreePeer>(entry.tree, *plan, query);
+        }
+    }
     auto tree = EmbreeTree::make(view, plan->tree, 1);
     if (!tree) return tl::unexpected(tree.error());
     (*tree)->commit();
-    return std::make_unique<EmbreePeer>(std::move(*tree), *plan, query);
+    trees.entries.push_back({&view, plan->tree, std::move(*tree)});
+    return std::make_unique<EmbreePeer>(trees.entries.back().tree, *plan, query);
 }
 
 }  // namespace raynest::bench

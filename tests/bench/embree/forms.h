@@ -6,6 +6,7 @@
 
 #include <memory>
 #include <span>
+#include <vector>
 
 namespace raynest::bench {
 
@@ -19,7 +20,18 @@ namespace raynest::bench {
 /// embree-shrink     multi-hit by a filter that accepts once the list is full
 std::span<const PeerForm> embree_forms();
 
-/// Builds and commits the scene that the form needs.
-Result<std::unique_ptr<Peer>> open_embree(const PeerForm& form, Query query, const SceneView& view);
+/// Trees by how they are built: forms that differ only in how they are asked share one.
+struct EmbreeTrees {
+    struct Entry {
+        const SceneView* view;
+        TreeForm form;
+        std::shared_ptr<const EmbreeTree> tree;
+    };
+    std::vector<Entry> entries;
+};
+
+/// Builds and commits the tree that the form needs, unless `trees` has it.
+Result<std::unique_ptr<Peer>> open_embree(EmbreeTrees& trees, const PeerForm& form, Query query,
+                                          const SceneView& view);
 
 }  // namespace raynest::bench

@@ -2,6 +2,7 @@
 #include "tests/bench/embree/forms.h"
 
 #include <dlfcn.h>
+#include <malloc.h>
 #include <sys/mman.h>
 #include <time.h>
 #include <unistd.h>
@@ -115,7 +116,7 @@ public:
 
     Result<std::unique_ptr<Peer>> open(const PeerForm& form, Query query,
                                        const SceneView& view) override {
-        return open_embree(form, query, view);
+        return open_embree(trees_, form, query, view);
     }
 
     Result<PeerBuild> build(const SceneView& view, Quality quality, unsigned threads) override {
@@ -125,19 +126,40 @@ public:
         form.quality = qualities[static_cast<std::size_t>(quality)];
         auto tree = EmbreeTree::make(view, form, threads);
         if (!tree) return tl::unexpected(tree.error());
-        const std::uint64_t resident = resident_bytes();
-        const std::int64_t reported = (*tree)->reported_bytes();
         const double wall = seconds_of(CLOCK_MONOTONIC);
         const double cpu = seconds_of(CLOCK_PROCESS_CPUTIME_ID);
         (*tree)->commit();
         return PeerBuild{seconds_of(CLOCK_MONOTONIC) - wall,
-                         seconds_of(CLOCK_PROCESS_CPUTIME_ID) - cpu, resident_bytes() - resident,
-                         (*tree)->reported_bytes() - reported};
+                         seconds_of(CLOCK_PROCESS_CPUTIME_ID) - cpu};
+    }
+
+    Result<PeerMemory> weigh(const SceneView& view) override {
+        TreeForm form;
+        form.instances = false;
+        malloc_trim(0);  // else what was freed before hides what is allocated now
+        const std::uint64_t before = resident_bytes();
+        auto bare = EmbreeTree::make(view, form, 1);
+        if (!bare) return tl::unexpected(bare.error());
+        const std::uint64_t made = resident_bytes();
+        const std::int64_t reported = (*bare)->reported_bytes();
+        (*bare)->commit();
+        const std::uint64_t committed = resident_bytes();
+        PeerMemory memory{committed - made, (*bare)->reported_bytes() - reported, 0};
+        if (view.objects[view.root].instance_count != 0) {
+            form.instances = true;
+            auto whole = EmbreeTree::make(view, form, 1);
+            if (!whole) return tl::unexpected(whole.error());
+            (*whole)->commit();
+            // The bare scene is still there: what it took is taken again, and then the instances.
+            memory.instance_bytes = resident_bytes() - committed - (committed - before);
+        }
+        return memory;
     }
 
 private:
     bool asserts_;
     std::string about_;
+    EmbreeTrees trees_;
 };
 
 }  // namespace

@@ -33,7 +33,7 @@ Result<std::unique_ptr<EmbreeTree>> EmbreeTree::make(const SceneView& view, cons
     std::unique_ptr<EmbreeTree> tree(new EmbreeTree(view, form, threads));
     const ObjectRecord& root = view.objects[view.root];
     tree->add_triangles(tree->root_, root);
-    tree->place_children(view.root, Transform{});
+    if (form.instances) tree->place_children(view.root, Transform{});
     if (const RTCError error = rtcGetDeviceError(tree->device_); error != RTC_ERROR_NONE) {
         return fail(ErrorCode::internal, "Embree error " + std::to_string(error));
     }

@@ -28,9 +28,12 @@ struct MaskedGeometry {
 struct TreeForm {
     RTCBuildQuality quality = RTC_BUILD_QUALITY_MEDIUM;
     bool robust = false;
+    bool instances = true;                ///< else the root's own triangles only
     RTCFilterFunctionN filter = nullptr;  ///< called for candidates on filtered geometries
     bool filter_all = false;              ///< else masked geometries only
     bool filter_in_query = false;         ///< the query carries the filter, not the geometry
+
+    bool operator==(const TreeForm&) const = default;
 };
 
 class EmbreeTree {

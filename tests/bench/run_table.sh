@@ -1,0 +1,45 @@
+#!/usr/bin/env bash
+# Measures every row that the table of the README is made of, and prints it.
+#   run_table.sh [ROWS.jsonl] [OPTION OF raynest-bench...]     e.g. run_table.sh v3.jsonl --target v3
+# RAYNEST_BUILD names the build folder (default: build beside the sources). About eight minutes on one
+# core; two more things on the machine are no harm, ratios are taken round by round.
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
+build=${RAYNEST_BUILD:-$root/build}
+rows=${1:-bench-rows.jsonl}
+(($# == 0)) || shift
+options=("$@")
+target=v4
+for ((i = 0; i + 1 < ${#options[@]}; ++i)); do
+    [[ ${options[i]} != --target ]] || target=${options[i + 1]}
+done
+export RAYNEST_BUILTIN_PACKS=${RAYNEST_BUILTIN_PACKS:-$build/lib/raynest}
+
+# bench ARGUMENT...: adds its rows. 9 says that answers differ more than edges explain: the rows hold
+# how many, the table lists them, and what was measured stays.
+bench() {
+    local status=0
+    "$build/bin/raynest-bench" --json "$@" "${options[@]}" >>"$rows" || status=$?
+    ((status == 0 || status == 9)) || exit "$status"
+}
+
+: >"$rows"
+kinds=primary,diffuse,random,shadow,ao
+for scene in terrain cards interior; do
+    bench --scene "gen:$scene" --rays "$kinds" --precision fast,watertight \
+        --peers embree,embree-coherent,embree-robust
+    bench --scene "gen:$scene" --build --rounds 3 --threads 1,2 --peers embree
+done
+bench --scene gen:cards --rays "$kinds" --intersector alpha_mask \
+    --peers embree-filter,embree-argument
+bench --scene gen:cards --rays primary,diffuse,random --kind multi --max-hits 8 \
+    --traversal latency,batch --peers embree-list,embree-shrink
+bench --scene gen:forest1 --rays primary,diffuse,ao --peers embree,embree-coherent
+bench --scene gen:forest3 --over gen:forest3-flat --rays primary,diffuse,ao
+bench --scene gen:forest3-flat --build --peers embree
+bench --scene gen:terrain --rays primary,diffuse --traversal latency --threads 1,2 --peers own
+bench --scene gen:cards --rays primary,diffuse,ao --traversal latency \
+    --intersector no_test,pointer_null,pointer_noop --peers own
+bench --scene gen:cards --rays primary,diffuse,ao --traversal latency \
+    --intersector fused_alpha,pointer_alpha --peers own
+python3 "$root/tests/bench/table.py" --target "$target" "$rows"

@@ -1,0 +1,163 @@
+#!/usr/bin/env python3
+"""Rows of raynest-bench --json -> the table of the README, in Markdown, each row with its command.
+
+  table.py ROWS.jsonl [--commands]
+
+Every line of the table is a claim: a geometric mean of ratios (rate of ours over the peer's, time of
+the peer's build over ours, plain bytes) over the scenes and kinds of rays it names, beside the floor
+and the goal that it is held to. `adjusted` divides by what the peer would gain with its asserts off.
+A line whose rows are missing says so; a mean over fewer rows than it names is never formed.
+"""
+import argparse
+import json
+import math
+import sys
+
+FLAT = ("terrain", "cards", "interior")
+UNAVAILABLE = "not measured"
+
+
+class Claim:
+    """One line: the rows that it means, and how their numbers become one."""
+
+    def __init__(self, title, floor, goal, cases, value="ratio_adjusted", best_of=(), less=False, **fixed):
+        self.title, self.floor, self.goal = title, floor, goal
+        self.cases = cases  # each a dict that must select rows, beside `fixed`
+        self.value = value
+        self.best_of = best_of  # opponents of which the one that is worse for us counts
+        self.less = less  # small is good
+        self.fixed = fixed
+
+    def rows(self, rows):
+        """The rows of every case, or None as soon as one case has none."""
+        chosen = []
+        for case in self.cases:
+            wanted = {**self.fixed, **case}
+            peers = self.best_of or (wanted.get("peer"),)
+            found = []
+            for peer in peers:
+                match = {**wanted, "peer": peer} if peer is not None else wanted
+                hits = [row for row in rows
+                        if all(row.get(key) == value for key, value in match.items())]
+                if not hits:
+                    return None
+                found.append(hits[-1])  # the last measurement of the same thing
+            chosen.append(max(found, key=lambda row: row["peer_mrays"]) if self.best_of else found[0])
+        return chosen
+
+    def number(self, chosen, key=None):
+        values = [row[key or self.value] for row in chosen]
+        return math.exp(sum(map(math.log, values)) / len(values))
+
+    def verdict(self, number):
+        reached = (lambda bound: number <= bound) if self.less else (lambda bound: number >= bound)
+        return "goal" if reached(self.goal) else "floor" if reached(self.floor) else "below"
+
+
+def over(scenes, *rays):
+    return [{"scene": scene, "rays": kind} for scene in scenes for kind in rays]
+
+
+def claims(target):
+    ours = {"intersector": "opaque", "precision": "fast", "threads": 1, "target": target}
+    latency = {**ours, "traversal": "latency", "peer": "embree"}
+    batch = {**ours, "traversal": "batch", "peer": "embree"}
+    alpha = {"intersector": "alpha_mask", "precision": "fast", "threads": 1, "target": target,
+             "traversal": "latency"}
+    filters = ("embree-filter", "embree-argument")
+    multi = {**ours, "traversal": "latency", "kind": "multi"}
+    tight = {**ours, "precision": "watertight", "traversal": "latency"}
+    build = {"kind": "build", "build": "medium", "stage": "tree", "value": "ratio"}
+    yield Claim("single rays, closest (primary, diffuse, random)", 1.05, 1.2,
+                over(FLAT, "primary", "diffuse", "random"), **latency)
+    yield Claim("single rays, any (shadow, AO)", 1.15, 1.35, over(FLAT, "shadow", "ao"), **latency)
+    yield Claim("batch, diffuse closest", 1.18, 1.5, over(FLAT, "diffuse"), **batch)
+    yield Claim("batch, AO any", 1.25, 1.6, over(FLAT, "ao"), **batch)
+    yield Claim("batch, random closest", 1.3, 2.0, over(FLAT, "random"), **batch)
+    yield Claim("coherent primary against its coherent packets", 1.33, 1.6, over(FLAT, "primary"),
+                **{**ours, "traversal": "coherent", "peer": "embree-coherent"})
+    yield Claim("alpha mask, closest (cards)", 1.2, 1.5,
+                over(("cards",), "primary", "diffuse", "random"), best_of=filters, **alpha)
+    yield Claim("alpha mask, any (cards)", 1.3, 1.7, over(("cards",), "shadow", "ao"),
+                best_of=filters, **alpha)
+    yield Claim("forest1 (primary, diffuse, AO)", 1.0, 1.3,
+                over(("forest1",), "primary", "diffuse", "ao"), **latency)
+    yield Claim("forest3 nested over our one-level list", 0.9, 1.0,
+                over(("forest3",), "primary", "diffuse", "ao"), **{**latency, "peer": "own-over"})
+    yield Claim("multi-hit N = 8 on cards, the better filter", 1.1, 1.5,
+                over(("cards",), "primary", "diffuse", "random"),
+                best_of=("embree-list", "embree-shrink"), **multi)
+    yield Claim("watertight over its fast mode", 0.85, 1.0,
+                over(FLAT, "primary", "diffuse", "random"), **tight, peer="embree")
+    yield Claim("watertight over its robust mode", 1.1, 1.3,
+                over(FLAT, "primary", "diffuse", "random"), **tight, peer="embree-robust")
+    for threads in (1, 2):
+        yield Claim(f"medium build, {threads} thread{'s'[:threads - 1]} (its time over ours)", 0.9, 1.2,
+                    [{"scene": scene} for scene in FLAT], **build, threads=threads)
+    yield Claim("tree and leaves, bytes per triangle", 75, 60, [{"scene": scene} for scene in FLAT],
+                value="bytes_per_triangle", less=True, kind="memory")
+    yield Claim("bytes per instance", 200, 100, [{"scene": "forest3-flat"}],
+                value="bytes_per_instance", less=True, kind="memory")
+    yield Claim("2 threads, rays per CPU-second over one thread's", 0.95, 0.98,
+                over(("terrain",), "primary", "diffuse"),
+                **{**ours, "traversal": "latency", "threads": 2, "peer": "own"})
+    for name, test, base in (("null pointer, checked", "pointer_null", "no_test"),
+                             ("no-op behind a pointer", "pointer_noop", "no_test"),
+                             ("alpha test behind a pointer", "pointer_alpha", "fused_alpha")):
+        # No bound: what static injection saves is reported, however small.
+        yield Claim(f"run-time check: {name}, over {base}", 0, 0,
+                    over(("cards",), "primary", "diffuse", "ao"), value="ratio",
+                    **{**ours, "intersector": test, "traversal": "latency", "peer": "own"})
+
+
+def read_rows(path):
+    with open(path, encoding="utf-8") as file:
+        return [json.loads(line) for line in file if line.strip()]
+
+
+def commands_of(chosen):
+    """Every command once, in the order of the rows."""
+    return list(dict.fromkeys(row["command"] for row in chosen))
+
+
+def table(rows, target, with_commands):
+    yield "| | ratio | adjusted | floor | goal | | mismatches |" + (" command |" if with_commands else "")
+    yield "|---|---|---|---|---|---|---|" + ("---|" if with_commands else "")
+    for claim in claims(target):
+        chosen = claim.rows(rows)
+        bounds = f"{claim.floor:g} | {claim.goal:g}" if claim.goal else "| "
+        if chosen is None:
+            yield f"| {claim.title} | {UNAVAILABLE} | | {bounds} | | |" + (" |" if with_commands else "")
+            continue
+        adjusted = claim.number(chosen)
+        plain = claim.number(chosen, "ratio") if claim.value == "ratio_adjusted" else adjusted
+        verdict = claim.verdict(adjusted) if claim.goal else ""
+        worst = max((row.get("mismatches", 0) for row in chosen), default=0)
+        line = (f"| {claim.title} | {plain:.3g} | {adjusted:.3g} | {bounds} | {verdict} | {worst} |")
+        if with_commands:
+            line += " " + "<br>".join(f"`{command}`" for command in commands_of(chosen)) + " |"
+        yield line
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("rows", help="a file of JSON rows, one per line")
+    parser.add_argument("--target", default="v4", help="the pack that the table is of")
+    parser.add_argument("--commands", action="store_true", help="add each row's command")
+    arguments = parser.parse_args()
+    rows = read_rows(arguments.rows)
+    peers = {row["peer_about"] for row in rows if row.get("peer_about")}
+    print(f"Against {', '.join(sorted(peers)) or 'nothing'}; target {arguments.target}.\n")
+    for line in table(rows, arguments.target, arguments.commands):
+        print(line)
+    beyond = [row for row in rows if row.get("mismatches", 0) > row.get("mismatches_max", math.inf)]
+    if beyond:
+        print(f"\n{len(beyond)} rows have more mismatches than edges explain:")
+        for row in beyond:
+            print(f"- {row['scene']} {row['rays']} {row['intersector']} {row['traversal']} "
+                  f"{row['precision']} against {row['peer']}: {row['mismatches']} of {row['count']}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
