@@ -12,7 +12,7 @@
 #pragma once
 
 #include "engine/bvh/packet.h"
-#include "engine/queries/coherence.h"
+#include "engine/geometry/coherence.h"
 
 #include <bit>
 #include <cmath>
@@ -234,7 +234,7 @@ private:
     }
 
     /// Whether an interval around the rays of a set is worth a walk: they look the same way from
-    /// the same place (queries/coherence.h).
+    /// the same place (geometry/coherence.h).
     static bool is_coherent(const ObjectRecord& object, const PacketLevel& level, RaySet rays) {
         const Vec3 size = object.bounds.size();
         float turn = 0;

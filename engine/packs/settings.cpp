@@ -14,6 +14,9 @@ std::string describe_range(const PackParam& param) {
         for (std::uint32_t i = 0; i < param.choice_count; ++i) {
             text << (i != 0 ? ", " : "") << param.choices[i];
         }
+    } else if (param.type == value_u32) {
+        text << "a whole number from " << static_cast<std::uint32_t>(param.minimum) << " to "
+             << static_cast<std::uint32_t>(param.maximum);
     } else {
         text << "a number from " << param.minimum << " to " << param.maximum;
     }

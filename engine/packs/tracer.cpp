@@ -1,6 +1,6 @@
 #include "engine/packs/tracer.h"
 
-#include "engine/queries/coherence.h"
+#include "engine/geometry/coherence.h"
 
 #include <algorithm>
 

@@ -1,6 +1,8 @@
 // Choosing a variant and checking what a request sets.
 #include "engine/packs/registry.h"
 
+#include "engine/packs/tracer.h"
+
 #include <doctest/doctest.h>
 
 #include <string>
@@ -110,4 +112,44 @@ TEST_CASE("a malformed call is refused, not traced") {
     call.ray_count = 1;
     call.hits_max = multi_hits_max + 1;
     CHECK((*function)(&call) == trace_bad_call);
+}
+
+TEST_CASE("traversal auto looks at the rays, a named one does not") {
+    const auto registry = registry_for("v3");
+    const Variant& opaque = *registry->find("opaque");
+    ObjectRecord root{};
+    root.bounds = {Vec3(-10), Vec3(10)};
+    root.levels = 1;
+    SceneView scene;
+    scene.objects = &root;
+    scene.object_count = 1;
+
+    std::vector<Ray> alike(256);
+    for (std::size_t i = 0; i < alike.size(); ++i) {
+        alike[i].direction = Vec3(0.0001F * static_cast<float>(i), 0, -1);
+    }
+    std::vector<Ray> apart = alike;
+    for (std::size_t i = 0; i < apart.size(); ++i) {
+        apart[i].direction = Vec3(i % 2 == 0 ? 1 : -1, 0.5F, i % 3 == 0 ? 1 : -1);
+    }
+    const auto make = [&](Query query, Traversal traversal, bool counting) {
+        const auto tracer = Tracer::make(opaque, query, precision_watertight, traversal, counting);
+        REQUIRE(tracer.has_value());
+        return *tracer;
+    };
+
+    const Tracer any_way = make(query_closest, traversal_auto, false);
+    CHECK(any_way.choose(alike, scene) == traversal_coherent);
+    CHECK(any_way.choose(apart, scene) == traversal_batch);
+    CHECK(any_way.choose(std::span(alike).first(63), scene) == traversal_latency);
+    root.levels = 2;
+    CHECK(any_way.choose(apart, scene) == traversal_latency);
+    CHECK(any_way.choose(alike, scene) == traversal_coherent);
+
+    const Tracer named = make(query_closest, traversal_batch, false);
+    CHECK(named.choose(alike, scene) == traversal_batch);
+    const Tracer counted = make(query_closest, traversal_auto, true);
+    CHECK(counted.choose(alike, scene) == traversal_latency);
+    const Tracer multi = make(query_multi, traversal_auto, false);  // coherent has no multi
+    CHECK(multi.choose(alike, scene) == traversal_latency);
 }

@@ -1,0 +1,35 @@
+// When rays are coherent enough to walk a tree together.
+#pragma once
+
+#include "engine/geometry/box.h"
+#include "engine/geometry/ray.h"
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+
+namespace raynest {
+
+/// How far rays may look apart (tangent of the angle, about 7 degrees), and start apart (share of
+/// the object's size). Wider packets test more boxes than their rays would one by one.
+inline constexpr float coherent_turn = 0.125F;
+inline constexpr float coherent_shift = 0.0625F;
+
+/// Whether all rays look the same way from the same place, seen from a scene of these bounds. False
+/// for none.
+[[nodiscard]] inline bool is_coherent(std::span<const Ray> rays, const Box& bounds) {
+    if (rays.empty()) return false;
+    Box origins;
+    Box directions;
+    for (const Ray& ray : rays) {
+        origins.extend(ray.origin);
+        directions.extend(ray.direction);
+    }
+    const auto largest = [](const Vec3& v) {
+        return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
+    };
+    return largest(directions.size()) <= coherent_turn * largest(rays.front().direction) &&
+           largest(origins.size()) <= coherent_shift * largest(bounds.size());
+}
+
+}  // namespace raynest
