@@ -305,10 +305,10 @@ Generated interior(float scale) {
     };
     Random random(5);
     GeometryDescription mesh;
-    // Six faces of long planks: a few centimetres wide, as long as the room.
+    // Six faces of planks, up to 15 cm wide and 3 m long.
     for (int axis = 0; axis < 3; ++axis) {
         for (const float side : {0.0F, 1.0F}) {
-            add_surface(mesh, scaled(400, fineness, 8), 1, [&](float s, float t) {
+            add_surface(mesh, scaled(80, fineness, 8), 4, [&](float s, float t) {
                 Vec3 p(0.0F);
                 p[axis] = side;
                 p[(axis + 1) % 3] = axis == 1 ? t : s;
@@ -317,19 +317,19 @@ Generated interior(float scale) {
             });
         }
     }
-    for (std::uint32_t i = 0; i < scaled(600, scale, 10); ++i) {  // slats of a blind
-        const float x =
-            room.x * (0.05F + 0.9F * static_cast<float>(i) / (600 * std::max(scale, 0.02F)));
+    const std::uint32_t slats = scaled(200, scale, 10);
+    for (std::uint32_t i = 0; i < slats; ++i) {  // of a blind, as high as the room
+        const float x = room.x * (0.05F + 0.9F * static_cast<float>(i) / static_cast<float>(slats));
         add_surface(mesh, 1, 1, [&](float s, float t) {
             return Vec3(x + 0.012F * s, 0.1F + 3.6F * t, 0.3F + 0.01F * s);
         });
     }
-    for (std::uint32_t i = 0; i < scaled(4000, scale, 20); ++i) {  // wires across the room
+    for (std::uint32_t i = 0; i < scaled(300, scale, 20); ++i) {  // wires across the room
         const Vec3 from = room * (0.5F + 0.48F * in_ball(random));
         const Vec3 to = glm::clamp(from + 3.0F * in_ball(random), 0.02F * room, 0.98F * room);
         add_tube(mesh, 6, 1, from, to, 0.003F, 0);
     }
-    for (int i = 0; i < 40; ++i) {  // furniture: finely tessellated, tapering bodies
+    for (int i = 0; i < 42; ++i) {  // furniture: finely tessellated, tapering bodies
         const Vec3 radii{random.uniform(0.15F, 0.7F), random.uniform(0.2F, 1.2F),
                          random.uniform(0.15F, 0.7F)};
         const float x = random.uniform(0.08F, 0.92F) * room.x;
