@@ -1,6 +1,11 @@
-// Builds the 8-wide tree of one object: binned SAH, then collapse.
+// Builds the 8-wide tree of one object.
 //
-// Deterministic: the same input gives the same bytes, for any number of threads.
+//   boxes ──build_binary──► binary tree ──build_emit──► 8-wide nodes, leaves
+//            │ where to split: build_split (binned SAH)
+//            └ how to collapse: build_cut (cheapest cut), on the way back up
+//
+// Parallel (oneTBB, in the caller's arena) and deterministic: the same input gives the same bytes,
+// for any number of threads.
 #pragma once
 
 #include "engine/bvh/node.h"
@@ -12,8 +17,8 @@
 
 namespace raynest {
 
-/// Items are numbered triangles first, then records, then instances. An item with an empty or
-/// non-finite box is left out of the tree: it can never be hit.
+/// Items are numbered triangles or records first, never both kinds (ObjectRecord), then instances.
+/// An item with an empty or non-finite box is left out of the tree: it can never be hit.
 struct TreeInput {
     std::span<const Box> boxes;
     std::uint32_t triangle_count = 0;

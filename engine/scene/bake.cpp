@@ -3,6 +3,8 @@
 #include "engine/scene/description_check.h"
 #include "engine/scene/graph.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -168,12 +170,14 @@ private:
 
     static void add_triangle_bounds(const ObjectDescription& source, std::vector<Box>& boxes) {
         for (const GeometryDescription& geometry : source.geometries) {
-            for (std::size_t i = 0; i < geometry.indices.size(); i += 3) {
-                Box& box = boxes.emplace_back();
+            const std::size_t first = boxes.size();
+            const std::size_t count = geometry.indices.size() / 3;
+            boxes.resize(first + count);
+            tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
                 for (std::size_t corner = 0; corner < 3; ++corner) {
-                    box.extend(geometry.positions[geometry.indices[i + corner]]);
+                    boxes[first + i].extend(geometry.positions[geometry.indices[3 * i + corner]]);
                 }
-            }
+            });
         }
     }
 

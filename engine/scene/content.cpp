@@ -1,5 +1,8 @@
 #include "engine/scene/content.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cstring>
 
@@ -11,6 +14,9 @@ using format::Section;
 /// SIMD loads may read a whole run; runs start aligned for them.
 constexpr std::uint64_t attribute_alignment = 16;
 
+/// Lanes of leaf blocks that one task fills.
+constexpr std::size_t blocks_part = 1U << 15;
+
 /// Fills the leaf blocks of one object from its vertices.
 void write_blocks(const ObjectDescription& object, const Tree& tree,
                   std::span<const GeometryRecord> geometries, TriangleBlock* blocks) {
@@ -20,26 +26,31 @@ void write_blocks(const ObjectDescription& object, const Tree& tree,
             [](std::uint32_t t, const GeometryRecord& g) { return t < g.first_triangle; });
         return static_cast<std::size_t>(next - geometries.begin()) - 1;
     };
-    std::size_t geometry = 0;
-    for (std::size_t i = 0; i < tree.block_lanes.size(); ++i) {
-        TriangleBlock& block = blocks[i / 8];
-        const std::size_t lane = i % 8;
-        const std::uint32_t triangle = tree.block_lanes[i];
-        block.triangle[lane] = triangle;
-        if (triangle == no_id) continue;  // the arena is zero-filled: three equal vertices
+    using Part = tbb::blocked_range<std::size_t>;
+    tbb::parallel_for(Part(0, tree.block_lanes.size(), blocks_part), [&](const Part& part) {
+        std::size_t geometry = 0;
+        for (std::size_t i = part.begin(); i < part.end(); ++i) {
+            TriangleBlock& block = blocks[i / 8];
+            const std::size_t lane = i % 8;
+            const std::uint32_t triangle = tree.block_lanes[i];
+            block.triangle[lane] = triangle;
+            if (triangle == no_id) continue;  // the arena is zero-filled: three equal vertices
 
-        // Neighbours in the tree mostly share their geometry.
-        const GeometryRecord& last = geometries[geometry];
-        if (triangle - last.first_triangle >= last.triangle_count) geometry = geometry_of(triangle);
-        const GeometryDescription& source = object.geometries[geometry];
-        const std::size_t first = triangle - geometries[geometry].first_triangle;
-        for (std::size_t corner = 0; corner < 3; ++corner) {
-            const Vec3& p = source.positions[source.indices[3 * first + corner]];
-            for (int axis = 0; axis < 3; ++axis) {
-                block.vertex[corner][axis][lane] = p[axis];
+            // Neighbours in the tree mostly share their geometry.
+            const GeometryRecord& last = geometries[geometry];
+            if (triangle - last.first_triangle >= last.triangle_count) {
+                geometry = geometry_of(triangle);
+            }
+            const GeometryDescription& source = object.geometries[geometry];
+            const std::size_t first = triangle - geometries[geometry].first_triangle;
+            for (std::size_t corner = 0; corner < 3; ++corner) {
+                const Vec3& p = source.positions[source.indices[3 * first + corner]];
+                for (int axis = 0; axis < 3; ++axis) {
+                    block.vertex[corner][axis][lane] = p[axis];
+                }
             }
         }
-    }
+    });
 }
 
 /// Writes one object's records in tree order, each with its original index, then the way back.

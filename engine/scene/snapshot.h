@@ -5,6 +5,7 @@
 // CUDA worker would read. scene/FORMAT.md draws it.
 #pragma once
 
+#include "engine/bvh/pages.h"
 #include "engine/geometry/views.h"
 #include "engine/result.h"
 #include "engine/scene/description.h"
@@ -28,24 +29,8 @@ inline constexpr std::uint32_t record_size_max = 4096;  ///< bytes of one record
 inline constexpr std::uint32_t texture_side_max =
     16384;  ///< pixels; an RGBA plane stays below 2^31
 
-/// 2 MiB-aligned anonymous memory that asks for huge pages (+2..9 %, up to +20 % on random rays:
-/// notes of the traversal prototypes). Move-only.
-class Arena {
-public:
-    Arena() = default;
-    explicit Arena(std::size_t size);  ///< throws std::bad_alloc
-    Arena(Arena&& other) noexcept;
-    Arena& operator=(Arena&& other) noexcept;
-    Arena(const Arena&) = delete;
-    ~Arena();
-    [[nodiscard]] std::byte* data() { return data_; }
-    [[nodiscard]] const std::byte* data() const { return data_; }
-    [[nodiscard]] std::size_t size() const { return size_; }
-
-private:
-    std::byte* data_ = nullptr;
-    std::size_t size_ = 0;
-};
+/// The memory of a snapshot.
+using Arena = Pages;
 
 /// What `info` prints. Counts follow CONTRACT.md §6.
 struct SceneStatistics {

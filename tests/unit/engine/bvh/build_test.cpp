@@ -5,6 +5,7 @@
 #include "tests/conformance/scenes.h"
 
 #include <doctest/doctest.h>
+#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <bit>
@@ -94,13 +95,16 @@ TEST_CASE("every item is in the tree exactly once and inside the boxes above it"
     conformance::Random random(1);
     for (const std::uint32_t count : {1U, 2U, 8U, 9U, 100U, 5000U}) {
         const auto boxes = random_boxes(3 * count, random);
-        const TreeInput input{boxes, count, count, count};
-        const Tree tree = build_tree(input);
-        const Walk walked = walk(input, tree);
-        CHECK(walked.seen.size() == boxes.size());
-        CHECK(std::all_of(walked.seen.begin(), walked.seen.end(),
-                          [](const auto& item) { return item.second == 1; }));
-        CHECK(walked.height == tree.height);
+        for (const TreeInput& input :
+             {TreeInput{boxes, 3 * count, 0, 0}, TreeInput{boxes, 2 * count, 0, count},
+              TreeInput{boxes, 0, 2 * count, count}, TreeInput{boxes, 0, 0, 3 * count}}) {
+            const Tree tree = build_tree(input);
+            const Walk walked = walk(input, tree);
+            CHECK(walked.seen.size() == boxes.size());
+            CHECK(std::all_of(walked.seen.begin(), walked.seen.end(),
+                              [](const auto& item) { return item.second == 1; }));
+            CHECK(walked.height == tree.height);
+        }
     }
 }
 
@@ -156,12 +160,25 @@ TEST_CASE("items without a finite box are left out, and nothing at all is an emp
     CHECK(build_tree({}).root == child_empty);
 }
 
-TEST_CASE("the same input gives the same bytes") {
+TEST_CASE("the same input gives the same bytes on 1, 2, 3 and 8 threads") {
+    // Large enough that the passes over the items of the top nodes are shared out too.
+    constexpr std::uint32_t count = 200'000;
     conformance::Random random(4);
-    const auto boxes = random_boxes(2000, random);
-    const Tree a = build_tree({boxes, 2000, 0, 0});
-    const Tree b = build_tree({boxes, 2000, 0, 0});
-    REQUIRE(a.nodes.size() == b.nodes.size());
-    CHECK(std::memcmp(a.nodes.data(), b.nodes.data(), a.nodes.size() * sizeof(Node)) == 0);
-    CHECK(a.block_lanes == b.block_lanes);
+    const auto boxes = random_boxes(count, random);
+    const auto build_on = [&](std::size_t threads) {
+        const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+        return build_tree({boxes, count, 0, 0});
+    };
+    const Tree one = build_on(1);
+    for (const std::size_t threads : {2U, 3U, 8U}) {
+        CAPTURE(threads);
+        const Tree other = build_on(threads);
+        REQUIRE(one.nodes.size() == other.nodes.size());
+        CHECK(std::memcmp(one.nodes.data(), other.nodes.data(), one.nodes.size() * sizeof(Node)) ==
+              0);
+        CHECK(one.block_lanes == other.block_lanes);
+        CHECK(one.sah_cost == other.sah_cost);
+    }
+    const Walk walked = walk({boxes, count, 0, 0}, one);
+    CHECK(walked.seen.size() == count);
 }

@@ -1,10 +1,13 @@
-// The memory of a snapshot: anonymous, zero-filled, on huge pages where the system has them.
-#include "engine/scene/snapshot.h"
+#include "engine/bvh/pages.h"
 
 #include <sys/mman.h>
 
+#include <algorithm>
 #include <cstdint>
+#include <cstdio>
+#include <fstream>
 #include <new>
+#include <string>
 #include <utility>
 
 namespace raynest {
@@ -18,9 +21,13 @@ std::byte* map(std::size_t size) {
     return static_cast<std::byte*>(at);
 }
 
+std::size_t round_up(std::size_t size) {
+    return size < huge_page ? size : (size + huge_page - 1) / huge_page * huge_page;
+}
+
 }  // namespace
 
-Arena::Arena(std::size_t size) : size_(size) {
+Pages::Pages(std::size_t size) : size_(size) {
     if (size == 0) return;
     if (size > SIZE_MAX - 2 * huge_page) throw std::bad_alloc();
     if (size < huge_page) {
@@ -28,7 +35,7 @@ Arena::Arena(std::size_t size) : size_(size) {
         return;
     }
     // Map one huge page more than needed, keep the aligned part, give the ends back.
-    const std::size_t rounded = (size + huge_page - 1) / huge_page * huge_page;
+    const std::size_t rounded = round_up(size);
     std::byte* const start = map(rounded + huge_page);
     const std::size_t before =
         (huge_page - reinterpret_cast<std::uintptr_t>(start) % huge_page) % huge_page;
@@ -38,21 +45,38 @@ Arena::Arena(std::size_t size) : size_(size) {
     madvise(data_, rounded, MADV_HUGEPAGE);  // a wish: without huge pages it is only slower
 }
 
-Arena::Arena(Arena&& other) noexcept
+Pages::Pages(Pages&& other) noexcept
     : data_(std::exchange(other.data_, nullptr)),
       size_(std::exchange(other.size_, 0)) {}
 
-Arena& Arena::operator=(Arena&& other) noexcept {
+Pages& Pages::operator=(Pages&& other) noexcept {
     std::swap(data_, other.data_);
     std::swap(size_, other.size_);
     return *this;
 }
 
-Arena::~Arena() {
+Pages::~Pages() {
     if (data_ == nullptr) return;
-    const std::size_t mapped =
-        size_ < huge_page ? size_ : (size_ + huge_page - 1) / huge_page * huge_page;
-    munmap(data_, mapped);
+    munmap(data_, round_up(size_));
+}
+
+// A mapping is named by a line "first-end permissions ..."; lines of its properties follow. The
+// system may have merged ours with a neighbour: then its huge pages are counted at most once.
+std::size_t Pages::huge_bytes() const {
+    const auto first = reinterpret_cast<std::uintptr_t>(data_);
+    std::size_t huge = 0;
+    std::ifstream map("/proc/self/smaps");
+    std::string line;
+    bool ours = false;
+    while (std::getline(map, line)) {
+        unsigned long long begin = 0, end = 0, kib = 0;
+        if (std::sscanf(line.c_str(), "%llx-%llx ", &begin, &end) == 2) {
+            ours = begin < first + size_ && first < end;
+        } else if (ours && std::sscanf(line.c_str(), "AnonHugePages: %llu kB", &kib) == 1) {
+            huge += kib << 10;
+        }
+    }
+    return std::min(huge, round_up(size_));
 }
 
 }  // namespace raynest

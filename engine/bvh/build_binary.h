@@ -1,0 +1,89 @@
+// The binary tree under the 8-wide one: items are split until few are left, from the root down; on
+// the way back every node gets its box and its plan (build_cut.h).
+//
+// An inner node lives at the index where the items of its right child begin. That is unique, so
+// subtrees can be built at the same time without asking anybody for memory, and nothing depends on
+// who was first.
+#pragma once
+
+#include "engine/bvh/build.h"
+#include "engine/bvh/build_cut.h"
+#include "engine/bvh/build_items.h"
+#include "engine/bvh/build_split.h"
+
+#include <cstdint>
+
+namespace raynest::build {
+
+/// A child of a binary node: an inner node, or a leaf of `count` items.
+class Link {
+public:
+    static Link inner(std::uint32_t node) { return Link(node); }
+    static Link leaf(std::uint32_t count) { return Link(leaf_bit | count); }
+    Link() = default;
+
+    [[nodiscard]] bool is_leaf() const { return (word_ & leaf_bit) != 0; }
+    [[nodiscard]] std::uint32_t node() const { return word_; }
+    [[nodiscard]] std::uint32_t count() const { return word_ & ~leaf_bit; }
+
+private:
+    static constexpr std::uint32_t leaf_bit = 1U << 31;
+    explicit Link(std::uint32_t word) : word_(word) {}
+    std::uint32_t word_ = leaf_bit;
+};
+
+struct BinaryNode {
+    Box box;
+    Link left, right;
+    Plan plan;
+    /// Where it becomes a leaf or an 8-wide node: wide nodes of its subtree (build_emit.h), and
+    /// blocks or records of its leaves.
+    std::uint32_t wide_nodes, leaf_entries;
+};
+
+class BinaryTree {
+public:
+    explicit BinaryTree(const TreeInput& input);
+
+    [[nodiscard]] bool is_empty() const { return count_ == 0; }
+    /// Splits everything; SAH cost of the root, times its area.
+    float build();
+
+    [[nodiscard]] Link root() const { return root_; }
+    [[nodiscard]] const Box& box() const { return box_; }
+    [[nodiscard]] BinaryNode& node(std::uint32_t index) { return nodes_[index]; }
+    [[nodiscard]] const BinaryNode& node(std::uint32_t index) const { return nodes_[index]; }
+    [[nodiscard]] const Item* items() const { return items_.data(); }
+    [[nodiscard]] const TreeInput& input() const { return input_; }
+    [[nodiscard]] ChildKind kind_of_item(std::uint32_t id) const {
+        return id < input_.triangle_count                         ? ChildKind::triangles
+               : id < input_.triangle_count + input_.record_count ? ChildKind::records
+                                                                  : ChildKind::instance;
+    }
+
+private:
+    struct Subtree {
+        Link link;
+        Extent box;
+        Load load;
+        Costs costs;
+    };
+
+    void gather();
+    Subtree split(const Range& range, const Extent& centers, std::uint32_t depth);
+    Halves halves_of(const Range& range, const Extent& centers, std::uint32_t depth);
+    [[nodiscard]] bool may_be_leaf(const Range& range) const;
+    [[nodiscard]] Subtree leaf(const Range& range) const;
+    Subtree join(std::uint32_t index, const Subtree& left, const Subtree& right);
+
+    const TreeInput& input_;
+    bool triangles_only_;
+    std::uint32_t count_ = 0;
+    Extent centers_ = Extent::none();
+    Array<Item> items_;
+    Array<BinaryNode> nodes_;
+    Link root_;
+    Box box_;
+};
+
+}  // namespace raynest::build

@@ -1,0 +1,32 @@
+// Memory for what is large and read at random: trees, leaves, scenes.
+#pragma once
+
+#include <cstddef>
+
+namespace raynest {
+
+/// Anonymous zero-filled memory, from 2 MiB on aligned to huge pages and asking for them (+2..9 %,
+/// up to +20 % on random rays: notes of the traversal prototypes). Untouched pages cost nothing.
+/// Move-only.
+class Pages {
+public:
+    Pages() = default;
+    explicit Pages(std::size_t size);  ///< throws std::bad_alloc
+    Pages(Pages&& other) noexcept;
+    Pages& operator=(Pages&& other) noexcept;
+    Pages(const Pages&) = delete;
+    ~Pages();
+    [[nodiscard]] std::byte* data() { return data_; }
+    [[nodiscard]] const std::byte* data() const { return data_; }
+    [[nodiscard]] std::size_t size() const { return size_; }
+
+    /// How many of the bytes the system has put on huge pages so far; 0 where it does not say.
+    /// Reads the process's memory map: for a log line, not for a loop.
+    [[nodiscard]] std::size_t huge_bytes() const;
+
+private:
+    std::byte* data_ = nullptr;
+    std::size_t size_ = 0;
+};
+
+}  // namespace raynest
