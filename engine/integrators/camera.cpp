@@ -136,8 +136,9 @@ void generate_rays(const Camera& camera, std::uint32_t width, std::uint32_t heig
     const auto& m = camera.to_world.m;
     const Vec3 eye(m[3], m[7], m[11]);
     for (std::size_t i = 0; i < out.size(); ++i) {
-        const std::uint64_t column = (first + i) % width;
-        const std::uint64_t row = (first + i) / width;
+        const std::uint64_t pixel = tile_order(first + i, width, height);
+        const std::uint64_t column = pixel % width;
+        const std::uint64_t row = pixel / width;
         const double x = (static_cast<double>(column) + 0.5 - half_width) * step;
         const double y = (half_height - static_cast<double>(row) - 0.5) * step;
         Ray& ray = out[i];

@@ -43,7 +43,9 @@ protected:
         source.rays = rays;
         source.hits = buffers.hits;
         source.counters = buffers.counters;
-        write_column(metric_, source, reinterpret_cast<std::byte*>(counts_.data() + first));
+        std::vector<std::uint32_t> counts(rays.size());
+        write_column(metric_, source, reinterpret_cast<std::byte*>(counts.data()));
+        place<std::uint32_t>(first, counts, counts_);
         return {};
     }
 

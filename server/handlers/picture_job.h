@@ -50,12 +50,21 @@ public:
     [[nodiscard]] std::optional<Progress> progress() const override;
 
 protected:
-    /// Worker thread: traces `rays`, the pixels from `first` on, and keeps what the picture needs.
+    /// Worker thread: traces `rays`, those from place `first` of the tile order on
+    /// (integrators/camera.h), and keeps what the picture needs.
     virtual Reply<void> expose(std::uint64_t first, std::span<Ray> rays, TraceBuffers& buffers) = 0;
     /// Worker thread, after all chunks.
     virtual Reply<Payload> develop() = 0;
     /// Adds to DONE what only this kind of picture knows.
     virtual void complete(wire::DoneT& /*done*/) const {}
+
+    /// Puts the values of a chunk where its pixels are. Chunks do not overlap.
+    template <class T>
+    void place(std::uint64_t first, std::span<const T> values, std::vector<T>& picture) const {
+        for (std::size_t i = 0; i < values.size(); ++i) {
+            picture[tile_order(first + i, order_.width, order_.height)] = values[i];
+        }
+    }
 
     [[nodiscard]] const PictureOrder& order() const { return order_; }
     [[nodiscard]] const Registry& registry() const { return services_.registry; }

@@ -39,7 +39,9 @@ protected:
         ColumnSource source = order().plan.source(registry());
         source.rays = rays;
         source.hits = buffers.hits;
-        shade_primary(source, std::span(pixels_).subspan(first, rays.size()));
+        std::vector<Vec4> shaded(rays.size());
+        shade_primary(source, shaded);
+        place<Vec4>(first, shaded, pixels_);
         return {};
     }
 

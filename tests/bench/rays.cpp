@@ -45,20 +45,9 @@ std::vector<Ray> picture_rays(const Snapshot& scene, std::uint32_t pixels) {
     const auto height = std::max(
         8U, static_cast<std::uint32_t>(std::sqrt(static_cast<float>(pixels) * 9 / 16) / 8) * 8);
     const std::uint32_t width = std::max(8U, pixels / height / 8 * 8);
-    std::vector<Ray> rows(std::size_t{width} * height);
-    generate_rays(*camera, width, height, 0, rows);
-    std::vector<Ray> tiles;
-    tiles.reserve(rows.size());
-    for (std::uint32_t ty = 0; ty < height; ty += 8) {
-        for (std::uint32_t tx = 0; tx < width; tx += 8) {
-            for (std::uint32_t i = 0; i < tile_rays; ++i) {
-                const std::uint32_t x = tx + i / 16 % 2 * 4 + i % 4;
-                const std::uint32_t y = ty + i / 32 * 4 + i / 4 % 4;
-                Ray& ray = tiles.emplace_back(rows[std::size_t{y} * width + x]);
-                ray.direction = glm::normalize(ray.direction);
-            }
-        }
-    }
+    std::vector<Ray> tiles(std::size_t{width} * height);
+    generate_rays(*camera, width, height, 0, tiles);
+    for (Ray& ray : tiles) ray.direction = glm::normalize(ray.direction);
     return tiles;
 }
 

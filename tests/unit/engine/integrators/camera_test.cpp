@@ -21,7 +21,10 @@ SceneDescription with_cameras() {
 
 Ray ray_of(const Camera& camera, std::uint32_t width, std::uint32_t height, std::uint64_t pixel) {
     std::vector<Ray> ray(1);
-    generate_rays(camera, width, height, pixel, ray);
+    for (std::uint64_t place = 0; place < std::uint64_t{width} * height; ++place) {
+        if (tile_order(place, width, height) != pixel) continue;
+        generate_rays(camera, width, height, place, ray);
+    }
     return ray[0];
 }
 
@@ -57,6 +60,25 @@ TEST_CASE("rays go through pixel centres, y down, one unit along the view axis")
     CHECK(is_close(ray_of(camera, 4, 2, 3).direction, {1.5F, 0.5F, -1}));
     CHECK(is_close(ray_of(camera, 4, 2, 4).direction, {-1.5F, -0.5F, -1}));
     CHECK(is_close(ray_of(camera, 1, 1, 0).direction, {0, 0, -1}));
+}
+
+TEST_CASE("the tile order meets every pixel once, whole tiles first square by square") {
+    for (const auto& [width, height] :
+         {std::pair{1U, 1U}, {7U, 5U}, {16U, 8U}, {17U, 9U}, {9U, 64U}}) {
+        std::vector<int> met(std::size_t{width} * height, 0);
+        for (std::uint64_t place = 0; place < met.size(); ++place) {
+            const std::uint64_t pixel = tile_order(place, width, height);
+            REQUIRE(pixel < met.size());
+            ++met[pixel];
+        }
+        CHECK(std::count(met.begin(), met.end(), 1) == static_cast<std::ptrdiff_t>(met.size()));
+    }
+    for (std::uint64_t place = 0; place < 64; ++place) {
+        const std::uint64_t pixel = tile_order(place, 17, 9);
+        CHECK(pixel % 17 < 8);
+        CHECK(pixel / 17 < 8);
+        if (place < 16) CHECK(std::max(pixel % 17, pixel / 17) < 4);
+    }
 }
 
 TEST_CASE("a chunk of rays equals the same rays of the whole picture") {
