@@ -213,16 +213,26 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
     }
 }
 
+/// What an intersector writes may depend on the order in which it is asked, so one with outputs
+/// goes through the latency traversal whatever was named: same request, same bytes. One that
+/// decides about boxes has to see each ray's own; packets test them together.
+template <class Isect, Traversal traversal>
+inline constexpr bool singly =
+    traversal == traversal_latency || traversal == traversal_reference || requires {
+    Isect::outputs;
+}
+|| (traversal == traversal_coherent && Overrides<Isect, BoxRay, Boxes8>);
+
 template <Traversal traversal, class Isect, class Feed>
 RAYNEST_INLINE TraceStatus trace_group(const Bvh& root, std::uint32_t count, Isect& isect,
                                        const Feed& feed) {
-    if constexpr (traversal == traversal_batch) {
-        return Batch(root, isect, feed).trace(count) ? trace_ok : trace_out_of_memory;
-    } else if constexpr (traversal == traversal_coherent && !Overrides<Isect, BoxRay, Boxes8>) {
-        Coherent<Isect, typename Feed::Query>(isect).trace(root, count, feed);
-        return trace_ok;
-    } else {
+    if constexpr (singly<Isect, traversal>) {
         trace_singly<traversal == traversal_reference>(root, count, isect, feed);
+        return trace_ok;
+    } else if constexpr (traversal == traversal_batch) {
+        return Batch(root, isect, feed).trace(count) ? trace_ok : trace_out_of_memory;
+    } else {
+        Coherent<Isect, typename Feed::Query>(isect).trace(root, count, feed);
         return trace_ok;
     }
 }
