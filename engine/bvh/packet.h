@@ -15,6 +15,7 @@ namespace raynest {
 inline constexpr std::uint32_t packet_rays = 64;
 inline constexpr int packet_lanes = 16;  ///< rays per step of a loop over the packet
 inline constexpr std::uint32_t packet_groups = packet_rays / packet_lanes;
+inline constexpr std::uint32_t group_bits = (1U << packet_lanes) - 1;
 using PacketLanes = Lanes<packet_lanes>;
 
 /// One bit per ray of a packet.
@@ -35,7 +36,7 @@ struct alignas(64) PacketRow {
 [[nodiscard]] RAYNEST_INLINE float least_of(const PacketRow& row, RaySet rays) {
     auto r = PacketLanes::splat(std::numeric_limits<float>::infinity());
     for (std::uint32_t g = 0; g < packet_groups; ++g) {
-        const auto members = static_cast<std::uint32_t>(rays >> (packet_lanes * g) & 0xFFFFU);
+        const auto members = static_cast<std::uint32_t>(rays >> (packet_lanes * g) & group_bits);
         r = minimum(r, select(members, row.group(g), r));
     }
     return least(r);
@@ -43,7 +44,7 @@ struct alignas(64) PacketRow {
 [[nodiscard]] RAYNEST_INLINE float most_of(const PacketRow& row, RaySet rays) {
     auto r = PacketLanes::splat(-std::numeric_limits<float>::infinity());
     for (std::uint32_t g = 0; g < packet_groups; ++g) {
-        const auto members = static_cast<std::uint32_t>(rays >> (packet_lanes * g) & 0xFFFFU);
+        const auto members = static_cast<std::uint32_t>(rays >> (packet_lanes * g) & group_bits);
         r = maximum(r, select(members, row.group(g), r));
     }
     return most(r);
@@ -83,7 +84,7 @@ private:
         };
         const F extent = largest_of(origin) * F::splat(origin_error * box_origin_error);
         const F smallest = largest_of(direction) * F::splat(direction_min_relative);
-        std::uint32_t bounded = 0xFFFFU;
+        std::uint32_t bounded = group_bits;
         for (std::uint32_t axis = 0; axis < 3; ++axis) {
             const F d = direction[axis].group(g);
             const F r = F::splat(1) / flip_sign(maximum(absolute(d), smallest), d);
@@ -106,7 +107,7 @@ private:
         const std::uint32_t y_largest = less(x, y) & ~z_largest;
         largest[2] |= RaySet{z_largest} << shift;
         largest[1] |= RaySet{y_largest} << shift;
-        largest[0] |= RaySet{0xFFFFU & ~(z_largest | y_largest)} << shift;
+        largest[0] |= RaySet{group_bits & ~(z_largest | y_largest)} << shift;
     }
 };
 
