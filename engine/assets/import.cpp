@@ -59,6 +59,7 @@ Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request
                                                     const Registry& registry) try {
     auto scene = describe(request, limits, registry);
     if (!scene) return tl::unexpected<Error>(scene.error());
+    scene->build = request.build;
     return Snapshot::bake(*scene);
 } catch (const std::bad_alloc&) {
     return fail(ErrorCode::out_of_memory, "the scene needs more memory than an import may take");
