@@ -1,6 +1,8 @@
 #include "client/scene_info.h"
 
+#include <iomanip>
 #include <iostream>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -22,6 +24,27 @@ std::string joined(const std::vector<std::string>& items) {
     return line.empty() ? "none" : line;
 }
 
+/// Of nodes and leaf blocks; 0 without triangles.
+double bytes_per_triangle(const wire::SceneInfo& info) {
+    const auto triangles = static_cast<double>(info.unique_triangles());
+    return triangles > 0 ? static_cast<double>(info.tree_bytes()) / triangles : 0;
+}
+
+/// "medium in 0.412 s, SAH cost 17.8, height 11, 42,241 nodes, 278,468 leaf blocks, 50 B/triangle".
+std::string tree_text(const wire::SceneInfo& info) {
+    const auto rounded = [](double value, int digits) {
+        std::ostringstream text;
+        text << std::fixed << std::setprecision(digits) << value;
+        return text.str();
+    };
+    std::string text(protocol::text(info.build()));
+    if (info.build_seconds() > 0) text += " in " + seconds_text(info.build_seconds());
+    return text + ", SAH cost " + rounded(info.sah_cost(), 1) + ", height " +
+           std::to_string(info.tree_height()) + ", " + grouped(info.nodes()) + " nodes, " +
+           grouped(info.leaf_blocks()) + " leaf blocks, " + rounded(bytes_per_triangle(info), 0) +
+           " B/triangle";
+}
+
 }  // namespace
 
 Json scene_json(const wire::SceneInfo& info) {
@@ -36,6 +59,14 @@ Json scene_json(const wire::SceneInfo& info) {
     json["materials"] = info.materials();
     json["mask_materials"] = info.mask_materials();
     json["bytes"] = info.bytes();
+    json["build"] = protocol::text(info.build());
+    json["build_seconds"] = info.build_seconds();
+    json["sah_cost"] = info.sah_cost();
+    json["tree_height"] = info.tree_height();
+    json["nodes"] = info.nodes();
+    json["leaf_blocks"] = info.leaf_blocks();
+    json["tree_bytes"] = info.tree_bytes();
+    json["bytes_per_triangle"] = bytes_per_triangle(info);
     json["cameras"] = protocol::strings(info.cameras());
     json["skipped"] = skipped_json(info);
     json["warnings"] = protocol::strings(info.warnings());
@@ -54,6 +85,7 @@ void print_scene(const wire::SceneInfo& info) {
         {"materials", std::to_string(info.materials()) + ", " +
                           std::to_string(info.mask_materials()) + " with an alpha mask"},
         {"memory", bytes_text(info.bytes())},
+        {"tree", tree_text(info)},
         {"cameras", joined(protocol::strings(info.cameras()))},
     };
     const std::vector<std::string> types = protocol::strings(info.record_types());

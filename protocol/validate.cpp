@@ -49,6 +49,7 @@ void check_size(Checks& checks, std::uint64_t width, std::uint64_t height) {
 void check_info(Checks& checks, const wire::SceneInfo& info) {
     checks.name("name", info.name())
         .name("hash", info.hash())
+        .name("build", info.build())
         .names("cameras", info.cameras())
         .names("skipped_reasons", info.skipped_reasons())
         .numbers("skipped", info.skipped_reasons(), info.skipped_counts())

@@ -72,6 +72,7 @@ Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request
                                                     const Registry& registry) try {
     auto scene = describe(request, limits, registry);
     if (!scene) return tl::unexpected<Error>(named(request, std::move(scene.error())));
+    scene->build = request.build;
     auto snapshot = Snapshot::bake(*scene);
     if (!snapshot) return tl::unexpected<Error>(named(request, std::move(snapshot.error())));
     return snapshot;

@@ -27,6 +27,7 @@ struct ImportRequest {
     std::string source;             ///< "forest.glb", "builtin:forest?trees=100", "points.npy"
     std::vector<NamedBytes> files;  ///< files[0] is the main file; empty for built-in scenes
     std::string primitive;          ///< record type of a .npy, e.g. "sphere"
+    BuildQuality build = BuildQuality::medium;
 };
 
 struct ImportLimits {

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <limits>
 
@@ -26,6 +27,7 @@ struct RequestHeader {
     std::uint32_t source_bytes = 0;
     std::uint32_t primitive_bytes = 0;
     std::uint32_t file_count = 0;
+    BuildQuality build = BuildQuality::medium;
 };
 struct FileHeader {
     std::uint64_t bytes = 0;
@@ -36,6 +38,7 @@ struct ResultHeader {
     std::uint32_t status = status_arena;  ///< or an ErrorCode
     std::uint32_t unused = 0;
     std::uint64_t bytes = 0;  ///< of the arena or the message that follows
+    double build_seconds = 0;
 };
 
 tl::unexpected<Error> system_error(const char* what) {
@@ -105,6 +108,7 @@ Result<void> write_request(int fd, const ImportRequest& request, const ImportLim
     header.parent = ::getpid();
     header.source_bytes = static_cast<std::uint32_t>(request.source.size());
     header.primitive_bytes = static_cast<std::uint32_t>(request.primitive.size());
+    header.build = request.build;
     header.file_count = static_cast<std::uint32_t>(request.files.size());
     if (request.source.size() > text_bytes_max || request.primitive.size() > text_bytes_max ||
         request.files.size() > files_max) {
@@ -129,10 +133,14 @@ Result<Message> parse_request(std::span<const std::byte> bytes) {
     const std::byte* at = cursor.take(sizeof header);
     if (at == nullptr) return damaged;
     std::memcpy(static_cast<void*>(&header), at, sizeof header);
-    if (header.magic != request_magic || header.file_count > files_max) return damaged;
+    if (header.magic != request_magic || header.file_count > files_max ||
+        header.build > BuildQuality::high) {
+        return damaged;
+    }
     Message message;
     message.limits = header.limits;
     message.parent = header.parent;
+    message.request.build = header.build;
     const auto take_text = [&](std::uint64_t size, std::string& text) {
         const std::byte* from = size > text_bytes_max ? nullptr : cursor.take(size);
         if (from != nullptr) text.assign(reinterpret_cast<const char*>(from), size);
@@ -162,6 +170,7 @@ Result<void> write_result(int fd, const Result<std::shared_ptr<const Snapshot>>&
     std::span<const std::byte> payload;
     if (result) {
         payload = (*result)->bytes();
+        header.build_seconds = (*result)->statistics().build_seconds;
     } else {
         header.status = static_cast<std::uint32_t>(result.error().code);
         payload = std::as_bytes(std::span(result.error().message));
@@ -183,10 +192,11 @@ Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t bytes_
         return damaged;
     }
     if (header.status == status_arena) {
+        if (!(header.build_seconds >= 0) || !std::isfinite(header.build_seconds)) return damaged;
         Arena arena(header.bytes);
         if (auto done = read_all(fd, arena.data(), header.bytes, sizeof header); !done)
             return damaged;
-        return Snapshot::open(std::move(arena));
+        return Snapshot::open(std::move(arena), header.build_seconds);
     }
     constexpr auto last_code = static_cast<std::uint32_t>(ErrorCode::io_failed);
     if (header.status > last_code || header.bytes > text_bytes_max) return damaged;

@@ -1,7 +1,8 @@
 // Builds the 8-wide tree of one object.
 //
 //   boxes ──build_binary──► binary tree ──build_emit──► 8-wide nodes, leaves
-//            │ where to split: build_split (binned SAH)
+//            │ where to split: build_split (binned SAH), build_morton (of fast builds),
+//            │ build_spatial (of high builds)
 //            └ how to collapse: build_cut (cheapest cut), on the way back up
 //
 // Parallel (oneTBB, in the caller's arena) and deterministic: the same input gives the same bytes,
@@ -11,11 +12,22 @@
 #include "engine/bvh/node.h"
 #include "engine/geometry/box.h"
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
 
 namespace raynest {
+
+/// How much time a build may take for how good a tree. Against medium, measured on a terrain, loose
+/// cards and an interior of long triangles: fast takes 0.6 of the time, its SAH cost is 10 to 28 %
+/// higher, rays are 5 to 20 % slower. high takes 3, 10 and 8 times as long; SAH cost -0.5, -5 and
+/// -27 %, rays of the interior 1.25 to 1.5 times as fast, of the others as before.
+enum class BuildQuality : std::uint32_t { fast, medium, high };
+inline constexpr std::array<const char*, 3> build_quality_names{"fast", "medium", "high"};
+
+/// The vertices of a triangle.
+using Corners = std::array<Vec3, 3>;
 
 /// Items are numbered triangles or records first, never both kinds (ObjectRecord), then instances.
 /// An item with an empty or non-finite box is left out of the tree: it can never be hit.
@@ -24,13 +36,17 @@ struct TreeInput {
     std::uint32_t triangle_count = 0;
     std::uint32_t record_count = 0;
     std::uint32_t instance_count = 0;  ///< boxes.size() is the sum of the three
+    BuildQuality quality = BuildQuality::medium;
+    /// One per triangle for a high build, which is a medium one without them. A high build may name
+    /// a triangle in several leaves; at most every second one on average.
+    std::span<const Corners> corners = {};
 };
 
 struct Tree {
     std::vector<Node> nodes;
     std::uint32_t root = child_empty;  ///< child word; a tree without items stays empty
     Box bounds;
-    /// Triangle of lane l of block b at [8 b + l], no_id in padding lanes. Within a block
+    /// Triangle of lane l of block b at [8 b + l], no_id in padding lanes. Within a leaf
     /// ascending.
     std::vector<std::uint32_t> block_lanes;
     /// Record at each place of the tree's record array.

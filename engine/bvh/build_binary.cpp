@@ -1,5 +1,7 @@
 #include "engine/bvh/build_binary.h"
 
+#include "engine/bvh/build_spatial.h"
+
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_invoke.h>
 
@@ -12,8 +14,13 @@
 namespace raynest::build {
 namespace {
 
-/// Fewer are never split: their boxes are close to each other, and a leaf block holds them all.
+/// So few are never split: one leaf block holds them. Splitting down to 4 instead lowers the SAH
+/// cost by 0.5 to 1.7 % and speeds up no ray, but costs 15 % of build time and 16 % of memory.
 constexpr std::uint32_t binary_leaf_items = 8;
+
+/// Spatial splits are tried where the halves of a range overlap in more than this share of the
+/// whole tree's area (Stich et al.).
+constexpr float overlap_min = 1e-4F;
 
 bool is_sound(const Box& box) {
     const Vec3 size = box.upper - box.lower;
@@ -25,9 +32,13 @@ bool is_sound(const Box& box) {
 BinaryTree::BinaryTree(const TreeInput& input)
     : input_(input),
       triangles_only_(input.record_count + input.instance_count == 0),
-      items_(input.boxes.size()),
-      nodes_(input.boxes.size()) {
+      splits_triangles_(input.quality == BuildQuality::high && triangles_only_ &&
+                        input.corners.size() == input.triangle_count),
+      room_(input.boxes.size() + (splits_triangles_ ? input.boxes.size() / 2 : 0)),
+      items_(room_),
+      nodes_(room_) {
     gather();
+    if (input.quality == BuildQuality::fast) order_.emplace(items_.data(), count_, centers_);
 }
 
 // Two passes, so that parts know where their sound boxes go.
@@ -35,8 +46,9 @@ void BinaryTree::gather() {
     const std::size_t parts = (input_.boxes.size() + part_items - 1) / part_items;
     struct Part {
         std::uint32_t count = 0;
-        Extent centers = Extent::none();
+        Extent centers = Extent::none(), bounds = Extent::none();
     };
+    Extent bounds = Extent::none();
     std::vector<Part> found(parts);
     const auto for_each_part = [&](auto&& body) {
         tbb::parallel_for(std::size_t{0}, parts, [&](std::size_t part) {
@@ -52,14 +64,19 @@ void BinaryTree::gather() {
         for (Item* out = items_.data() + part.count; i < end; ++i) {
             if (!is_sound(input_.boxes[i])) continue;
             *out = Item::of(Extent::of(input_.boxes[i]), static_cast<std::uint32_t>(i));
+            part.bounds.extend(out->extent);
             part.centers.extend(Extent::at(out++->center()));
         }
     });
-    for (const Part& part : found) centers_.extend(part.centers);
+    for (const Part& part : found) {
+        centers_.extend(part.centers);
+        bounds.extend(part.bounds);
+    }
+    overlap_min_ = overlap_min * bounds.half_area();
 }
 
 float BinaryTree::build() {
-    const Subtree tree = split({0, count_, count_}, centers_, 1);
+    const Subtree tree = split({0, count_, static_cast<std::uint32_t>(room_)}, centers_, 1);
     root_ = tree.link;
     box_ = tree.box.box();
     return tree.costs[0];
@@ -87,11 +104,31 @@ Halves BinaryTree::halves_of(const Range& range, const Extent& centers, std::uin
     // stack rests on it.
     const auto levels_to_go = static_cast<std::uint32_t>(std::bit_width(range.count - 1));
     if (depth + levels_to_go >= tree_height_max - 1) return halve(items_.data(), range, centers);
-    const ObjectSplit object = find_object_split(items_.data() + range.first, range.count, centers,
-                                                 triangles_only_ ? 8 : 1);
+    const std::uint32_t along_curve = order_ ? order_->left_count(range) : 0;
+    if (along_curve != 0) return cut_at(items_.data(), range, along_curve);
+    const ObjectSplit object =
+        find_object_split(items_.data() + range.first, range.count, centers, block_items());
     // Coincident centres, or areas that overflow.
     if (object.axis < 0) return halve(items_.data(), range, centers);
+    if (splits_triangles_) {
+        if (const auto halves = halves_in_space(range, object)) return *halves;
+    }
     return partition(items_.data(), range, object);
+}
+
+std::optional<Halves> BinaryTree::halves_in_space(const Range& range, const ObjectSplit& object) {
+    if (range.room == range.count) return std::nullopt;
+    const Extent overlap = {minimum(object.left.minus_lower, object.right.minus_lower),
+                            minimum(object.left.upper, object.right.upper)};
+    const Float4 size = overlap.size();
+    const bool overlaps = size[0] >= 0 && size[1] >= 0 && size[2] >= 0;
+    if (!overlaps || !(overlap.half_area() > overlap_min_)) return std::nullopt;
+    Extent box = object.left;
+    box.extend(object.right);
+    const SpatialSplit space =
+        find_spatial_split(items_.data(), range, box, input_.corners, block_items());
+    if (!(space.cost < object.cost)) return std::nullopt;
+    return split_in_space(items_.data(), range, space, input_.corners);
 }
 
 bool BinaryTree::may_be_leaf(const Range& range) const {

@@ -9,9 +9,12 @@
 #include "engine/bvh/build.h"
 #include "engine/bvh/build_cut.h"
 #include "engine/bvh/build_items.h"
+#include "engine/bvh/build_morton.h"
 #include "engine/bvh/build_split.h"
 
+#include <cstddef>
 #include <cstdint>
+#include <optional>
 
 namespace raynest::build {
 
@@ -55,6 +58,8 @@ public:
     [[nodiscard]] const BinaryNode& node(std::uint32_t index) const { return nodes_[index]; }
     [[nodiscard]] const Item* items() const { return items_.data(); }
     [[nodiscard]] const TreeInput& input() const { return input_; }
+    /// Leaves may hold an item twice.
+    [[nodiscard]] bool splits_triangles() const { return splits_triangles_; }
     [[nodiscard]] ChildKind kind_of_item(std::uint32_t id) const {
         return id < input_.triangle_count                         ? ChildKind::triangles
                : id < input_.triangle_count + input_.record_count ? ChildKind::records
@@ -72,16 +77,22 @@ private:
     void gather();
     Subtree split(const Range& range, const Extent& centers, std::uint32_t depth);
     Halves halves_of(const Range& range, const Extent& centers, std::uint32_t depth);
+    std::optional<Halves> halves_in_space(const Range& range, const ObjectSplit& object);
+    [[nodiscard]] std::uint32_t block_items() const { return triangles_only_ ? 8 : 1; }
     [[nodiscard]] bool may_be_leaf(const Range& range) const;
     [[nodiscard]] Subtree leaf(const Range& range) const;
     Subtree join(std::uint32_t index, const Subtree& left, const Subtree& right);
 
     const TreeInput& input_;
     bool triangles_only_;
+    bool splits_triangles_;
     std::uint32_t count_ = 0;
     Extent centers_ = Extent::none();
+    std::size_t room_;  ///< places for items
     Array<Item> items_;
     Array<BinaryNode> nodes_;
+    std::optional<MortonOrder> order_;  ///< of a fast build
+    float overlap_min_ = 0;
     Link root_;
     Box box_;
 };

@@ -14,7 +14,8 @@
 
 namespace raynest::build {
 
-// Costs relative to one node visit; chosen by measurement (bvh/build.h).
+// Costs relative to one node visit. Block costs of 0.5 to 0.8 trace alike (1.2: 3 % slower); the
+// least of them would save 3 % of memory.
 inline constexpr float node_cost = 1.0F;
 inline constexpr float block_cost = 0.6F;
 inline constexpr float record_cost = 0.4F;

@@ -114,9 +114,15 @@ private:
         return is_leaf(root) ? 0 : binary_.node(root.link.node()).wide_nodes;
     }
 
-    /// Height of a root; notes the counts of each wide node.
+    /// Height of a root; notes the counts of each wide node, and of leaves that held items twice.
     std::uint32_t count(const Root& root, std::uint32_t level) {
-        if (is_leaf(root)) return 0;
+        if (is_leaf(root)) {
+            if (binary_.splits_triangles() && !root.link.is_leaf()) {
+                binary_.node(root.link.node()).leaf_entries =
+                    leaf_entries({only(ChildKind::triangles), items_of(root).count});
+            }
+            return 0;
+        }
         const Roots roots = children_of(root);
         std::array<std::uint32_t, 8> heights{};
         for_each_root(roots, level, [&](std::uint32_t slot) {

@@ -150,21 +150,28 @@ SidePass partition_wide(Item* items, std::uint32_t count, const ObjectSplit& spl
     return all;
 }
 
-/// The halves of a range whose left items are in front; each gets its share of the free places.
-Halves cut_at(Item* items, const Range& range, std::uint32_t left_count) {
-    const std::uint32_t free = range.room - range.count;
-    const auto left_free =
-        static_cast<std::uint32_t>(std::uint64_t{free} * left_count / range.count);
-    const Range left{range.first, left_count, left_count + left_free};
-    const Range right{range.first + left.room, range.count - left_count, range.room - left.room};
-    if (left_free != 0) {
+/// Moves the right items of a range, which follow its left ones, to where their room begins.
+Halves place_halves(Item* items, const Range& range, std::uint32_t left_count) {
+    const Halves halves = share_room(range, left_count, range.count - left_count);
+    if (halves.left.room != left_count) {
         std::copy_backward(items + range.first + left_count, items + range.first + range.count,
-                           items + right.first + right.count);
+                           items + halves.right.first + halves.right.count);
     }
-    return {left, right, Extent::none(), Extent::none()};
+    return halves;
 }
 
 }  // namespace
+
+Halves share_room(const Range& range, std::uint32_t left_count, std::uint32_t right_count) {
+    const std::uint32_t count = left_count + right_count;
+    const std::uint64_t free = range.room - count;
+    const std::uint32_t left_room =
+        left_count + static_cast<std::uint32_t>(free * left_count / count);
+    return {{range.first, left_count, left_room},
+            {range.first + left_room, right_count, range.room - left_room},
+            Extent::none(),
+            Extent::none()};
+}
 
 BinMap::BinMap(const Extent& centers, int bin_count)
     : origin(-centers.minus_lower),
@@ -233,7 +240,7 @@ Halves partition(Item* items, const Range& range, const ObjectSplit& split) {
     Item* const first = items + range.first;
     const SidePass sides = range.count < wide_items ? partition_part(first, range.count, split)
                                                     : partition_wide(first, range.count, split);
-    Halves halves = cut_at(items, range, sides.left);
+    Halves halves = place_halves(items, range, sides.left);
     halves.left_centers = sides.left_centers;
     halves.right_centers = sides.right_centers;
     return halves;
@@ -248,7 +255,11 @@ Halves halve(Item* items, const Range& range, const Extent& centers) {
                          const float ca = a.center(axis), cb = b.center(axis);
                          return ca != cb ? ca < cb : a.id() < b.id();
                      });
-    Halves halves = cut_at(items, range, range.count / 2);
+    return cut_at(items, range, range.count / 2);
+}
+
+Halves cut_at(Item* items, const Range& range, std::uint32_t left_count) {
+    Halves halves = place_halves(items, range, left_count);
     halves.left_centers = centers_of(items + halves.left.first, halves.left.count);
     halves.right_centers = centers_of(items + halves.right.first, halves.right.count);
     return halves;

@@ -41,12 +41,18 @@ struct Halves {
     Extent left_centers, right_centers;
 };
 
+/// Left and right ranges of so many items; each gets its share of the free places.
+Halves share_room(const Range& range, std::uint32_t left_count, std::uint32_t right_count);
+
 /// `block_items`: how many items share the cost of one leaf block.
 ObjectSplit find_object_split(const Item* items, std::uint32_t count, const Extent& centers,
                               std::uint32_t block_items);
 
 /// Moves the left items to the front.
 Halves partition(Item* items, const Range& range, const ObjectSplit& split);
+
+/// The first `left_count` items against the rest.
+Halves cut_at(Item* items, const Range& range, std::uint32_t left_count);
 
 /// Equal halves along the widest axis of the centres; by id where all centres coincide.
 Halves halve(Item* items, const Range& range, const Extent& centers);

@@ -101,12 +101,14 @@ struct MultiHit {
 
 private:
     void insert(const HitRecord& record) {
-        if (count == nearest.size()) {
-            if (!record.before(nearest[count - 1])) return;
-            --count;
-        }
-        std::uint32_t at = count++;
-        for (; at > 0 && record.before(nearest[at - 1]); --at) nearest[at] = nearest[at - 1];
+        const bool full = count == nearest.size();
+        if (full && !record.before(nearest[count - 1])) return;
+        std::uint32_t at = count;
+        while (at > 0 && record.before(nearest[at - 1])) --at;
+        // The same hit again: a tree with spatial splits names a triangle in several leaves.
+        if (at > 0 && !nearest[at - 1].before(record)) return;
+        if (!full) ++count;
+        for (std::uint32_t i = count - 1; i > at; --i) nearest[i] = nearest[i - 1];
         nearest[at] = record;
     }
 };

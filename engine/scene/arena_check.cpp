@@ -66,6 +66,9 @@ private:
                             ", this build reads version " + std::to_string(format::version) +
                             ": import the scene again");
         }
+        if (header.build > BuildQuality::high || header.unused != 0) {
+            return broken("its build quality does not exist");
+        }
         if (header.bytes != arena_.size()) return broken("its length is not what its header says");
         return {};
     }

@@ -6,6 +6,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <utility>
 
@@ -71,6 +72,7 @@ public:
           graph_(graph) {}
 
     Result<Arena> bake() {
+        content_.build = description_.build;
         add_surfaces(description_, content_);
         add_cameras(description_, content_);
         for (const GraphObject& object : graph_.objects) {
@@ -114,8 +116,10 @@ private:
                                                       " instances that reach beyond 1e15");
         }
 
-        Tree tree =
-            build_tree({boxes, object.triangle_count, object.record_count, object.instance_count});
+        const bool clips = description_.build == BuildQuality::high;
+        const std::vector<Corners> corners = clips ? corners_of(source) : std::vector<Corners>();
+        Tree tree = build_tree({boxes, object.triangle_count, object.record_count,
+                                object.instance_count, description_.build, corners});
         const std::size_t blocks = tree.block_lanes.size() / 8;
         if (blocks > std::size_t{leaf_first_max} + 1 || tree.height > tree_height_max) {
             return fail(ErrorCode::limit_exceeded,
@@ -181,6 +185,19 @@ private:
         }
     }
 
+    static std::vector<Corners> corners_of(const ObjectDescription& source) {
+        std::vector<Corners> corners;
+        for (const GeometryDescription& geometry : source.geometries) {
+            const auto corner = [&](std::size_t i) {
+                return geometry.positions[geometry.indices[i]];
+            };
+            for (std::size_t i = 0; i < geometry.indices.size(); i += 3) {
+                corners.push_back({corner(i), corner(i + 1), corner(i + 2)});
+            }
+        }
+        return corners;
+    }
+
     void add_instances(const GraphObject& node, ObjectRecord& object, std::vector<Box>& boxes) {
         const ObjectDescription& source = description_.objects[node.source];
         object.first_instance = static_cast<std::uint32_t>(content_.instances.size());
@@ -232,10 +249,12 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::bake(const SceneDescription& d
     if (auto counted = check_counts(description, *graph); !counted) {
         return tl::unexpected(counted.error());
     }
+    const auto start = std::chrono::steady_clock::now();
+    auto arena = Baker(description, *graph).bake();
+    if (!arena) return tl::unexpected(arena.error());
+    const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - start;
     // One way into a snapshot: what was baked is checked like what was read.
-    return Baker(description, *graph).bake().and_then([](Arena&& arena) {
-        return open(std::move(arena));
-    });
+    return open(std::move(*arena), spent.count());
 }
 
 }  // namespace raynest

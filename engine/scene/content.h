@@ -56,6 +56,7 @@ private:
 };
 
 struct Content {
+    BuildQuality build = BuildQuality::medium;
     std::vector<const ObjectDescription*> sources;  ///< one per object
     std::vector<Tree> trees;                        ///< one per object
     std::vector<ObjectRecord> objects;

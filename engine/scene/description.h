@@ -5,6 +5,7 @@
 // acyclic.
 #pragma once
 
+#include "engine/bvh/build.h"
 #include "engine/geometry/hit.h"
 #include "engine/geometry/views.h"
 #include "engine/math/vec.h"
@@ -76,6 +77,7 @@ struct CameraDescription {
 struct SceneDescription {
     std::vector<ObjectDescription> objects;
     std::uint32_t root = 0;
+    BuildQuality build = BuildQuality::medium;
     std::vector<MaterialDescription> materials;
     std::vector<TextureDescription> textures;
     std::vector<ImageDescription> images;

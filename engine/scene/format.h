@@ -4,6 +4,7 @@
 // bytes: there is exactly one way to lay out a given content, so equal scenes have equal bytes.
 #pragma once
 
+#include "engine/bvh/build.h"
 #include "engine/bvh/node.h"
 #include "engine/geometry/triangle.h"
 #include "engine/geometry/views.h"
@@ -77,7 +78,7 @@ struct SectionEntry {
 };
 
 inline constexpr std::array<char, 8> magic{'R', 'N', 'S', 'C', 'E', 'N', 'E', '\0'};
-inline constexpr std::uint32_t version = 1;
+inline constexpr std::uint32_t version = 2;
 inline constexpr std::uint32_t byte_order = 0x01020304;
 inline constexpr std::uint64_t alignment = 64;
 
@@ -86,9 +87,11 @@ struct Header {
     std::uint32_t version;
     std::uint32_t byte_order;  ///< reads 0x01020304 where the bytes fit the reader
     std::uint64_t bytes;       ///< of the whole arena
+    BuildQuality build;        ///< of the trees
+    std::uint32_t unused;
     std::array<SectionEntry, section_count> sections;
 };
-static_assert(sizeof(Header) == 24 + 24 * section_count);
+static_assert(sizeof(Header) == 32 + 24 * section_count);
 
 [[nodiscard]] constexpr std::uint64_t aligned(std::uint64_t offset) {
     return (offset + alignment - 1) / alignment * alignment;

@@ -31,7 +31,7 @@ Result<std::uint64_t> count_placed_triangles(const SceneView& scene) {
 
 }  // namespace
 
-Result<std::shared_ptr<const Snapshot>> Snapshot::open(Arena arena) {
+Result<std::shared_ptr<const Snapshot>> Snapshot::open(Arena arena, double build_seconds) {
     const auto view = check_arena({arena.data(), arena.size()});
     if (!view) return tl::unexpected(view.error());
     const auto placed = count_placed_triangles(*view);
@@ -55,6 +55,9 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(Arena arena) {
     s.bytes = arena.size();
     s.nodes = format::section_size(base, Section::nodes);
     s.leaf_blocks = format::section_size(base, Section::blocks);
+    s.trees = measure_trees(*view);
+    s.build = reinterpret_cast<const format::Header*>(base)->build;
+    s.build_seconds = build_seconds;
     for (std::uint32_t i = 0; i < view->camera_count; ++i) {
         s.cameras.emplace_back(view->names + view->cameras[i].name);
     }

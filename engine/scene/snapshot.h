@@ -9,6 +9,7 @@
 #include "engine/geometry/views.h"
 #include "engine/result.h"
 #include "engine/scene/description.h"
+#include "engine/scene/tree_statistics.h"
 
 #include <cstddef>
 #include <cstdint>
@@ -43,6 +44,11 @@ struct SceneStatistics {
     std::uint64_t bytes = 0;
     std::uint64_t nodes = 0;
     std::uint64_t leaf_blocks = 0;
+    TreeStatistics trees;
+    BuildQuality build = BuildQuality::medium;
+    /// From triangles to finished trees and leaf blocks, where this process or its import child did
+    /// that; 0 for an arena from elsewhere. Not in the arena: equal scenes have equal bytes.
+    double build_seconds = 0;
     std::vector<std::string> cameras;
     std::map<std::string, std::uint64_t> skipped;
     std::vector<std::string> warnings;
@@ -60,13 +66,15 @@ public:
 
     /// Takes an arena that came from a cache or an import child. Every section bound, child word,
     /// index and offset is checked once, so that traversal need not check any.
-    static Result<std::shared_ptr<const Snapshot>> open(Arena arena);
+    static Result<std::shared_ptr<const Snapshot>> open(Arena arena, double build_seconds = 0);
 
     [[nodiscard]] const SceneView& view() const { return view_; }
     [[nodiscard]] const SceneStatistics& statistics() const { return statistics_; }
     [[nodiscard]] std::span<const std::byte> bytes() const {
         return {arena_.data(), arena_.size()};
     }
+    /// Bytes of the arena on huge pages (Pages::huge_bytes).
+    [[nodiscard]] std::size_t huge_bytes() const { return arena_.huge_bytes(); }
     [[nodiscard]] const Box& bounds() const { return view_.objects[view_.root].bounds; }
     /// Hex of the arena's 128-bit content hash (scene/hash.h).
     [[nodiscard]] const std::string& hash() const { return hash_; }

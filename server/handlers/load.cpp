@@ -51,7 +51,7 @@ struct LoadOrder {
     std::string name;
     std::string primitive;
     std::string principal;
-    std::string note;  ///< a line for the user, or empty
+    BuildQuality build = BuildQuality::medium;
     bool replace = false;
     std::vector<UploadFile> files;
     Budget::Lease lease;  ///< of the files
@@ -126,6 +126,8 @@ public:
             {{"scene", scene_->name},
              {"epoch", std::to_string(scene_->epoch)},
              {"hash", scene_->snapshot().hash()},
+             {"bytes", std::to_string(scene_->snapshot().statistics().bytes)},
+             {"huge_bytes", std::to_string(scene_->snapshot().huge_bytes())},
              {"principal", order_.principal}});
         return {};
     }
@@ -135,7 +137,6 @@ public:
     Frames farewell() override {
         wire::LoadedT loaded;
         loaded.info = std::make_unique<wire::SceneInfoT>(scene_info(*scene_, services_.limits));
-        if (!order_.note.empty()) loaded.info->warnings.push_back(order_.note);
         loaded.seconds = std::chrono::duration<double>(Clock::now() - started_).count();
         loaded.reused = reused_;
         Frames frames;
@@ -161,6 +162,7 @@ private:
         ImportRequest request;
         request.source = order_.source;
         request.primitive = order_.primitive;
+        request.build = order_.build;
         for (const UploadFile& file : order_.files) {
             if (protocol::content_hash(file.bytes.span()) != file.hash)
                 return refuse(Code::scene_invalid,
@@ -234,18 +236,17 @@ Reply<void> read_files(const Services& services, const wire::Load& message, Load
 Reply<Answer> load(const Services& services, const Caller& caller,
                    const protocol::Opened<wire::Load>& message) {
     const std::string_view build = protocol::word(message->build(), "medium");
-    if (build != "fast" && build != "medium" && build != "high")
+    const auto quality = std::find(build_quality_names.begin(), build_quality_names.end(), build);
+    if (quality == build_quality_names.end())
         return refuse(Code::invalid_field,
                       "unknown build '" + std::string(build) + "': use one of fast, medium, high");
     LoadOrder order;
+    order.build = static_cast<BuildQuality>(quality - build_quality_names.begin());
     order.source = protocol::text(message->source());
     order.name = protocol::word(message->name(), default_name(order.source));
     order.primitive = protocol::text(message->primitive());
     order.principal = caller.principal;
     order.replace = message->replace();
-    if (build != "medium")
-        order.note =
-            "this version builds every scene alike: build " + std::string(build) + " gives medium";
     if (order.name.empty() || order.name.size() > services.limits.name_bytes_max)
         return refuse(Code::invalid_field, "the scene needs a name of 1.." +
                                                std::to_string(services.limits.name_bytes_max) +

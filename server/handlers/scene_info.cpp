@@ -1,5 +1,8 @@
 #include "server/handlers/scene_info.h"
 
+#include "engine/bvh/node.h"
+#include "engine/geometry/triangle.h"
+
 #include <algorithm>
 
 namespace raynest::server {
@@ -62,6 +65,14 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& lim
     info.materials = statistics.materials;
     info.mask_materials = statistics.mask_materials;
     info.bytes = statistics.bytes;
+    info.build = build_quality_names[static_cast<std::size_t>(statistics.build)];
+    info.build_seconds = statistics.build_seconds;
+    info.sah_cost = statistics.trees.sah_cost;
+    info.tree_height = statistics.trees.height;
+    info.nodes = statistics.nodes;
+    info.leaf_blocks = statistics.leaf_blocks;
+    info.tree_bytes =
+        statistics.nodes * sizeof(Node) + statistics.leaf_blocks * sizeof(TriangleBlock);
     const auto vector = [](const Vec3& v) { return std::make_unique<wire::Vec3>(v.x, v.y, v.z); };
     info.box_min = vector(snapshot.bounds().lower);
     info.box_max = vector(snapshot.bounds().upper);

@@ -73,6 +73,26 @@ class Cli(unittest.TestCase):
             self.assertIn(key, info)
             self.assertEqual(info[key], loaded[key])
         self.assertGreater(info["unique_triangles"], 1000)
+        self.assertEqual(info["build"], "medium")
+        self.assertGreater(info["build_seconds"], 0)
+        self.assertGreater(info["sah_cost"], 1)
+        self.assertGreater(info["nodes"], info["tree_height"])
+        self.assertLess(info["bytes_per_triangle"], 75)
+
+    def test_build_says_how_trees_are_built_and_changes_no_answer(self):
+        rays = [("--ray", f"{x},50,{z},0.1,-1,0.2") for x in (-3, 1, 4) for z in (-2, 2)]
+        answers, hashes = [], set()
+        for build in ("fast", "medium", "high"):
+            loaded = self.client.json("load", "builtin:terrain?size=64", "--name", build,
+                                      "--build", build)
+            self.assertEqual(loaded["build"], build)
+            hashes.add(loaded["hash"])
+            answers.append(self.client.run("--json", "query", build,
+                                           *[word for ray in rays for word in ray]).stdout)
+        self.assertEqual(len(hashes), 3)
+        self.assertIn('"t"', answers[0])
+        self.assertEqual(answers[1], answers[0])
+        self.assertEqual(answers[2], answers[0])
 
     def test_scenes_are_listed_by_name(self):
         done = self.expect(0, "scenes")

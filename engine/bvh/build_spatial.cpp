@@ -1,0 +1,224 @@
+#include "engine/bvh/build_spatial.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_reduce.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace raynest::build {
+namespace {
+
+constexpr int bin_count = 16;
+constexpr float pad_relative = 0x1p-18F;
+
+struct Parts {
+    Extent left, right;
+};
+
+bool is_empty(const Extent& e) {
+    const Float4 size = e.size();
+    return !(size[0] >= 0 && size[1] >= 0 && size[2] >= 0);
+}
+
+Extent common(const Extent& a, const Extent& b) {
+    return {minimum(a.minus_lower, b.minus_lower), minimum(a.upper, b.upper)};
+}
+
+/// The boxes of a reference's parts on both sides of a plane that its box contains.
+Parts chop(const Corners& corners, const Extent& box, int axis, float plane) {
+    Parts parts{Extent::none(), Extent::none()};
+    Float4 vertex[3];
+    float reach = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+        const Vec3& p = corners[k];
+        vertex[k] = Float4{p.x, p.y, p.z, 0};
+        reach = std::max({reach, std::abs(p.x), std::abs(p.y), std::abs(p.z)});
+        if (p[axis] <= plane) parts.left.extend(Extent::at(vertex[k]));
+        if (p[axis] >= plane) parts.right.extend(Extent::at(vertex[k]));
+    }
+    for (std::size_t k = 0; k < 3; ++k) {
+        const Float4& a = vertex[k];
+        const Float4& b = vertex[(k + 1) % 3];
+        const float from = lane_of(a, axis), to = lane_of(b, axis);
+        if (!((from < plane && plane < to) || (to < plane && plane < from))) continue;
+        const Extent cut = Extent::at(a + (b - a) * ((plane - from) / (to - from)));
+        parts.left.extend(cut);
+        parts.right.extend(cut);
+    }
+    const float pad = pad_relative * reach;
+    for (Extent* part : {&parts.left, &parts.right}) {
+        part->minus_lower += pad;
+        part->upper += pad;
+        *part = common(*part, box);
+        // The reference is a part itself and may lie on one side: then its box is cut instead.
+        if (!is_empty(*part)) continue;
+        *part = box;
+        if (part == &parts.left) {
+            part->upper[axis] = std::min(part->upper[axis], plane + pad);
+        } else {
+            part->minus_lower[axis] = std::min(part->minus_lower[axis], pad - plane);
+        }
+    }
+    return parts;
+}
+
+struct Bins {
+    Extent box[3][bin_count];
+    std::uint32_t begin[3][bin_count] = {}, end[3][bin_count] = {};
+
+    Bins() {
+        for (auto& row : box) std::fill(std::begin(row), std::end(row), Extent::none());
+    }
+    void join(const Bins& other) {
+        for (int axis = 0; axis < 3; ++axis) {
+            for (int b = 0; b < bin_count; ++b) {
+                box[axis][b].extend(other.box[axis][b]);
+                begin[axis][b] += other.begin[axis][b];
+                end[axis][b] += other.end[axis][b];
+            }
+        }
+    }
+};
+
+/// Planes at equal distances through a box.
+struct Planes {
+    Float4 lower, width, scale;
+
+    explicit Planes(const Extent& box)
+        : lower(-box.minus_lower),
+          width(box.size() * (1.0F / bin_count)),
+          scale{} {
+        for (int axis = 0; axis < 3; ++axis) {
+            if (width[axis] > 0 && std::isfinite(1 / width[axis])) scale[axis] = 1 / width[axis];
+        }
+    }
+    [[nodiscard]] float plane(int axis, int bin) const {
+        return lower[axis] + width[axis] * static_cast<float>(bin);
+    }
+    [[nodiscard]] int bin_of(int axis, float x) const {
+        return static_cast<int>(
+            std::clamp((x - lower[axis]) * scale[axis], 0.0F, float{bin_count - 1}));
+    }
+};
+
+void add(Bins& bins, const Item& item, const Planes& planes, std::span<const Corners> corners) {
+    for (int axis = 0; axis < 3; ++axis) {
+        if (planes.scale[axis] == 0) continue;
+        const int first = planes.bin_of(axis, -lane_of(item.extent.minus_lower, axis));
+        const int last = planes.bin_of(axis, lane_of(item.extent.upper, axis));
+        Extent rest = item.extent;
+        for (int b = first; b < last; ++b) {
+            const Parts parts = chop(corners[item.id()], rest, axis, planes.plane(axis, b + 1));
+            bins.box[axis][b].extend(parts.left);
+            rest = parts.right;
+        }
+        bins.box[axis][last].extend(rest);
+        ++bins.begin[axis][first];
+        ++bins.end[axis][last];
+    }
+}
+
+Bins fill(const Item* items, std::uint32_t count, const Planes& planes,
+          std::span<const Corners> corners) {
+    using Part = tbb::blocked_range<std::uint32_t>;
+    const auto add_part = [&](const Part& part, Bins bins) {
+        for (std::uint32_t i = part.begin(); i < part.end(); ++i) {
+            add(bins, items[i], planes, corners);
+        }
+        return bins;
+    };
+    if (count < task_items) return add_part(Part(0, count), Bins());
+    return tbb::parallel_reduce(Part(0, count, task_items), Bins(), add_part,
+                                [](Bins a, const Bins& b) {
+                                    a.join(b);
+                                    return a;
+                                });
+}
+
+}  // namespace
+
+SpatialSplit find_spatial_split(const Item* items, const Range& range, const Extent& box,
+                                std::span<const Corners> corners, std::uint32_t block_items) {
+    const Planes planes(box);
+    const Bins bins = fill(items + range.first, range.count, planes, corners);
+    const auto blocks = [&](std::uint32_t n) {
+        return static_cast<float>((n + block_items - 1) / block_items);
+    };
+    SpatialSplit best;
+    for (int axis = 0; axis < 3; ++axis) {
+        if (planes.scale[axis] == 0) continue;
+        Extent right[bin_count];
+        std::uint32_t right_count[bin_count];
+        Extent side = Extent::none();
+        std::uint32_t count = 0;
+        for (int b = bin_count - 1; b > 0; --b) {
+            side.extend(bins.box[axis][b]);
+            count += bins.end[axis][b];
+            right[b] = side;
+            right_count[b] = count;
+        }
+        side = Extent::none();
+        count = 0;
+        for (int b = 1; b < bin_count; ++b) {
+            side.extend(bins.box[axis][b - 1]);
+            count += bins.begin[axis][b - 1];
+            if (count == 0 || right_count[b] == 0) continue;
+            const float cost =
+                side.half_area() * blocks(count) + right[b].half_area() * blocks(right_count[b]);
+            if (!(cost < best.cost)) continue;
+            best = {axis, cost, planes.plane(axis, b), side, right[b], count, right_count[b]};
+        }
+    }
+    return best;
+}
+
+std::optional<Halves> split_in_space(Item* items, const Range& range, const SpatialSplit& split,
+                                     std::span<const Corners> corners) {
+    std::vector<Item> left, right;
+    left.reserve(split.left_count);
+    right.reserve(split.right_count);
+    const auto left_count = static_cast<float>(split.left_count);
+    const auto right_count = static_cast<float>(split.right_count);
+    const float both = split.left.half_area() * left_count + split.right.half_area() * right_count;
+    for (std::uint32_t i = range.first; i < range.first + range.count; ++i) {
+        const Item& item = items[i];
+        if (lane_of(item.extent.upper, split.axis) <= split.plane) {
+            left.push_back(item);
+            continue;
+        }
+        if (-lane_of(item.extent.minus_lower, split.axis) >= split.plane) {
+            right.push_back(item);
+            continue;
+        }
+        // A reference that hardly enlarges one side is not cut.
+        Extent with_left = split.left, with_right = split.right;
+        with_left.extend(item.extent);
+        with_right.extend(item.extent);
+        const float only_left =
+            with_left.half_area() * left_count + split.right.half_area() * (right_count - 1);
+        const float only_right =
+            split.left.half_area() * (left_count - 1) + with_right.half_area() * right_count;
+        if (both <= std::min(only_left, only_right)) {
+            const Parts parts = chop(corners[item.id()], item.extent, split.axis, split.plane);
+            left.push_back(Item::of(parts.left, item.id()));
+            right.push_back(Item::of(parts.right, item.id()));
+        } else {
+            (only_left <= only_right ? left : right).push_back(item);
+        }
+    }
+    if (left.size() + right.size() > range.room || left.empty() || right.empty() ||
+        left.size() >= range.count || right.size() >= range.count) {
+        return std::nullopt;
+    }
+    Halves halves = share_room(range, static_cast<std::uint32_t>(left.size()),
+                               static_cast<std::uint32_t>(right.size()));
+    std::copy(left.begin(), left.end(), items + halves.left.first);
+    std::copy(right.begin(), right.end(), items + halves.right.first);
+    halves.left_centers = centers_of(left.data(), halves.left.count);
+    halves.right_centers = centers_of(right.data(), halves.right.count);
+    return halves;
+}
+
+}  // namespace raynest::build

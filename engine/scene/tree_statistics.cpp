@@ -1,0 +1,89 @@
+#include "engine/scene/tree_statistics.h"
+
+#include "engine/bvh/build_cut.h"
+#include "engine/bvh/node.h"
+
+#include <algorithm>
+#include <vector>
+
+namespace raynest {
+namespace {
+
+class Measurer {
+public:
+    explicit Measurer(const SceneView& scene) : scene_(scene) {}
+
+    TreeStatistics measure() {
+        TreeStatistics all;
+        for (std::uint32_t i = 0; i < scene_.object_count; ++i) {  // children come first
+            cost_.push_back(cost_of(scene_.objects[i]));
+            all.height = std::max(all.height, height_of(scene_.objects[i]));
+        }
+        all.sah_cost = cost_[scene_.root];
+        return all;
+    }
+
+private:
+    /// Per unit of the area of the object's box.
+    [[nodiscard]] double cost_of(const ObjectRecord& object) const {
+        const double area = area_of(object.bounds);
+        if (object.node_count == 0 || !(area > 0)) return leaf_cost(object, object.root);
+        double sum = 0;
+        for (std::uint32_t i = 0; i < object.node_count; ++i) {
+            const Node& node = scene_.nodes[object.first_node + i];
+            for (std::uint32_t slot = 0; slot < 8; ++slot) {
+                const std::uint32_t child = node.child[slot];
+                if (child == child_empty) continue;
+                const double cost =
+                    is_leaf(child) ? leaf_cost(object, child) : double{build::node_cost};
+                sum += cost *
+                       area_of({{node.lower[0][slot], node.lower[1][slot], node.lower[2][slot]},
+                                {node.upper[0][slot], node.upper[1][slot], node.upper[2][slot]}});
+            }
+        }
+        return double{build::node_cost} + sum / area;
+    }
+
+    [[nodiscard]] double leaf_cost(const ObjectRecord& object, std::uint32_t leaf) const {
+        if (leaf == child_empty) return 0;
+        switch (kind_of(leaf)) {
+            case ChildKind::triangles:
+                return double{build::block_cost} * leaf_count(leaf);
+            case ChildKind::records:
+                return double{build::record_cost} * leaf_count(leaf);
+            case ChildKind::instance: {
+                const std::uint32_t instance = object.first_instance + leaf_instance(leaf);
+                return double{build::instance_cost} + cost_[scene_.instances[instance].object];
+            }
+        }
+        return 0;
+    }
+
+    std::uint32_t height_of(const ObjectRecord& object) {
+        heights_.assign(object.node_count, 1);
+        std::uint8_t height = object.node_count == 0 ? 0 : 1;
+        for (std::uint32_t i = 0; i < object.node_count; ++i) {  // parents come first
+            height = std::max(height, heights_[i]);
+            for (const std::uint32_t child : scene_.nodes[object.first_node + i].child) {
+                if (!is_leaf(child)) heights_[child] = static_cast<std::uint8_t>(heights_[i] + 1);
+            }
+        }
+        return height;
+    }
+
+    static double area_of(const Box& box) {
+        return box.is_empty() ? 0 : static_cast<double>(box.half_area());
+    }
+
+    const SceneView& scene_;
+    std::vector<double> cost_;  ///< of the objects so far
+    std::vector<std::uint8_t> heights_;
+};
+
+}  // namespace
+
+TreeStatistics measure_trees(const SceneView& scene) {
+    return Measurer(scene).measure();
+}
+
+}  // namespace raynest

@@ -1,0 +1,164 @@
+// Fast and high builds: other trees, the same answers. A high build cuts triangles in parts with
+// boxes of their own, so rays are aimed at where a part could be missed: at edges and vertices, and
+// along the planes of triangles.
+#include "engine/bvh/build.h"
+#include "engine/geometry/triangle.h"
+#include "engine/packs/registry.h"
+#include "engine/scene/format.h"
+#include "engine/scene/snapshot.h"
+#include "tests/conformance/scenes.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <set>
+#include <string>
+#include <vector>
+
+using namespace raynest;
+
+namespace {
+
+/// Triangles up to 1000 times as long as high, criss-cross in a box: whole boxes overlap a lot.
+SceneDescription needles(std::uint32_t count, std::uint64_t seed) {
+    conformance::Random random(seed);
+    GeometryDescription geometry;
+    for (std::uint32_t i = 0; i < count; ++i) {
+        const Vec3 at = random.in_box(6);
+        const Vec3 along = random.direction() * random.between(0.5F, 8);
+        const float ratio = std::pow(10.0F, -3 * random.unit());
+        const Vec3 across = random.direction() * ratio * glm::length(along);
+        for (const Vec3& p : {at, at + along, at + random.unit() * along + across}) {
+            geometry.indices.push_back(static_cast<std::uint32_t>(geometry.positions.size()));
+            geometry.positions.push_back(p);
+        }
+    }
+    SceneDescription scene;
+    scene.objects.resize(1);
+    scene.objects[0].geometries.push_back(std::move(geometry));
+    return scene;
+}
+
+std::shared_ptr<const Snapshot> baked(SceneDescription scene, BuildQuality build) {
+    scene.build = build;
+    const auto snapshot = Snapshot::bake(scene);
+    REQUIRE(snapshot.has_value());
+    return *snapshot;
+}
+
+/// Through points of random triangles, along their planes but for rounding and a little more.
+std::vector<Ray> grazing_rays(const SceneDescription& scene, std::uint32_t count,
+                              conformance::Random& random) {
+    const GeometryDescription& geometry = scene.objects[0].geometries[0];
+    std::vector<Ray> rays(count);
+    for (Ray& ray : rays) {
+        const Vec3* const v = &geometry.positions[3 * random.below(static_cast<std::uint32_t>(
+                                                          geometry.positions.size() / 3))];
+        const float a = random.unit(), b = random.unit() * (1 - a);
+        const Vec3 e1 = v[1] - v[0], e2 = v[2] - v[0];
+        const Vec3 point = v[0] + a * e1 + b * e2;
+        const Vec3 within = random.between(-1, 1) * e1 + random.between(-1, 1) * e2;
+        const float tilt = std::pow(10.0F, random.between(-8, -1));
+        const Vec3 direction =
+            glm::normalize(within) + tilt * (random.below(4) == 0 ? Vec3(0) : random.direction());
+        ray.origin = point - random.between(1, 20) * direction;
+        ray.direction = direction;
+    }
+    return rays;
+}
+
+std::vector<HitRecord> trace(const Variant& variant, const Snapshot& scene, Traversal traversal,
+                             const std::vector<Ray>& rays) {
+    const auto function = find_function(variant, query_closest, precision_fast, traversal, false);
+    REQUIRE(function.has_value());
+    std::vector<HitRecord> hits(rays.size());
+    const TraceCall call{&scene.view(),
+                         nullptr,
+                         rays.data(),
+                         static_cast<std::uint32_t>(rays.size()),
+                         1,
+                         0xFFFFFFFFU,
+                         0,
+                         hits.data(),
+                         nullptr,
+                         nullptr,
+                         nullptr};
+    (*function)(&call);
+    return hits;
+}
+
+/// RAYNEST_SPATIAL_RAYS sets how many rays of each kind are traced.
+std::uint32_t ray_count() {
+    const char* const text = std::getenv("RAYNEST_SPATIAL_RAYS");
+    return text != nullptr ? static_cast<std::uint32_t>(std::stoul(text)) : 20'000;
+}
+
+}  // namespace
+
+TEST_CASE("fast and high builds answer as brute force does, at edges and along planes") {
+    const auto registry = Registry::load({{}, "auto"});
+    REQUIRE(registry.has_value());
+    const Variant& opaque = *(*registry)->find("opaque");
+    conformance::Random random(11);
+    const SceneDescription description = needles(150, 5);
+    const auto medium = baked(description, BuildQuality::medium);
+    auto rays = conformance::edge_rays(description, ray_count(), 8, random);
+    const auto grazing = grazing_rays(description, ray_count(), random);
+    rays.insert(rays.end(), grazing.begin(), grazing.end());
+    // From where the box test's own allowance, which grows with the ray's origin, is nearly
+    // nothing.
+    for (std::uint32_t i = 0; i < ray_count(); ++i) {
+        Ray& ray = rays.emplace_back();
+        ray.origin = random.in_box(1e-4F);
+        ray.direction = conformance::random_edge_point(description, random) - ray.origin;
+    }
+
+    const auto expected = trace(opaque, *medium, traversal_reference, rays);
+    CHECK(std::count_if(expected.begin(), expected.end(), [](const HitRecord& hit) {
+              return hit.hit != 0;
+          }) > static_cast<std::ptrdiff_t>(rays.size() / 4));
+    for (const BuildQuality build : {BuildQuality::fast, BuildQuality::high}) {
+        CAPTURE(build_quality_names[static_cast<std::size_t>(build)]);
+        const auto hits = trace(opaque, *baked(description, build), traversal_latency, rays);
+        std::size_t different = 0;
+        for (std::size_t i = 0; i < rays.size(); ++i) {
+            different += std::size_t{std::memcmp(&hits[i], &expected[i], sizeof hits[i]) != 0};
+        }
+        CHECK(different == 0);
+    }
+}
+
+TEST_CASE("a high build cuts what overlaps, within its budget, and is cheaper to trace") {
+    const SceneDescription description = needles(2000, 6);
+    const auto medium = baked(description, BuildQuality::medium);
+    const auto high = baked(description, BuildQuality::high);
+    const auto* blocks =
+        format::section<TriangleBlock>(high->bytes().data(), format::Section::blocks);
+    std::set<std::uint32_t> named;
+    std::size_t references = 0;
+    for (std::uint64_t b = 0; b < high->statistics().leaf_blocks; ++b) {
+        std::set<std::uint32_t> in_block;
+        for (const std::uint32_t triangle : blocks[b].triangle) {
+            if (triangle == no_id) continue;
+            CHECK(in_block.insert(triangle).second);
+            named.insert(triangle);
+            ++references;
+        }
+    }
+    CHECK(named.size() == 2000);
+    CHECK(references > 2200);
+    CHECK(references <= 3000);
+    CHECK(high->statistics().trees.sah_cost < 0.97 * medium->statistics().trees.sah_cost);
+    CHECK(high->statistics().build == BuildQuality::high);
+}
+
+TEST_CASE("a fast build loses little on scattered triangles") {
+    SceneDescription description = conformance::sheet_scene(4096, 1, 3);
+    const auto medium = baked(description, BuildQuality::medium);
+    const auto fast = baked(description, BuildQuality::fast);
+    CHECK(fast->statistics().trees.sah_cost < 1.5 * medium->statistics().trees.sah_cost);
+    CHECK(fast->statistics().trees.sah_cost != medium->statistics().trees.sah_cost);
+}
