@@ -16,6 +16,8 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <charconv>
+#include <cstdint>
 #include <cstring>
 #include <utility>  // before Asio: Boost 1.74 needs std::exchange in C++20
 #include <vector>
@@ -33,11 +35,18 @@ constexpr std::chrono::seconds greeting_time{5};
 constexpr std::chrono::seconds grace{5};
 constexpr std::size_t staging_bytes = 64 << 10;
 
+bool is_port(const std::string& text) {
+    std::uint16_t port = 0;
+    const char* end = text.data() + text.size();
+    const auto read = std::from_chars(text.data(), end, port);
+    return read.ec == std::errc{} && read.ptr == end && port != 0;
+}
+
 /// tcp://HOST:PORT -> {HOST, PORT}
 std::optional<std::pair<std::string, std::string>> split_authority(const std::string& uri) {
     const std::string authority = uri.substr(6);
     const std::size_t colon = authority.rfind(':');
-    if (colon == std::string::npos || colon == 0 || colon + 1 == authority.size())
+    if (colon == std::string::npos || colon == 0 || !is_port(authority.substr(colon + 1)))
         return std::nullopt;
     std::string host = authority.substr(0, colon);
     if (host.size() > 2 && host.front() == '[' && host.back() == ']')
@@ -113,7 +122,9 @@ Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
     try {
         if (uri.rfind("tcp://", 0) == 0) {
             const auto authority = split_authority(uri);
-            if (!authority) return fail(Exit::usage, "'" + uri + "' is not tcp://HOST:PORT");
+            if (!authority)
+                return fail(Exit::usage,
+                            "'" + uri + "' is not tcp://HOST:PORT with a port from 1 to 65535");
             error = socket->connect_tcp(authority->first, authority->second);
         } else if (uri.rfind("unix:", 0) == 0) {
             const std::array endpoints = {asio::local::stream_protocol::endpoint(uri.substr(5))};

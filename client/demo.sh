@@ -10,6 +10,7 @@ yes=0 source=builtin:forest
 for argument in "$@"; do
     case $argument in
         --yes) yes=1 ;;
+        -h | --help) sed -n '2,/^set/{/^set/d;s/^# \{0,1\}//p}' "${BASH_SOURCE[0]}"; exit 0 ;;
         -*) sed -n '2,/^set/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 2 ;;
         *) source=$argument ;;
     esac

@@ -118,4 +118,15 @@ Result<void> write_file(const std::string& path, std::span<const std::byte> byte
     return {};
 }
 
+Result<void> check_writable(const std::string& path) {
+    struct stat status = {};
+    if (::stat(path.c_str(), &status) == 0 && S_ISDIR(status.st_mode))
+        return fail(Exit::failed, "cannot write " + path + ": it is a directory");
+    const std::size_t slash = path.rfind('/');
+    const std::string folder = slash == std::string::npos ? "." : path.substr(0, slash + 1);
+    if (::access(folder.c_str(), W_OK | X_OK) != 0)
+        return fail(Exit::failed, "cannot write " + path + ": " + std::strerror(errno));
+    return {};
+}
+
 }  // namespace raynest::client

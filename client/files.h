@@ -21,6 +21,8 @@ Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_
 Result<protocol::Buffer> read_file_beneath(const std::string& folder, const std::string& name,
                                            std::uint64_t bytes_max);
 
+/// Whether write_file has a chance: asked before work of minutes, whose result would be lost.
+Result<void> check_writable(const std::string& path);
 /// Writes a whole file, or leaves none behind: a new file takes the place of the old one at the
 /// end.
 Result<void> write_file(const std::string& path, std::span<const std::byte> bytes);

@@ -212,7 +212,8 @@ void declare(CLI::App& app, LoadOptions& load) {
         ->check(CLI::Validator(complain_if_empty, ""));
     app.add_flag("--replace", load.replace, "a new epoch of a name that is taken");
     app.add_option("--build", load.build, "fast | medium | high");
-    app.add_option("--primitive", load.primitive, "what the records of a .npy are");
+    app.add_option("--primitive", load.primitive,
+                   "what the records of a .npy are: sphere, or a type of a loaded pack");
     app.add_option("--instances", load.instances, "FILE.npy with 3x4 placements of them");
 }
 

@@ -95,7 +95,9 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
             return tl::unexpected<Failure>(done.error());
     } else if (extension == ".npy") {
         if (primitive.empty())
-            return fail(Exit::usage, source + " holds records: say of what, with --primitive NAME");
+            return fail(
+                Exit::usage,
+                source + " holds records: say of what, for example with --primitive sphere");
         upload.source = "points.npy";
         if (auto done = gatherer.add("points.npy", read_file(source, gatherer.left())); !done)
             return tl::unexpected<Failure>(done.error());

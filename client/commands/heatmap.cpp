@@ -47,6 +47,7 @@ Json statistics_json(const wire::HeatStatisticsT& heat) {
 }  // namespace
 
 Result<void> run(Context& context, const HeatmapOptions& options) {
+    if (auto writable = check_writable(options.output); !writable) return writable;
     auto picture =
         ask_picture(context.connection, context.progress, options, heatmap_message(options));
     if (!picture) return tl::unexpected<Failure>(picture.error());

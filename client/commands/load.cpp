@@ -50,6 +50,10 @@ Result<Reply<wire::Loaded>> load_scene(Context& context, const LoadOptions& opti
 }  // namespace
 
 Result<void> run(Context& context, const LoadOptions& options) {
+    const bool records = options.source.ends_with(".npy");
+    if (!records && !(options.primitive.empty() && options.instances.empty()))
+        return fail(Exit::usage, "--primitive and --instances are for .npy files; " +
+                                     options.source + " is none");
     const Result<Upload> upload = gather(options.source, options.primitive, options.instances);
     if (!upload) return tl::unexpected<Failure>(upload.error());
     const auto loaded = load_scene(context, options, *upload);

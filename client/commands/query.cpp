@@ -83,6 +83,9 @@ Result<void> run(Context& context, const QueryOptions& options) {
         options.rays_file.empty() ? RaySource(options.rays) : RaySource::open(options.rays_file);
     if (!rays) return tl::unexpected<Failure>(rays.error());
     const bool rows = options.output.empty();
+    if (!rows) {
+        if (auto writable = check_writable(options.output); !writable) return writable;
+    }
 
     wire::QueryT request;
     request.job = job_message(options.job);

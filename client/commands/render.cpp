@@ -8,6 +8,7 @@
 namespace raynest::client {
 
 Result<void> run(Context& context, const RenderOptions& options) {
+    if (auto writable = check_writable(options.output); !writable) return writable;
     auto request = picture_request<wire::RenderT>(options);
     request.integrator = options.integrator;
     request.samples = options.samples;

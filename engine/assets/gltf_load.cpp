@@ -95,7 +95,8 @@ Result<void> run_tinygltf(const ImportRequest& request, std::uint64_t upload_byt
                                                   reinterpret_cast<const char*>(bytes), size, "");
     } catch (const std::bad_alloc&) {
         return fail(ErrorCode::out_of_memory,
-                    "the scene needs more memory than an import may take");
+                    "the scene needs more memory than an import may take; start raynestd with a "
+                    "larger --memory");
     } catch (...) {  // what tinygltf lets through speaks of containers, not of glTF
         return fail(ErrorCode::scene_invalid, "the glTF file is damaged; export it again");
     }

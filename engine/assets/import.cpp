@@ -75,11 +75,18 @@ Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request
     scene->build = request.build;
     auto snapshot = Snapshot::bake(*scene);
     if (!snapshot) return tl::unexpected<Error>(named(request, std::move(snapshot.error())));
+    if (const std::uint64_t bytes = (*snapshot)->bytes().size(); bytes > limits.scene_bytes_max) {
+        return fail(ErrorCode::out_of_memory,
+                    fmt::format("the scene takes {} bytes, {} are free: unload another, or start "
+                                "raynestd with a larger --memory",
+                                bytes, limits.scene_bytes_max));
+    }
     return snapshot;
 } catch (const std::bad_alloc&) {
     return tl::unexpected<Error>(
-        named(request,
-              {ErrorCode::out_of_memory, "the scene needs more memory than an import may take"}));
+        named(request, {ErrorCode::out_of_memory,
+                        "the scene needs more memory than an import may take; "
+                        "start raynestd with a larger --memory"}));
 } catch (const std::exception& error) {
     return fail(ErrorCode::internal, fmt::format("the import failed: {}", error.what()));
 }

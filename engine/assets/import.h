@@ -31,7 +31,8 @@ struct ImportRequest {
 };
 
 struct ImportLimits {
-    std::uint64_t bytes_max = 8ULL << 30;  ///< address space of the child
+    std::uint64_t bytes_max = 8ULL << 30;        ///< address space of the child
+    std::uint64_t scene_bytes_max = 8ULL << 30;  ///< of the baked scene
     std::chrono::seconds time_max{120};    ///< CPU and wall time of the child
     std::uint64_t file_bytes_max = 1ULL << 30;
     std::uint64_t json_bytes_max = 64ULL << 20;

@@ -32,8 +32,11 @@ Result<double> parse_value(const PackParam& param, const std::string& text) {
         double value = 0;
         const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
         const bool whole = param.type != value_u32 || std::floor(value) == value;
+        // A float's bounds are floats: 0.001 must not lose against 0.001F.
+        const double rounded =
+            param.type == value_f32 ? static_cast<double>(static_cast<float>(value)) : value;
         if (error == std::errc() && end == text.data() + text.size() && whole &&
-            value >= param.minimum && value <= param.maximum) {
+            rounded >= param.minimum && rounded <= param.maximum) {
             return value;
         }
     }

@@ -22,6 +22,9 @@ namespace {
 
 constexpr std::string_view builtin_scheme = "builtin:";
 constexpr std::string_view root_scheme = "root:";
+/// Address space of an import child: its libraries, and this many times the scene it may make.
+constexpr std::uint64_t import_base_bytes = 1ULL << 30;
+constexpr std::uint64_t import_growth = 4;
 
 bool starts_with(std::string_view text, std::string_view prefix) {
     return text.substr(0, prefix.size()) == prefix;
@@ -180,6 +183,11 @@ private:
             for (const SourceFile& file : found) request.files.push_back({file.name, file.bytes});
         }
         ImportLimits limits = services_.import_limits;
+        // What does not fit is refused by the child, before this process maps it; while it works a
+        // child may hold a few times what it makes, beside its libraries.
+        limits.scene_bytes_max = services_.budget.limit() - services_.budget.used();
+        limits.bytes_max =
+            std::min(limits.bytes_max, import_base_bytes + import_growth * limits.scene_bytes_max);
         const Clock::time_point now = Clock::now();
         if (deadline < now + limits.time_max)
             limits.time_max = std::max(std::chrono::ceil<std::chrono::seconds>(deadline - now),

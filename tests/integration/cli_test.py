@@ -99,6 +99,16 @@ class Cli(unittest.TestCase):
         self.assertIn("hills", done.stdout)
         self.assertIn("woods", done.stdout)
 
+    def test_what_would_be_lost_or_ignored_is_refused_first(self):
+        self.expect(0, "load", "builtin:terrain?size=16", "--name", "early")
+        self.expect(1, "render", "early", "-o", "/nonexistent/a.png", says="/nonexistent/a.png")
+        self.expect(2, "load", "builtin:terrain", "--primitive", "sphere", says=".npy")
+        self.expect(0, "query", "early", "--ray", DOWN, "--intersector", "procedural_mask",
+                    "--set", "scale=0.001")
+        beyond = Client(self.raynest, "tcp://127.0.0.1:65537").run("scenes")
+        self.assertEqual(beyond.returncode, 2)
+        self.assertIn("from 1 to 65535", beyond.stderr)
+
     def test_a_taken_name_needs_replace_and_is_a_new_epoch(self):
         first = self.client.json("load", "builtin:terrain?size=8", "--name", "taken")
         for remedy in ("--replace", "--name"):
