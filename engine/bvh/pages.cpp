@@ -76,7 +76,7 @@ std::size_t Pages::huge_bytes() const {
             huge += kib << 10;
         }
     }
-    return std::min(huge, round_up(size_));
+    return std::min(huge, size_);
 }
 
 }  // namespace raynest

@@ -50,10 +50,24 @@ struct GeometryRecord {
     std::uint64_t indices;    ///< 3 x u32 per triangle
     std::uint64_t texcoords[2];  ///< 2 x f32 per vertex
     std::uint64_t colours;    ///< 4 x u8 per vertex (COLOR_0, linear)
+    std::uint64_t opacity;    ///< 2 x u8 per triangle: Opacity; of masked and blended materials
     std::uint32_t first_triangle;  ///< in the object's flat numbering
     std::uint32_t triangle_count;
     std::uint32_t vertex_count;
     std::uint32_t material;   ///< index, or no_id
+};
+
+/// The least and the largest alpha anywhere on a triangle, in 255ths and rounded outward. 0 as the
+/// least and 255 as the largest say nothing: alpha may lie beyond.
+struct Opacity {
+    std::uint8_t least, largest;
+
+    [[nodiscard]] bool is_all_at_least(float alpha) const {
+        return least != 0 && static_cast<float>(least) >= 255.0F * alpha;
+    }
+    [[nodiscard]] bool is_all_below(float alpha) const {
+        return largest != 255 && static_cast<float>(largest) < 255.0F * alpha;
+    }
 };
 
 /// One placement of an object in its parent. Stored in declaration order.
@@ -143,6 +157,12 @@ struct SceneView {
     template <class T>
     [[nodiscard]] const T* attribute(std::uint64_t offset) const {
         return reinterpret_cast<const T*>(attributes + offset);
+    }
+
+    /// Of a triangle by its flat index in the object that the geometry belongs to.
+    [[nodiscard]] Opacity opacity_of(const GeometryRecord& geometry, std::uint32_t triangle) const {
+        if (geometry.opacity == no_offset) return {0, 255};
+        return attribute<Opacity>(geometry.opacity)[triangle - geometry.first_triangle];
     }
 
     /// A record by its original index, as hits name it.

@@ -39,6 +39,10 @@ private:
         const float least = material.alpha_mode == AlphaMode::blend ? 0.5F
                             : cutoff >= 0                           ? cutoff
                                                                     : material.cutoff;
+        // Most triangles of a leaf lie inside its outline or outside of it: no look at the texture.
+        const Opacity opacity = scene.opacity_of(geometry, surface.prim);
+        if (opacity.is_all_at_least(least)) return true;
+        if (opacity.is_all_below(least)) return false;
         return surface_alpha(scene, geometry, material, surface.prim, surface.u, surface.v) >=
                least;
     }

@@ -250,7 +250,9 @@ private:
                          (empty || is_run(geometry.indices, geometry.triangle_count, 12, 4)) &&
                          optional_run(geometry.texcoords[0], 8, 4) &&
                          optional_run(geometry.texcoords[1], 8, 4) &&
-                         optional_run(geometry.colours, 4, 1);
+                         optional_run(geometry.colours, 4, 1) &&
+                         (geometry.opacity == no_offset ||
+                          is_run(geometry.opacity, geometry.triangle_count, 2, 1));
             if (sound && !empty) {
                 const auto* indices = view_.attribute<std::uint32_t>(geometry.indices);
                 sound = std::all_of(indices, indices + std::uint64_t{geometry.triangle_count} * 3,

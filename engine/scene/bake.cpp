@@ -2,6 +2,7 @@
 #include "engine/scene/content.h"
 #include "engine/scene/description_check.h"
 #include "engine/scene/graph.h"
+#include "engine/scene/opacity.h"
 
 #include <tbb/parallel_for.h>
 
@@ -65,11 +66,26 @@ bool in_range(const Box& box) {
     return std::max({reach.x, reach.y, reach.z}) <= coordinate_max;
 }
 
+/// Adds the seconds of a scope to a sum.
+class Stopwatch {
+public:
+    explicit Stopwatch(double& sum) : sum_(sum) {}
+    Stopwatch(const Stopwatch&) = delete;
+    ~Stopwatch() {
+        sum_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    }
+
+private:
+    double& sum_;
+    const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
 class Baker {
 public:
     Baker(const SceneDescription& description, const Graph& graph)
         : description_(description),
-          graph_(graph) {}
+          graph_(graph),
+          opacity_(description) {}
 
     Result<Arena> bake() {
         content_.build = description_.build;
@@ -87,8 +103,14 @@ public:
         if (content_.names.bytes().size() >= no_id) {
             return fail(ErrorCode::limit_exceeded, "the scene's names take more than 4 GiB");
         }
-        return write_arena(content_);
+        Arena arena = write_arena(content_);
+        const Stopwatch stopwatch(build_seconds_);
+        write_trees(content_, arena);
+        return arena;
     }
+
+    /// Spent on bounds, trees and leaf blocks: what other libraries call a build.
+    [[nodiscard]] double build_seconds() const { return build_seconds_; }
 
 private:
     Result<void> add_object(const GraphObject& node) {
@@ -102,24 +124,9 @@ private:
         add_geometries(source, object);
         add_records(source, object);
 
-        std::vector<Box> boxes;
-        boxes.reserve(std::size_t{object.triangle_count} + object.record_count +
-                      node.instances.size());
-        add_triangle_bounds(source, boxes);
-        boxes.insert(boxes.end(), source.record_bounds.begin(), source.record_bounds.end());
-        add_instances(node, object, boxes);
-        const auto far = std::count_if(boxes.begin(), boxes.end(),
-                                       [](const Box& box) { return !in_range(box); });
-        if (far != 0) {
-            return fail(ErrorCode::scene_invalid, "object " + label + " has " +
-                                                      std::to_string(far) +
-                                                      " instances that reach beyond 1e15");
-        }
-
-        const bool clips = description_.build == BuildQuality::high;
-        const std::vector<Corners> corners = clips ? corners_of(source) : std::vector<Corners>();
-        Tree tree = build_tree({boxes, object.triangle_count, object.record_count,
-                                object.instance_count, description_.build, corners});
+        auto built = build(node, object, label);
+        if (!built) return tl::unexpected(built.error());
+        Tree& tree = *built;
         const std::size_t blocks = tree.block_lanes.size() / 8;
         if (blocks > std::size_t{leaf_first_max} + 1 || tree.height > tree_height_max) {
             return fail(ErrorCode::limit_exceeded,
@@ -140,6 +147,29 @@ private:
         return {};
     }
 
+    Result<Tree> build(const GraphObject& node, ObjectRecord& object, const std::string& label) {
+        const Stopwatch stopwatch(build_seconds_);
+        const ObjectDescription& source = description_.objects[node.source];
+        std::vector<Box> boxes;
+        boxes.reserve(std::size_t{object.triangle_count} + object.record_count +
+                      node.instances.size());
+        add_triangle_bounds(source, boxes);
+        boxes.insert(boxes.end(), source.record_bounds.begin(), source.record_bounds.end());
+        add_instances(node, object, boxes);
+        const auto far = std::count_if(boxes.begin(), boxes.end(),
+                                       [](const Box& box) { return !in_range(box); });
+        if (far != 0) {
+            return fail(ErrorCode::scene_invalid, "object " + label + " has " +
+                                                      std::to_string(far) +
+                                                      " instances that reach beyond 1e15");
+        }
+
+        const bool clips = description_.build == BuildQuality::high;
+        const std::vector<Corners> corners = clips ? corners_of(source) : std::vector<Corners>();
+        return build_tree({boxes, object.triangle_count, object.record_count, object.instance_count,
+                           description_.build, corners});
+    }
+
     void add_geometries(const ObjectDescription& source, ObjectRecord& object) {
         object.first_geometry = static_cast<std::uint32_t>(content_.geometries.size());
         object.geometry_count = static_cast<std::uint32_t>(source.geometries.size());
@@ -150,6 +180,8 @@ private:
             record.texcoords[0] = content_.attributes.add(geometry.texcoords[0]);
             record.texcoords[1] = content_.attributes.add(geometry.texcoords[1]);
             record.colours = content_.attributes.add(geometry.colours);
+            record.opacity =
+                content_.attributes.add(content_.opacities.emplace_back(opacity_.bake(geometry)));
             record.first_triangle = object.triangle_count;
             record.triangle_count = static_cast<std::uint32_t>(geometry.indices.size() / 3);
             record.vertex_count = static_cast<std::uint32_t>(geometry.positions.size());
@@ -217,10 +249,12 @@ private:
 
     const SceneDescription& description_;
     const Graph& graph_;
+    OpacityBaker opacity_;
     Content content_;
     std::uint64_t node_count_ = 0;
     std::uint64_t block_count_ = 0;
     std::uint64_t record_bytes_ = 0;
+    double build_seconds_ = 0;
 };
 
 /// Section counts are u32 in the view; checked before anything is built.
@@ -249,12 +283,11 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::bake(const SceneDescription& d
     if (auto counted = check_counts(description, *graph); !counted) {
         return tl::unexpected(counted.error());
     }
-    const auto start = std::chrono::steady_clock::now();
-    auto arena = Baker(description, *graph).bake();
+    Baker baker(description, *graph);
+    auto arena = baker.bake();
     if (!arena) return tl::unexpected(arena.error());
-    const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - start;
     // One way into a snapshot: what was baked is checked like what was read.
-    return open(std::move(*arena), spent.count());
+    return open(std::move(*arena), baker.build_seconds());
 }
 
 }  // namespace raynest

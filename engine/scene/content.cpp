@@ -157,7 +157,14 @@ Arena write_arena(const Content& content) {
     copy(Section::warnings, content.warnings);
     copy(Section::record_types, content.record_types);
     content.attributes.write(at(Section::attributes));
+    return arena;
+}
 
+void write_trees(const Content& content, Arena& arena) {
+    const auto at = [&](Section section) {
+        const auto& header = *reinterpret_cast<const format::Header*>(arena.data());
+        return arena.data() + header.sections[static_cast<std::size_t>(section)].offset;
+    };
     auto* const node_section = reinterpret_cast<Node*>(at(Section::nodes));
     auto* const block_section = reinterpret_cast<TriangleBlock*>(at(Section::blocks));
     for (std::size_t i = 0; i < content.objects.size(); ++i) {
@@ -170,7 +177,6 @@ Arena write_arena(const Content& content) {
         write_records(*content.sources[i], tree, object.record_size,
                       at(Section::records) + object.first_record);
     }
-    return arena;
 }
 
 }  // namespace raynest

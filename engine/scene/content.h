@@ -9,6 +9,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <span>
 #include <string>
 #include <unordered_map>
@@ -71,13 +72,17 @@ struct Content {
     std::vector<format::NameOffset> record_types;
     NameTable names;
     AttributePlan attributes;
+    std::deque<std::vector<std::uint8_t>> opacities;  ///< per geometry; attributes point into them
 };
 
 /// Materials, textures and cameras. Images are stored once, however many textures use them.
 void add_surfaces(const SceneDescription& description, Content& content);
 void add_cameras(const SceneDescription& description, Content& content);
 
-/// Lays out and fills the arena. Throws std::bad_alloc.
+/// Lays out the arena and fills all of it but the trees. Throws std::bad_alloc.
 Arena write_arena(const Content& content);
+
+/// Nodes, leaf blocks and records.
+void write_trees(const Content& content, Arena& arena);
 
 }  // namespace raynest

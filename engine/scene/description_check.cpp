@@ -141,7 +141,9 @@ Result<void> check_object(const SceneDescription& description, std::uint32_t ind
     if (records != 0 && own_triangles(object) != 0) {
         return invalid(name + " holds triangles and records: place one of them in a child object");
     }
-    if (own_triangles(object) >= no_id || records > std::size_t{leaf_first_max} + 1) {
+    constexpr std::size_t entries_max = std::size_t{leaf_first_max} + 1;
+    if (own_triangles(object) > 8 * entries_max || records > entries_max ||
+        object.instances.size() > leaf_instance_max) {
         return fail(ErrorCode::limit_exceeded,
                     name + " has too many primitives for one tree: split it into several objects");
     }

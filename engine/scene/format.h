@@ -66,7 +66,7 @@ inline constexpr std::array<std::uint32_t, section_count> element_size{
 };
 // No record has padding: its bytes are its content, so the content hash is well defined.
 static_assert(sizeof(ObjectRecord) == 112 && sizeof(InstanceInfo) == 56);
-static_assert(sizeof(GeometryRecord) == 56 && sizeof(MaterialRecord) == 64);
+static_assert(sizeof(GeometryRecord) == 64 && sizeof(MaterialRecord) == 64);
 static_assert(sizeof(TextureRecord) == 40 && sizeof(CameraRecord) == 64);
 static_assert(sizeof(SkipRecord) == 16);
 
