@@ -13,7 +13,7 @@
 
 namespace raynest {
 
-inline constexpr std::uint32_t pack_abi = 1;
+inline constexpr std::uint32_t pack_abi = 2;
 
 enum Query : std::uint32_t { query_closest, query_any, query_multi, query_count };
 /// `reference` walks every primitive with no BVH: the oracle, in the same pack and the same bits.
