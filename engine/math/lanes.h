@@ -95,9 +95,6 @@ RAYNEST_INLINE float most(float a) {
 RAYNEST_INLINE float fused(float a, float b, float c) {
     return raynest::fused(a, b, c);
 }
-RAYNEST_INLINE float fused_subtract(float a, float b, float c) {
-    return raynest::fused(a, b, -c);
-}
 RAYNEST_INLINE std::uint32_t less(float a, float b) {
     return a < b ? 1 : 0;
 }
@@ -166,10 +163,6 @@ RAYNEST_INLINE float most(Vector a) {
 template <class Vector>
 RAYNEST_INLINE Vector fused(Vector a, Vector b, Vector c) {
     return hn::MulAdd(a, b, c);
-}
-template <class Vector>
-RAYNEST_INLINE Vector fused_subtract(Vector a, Vector b, Vector c) {
-    return hn::MulSub(a, b, c);
 }
 template <class Vector>
 RAYNEST_INLINE std::uint32_t bits(hn::Mask<Tag<Vector>> mask) {
@@ -304,12 +297,6 @@ template <int N>
 RAYNEST_INLINE Lanes<N> fused(const Lanes<N>& a, const Lanes<N>& b, const Lanes<N>& c) {
     return Lanes<N>::map([](auto x, auto y, auto z) { return part::fused(x, y, z); }, a, b, c);
 }
-/// a*b - c: one rounding where the target has FMA.
-template <int N>
-RAYNEST_INLINE Lanes<N> fused_subtract(const Lanes<N>& a, const Lanes<N>& b, const Lanes<N>& c) {
-    return Lanes<N>::map([](auto x, auto y, auto z) { return part::fused_subtract(x, y, z); }, a, b,
-                         c);
-}
 /// Bit i: a < b in lane i. False where either is NaN.
 template <int N>
 RAYNEST_INLINE std::uint32_t less(const Lanes<N>& a, const Lanes<N>& b) {
@@ -329,33 +316,6 @@ RAYNEST_INLINE Lanes<N> in_lanes(float value) {
 template <int N>
 RAYNEST_INLINE const Lanes<N>& in_lanes(const Lanes<N>& values) {
     return values;
-}
-
-/// Three coordinates of N points.
-template <int N>
-struct Lanes3 {
-    Lanes<N> x, y, z;
-
-    RAYNEST_INLINE static Lanes3 splat(const Vec3& v) {
-        return {Lanes<N>::splat(v.x), Lanes<N>::splat(v.y), Lanes<N>::splat(v.z)};
-    }
-};
-
-template <int N>
-RAYNEST_INLINE Lanes3<N> operator-(const Lanes3<N>& a, const Lanes3<N>& b) {
-    return {a.x - b.x, a.y - b.y, a.z - b.z};
-}
-
-/// The order of operations is part of the contract: the same on every target and width.
-template <int N>
-RAYNEST_INLINE Lanes3<N> cross(const Lanes3<N>& a, const Lanes3<N>& b) {
-    return {fused_subtract(a.y, b.z, a.z * b.y), fused_subtract(a.z, b.x, a.x * b.z),
-            fused_subtract(a.x, b.y, a.y * b.x)};
-}
-
-template <int N>
-RAYNEST_INLINE Lanes<N> dot(const Lanes3<N>& a, const Lanes3<N>& b) {
-    return fused(a.x, b.x, fused(a.y, b.y, a.z * b.z));
 }
 
 }  // namespace raynest
