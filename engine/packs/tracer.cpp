@@ -28,13 +28,16 @@ bool look_coherent(std::span<const Ray> rays, const Box& bounds) {
 Result<Tracer> Tracer::make(const Variant& variant, Query query, Precision precision,
                             Traversal traversal, bool counting) {
     Tracer tracer;
-    const bool choice = traversal == traversal_auto && !counting;
-    for (const Traversal each : {traversal_latency, traversal_batch, traversal_coherent}) {
-        if (!choice) break;
-        tracer.functions_[each] = variant.code->trace[precision][each][query][0];
+    const bool in_order =
+        counting || (!variant.outputs().empty() && traversal != traversal_reference);
+    tracer.named_ = in_order ? traversal_latency : traversal;
+    const bool open = tracer.named_ == traversal_auto;
+    if (open) {
+        for (const Traversal each : {traversal_batch, traversal_coherent}) {
+            tracer.functions_[each] = variant.code->trace[precision][each][query][0];
+        }
     }
-    const Traversal needed =
-        counting || traversal == traversal_auto ? traversal_latency : traversal;
+    const Traversal needed = open ? traversal_latency : tracer.named_;
     const auto function = find_function(variant, query, precision, needed, counting);
     if (!function) return tl::unexpected(function.error());
     tracer.functions_[needed] = *function;
@@ -43,13 +46,7 @@ Result<Tracer> Tracer::make(const Variant& variant, Query query, Precision preci
 
 Traversal Tracer::choose(std::span<const Ray> rays, const SceneView& scene) const {
     const auto compiled = [&](Traversal traversal) { return functions_[traversal] != nullptr; };
-    const auto only = std::count_if(functions_.begin(), functions_.end(),
-                                    [](TraceFunction f) { return f != nullptr; }) == 1;
-    if (only) {
-        for (std::uint32_t t = 0; t < traversal_count; ++t) {
-            if (functions_[t] != nullptr) return static_cast<Traversal>(t);
-        }
-    }
+    if (named_ != traversal_auto) return named_;
     if (rays.size() < group_rays) return traversal_latency;
     const ObjectRecord& root = scene.objects[scene.root];
     if (compiled(traversal_coherent) && look_coherent(rays, root.bounds)) return traversal_coherent;

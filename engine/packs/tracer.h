@@ -15,8 +15,9 @@ namespace raynest {
 class Tracer {
 public:
     /// For a traversal that was named, that one; for traversal_auto all that were compiled.
-    /// Counters are defined by the latency traversal: with them it is the only one. Fails with
-    /// variant_unknown where nothing fits.
+    /// Counters are defined by the latency traversal, and so are an intersector's outputs (what
+    /// they count may depend on the order of the questions): with either it is the only one. Fails
+    /// with variant_unknown where nothing fits.
     static Result<Tracer> make(const Variant& variant, Query query, Precision precision,
                                Traversal traversal, bool counting);
 
@@ -30,6 +31,7 @@ public:
     }
 
 private:
+    Traversal named_ = traversal_latency;  ///< or traversal_auto: open
     std::array<TraceFunction, traversal_count> functions_{};
 };
 
