@@ -3,6 +3,7 @@
 #include "engine/bvh/build.h"
 #include "engine/bvh/node.h"
 #include "engine/geometry/triangle.h"
+#include "tests/bench/clock.h"
 #include "tests/bench/report.h"
 
 #include <nlohmann/json.hpp>
@@ -22,12 +23,6 @@
 
 namespace raynest::bench {
 namespace {
-
-double seconds_of(clockid_t clock) {
-    timespec now{};
-    clock_gettime(clock, &now);
-    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
 
 struct BuildTime {
     double wall_seconds;

@@ -2,9 +2,9 @@
 //
 // One scene, one list of rays that mixes camera rays, bounces and odd ones. Every way to cut the
 // list and hand it out must give the bytes of one call. v3 and v4 must agree; v2 is its own.
-#include "engine/packs/registry.h"
 #include "engine/scene/snapshot.h"
 #include "tests/conformance/scenes.h"
+#include "tests/conformance/targets.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -86,15 +86,10 @@ int main_checked() {
     std::uint32_t compared = 0;
     std::uint32_t different = 0;
     std::map<std::string, Answer> first;
-    for (const char* target : {"v2", "v3", "v4"}) {
-        Registry::Options options;
-        options.target = target;
-        const auto registry = Registry::load(options);
-        if (!registry) {
-            std::printf("skipped: target %s: %s\n", target, registry.error().message.c_str());
-            continue;
-        }
-        const Variant& variant = *(*registry)->find("alpha_mask");
+    for (const char* target : targets) {
+        const auto registry = registry_of(target);
+        if (registry == nullptr) continue;
+        const Variant& variant = *registry->find("alpha_mask");
         for (const Query query : {query_closest, query_any, query_multi}) {
             const std::string family =
                 (std::string(target) == "v2" ? "v2/" : "") + std::to_string(query);

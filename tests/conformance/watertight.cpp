@@ -5,9 +5,9 @@
 // The mesh is a bumpy ball of thin and tiny triangles that share their vertices; rays are aimed at
 // its vertices, at points of its edges and anywhere. At depths above 1 it lies under rotated and
 // sheared instances. Exits 1 on any miss.
-#include "engine/packs/registry.h"
 #include "engine/scene/snapshot.h"
 #include "tests/conformance/scenes.h"
+#include "tests/conformance/targets.h"
 
 #include <algorithm>
 #include <cmath>
@@ -136,15 +136,10 @@ int main_checked(std::uint32_t count) {
             return 1;
         }
         const std::vector<Ray> rays = rays_from_inside(ball, count, random);
-        for (const char* target : {"v2", "v3", "v4"}) {
-            Registry::Options options;
-            options.target = target;
-            const auto registry = Registry::load(options);
-            if (!registry) {
-                std::printf("skipped: target %s: %s\n", target, registry.error().message.c_str());
-                continue;
-            }
-            const Variant& opaque = *(*registry)->find("opaque");
+        for (const char* target : targets) {
+            const auto registry = registry_of(target);
+            if (registry == nullptr) continue;
+            const Variant& opaque = *registry->find("opaque");
             for (const Query query : {query_closest, query_any}) {
                 for (std::uint32_t t = 0; t < traversal_reference; ++t) {
                     const auto function = find_function(opaque, query, precision_watertight,

@@ -1,4 +1,5 @@
 // The Embree peer's one exported symbol: what the library says of itself, its forms, its builds.
+#include "tests/bench/clock.h"
 #include "tests/bench/embree/forms.h"
 
 #include <dlfcn.h>
@@ -16,12 +17,6 @@
 
 namespace raynest::bench {
 namespace {
-
-double seconds_of(clockid_t clock) {
-    timespec now{};
-    clock_gettime(clock, &now);
-    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
 
 std::uint64_t resident_bytes() {
     std::ifstream file("/proc/self/statm");
