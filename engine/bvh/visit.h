@@ -17,6 +17,7 @@
 #include "engine/geometry/record.h"
 #include "engine/geometry/record_types.h"
 #include "engine/geometry/views.h"
+#include "engine/math/compact.h"
 
 #include <bit>
 #include <cstdint>
@@ -116,6 +117,12 @@ RAYNEST_INLINE bool visit_record_type(const SceneView& scene, const ObjectRecord
     return done;
 }
 
+/// Shift of Node::order that sorts a node's children for the ray, farthest first.
+[[nodiscard]] RAYNEST_INLINE std::uint32_t far_first(const BoxRay& ray) {
+    const auto& rows = ray.slabs.near_row;
+    return 3 * ((rows[0] | rows[1] << 1 | rows[2] << 2) ^ 7U);
+}
+
 /// The latency traversal of one tree.
 template <class Isect, class Query>
 RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& query) {
@@ -124,12 +131,11 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
     const Node* nodes = scene.nodes + object.first_node;
     const TriangleBlock* blocks = scene.blocks + object.first_block;
 
-    struct Entry {
-        std::uint32_t child;
-        float near;
-    };
-    Entry stack[7 * tree_height_max + 8];
-    Entry* top = stack;
+    // Child words, and where the ray enters them; packing writes eight entries behind the top.
+    std::uint32_t children[7 * tree_height_max + 8];
+    float nears[7 * tree_height_max + 8];
+    std::uint32_t top = 0;
+    const std::uint32_t order = far_first(ray);
     std::uint32_t child = object.root;
     if (child == child_empty) return false;
 
@@ -151,40 +157,30 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
             }
             if constexpr (!Query::ordered) {
                 // Any hit ends the search; looking for the nearest child first costs more than it
-                // saves (measured: 4 % on ambient occlusion).
+                // saves (measured: 4 % on ambient occlusion), and so does pushing one by one (6 %).
                 child = node.child[first];
-                for (; mask != 0; mask &= mask - 1) {
-                    *top++ = {node.child[std::countr_zero(mask)], ray.tmin};
-                }
+                top += pack_words(node.child, mask, children + top);
                 continue;
             }
-            alignas(32) float near[8];
-            spans.near.store(near);
             const auto second = static_cast<std::uint32_t>(std::countr_zero(mask));
             mask &= mask - 1;
             if (mask == 0) {
+                alignas(32) float near[8];
+                spans.near.store(near);
                 const bool swap = near[second] < near[first];
                 const std::uint32_t closer = swap ? second : first;
                 const std::uint32_t farther = swap ? first : second;
-                *top++ = {node.child[farther], near[farther]};
+                children[top] = node.child[farther];
+                nears[top++] = near[farther];
                 child = node.child[closer];
                 continue;
             }
-            // Three and more: insertion sort on the stack, farthest first (branches beat a sorting
-            // network on coherent rays: notes of the traversal prototypes). Of equally near
-            // children the lower slot comes first, as above: counters are part of the contract.
-            Entry* const base = top;
-            *top++ = {node.child[first], near[first]};
-            const auto insert = [&](std::uint32_t slot) {
-                Entry* at = top++;
-                for (; at != base && at[-1].near <= near[slot]; --at) *at = at[-1];
-                *at = {node.child[slot], near[slot]};
-            };
-            insert(second);
-            for (; mask != 0; mask &= mask - 1) {
-                insert(static_cast<std::uint32_t>(std::countr_zero(mask)));
-            }
-            child = (--top)->child;
+            // Three and more: in the order of the ray's octant, without a branch. Sorting them by
+            // distance visits 1 % fewer nodes and costs 7 % (mispredicted comparisons); doing the
+            // same with two costs 5 %, because the stack must answer before the loop goes on.
+            top += pack_ordered(spans.near, node.child, spans.mask, node.order, order, nears + top,
+                                children + top);
+            child = children[--top];
         }
 
         if (!pop) {
@@ -216,11 +212,11 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
 
         // Entries behind the best hit are skipped; near == best may still win a tie.
         for (;;) {
-            if (top == stack) return false;
+            if (top == 0) return false;
             --top;
-            if (top->near <= ray.tmax) break;
+            if (!Query::ordered || nears[top] <= ray.tmax) break;
         }
-        child = top->child;
+        child = children[top];
     }
 }
 

@@ -9,33 +9,60 @@
 namespace raynest {
 
 /// Packs those lanes of `values` and `words` that `mask` names, taken in the order of `lanes`
-/// (three low bits of each: a lane number), to the front of `to_values` and `to_words`. All eight
-/// places of both are written, to any address. Returns how many lanes were packed.
-template <int N>
-RAYNEST_INLINE std::uint32_t pack_ordered(const Lanes<N>& values, const std::uint32_t* words,
+/// (three low bits of each, shifted down by `shift`: a lane number), to the front of `to_values`
+/// and `to_words`. All eight places of both are written, to any address. Returns how many were
+/// packed.
+RAYNEST_INLINE std::uint32_t pack_ordered(const Lanes<8>& values, const std::uint32_t* words,
                                           std::uint32_t mask, const std::uint32_t* lanes,
                                           std::uint32_t shift, float* to_values,
                                           std::uint32_t* to_words) {
-    namespace hn = part::hn;
-    const hn::CappedTag<float, 8> f32;
-    const hn::RebindToUnsigned<decltype(f32)> u32;
-    static_assert(N == 8 && Lanes<N>::parts == 1, "needs registers of eight lanes: v3 and up");
+    if constexpr (Lanes<8>::parts == 1) {
+        namespace hn = part::hn;
+        const hn::CappedTag<float, 8> f32;
+        const hn::RebindToUnsigned<decltype(f32)> u32;
+        // Lanes that are not named become infinite, so that the mask travels with its values.
+        const auto infinity = hn::Set(f32, std::numeric_limits<float>::infinity());
+        const std::uint8_t bits[8] = {static_cast<std::uint8_t>(mask)};
+        const auto kept = hn::IfThenElse(hn::LoadMaskBits(f32, bits), values.lane[0], infinity);
+        const auto slots = hn::And(
+            hn::ShiftRightSame(hn::Load(u32, lanes), static_cast<int>(shift)), hn::Set(u32, 7));
+        const auto order =
+            hn::IndicesFromVec(f32, hn::BitCast(hn::RebindToSigned<decltype(f32)>(), slots));
+        const auto sorted = hn::TableLookupLanes(kept, order);
+        const auto child =
+            hn::BitCast(u32, hn::TableLookupLanes(hn::BitCast(f32, hn::Load(u32, words)), order));
+        const auto named = sorted < infinity;
+        // Into a register, then stored: compressing to memory is microcode on some CPUs.
+        hn::StoreU(hn::Compress(sorted, named), f32, to_values);
+        hn::StoreU(hn::Compress(child, hn::RebindMask(u32, named)), u32, to_words);
+    } else {
+        alignas(32) float from[8];
+        values.store(from);
+        for (std::uint32_t i = 0, to = 0; i < 8; ++i) {
+            const std::uint32_t lane = lanes[i] >> shift & 7U;
+            to_values[to] = from[lane];
+            to_words[to] = words[lane];
+            to += mask >> lane & 1U;
+        }
+    }
+    return static_cast<std::uint32_t>(std::popcount(mask));
+}
 
-    // Lanes that are not named become infinite, so that the mask travels with its values.
-    const auto infinity = hn::Set(f32, std::numeric_limits<float>::infinity());
-    const std::uint8_t bits[8] = {static_cast<std::uint8_t>(mask)};
-    const auto kept = hn::IfThenElse(hn::LoadMaskBits(f32, bits), values.lane[0], infinity);
-    const auto slots =
-        hn::And(hn::ShiftRightSame(hn::Load(u32, lanes), static_cast<int>(shift)), hn::Set(u32, 7));
-    const auto order =
-        hn::IndicesFromVec(f32, hn::BitCast(hn::RebindToSigned<decltype(f32)>(), slots));
-    const auto sorted = hn::TableLookupLanes(kept, order);
-    const auto child =
-        hn::BitCast(u32, hn::TableLookupLanes(hn::BitCast(f32, hn::Load(u32, words)), order));
-    const auto named = sorted < infinity;
-    // Into a register, then stored: compressing to memory is microcode on some CPUs.
-    hn::StoreU(hn::Compress(sorted, named), f32, to_values);
-    hn::StoreU(hn::Compress(child, hn::RebindMask(u32, named)), u32, to_words);
+/// Packs those of eight words that `mask` names to the front of `to`, of which all eight places are
+/// written. Returns how many they are.
+RAYNEST_INLINE std::uint32_t pack_words(const std::uint32_t* words, std::uint32_t mask,
+                                        std::uint32_t* to) {
+    if constexpr (Lanes<8>::parts == 1) {
+        namespace hn = part::hn;
+        const hn::CappedTag<std::uint32_t, 8> u32;
+        const std::uint8_t bits[8] = {static_cast<std::uint8_t>(mask)};
+        hn::StoreU(hn::Compress(hn::Load(u32, words), hn::LoadMaskBits(u32, bits)), u32, to);
+    } else {
+        for (std::uint32_t lane = 0, at = 0; lane < 8; ++lane) {
+            to[at] = words[lane];
+            at += mask >> lane & 1U;
+        }
+    }
     return static_cast<std::uint32_t>(std::popcount(mask));
 }
 

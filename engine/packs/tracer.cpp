@@ -50,8 +50,7 @@ Traversal Tracer::choose(std::span<const Ray> rays, const SceneView& scene) cons
     if (rays.size() < group_rays) return traversal_latency;
     const ObjectRecord& root = scene.objects[scene.root];
     if (compiled(traversal_coherent) && look_coherent(rays, root.bounds)) return traversal_coherent;
-    if (compiled(traversal_batch) && root.levels == 1) return traversal_batch;
-    return traversal_latency;
+    return compiled(traversal_batch) ? traversal_batch : traversal_latency;
 }
 
 }  // namespace raynest

@@ -22,8 +22,8 @@ public:
                                Traversal traversal, bool counting);
 
     /// What rays that lie next to each other in a request should go through: `coherent` where most
-    /// of a sample of 64-ray groups look the same way from the same place, else `batch` in a scene
-    /// of one level, else `latency` (batches lose on instances: entering one is many small steps).
+    /// of a sample of 64-ray groups look the same way from the same place, else `batch`, which
+    /// needs so many rays to be worth it.
     [[nodiscard]] Traversal choose(std::span<const Ray> rays, const SceneView& scene) const;
 
     [[nodiscard]] TraceFunction function(Traversal traversal) const {

@@ -10,14 +10,15 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <array>
 #include <vector>
 
 using namespace raynest;
 
 namespace {
 
-// Near children first, of equally near ones the lower slot; a child is skipped once the best hit
-// lies before it.
+// Of two children the nearer one first, of equally near ones the lower slot; three and more in the
+// order of the ray's octant. A child is skipped once the best hit lies before it.
 class ScalarWalk {
 public:
     ScalarWalk(const SceneView& scene, Counters& counters) : scene_(scene), counters_(counters) {}
@@ -73,13 +74,23 @@ private:
             const auto span = intersect(ray, box);
             if (span.mask != 0) entered.emplace_back(span.near.lane[0], slot);
         }
-        std::stable_sort(entered.begin(), entered.end(),
-                         [](const auto& a, const auto& b) { return a.first < b.first; });
+        std::array<std::uint32_t, 8> rank{};
+        for (std::uint32_t i = 0; i < 8; ++i) rank[node.order[i] >> (3 * octant(ray)) & 7U] = i;
+        const bool by_octant = entered.size() > 2;
+        std::stable_sort(entered.begin(), entered.end(), [&](const auto& a, const auto& b) {
+            return by_octant ? rank[a.second] < rank[b.second] : a.first < b.first;
+        });
         for (std::size_t i = 0; i < entered.size(); ++i) {
             // The nearest child is entered at once; the others wait and may be overtaken.
             if (i > 0 && !(entered[i].first <= ray.tmax)) continue;
             child(ray, object, node.child[entered[i].second]);
         }
+    }
+
+    static std::uint32_t octant(const RayView& ray) {
+        std::uint32_t bits = 0;
+        for (int axis = 0; axis < 3; ++axis) bits |= std::uint32_t{ray.direction[axis] < 0} << axis;
+        return bits;
     }
 
     const SceneView& scene_;

@@ -119,7 +119,6 @@ TEST_CASE("traversal auto looks at the rays, a named one does not") {
     const Variant& opaque = *registry->find("opaque");
     ObjectRecord root{};
     root.bounds = {Vec3(-10), Vec3(10)};
-    root.levels = 1;
     SceneView scene;
     scene.objects = &root;
     scene.object_count = 1;
@@ -142,14 +141,12 @@ TEST_CASE("traversal auto looks at the rays, a named one does not") {
     CHECK(any_way.choose(alike, scene) == traversal_coherent);
     CHECK(any_way.choose(apart, scene) == traversal_batch);
     CHECK(any_way.choose(std::span(alike).first(63), scene) == traversal_latency);
-    root.levels = 2;
-    CHECK(any_way.choose(apart, scene) == traversal_latency);
-    CHECK(any_way.choose(alike, scene) == traversal_coherent);
+    CHECK(any_way.choose(std::span(apart).first(63), scene) == traversal_latency);
 
     const Tracer named = make(query_closest, traversal_batch, false);
     CHECK(named.choose(alike, scene) == traversal_batch);
     const Tracer counted = make(query_closest, traversal_auto, true);
     CHECK(counted.choose(alike, scene) == traversal_latency);
     const Tracer multi = make(query_multi, traversal_auto, false);  // coherent has no multi
-    CHECK(multi.choose(alike, scene) == traversal_latency);
+    CHECK(multi.choose(alike, scene) == traversal_batch);
 }
