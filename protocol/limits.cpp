@@ -19,6 +19,7 @@ constexpr std::array table = {
     LimitInfo{"jobs_max", &Limits::jobs_max, "requests in flight of one connection"},
     LimitInfo{"rays_max", &Limits::rays_max, "rays of one query"},
     LimitInfo{"hits_max", &Limits::hits_max, "hits per ray of a multi query"},
+    LimitInfo{"all_hits_max", &Limits::all_hits_max, "hits per ray of a query of kind all"},
     LimitInfo{"name_bytes_max", &Limits::name_bytes_max, "a name or word"},
     LimitInfo{"text_bytes_max", &Limits::text_bytes_max, "a message or source"},
     LimitInfo{"list_items_max", &Limits::list_items_max, "items of a list in a message"},

@@ -268,13 +268,15 @@ Result<void> validate(const wire::Statistics& message, const Limits& limits) {
 }
 
 Result<void> validate(const wire::Query& message, const Limits& limits) {
+    const bool all = message.kind() != nullptr && message.kind()->string_view() == "all";
     return Checks(limits)
         .that(message.job() != nullptr, "job", "is missing")
         .nested(message.job(), check_job)
         .name("kind", message.kind())
         .names("fields", message.fields())
         .at_least("max_hits", message.max_hits(), 1)
-        .at_most("max_hits", message.max_hits(), limits.hits_max, "hits_max")
+        .at_most("max_hits", message.max_hits(), all ? limits.all_hits_max : limits.hits_max,
+                 all ? "all_hits_max" : "hits_max")
         .at_least("ray_count", message.ray_count(), 1)
         .at_most("ray_count", message.ray_count(), limits.rays_max, "rays_max")
         .result();

@@ -24,32 +24,38 @@ wire::Dtype dtype(FieldType type) {
 }
 
 bool per_ray(Field field, Query query) {
-    return query != query_multi || field == Field::hit || field == Field::flags ||
-           field_info(field).counter;
+    const bool csr = query == query_multi || query == query_all;
+    return !csr || field == Field::hit || field == Field::flags || field_info(field).counter;
 }
 
 bool defined_for_any(Field field) {
     return field == Field::hit || field == Field::flags || field_info(field).counter;
 }
 
-/// The hits of a multi query as the columns see them: one after the other, each with its ray.
+/// The hits of a multi or all query as the columns see them: one after the other, each with its
+/// ray.
 struct Compacted {
     std::vector<std::uint64_t> splits;
     std::vector<std::uint32_t> ray_of;
-    std::vector<HitRecord> first;  ///< per ray: its first record, which holds `hit` and the flags
+    std::vector<HitRecord> rays;  ///< one per ray, for `hit` and the flags
 };
 
-Compacted compact(TraceBuffers& buffers, std::size_t rays, std::size_t hits_max) {
+Compacted compact(const Plan& plan, TraceBuffers& buffers, std::size_t rays) {
     Compacted result;
     result.splits.reserve(rays + 1);
     result.splits.push_back(0);
-    result.first.reserve(rays);
+    result.rays.resize(rays);
     std::size_t end = 0;
     for (std::size_t ray = 0; ray < rays; ++ray) {
-        const HitRecord* from = buffers.hits.data() + ray * hits_max;
         const std::size_t count = buffers.counts[ray];
-        result.first.push_back(*from);
-        std::copy_n(from, count, buffers.hits.data() + end);
+        if (plan.query == query_multi) {
+            const HitRecord* from = buffers.hits.data() + ray * plan.hits_max;
+            result.rays[ray].flags = from->flags;
+            std::copy_n(from, count, buffers.hits.data() + end);
+        } else {
+            result.rays[ray].flags = buffers.flags[ray];
+        }
+        result.rays[ray].hit = count != 0 ? 1 : 0;
         result.ray_of.insert(result.ray_of.end(), count, static_cast<std::uint32_t>(ray));
         end += count;
         result.splits.push_back(end);
@@ -73,6 +79,10 @@ Reply<Columns> Columns::choose(std::span<const std::string> names, Query query) 
                           "column '" + name +
                               "' is not defined for kind any: which surface an any-hit meets "
                               "depends on the traversal; ask for hit, or use kind closest");
+        if (query == query_all && field_info(*field).counter)
+            return refuse(Code::invalid_field,
+                          "column '" + name +
+                              "' is not counted for kind all; use kind closest, any or multi");
         if (std::find(fields.begin(), fields.end(), *field) == fields.end())
             fields.push_back(*field);
     }
@@ -101,26 +111,26 @@ bool Columns::counting() const {
 Columns::Cost Columns::cost(const Plan& plan) const {
     Cost cost;
     const std::size_t outputs = plan.variant->outputs().size();
-    const std::size_t splits = plan.query == query_multi ? 1 : 0;
+    const std::size_t splits = plan.csr() ? 1 : 0;
     cost.fixed =
         (fields_.size() + outputs + splits) * protocol::alignment + splits * sizeof(std::uint64_t);
     cost.per_ray = outputs * sizeof(std::uint32_t) + splits * sizeof(std::uint64_t);
     for (const Field field : fields_)
-        cost.per_ray += field_bytes(field) * (per_ray(field, plan.query) ? 1 : plan.hits_max);
+        (per_ray(field, plan.query) ? cost.per_ray : cost.per_hit) += field_bytes(field);
     return cost;
 }
 
 Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registry, std::uint64_t id,
                                        std::uint64_t first_ray, std::span<const Ray> rays,
                                        TraceBuffers& buffers, Tally& tally) const {
-    const bool multi = plan.query == query_multi;
+    const bool many = plan.csr();
     Compacted csr;
-    if (multi) csr = compact(buffers, rays.size(), plan.hits_max);
-    const std::uint64_t hit_count = multi ? csr.splits.back() : rays.size();
+    if (many) csr = compact(plan, buffers, rays.size());
+    const std::uint64_t hit_count = many ? csr.splits.back() : rays.size();
 
     // Lay the blocks out: splits first, then the fields as asked for, then outputs.
     protocol::Bulk bulk;
-    if (multi) bulk.add(splits_name, wire::Dtype::u64, 1, rays.size() + 1);
+    if (many) bulk.add(splits_name, wire::Dtype::u64, 1, rays.size() + 1);
     std::vector<std::size_t> blocks;
     for (const Field field : fields_) {
         const FieldInfo& info = field_info(field);
@@ -134,14 +144,14 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
                      rays.size()));
     bulk.allocate();
 
-    if (multi)
+    if (many)
         std::copy(csr.splits.begin(), csr.splits.end(), bulk.block_as<std::uint64_t>(0).begin());
     ColumnSource source = plan.source(registry);
     source.rays = rays;
     source.counters = buffers.counters;
     for (std::size_t i = 0; i < fields_.size(); ++i) {
-        const bool of_rays = multi && per_ray(fields_[i], plan.query);
-        source.hits = of_rays ? std::span<const HitRecord>(csr.first)
+        const bool of_rays = many && per_ray(fields_[i], plan.query);
+        source.hits = of_rays ? std::span<const HitRecord>(csr.rays)
                               : std::span<const HitRecord>(buffers.hits.data(), hit_count);
         source.ray_of = of_rays ? std::span<const std::uint32_t>() : csr.ray_of;
         write_column(fields_[i], source, bulk.block(blocks[i]).data());
@@ -150,11 +160,14 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
         std::memcpy(bulk.block(output_blocks[i]).data(), buffers.outputs[i].data(),
                     rays.size() * sizeof(std::uint32_t));
 
-    const auto missed = multi ? std::count(buffers.counts.begin(), buffers.counts.end(), 0U)
-                              : std::count_if(buffers.hits.begin(), buffers.hits.end(),
-                                              [](const HitRecord& hit) { return hit.hit == 0; });
-    const auto misses = static_cast<std::uint64_t>(missed);
-    tally.add(buffers.traversal, rays.size(), multi ? hit_count : rays.size() - misses, misses);
+    Tally::Counts counts;
+    counts.rays = rays.size();
+    for (const HitRecord& ray : many ? std::span<const HitRecord>(csr.rays) : buffers.hits) {
+        counts.misses += ray.hit == 0 ? 1 : 0;
+        counts.truncated += (ray.flags & hit_truncated) != 0 ? 1 : 0;
+    }
+    counts.hits = many ? hit_count : rays.size() - counts.misses;
+    tally.add(buffers.traversal, counts);
 
     wire::ChunkT chunk;
     chunk.first_ray = first_ray;

@@ -143,7 +143,7 @@ Task PictureJob::trace_task() {
         const auto missed = std::count_if(buffers.hits.begin(), buffers.hits.end(),
                                           [](const HitRecord& hit) { return hit.hit == 0; });
         const auto misses = static_cast<std::uint64_t>(missed);
-        tally_.add(buffers.traversal, count, count - misses, misses);
+        tally_.add(buffers.traversal, {count, count - misses, misses, 0});
         services_.metrics.rays += count;
         return Frames{};
     };

@@ -116,6 +116,10 @@ void add_bad_queries(Table& table) {
         [](auto& q) { q.ray_count = (1ULL << 36) + 1; });
     add("Query for no hits", Code::invalid_field, [](auto& q) { q.max_hits = 0; });
     add("Query for 257 hits", Code::limit_exceeded, [](auto& q) { q.max_hits = 257; });
+    add("Query for 65537 hits of kind all", Code::limit_exceeded, [](auto& q) {
+        q.kind = "all";
+        q.max_hits = 65537;
+    });
     add("Query for 2^32 - 1 hits", Code::limit_exceeded, [](auto& q) { q.max_hits = ~0U; });
     add("Query of 513 fields", Code::limit_exceeded, [](auto& q) { q.fields.assign(513, "t"); });
     add("Query of an overlong field", Code::limit_exceeded,
