@@ -25,11 +25,7 @@ wire::Dtype dtype(FieldType type) {
 
 bool per_ray(Field field, Query query) {
     const bool csr = query == query_multi || query == query_all;
-    return !csr || field == Field::hit || field == Field::flags || field_info(field).counter;
-}
-
-bool defined_for_any(Field field) {
-    return field == Field::hit || field == Field::flags || field_info(field).counter;
+    return !csr || field_info(field).of_ray;
 }
 
 /// The hits of a multi or all query as the columns see them: one after the other, each with its
@@ -74,7 +70,7 @@ Reply<Columns> Columns::choose(std::span<const std::string> names, Query query) 
             columns.outputs_.push_back(name);
             continue;
         }
-        if (query == query_any && !defined_for_any(*field))
+        if (query == query_any && !field_info(*field).of_ray)
             return refuse(Code::invalid_field,
                           "column '" + name +
                               "' is not defined for kind any: which surface an any-hit meets "
@@ -146,6 +142,7 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
 
     if (many)
         std::copy(csr.splits.begin(), csr.splits.end(), bulk.block_as<std::uint64_t>(0).begin());
+    const std::span<const std::uint32_t> ray_of = many ? csr.ray_of : buffers.ray_of;
     ColumnSource source = plan.source(registry);
     source.rays = rays;
     source.counters = buffers.counters;
@@ -153,7 +150,7 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
         const bool of_rays = many && per_ray(fields_[i], plan.query);
         source.hits = of_rays ? std::span<const HitRecord>(csr.rays)
                               : std::span<const HitRecord>(buffers.hits.data(), hit_count);
-        source.ray_of = of_rays ? std::span<const std::uint32_t>() : csr.ray_of;
+        source.ray_of = of_rays ? std::span<const std::uint32_t>() : ray_of;
         write_column(fields_[i], source, bulk.block(blocks[i]).data());
     }
     for (std::size_t i = 0; i < output_blocks.size(); ++i)

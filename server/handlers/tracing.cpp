@@ -12,6 +12,7 @@ TraceBuffers& TraceBuffers::of_this_thread() {
 
 Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers) {
     const bool all = plan.query == query_all;
+    buffers.ray_of.clear();
     buffers.hits.resize(all ? plan.hits_room : rays.size() * plan.hits_max);
     buffers.counts.resize(plan.csr() ? rays.size() : 0);
     buffers.flags.resize(all ? rays.size() : 0);
@@ -23,6 +24,13 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buf
         outputs.push_back(column.data());
     }
 
+    buffers.answered = static_cast<std::uint32_t>(rays.size());
+    if (plan.untraced) {
+        std::fill(buffers.hits.begin(), buffers.hits.end(), HitRecord{});
+        std::fill(buffers.counters.begin(), buffers.counters.end(), Counters{});
+        for (auto& column : buffers.outputs) std::fill(column.begin(), column.end(), 0U);
+        return {};
+    }
     TraceCall call = plan.call();
     call.rays = rays.data();
     call.ray_count = static_cast<std::uint32_t>(rays.size());
@@ -33,7 +41,6 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buf
     call.hits_room = plan.hits_room;
     call.ray_flags = buffers.flags.data();
     call.rays_done = &buffers.answered;
-    buffers.answered = call.ray_count;
     buffers.traversal = plan.tracer.choose(rays, *call.scene);
     return check(plan.tracer.function(buffers.traversal)(&call), plan);
 }
