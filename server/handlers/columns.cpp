@@ -59,6 +59,33 @@ Compacted compact(const Plan& plan, TraceBuffers& buffers, std::size_t rays) {
     return result;
 }
 
+/// A column and where its next element goes.
+struct Target {
+    Field field;
+    std::byte* out;
+};
+
+/// Writes `count` elements of each column. Block by block, so that all columns read the records of
+/// a block while they are in the nearest cache. Without hits every element is a canonical miss.
+void write_columns(std::span<Target> columns, const ColumnSource& all, std::size_t count) {
+    constexpr std::size_t block = 512;
+    static const std::vector<HitRecord> misses(block);
+    for (std::size_t at = 0; at < count; at += block) {
+        const std::size_t n = std::min(block, count - at);
+        ColumnSource part = all;
+        part.hits = all.hits.empty() ? std::span(misses).first(n) : all.hits.subspan(at, n);
+        if (all.ray_of.empty())
+            part.rays = all.rays.subspan(at, n);
+        else
+            part.ray_of = all.ray_of.subspan(at, n);
+        if (!all.counters.empty()) part.counters = all.counters.subspan(at, n);
+        for (Target& column : columns) {
+            write_column(column.field, part, column.out);
+            column.out += n * field_bytes(column.field);
+        }
+    }
+}
+
 }  // namespace
 
 Reply<Columns> Columns::choose(std::span<const std::string> names, Query query) {
@@ -127,11 +154,11 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
     // Lay the blocks out: splits first, then the fields as asked for, then outputs.
     protocol::Bulk bulk;
     if (many) bulk.add(splits_name, wire::Dtype::u64, 1, rays.size() + 1);
-    std::vector<std::size_t> blocks;
+    const std::size_t first_column = bulk.count();
     for (const Field field : fields_) {
         const FieldInfo& info = field_info(field);
-        blocks.push_back(bulk.add(info.name, dtype(info.type), info.width,
-                                  per_ray(field, plan.query) ? rays.size() : hit_count));
+        bulk.add(info.name, dtype(info.type), info.width,
+                 per_ray(field, plan.query) ? rays.size() : hit_count);
     }
     std::vector<std::size_t> output_blocks;
     for (const PackOutput& output : plan.variant->outputs())
@@ -142,27 +169,33 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
 
     if (many)
         std::copy(csr.splits.begin(), csr.splits.end(), bulk.block_as<std::uint64_t>(0).begin());
-    const std::span<const std::uint32_t> ray_of = many ? csr.ray_of : buffers.ray_of;
+    std::vector<Target> of_rays;
+    std::vector<Target> of_hits;
+    for (std::size_t i = 0; i < fields_.size(); ++i)
+        (per_ray(fields_[i], plan.query) ? of_rays : of_hits)
+            .push_back({fields_[i], bulk.block(first_column + i).data()});
     ColumnSource source = plan.source(registry);
     source.rays = rays;
-    source.counters = buffers.counters;
-    for (std::size_t i = 0; i < fields_.size(); ++i) {
-        const bool of_rays = many && per_ray(fields_[i], plan.query);
-        source.hits = of_rays ? std::span<const HitRecord>(csr.rays)
-                              : std::span<const HitRecord>(buffers.hits.data(), hit_count);
-        source.ray_of = of_rays ? std::span<const std::uint32_t>() : ray_of;
-        write_column(fields_[i], source, bulk.block(blocks[i]).data());
+    if (many) {
+        source.hits = std::span<const HitRecord>(buffers.hits).first(hit_count);
+        source.ray_of = csr.ray_of;
+        write_columns(of_hits, source, hit_count);
     }
+    source.hits = many ? csr.rays : buffers.hits;
+    source.ray_of = many ? std::span<const std::uint32_t>() : buffers.ray_of;
+    source.counters = buffers.counters;
+    write_columns(of_rays, source, rays.size());
     for (std::size_t i = 0; i < output_blocks.size(); ++i)
         std::memcpy(bulk.block(output_blocks[i]).data(), buffers.outputs[i].data(),
                     rays.size() * sizeof(std::uint32_t));
 
     Tally::Counts counts;
     counts.rays = rays.size();
-    for (const HitRecord& ray : many ? std::span<const HitRecord>(csr.rays) : buffers.hits) {
+    for (const HitRecord& ray : source.hits) {
         counts.misses += ray.hit == 0 ? 1 : 0;
         counts.truncated += (ray.flags & hit_truncated) != 0 ? 1 : 0;
     }
+    if (plan.untraced) counts.misses = rays.size();
     counts.hits = many ? hit_count : rays.size() - counts.misses;
     tally.add(buffers.traversal, counts);
 

@@ -118,7 +118,7 @@ protected:
 
     Reply<Frames> answer(const Piece& piece, const StopFlag& /*stop*/) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        const auto traced = source_.has_tiles(piece) && !plan_.untraced
+        const auto traced = source_.has_tiles(piece)
                                 ? source_.trace_tiles(plan_, piece, buffers)
                                 : trace(plan_, source_.rays_of(piece, buffers), buffers);
         if (!traced) return tl::unexpected(traced.error());
@@ -205,6 +205,8 @@ Reply<std::unique_ptr<Job>> reduce_job(const Services& services, const Caller& c
                                                ", " + std::string(visible_name));
     if (message->fields() != nullptr && message->fields()->size() != 0)
         return refuse_use(reduce, "has columns of its own; name no fields");
+    if (plan.untraced)
+        return refuse_use(reduce, "needs rays that are traced; kind null traces none");
     if (reduce == fraction_name) {
         if (!source.has_points())
             return refuse_use(reduce, "is per point; use generator hemisphere");

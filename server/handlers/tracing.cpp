@@ -26,7 +26,7 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buf
 
     buffers.answered = static_cast<std::uint32_t>(rays.size());
     if (plan.untraced) {
-        std::fill(buffers.hits.begin(), buffers.hits.end(), HitRecord{});
+        buffers.hits.clear();
         std::fill(buffers.counters.begin(), buffers.counters.end(), Counters{});
         for (auto& column : buffers.outputs) std::fill(column.begin(), column.end(), 0U);
         return {};

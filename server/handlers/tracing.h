@@ -33,7 +33,7 @@ struct TraceBuffers {
 inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
 
 /// Fills `buffers` (all but its rays) with the answers of `rays`: of all of them, but where the
-/// hits of `all` have no more room.
+/// hits of `all` have no more room. Of a plan that traces nothing there are no hits.
 Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers);
 
 /// What DONE tells about a job; written by its tasks on any thread.
