@@ -15,6 +15,8 @@ const char* own_name(Exit exit) {
             return "FILE_INVALID";
         case Exit::deadline:
             return "DEADLINE";
+        case Exit::partial:
+            return "PARTIAL";
         case Exit::interrupted:
             return "INTERRUPTED";
         default:

@@ -54,6 +54,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.worker = protocol::text(started.worker());
         outcome.camera = protocol::text(started.camera());
         outcome.epoch = started.epoch();
+        outcome.rays_announced = started.rays();
         outcome.notes = protocol::strings(started.notes());
     } else if (is<wire::Done>(frame)) {
         const auto opened = protocol::open<wire::Done>(frame);
@@ -62,6 +63,8 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.rays = done.rays();
         outcome.hits = done.hits();
         outcome.misses = done.misses();
+        outcome.truncated = done.truncated();
+        outcome.rows = done.rows();
         outcome.seconds = done.seconds();
         outcome.queued_seconds = done.queued_seconds();
         outcome.traversal = protocol::word(done.traversal(), outcome.traversal);

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -23,7 +24,9 @@ struct Outcome {
     std::string scene, hash, intersector, target, traversal, precision, worker, camera;
     std::uint64_t epoch = 0;
     std::vector<std::string> notes;
-    std::uint64_t rays = 0, hits = 0, misses = 0;
+    std::uint64_t rays_announced = 0;  ///< of a query, by STARTED
+    std::uint64_t rays = 0, hits = 0, misses = 0, truncated = 0;
+    std::optional<std::uint64_t> rows;  ///< of a query, by DONE
     double seconds = 0, queued_seconds = 0;
     wire::HeatStatisticsT heat;  ///< of a heat map
 };

@@ -1,6 +1,8 @@
 #include "client/options.h"
 
 #include "client/connection.h"
+#include "client/generator.h"
+#include "client/numbers.h"
 
 #include <CLI/CLI.hpp>
 
@@ -26,36 +28,7 @@ constexpr const char* examples = R"(Example:
 
 constexpr const char* exit_codes = R"(
 Exit codes: 0 ok, 1 failed, 2 usage, 3 cannot connect, 4 not allowed, 5 scene, file or variant unknown
-or invalid, 6 busy, 7 deadline, 130 interrupted.)";
-
-/// What stands between the commas, empty parts too.
-std::vector<std::string> split(std::string_view text) {
-    std::vector<std::string> parts;
-    while (true) {
-        const std::size_t comma = std::min(text.find(','), text.size());
-        parts.emplace_back(text.substr(0, comma));
-        if (comma == text.size()) return parts;
-        text.remove_prefix(comma + 1);
-    }
-}
-
-/// "1,2.5,inf" -> `few` or `many` numbers; `shape` is how the text should look.
-Result<std::vector<float>> parse_numbers(const std::string& text, std::size_t few, std::size_t many,
-                                         const std::string& shape) {
-    const auto misshapen = fail(Exit::usage, "'" + text + "' is not " + shape);
-    std::vector<float> numbers;
-    for (const std::string& part : split(text)) {
-        const char* begin = part.c_str() + (part.starts_with('+') ? 1 : 0);
-        float value = 0;
-        const auto [end, error] = std::from_chars(begin, part.c_str() + part.size(), value);
-        if (error == std::errc::result_out_of_range)
-            return fail(Exit::usage, "'" + part + "' does not fit a 32-bit float");
-        if (error != std::errc{} || end != part.c_str() + part.size()) return misshapen;
-        numbers.push_back(value);
-    }
-    if (numbers.size() != few && numbers.size() != many) return misshapen;
-    return numbers;
-}
+or invalid, 6 busy, 7 deadline, 8 partial result, 130 interrupted.)";
 
 /// An option whose text goes through `read`, which says what is wrong, or "".
 template <class Read>
@@ -259,8 +232,24 @@ void declare(CLI::App& app, QueryOptions& query) {
         ->allow_extra_args(false);
     rays.add_option("--rays", query.rays_file,
                     "FILE.npy of shape (N, 6): o d, or (N, 8): ox oy oz tmin dx dy dz tmax");
-    app.add_option("--kind", query.kind, "closest | any | multi");
-    add_whole(app, "--max-hits", query.max_hits, 1U, 256U, "hits per ray, for multi (8)");
+    rays.add_option_function<std::vector<std::string>>(
+            "--generate",
+            [&query](const std::vector<std::string>& words) {
+                if (const auto parsed = parse_generate(words); !parsed)
+                    throw CLI::ValidationError("--generate", parsed.error().message);
+                query.generate = words;
+            },
+            "KIND key=value...: the daemon makes them; camera | pinhole | orthographic | "
+            "equirectangular | lidar | hemisphere")
+        ->expected(1, -1);
+    app.footer(generate_help());
+    app.add_option("--kind", query.kind,
+                   "closest | any | multi | all | null (canonical misses, nothing is traced)");
+    add_whole(app, "--max-hits", query.max_hits, 1U, 65536U,
+              "hits per ray: of multi (8, at most 256), of all the nearest are kept (4096)");
+    app.add_option("--reduce", query.reduce,
+                   "a sum instead of rows per ray: hit_fraction (of a hemisphere's points) | "
+                   "visible_pixels (per instance path)");
     add_parsed(
         app, "--fields",
         [&query](const std::string& text) -> std::string {
@@ -304,7 +293,12 @@ public:
         add<VariantsOptions>("variants", "variants", "list intersectors and their parameters");
         add<StatsOptions>("stats", "stats", "counters of the daemon");
         add<RenderOptions>("render", "render forest -o forest.png", "make a picture");
-        add<QueryOptions>("query", "query forest --ray 0,1,5,0,0,-1", "ask what rays hit");
+        add<QueryOptions>(
+            "query",
+            "query forest --ray 0,1,5,0,0,-1\n"
+            "  raynest query forest --generate lidar elevations=-15:15:16 "
+            "azimuths=0:360:1800 lookat=0,2,0,0,2,-1 --fields t,position -o sweep.npz",
+            "ask what rays hit");
         add<HeatmapOptions>("heatmap", "heatmap forest -o cost.png",
                             "draw what each pixel's ray costs");
     }

@@ -68,8 +68,9 @@ struct RenderOptions : PictureOptions {
 struct QueryOptions {
     JobOptions job;
     std::vector<Ray> rays;
-    std::string rays_file, kind, output;
-    std::uint32_t max_hits = 8;
+    std::vector<std::string> generate;  ///< a kind and key=value (generator.h), or empty
+    std::string rays_file, kind, reduce, output;
+    std::uint32_t max_hits = 0;  ///< 0: what the kind has by default
     std::vector<std::string> fields;
 };
 struct HeatmapOptions : PictureOptions {

@@ -23,18 +23,17 @@ tl::unexpected<Failure> nonsense(const char* what) {
 /// Keeps chunks until those before them have come.
 class Reorder {
 public:
-    Reorder(std::uint64_t rays, bool multi,
-            const std::function<Result<void>(const QueryChunk&)>& consume)
-        : rays_(rays),
-          multi_(multi),
+    Reorder(bool splits, const std::function<Result<void>(const QueryChunk&)>& consume)
+        : splits_(splits),
           consume_(consume) {}
 
-    Result<void> add(protocol::Frame frame) {
+    /// A chunk of an answer that has at most `rows`.
+    Result<void> add(protocol::Frame frame, std::uint64_t rows) {
         auto chunk = open_reply<wire::Chunk>(std::move(frame));
         if (!chunk) return tl::unexpected<Failure>(chunk.error());
         const std::uint64_t first = (*chunk)->first_ray();
-        if ((*chunk)->count() == 0 || first < next_ || first >= rays_ ||
-            (*chunk)->count() > rays_ - first)
+        if ((*chunk)->count() == 0 || first < next_ || first >= rows ||
+            (*chunk)->count() > rows - first)
             return nonsense("answers to rays that were not asked");
         if (!waiting_.emplace(first, std::move(*chunk)).second) return nonsense("an answer twice");
         while (!waiting_.empty() && waiting_.begin()->first == next_) {
@@ -56,7 +55,7 @@ private:
         for (const BlockView& block : reply.message.blocks)
             if (block.name != "ray_splits") columns.push_back(block);
 
-        if (multi_) {
+        if (splits_) {
             const BlockView* splits = protocol::find_block(reply.message.blocks, "ray_splits");
             if (splits == nullptr || splits->dtype != wire::Dtype::u64 || splits->width() != 1 ||
                 splits->count != chunk.count + std::uint64_t{1})
@@ -77,12 +76,20 @@ private:
         return consume_(chunk);
     }
 
-    std::uint64_t rays_;
-    bool multi_;
+    bool splits_;
     const std::function<Result<void>(const QueryChunk&)>& consume_;
     std::uint64_t next_ = 0;
     std::map<std::uint64_t, Reply<wire::Chunk>> waiting_;
 };
+
+/// Rows of the answer, or at most so many while only the daemon can know: of what it makes itself
+/// STARTED says how many rays it has, and of a table of what they see DONE how many rows.
+std::uint64_t rows_of(const wire::QueryT& request, const RaySource& rays, const Outcome& outcome) {
+    if (request.reduce == "visible_pixels")
+        return outcome.rows ? *outcome.rows : outcome.rays_announced;
+    const bool made = request.generator != nullptr && request.reduce.empty();
+    return made ? outcome.rays_announced : rays.count();
+}
 
 /// Rays of the frame that begins at `first`.
 std::uint64_t rays_of_frame(const Connection& connection, const RaySource& rays,
@@ -104,6 +111,10 @@ Result<void> send_rays(Connection& connection, const RaySource& rays, std::uint6
 
 }  // namespace
 
+bool has_splits(std::string_view kind) {
+    return kind == "multi" || kind == "all";
+}
+
 bool is_hit_field(std::string_view name) {
     return std::find(hit_fields.begin(), hit_fields.end(), name) != hit_fields.end();
 }
@@ -115,7 +126,7 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
     if (auto started = connection.start(request, deadline); !started)
         return tl::unexpected<Failure>(started.error());
     Outcome outcome;
-    Reorder reorder(rays.count(), request.kind == "multi", consume);
+    Reorder reorder(has_splits(request.kind), consume);
     std::uint64_t sent = 0;
     while (true) {
         while (sent < rays.count()) {
@@ -131,12 +142,19 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
             return tl::unexpected<Failure>(taken.error());
         if (is<wire::Done>(*frame)) break;
         if (is<wire::Chunk>(*frame)) {
-            if (auto added = reorder.add(std::move(*frame)); !added)
+            const std::uint64_t rows = rows_of(request, rays, outcome);
+            if (auto added = reorder.add(std::move(*frame), rows); !added)
                 return tl::unexpected<Failure>(added.error());
-            progress.update(reorder.answered(), rays.count(), "tracing");
+            if (request.reduce.empty()) progress.update(reorder.answered(), rows, "tracing");
+        }
+        if (is<wire::Progress>(*frame) && !request.reduce.empty()) {
+            const auto news = protocol::open<wire::Progress>(*frame);
+            if (!news) return tl::unexpected<Failure>(failure(news.error()));
+            progress.update((*news)->done(), (*news)->total(), protocol::text((*news)->stage()));
         }
     }
-    if (reorder.answered() != rays.count()) return nonsense("its last answer too early");
+    if (reorder.answered() != rows_of(request, rays, outcome))
+        return nonsense("its last answer too early");
     return outcome;
 }
 

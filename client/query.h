@@ -1,4 +1,4 @@
-// A query as a stream: rays go out as credit allows, chunks of columns come back in ray order.
+// A query as a stream: rays go out as credit allows, chunks of columns come back in order.
 #pragma once
 
 #include "client/connection.h"
@@ -15,9 +15,9 @@
 
 namespace raynest::client {
 
-/// Answers of rays [first_ray, first_ray + count). Columns are checked: those of hits have one
-/// element per hit, all others one per ray. `splits` holds count + 1 offsets into the columns of
-/// hits: of a query for one hit per ray, 0, 1, 2, ...
+/// Rows [first_ray, first_ray + count) of the answer, one per ray unless the query reduces. Columns
+/// are checked: those of hits have one element per hit, all others one per ray. `splits` holds
+/// count + 1 offsets into the columns of hits: of a query for one hit per ray, 0, 1, 2, ...
 struct QueryChunk {
     std::uint64_t first_ray = 0;
     std::uint32_t count = 0;
@@ -25,10 +25,14 @@ struct QueryChunk {
     std::span<const protocol::BlockView> columns;  ///< ray_splits is not among them
 };
 
+/// Has a ray of this kind any number of hits?
+[[nodiscard]] bool has_splits(std::string_view kind);
+
 /// Does this column describe hits (t, prim, ...), rather than rays (counters, flags, outputs)?
 [[nodiscard]] bool is_hit_field(std::string_view name);
 
-/// Runs `request` over `rays`; `consume` gets every chunk, in ray order, and may fail.
+/// Runs `request` over `rays`, which are the points of a hemisphere and none of another generator;
+/// `consume` gets every chunk, in order, and may fail.
 Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
                           const RaySource& rays, Progress& progress,
                           const std::function<Result<void>(const QueryChunk&)>& consume);

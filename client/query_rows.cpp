@@ -97,7 +97,7 @@ std::vector<QueryRows::Column> QueryRows::columns_of(const QueryChunk& chunk) co
 
 Result<void> QueryRows::print(const QueryChunk& chunk) {
     const BlockView* hit = protocol::find_block(chunk.columns, "hit");
-    if (kind_ != "multi" && (hit == nullptr || hit->dtype != wire::Dtype::u8))
+    if (!has_splits(kind_) && (hit == nullptr || hit->dtype != wire::Dtype::u8))
         return fail(Exit::failed, "the daemon sent no column 'hit'");
     const std::vector<Column> columns = columns_of(chunk);
     for (std::uint32_t ray = 0; ray < chunk.count; ++ray) {
@@ -170,6 +170,32 @@ void QueryRows::print_table_ray(const QueryChunk& chunk, const std::vector<Colum
         }
         std::cout << line << '\n';
     }
+}
+
+ReducedRows::ReducedRows(std::string number, bool json) : number_(std::move(number)), json_(json) {}
+
+Result<void> ReducedRows::print(const QueryChunk& chunk) {
+    constexpr std::size_t number_width = 10;
+    if (!titled_ && !json_) {
+        std::string line = number_.empty() ? "" : set_right(number_, number_width) + "  ";
+        for (const BlockView& block : chunk.columns)
+            line += set_right(std::string(block.name), width_of(block.dtype)) + "  ";
+        std::cout << line.substr(0, line.size() - 2) << '\n';
+        titled_ = true;
+    }
+    for (std::uint32_t row = 0; row < chunk.count; ++row) {
+        const std::string number = std::to_string(chunk.first_ray + row);
+        std::string line;
+        if (!number_.empty())
+            line = json_ ? "\"" + number_ + "\":" + number + ","
+                         : set_right(number, number_width) + "  ";
+        for (const BlockView& block : chunk.columns)
+            line += json_ ? json_member(block, row) + ","
+                          : set_right(value_text(block, row, 0), width_of(block.dtype)) + "  ";
+        line.resize(line.size() - (json_ ? 1 : 2));
+        std::cout << (json_ ? "{" + line + "}" : line) << '\n';
+    }
+    return {};
 }
 
 }  // namespace raynest::client

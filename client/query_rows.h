@@ -31,4 +31,18 @@ private:
     bool titled_ = false;
 };
 
+/// Rows of a reduced answer, which are neither rays nor hits: every column, in the daemon's order.
+class ReducedRows {
+public:
+    /// `number` is the title of the rows' numbers; empty where the columns say what a row is of.
+    ReducedRows(std::string number, bool json);
+
+    Result<void> print(const QueryChunk& chunk);
+
+private:
+    std::string number_;
+    bool json_;
+    bool titled_ = false;
+};
+
 }  // namespace raynest::client

@@ -91,6 +91,12 @@ public:
             .finite(field, static_cast<double>(value->y()))
             .finite(field, static_cast<double>(value->z()));
     }
+    Checks& finite(const char* field, const Vector<float>* values) {
+        items(field, values);
+        if (!error_ && values != nullptr)
+            for (const float value : *values) finite(field, static_cast<double>(value));
+        return *this;
+    }
     Checks& that(bool holds, const char* field, const char* why) {
         if (!holds) complain(Code::invalid_field, field, why);
         return *this;

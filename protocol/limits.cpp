@@ -19,6 +19,8 @@ constexpr std::array table = {
     LimitInfo{"jobs_max", &Limits::jobs_max, "requests in flight of one connection"},
     LimitInfo{"rays_max", &Limits::rays_max, "rays of one query"},
     LimitInfo{"hits_max", &Limits::hits_max, "hits per ray of a multi query"},
+    LimitInfo{"all_hits_max", &Limits::all_hits_max, "hits per ray of a query of kind all"},
+    LimitInfo{"azimuths_max", &Limits::azimuths_max, "azimuths of a lidar"},
     LimitInfo{"name_bytes_max", &Limits::name_bytes_max, "a name or word"},
     LimitInfo{"text_bytes_max", &Limits::text_bytes_max, "a message or source"},
     LimitInfo{"list_items_max", &Limits::list_items_max, "items of a list in a message"},
@@ -26,7 +28,7 @@ constexpr std::array table = {
     LimitInfo{"upload_bytes_max", &Limits::upload_bytes_max, "bytes of one upload"},
     LimitInfo{"picture_side_max", &Limits::picture_side_max, "width or height of a picture"},
     LimitInfo{"picture_pixels_max", &Limits::picture_pixels_max, "pixels of a picture"},
-    LimitInfo{"samples_max", &Limits::samples_max, "samples per pixel"},
+    LimitInfo{"samples_max", &Limits::samples_max, "samples per pixel or point"},
 };
 static_assert(sizeof(Limits) == table.size() * sizeof(std::uint64_t),
               "a limit is missing from the table");

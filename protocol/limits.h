@@ -27,6 +27,8 @@ struct Limits {
     std::uint64_t jobs_max = 8;
     std::uint64_t rays_max = 1ULL << 36;
     std::uint64_t hits_max = 256;
+    std::uint64_t all_hits_max = 65536;
+    std::uint64_t azimuths_max = 65536;
     std::uint64_t name_bytes_max = 256;
     std::uint64_t text_bytes_max = 4096;
     std::uint64_t list_items_max = 512;

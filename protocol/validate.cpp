@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <string_view>
+#include <utility>
 
 namespace raynest::protocol {
 namespace {
@@ -39,11 +40,59 @@ void check_camera(Checks& checks, const wire::Camera& camera) {
 
 void check_size(Checks& checks, std::uint64_t width, std::uint64_t height) {
     const Limits& limits = checks.limits();
-    checks.at_least("width", width, 1)
-        .at_least("height", height, 1)
-        .at_most("width", width, limits.picture_side_max, "picture_side_max")
+    checks.at_most("width", width, limits.picture_side_max, "picture_side_max")
         .at_most("height", height, limits.picture_side_max, "picture_side_max")
         .at_most("width * height", width * height, limits.picture_pixels_max, "picture_pixels_max");
+}
+
+void check_picture(Checks& checks, std::uint64_t width, std::uint64_t height) {
+    checks.at_least("width", width, 1).at_least("height", height, 1);
+    check_size(checks, width, height);
+}
+
+bool is_word(const String* word, std::string_view value) {
+    return word != nullptr && word->string_view() == value;
+}
+
+/// Every number of every kind; that a kind has what it needs, the daemon's ray source checks.
+void check_generator(Checks& checks, const wire::Generator& generator) {
+    const Limits& limits = checks.limits();
+    const auto size = [](const auto* list) { return list != nullptr ? list->size() : 0U; };
+    const std::uint32_t channels = size(generator.elevations());
+    const auto per_channel = [&](const auto* list) {
+        return size(list) == 0 || size(list) == channels;
+    };
+    checks.name("generator", generator.kind())
+        .needs("generator", generator.kind())
+        .nested(generator.camera(), check_camera)
+        .finite("pose", generator.pose())
+        .that(size(generator.pose()) == 0 || size(generator.pose()) == 12, "pose",
+              "must have 12 numbers")
+        .finite("elevations", generator.elevations())
+        .finite("azimuth_offsets", generator.azimuth_offsets())
+        .that(per_channel(generator.azimuth_offsets()), "azimuth_offsets",
+              "must be as many as elevations")
+        .items("origin_offsets", generator.origin_offsets())
+        .that(per_channel(generator.origin_offsets()), "origin_offsets",
+              "must be as many as elevations")
+        .at_most("azimuth_count", generator.azimuth_count(), limits.azimuths_max, "azimuths_max")
+        .at_least("samples", generator.samples(), 1)
+        .at_most("samples", generator.samples(), limits.samples_max, "samples_max");
+    for (const auto& [field, value] : {std::pair{"fx", generator.fx()},
+                                       {"fy", generator.fy()},
+                                       {"cx", generator.cx()},
+                                       {"cy", generator.cy()},
+                                       {"window_width", generator.window_width()},
+                                       {"window_height", generator.window_height()},
+                                       {"azimuth_start", generator.azimuth_start()},
+                                       {"azimuth_stop", generator.azimuth_stop()},
+                                       {"tmin", generator.tmin()},
+                                       {"tmax", generator.tmax()}})
+        checks.finite(field, static_cast<double>(value));
+    if (checks.good() && generator.origin_offsets() != nullptr)
+        for (const wire::Vec3* offset : *generator.origin_offsets())
+            checks.finite("origin_offsets", offset);
+    check_size(checks, generator.width(), generator.height());
 }
 
 void check_info(Checks& checks, const wire::SceneInfo& info) {
@@ -268,14 +317,22 @@ Result<void> validate(const wire::Statistics& message, const Limits& limits) {
 }
 
 Result<void> validate(const wire::Query& message, const Limits& limits) {
+    const bool all = is_word(message.kind(), "all");
+    const wire::Generator* generator = message.generator();
+    const bool made = generator != nullptr && !is_word(generator->kind(), "hemisphere");
     return Checks(limits)
         .that(message.job() != nullptr, "job", "is missing")
         .nested(message.job(), check_job)
         .name("kind", message.kind())
         .names("fields", message.fields())
         .at_least("max_hits", message.max_hits(), 1)
-        .at_most("max_hits", message.max_hits(), limits.hits_max, "hits_max")
-        .at_least("ray_count", message.ray_count(), 1)
+        .at_most("max_hits", message.max_hits(), all ? limits.all_hits_max : limits.hits_max,
+                 all ? "all_hits_max" : "hits_max")
+        .nested(generator, check_generator)
+        .name("reduce", message.reduce())
+        .that(!made || message.ray_count() == 0, "ray_count",
+              "must be 0 where the daemon makes the rays")
+        .at_least("ray_count", message.ray_count(), made ? 0 : 1)
         .at_most("ray_count", message.ray_count(), limits.rays_max, "rays_max")
         .result();
 }
@@ -295,7 +352,7 @@ Result<void> validate(const wire::Render& message, const Limits& limits) {
         .at_least("samples", message.samples(), 1)
         .at_most("samples", message.samples(), limits.samples_max, "samples_max")
         .name("encode", message.encode());
-    check_size(checks, message.width(), message.height());
+    check_picture(checks, message.width(), message.height());
     return checks.result();
 }
 
@@ -310,7 +367,7 @@ Result<void> validate(const wire::Heatmap& message, const Limits& limits) {
         .name("range", message.range())
         .name("count", message.count())
         .name("encode", message.encode());
-    check_size(checks, message.width(), message.height());
+    check_picture(checks, message.width(), message.height());
     return checks.result();
 }
 
@@ -342,7 +399,7 @@ Result<void> validate(const wire::Progress& message, const Limits& limits) {
 Result<void> validate(const wire::Picture& message, const Limits& limits) {
     Checks checks(limits);
     checks.name("encode", message.encode());
-    check_size(checks, message.width(), message.height());
+    check_picture(checks, message.width(), message.height());
     return checks.result();
 }
 

@@ -1,12 +1,15 @@
-// raynest query SCENE --ray ...: what rays hit, as a table, as JSON lines or as a .npz of columns.
+// raynest query SCENE --ray ... | --rays FILE | --generate KIND ...: what rays hit, as a table, as
+// JSON lines or as a .npz of columns.
 #include "client/query.h"
 
 #include "client/commands/commands.h"
 #include "client/files.h"
+#include "client/generator.h"
 #include "client/npy.h"
 #include "client/query_rows.h"
 
 #include <algorithm>
+#include <functional>
 #include <iostream>
 #include <map>
 
@@ -35,7 +38,7 @@ std::string numpy_dtype(wire::Dtype dtype) {
 /// Grows whole columns out of chunks.
 class Columns {
 public:
-    explicit Columns(bool multi) : multi_(multi) {}
+    explicit Columns(bool splits) : has_splits_(splits) {}
 
     Result<void> append(const QueryChunk& chunk) {
         for (const protocol::BlockView& block : chunk.columns) {
@@ -53,7 +56,7 @@ public:
 
     [[nodiscard]] std::vector<std::byte> npz() const {
         std::vector<NamedArray> arrays;
-        if (multi_)
+        if (has_splits_)
             arrays.push_back(
                 {"ray_splits", {"<u8", {splits_.size()}, std::as_bytes(std::span(splits_))}});
         for (const auto& [name, column] : columns_) {
@@ -71,55 +74,95 @@ private:
         std::uint64_t count = 0;
         std::vector<std::byte> bytes;
     };
-    bool multi_;
+    bool has_splits_;
     std::map<std::string, Column> columns_;
     std::vector<std::uint64_t> splits_ = {0};
 };
 
+/// The hit budget of `all` and the hits of `multi`, where the user names none.
+constexpr std::uint32_t all_hits = 4096;
+constexpr std::uint32_t multi_hits = 8;
+
+wire::QueryT query_message(const QueryOptions& options) {
+    wire::QueryT request;
+    request.job = job_message(options.job);
+    request.reduce = options.reduce;
+    request.kind = options.kind;
+    if (request.kind.empty()) request.kind = options.reduce == "hit_fraction" ? "any" : "closest";
+    request.fields = options.fields;
+    if (request.fields.empty() && request.reduce.empty())
+        request.fields = default_fields(request.kind);
+    request.max_hits = request.kind == "all" ? all_hits : multi_hits;
+    if (options.max_hits != 0) request.max_hits = options.max_hits;
+    return request;
+}
+
+/// Prints the answer's rows as they come.
+std::function<Result<void>(const QueryChunk&)> row_printer(const wire::QueryT& request, bool json) {
+    if (request.reduce.empty())
+        return [rows = QueryRows(request.kind, request.fields, json)](
+                   const QueryChunk& chunk) mutable { return rows.print(chunk); };
+    return [rows = ReducedRows(request.reduce == "hit_fraction" ? "point" : "", json)](
+               const QueryChunk& chunk) mutable { return rows.print(chunk); };
+}
+
+/// A truncated answer was given, and is a partial one.
+Result<void> check_whole(const Outcome& outcome, std::uint32_t max_hits) {
+    if (outcome.truncated == 0) return {};
+    return fail(Exit::partial, grouped(outcome.truncated) + " of " + grouped(outcome.rays) +
+                                   " rays have more than " + grouped(max_hits) +
+                                   " hits, of which the nearest were kept; raise --max-hits");
+}
+
 }  // namespace
 
 Result<void> run(Context& context, const QueryOptions& options) {
+    wire::QueryT request = query_message(options);
+    std::string rays_file = options.rays_file;
+    if (!options.generate.empty()) {
+        auto generate = parse_generate(options.generate);
+        if (!generate) return tl::unexpected<Failure>(generate.error());
+        rays_file = generate->points;
+        request.generator = std::make_unique<wire::GeneratorT>(std::move(generate->message));
+    }
     Result<RaySource> rays =
-        options.rays_file.empty() ? RaySource(options.rays) : RaySource::open(options.rays_file);
+        rays_file.empty() ? RaySource(options.rays) : RaySource::open(rays_file);
     if (!rays) return tl::unexpected<Failure>(rays.error());
+    request.ray_count = rays->count();
     const bool rows = options.output.empty();
     if (!rows) {
         if (auto writable = check_writable(options.output); !writable) return writable;
     }
 
-    wire::QueryT request;
-    request.job = job_message(options.job);
-    request.kind = options.kind.empty() ? "closest" : options.kind;
-    request.fields = options.fields.empty() ? default_fields(request.kind) : options.fields;
-    request.max_hits = options.max_hits;
-    request.ray_count = rays->count();
-    const std::vector<std::string> shown = request.fields;
+    const auto print = row_printer(request, context.json);
     // Rows tell misses from hits by this column, shown or not.
-    const bool has_hit = std::find(shown.begin(), shown.end(), "hit") != shown.end();
-    if (rows && request.kind != "multi" && !has_hit) request.fields.push_back("hit");
+    const std::vector<std::string>& fields = request.fields;
+    const bool has_hit = std::find(fields.begin(), fields.end(), "hit") != fields.end();
+    if (rows && request.reduce.empty() && !has_splits(request.kind) && !has_hit)
+        request.fields.push_back("hit");
 
-    QueryRows printer(request.kind, shown, context.json);
-    Columns columns(request.kind == "multi");
+    Columns columns(has_splits(request.kind));
     const auto outcome = run_query(context.connection, request, *rays, context.progress,
                                    [&](const QueryChunk& chunk) {
                                        if (!rows) return columns.append(chunk);
                                        context.progress.clear();
-                                       return printer.print(chunk);
+                                       return print(chunk);
                                    });
     context.progress.clear();
     if (!outcome) return tl::unexpected<Failure>(outcome.error());
     print_notes(*outcome);
-    if (rows) return {};
+    if (rows) return check_whole(*outcome, request.max_hits);
 
     if (auto written = write_file(options.output, columns.npz()); !written) return written;
     if (context.json) {
         Json json = outcome_json(*outcome);
+        json["truncated"] = outcome->truncated;
         json["file"] = options.output;
         print_json(json);
     } else {
         std::cout << options.output << ": " << outcome_text(*outcome) << '\n';
     }
-    return {};
+    return check_whole(*outcome, request.max_hits);
 }
 
 }  // namespace raynest::client

@@ -126,31 +126,4 @@ Result<Camera> choose_camera(const Snapshot& scene, const CameraRequest& request
     return camera;
 }
 
-void generate_rays(const Camera& camera, std::uint32_t width, std::uint32_t height,
-                   std::uint64_t first, std::span<Ray> out) {
-    // In double: neighbours in a large picture must not fall on the same ray.
-    const double tangent = std::tan(static_cast<double>(camera.yfov) / 2);
-    const double half_width = 0.5 * width;
-    const double half_height = 0.5 * height;
-    const double step = tangent / half_height;
-    const auto& m = camera.to_world.m;
-    const Vec3 eye(m[3], m[7], m[11]);
-    for (std::size_t i = 0; i < out.size(); ++i) {
-        const std::uint64_t pixel = tile_order(first + i, width, height);
-        const std::uint64_t column = pixel % width;
-        const std::uint64_t row = pixel / width;
-        const double x = (static_cast<double>(column) + 0.5 - half_width) * step;
-        const double y = (half_height - static_cast<double>(row) - 0.5) * step;
-        Ray& ray = out[i];
-        ray = Ray{};
-        ray.origin = eye;
-        for (int axis = 0; axis < 3; ++axis) {
-            const auto at = 4 * static_cast<std::size_t>(axis);
-            ray.direction[axis] = static_cast<float>(x * static_cast<double>(m[at]) +
-                                                     y * static_cast<double>(m[at + 1]) -
-                                                     static_cast<double>(m[at + 2]));
-        }
-    }
-}
-
 }  // namespace raynest

@@ -51,10 +51,4 @@ Result<Camera> choose_camera(const Snapshot& scene, const CameraRequest& request
     return (8 * band + y) * width + x;
 }
 
-/// Rays of the pixels at places [first, first + out.size()) of the tile order of a width x height
-/// picture, through pixel centres (+0.5). Directions are not normalised: unit length along the view
-/// axis.
-void generate_rays(const Camera& camera, std::uint32_t width, std::uint32_t height,
-                   std::uint64_t first, std::span<Ray> out);
-
 }  // namespace raynest

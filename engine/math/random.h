@@ -14,12 +14,15 @@ public:
     explicit Random(std::uint64_t seed) : state_(seed) {}
 
     std::uint64_t next() {
-        state_ += 0x9E3779B97F4A7C15ULL;
+        state_ += increment;
         std::uint64_t z = state_;
         z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9ULL;
         z = (z ^ (z >> 27)) * 0x94D049BB133111EBULL;
         return z ^ (z >> 31);
     }
+
+    /// As `count` times next(), but at once.
+    void skip(std::uint64_t count) { state_ += count * increment; }
 
     /// In [0, 1), 24 bits: every value is exact in a float.
     float uniform() { return static_cast<float>(next() >> 40) * 0x1p-24F; }
@@ -33,6 +36,7 @@ public:
     Random split() { return Random(next()); }
 
 private:
+    static constexpr std::uint64_t increment = 0x9E3779B97F4A7C15ULL;
     std::uint64_t state_;
 };
 

@@ -13,9 +13,9 @@
 
 namespace raynest {
 
-inline constexpr std::uint32_t pack_abi = 2;
+inline constexpr std::uint32_t pack_abi = 3;
 
-enum Query : std::uint32_t { query_closest, query_any, query_multi, query_count };
+enum Query : std::uint32_t { query_closest, query_any, query_multi, query_all, query_count };
 /// `reference` walks every primitive with no BVH: the oracle, in the same pack and the same bits.
 enum Traversal : std::uint32_t {
     traversal_latency,
@@ -31,6 +31,7 @@ enum TraceFlags : std::uint32_t { trace_cull_back = 1 };
 enum TraceStatus : std::int32_t { trace_ok = 0, trace_bad_call = 1, trace_out_of_memory = 2 };
 
 inline constexpr std::uint32_t multi_hits_max = 256;
+inline constexpr std::uint32_t all_hits_max = 65536;
 
 /// A parameter of an intersector, set by request.
 struct PackParam {
@@ -57,13 +58,21 @@ struct TraceCall {
     const double* params;  ///< one per PackParam, in order; null: all at their initial value
     const Ray* rays;
     std::uint32_t ray_count;
-    std::uint32_t hits_max;     ///< multi: capacity per ray, 1..multi_hits_max; else 1
+    std::uint32_t hits_max;     ///< multi: capacity per ray, 1..multi_hits_max; all: budget per
+                                ///< ray, 1..all_hits_max; else 1
     std::uint32_t mask;         ///< instances with (mask & theirs) == 0 are skipped
     std::uint32_t flags;        ///< TraceFlags
-    HitRecord* hits;            ///< ray_count * hits_max; `any` sets hit and flags only
-    std::uint32_t* hit_counts;  ///< multi: one per ray; else may be null
+    HitRecord* hits;            ///< ray_count * hits_max; `any` sets hit and flags only; of `all`
+                                ///< hits_room records, those of one ray after those of another
+    std::uint32_t* hit_counts;  ///< multi, all: one per ray; else may be null
     Counters* counters;         ///< counting functions: one per ray; else may be null
     void* const* outputs;  ///< one column of ray_count 4-byte values per PackOutput; may be null
+
+    // Of `all` only. Where the room ends within a ray, the call ends before it: the caller takes
+    // the hits away and goes on with that ray. Room for twice the budget is enough for any.
+    std::uint64_t hits_room = 0;         ///< at least 2 * hits_max
+    std::uint8_t* ray_flags = nullptr;   ///< one per ray: HitFlags
+    std::uint32_t* rays_done = nullptr;  ///< rays answered, from the first on
 };
 
 using TraceFunction = TraceStatus (*)(const TraceCall*) noexcept;

@@ -82,7 +82,7 @@ Result<Settings> parse_settings(const Variant& variant,
 Result<TraceFunction> find_function(const Variant& variant, Query query, Precision precision,
                                     Traversal traversal, bool counting);
 
-Result<Query> parse_query(std::string_view name);          ///< closest | any | multi
+Result<Query> parse_query(std::string_view name);          ///< closest | any | multi | all
 Result<Precision> parse_precision(std::string_view name);  ///< fast | watertight
 /// auto | latency | batch | coherent | reference
 Result<Traversal> parse_traversal(std::string_view name);

@@ -101,7 +101,7 @@ Result<TraceFunction> find_function(const Variant& variant, Query query, Precisi
     const TraceFunction function =
         variant.code->trace[precision][traversal][query][counting ? 1 : 0];
     if (function != nullptr) return function;
-    static constexpr const char* queries[] = {"closest", "any", "multi"};
+    static constexpr const char* queries[] = {"closest", "any", "multi", "all"};
     static constexpr const char* precisions[] = {"fast", "watertight"};
     static constexpr const char* traversals[] = {"latency", "batch", "coherent", "reference"};
     return fail(ErrorCode::variant_unknown,
@@ -113,7 +113,7 @@ Result<TraceFunction> find_function(const Variant& variant, Query query, Precisi
 
 Result<Query> parse_query(std::string_view name) {
     static constexpr std::pair<std::string_view, Query> known[] = {
-        {"closest", query_closest}, {"any", query_any}, {"multi", query_multi}};
+        {"closest", query_closest}, {"any", query_any}, {"multi", query_multi}, {"all", query_all}};
     return parse_name("query kind", name, known);
 }
 

@@ -11,6 +11,7 @@
 #include "engine/queries/queries.h"
 #include "engine/queries/reference.h"
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -195,7 +196,18 @@ private:
     }
 };
 
-/// One ray after the other; with `Everything` by the reference, which knows no tree.
+/// One ray from the root; with `Everything` by the reference, which knows no tree.
+template <bool Everything, class Isect, class Query>
+RAYNEST_INLINE void trace_one(RayView& view, const Bvh& root, Isect& isect, Query& query) {
+    if constexpr (Everything) {
+        visit_everything(view, root, isect, query);
+    } else {
+        BoxRay ray(view);
+        traverse(ray, root, isect, query);
+    }
+}
+
+/// One ray after the other.
 template <bool Everything, class Isect, class Feed>
 RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& isect,
                                  const Feed& feed) {
@@ -203,12 +215,7 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
         RayView view;
         if (!feed.begin(i, view)) continue;
         auto query = feed.query(i);
-        if constexpr (Everything) {
-            visit_everything(view, root, isect, query);
-        } else {
-            BoxRay ray(view);
-            traverse(ray, root, isect, query);
-        }
+        trace_one<Everything>(view, root, isect, query);
         feed.end(i, query);
     }
 }
@@ -272,11 +279,49 @@ TraceStatus trace(const TraceCall* pointer) noexcept {
     return trace_ok;
 }
 
+/// All hits of one ray after the other, packed, for as long as there is room.
+template <class Isect, Traversal traversal>
+TraceStatus trace_all(const TraceCall* pointer) noexcept {
+    const TraceCall& call = *pointer;
+    const bool well_formed =
+        call.scene != nullptr && call.rays != nullptr && call.hits != nullptr &&
+        call.hit_counts != nullptr && call.ray_flags != nullptr && call.rays_done != nullptr &&
+        call.hits_max >= 1 && call.hits_max <= all_hits_max && call.hits_room / 2 >= call.hits_max;
+    if (!well_formed) return trace_bad_call;
+
+    Isect isect = make_intersector<Isect>(call);
+    const Bvh root{call.scene, call.scene->root};
+    std::span<HitRecord> room(call.hits, call.hits_room);
+    std::uint32_t done = 0;
+    for (; done < call.ray_count; ++done) {
+        const Ray& ray = call.rays[done];
+        const std::size_t most = std::min(room.size(), std::size_t{2} * call.hits_max);
+        AllHits query{room.first(most), call.hits_max};
+        std::uint8_t flags = hit_invalid_ray;
+        typename OutputsOf<Isect>::type state{};
+        if constexpr (requires { isect.state = &state; }) isect.state = &state;
+        if (is_valid(ray)) {
+            RayView view = outermost_view(ray, call.scene, 0, call.mask, call.flags);
+            view.object = &call.scene->objects[call.scene->root];
+            trace_one<traversal == traversal_reference>(view, root, isect, query);
+            if (!query.fits) break;
+            query.finish();
+            flags = query.truncated ? std::uint8_t{hit_truncated} : std::uint8_t{0};
+        }
+        call.hit_counts[done] = query.count;
+        call.ray_flags[done] = flags;
+        write_outputs<Isect>(call, done, 1, &state);
+        room = room.subspan(query.count);
+    }
+    *call.rays_done = done;
+    return trace_ok;
+}
+
 // ---- The table
 // -----------------------------------------------------------------------------------
 
 /// What is compiled per intersector (CONTRACT.md §3): latency {closest, any, multi} x {plain,
-/// counting}, and the reference. A new traversal or precision is a line here.
+/// counting} and plain {all}, and the reference. A new traversal or precision is a line here.
 template <class Isect>
 inline constexpr auto described_params = describe_params<Isect>();
 template <class Isect>
@@ -301,6 +346,7 @@ constexpr PackVariant make_variant(const char* name) {
     latency[query_any][1] = trace<Isect, query_any, traversal_latency, true>;
     latency[query_multi][0] = trace<Isect, query_multi, traversal_latency, false>;
     latency[query_multi][1] = trace<Isect, query_multi, traversal_latency, true>;
+    latency[query_all][0] = trace_all<Isect, traversal_latency>;
     if constexpr (Lanes<8>::parts == 1) {  // v2 is for correctness, not speed
         auto& batch = kernels[traversal_batch];
         batch[query_closest][0] = trace<Isect, query_closest, traversal_batch, false>;
@@ -314,6 +360,7 @@ constexpr PackVariant make_variant(const char* name) {
     reference[query_closest][0] = trace<Isect, query_closest, traversal_reference, false>;
     reference[query_any][0] = trace<Isect, query_any, traversal_reference, false>;
     reference[query_multi][0] = trace<Isect, query_multi, traversal_reference, false>;
+    reference[query_all][0] = trace_all<Isect, traversal_reference>;
     // The watertight test costs no more than one that leaks (geometry/intersect_triangle.h), so
     // there is no other one to compile.
     for (std::uint32_t t = 0; t < traversal_count; ++t) {

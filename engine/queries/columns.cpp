@@ -14,16 +14,28 @@ constexpr std::size_t field_count = static_cast<std::size_t>(Field::count_);
 
 /// In the order of Field.
 constexpr std::array<FieldInfo, field_count> fields{{
-    {"hit", FieldType::u8, 1, false},       {"t", FieldType::f32, 1, false},
-    {"prim", FieldType::u32, 1, false},     {"geom", FieldType::u32, 1, false},
-    {"path", FieldType::u64, 1, false},     {"inst", FieldType::u32, 1, false},
-    {"uid", FieldType::u32, 1, false},      {"uv", FieldType::f32, 2, false},
-    {"ng", FieldType::f32, 3, false},       {"front", FieldType::u8, 1, false},
-    {"position", FieldType::f32, 3, false}, {"material", FieldType::u32, 1, false},
-    {"flags", FieldType::u8, 1, false},     {"nodes", FieldType::u32, 1, true},
-    {"boxes", FieldType::u32, 1, true},     {"leaves", FieldType::u32, 1, true},
-    {"prims", FieldType::u32, 1, true},     {"instances", FieldType::u32, 1, true},
-    {"rejects", FieldType::u32, 1, true},   {"total", FieldType::u32, 1, true},
+    {"hit", FieldType::u8, 1, false, true},
+    {"t", FieldType::f32, 1, false, false},
+    {"prim", FieldType::u32, 1, false, false},
+    {"geom", FieldType::u32, 1, false, false},
+    {"path", FieldType::u64, 1, false, false},
+    {"inst", FieldType::u32, 1, false, false},
+    {"uid", FieldType::u32, 1, false, false},
+    {"uv", FieldType::f32, 2, false, false},
+    {"ng", FieldType::f32, 3, false, false},
+    {"front", FieldType::u8, 1, false, false},
+    {"position", FieldType::f32, 3, false, false},
+    {"material", FieldType::u32, 1, false, false},
+    {"flags", FieldType::u8, 1, false, true},
+    {"origin", FieldType::f32, 3, false, true},
+    {"direction", FieldType::f32, 3, false, true},
+    {"nodes", FieldType::u32, 1, true, true},
+    {"boxes", FieldType::u32, 1, true, true},
+    {"leaves", FieldType::u32, 1, true, true},
+    {"prims", FieldType::u32, 1, true, true},
+    {"instances", FieldType::u32, 1, true, true},
+    {"rejects", FieldType::u32, 1, true, true},
+    {"total", FieldType::u32, 1, true, true},
 }};
 
 const ObjectRecord& object_of(const ColumnSource& source, const HitRecord& hit) {
@@ -92,7 +104,16 @@ void write_each(const ColumnSource& source, std::byte* out, const T& miss, Value
     }
 }
 
-/// One value per ray.
+/// One vector per ray, hit or not.
+template <class Value>
+void write_of_ray(const ColumnSource& source, std::byte* out, Value&& value) {
+    for (std::size_t i = 0; i < source.hits.size(); ++i) {
+        const Vec3 element = value(source.rays[source.ray_of.empty() ? i : source.ray_of[i]]);
+        std::memcpy(out + i * sizeof element, &element, sizeof element);
+    }
+}
+
+/// One count per ray.
 template <class Value>
 void write_counter(const ColumnSource& source, std::byte* out, Value&& value) {
     for (std::size_t i = 0; i < source.counters.size(); ++i) {
@@ -142,6 +163,7 @@ void write_column(Field field, const ColumnSource& source, std::byte* out) {
     using Hit = const HitRecord&;
     using At = const Ray&;
     const auto each = [&](auto miss, auto&& value) { write_each(source, out, miss, value); };
+    const auto of_ray = [&](auto&& value) { write_of_ray(source, out, value); };
     const auto counter = [&](auto&& value) { write_counter(source, out, value); };
     const SceneView& scene = *source.scene;
     switch (field) {
@@ -190,6 +212,10 @@ void write_column(Field field, const ColumnSource& source, std::byte* out) {
                 out[i] = static_cast<std::byte>(source.hits[i].flags);
             }
             return;
+        case Field::origin:
+            return of_ray([](At ray) { return ray.origin; });
+        case Field::direction:
+            return of_ray([](At ray) { return ray.direction; });
         case Field::nodes:
             return counter([](const Counters& c) { return c.nodes; });
         case Field::boxes:

@@ -18,6 +18,7 @@ namespace raynest {
 
 enum class Field : std::uint32_t {
     hit, t, prim, geom, path, inst, uid, uv, ng, front, position, material, flags,
+    origin, direction,
     nodes, boxes, leaves, prims, instances, rejects, total,
     count_
 };
@@ -26,8 +27,9 @@ enum class FieldType : std::uint8_t { u8, u32, u64, f32 };
 struct FieldInfo {
     std::string_view name;
     FieldType type;
-    std::uint32_t width;   ///< values per ray: 2 for uv, 3 for ng and position
+    std::uint32_t width;   ///< values per element: 2 for uv, 3 for vectors
     bool counter;          ///< needs a counting function
+    bool of_ray;           ///< one per ray, however many hits it has
 };
 
 [[nodiscard]] const FieldInfo& field_info(Field field);
@@ -38,8 +40,8 @@ Result<Field> parse_field(std::string_view name);
 /// Gives outward normals of records; null where a primitive type has none.
 using RecordNormal = void (*)(const void* record, const float point[3], float normal[3]) noexcept;
 
-/// Input of a chunk of results. For multi-hit, `hits` are already compacted (CSR order) and `ray_of`
-/// gives the ray of each hit; else ray_of is empty and hit i belongs to ray i.
+/// Input of a chunk of results. `ray_of` gives the ray of each hit, where hits are compacted (CSR
+/// order) or in another order than their rays; empty: hit i belongs to ray i.
 struct ColumnSource {
     const SceneView* scene = nullptr;
     std::span<const Ray> rays = {};

@@ -1,4 +1,4 @@
-// The three visibility queries: what is kept of the candidates that survive the intersector.
+// The visibility queries: what is kept of the candidates that survive the intersector.
 //
 // take(ray, hits) sees the surviving lanes of one primitive or block, keeps what it wants, shrinks
 // ray.tmax to the farthest distance that can still matter and returns true when nothing can. Hits
@@ -10,6 +10,7 @@
 #include "engine/geometry/hit.h"
 #include "engine/geometry/intersection.h"
 
+#include <algorithm>
 #include <bit>
 #include <cstdint>
 #include <span>
@@ -110,6 +111,51 @@ private:
         if (!full) ++count;
         for (std::uint32_t i = count - 1; i > at; --i) nearest[i] = nearest[i - 1];
         nearest[at] = record;
+    }
+};
+
+/// All hits, sorted when the search has ended. Of more than `budget` the nearest are kept.
+///
+/// Hits are collected as they come. When the room is full they are sorted, and what is double or
+/// beyond the budget goes; from then on the last distance of the budget ends the search, as that of
+/// MultiHit does. Every such pass frees at least half of the room, so the time is linear in the
+/// hits but for the sorting; a room that is too small for that is no answer.
+struct AllHits {
+    static constexpr bool ordered = false;
+    std::span<HitRecord> room;  ///< 2 * budget records are enough for any ray
+    std::uint32_t budget = 1;
+    std::uint32_t count = 0;
+    bool truncated = false;  ///< there are more hits than the budget
+    bool fits = true;        ///< false: the room was too small, and the rest means nothing
+
+    template <class R, class P, int N>
+    RAYNEST_INLINE bool take(R& ray, const Hits<P, N>& hits) {
+        for_each_record(ray, hits, [&](int, const HitRecord& record) {
+            if (count == room.size()) [[unlikely]]
+                make_room(ray.tmax);
+            if (fits) [[likely]]
+                room[count++] = record;
+        });
+        return !fits;
+    }
+
+    /// Ends the search: sorts what was found.
+    void finish() {
+        const auto end = room.begin() + count;
+        const auto before = [](const HitRecord& a, const HitRecord& b) { return a.before(b); };
+        std::sort(room.begin(), end, before);
+        // The same hit again: a tree with spatial splits names a triangle in several leaves.
+        const auto same = [](const HitRecord& a, const HitRecord& b) { return !a.before(b); };
+        count = static_cast<std::uint32_t>(std::unique(room.begin(), end, same) - room.begin());
+        truncated = truncated || count > budget;
+        count = std::min(count, budget);
+    }
+
+private:
+    [[gnu::noinline]] void make_room(float& tmax) {
+        finish();
+        fits = !room.empty() && 2 * std::size_t{count} <= room.size();
+        if (truncated) tmax = room[budget - 1].t;
     }
 };
 

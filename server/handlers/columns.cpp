@@ -24,37 +24,66 @@ wire::Dtype dtype(FieldType type) {
 }
 
 bool per_ray(Field field, Query query) {
-    return query != query_multi || field == Field::hit || field == Field::flags ||
-           field_info(field).counter;
+    const bool csr = query == query_multi || query == query_all;
+    return !csr || field_info(field).of_ray;
 }
 
-bool defined_for_any(Field field) {
-    return field == Field::hit || field == Field::flags || field_info(field).counter;
-}
-
-/// The hits of a multi query as the columns see them: one after the other, each with its ray.
+/// The hits of a multi or all query as the columns see them: one after the other, each with its
+/// ray.
 struct Compacted {
     std::vector<std::uint64_t> splits;
     std::vector<std::uint32_t> ray_of;
-    std::vector<HitRecord> first;  ///< per ray: its first record, which holds `hit` and the flags
+    std::vector<HitRecord> rays;  ///< one per ray, for `hit` and the flags
 };
 
-Compacted compact(TraceBuffers& buffers, std::size_t rays, std::size_t hits_max) {
+Compacted compact(const Plan& plan, TraceBuffers& buffers, std::size_t rays) {
     Compacted result;
     result.splits.reserve(rays + 1);
     result.splits.push_back(0);
-    result.first.reserve(rays);
+    result.rays.resize(rays);
     std::size_t end = 0;
     for (std::size_t ray = 0; ray < rays; ++ray) {
-        const HitRecord* from = buffers.hits.data() + ray * hits_max;
         const std::size_t count = buffers.counts[ray];
-        result.first.push_back(*from);
-        std::copy_n(from, count, buffers.hits.data() + end);
+        if (plan.query == query_multi) {
+            const HitRecord* from = buffers.hits.data() + ray * plan.hits_max;
+            result.rays[ray].flags = from->flags;
+            std::copy_n(from, count, buffers.hits.data() + end);
+        } else {
+            result.rays[ray].flags = buffers.flags[ray];
+        }
+        result.rays[ray].hit = count != 0 ? 1 : 0;
         result.ray_of.insert(result.ray_of.end(), count, static_cast<std::uint32_t>(ray));
         end += count;
         result.splits.push_back(end);
     }
     return result;
+}
+
+/// A column and where its next element goes.
+struct Target {
+    Field field;
+    std::byte* out;
+};
+
+/// Writes `count` elements of each column. Block by block, so that all columns read the records of
+/// a block while they are in the nearest cache. Without hits every element is a canonical miss.
+void write_columns(std::span<Target> columns, const ColumnSource& all, std::size_t count) {
+    constexpr std::size_t block = 512;
+    static const std::vector<HitRecord> misses(block);
+    for (std::size_t at = 0; at < count; at += block) {
+        const std::size_t n = std::min(block, count - at);
+        ColumnSource part = all;
+        part.hits = all.hits.empty() ? std::span(misses).first(n) : all.hits.subspan(at, n);
+        if (all.ray_of.empty())
+            part.rays = all.rays.subspan(at, n);
+        else
+            part.ray_of = all.ray_of.subspan(at, n);
+        if (!all.counters.empty()) part.counters = all.counters.subspan(at, n);
+        for (Target& column : columns) {
+            write_column(column.field, part, column.out);
+            column.out += n * field_bytes(column.field);
+        }
+    }
 }
 
 }  // namespace
@@ -68,11 +97,15 @@ Reply<Columns> Columns::choose(std::span<const std::string> names, Query query) 
             columns.outputs_.push_back(name);
             continue;
         }
-        if (query == query_any && !defined_for_any(*field))
+        if (query == query_any && !field_info(*field).of_ray)
             return refuse(Code::invalid_field,
                           "column '" + name +
                               "' is not defined for kind any: which surface an any-hit meets "
                               "depends on the traversal; ask for hit, or use kind closest");
+        if (query == query_all && field_info(*field).counter)
+            return refuse(Code::invalid_field,
+                          "column '" + name +
+                              "' is not counted for kind all; use kind closest, any or multi");
         if (std::find(fields.begin(), fields.end(), *field) == fields.end())
             fields.push_back(*field);
     }
@@ -101,31 +134,31 @@ bool Columns::counting() const {
 Columns::Cost Columns::cost(const Plan& plan) const {
     Cost cost;
     const std::size_t outputs = plan.variant->outputs().size();
-    const std::size_t splits = plan.query == query_multi ? 1 : 0;
+    const std::size_t splits = plan.csr() ? 1 : 0;
     cost.fixed =
         (fields_.size() + outputs + splits) * protocol::alignment + splits * sizeof(std::uint64_t);
     cost.per_ray = outputs * sizeof(std::uint32_t) + splits * sizeof(std::uint64_t);
     for (const Field field : fields_)
-        cost.per_ray += field_bytes(field) * (per_ray(field, plan.query) ? 1 : plan.hits_max);
+        (per_ray(field, plan.query) ? cost.per_ray : cost.per_hit) += field_bytes(field);
     return cost;
 }
 
 Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registry, std::uint64_t id,
                                        std::uint64_t first_ray, std::span<const Ray> rays,
                                        TraceBuffers& buffers, Tally& tally) const {
-    const bool multi = plan.query == query_multi;
+    const bool many = plan.csr();
     Compacted csr;
-    if (multi) csr = compact(buffers, rays.size(), plan.hits_max);
-    const std::uint64_t hit_count = multi ? csr.splits.back() : rays.size();
+    if (many) csr = compact(plan, buffers, rays.size());
+    const std::uint64_t hit_count = many ? csr.splits.back() : rays.size();
 
     // Lay the blocks out: splits first, then the fields as asked for, then outputs.
     protocol::Bulk bulk;
-    if (multi) bulk.add(splits_name, wire::Dtype::u64, 1, rays.size() + 1);
-    std::vector<std::size_t> blocks;
+    if (many) bulk.add(splits_name, wire::Dtype::u64, 1, rays.size() + 1);
+    const std::size_t first_column = bulk.count();
     for (const Field field : fields_) {
         const FieldInfo& info = field_info(field);
-        blocks.push_back(bulk.add(info.name, dtype(info.type), info.width,
-                                  per_ray(field, plan.query) ? rays.size() : hit_count));
+        bulk.add(info.name, dtype(info.type), info.width,
+                 per_ray(field, plan.query) ? rays.size() : hit_count);
     }
     std::vector<std::size_t> output_blocks;
     for (const PackOutput& output : plan.variant->outputs())
@@ -134,27 +167,37 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
                      rays.size()));
     bulk.allocate();
 
-    if (multi)
+    if (many)
         std::copy(csr.splits.begin(), csr.splits.end(), bulk.block_as<std::uint64_t>(0).begin());
+    std::vector<Target> of_rays;
+    std::vector<Target> of_hits;
+    for (std::size_t i = 0; i < fields_.size(); ++i)
+        (per_ray(fields_[i], plan.query) ? of_rays : of_hits)
+            .push_back({fields_[i], bulk.block(first_column + i).data()});
     ColumnSource source = plan.source(registry);
     source.rays = rays;
-    source.counters = buffers.counters;
-    for (std::size_t i = 0; i < fields_.size(); ++i) {
-        const bool of_rays = multi && per_ray(fields_[i], plan.query);
-        source.hits = of_rays ? std::span<const HitRecord>(csr.first)
-                              : std::span<const HitRecord>(buffers.hits.data(), hit_count);
-        source.ray_of = of_rays ? std::span<const std::uint32_t>() : csr.ray_of;
-        write_column(fields_[i], source, bulk.block(blocks[i]).data());
+    if (many) {
+        source.hits = std::span<const HitRecord>(buffers.hits).first(hit_count);
+        source.ray_of = csr.ray_of;
+        write_columns(of_hits, source, hit_count);
     }
+    source.hits = many ? csr.rays : buffers.hits;
+    source.ray_of = many ? std::span<const std::uint32_t>() : buffers.ray_of;
+    source.counters = buffers.counters;
+    write_columns(of_rays, source, rays.size());
     for (std::size_t i = 0; i < output_blocks.size(); ++i)
         std::memcpy(bulk.block(output_blocks[i]).data(), buffers.outputs[i].data(),
                     rays.size() * sizeof(std::uint32_t));
 
-    const auto missed = multi ? std::count(buffers.counts.begin(), buffers.counts.end(), 0U)
-                              : std::count_if(buffers.hits.begin(), buffers.hits.end(),
-                                              [](const HitRecord& hit) { return hit.hit == 0; });
-    const auto misses = static_cast<std::uint64_t>(missed);
-    tally.add(buffers.traversal, rays.size(), multi ? hit_count : rays.size() - misses, misses);
+    Tally::Counts counts;
+    counts.rays = rays.size();
+    for (const HitRecord& ray : source.hits) {
+        counts.misses += ray.hit == 0 ? 1 : 0;
+        counts.truncated += (ray.flags & hit_truncated) != 0 ? 1 : 0;
+    }
+    if (plan.untraced) counts.misses = rays.size();
+    counts.hits = many ? hit_count : rays.size() - counts.misses;
+    tally.add(buffers.traversal, counts);
 
     wire::ChunkT chunk;
     chunk.first_ray = first_ray;

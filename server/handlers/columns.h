@@ -11,7 +11,7 @@
 namespace raynest::server {
 
 /// The columns of a query, checked: fields of the engine, then the intersector's outputs, which
-/// always come back, asked for by name or not. In multi queries what belongs to a ray (hit,
+/// always come back, asked for by name or not. In multi and all queries what belongs to a ray (hit,
 /// flags, counters, outputs) has one element per ray, what belongs to a hit one per hit.
 class Columns {
 public:
@@ -26,15 +26,19 @@ public:
     /// Does any column need a counting function?
     [[nodiscard]] bool counting() const;
 
-    /// Bulk bytes of a chunk at most: fixed + rays * per_ray.
+    /// Bulk bytes of a chunk at most.
     struct Cost {
         std::uint64_t fixed = 0;
         std::uint64_t per_ray = 0;
+        std::uint64_t per_hit = 0;  ///< where a ray has any number of hits
+        [[nodiscard]] std::uint64_t bytes(std::uint64_t rays, std::uint64_t hits) const {
+            return fixed + rays * per_ray + hits * per_hit;
+        }
     };
     [[nodiscard]] Cost cost(const Plan& plan) const;
 
-    /// The answer to `rays`, which lie at `first_ray` of the query, out of what trace() wrote.
-    /// Compacts the hits of a multi query in place. Adds to `tally`.
+    /// The answer to `rays`, which lie at `first_ray` of the query, out of what trace() wrote for
+    /// them and perhaps for more. Compacts the hits of a multi query in place. Adds to `tally`.
     Reply<protocol::Frame> encode(const Plan& plan, const Registry& registry, std::uint64_t id,
                                   std::uint64_t first_ray, std::span<const Ray> rays,
                                   TraceBuffers& buffers, Tally& tally) const;

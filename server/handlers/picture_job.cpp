@@ -1,6 +1,8 @@
 #include "server/handlers/picture_job.h"
 
 #include "engine/assets/image.h"
+#include "engine/integrators/generators.h"
+#include "server/handlers/ray_source.h"
 #include "server/handlers/scene_info.h"
 
 #include <algorithm>
@@ -11,22 +13,6 @@ namespace raynest::server {
 namespace {
 
 constexpr std::uint64_t piece_bytes_max = 1ULL << 20;
-
-Vec3 vector(const wire::Vec3* v, const Vec3& otherwise) {
-    return v == nullptr ? otherwise : Vec3{v->x(), v->y(), v->z()};
-}
-
-CameraRequest camera_request(const wire::Camera* camera) {
-    CameraRequest request;
-    if (camera == nullptr) return request;
-    request.name = protocol::text(camera->name());
-    request.look_at = camera->look_at();
-    request.eye = vector(camera->eye(), request.eye);
-    request.at = vector(camera->at(), request.at);
-    request.up = vector(camera->up(), request.up);
-    request.fov_degrees = camera->fov_degrees();
-    return request;
-}
 
 Reply<std::string> check_encode(std::string_view word) {
     if (word == "raw") return std::string(word);
@@ -137,13 +123,13 @@ Task PictureJob::trace_task() {
         tally_.begin();
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
         buffers.rays.resize(count);
-        generate_rays(order_.camera, order_.width, order_.height, first, buffers.rays);
+        generate_tiles(pinhole(order_.camera, {order_.width, order_.height}), first, buffers.rays);
         if (const auto exposed = expose(first, buffers.rays, buffers); !exposed)
             return tl::unexpected(exposed.error());
         const auto missed = std::count_if(buffers.hits.begin(), buffers.hits.end(),
                                           [](const HitRecord& hit) { return hit.hit == 0; });
         const auto misses = static_cast<std::uint64_t>(missed);
-        tally_.add(buffers.traversal, count, count - misses, misses);
+        tally_.add(buffers.traversal, {count, count - misses, misses, 0});
         services_.metrics.rays += count;
         return Frames{};
     };

@@ -132,7 +132,7 @@ wire::StartedT started(const Plan& plan, const protocol::Limits& limits) {
     message.epoch = plan.scene.epoch;
     message.intersector = clean_text(plan.variant->name, limits.name_bytes_max);
     message.target = plan.variant->target;
-    message.traversal = traversal_name(plan.traversal);
+    message.traversal = plan.untraced ? "none" : traversal_name(plan.traversal);
     message.precision = plan.precision == precision_fast ? "fast" : "watertight";
     message.worker = "cpu";
     message.notes = plan.notes;

@@ -21,12 +21,16 @@ struct Plan {
     Precision precision = precision_watertight;
     Tracer tracer;
     bool counting = false;
+    bool untraced = false;  ///< kind null: every answer is the canonical miss
     std::uint32_t mask = 0xFFFFFFFFU;
-    std::uint32_t hits_max = 1;
+    std::uint32_t hits_max = 1;   ///< of `all`: the budget of a ray
+    std::uint64_t hits_room = 0;  ///< of `all`: records that one call of the kernel may fill
     Priority priority = Priority::normal;
     std::uint32_t deadline_ms = 0;
     std::vector<std::string> notes;  ///< for the user, sent with STARTED
 
+    /// Has a ray any number of hits, so that answers need splits?
+    [[nodiscard]] bool csr() const { return query == query_multi || query == query_all; }
     /// Everything of a call but the rays and where the answers go.
     [[nodiscard]] TraceCall call() const;
     /// Rays that one task may trace at most: a chunk, or few where a ray walks the whole scene.

@@ -1,155 +1,187 @@
-// QUERY: rays come in QUERY_RAYS frames and are traced as they come; answers leave as CHUNKs.
+// QUERY: rays come in QUERY_RAYS frames, or are made here, and are traced as they come; answers
+// leave as CHUNKs of columns, or are added up (reduce.h).
+//
+// How many hits the rays of kind `all` have is known only once they are traced. A task promises a
+// frame of bounded size, answers as many of its rays as fit, and gives the others back; how many
+// fitted is how many the next task gets.
 #include "server/handlers/columns.h"
 #include "server/handlers/handler.h"
-#include "server/handlers/tracing.h"
+#include "server/handlers/query_job.h"
+#include "server/handlers/reduce.h"
 
 #include <algorithm>
-#include <deque>
+#include <atomic>
 #include <memory>
+#include <string>
+#include <string_view>
 #include <utility>
 
 namespace raynest::server {
 namespace {
 
-/// A chunk's answer is built in cache-sized pieces: larger ones cost 1.5 times as much to send.
-constexpr std::uint64_t reply_bytes_max = 4ULL << 20;
+/// Bytes that a task promises not to exceed. Where hits are not known in advance, an eighth of the
+/// window, so that several tasks run at a time; but room for one ray at least.
+std::uint64_t answer_bytes(const Plan& plan, const Columns::Cost& cost, const Caller& caller) {
+    const std::uint64_t most = frame_bytes_max(caller);
+    if (plan.query != query_all) return most;
+    return std::clamp(caller.window_bytes / 8, cost.bytes(1, plan.hits_max), most);
+}
 
-/// Rays per task, so that an answer never exceeds half of the client's window.
-std::uint64_t chunk_rays(const Plan& plan, const Columns::Cost& cost, const Caller& caller,
+/// Rays per task.
+std::uint64_t chunk_rays(const Plan& plan, const Columns::Cost& cost, std::uint64_t bytes,
                          const protocol::Limits& limits) {
-    const std::uint64_t bytes = std::min(reply_bytes_max, caller.window_bytes / 2) - cost.fixed;
-    const std::uint64_t by_reply = bytes / std::max<std::uint64_t>(1, cost.per_ray);
+    if (plan.query == query_all) return plan.chunk_rays_max(limits);
+    const std::uint64_t per_ray = cost.per_ray + cost.per_hit * plan.hits_max;
+    const std::uint64_t by_reply = (bytes - cost.fixed) / std::max<std::uint64_t>(1, per_ray);
     const std::uint64_t by_hits = hit_bytes_max / (sizeof(HitRecord) * plan.hits_max);
     const std::uint64_t most = std::min({by_reply, by_hits, plan.chunk_rays_max(limits)});
     return std::max<std::uint64_t>(1, most);
 }
 
-class QueryJob final : public Job {
+/// Records that a task has room for: what fits its answer, at least what any ray needs.
+std::uint64_t hits_room(const Plan& plan, const Columns::Cost& cost, std::uint64_t bytes) {
+    const std::uint64_t most = hit_bytes_max / sizeof(HitRecord);
+    const std::uint64_t fit = cost.per_hit == 0 ? most : (bytes - cost.fixed) / cost.per_hit;
+    return std::clamp(fit, std::uint64_t{2} * plan.hits_max, most);
+}
+
+/// A row per ray, or one per hit.
+class ColumnsJob final : public QueryJob {
 public:
-    QueryJob(const Services& services, const Caller& caller, Plan plan, Columns columns,
-             std::uint64_t ray_count)
-        : services_(services),
-          id_(caller.request_id),
-          plan_(std::move(plan)),
+    ColumnsJob(const Services& services, const Caller& caller, Plan plan, RaySource source,
+               Columns columns)
+        : QueryJob(services, caller, std::move(plan), std::move(source)),
           columns_(std::move(columns)),
           cost_(columns_.cost(plan_)),
-          chunk_rays_(chunk_rays(plan_, cost_, caller, services.limits)),
-          ray_count_(ray_count) {}
+          answer_bytes_(answer_bytes(plan_, cost_, caller)),
+          chunk_rays_(source_.chunk_rays(chunk_rays(plan_, cost_, answer_bytes_, services.limits))),
+          fitting_(chunk_rays_) {}
 
-    Frames greeting() override {
-        Frames frames;
-        frames.push_back(*protocol::encode(id_, started(plan_, services_.limits)));
-        return frames;
+protected:
+    [[nodiscard]] std::uint64_t piece_rays() const override { return fitting_; }
+    [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t rays) const override {
+        return plan_.query == query_all ? answer_bytes_ : cost_.bytes(rays, rays * plan_.hits_max);
     }
+    [[nodiscard]] std::uint64_t rows() const override { return source_.rays(); }
 
-    Reply<std::uint64_t> feed(protocol::Frame frame) override {
-        const auto message = protocol::open<wire::QueryRays>(frame, services_.limits);
-        if (!message) return tl::unexpected(message.error());
-        const auto block =
-            protocol::only_block(message->blocks, "rays", wire::Dtype::f32, sizeof(Ray));
-        if (!block) return tl::unexpected(block.error());
-        if ((*message)->first_ray() != received_)
-            return refuse(Code::invalid_field,
-                          "first_ray is " + std::to_string((*message)->first_ray()) +
-                              ", the rays so far are " + std::to_string(received_));
-        if (block->count == 0 || block->count > services_.limits.chunk_rays_max ||
-            block->count > ray_count_ - received_)
-            return refuse(Code::invalid_field, "a frame of " + std::to_string(block->count) +
-                                                   " rays; " +
-                                                   std::to_string(ray_count_ - received_) +
-                                                   " are still to come, and a frame holds 1.." +
-                                                   std::to_string(services_.limits.chunk_rays_max));
-        const std::span<const Ray> rays{reinterpret_cast<const Ray*>(block->bytes.data()),
-                                        static_cast<std::size_t>(block->count)};
-        pieces_.push_back({std::make_shared<const protocol::Frame>(std::move(frame)), rays});
-        received_ += rays.size();
-        return std::uint64_t{0};
-    }
-
-    std::optional<Task> next() override {
-        if (pieces_.empty()) return std::nullopt;
-        Piece& piece = pieces_.front();
-        const std::size_t count = std::min<std::size_t>(chunk_rays_, piece.rays.size());
-        const std::span<const Ray> rays = piece.rays.first(count);
-        piece.rays = piece.rays.subspan(count);
-
-        Task task;
-        task.reply_bytes_max = cost_.fixed + cost_.per_ray * count;
-        task.run = [this, frame = piece.frame, rays, first = dispatched_](const StopFlag&) {
-            return answer(rays, first);
-        };
-        dispatched_ += count;
-        if (piece.rays.empty()) {
-            task.input_bytes = piece.frame->header.bulk_bytes;
-            pieces_.pop_front();
-        }
-        return task;
-    }
-
-    [[nodiscard]] bool finished() const override { return dispatched_ == ray_count_; }
-
-    Frames farewell() override {
-        Frames frames;
-        frames.push_back(*protocol::encode(id_, tally_.done()));
-        return frames;
-    }
-
-    [[nodiscard]] std::optional<Progress> progress() const override {
-        return Progress{tally_.rays(), ray_count_, "tracing"};
-    }
-
-private:
-    /// Rays of one frame that no task has taken yet; they lie in the frame.
-    struct Piece {
-        std::shared_ptr<const protocol::Frame> frame;
-        std::span<const Ray> rays;
-    };
-
-    Reply<Frames> answer(std::span<const Ray> rays, std::uint64_t first) {
-        tally_.begin();
+    Reply<Frames> answer(const Piece& piece, const StopFlag& /*stop*/) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        if (const auto traced = trace(plan_, rays, buffers); !traced)
-            return tl::unexpected(traced.error());
-        auto frame = columns_.encode(plan_, services_.registry, id_, first, rays, buffers, tally_);
+        auto rays = trace_piece(piece, buffers);
+        if (!rays) return tl::unexpected(rays.error());
+        const std::size_t count = fitting(buffers);
+        auto frame = columns_.encode(plan_, services_.registry, id_, piece.first,
+                                     rays->first(count), buffers, tally_);
         if (!frame) return tl::unexpected(frame.error());
-        services_.metrics.rays += rays.size();
+        if (plan_.query == query_all) give_back_behind(piece, count);
+        services_.metrics.rays += count;
         Frames frames;
         frames.push_back(std::move(*frame));
         return frames;
     }
 
-    const Services& services_;
-    const std::uint64_t id_;
-    const Plan plan_;
+private:
+    /// Gives the rays, which lie in the piece or in the buffers.
+    Reply<std::span<const Ray>> trace_piece(const Piece& piece, TraceBuffers& buffers) const {
+        const bool any_order =
+            !plan_.csr() && !plan_.counting && !plan_.untraced && plan_.variant->outputs().empty();
+        if (any_order && source_.has_tiles(piece)) {
+            if (auto traced = source_.trace_tiles(plan_, piece, buffers); !traced)
+                return tl::unexpected(traced.error());
+            return std::span<const Ray>(buffers.rays);
+        }
+        const std::span<const Ray> rays = source_.rays_of(piece, buffers);
+        if (auto traced = trace(plan_, rays, buffers); !traced)
+            return tl::unexpected(traced.error());
+        return rays;
+    }
+
+    /// How many of the traced rays fit the promised answer; one always does.
+    [[nodiscard]] std::size_t fitting(const TraceBuffers& buffers) const {
+        if (plan_.query != query_all) return buffers.answered;
+        std::uint64_t hits = 0;
+        std::size_t rays = 0;
+        while (rays < buffers.answered &&
+               cost_.bytes(rays + 1, hits + buffers.counts[rays]) <= answer_bytes_)
+            hits += buffers.counts[rays++];
+        return rays;
+    }
+
+    /// `count` rays of the piece fitted an answer.
+    void give_back_behind(Piece piece, std::uint64_t count) {
+        piece.split(count);
+        fitting_ = piece.count == 0 ? std::min(2 * count, chunk_rays_) : count;
+        if (piece.count != 0) give_back(std::move(piece));
+    }
+
     const Columns columns_;
     const Columns::Cost cost_;
+    const std::uint64_t answer_bytes_;
     const std::uint64_t chunk_rays_;
-    const std::uint64_t ray_count_;
-    Tally tally_;
-    std::deque<Piece> pieces_;
-    std::uint64_t received_ = 0;
-    std::uint64_t dispatched_ = 0;
+    std::atomic<std::uint64_t> fitting_;  ///< rays to try with the next task
 };
+
+/// Every answer must fit a frame that the client can take.
+Reply<void> check_frame_bytes(const Plan& plan, const Columns::Cost& cost, const Caller& caller) {
+    const std::uint64_t bytes = cost.bytes(1, plan.hits_max);
+    const std::uint64_t most = frame_bytes_max(caller);
+    if (bytes <= most) return {};
+    return refuse(Code::limit_exceeded,
+                  std::to_string(plan.hits_max) + " hits of one ray are " + std::to_string(bytes) +
+                      " bytes of columns, over " + std::to_string(most) +
+                      ", half of the window at most; ask for fewer hits or columns, or grant a "
+                      "larger window_bytes");
+}
+
+/// What is asked of each ray. Kind `null` asks nothing: the answers of a closest query that misses.
+struct Kind {
+    Query query = query_closest;
+    bool untraced = false;
+};
+
+Reply<Kind> kind_of(std::string_view word) {
+    if (word == "null") return Kind{query_closest, true};
+    const auto query = parse_query(word);
+    if (!query) return refuse(Code::invalid_field, query.error().message + ", null");
+    return Kind{*query};
+}
+
+Reply<std::unique_ptr<Job>> columns_job(const Services& services, const Caller& caller, Plan plan,
+                                        RaySource source, Columns columns) {
+    if (const auto known = columns.check_outputs(*plan.variant); !known)
+        return tl::unexpected(known.error());
+    const Columns::Cost cost = columns.cost(plan);
+    if (const auto fits = check_frame_bytes(plan, cost, caller); !fits)
+        return tl::unexpected(fits.error());
+    plan.hits_room = hits_room(plan, cost, answer_bytes(plan, cost, caller));
+    return std::make_unique<ColumnsJob>(services, caller, std::move(plan), std::move(source),
+                                        std::move(columns));
+}
 
 }  // namespace
 
 Reply<Answer> query(const Services& services, const Caller& caller,
                     const protocol::Opened<wire::Query>& message) {
-    const auto kind = parse_query(protocol::word(message->kind(), "closest"));
-    if (!kind) return refuse(Code::invalid_field, kind.error().message);
-    auto columns = Columns::choose(protocol::strings(message->fields()), *kind);
+    const std::string_view reduce = protocol::text(message->reduce());
+    const auto kind = kind_of(protocol::word(message->kind(), default_kind(reduce)));
+    if (!kind) return tl::unexpected(kind.error());
+    auto columns = Columns::choose(protocol::strings(message->fields()), kind->query);
     if (!columns) return tl::unexpected(columns.error());
-    auto plan = make_plan(services, *message->job(), *kind, columns->counting());
+    auto plan = make_plan(services, *message->job(), kind->query, columns->counting());
     if (!plan) return tl::unexpected(plan.error());
-    if (const auto known = columns->check_outputs(*plan->variant); !known)
-        return tl::unexpected(known.error());
-    if (*kind == query_multi) plan->hits_max = message->max_hits();
+    plan->untraced = kind->untraced;
+    if (plan->csr()) plan->hits_max = message->max_hits();
+    auto source = RaySource::make(*message.table, plan->scene.snapshot());
+    if (!source) return tl::unexpected(source.error());
 
     Accepted accepted;
     accepted.deadline_ms = plan->deadline_ms;
     accepted.priority = plan->priority;
-    accepted.job = std::make_unique<QueryJob>(services, caller, std::move(*plan),
-                                              std::move(*columns), message->ray_count());
+    auto job = reduce.empty()
+                   ? columns_job(services, caller, std::move(*plan), std::move(*source),
+                                 std::move(*columns))
+                   : reduce_job(services, caller, std::move(*plan), std::move(*source), message);
+    if (!job) return tl::unexpected(job.error());
+    accepted.job = std::move(*job);
     return Answer{std::move(accepted)};
 }
 

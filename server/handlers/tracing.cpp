@@ -11,8 +11,11 @@ TraceBuffers& TraceBuffers::of_this_thread() {
 }
 
 Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers) {
-    buffers.hits.resize(rays.size() * plan.hits_max);
-    buffers.counts.resize(plan.query == query_multi ? rays.size() : 0);
+    const bool all = plan.query == query_all;
+    buffers.ray_of.clear();
+    buffers.hits.resize(all ? plan.hits_room : rays.size() * plan.hits_max);
+    buffers.counts.resize(plan.csr() ? rays.size() : 0);
+    buffers.flags.resize(all ? rays.size() : 0);
     buffers.counters.resize(plan.counting ? rays.size() : 0);
     buffers.outputs.resize(plan.variant->outputs().size());
     std::vector<void*> outputs;
@@ -21,6 +24,13 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buf
         outputs.push_back(column.data());
     }
 
+    buffers.answered = static_cast<std::uint32_t>(rays.size());
+    if (plan.untraced) {
+        buffers.hits.clear();
+        std::fill(buffers.counters.begin(), buffers.counters.end(), Counters{});
+        for (auto& column : buffers.outputs) std::fill(column.begin(), column.end(), 0U);
+        return {};
+    }
     TraceCall call = plan.call();
     call.rays = rays.data();
     call.ray_count = static_cast<std::uint32_t>(rays.size());
@@ -28,6 +38,9 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buf
     call.hit_counts = buffers.counts.empty() ? nullptr : buffers.counts.data();
     call.counters = buffers.counters.empty() ? nullptr : buffers.counters.data();
     call.outputs = outputs.empty() ? nullptr : outputs.data();
+    call.hits_room = plan.hits_room;
+    call.ray_flags = buffers.flags.data();
+    call.rays_done = &buffers.answered;
     buffers.traversal = plan.tracer.choose(rays, *call.scene);
     return check(plan.tracer.function(buffers.traversal)(&call), plan);
 }
@@ -38,11 +51,12 @@ void Tally::begin() {
     first_.compare_exchange_strong(none, now);
 }
 
-void Tally::add(Traversal traversal, std::uint64_t rays, std::uint64_t hits, std::uint64_t misses) {
+void Tally::add(Traversal traversal, const Counts& counts) {
     traversals_ |= 1U << traversal;
-    rays_ += rays;
-    hits_ += hits;
-    misses_ += misses;
+    rays_ += counts.rays;
+    hits_ += counts.hits;
+    misses_ += counts.misses;
+    truncated_ += counts.truncated;
     const Ticks now = (Clock::now() - accepted_).count();
     Ticks last = last_;
     while (last < now && !last_.compare_exchange_weak(last, now)) {
@@ -57,6 +71,7 @@ wire::DoneT Tally::done() const {
     message.rays = rays_;
     message.hits = hits_;
     message.misses = misses_;
+    message.truncated = truncated_;
     message.seconds = seconds(last_ - first_);
     message.queued_seconds = seconds(first_);
     const std::uint32_t ran = traversals_;

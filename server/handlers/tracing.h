@@ -15,10 +15,14 @@ namespace raynest::server {
 /// the pages of these arrays are touched once and not once per chunk.
 struct TraceBuffers {
     std::vector<Ray> rays;                            ///< for callers that make their own
-    std::vector<HitRecord> hits;                      ///< hits_max per ray
-    std::vector<std::uint32_t> counts;                ///< hits per ray, multi only
+    std::vector<HitRecord> hits;                      ///< hits_max per ray; of `all` packed
+    std::vector<std::uint32_t> ray_of;                ///< of each hit, if not in the rays' order
+    std::vector<HitRecord> rows;                      ///< the same in another order, for a moment
+    std::vector<std::uint32_t> counts;                ///< hits per ray, multi and all only
+    std::vector<std::uint8_t> flags;                  ///< HitFlags per ray, all only
     std::vector<Counters> counters;                   ///< per ray, counting only
     std::vector<std::vector<std::uint32_t>> outputs;  ///< per output of the intersector: per ray
+    std::uint32_t answered = 0;                       ///< rays, from the first on; at least one
 
     Traversal traversal = traversal_latency;  ///< that gave the answers
 
@@ -28,7 +32,8 @@ struct TraceBuffers {
 /// A chunk's hit records fit into this; it bounds the rays of a chunk where a ray has many hits.
 inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
 
-/// Fills `buffers` (all but its rays) with the answers of `rays`.
+/// Fills `buffers` (all but its rays) with the answers of `rays`: of all of them, but where the
+/// hits of `all` have no more room. Of a plan that traces nothing there are no hits.
 Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers);
 
 /// What DONE tells about a job; written by its tasks on any thread.
@@ -36,8 +41,14 @@ class Tally {
 public:
     /// A task starts.
     void begin();
-    /// A task ended, with so many rays and hits, of which so many rays had none.
-    void add(Traversal traversal, std::uint64_t rays, std::uint64_t hits, std::uint64_t misses);
+    /// A task ended, with so many of each.
+    struct Counts {
+        std::uint64_t rays = 0;
+        std::uint64_t hits = 0;
+        std::uint64_t misses = 0;     ///< rays without a hit
+        std::uint64_t truncated = 0;  ///< rays with more hits than their budget
+    };
+    void add(Traversal traversal, const Counts& counts);
 
     [[nodiscard]] std::uint64_t rays() const { return rays_; }
     /// Rays, hits, times and traversal of DONE.
@@ -49,6 +60,7 @@ private:
     std::atomic<std::uint64_t> rays_{0};
     std::atomic<std::uint64_t> hits_{0};
     std::atomic<std::uint64_t> misses_{0};
+    std::atomic<std::uint64_t> truncated_{0};
     std::atomic<std::uint32_t> traversals_{0};  ///< bit t: traversal t gave answers
     std::atomic<Ticks> first_{0};               ///< since accepted_; 0: nothing began yet
     std::atomic<Ticks> last_{0};

@@ -24,7 +24,7 @@ const char* type_name(ValueType type) {
 }
 
 std::vector<std::string> compiled_queries(const PackVariant& code) {
-    constexpr const char* names[query_count] = {"closest", "any", "multi"};
+    constexpr const char* names[query_count] = {"closest", "any", "multi", "all"};
     std::vector<std::string> queries;
     for (std::uint32_t query = 0; query < query_count; ++query)
         if (code.trace[precision_fast][traversal_latency][query][0] != nullptr)

@@ -1,6 +1,6 @@
 #include "tests/bench/rays.h"
 
-#include "engine/integrators/camera.h"
+#include "engine/integrators/generators.h"
 #include "engine/math/random.h"
 #include "engine/queries/columns.h"
 
@@ -46,7 +46,7 @@ std::vector<Ray> picture_rays(const Snapshot& scene, std::uint32_t pixels) {
         8U, static_cast<std::uint32_t>(std::sqrt(static_cast<float>(pixels) * 9 / 16) / 8) * 8);
     const std::uint32_t width = std::max(8U, pixels / height / 8 * 8);
     std::vector<Ray> tiles(std::size_t{width} * height);
-    generate_rays(*camera, width, height, 0, tiles);
+    generate_tiles(pinhole(*camera, {width, height}), 0, tiles);
     for (Ray& ray : tiles) ray.direction = glm::normalize(ray.direction);
     return tiles;
 }

@@ -27,7 +27,9 @@ namespace {
 
 struct Answer {
     std::vector<HitRecord> hits;
+    std::vector<std::size_t> first;  // of each ray's hits
     std::vector<std::uint32_t> counts;
+    std::vector<std::uint8_t> ray_flags;  // of `all`
     std::vector<Counters> counters;
     std::vector<std::vector<std::uint32_t>> outputs;
 };
@@ -39,34 +41,72 @@ struct Case {
     std::vector<Ray> rays;
 };
 
-constexpr std::uint32_t multi_capacity = 8;
+/// What is asked of every ray. The small budget of `all` cuts many rays short, the large one none.
+struct Question {
+    Query query;
+    std::uint32_t hits_max;
+};
+constexpr Question questions[] = {
+    {query_closest, 1}, {query_any, 1}, {query_multi, 8}, {query_all, 3}, {query_all, 4096}};
 
-Answer run(const Variant& variant, const Case& test, TraceFunction function, Query query,
-           const Settings& settings) {
+void check_call(TraceStatus status, const Variant& variant) {
+    if (status == trace_ok) return;
+    std::printf("FAILED: %s refused a well-formed call\n", variant.name.c_str());
+    std::exit(1);
+}
+
+// All hits, through as little room as there may be, so that calls end within the rays and go on.
+Answer run_all(const Variant& variant, TraceFunction function, TraceCall call) {
+    const std::uint32_t n = call.ray_count;
+    Answer answer;
+    answer.counts.resize(n);
+    answer.ray_flags.resize(n);
+    std::vector<HitRecord> room(std::size_t{2} * call.hits_max);
+    call.hits = room.data();
+    call.hits_room = room.size();
+    std::uint32_t fresh = 0;
+    call.rays_done = &fresh;
+    for (std::uint32_t done = 0; done < n; done += fresh) {
+        call.ray_count = n - done;
+        call.hit_counts = answer.counts.data() + done;
+        call.ray_flags = answer.ray_flags.data() + done;
+        check_call(function(&call), variant);
+        if (fresh == 0) {
+            std::printf("FAILED: %s finds no room for ray %u\n", variant.name.c_str(), done);
+            std::exit(1);
+        }
+        std::size_t end = 0;
+        for (std::uint32_t i = done; i < done + fresh; ++i) {
+            answer.first.push_back(answer.hits.size() + end);
+            end += answer.counts[i];
+        }
+        answer.hits.insert(answer.hits.end(), room.begin(),
+                           room.begin() + static_cast<std::ptrdiff_t>(end));
+        call.rays += fresh;
+    }
+    return answer;
+}
+
+Answer run(const Variant& variant, const Case& test, TraceFunction function,
+           const Question& question, const Settings& settings) {
     const auto n = static_cast<std::uint32_t>(test.rays.size());
-    const std::uint32_t capacity = query == query_multi ? multi_capacity : 1;
+    const std::uint32_t capacity = question.query == query_all ? 0 : question.hits_max;
     Answer answer;
     answer.hits.resize(static_cast<std::size_t>(n) * capacity);
-    answer.counts.assign(n, 0);
+    for (std::uint32_t i = 0; i < n; ++i) answer.first.push_back(std::size_t{i} * capacity);
+    answer.counts.assign(n, 1);
     answer.counters.resize(n);
     answer.outputs.assign(variant.outputs().size(), std::vector<std::uint32_t>(n));
     std::vector<void*> columns;
     for (auto& column : answer.outputs) columns.push_back(column.data());
-    const TraceCall call{&test.scene->view(),
-                         settings.params.data(),
-                         test.rays.data(),
-                         n,
-                         capacity,
-                         0xFFFFFFFFU,
-                         settings.flags,
-                         answer.hits.data(),
-                         answer.counts.data(),
-                         answer.counters.data(),
+    const TraceCall call{&test.scene->view(),  settings.params.data(),
+                         test.rays.data(),     n,
+                         question.hits_max,    0xFFFFFFFFU,
+                         settings.flags,       answer.hits.data(),
+                         answer.counts.data(), answer.counters.data(),
                          columns.data()};
-    if (function(&call) != trace_ok) {
-        std::printf("FAILED: %s refused a well-formed call\n", variant.name.c_str());
-        std::exit(1);
-    }
+    if (question.query == query_all) return run_all(variant, function, call);
+    check_call(function(&call), variant);
     return answer;
 }
 
@@ -75,29 +115,23 @@ struct Difference {
     std::size_t first = 0;  // index of the first of them
 };
 
-// Rays whose answer differs. Only what a query defines is compared: of `any` the hit bit, of
-// `multi` the filled part.
-Difference differing_rays(const Answer& a, const Answer& b, Query query) {
+// Rays whose answer differs. Only what a query defines is compared: of `multi` the filled part.
+Difference differing_rays(const Answer& a, const Answer& b) {
     Difference different;
     const std::size_t n = a.counts.size();
     for (std::size_t i = 0; i < n; ++i) {
-        bool same = true;
-        if (query == query_multi) {
-            same = a.counts[i] == b.counts[i];
-            for (std::size_t k = 0; same && k < a.counts[i]; ++k) {
-                const std::size_t at = i * multi_capacity + k;
-                same = std::memcmp(&a.hits[at], &b.hits[at], sizeof(HitRecord)) == 0;
-            }
-        } else {
-            same = std::memcmp(&a.hits[i], &b.hits[i], sizeof(HitRecord)) == 0;
+        bool same = a.counts[i] == b.counts[i];
+        if (!a.ray_flags.empty()) same = same && a.ray_flags[i] == b.ray_flags[i];
+        for (std::size_t k = 0; same && k < a.counts[i]; ++k) {
+            same = std::memcmp(&a.hits[a.first[i] + k], &b.hits[b.first[i] + k],
+                               sizeof(HitRecord)) == 0;
         }
         if (!same && different.rays++ == 0) different.first = i;
     }
     return different;
 }
 
-void print_ray(const Case& test, const Answer& answer, const Answer& expected, Query query,
-               std::size_t ray) {
+void print_ray(const Case& test, const Answer& answer, const Answer& expected, std::size_t ray) {
     const auto text = [](const Vec3& v) {
         std::ostringstream out;
         out << std::setprecision(9) << v.x << ' ' << v.y << ' ' << v.z;
@@ -107,9 +141,8 @@ void print_ray(const Case& test, const Answer& answer, const Answer& expected, Q
     std::cout << std::setprecision(9) << "  ray " << ray << ": origin " << text(r.origin)
               << " tmin " << r.tmin << " direction " << text(r.direction) << " tmax " << r.tmax
               << '\n';
-    const std::size_t at = query == query_multi ? ray * multi_capacity : ray;
     for (const auto& [name, from] : {std::pair{"got     ", &answer}, {"expected", &expected}}) {
-        const HitRecord& h = from->hits[at];
+        const HitRecord h = from->counts[ray] == 0 ? HitRecord{} : from->hits[from->first[ray]];
         std::cout << "  " << name << " hit " << int{h.hit} << " t " << h.t << " uv " << h.u << ' '
                   << h.v << " triangle " << h.triangle << " path " << h.path << " k " << int{h.k}
                   << " (of " << from->counts[ray] << ")" << std::endl;
@@ -185,20 +218,21 @@ void check_variant(const Variant& variant, const std::vector<Case>& cases, bool 
     const auto culled = parse_settings(variant, cull);
     for (const Case& test : cases) {
         if (test.name.starts_with("edges") && !with_edges) continue;
-        for (const Query query : {query_closest, query_any, query_multi}) {
+        for (const Question& question : questions) {
+            const Query query = question.query;
             for (const Settings* settings : {&*plain, &*culled}) {
                 const bool edges_only = test.name.starts_with("edges");
                 if (edges_only && (query != query_closest || settings == &*culled)) continue;
                 const auto reference =
                     find_function(variant, query, precision_fast, traversal_reference, false);
-                const Answer expected = run(variant, test, *reference, query, *settings);
+                const Answer expected = run(variant, test, *reference, question, *settings);
                 for (std::uint32_t t = 0; t < traversal_reference; ++t) {
                     for (const bool counting : {false, true}) {
                         const auto function = find_function(variant, query, precision_fast,
                                                             static_cast<Traversal>(t), counting);
                         if (!function || (edges_only && counting)) continue;
-                        const Answer answer = run(variant, test, *function, query, *settings);
-                        const Difference different = differing_rays(answer, expected, query);
+                        const Answer answer = run(variant, test, *function, question, *settings);
+                        const Difference different = differing_rays(answer, expected);
                         ++tally.comparisons;
                         tally.rays += test.rays.size();
                         tally.differences += different.rays;
@@ -210,7 +244,7 @@ void check_variant(const Variant& variant, const std::vector<Case>& cases, bool 
                                 variant.target.c_str(), variant.name.c_str(), test.name.c_str(),
                                 query, t, counting, settings->flags,
                                 static_cast<unsigned long long>(different.rays));
-                            print_ray(test, answer, expected, query, different.first);
+                            print_ray(test, answer, expected, different.first);
                         }
                         if (counting && query == query_closest && settings == &*plain) {
                             check_counters(test, answer, variant, tally);
@@ -219,12 +253,12 @@ void check_variant(const Variant& variant, const std::vector<Case>& cases, bool 
                 }
                 // v3 and v4 agree bit for bit; v2 rounds differently and is its own reference.
                 if (variant.target == "v2") continue;
-                const std::string key = variant.name + "/" + test.name + "/" +
-                                        std::to_string(query) + "/" +
-                                        std::to_string(settings->flags);
+                const std::string key =
+                    variant.name + "/" + test.name + "/" + std::to_string(query) + "/" +
+                    std::to_string(question.hits_max) + "/" + std::to_string(settings->flags);
                 const auto [at, fresh] = golden.try_emplace(key, expected);
                 if (!fresh) {
-                    const Difference different = differing_rays(at->second, expected, query);
+                    const Difference different = differing_rays(at->second, expected);
                     ++tally.comparisons;
                     tally.rays += test.rays.size();
                     tally.differences += different.rays;

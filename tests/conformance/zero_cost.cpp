@@ -24,6 +24,7 @@ template TraceStatus trace<Tested, query_closest, traversal_latency, false>(
 template TraceStatus trace<Tested, query_any, traversal_latency, false>(const TraceCall*) noexcept;
 template TraceStatus trace<Tested, query_multi, traversal_latency, false>(
     const TraceCall*) noexcept;
+template TraceStatus trace_all<Tested, traversal_latency>(const TraceCall*) noexcept;
 template TraceStatus trace<Tested, query_closest, traversal_batch, false>(
     const TraceCall*) noexcept;
 template TraceStatus trace<Tested, query_any, traversal_batch, false>(const TraceCall*) noexcept;

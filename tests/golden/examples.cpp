@@ -30,9 +30,11 @@ Bulk text_bulk(std::string_view text) {
 
 class Collection {
 public:
+    /// `more` tells a further example of a message from its first.
     template <class Native>
-    void add(std::uint64_t id, const Native& message) {
-        append(protocol::message_of<typename Native::TableType>, protocol::encode(id, message));
+    void add(std::uint64_t id, const Native& message, const std::string& more = "") {
+        append(protocol::message_of<typename Native::TableType>, protocol::encode(id, message),
+               more);
     }
     template <class Native>
     void add(std::uint64_t id, Native message, Bulk bulk) {
@@ -42,8 +44,8 @@ public:
     std::vector<Example> take() { return std::move(examples_); }
 
 private:
-    void append(wire::Message type, Result<Frame> frame) {
-        examples_.push_back({wire::EnumNameMessage(type), std::move(frame.value())});
+    void append(wire::Message type, Result<Frame> frame, const std::string& more = "") {
+        examples_.push_back({wire::EnumNameMessage(type) + more, std::move(frame.value())});
     }
     std::vector<Example> examples_;
 };
@@ -131,6 +133,20 @@ void add_work_requests(Collection& all) {
     query.fields = {"t", "path"};
     query.ray_count = 2;
     all.add(7, query);
+
+    wire::QueryT sweep;
+    sweep.job = std::make_unique<wire::JobT>();
+    sweep.job->scene = "forest";
+    sweep.kind = "all";
+    sweep.max_hits = 4096;
+    sweep.fields = {"t"};
+    sweep.generator = std::make_unique<wire::GeneratorT>();
+    sweep.generator->kind = "lidar";
+    sweep.generator->elevations = {-15, 0, 15};
+    sweep.generator->azimuth_count = 1800;
+    sweep.generator->camera = std::make_unique<wire::CameraT>();
+    sweep.generator->camera->name = "overview";
+    all.add(12, sweep, " of a generator");
 
     Bulk rays;
     rays.add("rays", wire::Dtype::f32, 8, 2);

@@ -187,6 +187,7 @@ TEST_CASE("ray_splits must be there, begin at 0, rise and fit the columns") {
     };
     CHECK(takes("multi", 2, splits({0, 1, 4}, 4)));
     CHECK(takes("multi", 2, splits({0, 0, 0}, 0)));
+    CHECK(takes("all", 2, splits({0, 1, 4}, 4)));
     CHECK(!takes("multi", 2, splits({0, 1, 4}, 3)));
     CHECK(!takes("multi", 2, splits({0, 1}, 1)));
     CHECK(!takes("multi", 2, splits({1, 1, 4}, 4)));
@@ -196,6 +197,39 @@ TEST_CASE("ray_splits must be there, begin at 0, rise and fit the columns") {
         bulk.allocate();
         std::ranges::fill(bulk.block(0), std::byte{0});
     }));
+}
+
+TEST_CASE("of rays that the daemon makes, and of tables, it says how many rows there are") {
+    const auto run_made = [](const std::string& reduce, std::uint64_t announced,
+                             std::uint64_t rows) {
+        FakeDaemon daemon([&](Peer& peer) {
+            peer.welcome(8U << 20);
+            const std::uint64_t id = peer.receive().header.request_id;
+            wire::StartedT started;
+            started.rays = announced;
+            peer.send(id, started);
+            send_answers(peer, id, 0, 7);
+            wire::DoneT done;
+            done.rows = rows;
+            peer.send(id, done);
+            peer.receive();
+        });
+        const auto connection = Connection::open(daemon.uri(), "");
+        REQUIRE(connection);
+        client::Progress progress(client::Progress::Style::none);
+        wire::QueryT query = query_of("closest", 0);
+        query.generator = std::make_unique<wire::GeneratorT>();
+        query.generator->kind = "camera";
+        query.reduce = reduce;
+        return client::run_query(**connection, query, some_rays(0), progress, ignore)
+            .has_value();
+    };
+    CHECK(run_made("", 7, 7));
+    CHECK(!run_made("", 8, 8));  // a row is missing
+    CHECK(!run_made("", 6, 6));  // there is one too many
+    CHECK(run_made("visible_pixels", 100, 7));
+    CHECK(!run_made("visible_pixels", 100, 8));
+    CHECK(!run_made("visible_pixels", 6, 7));
 }
 
 TEST_CASE("an answer that comes twice is refused") {

@@ -51,7 +51,8 @@ struct Sample {
     [[nodiscard]] QueryChunk chunk() const { return {5, 2, splits, columns}; }
 };
 
-std::string printed(QueryRows rows, const QueryChunk& chunk) {
+template <class Rows>
+std::string printed(Rows rows, const QueryChunk& chunk) {
     std::ostringstream out;
     std::streambuf* const before = std::cout.rdbuf(out.rdbuf());
     const auto done = rows.print(chunk);
@@ -92,6 +93,19 @@ TEST_CASE("a table has a title, a row per hit and dashes for a miss") {
           "       ray               t       nodes\n"
           "         5             4.3          12\n"
           "         6               -           3\n");
+}
+
+TEST_CASE("rows of a reducer are its columns, numbered where they do not say of what they are") {
+    const Sample sample;
+    QueryChunk chunk = sample.chunk();
+    const std::vector<protocol::BlockView> columns = {sample.columns[1], sample.columns[4]};
+    chunk.columns = columns;
+    CHECK(printed(client::ReducedRows("", true), chunk) ==
+          "{\"path\":77,\"nodes\":12}\n{\"path\":18446744073709551615,\"nodes\":3}\n");
+    CHECK(printed(client::ReducedRows("point", false), chunk) ==
+          "     point                  path       nodes\n"
+          "         5                    77          12\n"
+          "         6  18446744073709551615           3\n");
 }
 
 TEST_CASE("numbers read as they were meant") {

@@ -4,6 +4,8 @@
 
 #include <doctest/doctest.h>
 
+#include <cstdint>
+#include <set>
 #include <string>
 
 using namespace raynest;
@@ -13,7 +15,10 @@ TEST_CASE("THE LIST and the examples cover each other") {
     std::size_t known = 0;
     for (unsigned type = 0; type < 65536; ++type)
         if (protocol::message_known(static_cast<std::uint16_t>(type))) ++known;
-    CHECK(known == golden::examples().size());
+    std::set<std::uint16_t> shown;
+    for (const golden::Example& example : golden::examples())
+        shown.insert(example.frame.header.type);
+    CHECK(known == shown.size());
 }
 
 TEST_CASE("encode and open are inverse") {

@@ -86,7 +86,7 @@ void check_decodes(const std::string& name, const std::vector<std::byte>& bytes)
     REQUIRE(decoder.feed(bytes).value() == bytes.size());
     REQUIRE(decoder.complete());
     const protocol::Frame frame = decoder.take();
-    CHECK(protocol::message_name(frame.header.type) == name);
+    CHECK(protocol::message_name(frame.header.type) == name.substr(0, name.find(' ')));
     CHECK(golden::open_any(frame));
 }
 
@@ -125,9 +125,12 @@ TEST_CASE("PROTOCOL.md lists every message, error and limit with its number") {
     const auto check_row = [&](const std::string& row) {
         CHECK_MESSAGE(page.find(row) != std::string::npos, row);
     };
-    for (const golden::Example& example : golden::examples())
-        check_row(example.name + (example.name == "Credit" ? " (both ways)" : "") + " | " +
-                  std::to_string(example.frame.header.type) + " |");
+    for (const golden::Example& example : golden::examples()) {
+        const std::uint16_t type = example.frame.header.type;
+        const std::string name = protocol::message_name(type);
+        check_row(name + (name == "Credit" ? " (both ways)" : "") + " | " + std::to_string(type) +
+                  " |");
+    }
     for (const protocol::ErrorInfo& info : protocol::error_table())
         check_row("| " + std::to_string(static_cast<unsigned>(info.code)) + " | " +
                   std::string(info.name) + " | " + std::to_string(static_cast<int>(info.exit)) +

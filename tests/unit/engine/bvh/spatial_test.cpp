@@ -14,6 +14,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
+#include <numeric>
 #include <set>
 #include <string>
 #include <vector>
@@ -90,6 +91,37 @@ std::vector<HitRecord> trace(const Variant& variant, const Snapshot& scene, Trav
     return hits;
 }
 
+/// Hits as the request sees them: how many each ray has, whether it was cut short, and all of them.
+struct All {
+    std::vector<std::uint32_t> counts;
+    std::vector<std::uint8_t> flags;
+    std::vector<HitRecord> hits;
+};
+
+All trace_all(const Variant& variant, const Snapshot& scene, Traversal traversal,
+              std::uint32_t budget, const std::vector<Ray>& rays) {
+    const auto function = find_function(variant, query_all, precision_fast, traversal, false);
+    REQUIRE(function.has_value());
+    All all{std::vector<std::uint32_t>(rays.size()), std::vector<std::uint8_t>(rays.size()),
+            std::vector<HitRecord>(rays.size() * 32)};
+    std::uint32_t done = 0;
+    TraceCall call{};
+    call.scene = &scene.view();
+    call.rays = rays.data();
+    call.ray_count = static_cast<std::uint32_t>(rays.size());
+    call.hits_max = budget;
+    call.mask = 0xFFFFFFFFU;
+    call.hits = all.hits.data();
+    call.hit_counts = all.counts.data();
+    call.hits_room = all.hits.size();
+    call.ray_flags = all.flags.data();
+    call.rays_done = &done;
+    REQUIRE((*function)(&call) == trace_ok);
+    REQUIRE(done == rays.size());
+    all.hits.resize(std::accumulate(all.counts.begin(), all.counts.end(), std::size_t{0}));
+    return all;
+}
+
 /// RAYNEST_SPATIAL_RAYS sets how many rays of each kind are traced.
 std::uint32_t ray_count() {
     const char* const text = std::getenv("RAYNEST_SPATIAL_RAYS");
@@ -128,6 +160,30 @@ TEST_CASE("fast and high builds answer as brute force does, at edges and along p
             different += std::size_t{std::memcmp(&hits[i], &expected[i], sizeof hits[i]) != 0};
         }
         CHECK(different == 0);
+    }
+}
+
+TEST_CASE("of all hits each comes once, though a high build names a triangle in several leaves") {
+    const auto registry = Registry::load({{}, "auto"});
+    REQUIRE(registry.has_value());
+    const Variant& opaque = *(*registry)->find("opaque");
+    conformance::Random random(12);
+    const SceneDescription description = needles(600, 5);
+    const auto rays = grazing_rays(description, 5000, random);
+    const auto medium = baked(description, BuildQuality::medium);
+    const auto high = baked(description, BuildQuality::high);
+    for (const std::uint32_t budget : {2U, 1000U}) {
+        CAPTURE(budget);
+        const All expected = trace_all(opaque, *medium, traversal_reference, budget, rays);
+        const All all = trace_all(opaque, *high, traversal_latency, budget, rays);
+        CHECK(all.counts == expected.counts);
+        CHECK(all.flags == expected.flags);
+        REQUIRE(all.hits.size() == expected.hits.size());
+        CHECK(std::memcmp(all.hits.data(), expected.hits.data(),
+                          all.hits.size() * sizeof(HitRecord)) == 0);
+        const auto cut = std::count(all.flags.begin(), all.flags.end(), hit_truncated);
+        CHECK((cut > 0) == (budget == 2));
+        CHECK(*std::max_element(all.counts.begin(), all.counts.end()) > (budget == 2 ? 1 : 3));
     }
 }
 

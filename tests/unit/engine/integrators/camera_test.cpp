@@ -1,5 +1,6 @@
 #include "engine/integrators/camera.h"
 
+#include "engine/integrators/generators.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <cmath>
@@ -20,12 +21,7 @@ SceneDescription with_cameras() {
 }
 
 Ray ray_of(const Camera& camera, std::uint32_t width, std::uint32_t height, std::uint64_t pixel) {
-    std::vector<Ray> ray(1);
-    for (std::uint64_t place = 0; place < std::uint64_t{width} * height; ++place) {
-        if (tile_order(place, width, height) != pixel) continue;
-        generate_rays(camera, width, height, place, ray);
-    }
-    return ray[0];
+    return pinhole(camera, {width, height}).ray(pixel);
 }
 
 bool is_close(const Vec3& a, const Vec3& b) {
@@ -78,17 +74,6 @@ TEST_CASE("the tile order meets every pixel once, whole tiles first square by sq
         CHECK(pixel % 17 < 8);
         CHECK(pixel / 17 < 8);
         if (place < 16) CHECK(std::max(pixel % 17, pixel / 17) < 4);
-    }
-}
-
-TEST_CASE("a chunk of rays equals the same rays of the whole picture") {
-    Camera camera;
-    std::vector<Ray> all(35);
-    std::vector<Ray> part(10);
-    generate_rays(camera, 7, 5, 0, all);
-    generate_rays(camera, 7, 5, 20, part);
-    for (std::size_t i = 0; i < part.size(); ++i) {
-        CHECK(part[i].direction == all[20 + i].direction);
     }
 }
 

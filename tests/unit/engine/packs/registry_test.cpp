@@ -112,6 +112,26 @@ TEST_CASE("a malformed call is refused, not traced") {
     call.ray_count = 1;
     call.hits_max = multi_hits_max + 1;
     CHECK((*function)(&call) == trace_bad_call);
+
+    const auto all = find_function(*registry->find("opaque"), query_all, precision_fast,
+                                   traversal_latency, false);
+    std::uint32_t count = 0;
+    std::uint32_t done = 0;
+    std::uint8_t flags = 0;
+    HitRecord room[8];
+    call.hits = room;
+    call.hit_counts = &count;
+    call.ray_flags = &flags;
+    call.rays_done = &done;
+    call.ray_count = 0;
+    call.hits_max = 4;
+    call.hits_room = 8;
+    CHECK((*all)(&call) == trace_ok);
+    call.hits_room = 7;  // twice the budget is the least
+    CHECK((*all)(&call) == trace_bad_call);
+    call.hits_room = 8;
+    call.rays_done = nullptr;
+    CHECK((*all)(&call) == trace_bad_call);
 }
 
 TEST_CASE("traversal auto looks at the rays, a named one does not") {

@@ -1,0 +1,23 @@
+// --generate KIND key=value...: rays that the daemon makes.
+#pragma once
+
+#include "client/failure.h"
+#include "protocol/wire.h"
+
+#include <span>
+#include <string>
+
+namespace raynest::client {
+
+struct Generate {
+    wire::GeneratorT message;
+    std::string points;  ///< file of the points of a hemisphere
+};
+
+/// Reads the words behind --generate; exit code 2 names a key that is wrong, and those there are.
+Result<Generate> parse_generate(std::span<const std::string> words);
+
+/// Every key with its text, for the help.
+[[nodiscard]] std::string generate_help();
+
+}  // namespace raynest::client

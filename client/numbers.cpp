@@ -1,0 +1,48 @@
+#include "client/numbers.h"
+
+#include <algorithm>
+#include <charconv>
+
+namespace raynest::client {
+namespace {
+
+tl::unexpected<Failure> misshapen(const std::string& text, const std::string& shape) {
+    return fail(Exit::usage, "'" + text + "' is not " + shape);
+}
+
+}  // namespace
+
+std::vector<std::string> split(std::string_view text, char separator) {
+    std::vector<std::string> parts;
+    while (true) {
+        const std::size_t end = std::min(text.find(separator), text.size());
+        parts.emplace_back(text.substr(0, end));
+        if (end == text.size()) return parts;
+        text.remove_prefix(end + 1);
+    }
+}
+
+Result<std::vector<float>> parse_numbers(const std::string& text, const std::string& shape,
+                                         char separator) {
+    std::vector<float> numbers;
+    for (const std::string& part : split(text, separator)) {
+        const char* begin = part.c_str() + (part.starts_with('+') ? 1 : 0);
+        float value = 0;
+        const auto [end, error] = std::from_chars(begin, part.c_str() + part.size(), value);
+        if (error == std::errc::result_out_of_range)
+            return fail(Exit::usage, "'" + part + "' does not fit a 32-bit float");
+        if (error != std::errc{} || end != part.c_str() + part.size())
+            return misshapen(text, shape);
+        numbers.push_back(value);
+    }
+    return numbers;
+}
+
+Result<std::vector<float>> parse_numbers(const std::string& text, std::size_t few, std::size_t many,
+                                         const std::string& shape) {
+    auto numbers = parse_numbers(text, shape);
+    if (numbers && numbers->size() != few && numbers->size() != many) return misshapen(text, shape);
+    return numbers;
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,23 @@
+// Numbers as a command line writes them: separated by commas, checked to the last character.
+#pragma once
+
+#include "client/failure.h"
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::client {
+
+/// What stands between the separators, empty parts too.
+[[nodiscard]] std::vector<std::string> split(std::string_view text, char separator = ',');
+
+/// "1,2.5,inf" -> numbers; `shape` is how the text should look.
+Result<std::vector<float>> parse_numbers(const std::string& text, const std::string& shape,
+                                         char separator = ',');
+/// `few` or `many` of them.
+Result<std::vector<float>> parse_numbers(const std::string& text, std::size_t few, std::size_t many,
+                                         const std::string& shape);
+
+}  // namespace raynest::client

@@ -1,0 +1,184 @@
+#include "engine/integrators/generators.h"
+
+#include "engine/math/random.h"
+
+#include <cmath>
+#include <numbers>
+
+namespace raynest {
+namespace {
+
+constexpr double degree = std::numbers::pi / 180;
+constexpr double full_turn = 2 * std::numbers::pi;
+
+glm::dvec2 cosine_and_sine(double angle) {
+    return {std::cos(angle), std::sin(angle)};
+}
+
+Vec3 turned(const Transform& pose, const glm::dvec3& v) {
+    Vec3 out;
+    for (int axis = 0; axis < 3; ++axis) {
+        const float* row = &pose.m[4 * static_cast<std::size_t>(axis)];
+        out[axis] = static_cast<float>(v.x * static_cast<double>(row[0]) +
+                                       v.y * static_cast<double>(row[1]) +
+                                       v.z * static_cast<double>(row[2]));
+    }
+    return out;
+}
+
+Vec3 moved(const Transform& pose, const glm::dvec3& v) {
+    Vec3 out;
+    for (int axis = 0; axis < 3; ++axis) {
+        const float* row = &pose.m[4 * static_cast<std::size_t>(axis)];
+        out[axis] = static_cast<float>(
+            v.x * static_cast<double>(row[0]) + v.y * static_cast<double>(row[1]) +
+            v.z * static_cast<double>(row[2]) + static_cast<double>(row[3]));
+    }
+    return out;
+}
+
+Ray ray_from(const Mount& mount, const glm::dvec3& direction) {
+    const auto& m = mount.pose.m;
+    return {Vec3(m[3], m[7], m[11]), mount.tmin, turned(mount.pose, direction), mount.tmax};
+}
+
+/// The two axes that make a right-handed frame with a unit z (Duff et al., "Building an orthonormal
+/// basis, revisited", 2017).
+struct Frame {
+    glm::dvec3 x, y, z;
+    explicit Frame(const glm::dvec3& n) : z(n) {
+        const double sign = std::copysign(1.0, n.z);
+        const double a = -1 / (sign + n.z);
+        const double b = n.x * n.y * a;
+        x = {1 + sign * n.x * n.x * a, sign * b, -sign * n.x};
+        y = {b, sign + n.y * n.y * a, -n.y};
+    }
+};
+
+double fraction(double x) {
+    return x - std::floor(x);
+}
+
+}  // namespace
+
+Pinhole pinhole(const Camera& camera, ImageSize size) {
+    const double half_height = 0.5 * size.height;
+    const double step = std::tan(static_cast<double>(camera.yfov) / 2) / half_height;
+    return {{camera.to_world}, size, 0.5 * size.width, half_height, step, step};
+}
+
+Ray Pinhole::ray(std::uint64_t index) const {
+    const auto column = static_cast<double>(index % size.width);
+    const auto row = static_cast<double>(index / size.width);
+    return ray_from(mount,
+                    {(column + 0.5 - center_x) * step_x, (center_y - row - 0.5) * step_y, -1});
+}
+
+Ray Orthographic::ray(std::uint64_t index) const {
+    const auto column = static_cast<double>(index % size.width);
+    const auto row = static_cast<double>(index / size.width);
+    Ray ray = ray_from(mount, {0, 0, -1});
+    ray.origin = moved(mount.pose, {((column + 0.5) / size.width - 0.5) * width,
+                                    (0.5 - (row + 0.5) / size.height) * height, 0});
+    return ray;
+}
+
+Equirectangular::Equirectangular(const Mount& mount, ImageSize size) : mount_(mount), size_(size) {
+    for (std::uint32_t i = 0; i < size.width; ++i)
+        columns_.push_back(cosine_and_sine(((i + 0.5) / size.width - 0.5) * full_turn));
+    for (std::uint32_t i = 0; i < size.height; ++i)
+        rows_.push_back(cosine_and_sine((0.5 - (i + 0.5) / size.height) * std::numbers::pi));
+}
+
+Ray Equirectangular::ray(std::uint64_t index) const {
+    const glm::dvec2 azimuth = columns_[index % size_.width];
+    const glm::dvec2 elevation = rows_[index / size_.width];
+    return ray_from(mount_, {elevation.x * azimuth.y, elevation.y, -elevation.x * azimuth.x});
+}
+
+Lidar::Lidar(const Mount& mount, std::span<const LidarChannel> channels, double start, double stop,
+             std::uint32_t count)
+    : mount_(mount) {
+    for (const LidarChannel& channel : channels)
+        beams_.push_back({cosine_and_sine(channel.elevation * degree),
+                          cosine_and_sine(channel.azimuth_offset * degree),
+                          glm::dvec3(channel.origin_offset)});
+    for (std::uint32_t i = 0; i < count; ++i)
+        heads_.push_back(cosine_and_sine((start + (stop - start) * i / count) * degree));
+}
+
+Ray Lidar::ray(std::uint64_t index) const {
+    const Beam& beam = beams_[index / heads_.size()];
+    const glm::dvec2 head = heads_[index % heads_.size()];
+    const double cosine = head.x * beam.offset.x - head.y * beam.offset.y;
+    const double sine = head.y * beam.offset.x + head.x * beam.offset.y;
+    Ray ray =
+        ray_from(mount_, {beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
+    const glm::dvec3& at = beam.origin;
+    ray.origin =
+        moved(mount_.pose, {at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
+    return ray;
+}
+
+ImageSize image_size(const Sensor& sensor) {
+    return std::visit(
+        [](const auto& kind) -> ImageSize {
+            if constexpr (requires { kind.size; })
+                return kind.size;
+            else if constexpr (requires { kind.image(); })
+                return kind.image();
+            else
+                return {};
+        },
+        sensor);
+}
+
+std::uint64_t ray_count(const Sensor& sensor) {
+    const auto* lidar = std::get_if<Lidar>(&sensor);
+    return lidar != nullptr ? lidar->count() : image_size(sensor).pixels();
+}
+
+void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out) {
+    std::visit(
+        [&](const auto& kind) {
+            for (std::size_t i = 0; i < out.size(); ++i) out[i] = kind.ray(first + i);
+        },
+        sensor);
+}
+
+void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> out) {
+    const ImageSize size = image_size(sensor);
+    std::visit(
+        [&](const auto& kind) {
+            for (std::size_t i = 0; i < out.size(); ++i)
+                out[i] = kind.ray(tile_order(first + i, size.width, size.height));
+        },
+        sensor);
+}
+
+void generate_rays(const Hemisphere& hemisphere, std::span<const Ray> points,
+                   std::uint64_t first_point, std::uint64_t first, std::span<Ray> out) {
+    constexpr double golden = 0.6180339887498949;  // (sqrt(5) - 1) / 2
+    const std::uint64_t samples = hemisphere.samples;
+    for (std::size_t i = 0; i < out.size();) {
+        const std::uint64_t number = (first + i) / samples;
+        const Ray& point = points[number - first_point];
+        Random random(hemisphere.seed);
+        random.skip(2 * number);
+        const double shift_u = static_cast<double>(random.uniform());
+        const double shift_v = static_cast<double>(random.uniform());
+        const Frame frame(glm::normalize(glm::dvec3(point.direction)));
+        for (std::uint64_t s = (first + i) % samples; s < samples && i < out.size(); ++s, ++i) {
+            const auto k = static_cast<double>(s);
+            const double u = fraction((k + 0.5) / static_cast<double>(samples) + shift_u);
+            const double v = fraction(k * golden + shift_v);
+            const double radius = std::sqrt(u);
+            const glm::dvec2 around = radius * cosine_and_sine(full_turn * v);
+            out[i] = point;
+            out[i].direction =
+                Vec3(frame.x * around.x + frame.y * around.y + frame.z * std::sqrt(1 - u));
+        }
+    }
+}
+
+}  // namespace raynest

@@ -1,0 +1,120 @@
+// Ray generators: sensors whose rays follow from a few numbers, so that none need to be stored or
+// sent (PROTOCOL.md, "Generators").
+//
+// Sensors look along -Z of their pose, +X to the right, +Y up, as cameras do (CONTRACT.md §5); a
+// lidar's axes are those of robotics: x ahead, y left, z up. Poses are applied as they are, so one
+// that scales also scales t. All is computed in double and rounded once, in the ray.
+#pragma once
+
+#include "engine/geometry/ray.h"
+#include "engine/integrators/camera.h"
+
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <variant>
+#include <vector>
+
+namespace raynest {
+
+/// Where a sensor stands, and how far it sees.
+struct Mount {
+    Transform pose;  ///< sensor to world
+    float tmin = 0;
+    float tmax = std::numeric_limits<float>::infinity();
+};
+
+struct ImageSize {
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    [[nodiscard]] std::uint64_t pixels() const { return std::uint64_t{width} * height; }
+};
+
+/// Through pixel centres, from one point; directions have unit length along the view axis, so that
+/// t is the depth.
+struct Pinhole {
+    Mount mount;
+    ImageSize size;
+    double center_x = 0, center_y = 0;  ///< principal point, in pixels from the upper left corner
+    double step_x = 0, step_y = 0;      ///< of the direction per pixel: 1 / focal length
+
+    [[nodiscard]] Ray ray(std::uint64_t index) const;
+};
+/// The rays of a picture that this camera takes.
+[[nodiscard]] Pinhole pinhole(const Camera& camera, ImageSize size);
+
+/// Parallel rays, one per cell of a window that lies around the sensor.
+struct Orthographic {
+    Mount mount;
+    ImageSize size;
+    double width = 0, height = 0;  ///< of the window
+
+    [[nodiscard]] Ray ray(std::uint64_t index) const;
+};
+
+/// All around: columns divide 360 degrees of azimuth from behind over the left, rows 180 degrees of
+/// elevation from the top; the middle of the image looks ahead.
+class Equirectangular {
+public:
+    Equirectangular(const Mount& mount, ImageSize size);
+    [[nodiscard]] const ImageSize& image() const { return size_; }
+    [[nodiscard]] Ray ray(std::uint64_t index) const;
+
+private:
+    Mount mount_;
+    ImageSize size_;
+    std::vector<glm::dvec2> columns_, rows_;  ///< cosine and sine
+};
+
+/// One beam of a lidar.
+struct LidarChannel {
+    double elevation = 0;       ///< degrees above the plane of x and y
+    double azimuth_offset = 0;  ///< degrees
+    Vec3 origin_offset{0};      ///< turns with the head: x along its azimuth
+};
+/// A head that turns about z: `count` azimuths divide [start, stop) degrees, counter-clockwise seen
+/// from above, 0 is ahead. Ray c * count + a is that of channel c at azimuth a; directions have
+/// unit length.
+class Lidar {
+public:
+    Lidar(const Mount& mount, std::span<const LidarChannel> channels, double start, double stop,
+          std::uint32_t count);
+    [[nodiscard]] std::uint64_t count() const { return beams_.size() * heads_.size(); }
+    [[nodiscard]] Ray ray(std::uint64_t index) const;
+
+private:
+    struct Beam {
+        glm::dvec2 elevation, offset;  ///< cosine and sine
+        glm::dvec3 origin;
+    };
+    Mount mount_;
+    std::vector<Beam> beams_;
+    std::vector<glm::dvec2> heads_;  ///< cosine and sine
+};
+
+using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar>;
+
+[[nodiscard]] std::uint64_t ray_count(const Sensor& sensor);
+/// Width and height of what makes an image, whose rays come row by row, y down; else 0 x 0.
+[[nodiscard]] ImageSize image_size(const Sensor& sensor);
+/// Rays [first, first + out.size()).
+void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out);
+/// As above but of an image, in tile order (camera.h).
+void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> out);
+
+/// Rays from given points over the hemisphere of a normal, cosine-weighted: their mean of a
+/// function of the direction is its integral over the projected solid angle.
+///
+/// The directions of a point are a Fibonacci lattice on the unit square, shifted at random by two
+/// numbers that depend on the seed and the point alone, and mapped to the hemisphere.
+struct Hemisphere {
+    std::uint32_t samples = 1;  ///< rays per point
+    std::uint64_t seed = 0;
+};
+/// Rays [first, first + out.size()) of all points' rays, sample by sample of point after point.
+/// `points` are those from number `first_point` on: origin, tmin, normal of any length, tmax. A
+/// point without a normal has invalid rays.
+void generate_rays(const Hemisphere& hemisphere, std::span<const Ray> points,
+                   std::uint64_t first_point, std::uint64_t first, std::span<Ray> out);
+
+}  // namespace raynest

@@ -1,0 +1,105 @@
+#include "server/handlers/query_job.h"
+
+#include "protocol/control.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+constexpr std::uint64_t reply_bytes_max = 4ULL << 20;
+
+}  // namespace
+
+std::uint64_t frame_bytes_max(const Caller& caller) {
+    return std::min(reply_bytes_max, caller.window_bytes / 2);
+}
+
+QueryJob::QueryJob(const Services& services, const Caller& caller, Plan plan, RaySource source)
+    : services_(services),
+      id_(caller.request_id),
+      plan_(std::move(plan)),
+      source_(std::move(source)) {
+    if (!source_.sends()) pieces_.push_back({0, source_.rays()});
+}
+
+Frames QueryJob::greeting() {
+    wire::StartedT message = started(plan_, services_.limits);
+    message.rays = source_.rays();
+    Frames frames;
+    frames.push_back(*protocol::encode(id_, message));
+    return frames;
+}
+
+Reply<std::uint64_t> QueryJob::feed(protocol::Frame frame) {
+    if (!source_.sends())
+        return refuse(Code::invalid_field, "the daemon makes the rays of this query: send none");
+    const auto message = protocol::open<wire::QueryRays>(frame, services_.limits);
+    if (!message) return tl::unexpected(message.error());
+    const auto block = protocol::only_block(message->blocks, "rays", wire::Dtype::f32, sizeof(Ray));
+    if (!block) return tl::unexpected(block.error());
+    if ((*message)->first_ray() != received_)
+        return refuse(Code::invalid_field,
+                      "first_ray is " + std::to_string((*message)->first_ray()) +
+                          ", the rays so far are " + std::to_string(received_));
+    const std::uint64_t each = source_.rays_per_point();
+    const std::uint64_t missing = source_.rays() / each - received_;
+    if (block->count == 0 || block->count > services_.limits.chunk_rays_max ||
+        block->count > missing)
+        return refuse(Code::invalid_field, "a frame of " + std::to_string(block->count) +
+                                               " rays; " + std::to_string(missing) +
+                                               " are still to come, and a frame holds 1.." +
+                                               std::to_string(services_.limits.chunk_rays_max));
+    Piece piece;
+    piece.sent = {reinterpret_cast<const Ray*>(block->bytes.data()),
+                  static_cast<std::size_t>(block->count)};
+    piece.sent_first = received_;
+    piece.first = received_ * each;
+    piece.count = block->count * each;
+    piece.input_bytes = frame.header.bulk_bytes;
+    piece.frame = std::make_shared<const protocol::Frame>(std::move(frame));
+    received_ += block->count;
+    pieces_.push_back(std::move(piece));
+    return std::uint64_t{0};
+}
+
+std::optional<Task> QueryJob::next() {
+    {
+        const std::lock_guard lock(mutex_);
+        pieces_.insert(pieces_.begin(), given_back_.begin(), given_back_.end());
+        given_back_.clear();
+    }
+    if (pieces_.empty()) return std::nullopt;
+    Piece piece = pieces_.front().split(std::min(piece_rays(), pieces_.front().count));
+    if (pieces_.front().count == 0) pieces_.pop_front();
+    Task task;
+    task.reply_bytes_max = reply_bytes(piece.count);
+    task.input_bytes = std::exchange(piece.input_bytes, 0);
+    task.run = [this, piece = std::move(piece)](const StopFlag& stop) {
+        tally_.begin();
+        return answer(piece, stop);
+    };
+    return task;
+}
+
+Frames QueryJob::farewell() {
+    wire::DoneT done = tally_.done();
+    done.rows = rows();
+    if (plan_.untraced) done.traversal = "none";
+    Frames frames;
+    frames.push_back(*protocol::encode(id_, done));
+    return frames;
+}
+
+std::optional<Progress> QueryJob::progress() const {
+    return Progress{tally_.rays(), source_.rays(), "tracing"};
+}
+
+void QueryJob::give_back(Piece rest) {
+    const std::lock_guard lock(mutex_);
+    given_back_.push_back(std::move(rest));
+}
+
+}  // namespace raynest::server

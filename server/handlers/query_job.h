@@ -1,0 +1,57 @@
+// What all queries do alike: take rays in or make them, hand them out in pieces, count what is
+// answered. How a piece becomes an answer is what they differ in.
+#pragma once
+
+#include "server/handlers/ray_source.h"
+
+#include <atomic>
+#include <cstdint>
+#include <deque>
+#include <mutex>
+#include <vector>
+
+namespace raynest::server {
+
+/// No answer may be larger, so that half of the client's window is enough for it; and cache-sized
+/// ones cost less to send than larger ones (1.5 times, measured).
+[[nodiscard]] std::uint64_t frame_bytes_max(const Caller& caller);
+
+class QueryJob : public Job {
+public:
+    Frames greeting() override;
+    Reply<std::uint64_t> feed(protocol::Frame frame) override;
+    std::optional<Task> next() override;
+    [[nodiscard]] bool finished() const override { return all_answered(); }
+    Frames farewell() override;
+    [[nodiscard]] std::optional<Progress> progress() const override;
+
+protected:
+    QueryJob(const Services& services, const Caller& caller, Plan plan, RaySource source);
+
+    /// Worker thread: the frames that answer a piece. Adds to the tally what it answered.
+    virtual Reply<Frames> answer(const Piece& piece, const StopFlag& stop) = 0;
+    /// Rays of the next piece, at most.
+    [[nodiscard]] virtual std::uint64_t piece_rays() const = 0;
+    /// Bulk bytes of the answer to a piece of so many rays, at most.
+    [[nodiscard]] virtual std::uint64_t reply_bytes(std::uint64_t rays) const = 0;
+    /// Of the whole answer, once all is answered.
+    [[nodiscard]] virtual std::uint64_t rows() const = 0;
+
+    /// Worker thread: the rest of a piece goes to another task.
+    void give_back(Piece rest);
+    [[nodiscard]] bool all_answered() const { return tally_.rays() == source_.rays(); }
+
+    const Services& services_;
+    const std::uint64_t id_;
+    const Plan plan_;
+    const RaySource source_;
+    Tally tally_;
+
+private:
+    std::deque<Piece> pieces_;  ///< without an answer and not under way
+    std::uint64_t received_ = 0;
+    std::mutex mutex_;
+    std::vector<Piece> given_back_;
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,234 @@
+#include "server/handlers/ray_source.h"
+
+#include "protocol/control.h"
+
+#include <algorithm>
+#include <array>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+Vec3 vector(const wire::Vec3* v, const Vec3& otherwise) {
+    return v == nullptr ? otherwise : Vec3{v->x(), v->y(), v->z()};
+}
+
+constexpr std::uint64_t tile_rows = 8;  // tile_order(), integrators/camera.h
+
+/// A generator's message, with what most kinds make of it.
+struct Request {
+    const wire::Generator& message;
+    const Snapshot& scene;
+    Mount mount = {};
+    ImageSize size = {};
+};
+
+Reply<void> needs(bool holds, const wire::Generator& message, const char* what) {
+    if (holds) return {};
+    return refuse(Code::invalid_field,
+                  "generator " + std::string(protocol::text(message.kind())) + " needs " + what);
+}
+
+Reply<Camera> camera_of(const Request& request) {
+    auto camera = choose_camera(request.scene, camera_request(request.message.camera()));
+    if (!camera) return refuse(Code::invalid_field, camera.error().message);
+    return std::move(*camera);
+}
+
+Reply<Mount> mount_of(const Request& request) {
+    const wire::Generator& m = request.message;
+    Mount mount;
+    mount.tmin = m.tmin();
+    if (m.tmax() != 0) mount.tmax = m.tmax();
+    if (auto range = needs(mount.tmin >= 0 && mount.tmin <= mount.tmax, m,
+                           "0 <= tmin <= tmax (tmax 0: no end)");
+        !range)
+        return tl::unexpected(range.error());
+    if (m.pose() != nullptr && m.pose()->size() == mount.pose.m.size()) {
+        std::copy(m.pose()->begin(), m.pose()->end(), mount.pose.m.begin());
+    } else if (m.camera() != nullptr) {
+        const auto camera = camera_of(request);
+        if (!camera) return tl::unexpected(camera.error());
+        mount.pose = camera->to_world;
+    }
+    return mount;
+}
+
+Reply<Sensor> make_camera(const Request& request) {
+    auto camera = camera_of(request);
+    if (!camera) return tl::unexpected(camera.error());
+    Pinhole sensor = pinhole(*camera, request.size);
+    sensor.mount.tmin = request.mount.tmin;
+    sensor.mount.tmax = request.mount.tmax;
+    return Sensor{sensor};
+}
+
+Reply<Sensor> make_pinhole(const Request& request) {
+    const wire::Generator& m = request.message;
+    if (auto focal = needs(m.fx() > 0 && m.fy() > 0, m, "fx and fy above 0"); !focal)
+        return tl::unexpected(focal.error());
+    return Sensor{Pinhole{request.mount, request.size, static_cast<double>(m.cx()),
+                          static_cast<double>(m.cy()), 1 / static_cast<double>(m.fx()),
+                          1 / static_cast<double>(m.fy())}};
+}
+
+Reply<Sensor> make_orthographic(const Request& request) {
+    const wire::Generator& m = request.message;
+    if (auto window = needs(m.window_width() > 0 && m.window_height() > 0, m,
+                            "window_width and window_height above 0");
+        !window)
+        return tl::unexpected(window.error());
+    return Sensor{Orthographic{request.mount, request.size, static_cast<double>(m.window_width()),
+                               static_cast<double>(m.window_height())}};
+}
+
+Reply<Sensor> make_equirectangular(const Request& request) {
+    return Sensor{Equirectangular(request.mount, request.size)};
+}
+
+/// Where a camera looks is ahead of a lidar: its x is the camera's -z, its y the -x, its z the y.
+Transform lidar_pose(const Transform& camera) {
+    Transform pose = camera;
+    for (std::size_t row = 0; row < 12; row += 4) {
+        pose.m[row] = -camera.m[row + 2];
+        pose.m[row + 1] = -camera.m[row];
+        pose.m[row + 2] = camera.m[row + 1];
+    }
+    return pose;
+}
+
+Reply<Sensor> make_lidar(const Request& request) {
+    const wire::Generator& m = request.message;
+    const auto size = [](const auto* list) { return list != nullptr ? list->size() : 0U; };
+    std::vector<LidarChannel> channels(size(m.elevations()));
+    if (auto beams =
+            needs(!channels.empty() && m.azimuth_count() != 0, m, "elevations and azimuth_count");
+        !beams)
+        return tl::unexpected(beams.error());
+    for (std::uint32_t i = 0; i < channels.size(); ++i) {
+        channels[i].elevation = static_cast<double>(m.elevations()->Get(i));
+        if (size(m.azimuth_offsets()) != 0)
+            channels[i].azimuth_offset = static_cast<double>(m.azimuth_offsets()->Get(i));
+        if (size(m.origin_offsets()) != 0)
+            channels[i].origin_offset = vector(m.origin_offsets()->Get(i), Vec3(0));
+    }
+    Mount mount = request.mount;
+    if (size(m.pose()) == 0) mount.pose = lidar_pose(mount.pose);
+    return Sensor{Lidar(mount, channels, static_cast<double>(m.azimuth_start()),
+                        static_cast<double>(m.azimuth_stop()), m.azimuth_count())};
+}
+
+struct Kind {
+    std::string_view name;
+    bool image;  ///< needs width and height
+    Reply<Sensor> (*make)(const Request&);
+};
+/// THE LIST of sensors. What starts from points is no sensor: hemisphere.
+constexpr std::array kinds = {
+    Kind{"camera", true, make_camera}, Kind{"pinhole", true, make_pinhole},
+    Kind{"orthographic", true, make_orthographic},
+    Kind{"equirectangular", true, make_equirectangular}, Kind{"lidar", false, make_lidar}};
+
+Reply<Sensor> make_sensor(const wire::Generator& message, const Snapshot& scene) {
+    const std::string_view name = protocol::text(message.kind());
+    const auto* kind = std::find_if(kinds.begin(), kinds.end(),
+                                    [&](const Kind& each) { return each.name == name; });
+    if (kind == kinds.end()) {
+        std::string known;
+        for (const Kind& each : kinds) known += std::string(each.name) + ", ";
+        return refuse(Code::invalid_field, "unknown generator '" + std::string(name) +
+                                               "': use one of " + known + "hemisphere");
+    }
+    Request request{message, scene, {}, {message.width(), message.height()}};
+    if (auto size = needs(!kind->image || request.size.pixels() != 0, message, "width and height");
+        !size)
+        return tl::unexpected(size.error());
+    auto mount = mount_of(request);
+    if (!mount) return tl::unexpected(mount.error());
+    request.mount = *mount;
+    return kind->make(request);
+}
+
+}  // namespace
+
+CameraRequest camera_request(const wire::Camera* camera) {
+    CameraRequest request;
+    if (camera == nullptr) return request;
+    request.name = protocol::text(camera->name());
+    request.look_at = camera->look_at();
+    request.eye = vector(camera->eye(), request.eye);
+    request.at = vector(camera->at(), request.at);
+    request.up = vector(camera->up(), request.up);
+    request.fov_degrees = camera->fov_degrees();
+    return request;
+}
+
+Reply<RaySource> RaySource::make(const wire::Query& query, const Snapshot& scene) {
+    RaySource source;
+    source.rays_ = query.ray_count();
+    const wire::Generator* generator = query.generator();
+    if (generator == nullptr) return source;
+    if (protocol::text(generator->kind()) == "hemisphere") {
+        source.origin_ = Hemisphere{generator->samples(), generator->seed()};
+        source.rays_ *= generator->samples();
+        return source;
+    }
+    auto sensor = make_sensor(*generator, scene);
+    if (!sensor) return tl::unexpected(sensor.error());
+    source.rays_ = ray_count(*sensor);
+    source.origin_ = std::move(*sensor);
+    return source;
+}
+
+std::uint64_t RaySource::rays_per_point() const {
+    const auto* hemisphere = std::get_if<Hemisphere>(&origin_);
+    return hemisphere != nullptr ? hemisphere->samples : 1;
+}
+
+std::uint64_t RaySource::chunk_rays(std::uint64_t most) const {
+    const auto* sensor = std::get_if<Sensor>(&origin_);
+    const std::uint64_t band = sensor != nullptr ? tile_rows * image_size(*sensor).width : 0;
+    return band == 0 || band > most ? most : most / band * band;
+}
+
+std::span<const Ray> RaySource::rays_of(const Piece& piece, TraceBuffers& buffers) const {
+    if (std::holds_alternative<Sent>(origin_))
+        return piece.sent.subspan(piece.first - piece.sent_first, piece.count);
+    buffers.rays.resize(piece.count);
+    if (const auto* sensor = std::get_if<Sensor>(&origin_))
+        generate_rays(*sensor, piece.first, buffers.rays);
+    else
+        generate_rays(std::get<Hemisphere>(origin_), piece.sent, piece.sent_first, piece.first,
+                      buffers.rays);
+    return buffers.rays;
+}
+
+bool RaySource::has_tiles(const Piece& piece) const {
+    const auto* sensor = std::get_if<Sensor>(&origin_);
+    const std::uint64_t band = sensor != nullptr ? tile_rows * image_size(*sensor).width : 0;
+    const bool to_the_end = piece.first + piece.count == rays_;
+    return band != 0 && piece.first % band == 0 && (piece.count % band == 0 || to_the_end);
+}
+
+Reply<void> RaySource::trace_tiles(const Plan& plan, const Piece& piece,
+                                   TraceBuffers& buffers) const {
+    const Sensor& sensor = std::get<Sensor>(origin_);
+    const ImageSize size = image_size(sensor);
+    buffers.rays.resize(piece.count);
+    generate_tiles(sensor, piece.first, buffers.rays);
+    if (auto traced = trace(plan, buffers.rays, buffers); !traced) return traced;
+    buffers.ray_of.resize(piece.count);
+    buffers.rows.resize(piece.count);
+    for (std::uint32_t i = 0; i < piece.count; ++i) {
+        const std::uint64_t row =
+            tile_order(piece.first + i, size.width, size.height) - piece.first;
+        buffers.rows[row] = buffers.hits[i];
+        buffers.ray_of[row] = i;
+    }
+    std::swap(buffers.hits, buffers.rows);
+    return {};
+}
+
+}  // namespace raynest::server

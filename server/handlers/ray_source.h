@@ -1,0 +1,69 @@
+// Where the rays of a query come from: the client sends them, or the daemon makes them.
+#pragma once
+
+#include "engine/integrators/generators.h"
+#include "protocol/frame.h"
+#include "protocol/wire.h"
+#include "server/errors.h"
+#include "server/handlers/tracing.h"
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <utility>
+#include <variant>
+
+namespace raynest::server {
+
+/// A run of a query's rays.
+struct Piece {
+    std::uint64_t first = 0;
+    std::uint64_t count = 0;
+    std::shared_ptr<const protocol::Frame> frame = {};  ///< that holds what follows
+    std::span<const Ray> sent = {};                     ///< rays, or the points they start from
+    std::uint64_t sent_first = 0;                       ///< of them in the query
+    std::uint64_t input_bytes = 0;                      ///< of the frame: due when all is answered
+
+    /// Cuts off the first `rays`.
+    Piece split(std::uint64_t rays) {
+        Piece head = *this;
+        head.count = rays;
+        first += rays;
+        count -= rays;
+        if (count != 0) head.input_bytes = 0;
+        return head;
+    }
+};
+
+/// A camera of the scene, or a look-at, as a request describes it.
+[[nodiscard]] CameraRequest camera_request(const wire::Camera* camera);
+
+class RaySource {
+public:
+    /// INVALID_FIELD names what a generator lacks.
+    static Reply<RaySource> make(const wire::Query& query, const Snapshot& scene);
+
+    /// Rays of the query, and how many each point has that the client sends (1: it sends rays).
+    [[nodiscard]] std::uint64_t rays() const { return rays_; }
+    [[nodiscard]] std::uint64_t rays_per_point() const;
+    [[nodiscard]] bool has_points() const { return std::holds_alternative<Hemisphere>(origin_); }
+    /// Does the client send anything? Then a frame of it is this piece.
+    [[nodiscard]] bool sends() const { return !std::holds_alternative<Sensor>(origin_); }
+    /// As many rays as a task should take: whole bands of an image's tiles, if `most` allows.
+    [[nodiscard]] std::uint64_t chunk_rays(std::uint64_t most) const;
+
+    /// Worker thread: the rays of a piece, as they lie in its frame or made in the buffers.
+    [[nodiscard]] std::span<const Ray> rays_of(const Piece& piece, TraceBuffers& buffers) const;
+
+    /// Neighbours in square tiles are traced faster. Traces the piece as tiles if it is whole bands
+    /// of an image; the answers come back in the order of rows.
+    [[nodiscard]] bool has_tiles(const Piece& piece) const;
+    Reply<void> trace_tiles(const Plan& plan, const Piece& piece, TraceBuffers& buffers) const;
+
+private:
+    struct Sent {};
+    std::variant<Sent, Sensor, Hemisphere> origin_;
+    std::uint64_t rays_ = 0;
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,230 @@
+#include "server/handlers/reduce.h"
+
+#include "server/handlers/query_job.h"
+
+#include <algorithm>
+#include <atomic>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+Tally::Counts count_hits(const TraceBuffers& buffers) {
+    Tally::Counts counts;
+    counts.rays = buffers.hits.size();
+    for (const HitRecord& hit : buffers.hits) counts.hits += hit.hit;
+    counts.misses = counts.rays - counts.hits;
+    return counts;
+}
+
+Reply<Frames> rows_frame(std::uint64_t id, std::uint64_t first, std::uint64_t count,
+                         protocol::Bulk bulk) {
+    wire::ChunkT chunk;
+    chunk.first_ray = first;
+    chunk.count = static_cast<std::uint32_t>(count);
+    auto frame = protocol::encode(id, std::move(chunk), std::move(bulk));
+    if (!frame) return tl::unexpected(frame.error());
+    Frames frames;
+    frames.push_back(std::move(*frame));
+    return frames;
+}
+
+/// The share of each point's rays that hit something. A task takes whole points, so that its sums
+/// are complete; what a point with many rays asks for, it traces in several calls.
+class FractionJob final : public QueryJob {
+public:
+    FractionJob(const Services& services, const Caller& caller, Plan plan, RaySource source)
+        : QueryJob(services, caller, std::move(plan), std::move(source)),
+          batch_rays_(plan_.chunk_rays_max(services.limits)),
+          frame_bytes_(frame_bytes_max(caller)) {}
+
+protected:
+    [[nodiscard]] std::uint64_t piece_rays() const override {
+        const std::uint64_t each = source_.rays_per_point();
+        const std::uint64_t fit = (frame_bytes_ - protocol::alignment) / sizeof(float);
+        return each * std::clamp<std::uint64_t>(batch_rays_ / each, 1, fit);
+    }
+    [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t rays) const override {
+        return protocol::padded(rays / source_.rays_per_point() * sizeof(float));
+    }
+    [[nodiscard]] std::uint64_t rows() const override {
+        return source_.rays() / source_.rays_per_point();
+    }
+
+    Reply<Frames> answer(const Piece& piece, const StopFlag& stop) override {
+        const std::uint64_t each = source_.rays_per_point();
+        std::vector<std::uint32_t> hits(piece.count / each);
+        TraceBuffers& buffers = TraceBuffers::of_this_thread();
+        for (Piece rest = piece; rest.count != 0;) {
+            if (stop.requested()) return refuse(Code::cancelled, "");
+            const Piece batch = rest.split(std::min(batch_rays_, rest.count));
+            if (const auto traced = trace(plan_, source_.rays_of(batch, buffers), buffers); !traced)
+                return tl::unexpected(traced.error());
+            for (std::uint64_t i = 0; i < batch.count; ++i)
+                hits[(batch.first - piece.first + i) / each] += buffers.hits[i].hit;
+            tally_.add(buffers.traversal, count_hits(buffers));
+            services_.metrics.rays += batch.count;
+        }
+        return fractions(piece.first / each, hits);
+    }
+
+private:
+    [[nodiscard]] Reply<Frames> fractions(std::uint64_t first_point,
+                                          std::span<const std::uint32_t> hits) const {
+        protocol::Bulk bulk;
+        bulk.add("hit_fraction", wire::Dtype::f32, 1, hits.size());
+        bulk.allocate();
+        const auto each = static_cast<double>(source_.rays_per_point());
+        std::transform(hits.begin(), hits.end(), bulk.block_as<float>(0).begin(),
+                       [&](std::uint32_t count) { return static_cast<float>(count / each); });
+        return rows_frame(id_, first_point, hits.size(), std::move(bulk));
+    }
+
+    const std::uint64_t batch_rays_;
+    const std::uint64_t frame_bytes_;
+};
+
+/// How many rays see each instance path first. The counts of all tasks are added up; the table is
+/// sorted when the last one has ended, and leaves in frames of its rows.
+class VisibleJob final : public QueryJob {
+public:
+    VisibleJob(const Services& services, const Caller& caller, Plan plan, RaySource source,
+               Budget::Lease lease)
+        : QueryJob(services, caller, std::move(plan), std::move(source)),
+          chunk_rays_(source_.chunk_rays(plan_.chunk_rays_max(services.limits))),
+          frame_rows_(std::min(services.limits.chunk_rays_max,
+                               (frame_bytes_max(caller) - 2 * protocol::alignment) / row_bytes)),
+          lease_(std::move(lease)) {}
+
+    /// Bytes held per path: an entry of the map and a row of the table.
+    static constexpr std::uint64_t path_bytes = 80;
+
+    std::optional<Task> next() override {
+        if (auto task = QueryJob::next()) return task;
+        if (!all_answered()) return std::nullopt;
+        if (!sorted_) return sorting_ ? std::nullopt : std::optional(sort_task());
+        if (sent_ == table_.size()) return std::nullopt;
+        return rows_task();
+    }
+    [[nodiscard]] bool finished() const override { return sorted_ && sent_ == table_.size(); }
+
+protected:
+    [[nodiscard]] std::uint64_t piece_rays() const override { return chunk_rays_; }
+    [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t /*rays*/) const override { return 0; }
+    [[nodiscard]] std::uint64_t rows() const override { return table_.size(); }
+
+    Reply<Frames> answer(const Piece& piece, const StopFlag& /*stop*/) override {
+        TraceBuffers& buffers = TraceBuffers::of_this_thread();
+        const auto traced = source_.has_tiles(piece)
+                                ? source_.trace_tiles(plan_, piece, buffers)
+                                : trace(plan_, source_.rays_of(piece, buffers), buffers);
+        if (!traced) return tl::unexpected(traced.error());
+        std::unordered_map<std::uint64_t, std::uint32_t> counts;
+        for (const HitRecord& hit : buffers.hits)
+            if (hit.hit != 0) ++counts[hit.path];
+        {
+            const std::lock_guard lock(mutex_);
+            for (const auto& [path, count] : counts) counts_[path] += count;
+        }
+        tally_.add(buffers.traversal, count_hits(buffers));
+        services_.metrics.rays += piece.count;
+        return Frames{};
+    }
+
+private:
+    using Row = std::pair<std::uint64_t, std::uint32_t>;  ///< path, rays
+    static constexpr std::uint64_t row_bytes = sizeof(std::uint64_t) + sizeof(std::uint32_t);
+
+    Task sort_task() {
+        sorting_ = true;
+        Task task;
+        task.run = [this](const StopFlag&) -> Reply<Frames> {
+            table_.assign(counts_.begin(), counts_.end());
+            std::sort(table_.begin(), table_.end());
+            sorted_ = true;
+            return Frames{};
+        };
+        return task;
+    }
+
+    Task rows_task() {
+        const std::uint64_t first = sent_;
+        const std::uint64_t count = std::min(frame_rows_, table_.size() - first);
+        sent_ += count;
+        Task task;
+        task.reply_bytes_max = count * row_bytes + 2 * protocol::alignment;
+        task.run = [this, first, count](const StopFlag&) -> Reply<Frames> {
+            protocol::Bulk bulk;
+            bulk.add("path", wire::Dtype::u64, 1, count);
+            bulk.add("pixels", wire::Dtype::u32, 1, count);
+            bulk.allocate();
+            const std::span<const Row> rows = std::span(table_).subspan(first, count);
+            std::transform(rows.begin(), rows.end(), bulk.block_as<std::uint64_t>(0).begin(),
+                           [](const Row& row) { return row.first; });
+            std::transform(rows.begin(), rows.end(), bulk.block_as<std::uint32_t>(1).begin(),
+                           [](const Row& row) { return row.second; });
+            return rows_frame(id_, first, count, std::move(bulk));
+        };
+        return task;
+    }
+
+    const std::uint64_t chunk_rays_;
+    const std::uint64_t frame_rows_;
+    const Budget::Lease lease_;
+    std::mutex mutex_;
+    std::unordered_map<std::uint64_t, std::uint32_t> counts_;
+    bool sorting_ = false;
+    std::atomic<bool> sorted_{false};
+    std::vector<Row> table_;  ///< read once sorted_
+    std::uint64_t sent_ = 0;
+};
+
+constexpr std::string_view fraction_name = "hit_fraction";
+constexpr std::string_view visible_name = "visible_pixels";
+
+tl::unexpected<protocol::Error> refuse_use(std::string_view reduce, const char* why) {
+    return refuse(Code::invalid_field, "reduce " + std::string(reduce) + " " + why);
+}
+
+}  // namespace
+
+std::string_view default_kind(std::string_view reduce) {
+    return reduce == fraction_name ? "any" : "closest";
+}
+
+Reply<std::unique_ptr<Job>> reduce_job(const Services& services, const Caller& caller, Plan plan,
+                                       RaySource source,
+                                       const protocol::Opened<wire::Query>& message) {
+    const std::string_view reduce = protocol::text(message->reduce());
+    if (reduce != fraction_name && reduce != visible_name)
+        return refuse(Code::invalid_field, "unknown reduce '" + std::string(reduce) +
+                                               "': use one of " + std::string(fraction_name) +
+                                               ", " + std::string(visible_name));
+    if (message->fields() != nullptr && message->fields()->size() != 0)
+        return refuse_use(reduce, "has columns of its own; name no fields");
+    if (plan.untraced)
+        return refuse_use(reduce, "needs rays that are traced; kind null traces none");
+    if (reduce == fraction_name) {
+        if (!source.has_points())
+            return refuse_use(reduce, "is per point; use generator hemisphere");
+        if (plan.csr()) return refuse_use(reduce, "counts rays, not hits; use kind any");
+        return std::make_unique<FractionJob>(services, caller, std::move(plan), std::move(source));
+    }
+    if (plan.query != query_closest)
+        return refuse_use(reduce, "asks what is seen first; use kind closest");
+    const SceneView& scene = plan.scene.snapshot().view();
+    const std::uint64_t paths = std::min(source.rays(), scene.objects[scene.root].leaves);
+    auto lease = services.budget.reserve(paths * VisibleJob::path_bytes);
+    if (!lease)
+        return refuse(Code::resource_exhausted,
+                      "a table of " + std::to_string(paths) +
+                          " instance paths needs more memory than --memory has left; ask for "
+                          "fewer rays");
+    return std::make_unique<VisibleJob>(services, caller, std::move(plan), std::move(source),
+                                        std::move(*lease));
+}
+
+}  // namespace raynest::server

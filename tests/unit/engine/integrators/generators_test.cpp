@@ -1,0 +1,109 @@
+// What every generator promises: chunks, tiles and whole sets have the same rays. That the rays are
+// those of PROTOCOL.md, tests/integration/generators_test.py checks against numpy.
+#include "engine/integrators/generators.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <vector>
+
+using namespace raynest;
+
+namespace {
+
+const Mount mount{Transform{{0, 0, 1, 5, 1, 0, 0, 6, 0, 1, 0, 7}}, 0.5F, 100.0F};
+
+std::vector<Sensor> sensors() {
+    constexpr ImageSize size{37, 21};
+    const std::array<LidarChannel, 3> channels = {LidarChannel{-10, 0.5, Vec3(0.1F, 0, 0)},
+                                                  LidarChannel{0, -0.5},
+                                                  LidarChannel{10, 0, Vec3(0, 0, 0.2F)}};
+    return {Pinhole{mount, size, 18, 11, 0.02, 0.03}, Orthographic{mount, size, 4, 3},
+            Equirectangular(mount, size), Lidar(mount, channels, -90, 90, 250)};
+}
+
+std::vector<Ray> all_rays(const Sensor& sensor) {
+    std::vector<Ray> rays(ray_count(sensor));
+    generate_rays(sensor, 0, rays);
+    return rays;
+}
+
+bool same(const Ray& a, const Ray& b) {
+    return std::memcmp(&a, &b, sizeof(Ray)) == 0;
+}
+
+}  // namespace
+
+TEST_CASE("a chunk of rays equals the same rays of the whole set") {
+    for (const Sensor& sensor : sensors()) {
+        CAPTURE(sensor.index());
+        const std::vector<Ray> all = all_rays(sensor);
+        std::vector<Ray> part(100);
+        generate_rays(sensor, 77, part);
+        for (std::size_t i = 0; i < part.size(); ++i) CHECK(same(part[i], all[77 + i]));
+        CHECK(std::all_of(all.begin(), all.end(), [](const Ray& ray) {
+            return is_valid(ray) && ray.tmin == 0.5F && ray.tmax == 100.0F;
+        }));
+    }
+}
+
+TEST_CASE("tiles are the same rays in tile order") {
+    for (const Sensor& sensor : sensors()) {
+        const ImageSize size = image_size(sensor);
+        if (size.pixels() == 0) continue;
+        const std::vector<Ray> all = all_rays(sensor);
+        std::vector<Ray> band(std::size_t{8} * size.width);
+        generate_tiles(sensor, band.size(), band);
+        for (std::size_t i = 0; i < band.size(); ++i)
+            CHECK(same(band[i], all[tile_order(band.size() + i, size.width, size.height)]));
+    }
+}
+
+TEST_CASE("only images have a size, and a lidar has a ray per channel and azimuth") {
+    for (const Sensor& sensor : sensors()) {
+        const bool lidar = std::holds_alternative<Lidar>(sensor);
+        CHECK(image_size(sensor).pixels() == (lidar ? 0 : 37 * 21));
+        CHECK(ray_count(sensor) == (lidar ? 3 * 250 : 37 * 21));
+    }
+}
+
+TEST_CASE(
+    "hemisphere rays are unit, on the side of the normal, cosine-weighted, and cut anywhere") {
+    constexpr std::uint64_t samples = 1000;
+    std::vector<Ray> points = {{Vec3(1, 2, 3), 0.25F, Vec3(0, 0, -2), 9},
+                               {Vec3(0), 0, Vec3(3, -4, 1)},
+                               {Vec3(0), 0, Vec3(0, 1, 0)}};
+    std::vector<Ray> all(points.size() * samples);
+    generate_rays(Hemisphere{samples, 7}, points, 10, 10 * samples, all);
+    for (std::size_t p = 0; p < points.size(); ++p) {
+        const glm::dvec3 normal = glm::normalize(glm::dvec3(points[p].direction));
+        double cosines = 0;
+        for (std::size_t s = 0; s < samples; ++s) {
+            const Ray& ray = all[p * samples + s];
+            CHECK(ray.origin == points[p].origin);
+            CHECK(ray.tmin == points[p].tmin);
+            CHECK(ray.tmax == points[p].tmax);
+            const glm::dvec3 direction(ray.direction);
+            CHECK(std::abs(glm::length(direction) - 1) < 1e-6);
+            const double cosine = glm::dot(direction, normal);
+            CHECK(cosine > 0);
+            cosines += cosine;
+        }
+        CHECK(std::abs(cosines / samples - 2.0 / 3) < 0.002);  // random samples would miss by 0.007
+    }
+    std::vector<Ray> part(1500);
+    generate_rays(Hemisphere{samples, 7}, std::span(points).subspan(1), 11, 11 * samples + 300,
+                  part);
+    for (std::size_t i = 0; i < part.size(); ++i) CHECK(same(part[i], all[samples + 300 + i]));
+
+    std::vector<Ray> other(samples);
+    generate_rays(Hemisphere{samples, 8}, points, 10, 10 * samples, other);
+    CHECK_FALSE(same(other[0], all[0]));
+    points[0].direction = Vec3(0);
+    generate_rays(Hemisphere{samples, 7}, points, 10, 10 * samples, other);
+    CHECK(std::none_of(other.begin(), other.end(), is_valid));
+}
