@@ -103,7 +103,8 @@ def mesh_glb(vertices: Any, faces: Any, origin: Any = None) -> bytes:
                          f"{corners.shape}")
     if not len(corners) or corners.min() < 0 or corners.max() >= len(points):
         raise UsageError("faces must be at least one triangle of indices into the vertices")
-    positions = (points if origin is None else points - origin).astype("<f4")
+    with np.errstate(over="ignore"):
+        positions = (points if origin is None else points - origin).astype("<f4")
     indices = corners.astype("<u4")
     if not np.isfinite(positions).all():
         raise UsageError("vertices must be finite in float32")

@@ -46,8 +46,9 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
     folder, name = os.path.split(source)
     stem, extension = os.path.splitext(name)
     if extension.lower() in (".glb", ".gltf"):
+        main = File(name, read_file(source, _limits.upload_bytes_max))
         try:
-            return Upload(name, stem, tuple(_gltf_files(source, folder, name)))
+            return Upload(name, stem, (main, *_named_files(main, folder)))
         except errors.InvalidError as error:
             raise errors.InvalidError(f"{source} {error}", error.name) from None
     if extension.lower() != ".npy":
@@ -63,16 +64,17 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
     return Upload("points.npy", stem, tuple(files))
 
 
-def _gltf_files(source: str, folder: str, name: str) -> Iterator[File]:
-    main = File(name, read_file(source, _limits.upload_bytes_max))
-    yield main
+def _named_files(main: File, folder: str) -> Iterator[File]:
     others = file_names(main.data)
-    if len(others) >= _limits.upload_files_max or name in others:
+    if len(others) >= _limits.upload_files_max or main.name in others:
         raise errors.InvalidError(f"names itself, or {len(others)} files; pack it into one .glb",
                                   "FILE_INVALID")
     left = _limits.upload_bytes_max - len(main.data)
     for other in others:
-        file = File(other, read_file_beneath(folder, other, left))
+        try:
+            file = File(other, read_file_beneath(folder, other, left))
+        except errors.InvalidError as error:
+            raise errors.InvalidError(f"names {error}", error.name) from None
         left -= len(file.data)
         yield file
 

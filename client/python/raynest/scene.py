@@ -90,11 +90,12 @@ class Scene:
             first += source.count
 
     def occluded(self, a: Any, b: Any, *, margin: float = 1e-4, origin: Any = None,
-                 **job: Unpack[JobOptions]) -> Array:
+                 progress: Progress = None, **job: Unpack[JobOptions]) -> Array:
         """Is there anything between points a and b? (N,) bool; a and b are (N, 3), or one is (3,).
         `margin` is the share of each segment that is left out at both ends, so that points on a
         surface do not hide themselves."""
-        hit = self.trace(segments(a, b, margin), kind="any", fields=("hit",), origin=origin, **job)
+        hit = self.trace(segments(a, b, margin), kind="any", fields=("hit",), origin=origin,
+                         progress=progress, **job)
         return np.asarray(hit["hit"] != 0)
 
     def _origin(self, origin: Any) -> Any:
