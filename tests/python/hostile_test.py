@@ -230,18 +230,23 @@ class Lies(WithFake):
         self.refused(answer, closed=False)
 
     def test_more_than_the_credit(self):
-        def answer(peer):
-            for _ in range(9):
-                peer.send("Picture", {"total": 1 << 20}, data=np.zeros(1 << 20, np.uint8))
-        self.refused(answer)
+        def script(peer):
+            peer.until("QueryRays")
+            peer.send("Chunk", {"count": 16384}, t=t(16384), ng=np.zeros((16384, 3), np.float32))
+            peer.until("Bye")
+        with self.assertRaisesRegex(raynest.ProtocolError, "more than its credit"):
+            self.scene(script, window_bytes=128 << 10).trace(np.ones((16384, 8), np.float32),
+                                                             fields=("t", "ng"))
 
     def test_errors_of_the_daemon(self):
         error = self.refused(lambda peer: peer.send("Error", {
             "code": 12, "message": "full", "retry_after_ms": 250}), raynest.BusyError, closed=False)
         self.assertEqual((error.retry_after, error.name, error.exit_code), (0.25, "BUSY", 6))
         self.assertEqual(str(error), "full (try again in 250 ms)")
+        self.refused(lambda peer: peer.send("Error", {"code": 16, "closing": True}),
+                     raynest.BusyError)
         self.refused(lambda peer: peer.socket.sendall(frame("Error", {
-            "code": 16, "closing": True}, 0)), raynest.BusyError)
+            "code": 1, "closing": True}, 0)), raynest.FailedError)
 
     def test_texts_with_control_characters(self):
         self.refused(lambda peer: peer.send("Error", {"code": 1, "message": "a\x1b[2Jb"}))

@@ -36,6 +36,16 @@ class Streams(WithDaemon):
             answered[first:first + len(columns["t"])] = columns["t"]
         np.testing.assert_array_equal(answered, whole)
 
+    def test_blocks_of_an_iterator_see_one_epoch(self):
+        def blocks():
+            yield rain(100)
+            self.client.load("builtin:terrain?size=9", "moving", replace=True)
+            yield rain(100)
+        scene = self.client.load("builtin:terrain?size=8", "moving")
+        with self.assertRaisesRegex(raynest.Error, "epoch"):
+            for _ in scene.stream(blocks()):
+                pass
+
     def test_multi_comes_with_splits_of_its_own(self):
         rays = rain(40000)
         whole = self.woods.trace(rays, kind="multi", fields=("t",))
@@ -119,6 +129,23 @@ class Interrupts(WithDaemon):
         with self.assertRaises(KeyboardInterrupt):
             self.woods.trace(rain(8_000_000), fields=FIELDS)
         self.assert_usable(before)
+
+    def test_interrupts_at_any_moment_leave_the_connection_usable(self):
+        """Thirty of them, each some milliseconds into a request, wherever Python then is."""
+        rays, interrupted = rain(300_000), 0
+        old = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+        self.addCleanup(signal.signal, signal.SIGALRM, old)
+        for i in range(30):
+            signal.setitimer(signal.ITIMER_REAL, 0.001 + 0.004 * i)
+            try:
+                self.woods.trace(rays, fields=FIELDS)
+                while True:  # until it comes
+                    self.client.ping()
+            except KeyboardInterrupt:
+                interrupted += 1
+            self.assertFalse(self.client.connection.closed)
+            self.assertEqual(self.woods.trace(rays[:10], kind="any")["hit"].size, 10)
+        self.assertEqual(interrupted, 30)
 
     def test_a_handler_of_the_program_stays(self):
         seen = []

@@ -67,7 +67,7 @@ class Connection:
         self._window_bytes = window_bytes
         self._turn = threading.Lock()
         self._owner = 0                     # thread whose turn it is
-        self._interrupts = Interrupts()
+        self.interrupts = Interrupts()
         self._outbox: collections.deque[list[memoryview]] = collections.deque()
         self._begun = False                 # was part of the first frame there sent?
         self._scrap = bytearray(64 << 10)
@@ -98,10 +98,12 @@ class Connection:
     def exchange(self, name: str, message: Message, deadline: float = 0.0, place: Place = anywhere,
                  feed: Callable[[], object] = lambda: None) -> Generator[Frame, None, None]:
         """Sends a request and gives its frames, the last one included. `feed` is called before
-        each wait and may queue more frames of the request."""
-        self._take_turn()
+        each wait and may queue more frames of the request. A Ctrl-C outside of `interrupts` may
+        come between two frames, where it does no harm either."""
+        mine = False
         try:
-            with self._interrupts:
+            with self.interrupts:
+                mine = self._take_turn()
                 if self.closed:
                     raise errors.ConnectError(f"the connection to {self.uri} is closed; "
                                               "connect again")
@@ -110,23 +112,26 @@ class Connection:
                 self.credit = self.daemon.window_bytes
                 self.queue(name, message)
             while self._running:
-                with self._interrupts:
+                with self.interrupts:
                     feed()
                     frame = self._next(place)
                 yield frame
         finally:
-            try:
-                if self._running:
-                    self._abandon()
-            finally:
-                self._owner = 0
-                self._turn.release()
+            with self.interrupts:
+                try:
+                    if mine and self._running:
+                        self._abandon()
+                finally:
+                    if mine:
+                        self._owner = 0
+                        self._turn.release()
 
     def ask(self, name: str, message: Message, answer: str) -> Message:
         """A request that one frame, an `answer`, ends."""
-        for kind, reply in self.exchange(name, message):
-            if kind == answer:
-                return reply
+        with self.interrupts:
+            for kind, reply in self.exchange(name, message):
+                if kind == answer:
+                    return reply
         raise errors.ProtocolError(f"the daemon answered {name} with {kind}")
 
     def queue(self, name: str, message: Message, block: str = "", data: Optional[Array] = None,
@@ -144,12 +149,13 @@ class Connection:
                         sum(map(len, bulk)), self._id)
         self._outbox.append([memoryview(write_header(header) + control), *bulk])
 
-    def _take_turn(self) -> None:
+    def _take_turn(self) -> bool:
         if self._owner == threading.get_ident():
             raise errors.UsageError("a stream is still open on this connection: read it to its end "
                                     "or close it first, or use a second connection")
         self._turn.acquire()
         self._owner = threading.get_ident()
+        return True
 
     def _begin(self, seconds_max: float) -> None:
         self._running = True
@@ -162,7 +168,7 @@ class Connection:
         self.queue("Hello", {"client": "raynest-python " + VERSION, "token": token,
                              "window_bytes": self._window_bytes})
         try:
-            with self._interrupts:
+            with self.interrupts:
                 name, welcome = self._next(anywhere)
         except (errors.FailedError, errors.DeadlineError) as error:
             raise errors.ConnectError(f"no RayNest daemon answers: {error}") from None
@@ -181,12 +187,11 @@ class Connection:
     def _abandon(self) -> None:
         """Cancels the running request and reads what is still on its way."""
         try:
-            with self._interrupts:
-                self._keep_begun()
-                self._give_up = time.monotonic() + GRACE_SECONDS
-                self.queue("Cancel", {"reason": "the client left the request"})
-                while self._running:
-                    self._next(anywhere)
+            self._keep_begun()
+            self._give_up = time.monotonic() + GRACE_SECONDS
+            self.queue("Cancel", {"reason": "the client left the request"})
+            while self._running:
+                self._next(anywhere)
         except errors.Error:
             pass  # CANCELLED, as a rule; whatever else it was, the request is over
         finally:
@@ -208,7 +213,7 @@ class Connection:
                 raise
             ours = header.request_id == self._id
             if name == "Error" and (ours or header.request_id == 0):
-                self._end(closing=header.request_id == 0 or message["closing"])
+                self._end(message["closing"])
                 raise errors.from_daemon(message["code"], message["message"],
                                          message["retry_after_ms"])
             if not ours or not name:  # of a request that has ended, or of a later version
@@ -216,10 +221,10 @@ class Connection:
             if name == "Credit":
                 self.credit = min(self.credit + message["bytes"], _limits.window_bytes_max)
             if name not in CONTINUED:
-                self._end()
+                self._end(closing=False)
             return name, message
 
-    def _end(self, closing: bool = False) -> None:
+    def _end(self, closing: bool) -> None:
         """The request is over. Frames that wait are of no use any more, but half a frame would
         read as a slow client."""
         self._running = False
@@ -235,8 +240,7 @@ class Connection:
             self._flush()
 
     def _wait_for_frame(self) -> bool:
-        if self._interrupts.seen:
-            raise KeyboardInterrupt
+        self.interrupts.check()
         self._look_around()
         self._poll.modify(self._socket, select.POLLIN | (select.POLLOUT if self._outbox else 0))
         return any(events & ~select.POLLOUT for _, events in self._poll.poll(TICK_MS))
@@ -244,12 +248,11 @@ class Connection:
     def _look_around(self) -> None:
         """What ends a wait: the deadline, and a Ctrl-C while the daemon owes the rest of a frame."""
         now = time.monotonic()
-        if self._interrupts.seen and not self._give_up:
+        if self.interrupts.seen and not self._give_up:
             self._give_up = now + GRACE_SECONDS
         if self._give_up and now > self._give_up:
             self.close()
-            if self._interrupts.seen:
-                raise KeyboardInterrupt
+            self.interrupts.check()
             raise errors.DeadlineError("no answer from the daemon within the deadline; pass a "
                                        "longer deadline, or ask for less", "DEADLINE")
 

@@ -1,9 +1,9 @@
 """Ctrl-C between frames, never within one.
 
 Python raises KeyboardInterrupt at any point of any function; half a frame later the connection would
-be lost. Inside of `with interrupts:` the first Ctrl-C is only noted, the code looks at `seen` where
-it may stop, and leaving raises what is still due. The second one is raised at once. Handlers that a
-program has set itself stay in place, and so do those of other threads, which Python never interrupts.
+be lost. Within `with interrupts:` a Ctrl-C is only noted, check() raises it where the code may stop,
+and leaving the outermost block raises what is still due. Another one before that is raised at once.
+Handlers that a program has set itself stay in place, and other threads Python never interrupts.
 """
 from __future__ import annotations
 
@@ -27,16 +27,19 @@ class Interrupts:
             self._deferred = True
         return self
 
-    def __exit__(self, kind: Optional[type], *_: object) -> None:
+    def check(self) -> None:
+        if self.seen:
+            self.seen = False
+            raise KeyboardInterrupt
+
+    def __exit__(self, *_: object) -> None:
         self._depth -= 1
         if self._depth:
             return
         if self._deferred:
             self._deferred = False
             signal.signal(signal.SIGINT, signal.default_int_handler)
-        seen, self.seen = self.seen, False
-        if seen and kind is None:
-            raise KeyboardInterrupt
+        self.check()
 
     def _note(self, number: int, frame: Optional[FrameType]) -> None:
         if self.seen:

@@ -46,7 +46,7 @@ class Picture:
         picture file otherwise."""
         seconds = self._message["job"]["deadline_ms"] / 1000
         frames = connection.exchange(name, self._message, seconds, self._place)
-        with contextlib.closing(frames):
+        with connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:
                 self.outcome.take(kind, news)
                 if kind == "Progress" and progress:

@@ -92,7 +92,7 @@ class Client:
         sender = Sender(self.connection, upload)
         frames = self.connection.exchange("Load", message, feed=sender.feed)
         name = upload.scene_name
-        with contextlib.closing(frames):
+        with self.connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:
                 if kind == "Need":
                     sender.need(news["files"])

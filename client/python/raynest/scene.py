@@ -56,7 +56,8 @@ class Scene:
         asked = source if source.count else Rays(np.zeros((1, 8), np.float32))
         query = self._query(asked, kind, fields, max_hits, job)
         whole = Whole(asked.count)
-        with contextlib.closing(query.chunks(whole.place)) as chunks:
+        with self._client.connection.interrupts, \
+                contextlib.closing(query.chunks(whole.place)) as chunks:
             for _ in chunks:
                 if progress:
                     progress(query.answered, asked.count, "tracing")
