@@ -11,7 +11,7 @@ cpu_minutes=20
 source "$root/.ci/setup.sh"
 
 install_missing "${test_packages[@]}"
-# The interpreter that numpy and flatbuffers were installed for, whatever else PATH offers.
+# The interpreter that python3-numpy was installed for, whatever else PATH offers.
 build_raynest -DRAYNEST_TESTS=ON -DRAYNEST_BENCH=ON -DPython3_EXECUTABLE=/usr/bin/python3 --
 
 printf '==> tests\n'

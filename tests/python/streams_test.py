@@ -147,6 +147,25 @@ class Interrupts(WithDaemon):
             self.assertEqual(self.woods.trace(rays[:10], kind="any")["hit"].size, 10)
         self.assertEqual(interrupted, 30)
 
+    def test_an_interrupt_ends_the_wait_for_another_thread(self):
+        answers = []
+        cancel = threading.Event()
+
+        def hold():
+            for first, columns in self.woods.stream(rain(100_000), fields=("t",)):
+                answers.append(len(columns["t"]))
+                cancel.wait(PATIENCE)
+        holder = threading.Thread(target=hold)
+        holder.start()
+        self.until(lambda: answers)
+        timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+        timer.start()
+        with self.assertRaises(KeyboardInterrupt):
+            self.client.ping()
+        cancel.set()
+        holder.join(PATIENCE)
+        self.assertEqual(sum(answers), 100_000)
+
     def test_a_handler_of_the_program_stays(self):
         seen = []
         old = signal.signal(signal.SIGINT, lambda *_: seen.append(1))

@@ -153,7 +153,8 @@ class Connection:
         if self._owner == threading.get_ident():
             raise errors.UsageError("a stream is still open on this connection: read it to its end "
                                     "or close it first, or use a second connection")
-        self._turn.acquire()
+        while not self._turn.acquire(timeout=TICK_MS / 1000):
+            self.interrupts.check()
         self._owner = threading.get_ident()
         return True
 

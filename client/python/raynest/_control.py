@@ -1,10 +1,16 @@
 """Control messages: one FlatBuffers table each, to and from dicts.
 
-Writing is left to FlatBuffers' builder. Reading is done here, because what a daemon sends is
-checked like everything from outside and FlatBuffers has no verifier in Python: each offset against
-the bytes that are there, depth and number of tables against their limits, texts for control
-characters. A message that passes is a dict with every field of the schema: absent numbers have
-their defaults, absent texts are "", absent lists [], absent tables and structs None.
+Written here rather than with the flatbuffers package, so that numpy is all that is needed: what the
+format asks of a writer is a page, and what a daemon sends has to be checked here anyway, because
+FlatBuffers has no verifier in Python. Each offset is held against the bytes that are there, depth and
+number of tables against their limits, texts are searched for control characters. A message that
+passes is a dict with every field of the schema: absent numbers have their defaults, absent texts are
+"", absent lists [], absent tables and structs None.
+
+    vtable  u16 bytes of the vtable, u16 bytes of the table, u16 offset of each field (0: absent)
+    table   i32 back to its vtable, then its fields: scalars and structs, u32 forward to all else
+    vector  u32 count, then its items; a string is one of bytes, and a zero behind them
+    buffer  u32 forward to the message's table, then the above in any order, all of it aligned
 """
 from __future__ import annotations
 
@@ -12,85 +18,95 @@ import re
 import struct
 from typing import Any, Mapping
 
-import flatbuffers
-from flatbuffers import number_types
-
 from . import _limits
 from ._schema import SCALARS, SCHEMA, Field
 from .errors import ProtocolError
 
 Message = dict[str, Any]
 
-_FLAGS = {"bool": number_types.BoolFlags, "ubyte": number_types.Uint8Flags,
-          "ushort": number_types.Uint16Flags, "uint": number_types.Uint32Flags,
-          "ulong": number_types.Uint64Flags, "byte": number_types.Int8Flags,
-          "short": number_types.Int16Flags, "int": number_types.Int32Flags,
-          "long": number_types.Int64Flags, "float": number_types.Float32Flags,
-          "double": number_types.Float64Flags}
-
 
 # ---- writing --------------------------------------------------------------------------------------
 
 def encode(name: str, values: Mapping[str, Any]) -> bytes:
     """The table `name` with these fields; others are absent. Structs are tuples, tables dicts."""
-    builder = flatbuffers.Builder(256)
-    builder.Finish(_write_table(builder, name, values))
-    return bytes(builder.Output())
+    out = bytearray(4)
+    struct.pack_into("<I", out, 0, _write_table(out, name, values))
+    return bytes(out)
 
 
-def _write_table(builder: Any, name: str, values: Mapping[str, Any]) -> int:
+def _write_table(out: bytearray, name: str, values: Mapping[str, Any]) -> int:
+    """Appends the table and what it refers to; gives its place."""
     fields = SCHEMA.tables[name]
     unknown = values.keys() - {field.name for field in fields}
     if unknown:
         raise KeyError(f"{name} has no field {sorted(unknown)}")
-    # What lies outside of the table comes first; structs and scalars lie within it.
-    outside = {field.name: _write_outside(builder, field, values[field.name]) for field in fields
-               if values.get(field.name) is not None and not _inline(field)}
-    builder.StartObject(len(fields))
-    for slot, field in enumerate(fields):
-        value = values.get(field.name)
-        if field.name in outside:
-            builder.PrependUOffsetTRelativeSlot(slot, outside[field.name], 0)
-        elif value is not None and field.type in SCALARS:
-            builder.PrependSlot(_FLAGS[field.type], slot, value, field.default)
-        elif value is not None:
-            builder.PrependStructSlot(slot, _write_struct(builder, field.type, value), 0)
-    return int(builder.EndObject())
+    present = [(slot, field, _format(field)) for slot, field in enumerate(fields)
+               if values.get(field.name) is not None]
+    # Large fields first: then each one is aligned where the first one is, 4 bytes into the table.
+    present.sort(key=lambda item: -_alignment(item[2]))
+    offsets, end = [0] * len(fields), 4
+    for slot, _, form in present:
+        offsets[slot] = end
+        end += struct.calcsize(form)
+    vtable = struct.pack(f"<{2 + len(fields)}H", 4 + 2 * len(fields), end, *offsets)
+    _align(out, 8, len(vtable) + 4)
+    out += vtable
+    at = len(out)
+    out += struct.pack("<i", len(vtable)) + bytes(end - 4)
+    for slot, field, form in present:
+        place, value = at + offsets[slot], values[field.name]
+        if field.type in SCHEMA.structs and not field.many:
+            struct.pack_into(form, out, place, *value)
+        else:
+            inline = field.type in SCALARS and not field.many
+            struct.pack_into(form, out, place,
+                             value if inline else _write_outside(out, field, value) - place)
+    return at
 
 
-def _inline(field: Field) -> bool:
-    return not field.many and (field.type in SCALARS or field.type in SCHEMA.structs)
-
-
-def _write_outside(builder: Any, field: Field, value: Any) -> int:
-    if not field.many:
-        return _write_item(builder, field.type, value)
+def _format(field: Field) -> str:
+    """What struct calls a field as it lies in its table."""
+    if field.many or field.type == "string" or field.type in SCHEMA.tables:
+        return "<I"
     if field.type in SCALARS:
-        size = struct.calcsize(SCALARS[field.type])
-        builder.StartVector(size, len(value), size)
-        for item in reversed(value):
-            builder.Prepend(_FLAGS[field.type], item)
-    else:
-        items = [_write_item(builder, field.type, item) for item in value]
-        builder.StartVector(4, len(items), 4)
-        for item in reversed(items):
-            builder.PrependUOffsetTRelative(item)
-    return int(builder.EndVector())
+        return "<" + SCALARS[field.type]
+    return "<" + "".join(SCALARS[item.type] for item in SCHEMA.structs[field.type])
 
 
-def _write_item(builder: Any, kind: str, value: Any) -> int:
-    if kind == "string":
-        return int(builder.CreateString(value))
-    return _write_table(builder, kind, value)
+def _alignment(form: str) -> int:
+    return struct.calcsize(form[:2])
 
 
-def _write_struct(builder: Any, kind: str, values: tuple[float, ...]) -> int:
-    fields = SCHEMA.structs[kind]
-    sizes = [struct.calcsize(SCALARS[field.type]) for field in fields]
-    builder.Prep(max(sizes), sum(sizes))
-    for field, value in zip(reversed(fields), reversed(values)):
-        builder.Prepend(_FLAGS[field.type], value)
-    return int(builder.Offset())
+def _align(out: bytearray, alignment: int, ahead: int = 0) -> None:
+    """Zeros, until what comes `ahead` bytes later is aligned."""
+    out += bytes(-(len(out) + ahead) % alignment)
+
+
+def _write_outside(out: bytearray, field: Field, value: Any) -> int:
+    """Appends what a field refers to; gives its place."""
+    if not field.many:
+        return _write_item(out, field.type, value)
+    letter = SCALARS.get(field.type, "I")
+    _align(out, max(4, struct.calcsize("<" + letter)), 4)
+    at = len(out)
+    out += struct.pack("<I", len(value))
+    if field.type in SCALARS:
+        out += struct.pack(f"<{len(value)}{letter}", *value)
+        return at
+    out += bytes(4 * len(value))
+    for place, item in zip(range(at + 4, len(out), 4), value):
+        struct.pack_into("<I", out, place, _write_item(out, field.type, item) - place)
+    return at
+
+
+def _write_item(out: bytearray, kind: str, value: Any) -> int:
+    if kind != "string":
+        return _write_table(out, kind, value)
+    data = value.encode("utf-8")
+    _align(out, 4)
+    at = len(out)
+    out += struct.pack("<I", len(data)) + data + b"\0"
+    return at
 
 
 # ---- reading --------------------------------------------------------------------------------------
@@ -141,8 +157,7 @@ class _Reader:
         if field.type in SCALARS:
             return self._number(SCALARS[field.type], at)
         if field.type in SCHEMA.structs:
-            letters = "".join(SCALARS[item.type] for item in SCHEMA.structs[field.type])
-            return self._numbers("<" + letters, at)
+            return self._numbers(_format(field), at)
         return self._item(field.type, self.follow(at), depth)
 
     def _list(self, field: Field, at: int, depth: int) -> list[Any]:

@@ -3,7 +3,8 @@
 Python raises KeyboardInterrupt at any point of any function; half a frame later the connection would
 be lost. Within `with interrupts:` a Ctrl-C is only noted, check() raises it where the code may stop,
 and leaving the outermost block raises what is still due. Another one before that is raised at once.
-Handlers that a program has set itself stay in place, and other threads Python never interrupts.
+Handlers that a program has set itself stay in place. Python interrupts the main thread alone: in
+others all of this does nothing.
 """
 from __future__ import annotations
 
@@ -13,35 +14,42 @@ from types import FrameType
 from typing import Optional
 
 
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
 class Interrupts:
     def __init__(self) -> None:
-        self.seen = False
+        self._seen = False
         self._depth = 0
         self._deferred = False
 
     def __enter__(self) -> Interrupts:
-        self._depth += 1
-        if (self._depth == 1 and threading.current_thread() is threading.main_thread()
-                and signal.getsignal(signal.SIGINT) is signal.default_int_handler):
-            signal.signal(signal.SIGINT, self._note)
-            self._deferred = True
+        if _in_main_thread():
+            self._depth += 1
+            if self._depth == 1 and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+                signal.signal(signal.SIGINT, self._note)
+                self._deferred = True
         return self
+
+    def __exit__(self, *_: object) -> None:
+        if _in_main_thread():
+            self._depth -= 1
+            if self._depth == 0 and self._deferred:
+                self._deferred = False
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+                self.check()
+
+    @property
+    def seen(self) -> bool:
+        return self._seen and _in_main_thread()
 
     def check(self) -> None:
         if self.seen:
-            self.seen = False
+            self._seen = False
             raise KeyboardInterrupt
-
-    def __exit__(self, *_: object) -> None:
-        self._depth -= 1
-        if self._depth:
-            return
-        if self._deferred:
-            self._deferred = False
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-        self.check()
 
     def _note(self, number: int, frame: Optional[FrameType]) -> None:
-        if self.seen:
+        if self._seen:
             raise KeyboardInterrupt
-        self.seen = True
+        self._seen = True
