@@ -78,6 +78,21 @@ class Streams(WithDaemon):
             self.woods.trace(rain(200000), progress=lambda *_: 1 // 0)
         self.assertLess(self.client.ping(), PATIENCE)
 
+    def test_another_thread_may_close_the_connection(self):
+        client = raynest.connect(self.daemon.uri)
+        scene = client.scene("woods")
+        started = self.client.stats()["jobs_started"]
+
+        def close():
+            while self.client.stats()["jobs_started"] == started:
+                time.sleep(0.01)
+            client.close()
+        closer = threading.Thread(target=close)
+        closer.start()
+        with self.assertRaises(raynest.Error):
+            scene.render(size=(8192, 8192))
+        closer.join(PATIENCE)
+
     def test_threads_take_turns(self):
         rays = rain(30000)
         expected = self.woods.trace(rays)

@@ -87,7 +87,6 @@ class Connection:
         """Ends the connection, and with it what runs on it."""
         self._socket.close()
         self._running = False
-        self._outbox.clear()
 
     @property
     def closed(self) -> bool:
@@ -123,6 +122,8 @@ class Connection:
                         self._abandon()
                 finally:
                     if mine:
+                        if self.closed:
+                            self._outbox.clear()  # and with it what it keeps of the caller's arrays
                         self._owner = 0
                         self._turn.release()
 
@@ -247,7 +248,10 @@ class Connection:
         return any(events & ~select.POLLOUT for _, events in self._poll.poll(TICK_MS))
 
     def _look_around(self) -> None:
-        """What ends a wait: the deadline, and a Ctrl-C while the daemon owes the rest of a frame."""
+        """What ends a wait: the deadline, a close() by another thread, and a Ctrl-C while the
+        daemon owes the rest of a frame."""
+        if self.closed:
+            raise errors.ConnectError("the connection was closed meanwhile")
         now = time.monotonic()
         if self.interrupts.seen and not self._give_up:
             self._give_up = now + GRACE_SECONDS

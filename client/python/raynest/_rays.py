@@ -5,7 +5,7 @@ while they are sent, so that no second copy of them all is ever made.
 """
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Optional
 
 import numpy as np
 
@@ -20,38 +20,35 @@ class Rays:
 
     def __init__(self, rays: Any, directions: Any = None, origin: Any = None) -> None:
         self._shift = None if origin is None else vector("origin", origin)
+        self._rows: Optional[Array] = None      # (N, 8), when they came so
         first = _numbers("rays", rays)
         if directions is not None:
-            self._rows = None
             self._origins, self._directions = _pair(first, _numbers("directions", directions))
-            self.count = len(self._origins)
-            return
-        if first.ndim != 2 or first.shape[1] not in (6, 8):
+        elif first.ndim == 2 and first.shape[1] == 6:
+            self._origins, self._directions = first[:, :3], first[:, 3:]
+        elif first.ndim == 2 and first.shape[1] == 8:
+            self._rows, self._origins, self._directions = first, first[:, :3], first[:, 4:7]
+        else:
             raise UsageError(f"rays of shape {first.shape}: they must be (N, 6) [ox oy oz dx dy dz] "
                              "or (N, 8) [ox oy oz tmin dx dy dz tmax], or origins and directions")
-        self.count = len(first)
-        wide = first.shape[1] == 8
-        ready = wide and first.dtype == np.float32 and first.flags.c_contiguous
-        self._rows = first if wide else None
-        self._ready = bool(ready and self._shift is None)
-        self._origins, self._directions = first[:, :3], first[:, 4:7] if wide else first[:, 3:]
-
-    _ready = False
+        self.count = len(self._origins)
 
     def frame(self, first: int, count: int) -> Array:
         """Rays [first, first + count) as they travel."""
         part = slice(first, first + count)
-        if self._ready and self._rows is not None:
-            return self._rows[part]
+        rows = None if self._rows is None else self._rows[part]
+        if (rows is not None and self._shift is None and rows.dtype == np.float32
+                and rows.flags.c_contiguous):
+            return rows
         out = np.empty((count, 8), np.float32)
         # What float32 cannot hold becomes infinite, and the daemon flags the ray.
         with np.errstate(over="ignore", invalid="ignore"):
             # Subtracted as float64, before digits are lost.
-            out[:, :3] = (self._origins[part] if self._shift is None
-                          else self._origins[part] - self._shift)
+            origins = self._origins[part]
+            out[:, :3] = origins if self._shift is None else origins - self._shift
             out[:, 4:7] = self._directions[part]
-            out[:, 3] = 0 if self._rows is None else self._rows[part, 3]
-            out[:, 7] = np.inf if self._rows is None else self._rows[part, 7]
+            out[:, 3] = 0 if rows is None else rows[:, 3]
+            out[:, 7] = np.inf if rows is None else rows[:, 7]
         return out
 
 
