@@ -14,6 +14,7 @@ passes is a dict with every field of the schema: absent numbers have their defau
 """
 from __future__ import annotations
 
+import functools
 import re
 import struct
 from typing import Any, Mapping
@@ -64,6 +65,7 @@ def _write_table(out: bytearray, name: str, values: Mapping[str, Any]) -> int:
     return at
 
 
+@functools.lru_cache(maxsize=None)
 def _format(field: Field) -> str:
     """What struct calls a field as it lies in its table."""
     if field.many or field.type == "string" or field.type in SCHEMA.tables:
