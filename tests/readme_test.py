@@ -8,7 +8,8 @@ runs is the command; of the printed lines the test compares the first word of th
 enough to see a label or a key that was renamed and lets numbers be what they are on this machine.
 `raynestd ... &` becomes a daemon of the test's own on a free port; the two commands that build are
 run by ctest itself (tests/CMakeLists.txt) and only have to name a script that is there. A block
-fenced as `cpp` is an intersector: it must compile and override primitives, as the list would say.
+fenced as `pycon` is a Python session with that daemon, and must print what it shows. One fenced as
+`cpp` is an intersector: it must compile and override primitives, as the list would say.
 """
 import json
 import os
@@ -80,10 +81,21 @@ def check(command, printed, folder, environment):
     return None
 
 
+def check_session(session, folder, environment):
+    """What is wrong with a Python session, or None."""
+    file = folder / "session.txt"
+    file.write_text(session, encoding="utf-8")
+    run = subprocess.run([sys.executable, "-m", "doctest", file], cwd=folder, env=environment,
+                         text=True, capture_output=True, timeout=SECONDS_MAX, check=False)
+    return run.stdout + run.stderr if run.returncode else None
+
+
 def main():
     readme, binaries = (pathlib.Path(argument).resolve() for argument in sys.argv[1:3])
     text = readme.read_text(encoding="utf-8")
-    environment = dict(os.environ, PATH=f"{binaries}{os.pathsep}{os.environ['PATH']}")
+    environment = dict(os.environ, PATH=f"{binaries}{os.pathsep}{os.environ['PATH']}",
+                       PYTHONPATH=str(readme.parent / "client" / "python"),
+                       PYTHONDONTWRITEBYTECODE="1")
     daemon, failures, count = None, 0, 0
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
@@ -99,6 +111,11 @@ def main():
                 else:
                     problem = check(command, printed, folder, environment)
                 print("failed:" if problem else "ok:", command, *([problem] if problem else []))
+                failures += problem is not None
+            for session in re.findall(r"^```pycon\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+                count += 1
+                problem = check_session(session, folder, environment)
+                print("failed:" if problem else "ok:", "Python", *([problem] if problem else []))
                 failures += problem is not None
         finally:
             if daemon:

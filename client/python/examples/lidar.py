@@ -1,0 +1,84 @@
+#!/usr/bin/env python3
+"""A lidar that turns once: rays of all channels and azimuths, and the point cloud that they see."""
+import numpy as np
+
+import raynest
+import terminal
+
+POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("cosine", "<f4"), ("instance", "<u4"),
+                  ("channel", "<u2")])
+PLY_TYPES = {"<f4": "float", "<u4": "uint", "<u2": "ushort"}
+
+
+def options():
+    parser = terminal.parser(__doc__, "lidar.py builtin:forest --channels 64 -o sweep.ply")
+    parser.add_argument("-o", "--output", default="sweep.ply", help=".ply or .npy of the points (%(default)s)")
+    parser.add_argument("--at", type=float, nargs=3, metavar=("X", "Y", "Z"),
+                        help="where it stands (over the middle of the scene)")
+    parser.add_argument("--height", type=float, default=1.8, help="metres over the ground there (%(default)s)")
+    parser.add_argument("--channels", type=int, default=64, help="beams above each other "
+                        "(%(default)s)")
+    parser.add_argument("--azimuths", type=int, default=2048, help="of one turn (%(default)s)")
+    parser.add_argument("--elevations", type=float, nargs=2, default=[-25, 15],
+                        metavar=("LOW", "HIGH"),
+                        help="degrees of the lowest and the highest channel (-25 15)")
+    parser.add_argument("--range", type=float, default=120, help="metres (%(default)s)")
+    return parser.parse_args()
+
+
+def directions(channels, azimuths, elevations):
+    """(channels * azimuths, 3) of unit length, one turn per channel; +Y is up."""
+    up = np.radians(np.linspace(*elevations, channels))[:, None]
+    around = np.linspace(0, 2 * np.pi, azimuths, endpoint=False)[None, :]
+    x, y, z = np.broadcast_arrays(np.cos(up) * np.cos(around), np.sin(up), np.cos(up) * np.sin(around))
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3)
+
+
+def stand(scene, height):
+    """`height` over what a ray from above meets in the middle of the scene."""
+    low, high = np.array(scene.info["box_min"]), np.array(scene.info["box_max"])
+    above = np.array([(low[0] + high[0]) / 2, high[1] + 1, (low[2] + high[2]) / 2])
+    ground = scene.trace(np.append(above, [0, -1, 0])[None], fields=("t",))["t"][0]
+    return above - [0, min(ground, above[1] - low[1]) - height, 0]
+
+
+def sweep(scene, at, aims, reach, progress):
+    """The points that are met within reach."""
+    rays = np.empty((len(aims), 8), np.float32)
+    rays[:, :3], rays[:, 3], rays[:, 4:7], rays[:, 7] = at, 0.1, aims, reach
+    seen = scene.trace(rays, fields=("t", "ng", "inst", "hit"), progress=progress)
+    hit = np.flatnonzero(seen["hit"])
+    points = np.empty(len(hit), POINT)
+    places = at + seen["t"][hit, None] * aims[hit]
+    points["x"], points["y"], points["z"] = places.T
+    points["cosine"] = np.abs((seen["ng"][hit] * aims[hit]).sum(1))
+    points["instance"] = seen["inst"][hit]
+    return points, hit
+
+
+def save(path, points):
+    if path.endswith(".npy"):
+        return np.save(path, points)
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    lines += [f"property {PLY_TYPES[POINT[name].str]} {name}" for name in POINT.names]
+    with open(path, "wb") as file:
+        file.write("\n".join(lines + ["end_header", ""]).encode())
+        file.write(points.tobytes())
+
+
+def main():
+    chosen = options()
+    with raynest.connect(chosen.server) as client:
+        scene = client.load(chosen.source)
+        at = np.array(chosen.at) if chosen.at else stand(scene, chosen.height)
+        aims = directions(chosen.channels, chosen.azimuths, chosen.elevations)
+        points, hit = sweep(scene, at, aims, chosen.range, terminal.progress(chosen.quiet))
+        points["channel"] = hit // chosen.azimuths
+        save(chosen.output, points)
+        seconds = client.outcome["seconds"]
+        print(f"{chosen.output}: {len(points):,} points of {len(aims):,} rays from "
+              f"{', '.join(f'{value:.2f}' for value in at)}, traced in {seconds:.3f} s")
+
+
+if __name__ == "__main__":
+    terminal.run(main)

@@ -1,0 +1,45 @@
+"""What the examples share: the options of a connection, a line of progress, and errors on one line."""
+import argparse
+import os
+import sys
+
+import raynest
+
+
+def parser(description, example):
+    """A parser whose help starts with an example."""
+    made = argparse.ArgumentParser(usage=f"{example}\n\n%(prog)s [SOURCE] [options]",
+                                   description=description)
+    made.add_argument("source", nargs="?", default="builtin:forest", metavar="SOURCE",
+                      help=".glb, .gltf, builtin:NAME or root:PATH (%(default)s)")
+    made.add_argument("--server", help="tcp://HOST:PORT or unix:PATH (RAYNEST_SERVER)")
+    made.add_argument("--quiet", action="store_true", help="no progress")
+    return made
+
+
+def progress(quiet):
+    """Rewrites one line of a terminal; nothing where stderr is none."""
+    if quiet or not sys.stderr.isatty():
+        return None
+
+    def show(done, total, stage):
+        end = "\n" if done == total else ""
+        print(f"\r{stage} {100 * done // max(total, 1)} %  ", end=end, file=sys.stderr, flush=True)
+    return show
+
+
+def run(main):
+    """Calls main(); an error is one line, and the exit code that of the command line."""
+    try:
+        main()
+    except raynest.Error as error:
+        sys.exit(_fail(error, error.exit_code))
+    except OSError as error:
+        sys.exit(_fail(f"{error.filename}: {error.strerror}", 1))
+    except KeyboardInterrupt:
+        sys.exit(_fail("interrupted; the request was cancelled", 130))
+
+
+def _fail(error, code):
+    print(f"{os.path.basename(sys.argv[0])}: {error}", file=sys.stderr)
+    return code

@@ -1,0 +1,25 @@
+"""RayNest from Python: send rays to a raynestd, get numpy columns back.
+
+    import numpy as np, raynest
+
+    c = raynest.connect()                               # RAYNEST_SERVER, else tcp://127.0.0.1:31060
+    s = c.load("builtin:forest")                        # or "scene.glb", or c.mesh(vertices, faces)
+    hits = s.trace(np.array([[8, 50, -8, 0, -1, 0]]), fields=("t", "prim", "path"))
+    print(hits["t"], s.path_of(hits["path"]))
+
+See README.md in this package's folder. Errors are in raynest.errors.
+"""
+import sys
+
+from ._version import VERSION as __version__
+from .client import Client, connect
+from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError,
+                     InvalidError, NotAllowedError, ProtocolError, UsageError)
+from .scene import Scene
+
+if sys.byteorder != "little":
+    raise ImportError("raynest: columns travel as they lie in memory: little endian machines only")
+
+__all__ = ["BusyError", "CancelledError", "Client", "ConnectError", "DeadlineError", "Error",
+           "FailedError", "InvalidError", "NotAllowedError", "ProtocolError", "Scene", "UsageError",
+           "connect", "__version__"]

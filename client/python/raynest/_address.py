@@ -1,0 +1,45 @@
+"""From tcp://HOST:PORT, tcp://[IPV6]:PORT or unix:PATH to a socket."""
+from __future__ import annotations
+
+import re
+import socket
+
+from . import errors
+
+_TCP = re.compile(r"tcp://(\[[^]]+\]|[^:]+):(\d{1,5})")
+
+
+def connect(uri: str, seconds_max: float) -> socket.socket:
+    """A connected socket that does not block."""
+    try:
+        opened = _connect_unix(uri[5:], seconds_max) if uri.startswith("unix:") else \
+            _connect_tcp(uri, seconds_max)
+    except OSError as error:
+        raise errors.ConnectError(f"cannot connect to {uri}: {error.strerror or error}; is "
+                                  "raynestd running there?") from None
+    opened.setblocking(False)
+    return opened
+
+
+def _connect_unix(path: str, seconds_max: float) -> socket.socket:
+    opened = socket.socket(socket.AF_UNIX)
+    try:
+        opened.settimeout(seconds_max)
+        opened.connect(path)
+    except BaseException:
+        opened.close()
+        raise
+    return opened
+
+
+def _connect_tcp(uri: str, seconds_max: float) -> socket.socket:
+    address = _TCP.fullmatch(uri)
+    if address is None:
+        raise errors.UsageError(f"{uri!r} is no server: use tcp://HOST:PORT or unix:PATH")
+    host, port = address[1].strip("[]"), int(address[2])
+    if not 1 <= port <= 65535:
+        raise errors.UsageError(f"{uri!r} needs a port from 1 to 65535")
+    opened = socket.create_connection((host, port), seconds_max)
+    opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    return opened

@@ -1,0 +1,120 @@
+"""The columns of answers: which there are, and where the daemon's blocks of them go."""
+from __future__ import annotations
+
+import bisect
+import dataclasses
+from typing import Any, Sequence
+
+import numpy as np
+
+from ._control import Message
+from ._frame import Array, Block
+from .errors import ProtocolError
+
+Columns = dict[str, Array]
+
+_U8, _U32, _U64, _F32 = (np.dtype(kind) for kind in (np.uint8, np.uint32, np.uint64, np.float32))
+
+# Columns of hits, of which a ray of kind multi has several. PROTOCOL.md, 7.
+OF_HITS: dict[str, tuple[np.dtype[Any], int]] = {
+    "t": (_F32, 1), "prim": (_U32, 1), "geom": (_U32, 1), "path": (_U64, 1), "inst": (_U32, 1),
+    "uid": (_U32, 1), "uv": (_F32, 2), "ng": (_F32, 3), "front": (_U8, 1), "position": (_F32, 3),
+    "material": (_U32, 1)}
+# Columns of rays; an intersector's outputs, of names of its own, are more of them.
+OF_RAYS = {"hit": (_U8, 1), "flags": (_U8, 1), "ray_splits": (_U64, 1),
+           **{counter: (_U32, 1) for counter in
+              ("nodes", "boxes", "leaves", "prims", "instances", "rejects", "total")}}
+
+
+class Chunk:
+    """The answers of rays [first, first + count), checked against what was asked. `columns` are
+    there once it has arrived."""
+
+    def __init__(self, message: Message, blocks: Sequence[Block], fields: Sequence[str],
+                 multi: bool) -> None:
+        self.first: int = message["first_ray"]
+        self.count: int = message["count"]
+        self.blocks = blocks
+        self.columns: Columns = {}
+        counts = {block.name: block.count for block in blocks}
+        self.hits = next((count for name, count in counts.items() if name in OF_HITS), 0)
+        if not counts.keys() >= set(fields) or multi != ("ray_splits" in counts):
+            raise ProtocolError("the daemon sent other columns than those that were asked")
+        for block in blocks:
+            known = OF_HITS.get(block.name) or OF_RAYS.get(block.name)
+            if known and known != (block.dtype, block.width):
+                raise ProtocolError(f"the daemon sent a column '{block.name}' of a wrong type")
+            rows = self.count + 1 if block.name == "ray_splits" else self.count
+            if block.count != (self.hits if multi and block.name in OF_HITS else rows):
+                raise ProtocolError(f"the daemon sent a column '{block.name}' of a wrong length")
+
+    def check_splits(self) -> None:
+        """Of kind multi, once it has arrived: do the splits rise from 0 to the number of hits?"""
+        splits = self.columns["ray_splits"]
+        has_hits = any(name in OF_HITS for name in self.columns)
+        rise = splits[0] == 0 and (splits[1:] >= splits[:-1]).all()
+        if not rise or (has_hits and splits[-1] != self.hits):
+            raise ProtocolError("the daemon sent ray_splits that do not rise to the number of hits")
+
+
+class Answered:
+    """Which rays have their answer: chunks come in any order, each ray once."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._chunks: list[tuple[int, int]] = []  # first and end, sorted; neighbours are merged
+
+    def add(self, chunk: Chunk, asked: int) -> None:
+        first, end = chunk.first, chunk.first + chunk.count
+        at = bisect.bisect(self._chunks, (first, end))
+        before = self._chunks[at - 1] if at else (0, 0)
+        after = self._chunks[at] if at < len(self._chunks) else (asked, asked)
+        if chunk.count == 0 or first < before[1] or end > after[0]:
+            raise ProtocolError("the daemon answered rays twice, or rays that were not asked")
+        self.count += chunk.count
+        begin, stop = at, at
+        if at and before[1] == first:
+            first, begin = before[0], at - 1
+        if at < len(self._chunks) and after[0] == end:
+            end, stop = after[1], at + 1
+        self._chunks[begin:stop] = [(first, end)]
+
+
+class Whole:
+    """Columns of all rays of a query: allocated once, filled in place. Of kind multi the number of
+    hits is known only at the end; until then those columns stay in their chunks."""
+
+    def __init__(self, rays: int) -> None:
+        self._rays = rays
+        self._columns: Columns = {}
+        self._chunks: list[Chunk] = []
+
+    def place(self, chunk: Chunk) -> list[Array]:
+        self._chunks.append(chunk)
+        multi = any(block.name == "ray_splits" for block in chunk.blocks)
+        return [block.array() if multi and (block.name in OF_HITS or block.name == "ray_splits")
+                else self._column(block)[chunk.first:chunk.first + chunk.count]
+                for block in chunk.blocks]
+
+    def _column(self, block: Block) -> Array:
+        whole = self._columns.get(block.name)
+        if whole is None:
+            whole = self._columns[block.name] = dataclasses.replace(block, count=self._rays).array()
+        if (whole.dtype, whole.size) != (block.dtype, block.width * self._rays):
+            raise ProtocolError(f"the daemon changed the type of the column '{block.name}'")
+        return whole
+
+    def columns(self) -> Columns:
+        pieces = [chunk.columns for chunk in sorted(self._chunks, key=lambda chunk: chunk.first)]
+        if "ray_splits" in pieces[0]:
+            counts = np.concatenate([np.diff(piece["ray_splits"]) for piece in pieces])
+            self._columns["ray_splits"] = np.zeros(self._rays + 1, np.uint64)
+            np.cumsum(counts, out=self._columns["ray_splits"][1:])
+            for name in pieces[0].keys() & OF_HITS.keys():
+                self._columns[name] = np.concatenate([piece[name] for piece in pieces])
+        return self._columns
+
+
+def anywhere(chunk: Chunk) -> list[Array]:
+    """Arrays of its own for each chunk."""
+    return [block.array() for block in chunk.blocks]

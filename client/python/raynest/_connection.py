@@ -1,0 +1,359 @@
+"""A conversation with a daemon: greet, send a request, take its frames until the end.
+
+One request at a time; a second thread waits for its turn. The socket does not block, and while
+frames are waited for what is queued goes out, so that neither end can wait for the other for ever.
+Both credits are counted here: what the daemon has granted for what is sent, and what was received and
+must be granted again. Bulk goes from and to the caller's arrays without a copy.
+
+Any exception in the middle of a frame closes the connection. Between frames it does not: whoever
+leaves a request before its end (Ctrl-C, an exception, a stream that is not read to its end) cancels
+it at the daemon, and its last frames are read here.
+"""
+from __future__ import annotations
+
+import collections
+import os
+import select
+import threading
+import time
+from typing import Callable, Generator, NamedTuple, Optional, Sequence
+
+import numpy as np
+
+from . import _limits, errors
+from ._address import connect
+from ._control import Message, decode, encode
+from ._frame import (HEADER, Array, Block, Header, describe, padding, read_blocks, read_header,
+                     write_header)
+from ._interrupts import Interrupts
+from ._schema import SCHEMA
+from ._version import VERSION
+
+GREETING_SECONDS = 5.0
+# The daemon answers DEADLINE and CANCELLED itself; beyond this it is taken for dead.
+GRACE_SECONDS = 5.0
+# How soon a Ctrl-C is noticed: the longest wait without a look around.
+TICK_MS = 100
+# What follows these is more of the same answer; every other frame ends its request.
+CONTINUED = {"Started", "Chunk", "Progress", "Picture", "Credit", "Need"}
+BUFFERS_MAX = 64  # of one system call
+
+Frame = tuple[str, Message]
+# Says where the blocks of a frame go: one array for each, of exactly its bytes.
+Place = Callable[[str, Message, Sequence[Block]], Sequence[Array]]
+
+
+class Daemon(NamedTuple):
+    """What the daemon said of itself."""
+
+    name: str
+    version: int
+    window_bytes: int
+    chunk_rays_max: int
+    bulk_bytes_max: int  # of one frame: credit for so much always comes back
+
+
+def anywhere(_name: str, _message: Message, blocks: Sequence[Block]) -> Sequence[Array]:
+    return [block.array() for block in blocks]
+
+
+def _bytes_of(array: Array) -> memoryview:
+    return array.reshape(-1).view(np.uint8).data
+
+
+class Connection:
+    def __init__(self, uri: Optional[str], token: Optional[str], window_bytes: int) -> None:
+        self.uri = uri or os.environ.get("RAYNEST_SERVER") or "tcp://127.0.0.1:31060"
+        self._window_bytes = window_bytes
+        self._turn = threading.Lock()
+        self._owner = 0                     # thread whose turn it is
+        self.interrupts = Interrupts()
+        self._outbox: collections.deque[list[memoryview]] = collections.deque()
+        self._begun = False                 # was part of the first frame there sent?
+        self._scrap = bytearray(64 << 10)
+        self._id = 0                        # 0: about the connection itself
+        self._begin(GREETING_SECONDS)
+        self._socket = connect(self.uri, GREETING_SECONDS)
+        self._poll = select.poll()
+        self._poll.register(self._socket)
+        try:
+            self.daemon = self._greet(token if token is not None
+                                      else os.environ.get("RAYNEST_TOKEN", ""))
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Ends the connection, and with it what runs on it."""
+        self._socket.close()
+        self._running = False
+
+    @property
+    def closed(self) -> bool:
+        return self._socket.fileno() < 0
+
+    # ---- requests -------------------------------------------------------------------------------
+
+    def exchange(self, name: str, message: Message, deadline: float = 0.0, place: Place = anywhere,
+                 feed: Callable[[], object] = lambda: None) -> Generator[Frame, None, None]:
+        """Sends a request and gives its frames, the last one included. `feed` is called before
+        each wait and may queue more frames of the request. A Ctrl-C outside of `interrupts` may
+        come between two frames, where it does no harm either."""
+        mine = False
+        try:
+            with self.interrupts:
+                mine = self._take_turn()
+                if self.closed:
+                    raise errors.ConnectError(f"the connection to {self.uri} is closed; "
+                                              "connect again")
+                self._id += 1
+                self._begin(deadline + GRACE_SECONDS if deadline else 0.0)
+                self.credit = self.daemon.window_bytes
+                self.queue(name, message)
+            while self._running:
+                with self.interrupts:
+                    feed()
+                    frame = self._next(place)
+                yield frame
+        finally:
+            with self.interrupts:
+                try:
+                    if mine and self._running:
+                        self._abandon()
+                finally:
+                    if mine:
+                        if self.closed:
+                            self._outbox.clear()  # and with it what it keeps of the caller's arrays
+                        self._owner = 0
+                        self._turn.release()
+
+    def ask(self, name: str, message: Message, answer: str) -> Message:
+        """A request that one frame, an `answer`, ends."""
+        with self.interrupts:
+            for kind, reply in self.exchange(name, message):
+                if kind == answer:
+                    return reply
+        raise errors.ProtocolError(f"the daemon answered {name} with {kind}")
+
+    def queue(self, name: str, message: Message, block: str = "", data: Optional[Array] = None,
+              width: int = 1) -> None:
+        """Puts a frame of the running request behind those that wait; `data`, contiguous, must fit
+        the credit and stay as it is until it was sent."""
+        bulk: list[memoryview] = []
+        if data is not None:
+            message = {**message, "blocks": [describe(block, data, width)]}
+            gap = padding(data.nbytes)
+            bulk = [_bytes_of(data)] + [memoryview(bytes(gap))] * (gap > 0)
+            self.credit -= data.nbytes + gap
+        control = encode(name, message)
+        header = Header(SCHEMA.types[name], len(control), int(data is not None),
+                        sum(map(len, bulk)), self._id)
+        self._outbox.append([memoryview(write_header(header) + control), *bulk])
+
+    def _take_turn(self) -> bool:
+        if self._owner == threading.get_ident():
+            raise errors.UsageError("a stream is still open on this connection: read it to its end "
+                                    "or close it first, or use a second connection")
+        while not self._turn.acquire(timeout=TICK_MS / 1000):
+            self.interrupts.check()
+        self._owner = threading.get_ident()
+        return True
+
+    def _begin(self, seconds_max: float) -> None:
+        self._running = True
+        self._give_up = time.monotonic() + seconds_max if seconds_max else 0.0
+        self.credit = 0                         # bulk bytes that may be sent
+        self._granted = self._window_bytes      # bulk bytes that may still come
+        self._consumed = 0                      # bulk bytes that came and were not granted again
+
+    def _greet(self, token: str) -> Daemon:
+        self.queue("Hello", {"client": "raynest-python " + VERSION, "token": token,
+                             "window_bytes": self._window_bytes})
+        try:
+            with self.interrupts:
+                name, welcome = self._next(anywhere)
+        except (errors.FailedError, errors.DeadlineError) as error:
+            raise errors.ConnectError(f"no RayNest daemon answers: {error}") from None
+        if name != "Welcome":
+            raise errors.ConnectError(f"no RayNest daemon answers: it says {name}")
+        # A daemon may be configured to take less than we could send, never more.
+        window = min(welcome["window_bytes"], _limits.window_bytes_max)
+        frame = min(welcome["frame_bytes_max"], _limits.frame_bytes_max)
+        daemon = Daemon(welcome["server"], welcome["version"], window,
+                        min(welcome["chunk_rays_max"], _limits.chunk_rays_max),
+                        min(window, frame) // 2 & -64)
+        if daemon.chunk_rays_max == 0 or daemon.bulk_bytes_max == 0:
+            raise errors.FailedError("the daemon takes no data: its limits are too small")
+        return daemon
+
+    def _abandon(self) -> None:
+        """Cancels the running request and reads what is still on its way."""
+        try:
+            self._keep_begun()
+            self._give_up = time.monotonic() + GRACE_SECONDS
+            self.queue("Cancel", {"reason": "the client left the request"})
+            while self._running:
+                self._next(anywhere)
+        except errors.Error:
+            pass  # CANCELLED, as a rule; whatever else it was, the request is over
+        finally:
+            if self._running:
+                self.close()
+
+    # ---- frames ---------------------------------------------------------------------------------
+
+    def _next(self, place: Place) -> Frame:
+        """The next frame of the running request. CREDIT has been counted; ERROR is raised."""
+        while True:
+            self._flush()
+            if not self._wait_for_frame():
+                continue
+            try:
+                header, name, message = self._read_frame(place)
+            except BaseException:
+                self.close()  # within a frame there is no way back
+                raise
+            ours = header.request_id == self._id
+            if name == "Error" and (ours or header.request_id == 0):
+                self._end(message["closing"])
+                raise errors.from_daemon(message["code"], message["message"],
+                                         message["retry_after_ms"])
+            if not ours or not name:  # of a request that has ended, or of a later version
+                continue
+            if name == "Credit":
+                self.credit = min(self.credit + message["bytes"], _limits.window_bytes_max)
+            if name not in CONTINUED:
+                self._end(closing=False)
+            return name, message
+
+    def _end(self, closing: bool) -> None:
+        """The request is over. Frames that wait are of no use any more, but half a frame would
+        read as a slow client."""
+        self._running = False
+        if closing:
+            return self.close()
+        self._keep_begun()
+        self._give_up = time.monotonic() + GRACE_SECONDS
+        self._flush()
+        while self._outbox:
+            self._look_around()
+            self._poll.modify(self._socket, select.POLLOUT)
+            self._poll.poll(TICK_MS)
+            self._flush()
+
+    def _wait_for_frame(self) -> bool:
+        self.interrupts.check()
+        self._look_around()
+        self._poll.modify(self._socket, select.POLLIN | (select.POLLOUT if self._outbox else 0))
+        return any(events & ~select.POLLOUT for _, events in self._poll.poll(TICK_MS))
+
+    def _look_around(self) -> None:
+        """What ends a wait: the deadline, a close() by another thread, and a Ctrl-C while the
+        daemon owes the rest of a frame."""
+        if self.closed:
+            raise errors.ConnectError("the connection was closed meanwhile")
+        now = time.monotonic()
+        if self.interrupts.seen and not self._give_up:
+            self._give_up = now + GRACE_SECONDS
+        if self._give_up and now > self._give_up:
+            self.close()
+            self.interrupts.check()
+            raise errors.DeadlineError("no answer from the daemon within the deadline; pass a "
+                                       "longer deadline, or ask for less", "DEADLINE")
+
+    def _read_frame(self, place: Place) -> tuple[Header, str, Message]:
+        header = read_header(self._receive_bytes(HEADER.size))
+        control = self._receive_bytes(header.control_bytes)
+        name = SCHEMA.names.get(header.type, "")
+        if header.request_id not in (0, self._id) or not name:
+            self._skip(header.bulk_bytes)
+            return header, name, {}
+        message = decode(name, control)
+        blocks = read_blocks(header, message.get("blocks", []))
+        self._count(header.bulk_bytes)
+        views = []
+        for block, array in zip(blocks, place(name, message, blocks) if blocks else ()):
+            views.append(_bytes_of(array))
+            views.append(memoryview(self._scrap)[:padding(block.bytes)])
+        self._receive([view for view in views if len(view)])
+        return header, name, message
+
+    def _count(self, bulk_bytes: int) -> None:
+        if bulk_bytes > self._granted:
+            raise errors.ProtocolError("the daemon sent more than its credit")
+        self._granted -= bulk_bytes
+        self._consumed += bulk_bytes
+        # Early enough that the daemon never waits for it.
+        if self._consumed >= self._window_bytes // 4:
+            self.queue("Credit", {"bytes": self._consumed})
+            self._granted += self._consumed
+            self._consumed = 0
+
+    # ---- bytes ----------------------------------------------------------------------------------
+
+    def _keep_begun(self) -> None:
+        """Drops the frames that wait, but for one that is on its way."""
+        while len(self._outbox) > self._begun:
+            self._outbox.pop()
+
+    def _flush(self) -> None:
+        """Sends what the socket takes now."""
+        try:
+            while self._outbox:
+                views = [view for frame in self._outbox for view in frame][:BUFFERS_MAX]
+                try:
+                    self._sent(self._socket.sendmsg(views))
+                except BlockingIOError:
+                    return
+        except OSError:
+            self._outbox.clear()  # the daemon has closed; reading tells what it said before
+        except BaseException:
+            self.close()
+            raise
+
+    def _sent(self, count: int) -> None:
+        while count:
+            frame = self._outbox[0]
+            taken = min(count, len(frame[0]))
+            frame[0] = frame[0][taken:]
+            count -= taken
+            self._begun = True
+            if not frame[0]:
+                frame.pop(0)
+            if not frame:
+                self._outbox.popleft()
+                self._begun = False
+
+    def _receive_bytes(self, count: int) -> bytes:
+        data = bytearray(count)
+        self._receive([memoryview(data)] if count else [])
+        return bytes(data)
+
+    def _skip(self, count: int) -> None:
+        while count:
+            part = min(count, len(self._scrap))
+            self._receive([memoryview(self._scrap)[:part]])
+            count -= part
+
+    def _receive(self, views: list[memoryview]) -> None:
+        """Fills all of `views`, in order, none of them empty."""
+        first = 0
+        while first < len(views):
+            try:
+                count = self._socket.recvmsg_into(views[first:first + BUFFERS_MAX])[0]
+            except BlockingIOError:
+                count = -1
+            except OSError as error:
+                raise errors.FailedError(f"the connection broke: {error.strerror}") from None
+            if count < 0:
+                self._look_around()
+                self._poll.modify(self._socket, select.POLLIN)
+                self._poll.poll(TICK_MS)
+                continue
+            if count == 0:
+                raise errors.FailedError("the daemon closed the connection")
+            while first < len(views) and count >= len(views[first]):
+                count -= len(views[first])
+                first += 1
+            if count:
+                views[first] = views[first][count:]

@@ -1,0 +1,198 @@
+"""Control messages: one FlatBuffers table each, to and from dicts.
+
+Written here rather than with the flatbuffers package, so that numpy is all that is needed: what the
+format asks of a writer is a page, and what a daemon sends has to be checked here anyway, because
+FlatBuffers has no verifier in Python. Each offset is held against the bytes that are there, depth and
+number of tables against their limits, texts are searched for control characters. A message that
+passes is a dict with every field of the schema: absent numbers have their defaults, absent texts are
+"", absent lists [], absent tables and structs None.
+
+    vtable  u16 bytes of the vtable, u16 bytes of the table, u16 offset of each field (0: absent)
+    table   i32 back to its vtable, then its fields: scalars and structs, u32 forward to all else
+    vector  u32 count, then its items; a string is one of bytes, and a zero behind them
+    buffer  u32 forward to the message's table, then the above in any order, all of it aligned
+"""
+from __future__ import annotations
+
+import functools
+import re
+import struct
+from typing import Any, Mapping
+
+from . import _limits
+from ._schema import SCALARS, SCHEMA, Field
+from .errors import ProtocolError
+
+Message = dict[str, Any]
+
+
+# ---- writing --------------------------------------------------------------------------------------
+
+def encode(name: str, values: Mapping[str, Any]) -> bytes:
+    """The table `name` with these fields; others are absent. Structs are tuples, tables dicts."""
+    out = bytearray(4)
+    struct.pack_into("<I", out, 0, _write_table(out, name, values))
+    return bytes(out)
+
+
+def _write_table(out: bytearray, name: str, values: Mapping[str, Any]) -> int:
+    """Appends the table and what it refers to; gives its place."""
+    fields = SCHEMA.tables[name]
+    unknown = values.keys() - {field.name for field in fields}
+    if unknown:
+        raise KeyError(f"{name} has no field {sorted(unknown)}")
+    present = [(slot, field, _format(field)) for slot, field in enumerate(fields)
+               if values.get(field.name) is not None]
+    # Large fields first: then each one is aligned where the first one is, 4 bytes into the table.
+    present.sort(key=lambda item: -_alignment(item[2]))
+    offsets, end = [0] * len(fields), 4
+    for slot, _, form in present:
+        offsets[slot] = end
+        end += struct.calcsize(form)
+    vtable = struct.pack(f"<{2 + len(fields)}H", 4 + 2 * len(fields), end, *offsets)
+    _align(out, 8, len(vtable) + 4)
+    out += vtable
+    at = len(out)
+    out += struct.pack("<i", len(vtable)) + bytes(end - 4)
+    for slot, field, form in present:
+        place, value = at + offsets[slot], values[field.name]
+        if field.type in SCHEMA.structs and not field.many:
+            struct.pack_into(form, out, place, *value)
+        else:
+            inline = field.type in SCALARS and not field.many
+            struct.pack_into(form, out, place,
+                             value if inline else _write_outside(out, field, value) - place)
+    return at
+
+
+@functools.lru_cache(maxsize=None)
+def _format(field: Field) -> str:
+    """What struct calls a field as it lies in its table."""
+    if field.many or field.type == "string" or field.type in SCHEMA.tables:
+        return "<I"
+    if field.type in SCALARS:
+        return "<" + SCALARS[field.type]
+    return "<" + "".join(SCALARS[item.type] for item in SCHEMA.structs[field.type])
+
+
+def _alignment(form: str) -> int:
+    return struct.calcsize(form[:2])
+
+
+def _align(out: bytearray, alignment: int, ahead: int = 0) -> None:
+    """Zeros, until what comes `ahead` bytes later is aligned."""
+    out += bytes(-(len(out) + ahead) % alignment)
+
+
+def _write_outside(out: bytearray, field: Field, value: Any) -> int:
+    """Appends what a field refers to; gives its place."""
+    if not field.many:
+        return _write_item(out, field.type, value)
+    letter = SCALARS.get(field.type, "I")
+    _align(out, max(4, struct.calcsize("<" + letter)), 4)
+    at = len(out)
+    out += struct.pack("<I", len(value))
+    if field.type in SCALARS:
+        out += struct.pack(f"<{len(value)}{letter}", *value)
+        return at
+    out += bytes(4 * len(value))
+    for place, item in zip(range(at + 4, len(out), 4), value):
+        struct.pack_into("<I", out, place, _write_item(out, field.type, item) - place)
+    return at
+
+
+def _write_item(out: bytearray, kind: str, value: Any) -> int:
+    if kind != "string":
+        return _write_table(out, kind, value)
+    data = value.encode("utf-8")
+    _align(out, 4)
+    at = len(out)
+    out += struct.pack("<I", len(data)) + data + b"\0"
+    return at
+
+
+# ---- reading --------------------------------------------------------------------------------------
+
+_CONTROL_CHARACTER = re.compile("[\x00-\x1f\x7f-\x9f]")
+
+
+def decode(name: str, data: bytes) -> Message:
+    """Reads the table `name`; ProtocolError for anything that does not fit."""
+    reader = _Reader(data)
+    return reader.table(name, reader.follow(0), 1)
+
+
+class _Reader:
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._tables = 0
+
+    def table(self, name: str, at: int, depth: int) -> Message:
+        self._tables += 1
+        if depth > _limits.control_depth_max or self._tables > _limits.control_tables_max:
+            raise ProtocolError("the daemon sent a message with too many tables")
+        vtable = at - self._number("i", at)
+        vtable_bytes, table_bytes = self._number("H", vtable), self._number("H", vtable + 2)
+        message: Message = {}
+        for index, field in enumerate(SCHEMA.tables[name]):
+            slot = 4 + 2 * index
+            offset = self._number("H", vtable + slot) if slot + 2 <= vtable_bytes else 0
+            if offset >= max(table_bytes, 1):
+                raise ProtocolError(f"the daemon sent {name}.{field.name} outside of its table")
+            message[field.name] = (self._value(field, at + offset, depth) if offset
+                                   else self._absent(name, field))
+        return message
+
+    @staticmethod
+    def _absent(name: str, field: Field) -> Any:
+        if field.required:
+            raise ProtocolError(f"the daemon sent a {name} without {field.name}")
+        if field.many:
+            return []
+        if field.type in SCALARS:
+            return bool(field.default) if field.type == "bool" else field.default
+        return "" if field.type == "string" else None
+
+    def _value(self, field: Field, at: int, depth: int) -> Any:
+        if field.many:
+            return self._list(field, self.follow(at), depth)
+        if field.type in SCALARS:
+            return self._number(SCALARS[field.type], at)
+        if field.type in SCHEMA.structs:
+            return self._numbers(_format(field), at)
+        return self._item(field.type, self.follow(at), depth)
+
+    def _list(self, field: Field, at: int, depth: int) -> list[Any]:
+        count = self._number("I", at)
+        if field.type in SCALARS:
+            self._check(at + 4, count * struct.calcsize("<" + SCALARS[field.type]))
+            return list(struct.unpack_from(f"<{count}{SCALARS[field.type]}", self._data, at + 4))
+        self._check(at + 4, count * 4)
+        return [self._item(field.type, self.follow(at + 4 + 4 * i), depth) for i in range(count)]
+
+    def _item(self, kind: str, at: int, depth: int) -> Any:
+        if kind != "string":
+            return self.table(kind, at, depth + 1)
+        count = self._number("I", at)
+        self._check(at + 4, count)
+        try:
+            text = self._data[at + 4:at + 4 + count].decode("utf-8")
+        except UnicodeDecodeError:
+            raise ProtocolError("the daemon sent a text that is not UTF-8") from None
+        if _CONTROL_CHARACTER.search(text):
+            raise ProtocolError("the daemon sent a text with control characters")
+        return text
+
+    def follow(self, at: int) -> int:
+        return at + int(self._number("I", at))
+
+    def _number(self, letter: str, at: int) -> Any:
+        return self._numbers("<" + letter, at)[0]
+
+    def _numbers(self, letters: str, at: int) -> tuple[Any, ...]:
+        self._check(at, struct.calcsize(letters))
+        return struct.unpack_from(letters, self._data, at)
+
+    def _check(self, at: int, size: int) -> None:
+        if at < 0 or at + size > len(self._data):
+            raise ProtocolError("the daemon sent a message that points outside of itself")

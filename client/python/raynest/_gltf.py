@@ -1,0 +1,128 @@
+"""glTF as far as a client needs it: which files one names, and a mesh as a .glb.
+
+The daemon validates. Here the names are read from files that may be hostile: lengths, size and names
+are checked before anything is opened.
+"""
+from __future__ import annotations
+
+import json
+import re
+import struct
+from typing import Any, NoReturn
+
+import numpy as np
+
+from .errors import InvalidError, UsageError
+
+JSON_BYTES_MAX = 64 << 20
+NAME_BYTES_MAX = 1024
+
+_GLB, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
+_ESCAPE = re.compile(rb"%([0-9A-Fa-f]{2})?")
+_FLOAT, _UINT = 5126, 5125
+
+
+def _refuse(why: str) -> NoReturn:
+    raise InvalidError(why, "FILE_INVALID")
+
+
+# ---- reading --------------------------------------------------------------------------------------
+
+def file_names(data: bytes) -> list[str]:
+    """The files that buffers and images of a .gltf or .glb name, each once."""
+    text = _glb_json(data) if data[:4] == b"glTF" else data
+    if len(text) > JSON_BYTES_MAX:
+        _refuse(f"has {len(text)} bytes of JSON; at most {JSON_BYTES_MAX} are read")
+    try:
+        root = json.loads(text)
+    except RecursionError:
+        _refuse("is nested too deeply")
+    except ValueError as error:
+        _refuse(f"is not valid JSON ({error})")
+    if not isinstance(root, dict):
+        _refuse("is not a JSON object")
+    names: dict[str, None] = {}
+    for key in ("buffers", "images"):
+        items = root.get(key)
+        for item in items if isinstance(items, list) else []:
+            uri = item.get("uri") if isinstance(item, dict) else None
+            if isinstance(uri, str) and not uri.startswith("data:"):
+                names[decode_uri(uri)] = None
+    return list(names)
+
+
+def _glb_json(data: bytes) -> bytes:
+    if len(data) < 20:
+        _refuse("is cut within its GLB header")
+    _, version, length, json_bytes, kind = struct.unpack_from("<5I", data)
+    if version != 2:
+        _refuse(f"is GLB version {version}; only version 2 can be read")
+    if length != len(data):
+        _refuse(f"says that it has {length} bytes, but has {len(data)}")
+    if kind != _JSON or json_bytes > len(data) - 20:
+        _refuse("does not begin with a JSON chunk that it holds")
+    return data[20:20 + json_bytes]
+
+
+def decode_uri(uri: str) -> str:
+    """The file that a uri stands for: plain components beneath the scene's folder."""
+    def refuse(why: str) -> NoReturn:
+        _refuse(f"names the file {uri[:80]!r}, which {why}")
+
+    if ":" in uri:
+        refuse("has a scheme")
+    encoded = uri.encode("utf-8", "surrogatepass")
+    for escape in _ESCAPE.findall(encoded):
+        if not escape:
+            refuse("is wrongly percent-encoded")
+        if bytes.fromhex(escape.decode()) in b"./":
+            refuse("hides a dot or a slash")
+    try:
+        name = _ESCAPE.sub(lambda match: bytes.fromhex(match[1].decode()), encoded).decode("utf-8")
+    except UnicodeDecodeError:
+        refuse("is not printable")
+    if len(encoded) > NAME_BYTES_MAX or not name.isprintable():
+        refuse("is not printable")
+    if "\\" in name or ":" in name:
+        refuse("is not a relative path")
+    if any(component in ("", ".", "..") for component in name.split("/")):
+        refuse("is not a plain path beneath the scene's folder")
+    return name
+
+
+# ---- writing --------------------------------------------------------------------------------------
+
+def mesh_glb(vertices: Any, faces: Any, origin: Any = None) -> bytes:
+    """One mesh as a .glb: vertices (N, 3), faces (M, 3) of indices. `origin` is subtracted before
+    the vertices become float32. Triangle i of the scene is row i of `faces`."""
+    points, corners = np.asarray(vertices), np.asarray(faces)
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
+        raise UsageError(f"vertices must be numbers of shape (N, 3), not {points.shape}")
+    if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind not in "iu":
+        raise UsageError(f"faces must be integers of shape (M, 3), not {corners.dtype} "
+                         f"{corners.shape}")
+    if not len(corners) or corners.min() < 0 or corners.max() >= len(points):
+        raise UsageError("faces must be at least one triangle of indices into the vertices")
+    with np.errstate(over="ignore"):
+        positions = (points if origin is None else points - origin).astype("<f4")
+    indices = corners.astype("<u4")
+    if not np.isfinite(positions).all():
+        raise UsageError("vertices must be finite in float32")
+    document = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "name": "mesh"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": _FLOAT, "type": "VEC3", "count": len(positions),
+             "min": positions.min(0).tolist(), "max": positions.max(0).tolist()},
+            {"bufferView": 1, "componentType": _UINT, "type": "SCALAR", "count": indices.size}],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": positions.nbytes},
+            {"buffer": 0, "byteOffset": positions.nbytes, "byteLength": indices.nbytes}],
+        "buffers": [{"byteLength": positions.nbytes + indices.nbytes}]}
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    body = positions.tobytes() + indices.tobytes()
+    length = 12 + 8 + len(text) + 8 + len(body)
+    return b"".join([struct.pack("<3I", _GLB, 2, length), struct.pack("<2I", len(text), _JSON), text,
+                     struct.pack("<2I", len(body), _BIN), body])

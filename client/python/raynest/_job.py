@@ -1,0 +1,49 @@
+"""What queries, pictures and heat maps have in common: options that say what runs, and what ran."""
+from __future__ import annotations
+
+import math
+from typing import Any, Callable, Mapping, Optional, TypedDict
+
+from ._control import Message
+from .errors import UsageError
+
+# Called with how much is done, of how much, and a word for the stage.
+Progress = Optional[Callable[[int, int, str], object]]
+
+
+class JobOptions(TypedDict, total=False):
+    """Keyword arguments of trace(), stream(), occluded(), render() and heatmap()."""
+
+    intersector: str                # a variant's name; "auto" masks by alpha where the scene does
+    params: Mapping[str, object]    # of the intersector: {"cutoff": 0.3}
+    precision: str                  # "watertight" or "fast"
+    traversal: str                  # "auto", "latency", "batch" or "coherent"
+    mask: int                       # instances that share a bit with it are seen
+    epoch: int                      # of the scene; 0 is the current one
+    deadline: float                 # seconds; 0 is none
+    priority: str                   # "normal", "low" or "high"
+
+
+class Outcome(dict[str, Any]):
+    """What ran and how it went: intersector, target, traversal, epoch, rays, hits, misses, seconds,
+    notes, of a heat map `heat`, ..."""
+
+    def take(self, name: str, message: Message) -> None:
+        if name in ("Started", "Done"):
+            self.update({key: value for key, value in message.items() if value not in ("", None)})
+
+
+def job_message(scene: str, options: JobOptions) -> Message:
+    unknown = options.keys() - JobOptions.__annotations__.keys()
+    if unknown:
+        raise TypeError(f"there is no option {', '.join(sorted(unknown))}; there are "
+                        f"{', '.join(JobOptions.__annotations__)}")
+    message: Message = {key: value for key, value in options.items()
+                        if key not in ("params", "deadline")}
+    message["scene"] = scene
+    message["settings"] = [f"{key}={value}" for key, value in options.get("params", {}).items()]
+    seconds = options.get("deadline", 0.0)
+    if not 0 <= seconds < 1 << 22:
+        raise UsageError(f"a deadline of {seconds} s makes no sense")
+    message["deadline_ms"] = math.ceil(1000 * seconds)
+    return message

@@ -1,0 +1,17 @@
+"""Limits that bytes from a daemon are checked against before they cost anything.
+
+Names and values are those of protocol/limits.h; a test compares them.
+"""
+
+frame_bytes_max = 64 << 20
+control_bytes_max = 64 << 10
+control_depth_max = 16
+control_tables_max = 256
+blocks_max = 64
+chunk_rays_max = 16 << 10
+window_bytes = 8 << 20
+window_bytes_max = 32 << 20
+upload_files_max = 512
+upload_bytes_max = 4 << 30
+picture_side_max = 16384
+picture_pixels_max = 64 << 20

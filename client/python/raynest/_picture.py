@@ -1,0 +1,87 @@
+"""Pictures: a camera in the schema's words, and the pieces of a payload put together."""
+from __future__ import annotations
+
+import contextlib
+from typing import Any, Optional, Sequence, Union
+
+import numpy as np
+
+from . import _limits
+from ._connection import Connection
+from ._control import Message
+from ._frame import DTYPES, Array, Block
+from ._job import Outcome, Progress
+from ._rays import vector
+from .errors import ProtocolError, UsageError
+
+# What an encoded pixel takes at most: an EXR of four floats; legend and header come on top.
+ENCODED_PIXEL_BYTES_MAX = 16
+LEGEND_BYTES_MAX = 4 << 20
+
+
+def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]], fov: float) -> Message:
+    """`camera` is a name or an index; `look_at` is (eye, at) or (eye, at, up)."""
+    message: Message = {"name": str(camera), "fov_degrees": fov}
+    if look_at is not None:
+        if len(look_at) not in (2, 3):
+            raise UsageError("look_at is (eye, at) or (eye, at, up), of three numbers each")
+        names = ("eye", "at", "up")
+        message.update({"look_at": True, "up": (0.0, 1.0, 0.0)})
+        message.update({name: tuple(vector(name, value).tolist())
+                        for name, value in zip(names, look_at)})
+    return message
+
+
+class Picture:
+    """Runs a Render or Heatmap; pieces come in order."""
+
+    def __init__(self, message: Message) -> None:
+        self.outcome = Outcome()
+        self._message = message
+        self._payload: Optional[Array] = None
+        self._received = 0
+
+    def receive(self, connection: Connection, name: str, progress: Progress) -> Any:
+        """Raw pixels as an array (height, width, 4) of u8 or (height, width) of u32; bytes of a
+        picture file otherwise."""
+        seconds = self._message["job"]["deadline_ms"] / 1000
+        frames = connection.exchange(name, self._message, seconds, self._place)
+        with connection.interrupts, contextlib.closing(frames):
+            for kind, news in frames:
+                self.outcome.take(kind, news)
+                if kind == "Progress" and progress:
+                    progress(news["done"], news["total"], news["stage"])
+        if self._payload is None or self._received != len(self._payload):
+            raise ProtocolError("the daemon ended a picture before its last piece")
+        if self._message["encode"] != "raw":
+            return self._payload.tobytes()
+        size = (self._message["height"], self._message["width"])
+        return self._payload.reshape(*size, 4) if name == "Render" else \
+            self._payload.view(np.uint32).reshape(size)
+
+    def _place(self, name: str, message: Message, blocks: Sequence[Block]) -> Sequence[Array]:
+        total = message.get("total", 0)
+        if self._payload is None:
+            pixels = self._message["width"] * self._message["height"]
+            raw = self._message["encode"] == "raw"
+            most = pixels * (4 if raw else ENCODED_PIXEL_BYTES_MAX) + (0 if raw else LEGEND_BYTES_MAX)
+            if name != "Picture" or total > most or (raw and total != most):
+                raise ProtocolError(f"the daemon sent a picture of {total} bytes")
+            self._payload = np.empty(total, np.uint8)
+        block = blocks[0]
+        end = self._received + block.bytes
+        if (len(blocks) > 1 or (block.name, block.dtype, block.width) != ("data", DTYPES[0], 1)
+                or message["offset"] != self._received or end > len(self._payload)):
+            raise ProtocolError("the daemon sent pieces of a picture that do not fit together")
+        piece = self._payload[self._received:end]
+        self._received = end
+        return [piece]
+
+
+def size_message(size: tuple[int, int]) -> Message:
+    width, height = size
+    if not (1 <= width <= _limits.picture_side_max and 1 <= height <= _limits.picture_side_max
+            and width * height <= _limits.picture_pixels_max):
+        raise UsageError(f"a picture of {width}x{height} is over picture_side_max = "
+                         f"{_limits.picture_side_max} or picture_pixels_max")
+    return {"width": width, "height": height}

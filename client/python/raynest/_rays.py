@@ -1,0 +1,89 @@
+"""Rays as users have them, and as they travel: float32 (n, 8) [ox oy oz tmin dx dy dz tmax].
+
+Rays that are that already are sent from where they lie. All others are converted frame by frame
+while they are sent, so that no second copy of them all is ever made.
+"""
+from __future__ import annotations
+
+from typing import Any, Optional
+
+import numpy as np
+
+from ._frame import Array
+from .errors import UsageError
+
+RAY_BYTES = 32
+
+
+class Rays:
+    """Checked for shape only: a ray that makes no sense is answered with a miss and flag 1."""
+
+    def __init__(self, rays: Any, directions: Any = None, origin: Any = None) -> None:
+        self._shift = None if origin is None else vector("origin", origin)
+        self._rows: Optional[Array] = None      # (N, 8), when they came so
+        first = _numbers("rays", rays)
+        if directions is not None:
+            self._origins, self._directions = _pair(first, _numbers("directions", directions))
+        elif first.ndim == 2 and first.shape[1] == 6:
+            self._origins, self._directions = first[:, :3], first[:, 3:]
+        elif first.ndim == 2 and first.shape[1] == 8:
+            self._rows, self._origins, self._directions = first, first[:, :3], first[:, 4:7]
+        else:
+            raise UsageError(f"rays of shape {first.shape}: they must be (N, 6) [ox oy oz dx dy dz] "
+                             "or (N, 8) [ox oy oz tmin dx dy dz tmax], or origins and directions")
+        self.count = len(self._origins)
+
+    def frame(self, first: int, count: int) -> Array:
+        """Rays [first, first + count) as they travel."""
+        part = slice(first, first + count)
+        rows = None if self._rows is None else self._rows[part]
+        if (rows is not None and self._shift is None and rows.dtype == np.float32
+                and rows.flags.c_contiguous):
+            return rows
+        out = np.empty((count, 8), np.float32)
+        # What float32 cannot hold becomes infinite, and the daemon flags the ray.
+        with np.errstate(over="ignore", invalid="ignore"):
+            # Subtracted as float64, before digits are lost.
+            origins = self._origins[part]
+            out[:, :3] = origins if self._shift is None else origins - self._shift
+            out[:, 4:7] = self._directions[part]
+            out[:, 3] = 0 if rows is None else rows[:, 3]
+            out[:, 7] = np.inf if rows is None else rows[:, 7]
+        return out
+
+
+def vector(what: str, value: Any) -> Array:
+    """Three float64."""
+    out = _numbers(what, value).astype(np.float64)
+    if out.shape != (3,):
+        raise UsageError(f"{what} has the shape {out.shape}: it must be three numbers")
+    return out
+
+
+def segments(a: Any, b: Any, margin: float) -> Array:
+    """Rays (N, 8) from a to b in units of their distance, without `margin` at both ends."""
+    start, end = _pair(_numbers("a", a), _numbers("b", b))
+    rows = np.empty((len(start), 8), np.result_type(start, end, np.float32))
+    rows[:, :3], rows[:, 3], rows[:, 7] = start, margin, 1 - margin
+    np.subtract(end, start, out=rows[:, 4:7])
+    return rows
+
+
+def _numbers(what: str, value: Any) -> Array:
+    out = np.asarray(value)
+    if out.dtype.kind not in "fiu":
+        raise UsageError(f"{what} must be numbers, not {out.dtype}")
+    return out
+
+
+def _pair(a: Array, b: Array) -> tuple[Array, Array]:
+    """Both as (N, 3); one of them may be a single (3,), which then counts for all of the other."""
+    try:
+        a, b = np.broadcast_arrays(a, b)
+    except ValueError:
+        raise UsageError(f"shapes {a.shape} and {b.shape} do not fit together") from None
+    if a.ndim == 1:
+        a, b = a[None], b[None]
+    if a.ndim != 2 or a.shape[1] != 3:
+        raise UsageError(f"points and directions must be (N, 3), not {a.shape}")
+    return a, b

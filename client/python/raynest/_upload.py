@@ -1,0 +1,115 @@
+"""A source of load(), made ready to send, and sent.
+
+    builtin:..., root:...     only a name: the daemon has it
+    .glb, .gltf               the file and what it names, read beneath its folder
+    .npy                      records of a primitive type; `instances` beside it
+"""
+from __future__ import annotations
+
+import os
+from typing import Iterator, NamedTuple
+
+import numpy as np
+
+from . import _limits, errors
+from ._connection import Connection
+from ._control import Message
+from ._files import read_file, read_file_beneath
+from ._frame import Array, padding
+from ._gltf import file_names
+from ._hash import content_hash
+
+# A piece of a file: large enough that headers do not count, small enough for any frame limit.
+PIECE_BYTES = 1 << 20
+
+
+class File(NamedTuple):
+    name: str  # as the main file names it
+    data: bytes
+
+
+class Upload(NamedTuple):
+    source: str             # the main file's name, or the source as given
+    scene_name: str
+    files: tuple[File, ...] = ()
+
+    def message(self) -> Message:
+        return {"source": self.source, "name": self.scene_name,
+                "file_names": [file.name for file in self.files],
+                "file_hashes": [content_hash(file.data) for file in self.files],
+                "file_bytes": [len(file.data) for file in self.files]}
+
+
+def gather(source: str, primitive: str, instances: str) -> Upload:
+    if source.startswith(("builtin:", "root:")):
+        return Upload(source, "")
+    folder, name = os.path.split(source)
+    stem, extension = os.path.splitext(name)
+    if extension.lower() in (".glb", ".gltf"):
+        main = File(name, read_file(source, _limits.upload_bytes_max))
+        try:
+            return Upload(name, stem, (main, *_named_files(main, folder)))
+        except errors.InvalidError as error:
+            raise errors.InvalidError(f"{source} {error}", error.name) from None
+    if extension.lower() != ".npy":
+        raise errors.InvalidError(f"{source} is not a .glb, .gltf or .npy file, nor builtin:NAME",
+                                  "FILE_INVALID")
+    if not primitive:
+        raise errors.UsageError(f"{source} holds records: say of what, for example with "
+                                "primitive='sphere'")
+    files = [File("points.npy", read_file(source, _limits.upload_bytes_max))]
+    if instances:
+        left = _limits.upload_bytes_max - len(files[0].data)
+        files.append(File("instances.npy", read_file(instances, left)))
+    return Upload("points.npy", stem, tuple(files))
+
+
+def _named_files(main: File, folder: str) -> Iterator[File]:
+    others = file_names(main.data)
+    if len(others) >= _limits.upload_files_max or main.name in others:
+        raise errors.InvalidError(f"names itself, or {len(others)} files; pack it into one .glb",
+                                  "FILE_INVALID")
+    left = _limits.upload_bytes_max - len(main.data)
+    for other in others:
+        try:
+            file = File(other, read_file_beneath(folder, other, left))
+        except errors.InvalidError as error:
+            raise errors.InvalidError(f"names {error}", error.name) from None
+        left -= len(file.data)
+        yield file
+
+
+class Sender:
+    """Answers NEED with pieces of the files, in order, as credit allows."""
+
+    def __init__(self, connection: Connection, upload: Upload) -> None:
+        self._connection = connection
+        self._files = [np.frombuffer(file.data, np.uint8) for file in upload.files]
+        self._needed: list[int] = []
+        self._offset = 0
+        self.sent = 0
+        self.total = 0
+
+    def need(self, files: list[int]) -> None:
+        if any(index >= len(self._files) for index in files):
+            raise errors.ProtocolError("the daemon asks for a file that was not offered")
+        self._needed = files
+        self.total = sum(len(self._files[index]) for index in files)
+
+    def feed(self) -> None:
+        while self._needed:
+            index = self._needed[0]
+            piece = self._piece(self._files[index])
+            if len(piece) == 0:  # the end, which is also the beginning of an empty file
+                self._needed = self._needed[1:]
+                self._offset = 0
+                continue
+            if self._connection.credit < len(piece) + padding(len(piece)):
+                return
+            self._connection.queue("Upload", {"file": index, "offset": self._offset}, "data", piece)
+            self._offset += len(piece)
+            self.sent += len(piece)
+
+    def _piece(self, file: Array) -> Array:
+        most = min(PIECE_BYTES, self._connection.daemon.bulk_bytes_max)
+        return file[self._offset:self._offset + most]

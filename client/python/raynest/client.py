@@ -1,0 +1,144 @@
+"""A connection to a daemon, and what is asked of the daemon rather than of one scene."""
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from types import TracebackType
+from typing import Any, Iterator, Optional, Union
+
+from . import _limits
+from ._connection import Connection
+from ._control import Message
+from ._gltf import mesh_glb
+from ._hash import content_hash
+from ._job import Outcome, Progress
+from ._rays import vector
+from ._upload import File, Sender, Upload, gather
+from .scene import Scene
+
+
+def connect(uri: Optional[str] = None, *, token: Optional[str] = None,
+            window_bytes: int = _limits.window_bytes) -> Client:
+    """A client of the daemon at tcp://HOST:PORT or unix:PATH; by default where RAYNEST_SERVER says,
+    else at tcp://127.0.0.1:31060. `token` is RAYNEST_TOKEN by default. The daemon sends at most
+    `window_bytes` ahead of what was received."""
+    return Client(uri, token, window_bytes)
+
+
+class Client:
+    """One connection, and one request on it at a time: threads take turns. For requests side by
+    side, connect more often. Also a context manager, which closes it."""
+
+    def __init__(self, uri: Optional[str], token: Optional[str], window_bytes: int) -> None:
+        self.connection = Connection(uri, token, window_bytes)
+        self.outcome = Outcome()
+        """What the last trace, stream or picture ran, and how it went."""
+
+    @property
+    def uri(self) -> str:
+        return self.connection.uri
+
+    def close(self) -> None:
+        """Ends the connection; scenes stay in the daemon."""
+        self.connection.close()
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, kind: Optional[type[BaseException]], error: Optional[BaseException],
+                 traceback: Optional[TracebackType]) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        state = "closed" if self.connection.closed else self.connection.daemon.name
+        return f"<raynest.Client {self.uri} ({state})>"
+
+    # ---- scenes ---------------------------------------------------------------------------------
+
+    def load(self, source: Union[str, os.PathLike[str]], name: Optional[str] = None, *,
+             replace: bool = False, build: str = "medium", primitive: str = "",
+             instances: Union[str, os.PathLike[str]] = "", progress: Progress = None) -> Scene:
+        """Uploads a .glb or .gltf with the files that it names, or a .npy of `primitive` records;
+        or loads "builtin:forest?trees=9" or "root:PATH", which the daemon has.
+
+        The scene is called `name`, by default the file's stem. A name that is taken by other content
+        is an error unless `replace`, which begins a new epoch. `build` is "fast", "medium" or
+        "high": how much time the trees may take for how well they trace.
+        """
+        upload = gather(os.fspath(source), primitive, os.fspath(instances))
+        if name is not None:
+            upload = upload._replace(scene_name=name)
+        message = {**upload.message(), "replace": replace, "build": build, "primitive": primitive}
+        return self._load(upload, message, progress)
+
+    def mesh(self, vertices: Any, faces: Any, name: Optional[str] = None, *, origin: Any = None,
+             replace: bool = False, build: str = "medium", progress: Progress = None) -> Scene:
+        """A scene of triangles: vertices (N, 3), faces (M, 3). The column prim is the row of `faces`.
+
+        float64 vertices become float32 after `origin` was subtracted; rays of this scene are shifted
+        alike, so that everything but the columns t and position is in your coordinates. Without a
+        name it is called after its content: the same mesh is built only once.
+        """
+        shift = None if origin is None else vector("origin", origin)
+        data = mesh_glb(vertices, faces, shift)
+        upload = Upload("mesh.glb", name or f"mesh-{content_hash(data):016x}",
+                        (File("mesh.glb", data),))
+        scene = self._load(upload, {**upload.message(), "replace": replace, "build": build}, progress)
+        scene.origin = shift
+        return scene
+
+    def _load(self, upload: Upload, message: Message, progress: Progress) -> Scene:
+        sender = Sender(self.connection, upload)
+        frames = self.connection.exchange("Load", message, feed=sender.feed)
+        name = upload.scene_name
+        with self.connection.interrupts, contextlib.closing(frames):
+            for kind, news in frames:
+                if kind == "Need":
+                    sender.need(news["files"])
+                elif kind == "Loaded":
+                    name = news["info"]["name"] if news["info"] else name
+                elif progress and kind == "Progress":
+                    progress(news["done"], news["total"], news["stage"])
+                if progress and kind in ("Need", "Credit"):
+                    progress(sender.sent, sender.total, "uploading")
+        return Scene(self, name)
+
+    def scene(self, name: str) -> Scene:
+        """A scene that is loaded; InvalidError where it is not."""
+        scene = Scene(self, name)
+        return Scene(self, scene.info["name"])
+
+    def scenes(self) -> list[dict[str, Any]]:
+        """What is loaded: name, hash, epoch, instanced_triangles and bytes of each scene."""
+        columns = {"name": "names", "hash": "hashes", "epoch": "epochs",
+                   "instanced_triangles": "instanced_triangles", "bytes": "bytes"}
+        return [dict(zip(columns, row)) for page in self._pages("Scenes", "SceneList", "names")
+                for row in zip(*(page[plural] for plural in columns.values()))]
+
+    # ---- the daemon -----------------------------------------------------------------------------
+
+    def variants(self) -> list[dict[str, Any]]:
+        """The intersectors: name, text, target, queries, params and outputs of each."""
+        return [variant for page in self._pages("Variants", "VariantList", "variants")
+                for variant in page["variants"]]
+
+    def stats(self) -> dict[str, float]:
+        """The daemon's counters."""
+        message = self.connection.ask("Stats", {}, "Statistics")
+        return dict(zip(message["names"], message["values"]))
+
+    def ping(self) -> float:
+        """Seconds there and back."""
+        begin = time.perf_counter()
+        self.connection.ask("Ping", {"payload": 1}, "Pong")
+        return time.perf_counter() - begin
+
+    def _pages(self, name: str, answer: str, entries: str) -> Iterator[Message]:
+        first = 0
+        while True:
+            page = self.connection.ask(name, {"first": first}, answer)
+            yield page
+            first += len(page[entries])
+            if first >= page["total"] or not page[entries]:
+                return

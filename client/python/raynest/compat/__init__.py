@@ -1,0 +1,1 @@
+"""Classes of other libraries, on RayNest."""

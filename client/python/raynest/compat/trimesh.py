@@ -1,0 +1,210 @@
+"""trimesh.ray.ray_pyembree.RayMeshIntersector, on a RayNest daemon.
+
+    from raynest.compat.trimesh import RayMeshIntersector
+    mesh.ray = RayMeshIntersector(mesh)
+
+Signatures and shapes of the answers are those of trimesh's class. trimesh itself is not needed: any
+object with `vertices` (N, 3) and `faces` (M, 3) will do. What differs is that no ray slips between
+triangles, and that all hits come from one traversal instead of one query per hit.
+"""
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Any, Hashable, NamedTuple, Optional, Union
+
+import numpy as np
+
+from .._frame import Array
+from ..client import Client, connect
+from ..errors import InvalidError, UsageError
+from ..scene import Scene
+
+# The mesh is moved to the origin and, with scale_to_box, brought to this size, which suits float32.
+BOX_SIZE = 100.0
+# Hits of one side of the surface that are this close, as a share of the box and of t, are one
+# crossing of an edge or a vertex, found by each triangle that meets there.
+SAME_CROSSING = 1e-6
+HITS_MAX = 256  # hits_max of the protocol
+
+# Where rays for contains_points() go: nowhere special.
+_DIRECTIONS = np.array([[0.4395, 0.6176, 0.6522], [-0.7239, 0.3307, 0.6055], [0.2113, -0.8731, 0.4395]])
+
+
+class Crossings(NamedTuple):
+    """By ray, and along each ray."""
+
+    triangles: Array
+    rays: Array
+    t: Array
+
+
+class RayMeshIntersector:
+    """The mesh is uploaded at the first query, and again when its hash has changed.
+
+    `connection` is a Client or the URI of a daemon, by default that of raynest.connect(). The scene
+    is called after its content and stays in the daemon, so that the next run finds it there;
+    close() unloads it.
+    """
+
+    def __init__(self, geometry: Any, scale_to_box: bool = True,
+                 connection: Union[Client, str, None] = None) -> None:
+        self.mesh = geometry
+        self._scale_to_box = scale_to_box
+        self._own = not isinstance(connection, Client)
+        self._client = connection if isinstance(connection, Client) else connect(connection)
+        self._key: Optional[int] = None
+        self._scene: Optional[Scene] = None
+        self._corners = np.empty((0, 3, 3))  # of all triangles, in the mesh's coordinates
+        self._shift = np.zeros(3)
+        self._scale = self._size = 1.0
+
+    def close(self) -> None:
+        if self._scene is not None and not self._client.connection.closed:
+            self._scene.unload()
+        self._scene = None
+        if self._own:
+            self._client.close()
+
+    def __enter__(self) -> RayMeshIntersector:
+        return self
+
+    def __exit__(self, kind: Optional[type[BaseException]], error: Optional[BaseException],
+                 traceback: Optional[TracebackType]) -> None:
+        self.close()
+
+    # ---- trimesh's methods ----------------------------------------------------------------------
+
+    def intersects_location(self, ray_origins: Any, ray_directions: Any,
+                            multiple_hits: bool = True) -> tuple[Array, Array, Array]:
+        """Where rays cross the surface: locations (m, 3), index_ray (m,), index_tri (m,)."""
+        triangles, rays, locations = self.intersects_id(
+            ray_origins, ray_directions, multiple_hits=multiple_hits, return_locations=True)
+        return locations, rays, triangles
+
+    def intersects_id(self, ray_origins: Any, ray_directions: Any, multiple_hits: bool = True,
+                      max_hits: int = 20, return_locations: bool = False) -> Any:
+        """The triangles that rays cross: index_tri (m,), index_ray (m,) and, if asked for, locations
+        (m, 3); by ray, and along each ray. A crossing at an edge or a vertex counts once."""
+        origins, directions = _rays(ray_origins, ray_directions)
+        found = self._crossings(origins, directions,
+                                min(max_hits, HITS_MAX) if multiple_hits else 1)
+        if not return_locations:
+            return found.triangles, found.rays
+        return found.triangles, found.rays, self._locations(found, origins, directions)
+
+    def intersects_first(self, ray_origins: Any, ray_directions: Any) -> Array:
+        """The first triangle that each ray hits (n,), -1 for none."""
+        hits = self._trace(*_rays(ray_origins, ray_directions), fields=("prim", "hit"))
+        return np.where(hits["hit"] != 0, hits["prim"].astype(np.int64), -1)
+
+    def intersects_any(self, ray_origins: Any, ray_directions: Any) -> Array:
+        """Does each ray hit anything? (n,) bool."""
+        hit = self._trace(*_rays(ray_origins, ray_directions), kind="any", fields=("hit",))["hit"]
+        return np.asarray(hit != 0)
+
+    def contains_points(self, points: Any) -> Array:
+        """Is each point inside of the closed mesh? (n,) bool; undefined on the surface.
+
+        A point is inside if rays both ways cross the surface an odd number of times. Where both
+        ways differ, another direction decides.
+        """
+        places = np.asarray(points, np.float64)
+        if places.ndim != 2 or places.shape[1] != 3:
+            raise UsageError("points must be (n, 3)")
+        self._upload()
+        low, high = self._corners.min((0, 1)), self._corners.max((0, 1))
+        inside = np.zeros(len(places), bool)
+        open_ = np.flatnonzero(((low <= places) & (places <= high)).all(1))
+        for direction in _DIRECTIONS:
+            if not len(open_):
+                break
+            both = np.repeat([direction, -direction], len(open_), axis=0)
+            crossings = self._crossings(np.tile(places[open_], (2, 1)), both, HITS_MAX)
+            ahead, behind = np.bincount(crossings.rays, minlength=2 * len(open_)).reshape(2, -1)
+            odd = ahead % 2 == 1
+            inside[open_] = odd & (ahead > 0) & (behind > 0)
+            open_ = open_[(odd != (behind % 2 == 1)) & (ahead > 0) & (behind > 0)]
+        return inside
+
+    # ---- on RayNest -----------------------------------------------------------------------------
+
+    def _crossings(self, origins: Array, directions: Array, max_hits: int) -> Crossings:
+        """The first `max_hits` of each ray."""
+        if max_hits == 1:
+            hits = self._trace(origins, directions, fields=("t", "prim", "hit"))
+            rays = np.flatnonzero(hits["hit"])
+            return Crossings(hits["prim"][rays].astype(np.int64), rays, hits["t"][rays])
+        # A crossing may be several hits. Where they used up the budget, the largest one is asked.
+        for budget in (max_hits, HITS_MAX):
+            hits = self._trace(origins, directions, kind="multi", fields=("t", "prim", "front"),
+                               max_hits=budget)
+            counts = np.diff(hits["ray_splits"]).astype(np.int64)
+            rays = np.repeat(np.arange(len(origins)), counts)
+            near = SAME_CROSSING * (self._size + hits["t"])
+            kept = np.flatnonzero(~_seen_before(rays, hits["front"], hits["t"], near))
+            crossings = np.bincount(rays[kept], minlength=len(origins))
+            if not ((counts == budget) & (crossings < max_hits)).any():
+                break
+        place = np.arange(len(kept)) - np.repeat(np.cumsum(crossings) - crossings, crossings)
+        kept = kept[place < max_hits]
+        return Crossings(hits["prim"][kept].astype(np.int64), rays[kept], hits["t"][kept])
+
+    def _trace(self, origins: Array, directions: Array, **options: Any) -> dict[str, Array]:
+        scene = self._upload()
+        origins = (origins - self._shift) * self._scale
+        try:
+            return scene.trace(origins, directions, intersector="opaque", **options)
+        except InvalidError as error:
+            if error.name != "SCENE_UNKNOWN":
+                raise
+        self._scene = None  # somebody has unloaded it
+        return self._upload().trace(origins, directions, intersector="opaque", **options)
+
+    def _upload(self) -> Scene:
+        key = hash(self.mesh) if isinstance(self.mesh, Hashable) else id(self.mesh)
+        if self._scene is not None and key == self._key:
+            return self._scene
+        if self._scene is not None:
+            self._scene.unload()
+        vertices = np.asarray(self.mesh.vertices, np.float64)
+        faces = np.asarray(self.mesh.faces)
+        if not len(vertices) or not len(faces):
+            raise UsageError("the mesh has no triangles")
+        low, high = vertices.min(0), vertices.max(0)
+        size = float(np.max(high - low))
+        self._shift = (low + high) / 2
+        self._scale = BOX_SIZE / size if self._scale_to_box and size > 0 else 1.0
+        self._size = size * self._scale
+        self._scene = self._client.mesh((vertices - self._shift) * self._scale, faces)
+        self._corners = vertices[faces]
+        self._key = key
+        return self._scene
+
+    def _locations(self, found: Crossings, origins: Array, directions: Array) -> Array:
+        """Where rays meet the planes of their triangles, in float64; in a plane, where t says."""
+        starts, ways = origins[found.rays], directions[found.rays]
+        corner, second, third = np.moveaxis(self._corners[found.triangles], 1, 0)
+        normal = np.cross(second - corner, third - corner)
+        slope = (ways * normal).sum(1)
+        t = np.divide(((corner - starts) * normal).sum(1), slope, where=slope != 0,
+                      out=found.t.astype(np.float64) / self._scale)
+        return np.asarray(starts + t[:, None] * ways)
+
+
+def _rays(origins: Any, directions: Any) -> tuple[Array, Array]:
+    """As float64, directions of unit length."""
+    starts, ways = np.asarray(origins, np.float64), np.asarray(directions, np.float64)
+    if starts.shape != ways.shape or starts.ndim != 2 or starts.shape[1] != 3:
+        raise UsageError(f"ray origins {starts.shape} and directions {ways.shape} must both be (n, 3)")
+    lengths = np.linalg.norm(ways, axis=1, keepdims=True)
+    return starts, np.divide(ways, lengths, out=np.zeros_like(ways), where=lengths > 0)
+
+
+def _seen_before(rays: Array, sides: Array, t: Array, near: Array) -> Array:
+    """For hits along rays: is there one before it, of the same ray and side, that is `near`?"""
+    order = np.lexsort((t, sides, rays))
+    before, after = order[:-1], order[1:]
+    seen = np.zeros(len(order), bool)
+    seen[after] = ((rays[before] == rays[after]) & (sides[before] == sides[after])
+                   & (t[after] - t[before] <= near[after]))
+    return seen

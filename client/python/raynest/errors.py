@@ -1,0 +1,100 @@
+"""What can go wrong: one class for each exit code of the command line.
+
+    Error                    code, name, exit_code, retry_after
+    ├── FailedError          1    defects, broken connections, a taken name
+    │   └── ProtocolError    1    the other end does not speak the protocol
+    ├── UsageError           2    a field or parameter is wrong; also a ValueError
+    ├── ConnectError         3    nobody answers there; also a ConnectionError
+    ├── NotAllowedError      4    token or address is not accepted; also a PermissionError
+    ├── InvalidError         5    scene, file or variant is unknown or invalid; also a LookupError
+    ├── BusyError            6    full, or over a quota: try again after `retry_after` seconds
+    ├── DeadlineError        7    the deadline passed; also a TimeoutError
+    └── CancelledError       130  the request was cancelled
+
+`name` tells apart what shares a class: InvalidError is SCENE_UNKNOWN, VARIANT_UNKNOWN, ...
+Ctrl-C raises KeyboardInterrupt as everywhere in Python, after the request was cancelled.
+"""
+from __future__ import annotations
+
+
+class Error(Exception):
+    """Anything that RayNest refuses or fails to do; its text says what to do about it."""
+
+    exit_code = 1
+
+    def __init__(self, message: str, name: str = "", code: int = 0, retry_after: float = 0.0):
+        super().__init__(message)
+        self.name = name
+        self.code = code
+        self.retry_after = retry_after
+        """Seconds before which BUSY will not have passed; 0 when the daemon names no time."""
+
+
+class FailedError(Error):
+    pass
+
+
+class ProtocolError(FailedError):
+    pass
+
+
+class UsageError(Error, ValueError):
+    exit_code = 2
+
+
+class ConnectError(Error, ConnectionError):
+    exit_code = 3
+
+
+class NotAllowedError(Error, PermissionError):
+    exit_code = 4
+
+
+class InvalidError(Error, LookupError):
+    exit_code = 5
+
+
+class BusyError(Error):
+    exit_code = 6
+
+
+class DeadlineError(Error, TimeoutError):
+    exit_code = 7
+
+
+class CancelledError(Error):
+    exit_code = 130
+
+
+# The error table of PROTOCOL.md, in order of its codes from 1.
+TABLE: tuple[tuple[str, type[Error]], ...] = (
+    ("BAD_FRAME", FailedError),
+    ("UNSUPPORTED_VERSION", ConnectError),
+    ("UNKNOWN_TYPE", FailedError),
+    ("LIMIT_EXCEEDED", InvalidError),
+    ("INVALID_FIELD", UsageError),
+    ("INVALID_PARAM", UsageError),
+    ("VARIANT_UNKNOWN", InvalidError),
+    ("SCENE_UNKNOWN", InvalidError),
+    ("SCENE_INVALID", InvalidError),
+    ("NAME_TAKEN", FailedError),
+    ("QUOTA", BusyError),
+    ("BUSY", BusyError),
+    ("DEADLINE", DeadlineError),
+    ("CANCELLED", CancelledError),
+    ("NOT_ALLOWED", NotAllowedError),
+    ("DRAINING", BusyError),
+    ("SLOW_CONSUMER", FailedError),
+    ("RESOURCE_EXHAUSTED", BusyError),
+    ("UNSUPPORTED", InvalidError),
+    ("INTERNAL", FailedError),
+)
+
+
+def from_daemon(code: int, message: str, retry_after_ms: int) -> Error:
+    """The exception for an ERROR frame; a code of a later version reads as INTERNAL."""
+    known = 1 <= code <= len(TABLE)
+    name, kind = TABLE[code - 1] if known else TABLE[-1]
+    seconds = retry_after_ms / 1000
+    hint = f" (try again in {retry_after_ms} ms)" if retry_after_ms else ""
+    return kind((message or name) + hint, name, code, seconds)

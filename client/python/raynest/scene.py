@@ -1,0 +1,179 @@
+"""A scene of the daemon: rays in, columns out; pictures of it, and what it is made of."""
+from __future__ import annotations
+
+import contextlib
+from typing import (TYPE_CHECKING, Any, Generator, Iterator, Mapping, Optional, Sequence, Union,
+                    overload)
+
+import numpy as np
+
+from ._columns import Columns, Whole, anywhere
+from ._control import Message
+from ._frame import Array
+from ._job import JobOptions, Progress, job_message
+from ._picture import Picture, camera_message, size_message
+from ._query import Query
+from ._rays import Rays, segments
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from .client import Client
+
+
+class Scene:
+    """Made by Client.load(), mesh() and scene(). `origin`, of a mesh whose vertices were shifted by
+    it, is what rays are shifted by as well."""
+
+    def __init__(self, client: Client, name: str, origin: Optional[Array] = None) -> None:
+        self.name = name
+        self.origin = origin
+        self._client = client
+
+    def __repr__(self) -> str:
+        return f"<raynest.Scene {self.name!r} at {self._client.uri}>"
+
+    # ---- rays -----------------------------------------------------------------------------------
+
+    def trace(self, rays: Any, directions: Any = None, *, kind: str = "closest",
+              fields: Optional[Sequence[str]] = None, max_hits: int = 8, origin: Any = None,
+              progress: Progress = None, **job: Unpack[JobOptions]) -> Columns:
+        """What rays hit, as a dict of arrays with one row per ray.
+
+        `rays` is (N, 6) [ox oy oz dx dy dz] or (N, 8) [ox oy oz tmin dx dy dz tmax], or it holds
+        origins (N, 3) and `directions` is (N, 3); either may be a single (3,). Directions need no
+        unit length: t is in units of it. float32 of shape (N, 8) is sent as it lies; all else is
+        converted on the way, after `origin` (three float64) was subtracted from the rays' origins.
+
+        kind "closest" gives the first hit, "any" only whether there is one (column hit), "multi" the
+        first `max_hits`: then hits of ray i are rows ray_splits[i] to ray_splits[i + 1] of the
+        columns of hits. `fields` are the columns, by default t prim geom path uv (any: hit).
+        A miss has t = inf and ids of all ones.
+        """
+        source = Rays(rays, directions, self._origin(origin))
+        # A query has at least one ray: for none at all an invalid one is asked about, so that
+        # errors and dtypes are those of any other query.
+        asked = source if source.count else Rays(np.zeros((1, 8), np.float32))
+        query = self._query(asked, kind, fields, max_hits, job)
+        whole = Whole(asked.count)
+        with self._client.connection.interrupts, \
+                contextlib.closing(query.chunks(whole.place)) as chunks:
+            for _ in chunks:
+                if progress:
+                    progress(query.answered, asked.count, "tracing")
+        self._client.outcome = query.outcome
+        columns = whole.columns()
+        if source.count == 0:
+            columns = {name: column[:int(name == "ray_splits")] for name, column in columns.items()}
+        return columns
+
+    def stream(self, rays: Any, directions: Any = None, *, kind: str = "closest",
+               fields: Optional[Sequence[str]] = None, max_hits: int = 8, origin: Any = None,
+               **job: Unpack[JobOptions]) -> Generator[tuple[int, Columns], None, None]:
+        """As trace(), but yields (first_ray, columns) of some thousand rays as they are traced, in
+        any order. Leaving the loop cancels the rest.
+
+        `rays` may be an iterator of arrays: each is one query, all of them see the same epoch, and
+        first_ray counts on. Nothing is asked of an array before those before it are answered, so
+        arrays of 100,000 rays or more keep the daemon busy.
+        """
+        first = 0
+        for block in rays if isinstance(rays, Iterator) else (rays,):
+            source = Rays(block, directions, self._origin(origin))
+            if source.count == 0:
+                continue
+            query = self._query(source, kind, fields, max_hits, job)
+            with contextlib.closing(query.chunks(anywhere)) as chunks:
+                for chunk in chunks:
+                    yield first + chunk.first, chunk.columns
+            self._client.outcome = query.outcome
+            job["epoch"] = query.outcome["epoch"]
+            first += source.count
+
+    def occluded(self, a: Any, b: Any, *, margin: float = 1e-4, origin: Any = None,
+                 progress: Progress = None, **job: Unpack[JobOptions]) -> Array:
+        """Is there anything between points a and b? (N,) bool; a and b are (N, 3), or one is (3,).
+        `margin` is the share of each segment that is left out at both ends, so that points on a
+        surface do not hide themselves."""
+        hit = self.trace(segments(a, b, margin), kind="any", fields=("hit",), origin=origin,
+                         progress=progress, **job)
+        return np.asarray(hit["hit"] != 0)
+
+    def _origin(self, origin: Any) -> Any:
+        return self.origin if origin is None else origin
+
+    def _query(self, rays: Rays, kind: str, fields: Optional[Sequence[str]], max_hits: int,
+               job: JobOptions) -> Query:
+        if fields is None:
+            fields = ("hit",) if kind == "any" else ("t", "prim", "geom", "path", "uv")
+        return Query(self._client.connection, {
+            "job": job_message(self.name, job), "kind": kind, "fields": list(fields),
+            "max_hits": max_hits}, rays)
+
+    # ---- pictures -------------------------------------------------------------------------------
+
+    def render(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
+               fov: float = 0.0, size: tuple[int, int] = (960, 540), integrator: str = "primary",
+               samples: int = 1, seed: int = 0, encode: str = "raw", progress: Progress = None,
+               **job: Unpack[JobOptions]) -> Any:
+        """A picture: (height, width, 4) of u8, sRGB and alpha, row 0 on top; with `encode` "png" or
+        "exr" the bytes of such a file.
+
+        The camera is one of the scene's by name or index, the first one by default, or `look_at` is
+        (eye, at) or (eye, at, up); `fov` is vertical, in degrees.
+        """
+        return self._picture("Render", camera, look_at, fov, size, progress, job, {
+            "integrator": integrator, "samples": samples, "seed": seed, "encode": encode})
+
+    def heatmap(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
+                fov: float = 0.0, size: tuple[int, int] = (960, 540), metric: str = "total",
+                palette: str = "turbo", scale: str = "linear", range: str = "p99",
+                count: str = "traversed", encode: str = "raw", progress: Progress = None,
+                **job: Unpack[JobOptions]) -> Any:
+        """What a ray through each pixel costs: counts, (height, width) of u32; with `encode` "png"
+        or "exr" the bytes of such a file, the former with a legend. Statistics over all pixels are
+        in Client.outcome["heat"]. Cameras are those of render()."""
+        return self._picture("Heatmap", camera, look_at, fov, size, progress, job, {
+            "metric": metric, "palette": palette, "scale": scale, "range": range, "count": count,
+            "encode": encode})
+
+    def _picture(self, name: str, camera: Union[str, int], look_at: Optional[Sequence[Any]],
+                 fov: float, size: tuple[int, int], progress: Progress, job: JobOptions,
+                 fields: Message) -> Any:
+        picture = Picture({"job": job_message(self.name, job), **size_message(size),
+                           "camera": camera_message(camera, look_at, fov), **fields})
+        pixels = picture.receive(self._client.connection, name, progress)
+        self._client.outcome = picture.outcome
+        return pixels
+
+    # ---- what it is -----------------------------------------------------------------------------
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """Counts of triangles and instances, levels, materials, cameras, bytes, epoch, ..."""
+        return scene_info(self._client.connection.ask("Info", {"scene": self.name}, "SceneInfo"))
+
+    @overload
+    def path_of(self, ids: int, *, epoch: int = 0) -> str: ...
+    @overload
+    def path_of(self, ids: Union[Sequence[int], Array], *, epoch: int = 0) -> list[str]: ...
+
+    def path_of(self, ids: Any, *, epoch: int = 0) -> Any:
+        """The names on the way to a leaf, as "stand-3/birch-17/leaves", for ids of the column path:
+        a text for one, a list for many. An id belongs to its epoch."""
+        unique, index = np.unique(np.asarray(ids, np.uint64), return_inverse=True)
+        names = [str(self._client.connection.ask(
+            "Path", {"scene": self.name, "epoch": epoch, "path": int(path)}, "PathName")["name"])
+            for path in unique]
+        return names[0] if np.ndim(ids) == 0 else [names[i] for i in index.ravel()]
+
+    def unload(self) -> None:
+        """Drops the name; the daemon frees the scene when nothing uses it any more."""
+        self._client.connection.ask("Unload", {"scene": self.name}, "Unloaded")
+
+
+def scene_info(message: Mapping[str, Any]) -> dict[str, Any]:
+    """A SceneInfo with its lists of reasons and counts as one dict."""
+    info = dict(message)
+    info["skipped"] = dict(zip(info.pop("skipped_reasons"), info.pop("skipped_counts")))
+    return info

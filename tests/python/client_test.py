@@ -1,0 +1,208 @@
+#!/usr/bin/env python3
+"""Scenes, uploads, pictures and errors of the Python client against a real daemon, compared with what
+the command line says.
+
+  client_test.py RAYNESTD RAYNEST FLATC
+"""
+import json
+import os
+
+import numpy as np
+
+import raynest
+from daemon import SHARED_SCENES, Daemon
+from with_daemon import MISS, WithDaemon, main, rain
+
+
+class Scenes(WithDaemon):
+    def test_info_is_what_the_command_line_says(self):
+        info, expected = self.woods.info, self.cli.json("info", "woods")
+        for key in expected.keys() - {"bytes_per_triangle"}:
+            self.assertEqual(info[key], expected[key], key)
+        self.assertTrue((np.array(info["box_min"]) < info["box_max"]).all())
+
+    def test_lists_are_what_the_command_line_says(self):
+        self.assertEqual([scene["name"] for scene in self.client.scenes()],
+                         [scene["name"] for scene in self.cli.json("scenes")["scenes"]])
+        masks = next(v for v in self.client.variants() if v["name"] == "alpha_mask")
+        self.assertEqual([param["name"] for param in masks["params"]][:1], ["cutoff"])
+        self.assertEqual(self.client.stats().keys(), self.cli.json("stats").keys())
+
+    def test_paths_have_names(self):
+        paths = self.woods.trace(rain(2000), fields=("path",))["path"]
+        paths = paths[paths != MISS["path"]][:20]
+        names = self.woods.path_of(paths)
+        self.assertEqual(len(names), len(paths))
+        for path, name in list(zip(paths, names))[:3]:
+            self.assertIn(name, self.cli.run("path", "woods", path).stdout)
+            self.assertEqual(self.woods.path_of(int(path)), name)
+        self.assertEqual(self.woods.path_of(paths[:0]), [])
+
+    def test_files_come_with_what_they_name(self):
+        if not SHARED_SCENES.is_dir():
+            self.skipTest(f"skipped: {SHARED_SCENES} is not there")
+        loaded = 0
+        for path in sorted(SHARED_SCENES.rglob("small/**/*.gl*")):
+            with self.subTest(path=str(path)):
+                expected = self.cli.run("--json", "load", path, "--name", "by-cli", "--replace")
+                news = []
+                scene = self.client.load(path, "by-python", replace=True,
+                                         progress=lambda *item: news.append(item))
+                self.assertEqual(scene.info["hash"], json.loads(expected.stdout)["hash"])
+                self.assertTrue(news)
+                loaded += 1
+        self.assertGreater(loaded, 2)
+
+    def test_files_outside_of_the_folder_are_not_sent(self):
+        folder = self.out / "scene"
+        (folder / "inner").mkdir(parents=True)
+        (self.out / "secret.bin").write_bytes(b"secret")
+        (folder / "link.bin").symlink_to(self.out / "secret.bin")
+        (folder / "inner" / "there.bin").write_bytes(b"there")
+        os.mkfifo(folder / "pipe.bin")
+        for uri in ("../secret.bin", "link.bin", "pipe.bin", "missing.bin", "inner/../inner/there.bin"):
+            document = {"asset": {"version": "2.0"}, "buffers": [{"uri": uri, "byteLength": 5}]}
+            (folder / "a.gltf").write_text(json.dumps(document))
+            with self.assertRaisesRegex(raynest.InvalidError, "a.gltf names") as caught:
+                self.client.load(folder / "a.gltf")
+            self.assertEqual(caught.exception.exit_code, 5)
+        for name in ("a.obj", "missing.glb"):
+            with self.assertRaises(raynest.InvalidError):
+                self.client.load(folder / name)
+
+    def test_records_need_a_primitive(self):
+        np.save(self.out / "balls.npy", np.array([[0, 0, 0, 1], [5, 0, 0, 2]], np.float32))
+        with self.assertRaisesRegex(raynest.UsageError, "primitive="):
+            self.client.load(self.out / "balls.npy")
+        balls = self.client.load(self.out / "balls.npy", primitive="sphere")
+        self.assertEqual(balls.name, "balls")
+        hits = balls.trace([[0, 0, 9, 0, 0, -1], [5, 0, 9, 0, 0, -1]], fields=("t", "prim"))
+        np.testing.assert_allclose(hits["t"], [8, 7], rtol=1e-6)
+        self.assertEqual(hits["prim"].tolist(), [0, 1])
+
+    def test_rows_of_faces_are_the_column_prim(self):
+        chance = np.random.default_rng(5)
+        centres = chance.uniform(-10, 10, (500, 3)) * [1, 1, 0] + [0, 0, 1] * np.arange(500)[:, None]
+        vertices = (centres[:, None] + [[-1, -1, 0], [1, -1, 0], [0, 1, 0]]).reshape(-1, 3)
+        scene = self.client.mesh(vertices, np.arange(1500).reshape(-1, 3), "triangles")
+        hits = scene.trace(centres + [0, 0, 0.5], [0, 0, -1], fields=("t", "prim"))
+        self.assertEqual(hits["prim"].tolist(), list(range(500)))
+        np.testing.assert_allclose(hits["t"], 0.5, atol=1e-4)
+        self.assertEqual(scene.info["unique_triangles"], 500)
+
+    def test_a_mesh_is_called_after_its_content(self):
+        corners = np.eye(3)
+        a, b = (self.client.mesh(corners, [[0, 1, 2]]) for _ in range(2))
+        c = self.client.mesh(corners * 2, [[0, 1, 2]])
+        self.assertEqual(a.name, b.name)
+        self.assertNotEqual(a.name, c.name)
+        c.unload()
+        with self.assertRaises(raynest.InvalidError):
+            self.client.scene(c.name)
+
+    def test_a_taken_name_needs_replace_and_is_a_new_epoch(self):
+        corners = np.eye(3)
+        first = self.client.mesh(corners, [[0, 1, 2]], "taken")
+        with self.assertRaises(raynest.FailedError) as caught:
+            self.client.mesh(corners * 2, [[0, 1, 2]], "taken")
+        self.assertEqual(caught.exception.name, "NAME_TAKEN")
+        self.assertEqual(first.info["epoch"], 1)
+        again = self.client.mesh(corners * 2, [[0, 1, 2]], "taken", replace=True)
+        self.assertEqual(again.info["epoch"], 2)
+        with self.assertRaises(raynest.Error):
+            again.trace(rain(1), epoch=1)
+
+
+class Pictures(WithDaemon):
+    def test_pictures_are_what_the_command_line_gets(self):
+        self.cli.run("heatmap", "woods", "--size", "64x36", "-o", self.out / "h.npy")
+        np.testing.assert_array_equal(self.woods.heatmap(size=(64, 36)), np.load(self.out / "h.npy"))
+        heat = self.client.outcome["heat"]
+        self.assertEqual(heat["metric"], "total")
+        for name, options in (("h.png", {}), ("h.exr", {"metric": "prims", "palette": "viridis"})):
+            words = [word for key, value in options.items() for word in (f"--{key}", value)]
+            self.cli.run("heatmap", "woods", "--size", "64x36", *words, "-o", self.out / name)
+            self.assertEqual(self.woods.heatmap(size=(64, 36), encode=name[-3:], **options),
+                             (self.out / name).read_bytes())
+        self.cli.run("render", "woods", "--size", "64x36", "-o", self.out / "r.png")
+        self.assertEqual(self.woods.render(size=(64, 36), encode="png"),
+                         (self.out / "r.png").read_bytes())
+
+    def test_raw_pixels_are_an_array(self):
+        pixels = self.woods.render(size=(80, 45), camera=1)
+        self.assertEqual((pixels.shape, pixels.dtype), ((45, 80, 4), np.uint8))
+        self.assertEqual(self.client.outcome["camera"], "canopy")
+        above = self.woods.render(size=(40, 30), look_at=([0, 100, 0], [0, 0, 0], [0, 0, 1]), fov=30)
+        self.assertEqual(set(above[:, :, 3].ravel()), {255})
+
+    def test_large_pictures_come_in_pieces(self):
+        news = []
+        pixels = self.woods.render(size=(2048, 2048), progress=lambda *item: news.append(item))
+        self.assertEqual(pixels.shape, (2048, 2048, 4))
+        self.assertTrue((pixels[-1, :, 3] == 255).any())
+
+    def test_bad_cameras_and_sizes_are_refused(self):
+        for options in ({"size": (0, 5)}, {"size": (99999, 5)}, {"look_at": ([0, 0, 0],)},
+                        {"look_at": ([0, 0], [1, 1])}, {"camera": "unheard"}, {"fov": 200},
+                        {"encode": "unheard"}, {"camera": 7}):
+            with self.assertRaises(raynest.UsageError, msg=options):
+                self.woods.render(**{"size": (8, 8), **options})
+
+
+class Errors(WithDaemon):
+    def test_errors_have_the_class_of_their_exit_code(self):
+        ray = rain(1)
+        for kind, name, call in (
+                (raynest.InvalidError, "SCENE_UNKNOWN", lambda: self.client.scene("nowhere")),
+                (raynest.InvalidError, "VARIANT_UNKNOWN",
+                 lambda: self.woods.trace(ray, intersector="unheard")),
+                (raynest.UsageError, "INVALID_PARAM",
+                 lambda: self.woods.trace(ray, params={"unheard": 1})),
+                (raynest.UsageError, "INVALID_FIELD", lambda: self.woods.trace(ray, kind="unheard")),
+                (raynest.UsageError, "INVALID_FIELD",
+                 lambda: self.woods.trace(ray, fields=("t", "unheard"))),
+                (raynest.UsageError, "INVALID_FIELD",
+                 lambda: self.woods.trace(ray, kind="any", fields=("t",))),
+                (raynest.InvalidError, "LIMIT_EXCEEDED",
+                 lambda: self.woods.trace(ray, kind="multi", max_hits=257)),
+                (raynest.InvalidError, "SCENE_INVALID", lambda: self.client.load("builtin:unheard"))):
+            with self.assertRaises(kind, msg=name) as caught:
+                call()
+            self.assertEqual(caught.exception.name, name)
+            self.assertNotIn("\n", str(caught.exception))
+        # In the midst of many rays, too.
+        with self.assertRaises(raynest.UsageError):
+            self.woods.trace(rain(1_000_000), fields=("unheard",))
+        self.assertEqual(len(self.woods.trace(ray)["t"]), 1)
+
+    def test_servers_that_are_none(self):
+        for uri in ("127.0.0.1:31060", "tcp://127.0.0.1", "tcp://127.0.0.1:0", "tcp://127.0.0.1:65536"):
+            with self.assertRaises(raynest.UsageError, msg=uri):
+                raynest.connect(uri)
+        for uri in ("tcp://127.0.0.1:9", f"unix:{self.out}/nobody", "unix:" + "x" * 200):
+            with self.assertRaises(raynest.ConnectError, msg=uri) as caught:
+                raynest.connect(uri)
+            self.assertEqual(caught.exception.exit_code, 3)
+            self.assertIsInstance(caught.exception, ConnectionError)
+
+    def test_the_address_comes_from_the_environment(self):
+        os.environ["RAYNEST_SERVER"] = self.socket
+        self.addCleanup(os.environ.pop, "RAYNEST_SERVER")
+        with raynest.connect() as client:
+            self.assertEqual(client.uri, self.socket)
+            self.assertIn("raynestd", repr(client))
+            self.assertEqual(len(client.scene("woods").trace(rain(3))["t"]), 3)
+        with self.assertRaisesRegex(raynest.ConnectError, "connect again"):
+            client.scenes()
+
+    def test_a_daemon_that_goes_away_is_an_error(self):
+        daemon = Daemon(self.raynestd)
+        client = raynest.connect(daemon.uri)
+        client.load("builtin:terrain?size=16", "hills")
+        daemon.stop()
+        with self.assertRaises(raynest.Error):
+            client.scenes()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,125 @@
+#!/usr/bin/env python3
+"""What users of the Python client are shown runs: the examples, and every piece of its README.
+
+  examples_test.py RAYNESTD RAYNEST FLATC
+"""
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+from daemon import Daemon
+
+CLIENT = pathlib.Path(__file__).resolve().parents[2] / "client" / "python"
+SECONDS_MAX = 120
+FOREST = "builtin:forest?trees=20"
+
+
+class Examples(unittest.TestCase):
+    raynestd = None
+    raynest = None
+
+    @classmethod
+    def setUpClass(cls):
+        cls.daemon = Daemon(cls.raynestd)
+        cls.folder = tempfile.TemporaryDirectory(prefix="raynest examples ")
+        cls.out = pathlib.Path(cls.folder.name)
+
+    @classmethod
+    def tearDownClass(cls):
+        code = cls.daemon.stop()
+        cls.folder.cleanup()
+        assert code == 0, code
+
+    def run_python(self, *words, daemon=None):
+        environment = dict(os.environ, RAYNEST_SERVER=(daemon or self.daemon).uri)
+        return subprocess.run([sys.executable, *map(str, words)], cwd=self.out, env=environment,
+                              stdin=subprocess.DEVNULL, capture_output=True, text=True,
+                              timeout=SECONDS_MAX, check=False)
+
+    def example(self, name, *words, code=0):
+        done = self.run_python(CLIENT / "examples" / name, *words)
+        self.assertEqual(done.returncode, code, done.stderr)
+        self.assertEqual(done.stderr.count("\n"), int(code != 0), done.stderr)
+        print(done.stdout or done.stderr, end="", file=sys.stderr)
+        return done.stdout or done.stderr
+
+    def test_lidar_makes_a_point_cloud(self):
+        said = self.example("lidar.py", FOREST, "-o", "a.ply")
+        header, body = (self.out / "a.ply").read_bytes().split(b"end_header\n", 1)
+        count = int(re.search(rb"element vertex (\d+)", header)[1])
+        self.assertIn(f"{count:,} points", said)
+        self.assertGreater(count, 50000)
+        self.assertEqual(re.findall(rb"property (\w+ \w+)", header),
+                         [b"float x", b"float y", b"float z", b"float cosine", b"uint instance",
+                          b"ushort channel"])
+        self.example("lidar.py", FOREST, "-o", "a.npy")
+        points = np.load(self.out / "a.npy")
+        self.assertEqual(points.tobytes(), body)
+        # The lowest channel looks down 25 degrees from 1.8 m: the ground is near there.
+        low = points[points["channel"] == 0]
+        self.assertTrue((np.hypot(low["x"], low["z"]) < 6).all())
+        self.assertTrue(((points["cosine"] >= 0) & (points["cosine"] <= 1.0001)).all())
+        self.assertEqual(set(points["channel"]), set(range(64)))
+
+    def test_a_lidar_elsewhere_sees_no_further_than_its_range(self):
+        self.example("lidar.py", FOREST, "-o", "b.npy", "--at", 5, 30, -5, "--range", 40, "--channels",
+                     8, "--azimuths", 90, "--elevations", -90, -10)
+        points = np.load(self.out / "b.npy")
+        away = np.stack([points["x"] - 5, points["y"] - 30, points["z"] + 5], -1)
+        distance = np.linalg.norm(away, axis=1)
+        self.assertTrue((distance <= 40.001).all())
+        self.assertGreater(distance.max(), 30)
+
+    def test_visibility_is_who_sees_whom(self):
+        said = self.example("visibility.py", FOREST, "--random", 50, "-o", "sees.npy")
+        sees = np.load(self.out / "sees.npy")
+        self.assertEqual((sees.shape, sees.dtype), ((50, 50), bool))
+        np.testing.assert_array_equal(sees, sees.T)
+        self.assertTrue(sees.diagonal().all())
+        self.assertIn(f"{(sees.sum() - 50) // 2:,} of 1,225 pairs", said)
+        # Two points over all trees see each other, one in the ground sees nobody.
+        np.save(self.out / "points.npy", [[0, 90, 0], [5, 95, 5], [0, -50, 0]])
+        self.example("visibility.py", FOREST, "--points", "points.npy", "-o", "sees.npy")
+        np.testing.assert_array_equal(np.load(self.out / "sees.npy"),
+                                      [[1, 1, 0], [1, 1, 0], [0, 0, 1]])
+
+    def test_the_benchmark_compares_equal_answers(self):
+        said = self.example("bench.py", FOREST, "--rays", 50000, "--rounds", 1, "--raynest",
+                            self.raynest)
+        ratios = [float(ratio) for ratio in re.findall(r"([\d.]+) times raynest query", said)]
+        self.assertEqual((len(ratios), ratios[0]), (4, 1))
+        self.assertGreater(min(ratios), 0)
+
+    def test_help_starts_with_an_example(self):
+        for name in ("lidar.py", "visibility.py", "bench.py"):
+            self.assertTrue(self.example(name, "--help").startswith(f"usage: {name} builtin:forest "))
+
+    def test_errors_are_one_line_and_an_exit_code(self):
+        for code, words in ((5, ["missing.glb"]), (3, ["--server", "tcp://127.0.0.1:9"]),
+                            (2, ["--server", "nowhere"]), (1, [FOREST, "-o", "/nonexistent/a.npy"])):
+            said = self.example("lidar.py", *words, code=code)
+            self.assertTrue(said.startswith("lidar.py: "), said)
+
+    def test_pieces_of_the_readme_print_what_it_says(self):
+        text = (CLIENT / "README.md").read_text(encoding="utf-8")
+        program = "\n".join(re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL))
+        daemon = Daemon(self.raynestd)
+        self.addCleanup(daemon.stop)
+        done = self.run_python("-c", program, daemon=daemon)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        promised = re.findall(r"^print\(.*\) +# (.+)$", program, re.MULTILINE)
+        self.assertGreater(len(promised), 3)
+        for line in promised:
+            self.assertIn(line, done.stdout.splitlines())
+
+
+if __name__ == "__main__":
+    Examples.raynestd, Examples.raynest = sys.argv[1:3]
+    del sys.argv[1:4]
+    unittest.main()

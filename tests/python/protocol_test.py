@@ -1,0 +1,327 @@
+#!/usr/bin/env python3
+"""The protocol as the Python client has it, against the house's own: the schema's compiler, the golden
+frames, and the tables of PROTOCOL.md. Needs no daemon.
+
+  protocol_test.py RAYNESTD RAYNEST FLATC
+"""
+import json
+import os
+import pathlib
+import random
+import re
+import struct
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+from raynest import _limits, errors
+from raynest._columns import Answered, OF_HITS, OF_RAYS
+from raynest._control import decode, encode
+from raynest._frame import HEADER, Header, read_blocks, read_header, write_header
+from raynest._gltf import decode_uri, file_names, mesh_glb
+from raynest._hash import content_hash
+from raynest._rays import Rays, segments
+from raynest._schema import SCHEMA, SCALARS
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+SCHEMA_FILE = ROOT / "protocol" / "messages.fbs"
+PROTOCOL = (ROOT / "protocol" / "PROTOCOL.md").read_text(encoding="utf-8")
+
+
+def golden_frames():
+    """(name, bytes) of every frame in frames.hex."""
+    text = (ROOT / "tests" / "golden" / "frames.hex").read_text(encoding="utf-8")
+    for name, dump in re.findall(r"^frame (\w+)\n((?:[0-9a-f]{4}  .*\n?)+)", text, re.MULTILINE):
+        yield name, bytes.fromhex("".join(line[6:53] for line in dump.splitlines()))
+
+
+def messages():
+    """(name, header, control) of every frame in frames.hex."""
+    for name, frame in golden_frames():
+        header = read_header(frame[:HEADER.size])
+        yield name, header, frame[HEADER.size:HEADER.size + header.control_bytes]
+
+
+def pruned(value):
+    """Without what is as good as absent, and floats as float32: to compare messages by meaning."""
+    if isinstance(value, dict):
+        items = {key: pruned(item) for key, item in value.items()}
+        return {key: item for key, item in items.items() if item not in ("", [], {}, None, 0, False)}
+    if isinstance(value, (list, tuple)):
+        return [pruned(item) for item in value]
+    return float(np.float32(value)) if isinstance(value, float) else value
+
+
+class Schema(unittest.TestCase):
+    flatc = None
+
+    def by_flatc(self, name, control):
+        """The message as the schema's compiler reads it."""
+        with tempfile.TemporaryDirectory() as folder:
+            binary = pathlib.Path(folder) / "message.bin"
+            binary.write_bytes(control)
+            subprocess.run([self.flatc, "--json", "--strict-json", "--raw-binary", "--root-type",
+                            f"raynest.wire.{name}", "-o", folder, SCHEMA_FILE, "--", binary],
+                           check=True, capture_output=True)
+            message = json.loads((pathlib.Path(folder) / "message.json").read_text())
+        return self.comparable(name, message)
+
+    def test_golden_frames_read_as_flatc_reads_them(self):
+        for name, _, control in messages():
+            with self.subTest(name=name):
+                self.assertEqual(pruned(decode(name, control)), self.by_flatc(name, control))
+
+    def test_flatc_reads_what_is_written(self):
+        for name, _, control in messages():
+            with self.subTest(name=name):
+                message = decode(name, control)
+                self.assertEqual(self.by_flatc(name, encode(name, message)), pruned(message))
+
+    def test_numbers_are_aligned(self):
+        """FlatBuffers' verifier asks for it, relative to the buffer."""
+        for letters in ("", "a", "abc", "abcdefg"):
+            written = encode("Load", {"source": letters, "file_names": [letters] * 3, "replace": True,
+                                      "file_hashes": [2**64 - 1, 1, 2], "file_bytes": [7, 8, 9]})
+            self.assertEqual(written.index(struct.pack("<3Q", 2**64 - 1, 1, 2)) % 8, 0)
+            written = encode("Started", {"scene": letters, "epoch": 0x1122334455667788})
+            self.assertEqual(written.index(struct.pack("<Q", 0x1122334455667788)) % 8, 0)
+
+    def comparable(self, table, value):
+        """flatc's JSON in our words: structs are dicts there, enumerators are names."""
+        out = {}
+        for field in SCHEMA.tables[table]:
+            item = value.get(field.name, field.default if field.type in SCALARS else None)
+            if field.type in SCHEMA.structs and item:
+                item = list(item.values())
+            elif field.type in SCHEMA.tables and item:
+                item = [self.comparable(field.type, each) for each in item] if field.many else \
+                    self.comparable(field.type, item)
+            elif isinstance(item, str) and field.type in SCALARS:
+                item = SCHEMA.enums["Dtype"][item]
+            out[field.name] = item
+        return pruned(out)
+
+    def test_what_is_written_reads_the_same(self):
+        for name, _, control in messages():
+            with self.subTest(name=name):
+                message = decode(name, control)
+                self.assertEqual(decode(name, encode(name, message)), message)
+
+    def test_every_message_has_a_golden_frame(self):
+        self.assertEqual({name for name, _ in golden_frames()}, set(SCHEMA.types))
+
+    def test_a_field_that_is_not_in_the_schema_cannot_be_written(self):
+        with self.assertRaises(KeyError):
+            encode("Ping", {"payloda": 1})
+
+    def test_damaged_messages_are_refused_or_read_but_never_crash(self):
+        chance = random.Random(7)
+        refused = 0
+        for name, _, control in messages():
+            for cut in range(len(control)):
+                refused += self.read(name, control[:cut])
+            for _ in range(200):
+                damaged = bytearray(control)
+                for _ in range(chance.randint(1, 4)):
+                    damaged[chance.randrange(len(damaged))] = chance.randrange(256)
+                refused += self.read(name, bytes(damaged))
+        self.assertGreater(refused, 1000)
+
+    def read(self, name, data):
+        try:
+            decode(name, data)
+        except errors.ProtocolError:
+            return True
+        return False
+
+    def test_tables_that_point_at_each_other_are_refused_at_the_limit(self):
+        # A vector of tables whose items are all the same: more than control_tables_max of them.
+        many = encode("VariantList", {"variants": [{"name": "x"}] * 300})
+        with self.assertRaisesRegex(errors.ProtocolError, "too many tables"):
+            decode("VariantList", many)
+
+
+class Tables(unittest.TestCase):
+    def test_limits_are_those_of_the_protocol(self):
+        documented = {name: int(value) for name, value in
+                      re.findall(r"^\| `(\w+)` \| (\d+) \|", PROTOCOL, re.MULTILINE)}
+        ours = {name: value for name, value in vars(_limits).items() if isinstance(value, int)}
+        self.assertGreater(len(ours), 5)
+        self.assertEqual(ours, {name: documented[name] for name in ours})
+
+    def test_errors_are_those_of_the_protocol(self):
+        rows = re.findall(r"^\| (\d+) \| ([A-Z_]+) \| (\d+) \|", PROTOCOL, re.MULTILINE)
+        self.assertEqual([(int(code), name, int(code_of_exit)) for code, name, code_of_exit in rows],
+                         [(i + 1, name, kind.exit_code)
+                          for i, (name, kind) in enumerate(errors.TABLE)])
+
+    def test_an_error_of_a_later_version_reads_as_internal(self):
+        error = errors.from_daemon(999, "new", 0)
+        self.assertEqual((error.name, error.exit_code, str(error)), ("INTERNAL", 1, "new"))
+
+    def test_columns_are_those_of_the_protocol(self):
+        section = PROTOCOL[PROTOCOL.index("## 7. Columns"):PROTOCOL.index("## 8. ")]
+        documented = {}
+        for names, kind in re.findall(r"^\| ((?:`\w+`,? ?)+) \| ([\w ,]+)", section, re.MULTILINE):
+            kinds = kind.strip().split(", ")
+            for i, name in enumerate(re.findall(r"`(\w+)`", names)):
+                *width, dtype = kinds[min(i, len(kinds) - 1)].split(" x ")
+                documented[name] = (dtype, int(width[0]) if width else 1)
+        ours = {name: (f"{dtype.kind}{8 * dtype.itemsize}", width)
+                for name, (dtype, width) in {**OF_HITS, **OF_RAYS}.items() if name != "ray_splits"}
+        self.assertEqual(ours, documented)
+
+
+class Frames(unittest.TestCase):
+    def test_headers_of_golden_frames_are_written_alike(self):
+        for name, frame in golden_frames():
+            header = read_header(frame[:HEADER.size])
+            self.assertEqual(write_header(header), frame[:HEADER.size], name)
+            self.assertEqual(SCHEMA.names[header.type], name)
+
+    def test_blocks_of_golden_frames_fill_them(self):
+        seen = 0
+        for name, header, control in messages():
+            blocks = read_blocks(header, decode(name, control).get("blocks", []))
+            seen += len(blocks)
+        self.assertGreater(seen, 3)
+
+    def test_headers_beyond_the_limits_are_refused(self):
+        good = Header(153, 64, 1, 128, 7)
+        for bad in (good._replace(control_bytes=_limits.control_bytes_max + 1),
+                    good._replace(bulk_bytes=_limits.frame_bytes_max),
+                    good._replace(bulk_bytes=2**64 - 64), good._replace(bulk_bytes=65),
+                    good._replace(block_count=65), good._replace(block_count=0)):
+            with self.assertRaises(errors.ProtocolError, msg=bad):
+                read_header(write_header(bad))
+        with self.assertRaises(errors.ProtocolError):
+            read_header(b"HTTP" + write_header(good)[4:])
+        self.assertEqual(read_header(write_header(good)), good)
+
+    def test_blocks_that_do_not_fit_are_refused(self):
+        good = {"name": "t", "dtype": 3, "count": 16, "stride": 4, "offset": 0, "bytes": 64}
+        header = Header(153, 0, 1, 64, 1)
+        self.assertEqual(len(read_blocks(header, [good])), 1)
+        for change in ({"dtype": 4}, {"stride": 5}, {"stride": 2}, {"count": 17},
+                       {"count": 2**62, "bytes": 0}, {"offset": 64}, {"bytes": 2**63},
+                       {"count": 1, "bytes": 4, "offset": 1}, {"count": 17, "bytes": 68}):
+            with self.assertRaises(errors.ProtocolError, msg=change):
+                read_blocks(header, [{**good, **change}])
+        with self.assertRaises(errors.ProtocolError):
+            read_blocks(Header(153, 0, 2, 128, 1), [good, {**good, "offset": 64}])
+
+
+class Pieces(unittest.TestCase):
+    def test_the_hash_is_fnv_1a(self):
+        for size in (0, 1, 2, 255, 65535, 65536, 65537, 150000):
+            data = os.urandom(size)
+            expected = 0xCBF29CE484222325
+            for byte in data:
+                expected = (expected ^ byte) * 0x100000001B3 % 2**64
+            self.assertEqual(content_hash(data), expected, size)
+
+    def test_answers_come_in_any_order_but_once(self):
+        chance = random.Random(3)
+        for _ in range(50):
+            cuts = sorted(chance.sample(range(1, 1000), 20))
+            ranges = list(zip([0] + cuts, cuts + [1000]))
+            chance.shuffle(ranges)
+            answered = Answered()
+            for first, end in ranges:
+                answered.add(Range(first, end - first), 1000)
+                with self.assertRaises(errors.ProtocolError):
+                    answered.add(Range(chance.randrange(first, end), 1), 1000)
+            self.assertEqual(answered.count, 1000)
+        for first, count in ((990, 11), (5, 0), (1000, 1)):
+            with self.assertRaises(errors.ProtocolError):
+                Answered().add(Range(first, count), 1000)
+
+    def test_names_that_leave_the_folder_are_refused(self):
+        for uri in ("", "/etc/passwd", "../a", "a/../b", "a//b", "./a", "file:a", "http://a/b", "a\\b",
+                    "%2e%2e/a", "a%2fb", "%", "%4", "%zz", "a\nb", "a%00b", "%ff", "x" * 1025):
+            with self.assertRaises(errors.InvalidError, msg=uri):
+                decode_uri(uri)
+        self.assertEqual(decode_uri("a%20b/%C3%A4.png"), "a b/ä.png")
+
+    def test_files_that_a_gltf_names(self):
+        document = {"buffers": [{"uri": "a.bin"}, {"uri": "data:,x"}, {}],
+                    "images": [{"uri": "b.png"}, {"uri": "a.bin"}], "extras": {"uri": "c"}}
+        self.assertEqual(file_names(json.dumps(document).encode()), ["a.bin", "b.png"])
+        for text in (b"", b"[]", b"{", b"[" * 100000, b"\xff", b"glTF" + bytes(20)):
+            with self.assertRaises(errors.InvalidError, msg=text[:9]):
+                file_names(text)
+        mesh = mesh_glb([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        self.assertEqual(file_names(mesh), [])
+        for cut in range(len(mesh)):
+            with self.assertRaises(errors.InvalidError, msg=cut):
+                file_names(mesh[:cut])
+
+    def test_bad_meshes_are_refused(self):
+        corners = np.zeros((3, 3))
+        for vertices, faces in ((corners, [[0, 1, 3]]), (corners, [[0, 1, -1]]), (corners, [[0, 1]]),
+                                (corners, np.zeros((0, 3), int)), (corners[:, :2], [[0, 1, 2]]),
+                                (corners, [[0., 1., 2.]]), (corners * np.nan, [[0, 1, 2]]),
+                                (corners + 1e39, [[0, 1, 2]])):
+            with self.assertRaises(errors.UsageError):
+                mesh_glb(vertices, faces)
+
+
+class Range:
+    """As much of a chunk as Answered looks at."""
+
+    def __init__(self, first, count):
+        self.first, self.count = first, count
+
+
+class RayForms(unittest.TestCase):
+    def frame(self, *arguments, **options):
+        rays = Rays(*arguments, **options)
+        frame = rays.frame(0, rays.count)
+        self.assertEqual((frame.dtype, frame.shape[1], frame.flags.c_contiguous),
+                         (np.float32, 8, True))
+        return frame
+
+    def test_all_forms_travel_alike(self):
+        six = np.arange(30, dtype=np.float64).reshape(5, 6)
+        expected = np.insert(np.append(six, np.full((5, 1), np.inf), 1), 3, 0, 1).astype(np.float32)
+        for rays in ((six,), (six.astype(np.float32),), (six.astype(int),), (six.tolist(),),
+                     (six[:, :3], six[:, 3:]), (np.asfortranarray(six),),
+                     (np.repeat(six, 2, 0)[::2],), (expected,), (expected.astype(np.float64),),
+                     (expected.astype(">f4"),), (np.asfortranarray(expected),)):
+            np.testing.assert_array_equal(self.frame(*rays), expected)
+
+    def test_ready_rays_are_not_copied(self):
+        rays = np.zeros((10, 8), np.float32)
+        self.assertTrue(np.shares_memory(Rays(rays).frame(3, 4), rays))
+        self.assertFalse(np.shares_memory(Rays(rays, origin=[1, 2, 3]).frame(3, 4), rays))
+
+    def test_an_origin_is_subtracted_before_digits_are_lost(self):
+        far = np.array([[1e7 + 0.125, 5e6 + 0.25, -3e6 + 0.5, 0, 0, 1]])
+        frame = self.frame(far, origin=[1e7, 5e6, -3e6])
+        np.testing.assert_array_equal(frame[0, :3], [0.125, 0.25, 0.5])
+
+    def test_one_origin_serves_all_directions(self):
+        frame = self.frame([1, 2, 3], np.eye(3))
+        np.testing.assert_array_equal(frame[:, :3], [[1, 2, 3]] * 3)
+        np.testing.assert_array_equal(frame[:, 4:7], np.eye(3))
+
+    def test_segments_leave_their_ends_out(self):
+        rows = segments([0, 0, 0], [[2, 0, 0], [0, 4, 0]], 0.25)
+        np.testing.assert_array_equal(rows, [[0, 0, 0, 0.25, 2, 0, 0, 0.75],
+                                             [0, 0, 0, 0.25, 0, 4, 0, 0.75]])
+
+    def test_what_is_no_ray_is_refused(self):
+        for rays in ((np.zeros((4, 7)),), (np.zeros(6),), (np.zeros((2, 3)), np.zeros((3, 3))),
+                     (np.zeros((2, 2)), np.zeros((2, 2))), (["a"],), (np.zeros((1, 6), complex),)):
+            with self.assertRaises(errors.UsageError):
+                Rays(*rays)
+        with self.assertRaises(errors.UsageError):
+            Rays(np.zeros((1, 6)), origin=[1, 2])
+
+
+if __name__ == "__main__":
+    Schema.flatc = sys.argv[3]
+    unittest.main(argv=sys.argv[:1])

@@ -1,0 +1,151 @@
+#!/usr/bin/env python3
+"""Scene.trace() and occluded() against a real daemon: all kinds, columns and forms of rays, compared with
+what the command line answers.
+
+  rays_test.py RAYNESTD RAYNEST FLATC
+"""
+import numpy as np
+
+import raynest
+from with_daemon import FIELDS, MISS, WithDaemon, main, rain
+
+
+class Rays(WithDaemon):
+    def from_cli(self, rays, *options):
+        """What `raynest query` answers for the same rays."""
+        np.save(self.out / "rays.npy", rays)
+        done = self.cli.run("query", "woods", "--rays", self.out / "rays.npy", *options, "-o",
+                            self.out / "hits.npz")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with np.load(self.out / "hits.npz") as file:
+            return {name: file[name] for name in file.files}
+
+    def test_closest_is_what_the_command_line_answers(self):
+        rays = rain(40000)
+        hits = self.woods.trace(rays, fields=FIELDS)
+        self.same(hits, self.from_cli(rays, "--fields", ",".join(FIELDS)))
+        self.assertGreater(np.count_nonzero(hits["hit"]), 20000)
+        self.assertGreater(np.count_nonzero(hits["hit"] == 0), 5000)
+
+    def test_multi_is_what_the_command_line_answers(self):
+        rays = rain(40000)
+        hits = self.woods.trace(rays, kind="multi", max_hits=5, fields=FIELDS)
+        self.same(hits, self.from_cli(rays, "--kind", "multi", "--max-hits", "5", "--fields",
+                                      ",".join(FIELDS)))
+        counts = np.diff(hits["ray_splits"])
+        self.assertEqual((len(counts), counts.max(), len(hits["uv"])), (40000, 5, counts.sum()))
+        closest = self.woods.trace(rays, fields=("t",))["t"]
+        some = counts > 0
+        np.testing.assert_array_equal(hits["t"][hits["ray_splits"][:-1][some].astype(int)],
+                                      closest[some])
+
+    def test_any_is_what_the_command_line_answers(self):
+        rays = rain(40000)
+        hits = self.woods.trace(rays, kind="any")
+        self.same(hits, self.from_cli(rays, "--kind", "any"))
+        self.assertEqual(self.woods.trace(rays, kind="any", fields=("flags", "hit")).keys(),
+                         {"flags", "hit"})
+
+    def test_default_columns_and_what_a_miss_looks_like(self):
+        hits = self.woods.trace([[0, 0, 0, 0, 1, 0], [0, 1000, 0, 0, 1, 0]])
+        self.assertEqual(list(hits), ["t", "prim", "geom", "path", "uv"])
+        hits = self.woods.trace([[0, 1000, 0, 0, 1, 0]], fields=list(MISS))
+        for name, value in MISS.items():
+            self.assertTrue((hits[name] == value).all(), name)
+
+    def test_all_forms_of_rays_give_the_same(self):
+        rays = rain(20000)
+        six = rays[:, [0, 1, 2, 4, 5, 6]]
+        expected = self.woods.trace(rays)
+        for form in ((six,), (np.ascontiguousarray(six),), (six.astype(np.float64),),
+                     (rays[:, :3], rays[:, 4:7]), (np.asfortranarray(rays),),
+                     (rays[::-1][::-1],), (rays.astype(np.float64),)):
+            self.same(self.woods.trace(*form), expected)
+        self.assertEqual(len(self.woods.trace(rays[0, :3], rays[:5, 4:7])["t"]), 5)
+
+    def test_tmin_and_tmax_bound_the_hits(self):
+        ray = np.array([[0.3, 60, 0.4, 0, 0, -1, 0, np.inf]], np.float32)
+        t = self.woods.trace(ray)["t"][0]
+        self.assertTrue(0 < t < 100)
+        for tmin, tmax, hit in ((0, t, 1), (0, np.nextafter(t, np.float32(0)), 0), (t, 2 * t, 0)):
+            ray[0, 3], ray[0, 7] = tmin, tmax
+            found = self.woods.trace(ray, kind="multi", max_hits=1, fields=("t", "hit"))
+            self.assertEqual(t in found["t"], bool(hit), (tmin, tmax))
+
+    def test_no_rays_give_empty_columns(self):
+        one = self.woods.trace(np.zeros((1, 6)), fields=FIELDS)
+        none = self.woods.trace(np.zeros((0, 6)), fields=FIELDS)
+        self.assertEqual({name: (column.dtype, column.shape[1:]) for name, column in one.items()},
+                         {name: (column.dtype, column.shape[1:]) for name, column in none.items()})
+        self.assertTrue(all(len(column) == 0 for column in none.values()))
+        multi = self.woods.trace(np.zeros((0, 8)), kind="multi")
+        self.assertEqual((multi["ray_splits"].tolist(), len(multi["t"])), ([0], 0))
+        self.assertEqual(list(self.woods.stream(np.zeros((0, 6)))), [])
+        with self.assertRaises(raynest.UsageError):
+            self.woods.trace(np.zeros((0, 6)), fields=("unheard",))
+
+    def test_rays_that_make_no_sense_are_flagged_misses(self):
+        rays = rain(7)
+        rays[0, 0], rays[1, 5], rays[2, 4:7], rays[3, 3], rays[4, 7], rays[5, 3] = \
+            np.nan, np.inf, 0, -1, np.nan, 7
+        rays[5, 7] = 6
+        hits = self.woods.trace(rays, fields=("t", "hit", "flags"))
+        self.assertEqual(hits["flags"].tolist(), [1, 1, 1, 1, 1, 1, 0])
+        self.assertTrue(np.isinf(hits["t"][:6]).all())
+        self.assertEqual(self.woods.trace(np.full((1, 6), 1e300), fields=("flags",))["flags"], [1])
+
+    def test_an_origin_keeps_the_digits_of_far_coordinates(self):
+        origin = np.array([4e6, 5e6, 100.0])
+        vertices = origin + [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+        scene = self.client.mesh(vertices, [[0, 1, 2]], origin=origin)
+        down = [0, 0, -1]
+        for x, hit in ((0.99, 1), (1.01, 0)):
+            points = origin + [[x, 0.001, 5.0]]
+            self.assertEqual(scene.trace(points, down, fields=("hit",))["hit"][0], hit)
+            self.assertEqual(scene.occluded(points, points - [0, 0, 10])[0], bool(hit))
+            shifted = self.client.scene(scene.name).trace(points, down, origin=origin,
+                                                          fields=("hit",))
+            self.assertEqual(shifted["hit"][0], hit)
+
+    def test_occluded_asks_about_the_segment_alone(self):
+        wall = self.client.mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
+        ends = [[0, 0, -1], [0, 0, 0.5], [0, 0, 0], [5, 0, -1]]
+        self.assertEqual(wall.occluded([0, 0, 1], ends).tolist(), [True, False, False, False])
+
+    def test_options_reach_the_daemon(self):
+        rays = rain(2000)
+        sums = [np.minimum(self.woods.trace(rays, intersector="procedural_mask",
+                                            params={"pattern": "discs", "fill": fill})["t"],
+                           1000).sum() for fill in (0.1, 0.9)]
+        self.assertGreater(sums[0], sums[1])
+        self.assertEqual(self.client.outcome["intersector"], "procedural_mask")
+        for traversal in ("latency", "batch"):
+            named = self.woods.trace(rays, traversal=traversal)
+            self.assertEqual(self.client.outcome["traversal"], traversal)
+            self.same(named, self.woods.trace(rays))
+        self.assertEqual(self.client.outcome["rays"], 2000)
+        self.assertTrue(np.isinf(self.woods.trace(rays, mask=0)["t"]).all())
+        self.woods.trace(rays, precision="fast", priority="low", deadline=30, epoch=1)
+        with self.assertRaisesRegex(TypeError, "there is no option unheard"):
+            self.woods.trace(rays, unheard=1)
+
+    def test_tiny_windows_only_cost_time(self):
+        rays = rain(60000)
+        expected = self.woods.trace(rays, fields=FIELDS)
+        for uri in (self.daemon.uri, self.socket):
+            with raynest.connect(uri, window_bytes=64 << 10) as narrow:
+                scene = narrow.scene("woods")
+                self.same(scene.trace(rays, fields=FIELDS), expected)
+                self.assertEqual(scene.trace(rays[:99], kind="multi", max_hits=256)["ray_splits"][-1],
+                                 self.woods.trace(rays[:99], kind="multi", max_hits=256)["t"].size)
+
+    def test_progress_rises_to_the_end(self):
+        seen = []
+        self.woods.trace(rain(50000), fields=("t",), progress=lambda *news: seen.append(news))
+        self.assertEqual(seen[-1], (50000, 50000, "tracing"))
+        self.assertEqual(seen, sorted(seen))
+        self.assertGreater(len(seen), 2)
+
+
+if __name__ == "__main__":
+    main()

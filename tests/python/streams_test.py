@@ -1,0 +1,208 @@
+#!/usr/bin/env python3
+"""Scene.stream() against a real daemon, and what happens when a request is left before its end: by
+break, by an exception, by Ctrl-C, by its deadline.
+
+  streams_test.py RAYNESTD RAYNEST FLATC
+"""
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+
+import raynest
+from daemon import PATIENCE
+from with_daemon import FIELDS, WithDaemon, main, rain
+
+
+class Streams(WithDaemon):
+    def test_chunks_cover_all_rays_once(self):
+        rays = rain(100000)
+        whole = self.woods.trace(rays, fields=("t", "path"))
+        seen = np.zeros(len(rays), int)
+        for first, columns in self.woods.stream(rays, fields=("t", "path")):
+            part = slice(first, first + len(columns["t"]))
+            seen[part] += 1
+            self.same(columns, {name: column[part] for name, column in whole.items()})
+        self.assertTrue((seen == 1).all())
+        self.assertEqual(self.client.outcome["rays"], 100000)
+
+    def test_blocks_of_an_iterator_count_on(self):
+        blocks = [rain(30000), rain(0), rain(12345, seed=2), rain(1, seed=3)]
+        whole = self.woods.trace(np.concatenate(blocks), fields=("t",))["t"]
+        answered = np.full(len(whole), np.nan)
+        for first, columns in self.woods.stream(iter(blocks), fields=("t",)):
+            answered[first:first + len(columns["t"])] = columns["t"]
+        np.testing.assert_array_equal(answered, whole)
+
+    def test_blocks_of_an_iterator_see_one_epoch(self):
+        def blocks():
+            yield rain(100)
+            self.client.load("builtin:terrain?size=9", "moving", replace=True)
+            yield rain(100)
+        scene = self.client.load("builtin:terrain?size=8", "moving")
+        with self.assertRaisesRegex(raynest.Error, "epoch"):
+            for _ in scene.stream(blocks()):
+                pass
+
+    def test_multi_comes_with_splits_of_its_own(self):
+        rays = rain(40000)
+        whole = self.woods.trace(rays, kind="multi", fields=("t",))
+        counts = np.diff(whole["ray_splits"])
+        for first, columns in self.woods.stream(rays, kind="multi", fields=("t",)):
+            own = np.diff(columns["ray_splits"])
+            np.testing.assert_array_equal(own, counts[first:first + len(own)])
+            start = int(whole["ray_splits"][first])
+            np.testing.assert_array_equal(columns["t"], whole["t"][start:start + len(columns["t"])])
+
+    def test_leaving_a_stream_cancels_it_and_frees_the_connection(self):
+        cancelled = self.client.stats()["jobs_cancelled"]
+        for _ in self.woods.stream(rain(4_000_000), fields=("t", "total")):
+            break
+        stats = self.client.stats()
+        self.assertEqual(stats["jobs_cancelled"], cancelled + 1)
+        self.assertEqual(stats["jobs_ended"], stats["jobs_started"])
+        self.assertEqual(len(self.woods.trace(rain(5))["t"]), 5)
+
+    def test_an_open_stream_keeps_the_connection(self):
+        stream = self.woods.stream(rain(200000))
+        next(stream)
+        with self.assertRaisesRegex(raynest.UsageError, "a stream is still open"):
+            self.client.scenes()
+        stream.close()
+        self.assertTrue(self.client.scenes())
+
+    def test_an_exception_in_the_loop_leaves_the_connection_usable(self):
+        with self.assertRaises(ZeroDivisionError):
+            self.woods.trace(rain(200000), progress=lambda *_: 1 // 0)
+        self.assertLess(self.client.ping(), PATIENCE)
+
+    def test_another_thread_may_close_the_connection(self):
+        client = raynest.connect(self.daemon.uri)
+        scene = client.scene("woods")
+        started = self.client.stats()["jobs_started"]
+
+        def close():
+            while self.client.stats()["jobs_started"] == started:
+                time.sleep(0.01)
+            client.close()
+        closer = threading.Thread(target=close)
+        closer.start()
+        with self.assertRaises(raynest.Error):
+            scene.render(size=(8192, 8192))
+        closer.join(PATIENCE)
+
+    def test_threads_take_turns(self):
+        rays = rain(30000)
+        expected = self.woods.trace(rays)
+        answers = [None] * 4
+
+        def work(i):
+            answers[i] = self.woods.trace(rays)
+        threads = [threading.Thread(target=work, args=(i,)) for i in range(len(answers))]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(PATIENCE)
+        for answer in answers:
+            self.same(answer, expected)
+
+
+class Interrupts(WithDaemon):
+    def interrupt_once(self, condition):
+        """Ctrl-C for this process, as soon as the daemon says so to a second connection."""
+        def wait():
+            with raynest.connect(self.daemon.uri) as watcher:
+                end = time.monotonic() + PATIENCE
+                while not condition(watcher.stats()) and time.monotonic() < end:
+                    time.sleep(0.01)
+            os.kill(os.getpid(), signal.SIGINT)
+        thread = threading.Thread(target=wait)
+        thread.start()
+        self.addCleanup(thread.join)
+
+    def assert_usable(self, before):
+        stats = self.client.stats()
+        self.assertEqual(stats["jobs_cancelled"], before["jobs_cancelled"] + 1)
+        self.assertEqual(stats["jobs_ended"], stats["jobs_started"])
+        self.assertFalse(self.client.connection.closed)
+        self.assertEqual(signal.getsignal(signal.SIGINT), signal.default_int_handler)
+        np.testing.assert_array_equal(self.woods.trace(rain(100))["t"],
+                                      self.woods.trace(rain(100))["t"])
+
+    def test_an_interrupt_cancels_a_picture(self):
+        before = self.client.stats()
+        self.interrupt_once(lambda stats: stats["jobs_started"] > before["jobs_started"])
+        with self.assertRaises(KeyboardInterrupt):
+            self.woods.render(size=(8192, 8192))
+        self.assert_usable(before)
+
+    def test_an_interrupt_cancels_a_query_in_the_midst_of_sending(self):
+        before = self.client.stats()
+        self.interrupt_once(lambda stats: stats["rays"] > before["rays"])
+        with self.assertRaises(KeyboardInterrupt):
+            self.woods.trace(rain(8_000_000), fields=FIELDS)
+        self.assert_usable(before)
+
+    def test_interrupts_at_any_moment_leave_the_connection_usable(self):
+        """Thirty of them, each some milliseconds into a request, wherever Python then is."""
+        rays, interrupted = rain(300_000), 0
+        old = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+        self.addCleanup(signal.signal, signal.SIGALRM, old)
+        for i in range(30):
+            signal.setitimer(signal.ITIMER_REAL, 0.001 + 0.004 * i)
+            try:
+                self.woods.trace(rays, fields=FIELDS)
+                while True:  # until it comes
+                    self.client.ping()
+            except KeyboardInterrupt:
+                interrupted += 1
+            self.assertFalse(self.client.connection.closed)
+            self.assertEqual(self.woods.trace(rays[:10], kind="any")["hit"].size, 10)
+        self.assertEqual(interrupted, 30)
+
+    def test_an_interrupt_ends_the_wait_for_another_thread(self):
+        answers = []
+        cancel = threading.Event()
+
+        def hold():
+            for first, columns in self.woods.stream(rain(100_000), fields=("t",)):
+                answers.append(len(columns["t"]))
+                cancel.wait(PATIENCE)
+        holder = threading.Thread(target=hold)
+        holder.start()
+        self.until(lambda: answers)
+        timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+        timer.start()
+        with self.assertRaises(KeyboardInterrupt):
+            self.client.ping()
+        cancel.set()
+        holder.join(PATIENCE)
+        self.assertEqual(sum(answers), 100_000)
+
+    def test_a_handler_of_the_program_stays(self):
+        seen = []
+        old = signal.signal(signal.SIGINT, lambda *_: seen.append(1))
+        self.addCleanup(signal.signal, signal.SIGINT, old)
+        rays = self.client.stats()["rays"]
+        self.interrupt_once(lambda stats: stats["rays"] > rays)
+        self.woods.trace(rain(1_000_000), fields=("t",))
+        self.until(lambda: seen)
+
+    def until(self, condition):
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            self.assertLess(time.monotonic(), end, "it did not come true")
+            time.sleep(0.01)
+
+    def test_a_deadline_ends_the_request_alone(self):
+        with self.assertRaises(raynest.DeadlineError) as caught:
+            self.woods.render(size=(8192, 8192), deadline=0.2)
+        self.assertEqual((caught.exception.name, caught.exception.exit_code), ("DEADLINE", 7))
+        self.assertIsInstance(caught.exception, TimeoutError)
+        self.assertLess(self.client.ping(), PATIENCE)
+
+
+if __name__ == "__main__":
+    main()
