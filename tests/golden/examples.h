@@ -24,4 +24,8 @@ std::vector<std::byte> wire_bytes(const protocol::Frame& frame);
 /// Opens a frame as whatever its header says: UNKNOWN_TYPE for a type outside of THE LIST.
 protocol::Result<void> open_any(const protocol::Frame& frame);
 
+/// Reads every field of a message that open_any() accepts and writes it anew, without its bulk.
+/// LIMIT_EXCEEDED when the original shared its strings so often that written out it is too large.
+protocol::Result<protocol::Frame> rewrite(const protocol::Frame& frame);
+
 }  // namespace raynest::golden
