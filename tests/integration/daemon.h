@@ -82,7 +82,8 @@ Ended run_raynestd(const std::vector<std::string>& arguments);
 /// One TCP connection to a daemon, byte by byte.
 class Peer {
 public:
-    explicit Peer(const Daemon& daemon);
+    explicit Peer(const Daemon& daemon) : Peer(daemon.port()) {}
+    explicit Peer(std::uint16_t port);
     ~Peer();
     Peer(const Peer&) = delete;
 
