@@ -179,8 +179,11 @@ void Session::take_frames(std::span<const std::byte> bytes) {
         check_announced();
         if (decoder_.complete()) {
             conversation_.receive(decoder_.take());
-            if (conversation_.greeted())
+            if (conversation_.greeted()) {
                 decoder_.set_frame_bytes_max(services_.limits.frame_bytes_max);
+                // The next frame has its own time, also where it began in these bytes.
+                read_deadline_ = never;
+            }
         }
     } while (open_ && !conversation_.closing() && !bytes.empty());
 }

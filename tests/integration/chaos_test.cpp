@@ -211,10 +211,11 @@ TEST_CASE_FIXTURE(Served, "whatever the network does at any point, the daemon gi
         }
     }
     CHECK(points >= 30);
-    std::ostringstream tally;
+    std::ostringstream done;
     for (std::size_t i = 0; i < harm_count; ++i)
-        tally << ' ' << harm_name(static_cast<Harm>(i)) << ' ' << harms[i];
-    MESSAGE(points << " points x " << seeds() << " seeds:" << tally.str());
+        done << ' ' << harm_name(static_cast<Harm>(i)) << ' ' << harms[i];
+    tally("conversations through a bad network", points * seeds(),
+          std::to_string(points) + " points:" + done.str() + "; all is given back");
 }
 
 }  // namespace
