@@ -28,7 +28,7 @@ void Workers::submit(std::function<void()> task) {
     wake_.notify_one();
 }
 
-bool Workers::run_one() {
+bool Workers::run_one() noexcept {
     std::function<void()> task;
     {
         const std::lock_guard lock(mutex_);

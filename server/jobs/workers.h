@@ -28,7 +28,7 @@ public:
     void submit(std::function<void()> task);
 
     /// Runs the next task here; false when none waits.
-    bool run_one();
+    bool run_one() noexcept;
 
     [[nodiscard]] std::size_t threads() const { return threads_.size(); }
 

@@ -130,8 +130,9 @@ void Session::stop() {
 
 void Session::send(protocol::Frame frame) {
     if (!open_) return;
-    backlog_ += frame.header.frame_bytes();
+    const std::uint64_t bytes = frame.header.frame_bytes();
     outbox_.push_back(std::move(frame));
+    backlog_ += bytes;
     wake_.cancel();
 }
 

@@ -135,13 +135,7 @@ protocol::Frame upload(Program& program, std::uint64_t id) {
 
 protocol::Frame example(Program& program) {
     static const std::vector<golden::Example> examples = golden::examples();
-    const protocol::Frame& good = examples[program.below(examples.size())].frame;
-    protocol::Frame copy;
-    copy.header = good.header;
-    copy.control = protocol::Buffer(good.control.size());
-    std::ranges::copy(good.control.span(), copy.control.data());
-    copy.bulk = protocol::Buffer(good.bulk.size());
-    std::ranges::copy(good.bulk.span(), copy.bulk.data());
+    protocol::Frame copy = golden::copy(examples[program.below(examples.size())].frame);
     if (const std::uint64_t other = program.below(2 * ids); other < ids)
         copy.header.request_id = other;
     return copy;

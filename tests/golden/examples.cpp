@@ -1,5 +1,6 @@
 #include "tests/golden/examples.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <limits>
@@ -324,6 +325,16 @@ std::vector<Example> examples() {
     add_scene_answers(all);
     add_work_answers(all);
     return all.take();
+}
+
+Frame copy(const Frame& frame) {
+    Frame result;
+    result.header = frame.header;
+    result.control = protocol::Buffer(frame.control.size());
+    result.bulk = protocol::Buffer(frame.bulk.size());
+    std::ranges::copy(frame.control.span(), result.control.data());
+    std::ranges::copy(frame.bulk.span(), result.bulk.data());
+    return result;
 }
 
 std::vector<std::byte> wire_bytes(const Frame& frame) {

@@ -18,6 +18,9 @@ struct Example {
 /// Freshly encoded, in the order of THE LIST; the same values on every call.
 std::vector<Example> examples();
 
+/// Frames do not copy themselves.
+protocol::Frame copy(const protocol::Frame& frame);
+
 /// The frame as it travels.
 std::vector<std::byte> wire_bytes(const protocol::Frame& frame);
 

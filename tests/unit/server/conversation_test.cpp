@@ -22,11 +22,7 @@ TEST_CASE("nothing but a greeting opens a conversation") {
     for (const golden::Example& example : golden::examples()) {
         daemon.sent.clear();
         Conversation conversation(daemon.services, daemon.engine, daemon, "me");
-        protocol::Frame frame;
-        frame.header = example.frame.header;
-        frame.control = protocol::Buffer(example.frame.control.size());
-        std::copy_n(example.frame.control.data(), frame.control.size(), frame.control.data());
-        conversation.receive(std::move(frame));
+        conversation.receive(golden::copy(example.frame));
         CHECK(conversation.greeted() == (example.name == "Hello"));
         CHECK(conversation.closing() == (example.name != "Hello"));
         CHECK(daemon.sent.size() == 1);

@@ -34,7 +34,11 @@ public:
         if (posted.empty()) return compute.run_one() || blocking.run_one();
         const std::function<void()> next = std::move(posted.front());
         posted.pop_front();
-        next();
+        try {
+            next();
+        } catch (const std::exception&) {
+            ++handlers_failed;  // as the daemon's own loop, which goes on
+        }
         return true;
     }
     void settle() {
@@ -54,6 +58,7 @@ public:
     server::SceneStore scenes{budget};
     server::Admission admission{64};
     std::uint64_t waiting = 0;  ///< what backlog() says
+    std::size_t handlers_failed = 0;
     std::vector<protocol::Frame> sent;
     std::deque<std::function<void()>> posted;
     server::Services services{*registry, scenes, budget, metrics, limits, {}, {}, {}};
