@@ -1,19 +1,25 @@
 #!/usr/bin/env bash
 # Runs the fuzz targets under libFuzzer, AddressSanitizer and UndefinedBehaviorSanitizer.
 #   bash tests/fuzz/run.sh [EXECUTIONS [TARGET...]]     default: 100000 of every target
-# Needs clang 14 with its runtime (clang, libclang-rt-14-dev). Found inputs stay beneath build/fuzz, so
-# that a later run goes on where this one ended; a finding is left in the folder that is printed.
+# Needs clang 14 with its runtime (clang, libclang-rt-14-dev). What is found to reach new code stays
+# beneath build/fuzz/found, so that a later run goes on where this one ended; a finding's input is left
+# there too. Kernels come from the packs of the plain build: tests/conformance looks after those.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 executions=${1:-100000}
 shift $(($# ? 1 : 0))
-build=${RAYNEST_BUILD:-$root/build}/fuzz
+plain=${RAYNEST_BUILD:-$root/build}
+[[ $plain == /* ]] || plain=$PWD/$plain
+build=$plain/fuzz
 targets=("$@")
 (($#)) || for source in "$root"/tests/fuzz/fuzz_*.cpp; do
     name=${source##*/fuzz_}
     targets+=("${name%.cpp}")
 done
 
+[[ -f $plain/build.ninja ]] ||
+    cmake -S "$root" -B "$plain" -G Ninja -C "$root/.ci/release.cmake" >/dev/null
+cmake --build "$plain" --target raynest_packs
 cmake -S "$root" -B "$build" -G Ninja -C "$root/.ci/fuzz.cmake" -DRAYNEST_TESTS=ON >/dev/null
 cmake --build "$build" --target "${targets[@]/#/fuzz_}" "${targets[@]/#/replay_}"
 
@@ -27,7 +33,7 @@ for target in "${targets[@]}"; do
     [[ ! -d $root/tests/fuzz/regress/$target ]] || regress=("$root/tests/fuzz/regress/$target")
     printf '==> %s: %s executions\n' "$target" "$executions"
     result=ok
-    RAYNEST_BUILTIN_PACKS=$build/lib/raynest "$build/bin/fuzz_$target" -runs="$executions" \
+    RAYNEST_BUILTIN_PACKS=$plain/lib/raynest "$build/bin/fuzz_$target" -runs="$executions" \
         -print_final_stats=1 -timeout=20 -rss_limit_mb=4096 -artifact_prefix="$folder/" \
         "$folder/corpus" "${regress[@]}" >"$folder/log" 2>&1 || result=FOUND
     done=$(sed -n 's/^stat::number_of_executed_units: *//p' "$folder/log")
