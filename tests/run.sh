@@ -1,34 +1,60 @@
 #!/usr/bin/env bash
 # Installs what is missing, builds, runs all tests.
-#   bash tests/run.sh [--yes] [CTEST ARGUMENT...]      for example: bash tests/run.sh -R wire
+#   bash tests/run.sh [--yes] [--sanitize] [CTEST ARGUMENT...]    for example: bash tests/run.sh -R wire
 # The last line is "N passed, N failed", plus ", N skipped" where some had nothing to run on.
+# --sanitize builds twice more, beneath build/, and runs the unit and integration tests with the checks
+# of .ci/asan.cmake and of .ci/tsan.cmake instead.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
-yes=0
-[[ ${1:-} != --yes ]] || { yes=1; shift; }
+yes=0 sanitize=0
+while [[ ${1:-} == --yes || ${1:-} == --sanitize ]]; do
+    [[ $1 == --yes ]] && yes=1 || sanitize=1
+    shift
+done
 cpu_minutes=20
+((!sanitize)) || cpu_minutes=90
 # shellcheck source=.ci/setup.sh
 source "$root/.ci/setup.sh"
 
 install_missing "${test_packages[@]}"
-# The interpreter that python3-numpy was installed for, whatever else PATH offers.
-build_raynest -DRAYNEST_TESTS=ON -DRAYNEST_BENCH=ON -DPython3_EXECUTABLE=/usr/bin/python3 --
 
-printf '==> tests\n'
-start=$SECONDS status=0 results=$build/test-results.xml
-rm -f "$results"
-ctest --test-dir "$build" --output-on-failure --no-tests=error --parallel "$(nproc)" \
-    --output-junit "$results" "$@" || status=$?
-printf '    tests: %d s\n' $((SECONDS - start))
+# run_tests CTEST_ARGUMENT...: those of $build; prints the numbers, fails when one test does.
+run_tests() {
+    local start=$SECONDS status=0 results=$build/test-results.xml passed skipped total
+    printf '==> tests\n'
+    rm -f "$results"
+    ctest --test-dir "$build" --output-on-failure --no-tests=error --parallel "$(nproc)" \
+        --output-junit "$results" "$@" || status=$?
+    printf '    tests: %d s\n' $((SECONDS - start))
 
-# Listing tests (-N) runs none and writes no results.
-if [[ -f $results ]]; then
+    # Listing tests (-N) runs none and writes no results.
+    [[ -f $results ]] || return "$status"
     passed=$(grep -c '<testcase .*status="run"' "$results" || true)
     skipped=$(grep -c '<skipped message="SKIP_' "$results" || true)
     total=$(grep -c '<testcase ' "$results" || true)
-    failed=$((total - passed - skipped))
-    printf '%d passed, %d failed' "$passed" "$failed"
+    printf '%d passed, %d failed' "$passed" $((total - passed - skipped))
     ((skipped == 0)) || printf ', %d skipped' "$skipped"
     printf '\n'
+    return "$status"
+}
+
+# The interpreter that python3-numpy was installed for, whatever else PATH offers.
+options=(-DRAYNEST_TESTS=ON -DPython3_EXECUTABLE=/usr/bin/python3)
+if ((!sanitize)); then
+    build_raynest -DRAYNEST_BENCH=ON "${options[@]}" --
+    run_tests "$@"
+    exit
 fi
+
+# The first report ends a program, and with it its test. Not run: what looks at the build, at speed or
+# at other compilers' work.
+export UBSAN_OPTIONS=print_stacktrace=1 TSAN_OPTIONS=halt_on_error=1
+plain=$build status=0
+for config in asan tsan; do
+    build=$plain/$config
+    printf '==> %s\n' "$config"
+    build_raynest "${options[@]}" --
+    run_tests --exclude-regex '^(check|demo|readme|own_pack|pack_report|zero_cost|bench)' "$@" ||
+        status=$?
+done
 exit "$status"

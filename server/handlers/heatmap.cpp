@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <memory>
 
 namespace raynest::server {
 namespace {
@@ -28,7 +29,7 @@ public:
           options_(std::move(options)),
           metric_(*parse_field(options_.metric)),
           first_pass_(std::move(first_pass)),
-          counts_(order().pixels()) {}
+          counts_(blank<std::uint32_t>()) {}
 
 protected:
     Reply<void> expose(std::uint64_t first, std::span<Ray> rays, TraceBuffers& buffers) override {
@@ -45,31 +46,32 @@ protected:
         source.counters = buffers.counters;
         std::vector<std::uint32_t> counts(rays.size());
         write_column(metric_, source, reinterpret_cast<std::byte*>(counts.data()));
-        place<std::uint32_t>(first, counts, counts_);
+        place<std::uint32_t>(first, counts, counts_.get());
         return {};
     }
 
     Reply<Payload> develop() override {
+        const std::span<const std::uint32_t> counts(counts_.get(), order().pixels());
         const std::uint64_t misses = tally().done().misses;
-        const auto statistics = heat_statistics(counts_, misses, options_);
+        const auto statistics = heat_statistics(counts, misses, options_);
         if (!statistics) return refuse(statistics.error());
         statistics_ = *statistics;
 
         Payload payload{order().width, order().height, {}};
         if (order().encode == "raw") {
-            payload.bytes.resize(counts_.size() * sizeof(std::uint32_t));
-            std::memcpy(payload.bytes.data(), counts_.data(), payload.bytes.size());
+            payload.bytes.resize(counts.size_bytes());
+            std::memcpy(payload.bytes.data(), counts.data(), payload.bytes.size());
             return payload;
         }
         if (order().encode == "exr") {
-            const std::array<Channel, 1> channels = {Channel{options_.metric, {}, counts_}};
+            const std::array<Channel, 1> channels = {Channel{options_.metric, {}, counts}};
             auto file = encode_exr(payload.width, payload.height, channels);
             if (!file) return refuse(file.error());
             payload.bytes = std::move(*file);
             return payload;
         }
         const auto picture =
-            heat_picture(payload.width, payload.height, counts_, statistics_, options_);
+            heat_picture(payload.width, payload.height, counts, statistics_, options_);
         if (!picture) return refuse(picture.error());
         auto file = encode_picture(picture->width, picture->height, picture->rgba, "png");
         if (!file) return refuse(file.error());
@@ -93,7 +95,7 @@ private:
     const HeatOptions options_;
     const Field metric_;
     const std::optional<Plan> first_pass_;
-    std::vector<std::uint32_t> counts_;
+    const std::unique_ptr<std::uint32_t[]> counts_;
     HeatStatistics statistics_;
 };
 

@@ -58,9 +58,15 @@ protected:
     /// Adds to DONE what only this kind of picture knows.
     virtual void complete(wire::DoneT& /*done*/) const {}
 
+    /// A value for each pixel, on pages that come when workers write to them: zeroing a large
+    /// picture would hold up the io thread, and all clients with it.
+    template <class T>
+    [[nodiscard]] std::unique_ptr<T[]> blank() const {
+        return std::make_unique_for_overwrite<T[]>(order_.pixels());
+    }
     /// Puts the values of a chunk where its pixels are. Chunks do not overlap.
     template <class T>
-    void place(std::uint64_t first, std::span<const T> values, std::vector<T>& picture) const {
+    void place(std::uint64_t first, std::span<const T> values, T* picture) const {
         for (std::size_t i = 0; i < values.size(); ++i) {
             picture[tile_order(first + i, order_.width, order_.height)] = values[i];
         }

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstring>
+#include <memory>
 
 namespace raynest::server {
 namespace {
@@ -31,7 +32,7 @@ class RenderJob final : public PictureJob {
 public:
     RenderJob(const Services& services, const Caller& caller, PictureOrder made)
         : PictureJob(services, caller, std::move(made)),
-          pixels_(order().pixels()) {}
+          pixels_(blank<Vec4>()) {}
 
 protected:
     Reply<void> expose(std::uint64_t first, std::span<Ray> rays, TraceBuffers& buffers) override {
@@ -41,19 +42,20 @@ protected:
         source.hits = buffers.hits;
         std::vector<Vec4> shaded(rays.size());
         shade_primary(source, shaded);
-        place<Vec4>(first, shaded, pixels_);
+        place<Vec4>(first, shaded, pixels_.get());
         return {};
     }
 
     Reply<Payload> develop() override {
         Payload payload{order().width, order().height, {}};
+        const std::span<const Vec4> pixels(pixels_.get(), order().pixels());
         if (order().encode == "exr") {
-            auto file = encode_linear_exr(payload.width, payload.height, pixels_);
+            auto file = encode_linear_exr(payload.width, payload.height, pixels);
             if (!file) return refuse(file.error());
             payload.bytes = std::move(*file);
             return payload;
         }
-        const Picture picture = to_picture(payload.width, payload.height, pixels_);
+        const Picture picture = to_picture(payload.width, payload.height, pixels);
         if (order().encode == "png") {
             auto file = encode_picture(picture.width, picture.height, picture.rgba, "png");
             if (!file) return refuse(file.error());
@@ -66,7 +68,7 @@ protected:
     }
 
 private:
-    std::vector<Vec4> pixels_;
+    const std::unique_ptr<Vec4[]> pixels_;
 };
 
 }  // namespace

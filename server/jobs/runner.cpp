@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <exception>
 #include <new>
+#include <thread>
 #include <utility>
 
 namespace raynest::server {
@@ -13,6 +14,7 @@ namespace {
 constexpr std::chrono::milliseconds tick_period{250};
 /// A job that neither gets rays nor may send answers must not keep its place for ever.
 constexpr std::chrono::seconds idle_max{60};
+constexpr std::chrono::milliseconds out_of_memory_pause{10};
 
 /// Chunks in flight are a job's share of the workers' queue.
 unsigned width_of(Priority priority, std::size_t threads) {
@@ -33,6 +35,18 @@ protocol::Error deadline_error() {
             "the request's deadline passed; " +
                 std::string(protocol::error_info(Code::deadline).remedy),
             0};
+}
+
+/// A completion that got lost would leave its job for ever: without memory it waits for some.
+void post_surely(const std::function<void(std::function<void()>)>& post,
+                 const std::function<void()>& done) noexcept {
+    for (;;) {
+        try {
+            return post(done);
+        } catch (const std::bad_alloc&) {
+            std::this_thread::sleep_for(out_of_memory_pause);
+        }
+    }
 }
 
 // The border between tasks and exceptions of libraries: whatever happens fails this job alone.
@@ -60,6 +74,15 @@ Runner::ActivePointer Runner::find(std::uint64_t id) const {
     const auto found = std::find_if(jobs_.begin(), jobs_.end(),
                                     [&](const ActivePointer& active) { return active->id == id; });
     return found == jobs_.end() ? nullptr : *found;
+}
+
+template <class Step>
+void Runner::guarded(Active& active, Step step) {
+    try {
+        step();
+    } catch (const std::bad_alloc&) {
+        stop(active, {Code::resource_exhausted, "", 0});
+    }
 }
 
 bool Runner::knows(std::uint64_t id) const {
@@ -91,7 +114,9 @@ Reply<void> Runner::start(std::uint64_t id, Accepted accepted) {
     active->input_credit = engine_.limits.window_bytes;
     jobs_.push_back(active);
     ++engine_.metrics.jobs_started;
-    for (protocol::Frame& frame : active->job->greeting()) sink_->send(std::move(frame));
+    guarded(*active, [&] {
+        for (protocol::Frame& frame : active->job->greeting()) sink_->send(std::move(frame));
+    });
     pump(active);
     return {};
 }
@@ -109,11 +134,13 @@ void Runner::feed(protocol::Frame frame) {
     }
     active->input_credit -= bytes;
     active->last_activity = Clock::now();
-    const Reply<std::uint64_t> free = active->job->feed(std::move(frame));
-    if (free)
-        return_input(*active, *free);
-    else
-        stop(*active, free.error());
+    guarded(*active, [&] {
+        const Reply<std::uint64_t> free = active->job->feed(std::move(frame));
+        if (free)
+            return_input(*active, *free);
+        else
+            stop(*active, free.error());
+    });
     pump(active);
 }
 
@@ -141,13 +168,15 @@ void Runner::pump() {
 }
 
 void Runner::pump(const ActivePointer& active) {
-    while (sink_ != nullptr && !active->error && active->running < active->width) {
-        if (!active->parked) active->parked = active->job->next();
-        if (!active->parked || !credit_allows(*active, *active->parked) ||
-            !window_allows(*active->parked))
-            break;
-        submit(active, *std::exchange(active->parked, std::nullopt));
-    }
+    guarded(*active, [&] {
+        while (sink_ != nullptr && !active->error && active->running < active->width) {
+            if (!active->parked) active->parked = active->job->next();
+            if (!active->parked || !credit_allows(*active, *active->parked) ||
+                !window_allows(*active->parked))
+                break;
+            submit(active, *std::exchange(active->parked, std::nullopt));
+        }
+    });
     const bool done = active->error || (!active->parked && active->job->finished());
     if (active->running == 0 && done) finish(active);
 }
@@ -170,17 +199,21 @@ bool Runner::blocked() const {
 }
 
 void Runner::submit(const ActivePointer& active, Task task) {
-    ++active->running;
-    active->reserved += task.reply_bytes_max;
-    in_flight_bytes_ += task.reply_bytes_max;
+    const std::uint64_t reserved = task.reply_bytes_max;
     Workers& workers = task.lane == Lane::compute ? engine_.compute : engine_.blocking;
-    const std::function<void(std::function<void()>)>& post = engine_.post;
-    workers.submit([self = shared_from_this(), active, task = std::move(task), &post] {
-        auto reply = std::make_shared<Reply<Frames>>(run_guarded(task, active->stop));
-        post([self, active, reply, reserved = task.reply_bytes_max, input = task.input_bytes] {
-            self->task_ended(active, std::move(*reply), reserved, input);
-        });
+    // Memory for the way back is taken here, where its lack fails the job and not the worker.
+    const auto reply = std::make_shared<Reply<Frames>>();
+    const std::function<void()> done = [self = shared_from_this(), active, reply, reserved,
+                                        input = task.input_bytes] {
+        self->task_ended(active, std::move(*reply), reserved, input);
+    };
+    workers.submit([active, task = std::move(task), reply, done, &post = engine_.post] {
+        *reply = run_guarded(task, active->stop);
+        post_surely(post, done);
     });
+    ++active->running;
+    active->reserved += reserved;
+    in_flight_bytes_ += reserved;
 }
 
 void Runner::task_ended(const ActivePointer& active, Reply<Frames> reply, std::uint64_t reserved,
@@ -191,16 +224,19 @@ void Runner::task_ended(const ActivePointer& active, Reply<Frames> reply, std::u
     if (sink_ == nullptr) return finish(active);
 
     active->last_activity = Clock::now();
-    if (reply && !active->error) {
-        for (protocol::Frame& frame : *reply) {
-            active->credit -= std::min(active->credit, frame.header.bulk_bytes);
-            sink_->send(std::move(frame));
+    guarded(*active, [&] {
+        if (reply && !active->error) {
+            for (protocol::Frame& frame : *reply) {
+                active->credit -= std::min(active->credit, frame.header.bulk_bytes);
+                sink_->send(std::move(frame));
+            }
+            return_input(*active, input_bytes);
+            if (const Reply<void> taken = active->job->ended(); !taken)
+                stop(*active, taken.error());
+        } else if (!reply) {
+            stop(*active, reply.error());
         }
-        return_input(*active, input_bytes);
-        if (const Reply<void> taken = active->job->ended(); !taken) stop(*active, taken.error());
-    } else if (!reply) {
-        stop(*active, reply.error());
-    }
+    });
     pump(active);
 }
 
@@ -225,11 +261,13 @@ void Runner::finish(const ActivePointer& active) {
     jobs_.remove(active);
     ++engine_.metrics.jobs_ended;
     engine_.admission.record(Clock::now() - active->started);
+    if (sink_ != nullptr && !active->error)
+        guarded(*active, [&] {
+            for (protocol::Frame& frame : active->job->farewell()) sink_->send(std::move(frame));
+        });
     if (active->error && active->error->code != Code::cancelled) ++engine_.metrics.jobs_failed;
     if (sink_ != nullptr && active->error)
         sink_->send(protocol::encode_error(active->id, *active->error, false));
-    if (sink_ != nullptr && !active->error)
-        for (protocol::Frame& frame : active->job->farewell()) sink_->send(std::move(frame));
     // Here and now, not where the worker drops the last reference: what a job held is free again
     // when its slot is.
     active->job.reset();
@@ -273,7 +311,8 @@ Clock::time_point Runner::next_tick() const {
 
 void Runner::abandon() {
     sink_ = nullptr;
-    const std::list<ActivePointer> jobs = jobs_;
+    // Moved, not copied: this must not need memory.
+    const std::list<ActivePointer> jobs = std::move(jobs_);
     for (const ActivePointer& active : jobs) {
         stop(*active, {Code::cancelled, "", 0});
         finish(active);

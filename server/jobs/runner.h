@@ -95,6 +95,9 @@ private:
     using ActivePointer = std::shared_ptr<Active>;
 
     ActivePointer find(std::uint64_t id) const;
+    /// Without memory for `step` the job fails, as it would for lack of it in a task.
+    template <class Step>
+    void guarded(Active& active, Step step);
     void pump(const ActivePointer& active);
     [[nodiscard]] bool window_allows(const Task& task) const;
     [[nodiscard]] static bool credit_allows(const Active& active, const Task& task);

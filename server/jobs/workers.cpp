@@ -28,6 +28,18 @@ void Workers::submit(std::function<void()> task) {
     wake_.notify_one();
 }
 
+bool Workers::run_one() noexcept {
+    std::function<void()> task;
+    {
+        const std::lock_guard lock(mutex_);
+        if (tasks_.empty()) return false;
+        task = std::move(tasks_.front());
+        tasks_.pop_front();
+    }
+    task();
+    return true;
+}
+
 void Workers::run() {
     for (;;) {
         std::function<void()> task;

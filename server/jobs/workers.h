@@ -17,7 +17,8 @@ namespace raynest::server {
 /// Thread-safe.
 class Workers {
 public:
-    /// `threads` >= 1; throws std::system_error when the system has none left.
+    /// Throws std::system_error when the system has no threads left. With 0 of them tasks wait for
+    /// run_one().
     explicit Workers(unsigned threads);
     /// Drops what has not started, waits for what runs.
     ~Workers();
@@ -25,6 +26,9 @@ public:
 
     /// The task must not throw. Unbounded by itself: callers bound what they have in flight.
     void submit(std::function<void()> task);
+
+    /// Runs the next task here; false when none waits.
+    bool run_one() noexcept;
 
     [[nodiscard]] std::size_t threads() const { return threads_.size(); }
 

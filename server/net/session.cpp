@@ -130,8 +130,9 @@ void Session::stop() {
 
 void Session::send(protocol::Frame frame) {
     if (!open_) return;
-    backlog_ += frame.header.frame_bytes();
+    const std::uint64_t bytes = frame.header.frame_bytes();
     outbox_.push_back(std::move(frame));
+    backlog_ += bytes;
     wake_.cancel();
 }
 
@@ -179,8 +180,11 @@ void Session::take_frames(std::span<const std::byte> bytes) {
         check_announced();
         if (decoder_.complete()) {
             conversation_.receive(decoder_.take());
-            if (conversation_.greeted())
+            if (conversation_.greeted()) {
                 decoder_.set_frame_bytes_max(services_.limits.frame_bytes_max);
+                // The next frame has its own time, also where it began in these bytes.
+                read_deadline_ = never;
+            }
         }
     } while (open_ && !conversation_.closing() && !bytes.empty());
 }

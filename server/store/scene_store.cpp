@@ -39,12 +39,15 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     auto held = hold(std::move(snapshot));
     if (!held) return tl::unexpected(held.error());
 
-    Entry& entry = entries_[name];
+    // Complete before it is in the table, so that lack of memory leaves what was there.
+    Entry entry = taken ? found->second : Entry();
     entry.scene.name = name;
     entry.scene.held = std::move(*held);
     ++entry.scene.epoch;
     entry.principals.insert(principal);
-    return entry.scene;
+    NamedScene scene = entry.scene;
+    entries_.insert_or_assign(name, std::move(entry));
+    return scene;
 }
 
 bool SceneStore::holds(const std::string& hash) const {

@@ -1,4 +1,6 @@
-// main() of a fuzz target without libFuzzer: `target [ROUNDS] [FILE|FOLDER]...`
+// main() of a fuzz target without libFuzzer: `replay_x [ROUNDS] [FILE|FOLDER]...`, or
+// `replay_x --seeds FOLDER`, which writes the target's own inputs there for libFuzzer to begin
+// with.
 #include "tests/fuzz/target.h"
 
 #include <cstdlib>
@@ -59,9 +61,21 @@ std::size_t replay(const std::filesystem::path& path) {
     return count;
 }
 
+int write_seeds(const std::filesystem::path& folder) {
+    std::size_t count = 0;
+    for (const Input& seed : raynest::fuzz::seeds()) {
+        std::ofstream file(folder / ("seed-" + std::to_string(count++)), std::ios::binary);
+        file.write(reinterpret_cast<const char*>(seed.data()),
+                   static_cast<std::streamsize>(seed.size()));
+        if (!file) return EXIT_FAILURE;
+    }
+    return EXIT_SUCCESS;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
+    if (argc == 3 && argv[1] == std::string("--seeds")) return write_seeds(argv[2]);
     const std::size_t rounds = argc > 1 ? std::stoul(argv[1]) : 100000;
     std::size_t files = 0;
     for (int i = 2; i < argc; ++i)

@@ -1,5 +1,6 @@
 #include "tests/golden/examples.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <limits>
@@ -312,19 +313,23 @@ void add_work_answers(Collection& all) {
     all.add(7, done);
 }
 
-/// Every table of THE LIST, so that a type of the header finds its open().
+/// Calls `use` with the table that a type of the header names, out of THE LIST.
 template <class... Tables>
-Result<void> open_one_of(const Frame& frame) {
-    Result<void> result =
-        protocol::fail(protocol::Code::unknown_type, protocol::message_name(frame.header.type));
-    const auto try_one = [&]<class Table>(std::type_identity<Table>) {
-        if (frame.header.type != static_cast<std::uint16_t>(protocol::message_of<Table>)) return;
-        const auto opened = protocol::open<Table>(frame);
-        result = opened ? Result<void>{} : tl::unexpected<protocol::Error>(opened.error());
-    };
-    (try_one(std::type_identity<Tables>{}), ...);
-    return result;
-}
+struct AnyOf {
+    template <class Use>
+    static bool visit(std::uint16_t type, Use use) {
+        return ((type == static_cast<std::uint16_t>(protocol::message_of<Tables>) &&
+                 (use(std::type_identity<Tables>{}), true)) ||
+                ...);
+    }
+};
+using AnyMessage =
+    AnyOf<wire::Hello, wire::Ping, wire::Cancel, wire::Load, wire::Upload, wire::Scenes, wire::Info,
+          wire::Path, wire::Unload, wire::Variants, wire::Stats, wire::Query, wire::QueryRays,
+          wire::Render, wire::Heatmap, wire::Credit, wire::Welcome, wire::Pong, wire::Error,
+          wire::Loaded, wire::Need, wire::SceneList, wire::SceneInfo, wire::PathName,
+          wire::Unloaded, wire::VariantList, wire::Statistics, wire::Started, wire::Chunk,
+          wire::Progress, wire::Picture, wire::Done>;
 
 }  // namespace
 
@@ -338,6 +343,16 @@ std::vector<Example> examples() {
     return all.take();
 }
 
+Frame copy(const Frame& frame) {
+    Frame result;
+    result.header = frame.header;
+    result.control = protocol::Buffer(frame.control.size());
+    result.bulk = protocol::Buffer(frame.bulk.size());
+    std::ranges::copy(frame.control.span(), result.control.data());
+    std::ranges::copy(frame.bulk.span(), result.bulk.data());
+    return result;
+}
+
 std::vector<std::byte> wire_bytes(const Frame& frame) {
     std::vector<std::byte> bytes(protocol::header_bytes);
     protocol::write_header(
@@ -348,13 +363,24 @@ std::vector<std::byte> wire_bytes(const Frame& frame) {
 }
 
 Result<void> open_any(const Frame& frame) {
-    return open_one_of<wire::Hello, wire::Ping, wire::Cancel, wire::Load, wire::Upload,
-                       wire::Scenes, wire::Info, wire::Path, wire::Unload, wire::Variants,
-                       wire::Stats, wire::Query, wire::QueryRays, wire::Render, wire::Heatmap,
-                       wire::Credit, wire::Welcome, wire::Pong, wire::Error, wire::Loaded,
-                       wire::Need, wire::SceneList, wire::SceneInfo, wire::PathName, wire::Unloaded,
-                       wire::VariantList, wire::Statistics, wire::Started, wire::Chunk,
-                       wire::Progress, wire::Picture, wire::Done>(frame);
+    Result<void> result =
+        protocol::fail(protocol::Code::unknown_type, protocol::message_name(frame.header.type));
+    AnyMessage::visit(frame.header.type, [&]<class Table>(std::type_identity<Table>) {
+        const auto opened = protocol::open<Table>(frame);
+        result = opened ? Result<void>{} : tl::unexpected<protocol::Error>(opened.error());
+    });
+    return result;
+}
+
+Result<Frame> rewrite(const Frame& frame) {
+    Result<Frame> result =
+        protocol::fail(protocol::Code::unknown_type, protocol::message_name(frame.header.type));
+    AnyMessage::visit(frame.header.type, [&]<class Table>(std::type_identity<Table>) {
+        typename Table::NativeTableType native;
+        flatbuffers::GetRoot<Table>(frame.control.data())->UnPackTo(&native);
+        result = protocol::encode(frame.header.request_id, native);
+    });
+    return result;
 }
 
 }  // namespace raynest::golden

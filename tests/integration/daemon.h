@@ -24,7 +24,7 @@ inline constexpr bool sanitized = true;  ///< slow, and freed memory stays resid
 #else
 inline constexpr bool sanitized = false;
 #endif
-inline constexpr std::chrono::seconds patience{sanitized ? 180 : 60};
+inline constexpr std::chrono::seconds patience{sanitized ? 180 : 30};
 
 /// Does it become true before patience ends? Asks again and again.
 template <class Condition>
@@ -34,6 +34,9 @@ bool eventually(Condition condition) {
         if (std::chrono::steady_clock::now() > end) return false;
     return true;
 }
+
+/// A line of the tally of hostile clients: what they did, how often, and what came of it.
+void tally(std::string_view clients, std::size_t count, std::string_view outcome);
 
 /// A folder that goes away with the test.
 class TemporaryFolder {
@@ -50,7 +53,9 @@ private:
 /// raynestd on a free loopback port, serving when the constructor returns.
 class Daemon {
 public:
-    explicit Daemon(const std::vector<std::string>& arguments = {});
+    /// `descriptors_max` as `ulimit -n` would set it, 0: as it is here.
+    explicit Daemon(const std::vector<std::string>& arguments = {},
+                    std::size_t descriptors_max = 0);
     /// Stops it, at worst by SIGKILL.
     ~Daemon();
     Daemon(const Daemon&) = delete;
@@ -61,12 +66,17 @@ public:
     void signal(int number) const;
     /// The exit code, once it has ended by itself; nothing when it runs after `patience`.
     std::optional<int> wait();
-    /// Bytes of resident memory.
-    [[nodiscard]] std::uint64_t resident_bytes() const;
+    /// Bytes of resident memory, now and at most so far.
+    [[nodiscard]] std::uint64_t resident_bytes() const { return memory("VmRSS:"); }
+    [[nodiscard]] std::uint64_t resident_bytes_max() const { return memory("VmHWM:"); }
     /// Open file descriptors.
     [[nodiscard]] std::size_t descriptors() const;
+    /// Lines of its log that hold this text.
+    [[nodiscard]] std::size_t logged(std::string_view text) const;
 
 private:
+    [[nodiscard]] std::uint64_t memory(std::string_view key) const;
+
     TemporaryFolder folder_;
     pid_t pid_ = -1;
     std::uint16_t port_ = 0;
@@ -82,7 +92,8 @@ Ended run_raynestd(const std::vector<std::string>& arguments);
 /// One TCP connection to a daemon, byte by byte.
 class Peer {
 public:
-    explicit Peer(const Daemon& daemon);
+    explicit Peer(const Daemon& daemon) : Peer(daemon.port()) {}
+    explicit Peer(std::uint16_t port);
     ~Peer();
     Peer(const Peer&) = delete;
 
@@ -94,6 +105,9 @@ public:
         return send_frame(protocol::encode(id, message).value());
     }
     bool send_frame(const protocol::Frame& frame);
+
+    /// Takes up to `bytes` off the socket and forgets them; false at the end of the stream.
+    bool receive_some(std::size_t bytes);
 
     /// The next frame; nothing at the end of the stream. Fails the test after `patience`.
     std::optional<protocol::Frame> read();
@@ -138,5 +152,9 @@ wire::QueryT query_of(std::uint64_t rays);
 protocol::Frame rays_frame(std::uint64_t id, std::uint64_t first, std::uint64_t count);
 /// A counter of `raynest stats`.
 double counter(Peer& peer, std::string_view name);
+/// Waits until no job runs.
+void wait_for_idle(Peer& peer);
+/// A picture that takes minutes: something to interrupt.
+wire::RenderT endless_render();
 
 }  // namespace raynest::test

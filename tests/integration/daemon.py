@@ -49,7 +49,11 @@ class Daemon:
         except subprocess.TimeoutExpired:
             self.process.kill()
             code = self.process.wait()
+        log = self.log()
         self.folder.cleanup()
+        # A sanitizer's finding ends the daemon with a code of its own, a leak at the end only.
+        if code not in (0, -signal.SIGKILL):
+            raise RuntimeError(f"raynestd ended with {code}: {log}")
         return code
 
 

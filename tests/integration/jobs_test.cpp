@@ -15,23 +15,6 @@ using protocol::Code;
 
 constexpr std::uint64_t chunk = 16384;
 
-/// A picture that takes minutes: something to interrupt.
-wire::RenderT endless_render() {
-    wire::RenderT render;
-    render.job = std::make_unique<wire::JobT>();
-    render.job->scene = "scene";
-    render.job->traversal = "reference";
-    render.width = 8192;
-    render.height = 8192;
-    render.encode = "raw";
-    return render;
-}
-
-void wait_for_idle(Peer& peer) {
-    REQUIRE(
-        eventually([&] { return counter(peer, "jobs_started") == counter(peer, "jobs_ended"); }));
-}
-
 TEST_CASE("chunks cover every ray once, under the client's credit") {
     const Daemon daemon;
     Peer peer(daemon);
@@ -148,49 +131,6 @@ TEST_CASE("rays beyond the credit end their query") {
     for (std::uint64_t i = 0; i < frames; ++i)
         REQUIRE(peer.send_frame(rays_frame(5, i * chunk, chunk)));
     CHECK(peer.read_error() == Code::limit_exceeded);
-    CHECK(peer.answers());
-}
-
-TEST_CASE_FIXTURE(Served, "clients that vanish leave no job, no descriptor and no memory behind") {
-    const std::size_t descriptors = daemon.descriptors();
-    std::uint64_t before = 0;
-    for (int i = 0; i < 60; ++i) {
-        Peer guest(daemon);
-        guest.greet();
-        wire::RenderT render = endless_render();
-        render.width = render.height = 256;
-        REQUIRE(guest.say(5, render));
-        REQUIRE(guest.say(6, query_of(chunk)));
-        REQUIRE(guest.send_frame(rays_frame(6, 0, chunk)));
-        if (i % 3 == 0) guest.read_until<wire::Started>();
-        if (i % 2 == 0) guest.reset();
-        // The first ones fill the allocator's and the workers' buffers.
-        if (i == 20) {
-            wait_for_idle(peer);
-            before = daemon.resident_bytes();
-        }
-    }
-    wait_for_idle(peer);
-    CHECK(eventually([&] { return daemon.descriptors() == descriptors; }));
-    if (!sanitized) CHECK(daemon.resident_bytes() < before + (32 << 20));
-    CHECK(peer.answers());
-}
-
-TEST_CASE_FIXTURE(Served,
-                  "a reader that stops reading is closed, and others are served meanwhile") {
-    Peer slow(daemon);
-    wire::HelloT hello;
-    hello.window_bytes = 32 << 20;
-    REQUIRE(slow.say(0, hello));
-    // Eight requests with 32 MiB of credit each: more than the connection's window.
-    wire::RenderT render;
-    render.job = std::make_unique<wire::JobT>();
-    render.job->scene = "scene";
-    render.width = render.height = 1280;
-    render.encode = "raw";
-    for (std::uint64_t id = 1; id <= 8; ++id) REQUIRE(slow.say(id, render));
-    REQUIRE(eventually([&] { return counter(peer, "slow_consumers") == 1; }));
-    wait_for_idle(peer);
     CHECK(peer.answers());
 }
 

@@ -32,6 +32,7 @@ TEST_CASE_FIXTURE(Served, "every malformed frame gets its error, and the daemon 
     }
     CHECK(peer.answers());
     CHECK(counter(peer, "jobs_started") == counter(peer, "jobs_ended"));
+    tally("malformed frames, lengths up to 2^64", table.size(), "each got its error");
 }
 
 TEST_CASE_FIXTURE(Served, "every message cut at every byte leaves nothing behind") {
@@ -47,12 +48,12 @@ TEST_CASE_FIXTURE(Served, "every message cut at every byte leaves nothing behind
             ++cuts;
         }
     }
-    MESSAGE(cuts << " cuts");
     CHECK(eventually([&] {
         return counter(peer, "connections_accepted") == counter(peer, "connections_closed") + 1;
     }));
     CHECK(eventually([&] { return daemon.descriptors() == descriptors; }));
     CHECK(counter(peer, "jobs_started") == counter(peer, "jobs_ended"));
+    tally("messages cut at every byte", cuts, "jobs and descriptors are back");
 }
 
 TEST_CASE_FIXTURE(Served, "a query in one-byte writes gets the same answer as in one piece") {
@@ -70,6 +71,7 @@ TEST_CASE_FIXTURE(Served, "a query in one-byte writes gets the same answer as in
         return answer;
     };
     CHECK(ask(true) == ask(false));
+    tally("queries in one-byte writes", 1, "the same answer");
 }
 
 TEST_CASE("a client of another protocol version is told which versions there are") {
@@ -81,6 +83,7 @@ TEST_CASE("a client of another protocol version is told which versions there are
     REQUIRE(peer.say(0, hello));
     CHECK(peer.read_error() == Code::unsupported_version);
     CHECK(peer.ends());
+    tally("clients of another version", 1, "told which there are, and closed");
 }
 
 TEST_CASE("a browser that finds the port is told off") {
@@ -89,6 +92,7 @@ TEST_CASE("a browser that finds the port is told off") {
     peer.send(std::string_view("GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"));
     CHECK(peer.read_error() == Code::bad_frame);
     CHECK(peer.ends());
+    tally("HTTP requests", 1, "told off, and closed");
 }
 
 TEST_CASE("a request before the greeting ends the connection") {
@@ -109,6 +113,28 @@ TEST_CASE("silence before the greeting, and half a header after it, end in time"
     CHECK(silent.ends());
     CHECK(half.read_error() == Code::deadline);
     CHECK(half.ends());
+    tally("silence before Hello, half a header after it", 2, "closed with DEADLINE");
+}
+
+TEST_CASE("frames that follow each other without a pause have their own time each") {
+    const Daemon daemon;
+    Peer peer(daemon);
+    peer.greet();
+    // Whenever the daemon looks half a frame is there, for longer than one frame may take.
+    const std::vector<std::byte> ping =
+        golden::wire_bytes(protocol::encode(1, wire::PingT{}).value());
+    const auto half = std::span(ping).first(ping.size() / 2);
+    const auto rest = std::span(ping).subspan(half.size());
+    std::vector<std::byte> both(rest.begin(), rest.end());
+    both.insert(both.end(), half.begin(), half.end());
+    REQUIRE(peer.send(half));
+    for (int i = 0; i < 6; ++i) {
+        std::this_thread::sleep_for(std::chrono::seconds(1));
+        REQUIRE(peer.send(both));
+        peer.read_until<wire::Pong>();
+    }
+    REQUIRE(peer.send(rest));
+    peer.read_until<wire::Pong>();
 }
 
 TEST_CASE_FIXTURE(Served, "an announced bulk part costs no memory until it comes") {
@@ -130,6 +156,7 @@ TEST_CASE_FIXTURE(Served, "an announced bulk part costs no memory until it comes
     }
     REQUIRE(peer.answers());
     CHECK(daemon.resident_bytes() - before < count * (64 << 10));
+    tally("announced bodies of 8 MiB that never come", count, "under 64 KiB each");
 }
 
 }  // namespace

@@ -3,11 +3,10 @@
 
 #include "engine/scene/snapshot.h"
 
-#include <doctest/doctest.h>
-
 #include <cmath>
 #include <cstdint>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <utility>
 
@@ -42,10 +41,10 @@ inline InstanceDescription place(std::uint32_t object, const Transform& transfor
     return {object, transform, 0xFFFFFFFFU, uid, std::move(name)};
 }
 
-/// Bakes or fails the test with the error's message.
+/// Bakes, or throws the error's message.
 inline std::shared_ptr<const Snapshot> bake(const SceneDescription& description) {
     auto snapshot = Snapshot::bake(description);
-    if (!snapshot) FAIL(snapshot.error().message);
+    if (!snapshot) throw std::runtime_error(snapshot.error().message);
     return *snapshot;
 }
 

@@ -2,6 +2,7 @@
 
 #include "protocol/control.h"
 #include "tests/golden/examples.h"
+#include "tests/golden/full.h"
 
 #include <doctest/doctest.h>
 
@@ -35,6 +36,23 @@ TEST_CASE("every example is valid") {
         const auto opened = golden::open_any(example.frame);
         CHECK_MESSAGE(opened.has_value(), (opened ? "" : opened.error().message));
     }
+}
+
+TEST_CASE("every text of every message is checked") {
+    std::size_t texts = 0;
+    for (const wire::Message type : golden::message_types()) {
+        const golden::FullMessage full = golden::full_message(type);
+        CAPTURE(protocol::message_name(full.frame.header.type));
+        const auto opened = golden::open_any(full.frame);
+        CHECK_MESSAGE(opened.has_value(), (opened ? "" : opened.error().message));
+        for (std::size_t i = 0; i < full.texts.size(); ++i, ++texts) {
+            CAPTURE(full.texts[i]);
+            const auto spoilt = golden::open_any(golden::full_message(type, i).frame);
+            REQUIRE(!spoilt);
+            CHECK(protocol::error_info(spoilt.error().code).name == "INVALID_FIELD");
+        }
+    }
+    CHECK(texts > 80);
 }
 
 TEST_CASE("a complaint names the field and the limit") {

@@ -3,75 +3,14 @@
 
 #include "engine/math/random.h"
 #include "tests/golden/examples.h"
-#include "tests/unit/engine/small_scenes.h"
+#include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>
-
-#include <condition_variable>
-#include <deque>
-#include <mutex>
 
 namespace raynest::server {
 namespace {
 
-/// A daemon without sockets. Completions of tasks wait until settle() takes them.
-class Table final : public Sink {
-public:
-    Table() {
-        auto loaded = Registry::load({});
-        if (!loaded) FAIL(loaded.error().message);
-        registry = *loaded;
-        services.emplace(
-            Services{*registry, scenes, budget, metrics, limits, {}, {}, {"/bin/false"}});
-        // What the examples ask about; of another owner, so that none can unload it.
-        SceneDescription forest = test::tree_scene();
-        forest.cameras.resize(1);
-        forest.cameras[0].name = "overview";
-        REQUIRE(scenes.publish("forest", test::bake(forest), false, "owner"));
-    }
-
-    void send(protocol::Frame frame) override { sent.push_back(std::move(frame)); }
-    [[nodiscard]] std::uint64_t backlog() const override { return 0; }
-
-    /// Takes completions until no job runs.
-    void settle() {
-        while (admission.active() != 0) {
-            std::unique_lock lock(mutex);
-            const bool came =
-                wake.wait_for(lock, std::chrono::seconds(20), [&] { return !posted.empty(); });
-            REQUIRE(came);
-            const auto next = std::move(posted.front());
-            posted.pop_front();
-            lock.unlock();
-            next();
-        }
-    }
-    [[nodiscard]] bool said(wire::Message type) const {
-        return std::any_of(sent.begin(), sent.end(), [&](const protocol::Frame& frame) {
-            return frame.header.type == static_cast<std::uint16_t>(type);
-        });
-    }
-
-    std::shared_ptr<const Registry> registry;
-    protocol::Limits limits;
-    Metrics metrics;
-    Budget budget{1 << 26};
-    SceneStore scenes{budget};
-    Admission admission{64};
-    std::vector<protocol::Frame> sent;
-    std::mutex mutex;
-    std::condition_variable wake;
-    std::deque<std::function<void()>> posted;
-    std::optional<Services> services;
-    Workers compute{2};
-    Workers blocking{1};
-    Engine engine{
-        compute, blocking, admission, metrics, limits, [this](std::function<void()> done) {
-            const std::lock_guard lock(mutex);
-            posted.push_back(std::move(done));
-            wake.notify_all();
-        }};
-};
+using test::SmallDaemon;
 
 template <class Native>
 protocol::Frame frame_of(std::uint64_t id, const Native& message) {
@@ -79,44 +18,40 @@ protocol::Frame frame_of(std::uint64_t id, const Native& message) {
 }
 
 TEST_CASE("nothing but a greeting opens a conversation") {
-    Table table;
+    SmallDaemon daemon;
     for (const golden::Example& example : golden::examples()) {
-        table.sent.clear();
-        Conversation conversation(*table.services, table.engine, table, "me");
-        protocol::Frame frame;
-        frame.header = example.frame.header;
-        frame.control = protocol::Buffer(example.frame.control.size());
-        std::copy_n(example.frame.control.data(), frame.control.size(), frame.control.data());
-        conversation.receive(std::move(frame));
+        daemon.sent.clear();
+        Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+        conversation.receive(golden::copy(example.frame));
         CHECK(conversation.greeted() == (example.name == "Hello"));
         CHECK(conversation.closing() == (example.name != "Hello"));
-        CHECK(table.sent.size() == 1);
+        CHECK(daemon.sent.size() == 1);
     }
 }
 
 TEST_CASE("a draining conversation answers questions, refuses jobs and ends with the last one") {
-    Table table;
-    Conversation conversation(*table.services, table.engine, table, "me");
+    SmallDaemon daemon;
+    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
     conversation.receive(frame_of(0, wire::HelloT{}));
     wire::QueryT query;
     query.job = std::make_unique<wire::JobT>();
     query.job->scene = "forest";
     query.ray_count = 1;
     conversation.receive(frame_of(1, query));
-    CHECK(table.said(wire::Message::Started));
+    CHECK(daemon.said(wire::Message::Started));
     conversation.drain();
     CHECK_FALSE(conversation.closing());
     conversation.receive(frame_of(2, wire::VariantsT{}));
-    CHECK(table.said(wire::Message::VariantList));
+    CHECK(daemon.said(wire::Message::VariantList));
     conversation.receive(frame_of(3, query));
-    CHECK(table.said(wire::Message::Error));
+    CHECK(daemon.said(wire::Message::Error));
     conversation.receive(frame_of(1, wire::CancelT{}));
     CHECK(conversation.closing());
 }
 
 TEST_CASE("whatever frames come in whatever order, all jobs end and all memory returns") {
-    Table table;
-    const std::uint64_t idle_bytes = table.budget.used();
+    SmallDaemon daemon;
+    const std::uint64_t idle_bytes = daemon.budget.used();
     // What only a daemon says would end the conversation at once.
     auto examples = golden::examples();
     std::erase_if(examples, [](const golden::Example& example) {
@@ -125,9 +60,9 @@ TEST_CASE("whatever frames come in whatever order, all jobs end and all memory r
     Random random(20);
     for (int round = 0; round < 1000; ++round) {
         INFO("round ", round);
-        table.sent.clear();
-        Conversation conversation(*table.services, table.engine, table, "me");
-        protocol::FrameDecoder decoder(table.limits);
+        daemon.sent.clear();
+        Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+        protocol::FrameDecoder decoder(daemon.limits);
         conversation.receive(frame_of(0, wire::HelloT{}));
         for (int step = 0; step < 12 && !conversation.closing(); ++step) {
             const auto& example = examples[random.next() % examples.size()];
@@ -144,11 +79,11 @@ TEST_CASE("whatever frames come in whatever order, all jobs end and all memory r
             conversation.receive(decoder.take());
         }
         conversation.runner().abandon();
-        table.settle();
-        CHECK(table.metrics.jobs_started == table.metrics.jobs_ended);
+        daemon.settle();
+        CHECK(daemon.metrics.jobs_started == daemon.metrics.jobs_ended);
     }
-    CHECK(table.budget.used() == idle_bytes);
-    MESSAGE(table.metrics.jobs_started.load(), " jobs");
+    CHECK(daemon.budget.used() == idle_bytes);
+    MESSAGE(daemon.metrics.jobs_started.load(), " jobs");
 }
 
 }  // namespace

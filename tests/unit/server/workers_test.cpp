@@ -19,6 +19,18 @@ TEST_CASE("tasks of one worker run in the order of their submission") {
     for (int i = 0; i < 100; ++i) CHECK(order[static_cast<std::size_t>(i)] == i);
 }
 
+TEST_CASE("without threads each task waits to be run here") {
+    Workers workers(0);
+    int ran = 0;
+    for (int i = 0; i < 2; ++i) workers.submit([&ran] { ++ran; });
+    CHECK(ran == 0);
+    CHECK(workers.run_one());
+    CHECK(ran == 1);
+    CHECK(workers.run_one());
+    CHECK_FALSE(workers.run_one());
+    CHECK(ran == 2);
+}
+
 TEST_CASE("workers run at the same time") {
     Workers workers(2);
     std::promise<void> a;

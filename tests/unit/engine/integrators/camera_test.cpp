@@ -3,6 +3,8 @@
 #include "engine/integrators/generators.h"
 #include "tests/unit/engine/small_scenes.h"
 
+#include <doctest/doctest.h>
+
 #include <cmath>
 #include <limits>
 #include <vector>

@@ -1,6 +1,8 @@
 #include "engine/integrators/picture.h"
 #include "tests/unit/engine/small_scenes.h"
 
+#include <doctest/doctest.h>
+
 #include <cmath>
 #include <vector>
 

@@ -2,6 +2,8 @@
 
 #include "tests/unit/engine/small_scenes.h"
 
+#include <doctest/doctest.h>
+
 #include <cmath>
 #include <cstring>
 #include <limits>

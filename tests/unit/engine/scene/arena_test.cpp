@@ -5,6 +5,8 @@
 #include "engine/scene/format.h"
 #include "tests/unit/engine/small_scenes.h"
 
+#include <doctest/doctest.h>
+
 #include <algorithm>
 #include <cstring>
 #include <random>

@@ -3,6 +3,8 @@
 #include "engine/scene/snapshot.h"
 #include "tests/unit/engine/small_scenes.h"
 
+#include <doctest/doctest.h>
+
 #include <limits>
 #include <set>
 

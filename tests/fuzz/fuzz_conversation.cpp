@@ -1,0 +1,351 @@
+// The connection's state machine, frames in and frames out, without sockets and threads.
+//
+// The input is a program of steps: a byte says what the client or the daemon's surroundings do
+// next, the bytes after it how. Most frames are sound, so that programs get deep; any of them may
+// be damaged on its way. What the daemon says is held against a model of what a client may rely on.
+#include "tests/fuzz/target.h"
+#include "tests/golden/examples.h"
+#include "tests/unit/server/small_daemon.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <map>
+#include <optional>
+#include <span>
+
+using namespace raynest;
+
+namespace {
+
+constexpr std::size_t steps_max = 200;
+/// Requests take their ids from 1 to this, so that they meet.
+constexpr std::uint64_t ids = 4;
+
+/// The input, byte by byte; zeros after its end.
+class Program {
+public:
+    explicit Program(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
+    [[nodiscard]] bool ended() const { return bytes_.empty(); }
+    std::uint8_t byte() {
+        if (bytes_.empty()) return 0;
+        const std::uint8_t first = bytes_.front();
+        bytes_ = bytes_.subspan(1);
+        return first;
+    }
+    std::uint64_t below(std::uint64_t end) { return byte() % end; }
+    template <std::size_t n>
+    const char* word(const std::array<const char*, n>& words) {
+        return words[below(n)];
+    }
+
+private:
+    std::span<const std::uint8_t> bytes_;
+};
+
+protocol::Limits small_limits() {
+    protocol::Limits limits;
+    limits.chunk_rays_max = 64;
+    limits.window_bytes = 64 << 10;
+    limits.picture_pixels_max = 4096;
+    limits.upload_bytes_max = 1 << 20;
+    return limits;
+}
+
+// ---- what a client may say
+
+std::unique_ptr<wire::JobT> job(Program& program) {
+    auto job = std::make_unique<wire::JobT>();
+    job->scene = "forest";
+    job->intersector = program.word<4>({"auto", "opaque", "alpha_mask", "procedural_mask"});
+    job->traversal = program.word<5>({"auto", "latency", "batch", "coherent", "reference"});
+    job->priority = program.word<3>({"normal", "low", "high"});
+    job->precision = program.word<2>({"watertight", "fast"});
+    job->epoch = program.below(3);
+    job->deadline_ms = program.below(8) == 1 ? 1 : 0;
+    return job;
+}
+
+wire::QueryT query(Program& program) {
+    constexpr std::array<const char*, 12> columns = {"t",   "prim",  "path",     "uv",
+                                                     "ng",  "front", "position", "flags",
+                                                     "hit", "nodes", "total",    "rejects"};
+    wire::QueryT query;
+    query.job = job(program);
+    query.kind = program.word<3>({"closest", "any", "multi"});
+    for (std::uint64_t count = program.below(4); count > 0; --count)
+        query.fields.emplace_back(program.word(columns));
+    query.max_hits = static_cast<std::uint32_t>(1 + program.below(256));
+    query.ray_count = 1 + program.below(200);
+    return query;
+}
+
+protocol::Frame rays(Program& program, std::uint64_t id, std::uint64_t first) {
+    protocol::Bulk bulk;
+    bulk.add("rays", wire::Dtype::f32, 8, 1 + program.below(80));
+    bulk.allocate();
+    constexpr std::array<float, 16> numbers = {0,     1,      -1,     0.5F,   2,     5,  0.1F, 10,
+                                               1e30F, -1e30F, 1e-38F, 1e-45F, -0.0F, 20, 4,    3};
+    std::array<float, 8> ray{};
+    for (float& value : ray) value = numbers[program.below(numbers.size())];
+    const std::span<float> values = bulk.block_as<float>(0);
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = ray[i % 8];
+    wire::QueryRaysT message;
+    message.first_ray = first;
+    return protocol::encode(id, std::move(message), std::move(bulk)).value();
+}
+
+template <class Picture>
+Picture picture(Program& program) {
+    Picture picture;
+    picture.job = job(program);
+    picture.camera = std::make_unique<wire::CameraT>();
+    picture.camera->look_at = true;
+    picture.camera->eye = std::make_unique<wire::Vec3>(5.0F, 5.0F, 5.0F);
+    picture.camera->at = std::make_unique<wire::Vec3>(0.0F, 0.0F, 0.0F);
+    picture.width = static_cast<std::uint32_t>(1 + program.below(80));
+    picture.height = static_cast<std::uint32_t>(1 + program.below(40));
+    picture.encode = "raw";
+    return picture;
+}
+
+wire::LoadT load(Program& program) {
+    wire::LoadT load;
+    load.source = program.word<4>({"a.glb", "builtin:flake", "root:a.glb", "a.npy"});
+    load.name = "new";
+    load.replace = program.below(2) == 0;
+    for (std::uint64_t files = program.below(4); files > 0; --files) {
+        load.file_names.push_back(std::to_string(files) + ".bin");
+        load.file_hashes.push_back(0xCBF29CE484222325ULL);
+        load.file_bytes.push_back(64 * program.below(64));
+    }
+    return load;
+}
+
+protocol::Frame upload(Program& program, std::uint64_t id) {
+    wire::UploadT piece;
+    piece.file = static_cast<std::uint32_t>(program.below(4));
+    piece.offset = 64 * program.below(64);
+    protocol::Bulk bulk;
+    bulk.add("data", wire::Dtype::u8, 1, 64 * program.below(64));
+    bulk.allocate();
+    std::ranges::fill(bulk.block(0), std::byte{7});
+    return protocol::encode(id, std::move(piece), std::move(bulk)).value();
+}
+
+protocol::Frame example(Program& program) {
+    static const std::vector<golden::Example> examples = golden::examples();
+    protocol::Frame copy = golden::copy(examples[program.below(examples.size())].frame);
+    if (const std::uint64_t other = program.below(2 * ids); other < ids)
+        copy.header.request_id = other;
+    return copy;
+}
+
+void damage(Program& program, protocol::Frame& frame) {
+    for (std::uint64_t count = 1 + program.below(3); count > 0; --count) {
+        const std::size_t at = program.byte() + std::size_t{256} * program.below(2);
+        if (at < frame.control.size())
+            frame.control.data()[at] = static_cast<std::byte>(program.byte());
+    }
+}
+
+// ---- what a client relies on
+
+/// Frames of one request come between its start and its end, its rays are answered once, and never
+/// with more bytes than it has credit for.
+class Model {
+public:
+    void greeted(std::uint64_t window) { window_ = window; }
+    void granted(std::uint64_t id, std::uint64_t bytes) { requests_[id].credit += bytes; }
+
+    void check(const protocol::Frame& frame, const server::Runner& runner) {
+        fuzz::require(golden::open_any(frame).has_value());
+        Request& request = requests_[frame.header.request_id];
+        switch (static_cast<wire::Message>(frame.header.type)) {
+            case wire::Message::Started:
+                request = {true, window_, 0};
+                return;
+            case wire::Message::Chunk:
+                request.rays += protocol::open<wire::Chunk>(frame).value()->count();
+                return spend(request, frame.header.bulk_bytes);
+            case wire::Message::Picture:
+                return spend(request, frame.header.bulk_bytes);
+            case wire::Message::Done: {
+                const auto done = protocol::open<wire::Done>(frame).value();
+                fuzz::require(request.running &&
+                              (request.rays == 0 || request.rays == done->rays()));
+                fuzz::require(done->rays() >= done->misses());
+                request.running = false;
+                return;
+            }
+            case wire::Message::Error:
+                // One that refuses a second use of an id leaves the first use alone.
+                request.running = request.running && runner.knows(frame.header.request_id);
+                return;
+            default:
+                return;
+        }
+    }
+
+private:
+    struct Request {
+        bool running = false;
+        std::uint64_t credit = 0;
+        std::uint64_t rays = 0;
+    };
+    static void spend(Request& request, std::uint64_t bytes) {
+        fuzz::require(request.running && bytes <= request.credit);
+        request.credit -= bytes;
+    }
+
+    std::uint64_t window_ = 0;
+    std::map<std::uint64_t, Request> requests_;
+};
+
+class Connection {
+public:
+    explicit Connection(test::SmallDaemon& daemon) : daemon_(daemon) {}
+    ~Connection() {
+        conversation_.runner().abandon();
+        daemon_.sent.clear();
+        daemon_.settle();
+        fuzz::require(daemon_.sent.empty());
+    }
+    Connection(const Connection&) = delete;
+
+    [[nodiscard]] bool closing() const { return conversation_.closing(); }
+
+    void step(Program& program) {
+        const std::uint8_t what = program.byte();
+        const std::uint64_t id = 1 + program.below(ids);
+        if (auto frame = next_frame(what % 32, id, program)) {
+            if (what >= 224) damage(program, *frame);
+            receive(std::move(*frame));
+        } else {
+            surroundings(what % 32, program);
+        }
+        conversation_.settle();
+        for (const protocol::Frame& frame : daemon_.sent)
+            model_.check(frame, conversation_.runner());
+        daemon_.sent.clear();
+    }
+
+private:
+    std::optional<protocol::Frame> next_frame(std::uint8_t what, std::uint64_t id,
+                                              Program& program) {
+        const auto say = [&](const auto& message) { return protocol::encode(id, message).value(); };
+        switch (what) {
+            case 0:
+            case 1:
+                sent_rays_[id] = 0;
+                return say(query(program));
+            case 2:
+            case 3:
+            case 4: {
+                const std::uint64_t first = sent_rays_[id];
+                protocol::Frame frame = rays(program, id, first);
+                sent_rays_[id] += frame.header.bulk_bytes / sizeof(Ray);
+                return frame;
+            }
+            case 5:
+                return rays(program, id, program.byte());
+            case 6: {
+                wire::CreditT credit;
+                credit.bytes = 1 + (std::uint64_t{program.byte()} << program.below(16));
+                return say(credit);
+            }
+            case 7:
+                return say(wire::CancelT{});
+            case 8:
+                return say(picture<wire::RenderT>(program));
+            case 9: {
+                auto heatmap = picture<wire::HeatmapT>(program);
+                heatmap.count = program.word<2>({"traversed", "necessary"});
+                return say(heatmap);
+            }
+            case 10:
+                return say(load(program));
+            case 11:
+                return upload(program, id);
+            case 12:
+            case 13:
+                return example(program);
+            default:
+                return std::nullopt;
+        }
+    }
+
+    void receive(protocol::Frame frame) {
+        const bool greeted = conversation_.greeted();
+        const auto credit = protocol::open<wire::Credit>(frame);
+        if (credit) model_.granted(frame.header.request_id, (*credit)->bytes());
+        const auto hello = protocol::open<wire::Hello>(frame);
+        if (frame.header.bulk_bytes > conversation_.bulk_bytes_max(frame.header.type))
+            return conversation_.give_up({protocol::Code::limit_exceeded, "", 0});
+        conversation_.receive(std::move(frame));
+        if (greeted || !conversation_.greeted()) return;
+        const std::uint64_t window = (*hello)->window_bytes();
+        model_.greeted(window == 0 ? daemon_.limits.window_bytes : window);
+    }
+
+    /// What happens around the conversation: workers, the socket, the clock, the operator.
+    void surroundings(std::uint8_t what, Program& program) {
+        switch (what) {
+            case 28:
+                daemon_.waiting = program.below(4) * daemon_.limits.window_bytes / 2;
+                return conversation_.runner().pump();
+            case 29:
+                return conversation_.runner().tick(server::Clock::now() +
+                                                   std::chrono::seconds(program.below(70)));
+            case 30:
+                return daemon_.settle();
+            case 31:
+                return program.byte() == 255 ? conversation_.drain() : daemon_.settle();
+            default:
+                static_cast<void>(daemon_.step());
+        }
+    }
+
+    test::SmallDaemon& daemon_;
+    server::Conversation conversation_{daemon_.services, daemon_.engine, daemon_, "me"};
+    Model model_;
+    std::map<std::uint64_t, std::uint64_t> sent_rays_;
+};
+
+}  // namespace
+
+std::vector<fuzz::Input> fuzz::seeds() {
+    // Hello, then: two queries with their rays; two pictures; an upload; a query without rays.
+    const Input hello = {12, 0, 0, 7};
+    const std::vector<Input> programs = {
+        {0, 1, 0, 0, 0, 0, 1, 0, 0, 3, 0, 1, 2, 7, 5, 2, 1, 5, 3, 3, 5, 0, 0, 0, 2, 8, 30, 0},
+        {0, 1, 2, 1, 1, 1, 1, 0, 2, 1, 7, 99, 2, 2, 1, 2, 3, 3, 5, 0, 0, 0, 2, 8, 30, 0},
+        {8, 2, 0, 0, 0, 0, 1, 0, 15, 7, 30, 0, 6, 2, 255, 12, 30, 0},
+        {9, 3, 0, 0, 0, 0, 1, 0, 63, 31, 1, 28, 0, 3, 30, 0, 28, 0, 0, 30, 0},
+        {10, 2, 0, 1, 2, 1, 2, 11, 2, 0, 0, 1, 11, 2, 1, 0, 2, 30, 0},
+        {0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 9, 29, 0, 61, 7, 1, 31, 0, 255},
+    };
+    std::vector<Input> seeds;
+    for (const Input& program : programs) {
+        seeds.push_back(hello);
+        seeds.back().insert(seeds.back().end(), program.begin(), program.end());
+    }
+    return seeds;
+}
+
+int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    static test::SmallDaemon daemon(small_limits());
+    static const std::uint64_t idle_bytes = daemon.budget.used();
+    Program program({data, size});
+    daemon.waiting = 0;
+    {
+        Connection connection(daemon);
+        for (std::size_t step = 0; step < steps_max && !program.ended() && !connection.closing();
+             ++step)
+            connection.step(program);
+    }
+    fuzz::require(daemon.metrics.jobs_started == daemon.metrics.jobs_ended);
+    fuzz::require(daemon.admission.active() == 0);
+    fuzz::require(daemon.budget.used() == idle_bytes);
+    return 0;
+}

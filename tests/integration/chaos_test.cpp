@@ -1,0 +1,222 @@
+// A bad network at every point of a conversation: whatever it does to one client, the daemon gives
+// back what that client held and serves the others; where all bytes arrive, the answers are the
+// same.
+//
+// RAYNEST_CHAOS_SEEDS sets how many seeds each point is driven with.
+#include "protocol/hash.h"
+#include "tests/integration/chaos_proxy.h"
+#include "tests/integration/daemon.h"
+
+#include <doctest/doctest.h>
+
+#include <array>
+#include <cstdlib>
+#include <cstring>
+#include <map>
+#include <optional>
+#include <sstream>
+
+namespace raynest::test {
+namespace {
+
+using wire::Message;
+
+/// What a client learnt from one conversation, or that it was cut short.
+using Learnt = std::optional<std::map<std::string, std::uint64_t>>;
+
+/// Says things through the network at hand and remembers what it hears, up to the stream's end.
+class Client {
+public:
+    explicit Client(std::uint16_t port) : peer_(port) {}
+
+    template <class Native>
+    Client& say(std::uint64_t id, const Native& message) {
+        return send(protocol::encode(id, message).value());
+    }
+    Client& send(const protocol::Frame& frame) {
+        alive_ = alive_ && peer_.send_frame(frame);
+        return *this;
+    }
+    /// Hears frames until one of this type.
+    Client& until(Message last) {
+        while (alive_) {
+            const auto frame = peer_.read();
+            alive_ = frame.has_value();
+            if (!alive_) break;
+            const auto type = static_cast<Message>(frame->header.type);
+            const std::string name = protocol::message_name(frame->header.type) + " of " +
+                                     std::to_string(frame->header.request_id);
+            // Chunks come in any order.
+            if (type != Message::Progress)
+                learnt_[name] += 1 + protocol::content_hash(frame->bulk.span());
+            if (type == last) break;
+        }
+        return *this;
+    }
+    Learnt learnt() const { return alive_ ? Learnt(learnt_) : std::nullopt; }
+
+private:
+    Peer peer_;
+    bool alive_ = true;
+    std::map<std::string, std::uint64_t> learnt_;
+};
+
+/// Tracing: every message of a query and a picture, a cancelled job, a ping.
+Learnt trace(std::uint16_t port) {
+    constexpr std::uint64_t chunk = 100;
+    wire::CreditT credit;
+    credit.bytes = 1 << 16;
+    wire::RenderT render;
+    render.job = std::make_unique<wire::JobT>();
+    render.job->scene = "scene";
+    render.width = render.height = 24;
+    render.encode = "raw";
+    Client client(port);
+    return client.say(0, wire::HelloT{})
+        .until(Message::Welcome)
+        .say(5, query_of(2 * chunk))
+        .until(Message::Started)
+        .send(rays_frame(5, 0, chunk))
+        .until(Message::Chunk)
+        .say(5, credit)
+        .send(rays_frame(5, chunk, chunk))
+        .until(Message::Done)
+        .say(6, render)
+        .until(Message::Done)
+        .say(7, query_of(1))
+        .say(7, wire::CancelT{})
+        .until(Message::Error)
+        .say(8, wire::PingT{})
+        .until(Message::Pong)
+        .learnt();
+}
+
+/// One unit sphere.
+std::string sphere_file() {
+    std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 4), }";
+    header.resize(117, ' ');
+    const std::array<float, 4> sphere = {0, 0, 0, 1};
+    std::string file("\x93NUMPY\x01\0\x76\0", 10);
+    file += header + "\n";
+    file.append(reinterpret_cast<const char*>(sphere.data()), sizeof sphere);
+    return file;
+}
+
+/// A scene that is sent, imported and dropped again.
+Learnt upload(std::uint16_t port) {
+    const std::string file = sphere_file();
+    const auto bytes = std::as_bytes(std::span(file));
+    wire::LoadT load;
+    load.source = "points.npy";
+    load.name = "sent";
+    load.primitive = "sphere";
+    load.file_names = {"points.npy"};
+    load.file_hashes = {protocol::content_hash(bytes)};
+    load.file_bytes = {bytes.size()};
+    protocol::Bulk bulk;
+    bulk.add("data", wire::Dtype::u8, 1, bytes.size());
+    bulk.allocate();
+    std::memcpy(bulk.block(0).data(), bytes.data(), bytes.size());
+    wire::UnloadT unload;
+    unload.scene = "sent";
+    Client client(port);
+    return client.say(0, wire::HelloT{})
+        .until(Message::Welcome)
+        .say(5, load)
+        .until(Message::Need)
+        .send(protocol::encode(5, wire::UploadT{}, std::move(bulk)).value())
+        .until(Message::Loaded)
+        .say(6, unload)
+        .until(Message::Unloaded)
+        .learnt();
+}
+
+struct Script {
+    Learnt (*run)(std::uint16_t port);
+    std::vector<Point> points;
+};
+
+std::vector<Script> scripts() {
+    using enum Part;
+    return {
+        {trace,
+         {{Message::Hello, header},   {Message::Hello, control},    {Message::Query, header},
+          {Message::Query, control},  {Message::QueryRays, header}, {Message::QueryRays, control},
+          {Message::QueryRays, bulk}, {Message::Credit, header},    {Message::Credit, control},
+          {Message::Render, header},  {Message::Render, control},   {Message::Cancel, header},
+          {Message::Ping, control},   {Message::Welcome, header},   {Message::Welcome, control},
+          {Message::Started, header}, {Message::Started, control},  {Message::Chunk, header},
+          {Message::Chunk, control},  {Message::Chunk, bulk},       {Message::Done, header},
+          {Message::Done, control},   {Message::Picture, header},   {Message::Picture, control},
+          {Message::Picture, bulk},   {Message::Error, header},     {Message::Error, control},
+          {Message::Pong, control}}},
+        {upload,
+         {{Message::Load, header},
+          {Message::Load, control},
+          {Message::Need, control},
+          {Message::Upload, header},
+          {Message::Upload, control},
+          {Message::Upload, bulk},
+          {Message::Loaded, header},
+          {Message::Loaded, control}}}};
+}
+
+std::uint64_t seeds() {
+    const char* wanted = std::getenv("RAYNEST_CHAOS_SEEDS");
+    return wanted != nullptr ? std::stoull(wanted) : sanitized ? 10 : 100;
+}
+
+/// What must be as it was once the clients are gone.
+struct Idle {
+    double memory;
+    std::size_t descriptors;
+};
+
+void check_idle(Served& served, const Idle& idle) {
+    Peer& peer = served.peer;
+    CHECK(eventually([&] {
+        return counter(peer, "connections_accepted") == counter(peer, "connections_closed") + 1;
+    }));
+    CHECK(eventually([&] { return counter(peer, "jobs_started") == counter(peer, "jobs_ended"); }));
+    // An import that nobody waits for any more still ends, and a scene that was published stays.
+    wire::UnloadT unload;
+    unload.scene = "sent";
+    REQUIRE(peer.say(4, unload));
+    while (peer.read().value().header.request_id != 4) {
+    }
+    CHECK(eventually([&] { return counter(peer, "memory_used_bytes") == idle.memory; }));
+    CHECK(eventually([&] { return served.daemon.descriptors() == idle.descriptors; }));
+    CHECK(peer.answers());
+}
+
+TEST_CASE_FIXTURE(Served, "whatever the network does at any point, the daemon gives all back") {
+    const Idle idle = {counter(peer, "memory_used_bytes"), daemon.descriptors()};
+    std::array<std::size_t, harm_count> harms{};
+    std::size_t points = 0;
+    for (const Script& script : scripts()) {
+        const Learnt undisturbed = script.run(daemon.port());
+        REQUIRE(undisturbed.has_value());
+        for (const Point& point : script.points) {
+            INFO(point.name());
+            ++points;
+            for (std::uint64_t seed = 1; seed <= seeds(); ++seed) {
+                INFO("seed ", seed);
+                ChaosProxy proxy(daemon.port(), point, 1000 * points + seed);
+                const Learnt learnt = script.run(proxy.port());
+                CHECK(proxy.struck());
+                if (proxy.harmless()) CHECK(learnt == undisturbed);
+                ++harms[static_cast<std::size_t>(proxy.harm())];
+            }
+            check_idle(*this, idle);
+        }
+    }
+    CHECK(points >= 30);
+    std::ostringstream done;
+    for (std::size_t i = 0; i < harm_count; ++i)
+        done << ' ' << harm_name(static_cast<Harm>(i)) << ' ' << harms[i];
+    tally("conversations through a bad network", points * seeds(),
+          std::to_string(points) + " points:" + done.str() + "; all is given back");
+}
+
+}  // namespace
+}  // namespace raynest::test

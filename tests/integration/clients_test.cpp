@@ -1,0 +1,171 @@
+// Crowds of clients that fail or mean harm: what they did is undone, and the others are served.
+#include "tests/integration/daemon.h"
+
+#include <doctest/doctest.h>
+
+#include <array>
+#include <atomic>
+#include <memory>
+#include <thread>
+
+namespace raynest::test {
+namespace {
+
+using protocol::Code;
+
+constexpr std::uint64_t chunk = 16384;
+constexpr std::chrono::milliseconds pause{20};
+
+/// One ray and its answer, whatever else comes on the connection.
+bool served(Peer& peer) {
+    return peer.say(9, query_of(1)) && peer.send_frame(rays_frame(9, 0, 1)) &&
+           (peer.read_until<wire::Done>(), true);
+}
+
+/// What a daemon holds while nobody asks anything of it.
+struct Baseline {
+    explicit Baseline(Served& served)
+        : memory(counter(served.peer, "memory_used_bytes")),
+          descriptors(served.daemon.descriptors()) {}
+    void check(Served& served) const {
+        wait_for_idle(served.peer);
+        CHECK(eventually([&] { return counter(served.peer, "memory_used_bytes") == memory; }));
+        CHECK(eventually([&] { return served.daemon.descriptors() == descriptors; }));
+        CHECK(served.peer.answers());
+    }
+    const double memory;
+    const std::size_t descriptors;
+};
+
+/// A query with an answer of over 100 MB, which this client does not read, or byte by byte.
+void read_slowly(Peer& peer, bool drips, const std::atomic<bool>& over) {
+    const protocol::Limits limits;
+    // As many rays as the credit allows, all of whose answers would be due.
+    for (std::uint64_t sent = 0; sent + chunk * 32 <= limits.window_bytes; sent += chunk * 32)
+        if (!peer.send_frame(rays_frame(5, sent / 32, chunk))) return;
+    while (drips && !over && peer.receive_some(256)) std::this_thread::sleep_for(pause);
+}
+
+TEST_CASE_FIXTURE(Served, "fifty slow readers of 100 MB cost two windows each, and are closed") {
+    constexpr std::size_t clients = 50;
+    const Baseline baseline(*this);
+    const std::uint64_t before = daemon.resident_bytes();
+    wire::HelloT hello;
+    hello.window_bytes = protocol::Limits{}.window_bytes_max;
+    wire::QueryT query = query_of(1'100'000);
+    query.fields = {"t",   "prim",  "geom",     "path",     "inst",  "uid",   "uv",    "ng",
+                    "hit", "front", "position", "material", "flags", "nodes", "boxes", "total"};
+    std::vector<std::unique_ptr<Peer>> slow;
+    std::vector<std::thread> readers;
+    std::atomic<bool> over{false};
+    for (std::size_t i = 0; i < clients; ++i) {
+        slow.push_back(std::make_unique<Peer>(daemon));
+        slow.back()->greet(hello);
+        REQUIRE(slow.back()->say(5, query));
+        readers.emplace_back(read_slowly, std::ref(*slow.back()), i % 2 == 0, std::cref(over));
+    }
+    std::size_t meanwhile = 0;
+    CHECK(eventually([&] {
+        std::this_thread::sleep_for(pause);
+        meanwhile += served(peer);
+        return counter(peer, "slow_consumers") == clients;
+    }));
+    over = true;
+    for (std::thread& reader : readers) reader.join();
+    CHECK(meanwhile >= 10);
+    const std::uint64_t growth = daemon.resident_bytes_max() - before;
+    if (!sanitized) CHECK(growth < clients * 2 * protocol::Limits{}.window_bytes * 11 / 10);
+    slow.clear();
+    baseline.check(*this);
+    tally("slow readers of 100 MB", clients,
+          "closed as slow consumers, " + std::to_string(growth >> 20) + " MiB at most, " +
+              std::to_string(meanwhile) + " requests of another client served meanwhile");
+}
+
+TEST_CASE_FIXTURE(Served, "a thousand clients that die mid-job leave nothing behind") {
+    constexpr std::size_t clients = 1000;
+    const Baseline baseline(*this);
+    std::uint64_t before = 0;
+    for (std::size_t i = 0; i < clients; ++i) {
+        Peer guest(daemon);
+        guest.greet();
+        wire::RenderT render = endless_render();
+        render.width = render.height = 256;
+        REQUIRE(guest.say(5, render));
+        REQUIRE(guest.say(6, query_of(2 * chunk)));
+        REQUIRE(guest.send_frame(rays_frame(6, 0, chunk)));
+        if (i % 3 == 0) guest.read_until<wire::Started>();
+        if (i % 5 == 0) guest.send(std::string_view("RYN1 and half a head"));
+        if (i % 2 == 0) guest.reset();
+        // The first ones fill the allocator's and the workers' buffers.
+        if (i == clients / 10) {
+            baseline.check(*this);
+            before = daemon.resident_bytes();
+        }
+    }
+    baseline.check(*this);
+    if (!sanitized) CHECK(daemon.resident_bytes() < before + (32 << 20));
+    tally("clients that die mid-job", clients, "jobs, memory and descriptors are back");
+}
+
+TEST_CASE_FIXTURE(Served, "a storm of requests and their cancels ends each of them once") {
+    constexpr std::size_t pairs = 10'000;
+    constexpr std::size_t batch = 100;
+    const Baseline baseline(*this);
+    auto storm = std::make_unique<Peer>(daemon);
+    storm->greet();
+    std::size_t cancelled = 0;
+    std::size_t refused = 0;
+    for (std::uint64_t first = 1; first <= pairs; first += batch) {
+        for (std::uint64_t id = first; id < first + batch; ++id) {
+            // Pictures keep their places until the workers have let go of them.
+            REQUIRE(
+                (id % 10 == 0 ? storm->say(id, endless_render()) : storm->say(id, query_of(1))));
+            REQUIRE(storm->say(id, wire::CancelT{}));
+        }
+        for (std::size_t ends = 0; ends < batch; ++ends) {
+            const auto code = storm->read_error();
+            REQUIRE((code == Code::cancelled || code == Code::quota ||
+                     code == Code::resource_exhausted));
+            ++(code == Code::cancelled ? cancelled : refused);
+        }
+        REQUIRE(served(peer));
+    }
+    storm.reset();
+    CHECK(cancelled + refused == pairs);
+    CHECK(cancelled >= pairs * 9 / 10);
+    CHECK(counter(peer, "jobs_cancelled") == static_cast<double>(cancelled));
+    baseline.check(*this);
+    tally("submit and cancel", pairs,
+          std::to_string(cancelled) + " cancelled, " + std::to_string(refused) +
+              " refused, another client served after each hundred");
+}
+
+TEST_CASE("a daemon without descriptors waits, says so rarely, and recovers") {
+    constexpr std::size_t descriptors_max = 64;
+    const Daemon daemon({}, descriptors_max);
+    Peer first(daemon);
+    first.greet();
+    std::vector<std::unique_ptr<Peer>> crowd;
+    for (std::size_t i = 0; i < 2 * descriptors_max; ++i) {
+        crowd.push_back(std::make_unique<Peer>(daemon));
+        REQUIRE(crowd.back()->say(0, wire::HelloT{}));
+    }
+    // What this program was started with may lie above the limit, too.
+    REQUIRE(eventually([&] { return daemon.descriptors() >= descriptors_max; }));
+    REQUIRE(eventually([&] { return daemon.logged("accept_failed") >= 2; }));
+    CHECK(first.answers());
+    // Those that got in leave; who waited in the queue gets in.
+    Peer& last = *crowd.back();
+    for (std::size_t i = 0; i + 1 < crowd.size(); ++i) crowd[i].reset();
+    last.read_until<wire::Welcome>();
+    CHECK(last.answers());
+    CHECK(Peer(daemon).say(0, wire::HelloT{}));
+    const std::size_t lines = daemon.logged("accept_failed");
+    CHECK(lines <= static_cast<std::size_t>(patience.count()));
+    tally("connections at 64 descriptors", crowd.size(),
+          "served again once some had left, " + std::to_string(lines) + " lines in the log");
+}
+
+}  // namespace
+}  // namespace raynest::test

@@ -1,0 +1,223 @@
+// Memory that runs out at any moment: each script is run again and again, and each time one more
+// allocation succeeds before one fails. Whatever was under way then fails alone: nothing crashes,
+// nothing stays behind, the client hears an end or the connection ends, and the next client gets
+// the answer as ever.
+#include "tests/golden/examples.h"
+#include "tests/unit/server/small_daemon.h"
+
+#include <doctest/doctest.h>
+
+#include <array>
+#include <cstddef>
+#include <cstdlib>
+#include <iostream>
+#include <new>
+#include <optional>
+#include <utility>
+#include <vector>
+
+namespace {
+
+constexpr long never = -1;
+/// Allocations of this thread before the one that fails; it is only one.
+thread_local long until_failure = never;
+
+void* allocate(std::size_t size, std::size_t alignment) {
+    if (until_failure != never && until_failure-- == 0) throw std::bad_alloc();
+    const std::size_t rounded = (size + alignment) / alignment * alignment;
+    if (void* memory = std::aligned_alloc(alignment, rounded)) return memory;
+    throw std::bad_alloc();
+}
+
+}  // namespace
+
+// These replace the library's own, for everything in this program.
+void* operator new(std::size_t size) {
+    return allocate(size, alignof(std::max_align_t));
+}
+void* operator new(std::size_t size, std::align_val_t alignment) {
+    return allocate(size, static_cast<std::size_t>(alignment));
+}
+void operator delete(void* memory) noexcept {
+    std::free(memory);
+}
+void operator delete(void* memory, std::size_t) noexcept {
+    std::free(memory);
+}
+void operator delete(void* memory, std::align_val_t) noexcept {
+    std::free(memory);
+}
+void operator delete(void* memory, std::size_t, std::align_val_t) noexcept {
+    std::free(memory);
+}
+
+namespace raynest::test {
+namespace {
+
+/// Too long to lie in a std::string itself.
+constexpr const char* new_scene = "a scene with a name of some length";
+constexpr const char* principal = "a principal with a name of some length";
+
+/// What a client says after its Hello; the first request has the id 5.
+using Script = std::vector<protocol::Frame>;
+
+template <class Native>
+protocol::Frame frame_of(std::uint64_t id, const Native& message) {
+    return protocol::encode(id, message).value();
+}
+
+template <class... Frames>
+Script script(Frames... frames) {
+    Script script;
+    (script.push_back(std::move(frames)), ...);
+    return script;
+}
+
+std::unique_ptr<wire::JobT> forest_job() {
+    auto job = std::make_unique<wire::JobT>();
+    job->scene = "forest";
+    return job;
+}
+
+Script query(const char* kind, std::vector<std::string> fields) {
+    wire::QueryT query;
+    query.job = forest_job();
+    query.kind = kind;
+    query.fields = std::move(fields);
+    query.ray_count = 2;
+    protocol::Bulk bulk;
+    bulk.add("rays", wire::Dtype::f32, 8, 2);
+    bulk.allocate();
+    constexpr std::array<float, 8> ray = {0.5F, 0.5F, 5, 0, 0, 0, -1, 1e30F};
+    for (std::size_t i = 0; i < 16; ++i) bulk.block_as<float>(0)[i] = ray[i % 8];
+    return script(frame_of(5, query),
+                  protocol::encode(5, wire::QueryRaysT{}, std::move(bulk)).value());
+}
+
+template <class Picture>
+Script picture() {
+    Picture picture;
+    picture.job = forest_job();
+    picture.width = picture.height = 9;
+    picture.encode = "raw";
+    return script(frame_of(5, picture));
+}
+
+Script load() {
+    wire::LoadT load;
+    load.source = "builtin:terrain?size=2";
+    load.name = new_scene;
+    return script(frame_of(5, load));
+}
+
+template <class Native>
+Script about_forest(Native message) {
+    message.scene = "forest";
+    return script(frame_of(5, message));
+}
+
+/// What came of a script.
+struct Heard {
+    bool connection_ended = false;
+    bool request_ended = false;
+    std::vector<std::pair<std::uint16_t, std::vector<std::byte>>> frames;  ///< type and bulk
+};
+
+struct Named {
+    const char* name;
+    Script script;
+};
+
+class Trial {
+public:
+    Trial() { daemon.services.import_child = {RAYNEST_DAEMON, "--import-child", "auto"}; }
+
+    /// Everything works but allocation `failing`, if it comes to that.
+    Heard run(const Script& script, long failing = never) {
+        Script copies;
+        copies.push_back(frame_of(0, wire::HelloT{}));
+        for (const protocol::Frame& frame : script) copies.push_back(golden::copy(frame));
+        daemon.sent.clear();
+        Heard heard;
+        std::optional<server::Conversation> conversation;
+        until_failure = failing;
+        try {
+            conversation.emplace(daemon.services, daemon.engine, daemon, principal);
+            for (protocol::Frame& frame : copies) conversation->receive(std::move(frame));
+            daemon.settle();
+        } catch (const std::bad_alloc&) {
+            // As a session does, whose coroutine ends with it.
+            heard.connection_ended = true;
+        }
+        failed = until_failure == never;
+        until_failure = never;
+        if (conversation && !heard.connection_ended) CHECK(conversation->runner().size() == 0);
+        conversation.reset();
+        daemon.settle();
+        for (const protocol::Frame& frame : daemon.sent) {
+            heard.frames.emplace_back(
+                frame.header.type,
+                std::vector<std::byte>(frame.bulk.span().begin(), frame.bulk.span().end()));
+            const auto type = static_cast<wire::Message>(frame.header.type);
+            const bool goes_on = type == wire::Message::Started || type == wire::Message::Chunk ||
+                                 type == wire::Message::Picture || type == wire::Message::Welcome;
+            heard.request_ended = heard.request_ended || !goes_on;
+            const auto error = protocol::open<wire::Error>(frame);
+            heard.connection_ended = heard.connection_ended || (error && (*error)->closing());
+        }
+        return heard;
+    }
+
+    SmallDaemon daemon;
+    bool failed = false;  ///< did the last run come to its failure?
+};
+
+TEST_CASE("an allocation that fails at any moment fails one request or one connection alone") {
+    Trial trial;
+    SmallDaemon& daemon = trial.daemon;
+    const Named scripts[] = {
+        {"greeting", {}},
+        {"closest", query("closest", {})},
+        {"closest, all its columns", query("closest", {"t", "prim", "path", "ng", "uv", "nodes"})},
+        {"any", query("any", {})},
+        {"multi", query("multi", {"t", "path"})},
+        {"render", picture<wire::RenderT>()},
+        {"heatmap", picture<wire::HeatmapT>()},
+        {"load", load()},
+        {"scenes", script(frame_of(5, wire::ScenesT{}))},
+        {"info", about_forest(wire::InfoT{})},
+        {"path", about_forest(wire::PathT{})},
+        {"variants", script(frame_of(5, wire::VariantsT{}))},
+        {"stats", script(frame_of(5, wire::StatsT{}))},
+    };
+    wire::UnloadT unload_message;
+    unload_message.scene = new_scene;
+    const Script unload = script(frame_of(5, unload_message));
+    long failures = 0;
+    for (const auto& [name, script] : scripts) {
+        INFO(std::string(name));
+        const Heard good = trial.run(script);
+        trial.run(unload);
+        const std::uint64_t idle_bytes = daemon.budget.used();
+        CHECK((script.empty() || good.request_ended));
+        for (long n = 0;; ++n, ++failures) {
+            CAPTURE(n);
+            const Heard heard = trial.run(script, n);
+            if (!trial.failed) break;
+            CHECK((heard.connection_ended || heard.request_ended || script.empty()));
+            trial.run(unload);
+            CHECK(daemon.handlers_failed == 0);
+            CHECK(daemon.metrics.jobs_ended.load() == daemon.metrics.jobs_started.load());
+            CHECK(daemon.admission.active() == 0);
+            CHECK(daemon.budget.used() == idle_bytes);
+            CHECK(trial.run(script).frames == good.frames);
+            trial.run(unload);
+        }
+    }
+    CHECK(failures > 400);
+    std::cout << "tally: allocations that fail: " << failures
+              << ": one request or connection each\n";
+}
+
+}  // namespace
+}  // namespace raynest::test
