@@ -35,6 +35,10 @@ struct Limits {
     std::uint64_t picture_side_max = 16384;
     std::uint64_t picture_pixels_max = 64ULL << 20;
     std::uint64_t samples_max = 65536;
+    std::uint64_t principal_jobs_max = 128;
+    std::uint64_t principal_rays_max = 1ULL << 36;
+    std::uint64_t principal_scenes_max = 256;
+    std::uint64_t principal_scene_bytes_max = 256ULL << 30;
 };
 
 struct LimitInfo {

@@ -19,19 +19,22 @@ Conversation::Conversation(const Services& services, const Engine& engine, Sink&
                            std::string principal)
     : services_(services),
       sink_(sink),
-      runner_(std::make_shared<Runner>(engine, sink)) {
+      runner_(std::make_shared<Runner>(engine, sink, principal)) {
     caller_.principal = std::move(principal);
 }
 
-std::uint64_t Conversation::bulk_bytes_max(std::uint16_t type) const {
-    switch (static_cast<wire::Message>(type)) {
-        case wire::Message::Upload:
-            return services_.limits.window_bytes;
-        case wire::Message::QueryRays:
-            return services_.limits.chunk_rays_max * sizeof(Ray);
-        default:
-            return 0;
-    }
+Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
+    std::uint64_t most = 0;
+    if (header.type == static_cast<std::uint16_t>(wire::Message::Upload))
+        most = services_.limits.window_bytes;
+    if (header.type == static_cast<std::uint16_t>(wire::Message::QueryRays))
+        most = services_.limits.chunk_rays_max * sizeof(Ray);
+    if (header.bulk_bytes > most)
+        return refuse(Code::limit_exceeded, protocol::message_name(header.type) + " announces " +
+                                                std::to_string(header.bulk_bytes) +
+                                                " bulk bytes, at most " + std::to_string(most) +
+                                                " are allowed");
+    return runner_->expects(header.request_id, header.bulk_bytes);
 }
 
 void Conversation::receive(protocol::Frame frame) {

@@ -22,8 +22,9 @@ public:
     ~Conversation() { runner_->abandon(); }
     Conversation(const Conversation&) = delete;
 
-    /// Bulk bytes that a frame of this type may carry; checked from the header.
-    [[nodiscard]] std::uint64_t bulk_bytes_max(std::uint16_t type) const;
+    /// Is there memory for the bulk part of this frame? Told from its header alone; an error ends
+    /// the connection, false lets the bulk pass unread.
+    [[nodiscard]] Reply<bool> admit(const protocol::FrameHeader& header) const;
 
     void receive(protocol::Frame frame);
     /// Tells the client why the connection ends, and ends it: for what cannot be answered

@@ -137,6 +137,7 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     Accepted accepted;
     accepted.deadline_ms = order->plan.deadline_ms;
     accepted.priority = order->plan.priority;
+    accepted.rays = order->pixels();
     accepted.job = std::make_unique<HeatmapJob>(services, caller, std::move(*order),
                                                 std::move(*options), std::move(first_pass));
     return Answer{std::move(accepted)};

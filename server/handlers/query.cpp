@@ -148,6 +148,9 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     Accepted accepted;
     accepted.deadline_ms = plan->deadline_ms;
     accepted.priority = plan->priority;
+    accepted.rays = message->ray_count();
+    // At worst every ray comes in a frame of its own.
+    accepted.input_bytes = protocol::alignment * message->ray_count();
     accepted.job = std::make_unique<QueryJob>(services, caller, std::move(*plan),
                                               std::move(*columns), message->ray_count());
     return Answer{std::move(accepted)};

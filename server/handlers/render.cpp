@@ -89,6 +89,7 @@ Reply<Answer> render(const Services& services, const Caller& caller,
     Accepted accepted;
     accepted.deadline_ms = order->plan.deadline_ms;
     accepted.priority = order->plan.priority;
+    accepted.rays = order->pixels();
     accepted.job = std::make_unique<RenderJob>(services, caller, std::move(*order));
     return Answer{std::move(accepted)};
 }

@@ -84,7 +84,7 @@ public:
     [[nodiscard]] virtual std::optional<Progress> progress() const { return std::nullopt; }
 };
 
-/// Share of the workers, against other jobs that wait for them.
+/// Among the jobs of one principal: the higher one's tasks go first.
 enum class Priority { low, normal, high };
 
 /// A job as a handler hands it over.
@@ -92,6 +92,8 @@ struct Accepted {
     std::unique_ptr<Job> job;
     std::uint32_t deadline_ms = 0;  ///< from now; 0: none
     Priority priority = Priority::normal;
+    std::uint64_t rays = 0;         ///< that it will trace
+    std::uint64_t input_bytes = 0;  ///< bulk bytes that the client will feed, at most
 };
 
 }  // namespace raynest::server

@@ -14,20 +14,6 @@ constexpr std::chrono::milliseconds tick_period{250};
 /// A job that neither gets rays nor may send answers must not keep its place for ever.
 constexpr std::chrono::seconds idle_max{60};
 
-/// Chunks in flight are a job's share of the workers' queue.
-unsigned width_of(Priority priority, std::size_t threads) {
-    const auto full = static_cast<unsigned>(threads) + 1;
-    switch (priority) {
-        case Priority::low:
-            return 1;
-        case Priority::normal:
-            return full;
-        case Priority::high:
-            return 2 * full;
-    }
-    return full;
-}
-
 protocol::Error deadline_error() {
     return {Code::deadline,
             "the request's deadline passed; " +
@@ -73,10 +59,19 @@ Reply<void> Runner::start(std::uint64_t id, Accepted accepted) {
                                        " requests in flight, the limit is jobs_max = " +
                                        std::to_string(engine_.limits.jobs_max));
     }
-    auto slot = engine_.admission.enter();
+    auto slot = engine_.admission.enter(principal_, accepted.rays);
     if (!slot) {
         ++engine_.metrics.jobs_refused;
-        return tl::unexpected(protocol::Error{Code::busy, "", engine_.admission.retry_after_ms()});
+        return tl::unexpected(slot.error());
+    }
+    const std::uint64_t input_bytes = std::min(accepted.input_bytes, engine_.limits.window_bytes);
+    auto input = engine_.budget.reserve(input_bytes);
+    if (!input) {
+        ++engine_.metrics.jobs_refused;
+        return refuse(Code::resource_exhausted,
+                      "the request's data need " + std::to_string(input_bytes) + " bytes, " +
+                          std::to_string(engine_.budget.limit() - engine_.budget.used()) +
+                          " of --memory are free; try again later");
     }
     const Clock::time_point now = Clock::now();
     const Clock::time_point deadline = accepted.deadline_ms == 0
@@ -84,7 +79,8 @@ Reply<void> Runner::start(std::uint64_t id, Accepted accepted) {
                                            : now + std::chrono::milliseconds(accepted.deadline_ms);
     auto active = std::make_shared<Active>(id, std::move(accepted.job), deadline);
     active->slot = std::move(*slot);
-    active->width = width_of(accepted.priority, engine_.compute.threads());
+    active->input = std::move(*input);
+    active->priority = accepted.priority;
     active->started = active->last_activity = now;
     active->next_progress = now + tick_period;
     active->credit = window_bytes_;
@@ -96,11 +92,17 @@ Reply<void> Runner::start(std::uint64_t id, Accepted accepted) {
     return {};
 }
 
+bool Runner::expects(std::uint64_t id, std::uint64_t bytes) const {
+    const ActivePointer active = find(id);
+    return active != nullptr && !active->error && bytes <= active->input_credit;
+}
+
 void Runner::feed(protocol::Frame frame) {
     const ActivePointer active = find(frame.header.request_id);
     if (active == nullptr || active->error) return;
     const std::uint64_t bytes = frame.header.bulk_bytes;
-    if (bytes > active->input_credit) {
+    // Its bulk passed unread when there was no credit for it, whatever was granted since.
+    if (bytes > active->input_credit || frame.bulk.size() < bytes) {
         stop(*active, {Code::limit_exceeded,
                        "the request sent more than its credit of window_bytes = " +
                            std::to_string(engine_.limits.window_bytes),
@@ -141,7 +143,9 @@ void Runner::pump() {
 }
 
 void Runner::pump(const ActivePointer& active) {
-    while (sink_ != nullptr && !active->error && active->running < active->width) {
+    // One more than there are threads, so that none waits for the io thread.
+    const std::size_t running_max = engine_.compute.threads() + 1;
+    while (sink_ != nullptr && !active->error && active->running < running_max) {
         if (!active->parked) active->parked = active->job->next();
         if (!active->parked || !credit_allows(*active, *active->parked) ||
             !window_allows(*active->parked))
@@ -175,12 +179,14 @@ void Runner::submit(const ActivePointer& active, Task task) {
     in_flight_bytes_ += task.reply_bytes_max;
     Workers& workers = task.lane == Lane::compute ? engine_.compute : engine_.blocking;
     const std::function<void(std::function<void()>)>& post = engine_.post;
-    workers.submit([self = shared_from_this(), active, task = std::move(task), &post] {
-        auto reply = std::make_shared<Reply<Frames>>(run_guarded(task, active->stop));
-        post([self, active, reply, reserved = task.reply_bytes_max, input = task.input_bytes] {
-            self->task_ended(active, std::move(*reply), reserved, input);
+    workers.submit(
+        principal_, active->priority,
+        [self = shared_from_this(), active, task = std::move(task), &post] {
+            auto reply = std::make_shared<Reply<Frames>>(run_guarded(task, active->stop));
+            post([self, active, reply, reserved = task.reply_bytes_max, input = task.input_bytes] {
+                self->task_ended(active, std::move(*reply), reserved, input);
+            });
         });
-    });
 }
 
 void Runner::task_ended(const ActivePointer& active, Reply<Frames> reply, std::uint64_t reserved,
@@ -233,6 +239,7 @@ void Runner::finish(const ActivePointer& active) {
     // Here and now, not where the worker drops the last reference: what a job held is free again
     // when its slot is.
     active->job.reset();
+    active->input = {};
     active->slot = {};
 }
 

@@ -88,6 +88,8 @@ Session::Session(asio::io_context& io, Socket socket, const Services& services,
       close_deadline_(never) {
     tune(socket_);
     decoder_.set_frame_bytes_max(services.limits.greeting_bytes_max);
+    decoder_.set_admission(
+        [this](const protocol::FrameHeader& header) { return conversation_.admit(header); });
 }
 
 void Session::start() {
@@ -176,7 +178,6 @@ void Session::take_frames(std::span<const std::byte> bytes) {
         const auto taken = decoder_.feed(bytes);
         if (!taken) return conversation_.give_up(taken.error());
         bytes = bytes.subspan(*taken);
-        check_announced();
         if (decoder_.complete()) {
             conversation_.receive(decoder_.take());
             if (conversation_.greeted())
@@ -185,21 +186,9 @@ void Session::take_frames(std::span<const std::byte> bytes) {
     } while (open_ && !conversation_.closing() && !bytes.empty());
 }
 
-void Session::check_announced() {
-    const protocol::FrameHeader* header = decoder_.announced();
-    if (header == nullptr || conversation_.closing()) return;
-    const std::uint64_t most = conversation_.bulk_bytes_max(header->type);
-    if (header->bulk_bytes > most)
-        conversation_.give_up({Code::limit_exceeded,
-                               protocol::message_name(header->type) + " announces " +
-                                   std::to_string(header->bulk_bytes) + " bulk bytes, at most " +
-                                   std::to_string(most) + " are allowed",
-                               0});
-}
-
 void Session::move_read_deadline(std::size_t got) {
     if (!conversation_.greeted()) return;
-    const bool in_bulk = !decoder_.room().empty();
+    const bool in_bulk = decoder_.in_bulk();
     if (!in_bulk) checkpoint_bytes_ = 0;
     if (decoder_.idle()) {
         read_deadline_ = never;

@@ -48,7 +48,6 @@ private:
 
     /// Hands complete frames on; false when framing is lost.
     void take_frames(std::span<const std::byte> bytes);
-    void check_announced();
     void move_read_deadline(std::size_t got);
     /// After anything that may have moved a deadline or closed the conversation.
     void settle();

@@ -65,12 +65,17 @@ public:
     std::optional<Services> services;
     Workers compute{2};
     Workers blocking{1};
-    Engine engine{
-        compute, blocking, admission, metrics, limits, [this](std::function<void()> done) {
-            const std::lock_guard lock(mutex);
-            posted.push_back(std::move(done));
-            wake.notify_all();
-        }};
+    Engine engine{compute,
+                  blocking,
+                  admission,
+                  metrics,
+                  limits,
+                  [this](std::function<void()> done) {
+                      const std::lock_guard lock(mutex);
+                      posted.push_back(std::move(done));
+                      wake.notify_all();
+                  },
+                  budget};
 };
 
 template <class Native>

@@ -58,6 +58,7 @@ public:
     protocol::Limits limits;
     Metrics metrics;
     Admission admission{4};
+    Budget budget{1ULL << 30};
     std::uint64_t waiting = 0;
     std::vector<protocol::Frame> sent;
 
@@ -69,13 +70,18 @@ private:
     Workers blocking_{1};
 
 public:
-    Engine engine{
-        compute_, blocking_, admission, metrics, limits, [this](std::function<void()> done) {
-            const std::lock_guard lock(mutex_);
-            posted_.push_back(std::move(done));
-            wake_.notify_all();
-        }};
-    std::shared_ptr<Runner> runner = std::make_shared<Runner>(engine, *this);
+    Engine engine{compute_,
+                  blocking_,
+                  admission,
+                  metrics,
+                  limits,
+                  [this](std::function<void()> done) {
+                      const std::lock_guard lock(mutex_);
+                      posted_.push_back(std::move(done));
+                      wake_.notify_all();
+                  },
+                  budget};
+    std::shared_ptr<Runner> runner = std::make_shared<Runner>(engine, *this, "me");
 };
 
 protocol::Frame chunk_of(std::uint64_t bytes) {
@@ -123,7 +129,10 @@ private:
 };
 
 Accepted accept(std::unique_ptr<Job> job, std::uint32_t deadline_ms = 0) {
-    return {std::move(job), deadline_ms, Priority::normal};
+    Accepted accepted;
+    accepted.job = std::move(job);
+    accepted.deadline_ms = deadline_ms;
+    return accepted;
 }
 
 TEST_CASE("a job answers all its tasks, then says farewell") {
@@ -242,7 +251,7 @@ TEST_CASE("a full daemon says BUSY and when to come back, a greedy connection ge
     REQUIRE_FALSE(quota);
     CHECK(quota.error().code == Code::quota);
 
-    const auto other = std::make_shared<Runner>(bench.engine, bench);
+    const auto other = std::make_shared<Runner>(bench.engine, bench, "other");
     other->set_window(Bench::window);
     REQUIRE(other->start(1, accept(std::make_unique<ScriptedJob>(1, 10))));
     const auto busy = other->start(2, accept(std::make_unique<ScriptedJob>(1, 10)));
@@ -268,16 +277,54 @@ TEST_CASE("an abandoned runner is silent, and its jobs still end") {
     CHECK(bench.metrics.jobs_started == bench.metrics.jobs_ended);
 }
 
+/// Takes whatever comes and never ends.
+class Sponge final : public Job {
+    std::optional<Task> next() override { return std::nullopt; }
+    [[nodiscard]] bool finished() const override { return false; }
+    Frames farewell() override { return {}; }
+    Reply<std::uint64_t> feed(protocol::Frame frame) override { return frame.header.bulk_bytes; }
+};
+
+TEST_CASE(
+    "memory for what a client may send is reserved before it sends, and returns with the job") {
+    Bench bench;
+    const auto sponge = [](std::uint64_t bytes) {
+        Accepted accepted = accept(std::make_unique<Sponge>());
+        accepted.input_bytes = bytes;
+        return accepted;
+    };
+    REQUIRE(bench.runner->start(1, sponge(1000)));
+    CHECK(bench.budget.used() == 1000);
+    // Never more than the credit, whatever a request announces.
+    REQUIRE(bench.runner->start(2, sponge(1ULL << 40)));
+    CHECK(bench.budget.used() == 1000 + bench.limits.window_bytes);
+    auto rest = bench.budget.reserve(bench.budget.limit() - bench.budget.used() - 10);
+    const auto refused = bench.runner->start(3, sponge(11));
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == Code::resource_exhausted);
+    CHECK(bench.admission.active() == 2);
+    REQUIRE(bench.runner->start(3, sponge(10)));
+    for (std::uint64_t id = 1; id <= 3; ++id) bench.runner->cancel(id);
+    *rest = {};
+    CHECK(bench.budget.used() == 0);
+}
+
+TEST_CASE("only a job that waits for data gets memory for it") {
+    Bench bench;
+    CHECK_FALSE(bench.runner->expects(1, 0));
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<Sponge>())));
+    CHECK(bench.runner->expects(1, bench.limits.window_bytes));
+    CHECK_FALSE(bench.runner->expects(1, bench.limits.window_bytes + 1));
+    // A bulk part that passed unread, for lack of credit, is beyond the credit for good.
+    protocol::Frame passed = chunk_of(1000);
+    passed.bulk = {};
+    bench.runner->feed(std::move(passed));
+    CHECK(bench.error() == Code::limit_exceeded);
+    CHECK_FALSE(bench.runner->expects(1, 0));
+}
+
 TEST_CASE("input beyond the credit ends the job, input within it is granted again") {
     Bench bench;
-    class Sponge final : public Job {
-        std::optional<Task> next() override { return std::nullopt; }
-        [[nodiscard]] bool finished() const override { return false; }
-        Frames farewell() override { return {}; }
-        Reply<std::uint64_t> feed(protocol::Frame frame) override {
-            return frame.header.bulk_bytes;
-        }
-    };
     REQUIRE(bench.runner->start(1, accept(std::make_unique<Sponge>())));
     const std::uint64_t quarter = bench.limits.window_bytes / 4;
     for (int i = 0; i < 12; ++i) bench.runner->feed(chunk_of(quarter));
