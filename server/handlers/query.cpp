@@ -14,6 +14,9 @@ namespace {
 /// A chunk's answer is built in cache-sized pieces: larger ones cost 1.5 times as much to send.
 constexpr std::uint64_t reply_bytes_max = 4ULL << 20;
 
+/// A request of so few rays and hits is answered sooner than a worker would wake up for it.
+constexpr std::uint64_t brief_hits_max = 64;
+
 /// Rays per task, so that an answer never exceeds half of the client's window.
 std::uint64_t chunk_rays(const Plan& plan, const Columns::Cost& cost, const Caller& caller,
                          const protocol::Limits& limits) {
@@ -75,6 +78,7 @@ public:
 
         Task task;
         task.reply_bytes_max = cost_.fixed + cost_.per_ray * count;
+        task.brief = brief_;
         task.run = [this, frame = piece.frame, rays, first = dispatched_](const StopFlag&) {
             return answer(rays, first);
         };
@@ -125,6 +129,8 @@ private:
     const Columns::Cost cost_;
     const std::uint64_t chunk_rays_;
     const std::uint64_t ray_count_;
+    const bool brief_ =
+        ray_count_ * plan_.hits_max <= brief_hits_max && plan_.traversal != traversal_reference;
     Tally tally_;
     std::deque<Piece> pieces_;
     std::uint64_t received_ = 0;

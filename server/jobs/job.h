@@ -52,6 +52,9 @@ struct Task {
         0;                          ///< bulk bytes of the answer at most: reserved before it runs
     std::uint64_t input_bytes = 0;  ///< bulk bytes of fed frames that are free once it ended
     Lane lane = Lane::compute;
+    /// Shorter than the way to a worker and back: answered on the io thread, unless a task of its
+    /// job is under way.
+    bool brief = false;
 };
 
 struct Progress {

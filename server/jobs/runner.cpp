@@ -150,7 +150,11 @@ void Runner::pump(const ActivePointer& active) {
         if (!active->parked || !credit_allows(*active, *active->parked) ||
             !window_allows(*active->parked))
             break;
-        submit(active, *std::exchange(active->parked, std::nullopt));
+        Task task = *std::exchange(active->parked, std::nullopt);
+        if (task.brief && active->running == 0)
+            take_answer(*active, run_guarded(task, active->stop), task.input_bytes);
+        else
+            submit(active, std::move(task));
     }
     const bool done = active->error || (!active->parked && active->job->finished());
     if (active->running == 0 && done) finish(active);
@@ -195,19 +199,22 @@ void Runner::task_ended(const ActivePointer& active, Reply<Frames> reply, std::u
     active->reserved -= reserved;
     in_flight_bytes_ -= reserved;
     if (sink_ == nullptr) return finish(active);
+    take_answer(*active, std::move(reply), input_bytes);
+    pump(active);
+}
 
-    active->last_activity = Clock::now();
-    if (reply && !active->error) {
+void Runner::take_answer(Active& active, Reply<Frames> reply, std::uint64_t input_bytes) {
+    active.last_activity = Clock::now();
+    if (reply && !active.error) {
         for (protocol::Frame& frame : *reply) {
-            active->credit -= std::min(active->credit, frame.header.bulk_bytes);
+            active.credit -= std::min(active.credit, frame.header.bulk_bytes);
             sink_->send(std::move(frame));
         }
-        return_input(*active, input_bytes);
-        if (const Reply<void> taken = active->job->ended(); !taken) stop(*active, taken.error());
+        return_input(active, input_bytes);
+        if (const Reply<void> taken = active.job->ended(); !taken) stop(active, taken.error());
     } else if (!reply) {
-        stop(*active, reply.error());
+        stop(active, reply.error());
     }
-    pump(active);
 }
 
 void Runner::return_input(Active& active, std::uint64_t bytes) {

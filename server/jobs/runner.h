@@ -110,6 +110,7 @@ private:
     [[nodiscard]] bool window_allows(const Task& task) const;
     [[nodiscard]] static bool credit_allows(const Active& active, const Task& task);
     void submit(const ActivePointer& active, Task task);
+    void take_answer(Active& active, Reply<Frames> reply, std::uint64_t input_bytes);
     void task_ended(const ActivePointer& active, Reply<Frames> reply, std::uint64_t reserved,
                     std::uint64_t input_bytes);
     void return_input(Active& active, std::uint64_t bytes);

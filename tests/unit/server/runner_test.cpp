@@ -144,6 +144,46 @@ TEST_CASE("a job answers all its tasks, then says farewell") {
     CHECK(bench.metrics.jobs_ended == 1);
 }
 
+TEST_CASE("a brief task is answered where it is asked, a longer one by a worker") {
+    class Brief final : public Job {
+    public:
+        Brief(int tasks, bool brief, std::vector<std::thread::id>& ran)
+            : tasks_(tasks),
+              brief_(brief),
+              ran_(ran) {}
+        std::optional<Task> next() override {
+            if (tasks_ == 0) return std::nullopt;
+            --tasks_;
+            Task task;
+            task.brief = brief_;
+            task.run = [this](const StopFlag&) {
+                ran_.push_back(std::this_thread::get_id());
+                return Reply<Frames>();
+            };
+            return task;
+        }
+        [[nodiscard]] bool finished() const override { return tasks_ == 0; }
+        Frames farewell() override { return {}; }
+
+    private:
+        int tasks_;
+        const bool brief_;
+        std::vector<std::thread::id>& ran_;
+    };
+    Bench bench;
+    std::vector<std::thread::id> ran;
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<Brief>(3, true, ran))));
+    CHECK(ran == std::vector<std::thread::id>(3, std::this_thread::get_id()));
+    CHECK(bench.runner->size() == 0);
+    CHECK(bench.admission.active() == 0);
+
+    ran.clear();
+    REQUIRE(bench.runner->start(2, accept(std::make_unique<Brief>(1, false, ran))));
+    REQUIRE(bench.run_until_idle());
+    REQUIRE(ran.size() == 1);
+    CHECK(ran[0] != std::this_thread::get_id());
+}
+
 TEST_CASE("never more bytes than the client's credit, and every grant is used") {
     Bench bench;
     constexpr std::uint64_t bytes = 400 << 10;
