@@ -202,6 +202,25 @@ CLI::Option* add_output(CLI::App& app, std::string& output, const std::vector<st
         text);
 }
 
+/// What is asked of each ray.
+void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
+              std::vector<std::string>& fields) {
+    app.add_option("--kind", kind, "closest | any | multi");
+    add_whole(app, "--max-hits", max_hits, 1U, 256U, "hits per ray, for multi (8)");
+    add_parsed(
+        app, "--fields",
+        [&fields](const std::string& text) -> std::string {
+            fields = split(text);
+            std::set<std::string> seen;
+            for (const std::string& field : fields) {
+                if (field.empty()) return "'" + text + "' has an empty name between its commas";
+                if (!seen.insert(field).second) return "'" + field + "' is named twice";
+            }
+            return "";
+        },
+        "columns, separated by commas");
+}
+
 void declare(CLI::App& app, LoadOptions& load) {
     app.add_option("SOURCE", load.source,
                    "FILE.glb, FILE.gltf, FILE.npy, builtin:NAME[?key=value&...] or root:PATH")
@@ -259,20 +278,7 @@ void declare(CLI::App& app, QueryOptions& query) {
         ->allow_extra_args(false);
     rays.add_option("--rays", query.rays_file,
                     "FILE.npy of shape (N, 6): o d, or (N, 8): ox oy oz tmin dx dy dz tmax");
-    app.add_option("--kind", query.kind, "closest | any | multi");
-    add_whole(app, "--max-hits", query.max_hits, 1U, 256U, "hits per ray, for multi (8)");
-    add_parsed(
-        app, "--fields",
-        [&query](const std::string& text) -> std::string {
-            query.fields = split(text);
-            std::set<std::string> seen;
-            for (const std::string& field : query.fields) {
-                if (field.empty()) return "'" + text + "' has an empty name between its commas";
-                if (!seen.insert(field).second) return "'" + field + "' is named twice";
-            }
-            return "";
-        },
-        "columns, separated by commas");
+    add_kind(app, query.kind, query.max_hits, query.fields);
     add_output(app, query.output, {".npz"}, "FILE.npz (else a table on stdout)");
 }
 
@@ -288,6 +294,19 @@ void declare(CLI::App& app, HeatmapOptions& heatmap) {
     app.add_option("--scale", heatmap.scale, "linear | log");
     app.add_option("--range", heatmap.range, "auto | p99 | LOW:HIGH");
     app.add_option("--count", heatmap.count, "traversed | necessary");
+}
+
+void declare(CLI::App& app, LoadTestOptions& load_test) {
+    add_job(app, load_test.job);
+    add_kind(app, load_test.kind, load_test.max_hits, load_test.fields);
+    add_whole(app, "--clients", load_test.clients, 1U, 1000U, "connections at the same time (1)");
+    add_whole(app, "--rays", load_test.rays, 1U, 16384U, "rays of each request (1)");
+    add_number(app, "--seconds", load_test.seconds, 0.1, 86400.0,
+               "a number of seconds from 0.1 to 86400",
+               "against the daemon, and as long against each control (5)");
+    add_number(app, "--rate", load_test.rate, 0.1, 1.0e7, "a number from 0.1 to 10000000",
+               "requests per second of all clients, sent when they are due, late answers or not "
+               "(else each client sends when it has its answer)");
 }
 
 /// The subcommands: a name, an example to type, a line of text, and the options that declare()
@@ -307,6 +326,8 @@ public:
         add<QueryOptions>("query", "query forest --ray 0,1,5,0,0,-1", "ask what rays hit");
         add<HeatmapOptions>("heatmap", "heatmap forest -o cost.png",
                             "draw what each pixel's ray costs");
+        add<LoadTestOptions>("load-test", "load-test forest --clients 8 --rays 64 --seconds 10",
+                             "measure round trips and throughput, beside bare sockets");
     }
     /// The help of the chosen subcommand, or of the whole; the first thing is something to type.
     [[nodiscard]] std::string help() const {

@@ -76,9 +76,21 @@ struct HeatmapOptions : PictureOptions {
     std::string metric, palette, scale, range, count;
 };
 
+struct LoadTestOptions {
+    JobOptions job;
+    std::string kind = "closest";
+    std::vector<std::string> fields;
+    std::uint32_t max_hits = 8;
+    std::uint32_t clients = 1;
+    std::uint32_t rays = 1;  ///< of each request
+    double seconds = 5;
+    double rate = 0;  ///< requests per second of all clients; 0: each as soon as it can
+};
+
 using CommandOptions =
     std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, UnloadOptions,
-                 VariantsOptions, StatsOptions, RenderOptions, QueryOptions, HeatmapOptions>;
+                 VariantsOptions, StatsOptions, RenderOptions, QueryOptions, HeatmapOptions,
+                 LoadTestOptions>;
 
 struct Options {
     std::string server;

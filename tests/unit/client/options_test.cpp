@@ -183,3 +183,18 @@ TEST_CASE("help begins with something to type") {
     }
     CHECK(parse({"--version"})->text.rfind("raynest ", 0) == 0);
 }
+
+TEST_CASE("a load test has bounds for everything") {
+    const auto load = command_of<LoadTestOptions>(words_of(
+        "load-test forest --clients 8 --rays 64 --rate 1000 --seconds 2 --kind any --fields hit"));
+    CHECK(load.job.scene == "forest");
+    CHECK(load.clients == 8);
+    CHECK(load.rays == 64);
+    CHECK(load.rate == 1000);
+    CHECK(load.seconds == 2);
+    CHECK(load.kind == "any");
+    CHECK(load.fields == std::vector<std::string>{"hit"});
+    for (const char* line : {"--clients 0", "--clients 1001", "--rays 0", "--rays 16385",
+                             "--seconds 0", "--seconds nan", "--rate 0", "--rate -3"})
+        CHECK_MESSAGE(!complaint(words_of(std::string("load-test forest ") + line)).empty(), line);
+}
