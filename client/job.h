@@ -26,8 +26,9 @@ struct Outcome {
     std::uint64_t rays = 0, hits = 0, misses = 0;
     double seconds = 0, queued_seconds = 0;
     wire::HeatStatisticsT heat;  ///< of a heat map
+    std::uint64_t detached = 0;  ///< number of the job that goes on without us; 0: it has ended
 };
-/// Takes what a STARTED or DONE frame says; leaves other frames alone.
+/// Takes what a STARTED, DONE or DETACHED frame says; leaves other frames alone.
 Result<void> take_news(const protocol::Frame& frame, Outcome& outcome);
 
 /// The keys that every job's JSON has.

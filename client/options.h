@@ -26,6 +26,7 @@ struct JobOptions {
     std::string worker;
     std::string priority;
     double deadline = 0;  ///< seconds; 0 = none
+    bool detach = false;
 };
 
 struct CameraOptions {
@@ -76,6 +77,17 @@ struct HeatmapOptions : PictureOptions {
     std::string metric, palette, scale, range, count;
 };
 
+struct JobsOptions {};
+struct WaitOptions {
+    std::uint64_t job = 0;
+};
+struct FetchOptions {
+    std::uint64_t job = 0;
+    std::string output;
+};
+struct CancelOptions {
+    std::uint64_t job = 0;
+};
 struct LoadTestOptions {
     JobOptions job;
     std::string kind = "closest";
@@ -90,7 +102,7 @@ struct LoadTestOptions {
 using CommandOptions =
     std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, UnloadOptions,
                  VariantsOptions, StatsOptions, RenderOptions, QueryOptions, HeatmapOptions,
-                 LoadTestOptions>;
+                 JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions>;
 
 struct Options {
     std::string server;

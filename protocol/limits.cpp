@@ -35,6 +35,10 @@ constexpr std::array table = {
               "scenes that one principal holds"},
     LimitInfo{"principal_scene_bytes_max", &Limits::principal_scene_bytes_max,
               "bytes of the scenes that one principal holds"},
+    LimitInfo{"principal_result_bytes_max", &Limits::principal_result_bytes_max,
+              "bytes kept for the detached jobs of one principal"},
+    LimitInfo{"result_ms_max", &Limits::result_ms_max,
+              "time that the answer of a detached job is kept"},
 };
 static_assert(sizeof(Limits) == table.size() * sizeof(std::uint64_t),
               "a limit is missing from the table");

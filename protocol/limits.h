@@ -39,6 +39,8 @@ struct Limits {
     std::uint64_t principal_rays_max = 1ULL << 36;
     std::uint64_t principal_scenes_max = 256;
     std::uint64_t principal_scene_bytes_max = 256ULL << 30;
+    std::uint64_t principal_result_bytes_max = 1ULL << 30;
+    std::uint64_t result_ms_max = 3'600'000;
 };
 
 struct LimitInfo {

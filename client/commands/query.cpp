@@ -1,7 +1,7 @@
 // raynest query SCENE --ray ...: what rays hit, as a table, as JSON lines or as a .npz of columns.
 #include "client/query.h"
 
-#include "client/commands/commands.h"
+#include "client/commands/deliver.h"
 #include "client/files.h"
 #include "client/npy.h"
 #include "client/query_rows.h"
@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <iostream>
 #include <map>
+#include <optional>
 
 namespace raynest::client {
 namespace {
@@ -76,6 +77,14 @@ private:
     std::vector<std::uint64_t> splits_ = {0};
 };
 
+/// The columns that rows show of an answer; `hit` is how they tell misses from hits.
+std::vector<std::string> names_of(const QueryChunk& chunk, const std::string& kind) {
+    std::vector<std::string> names;
+    for (const protocol::BlockView& column : chunk.columns)
+        if (column.name != "hit" || kind == "any") names.emplace_back(column.name);
+    return names;
+}
+
 }  // namespace
 
 Result<void> run(Context& context, const QueryOptions& options) {
@@ -83,9 +92,6 @@ Result<void> run(Context& context, const QueryOptions& options) {
         options.rays_file.empty() ? RaySource(options.rays) : RaySource::open(options.rays_file);
     if (!rays) return tl::unexpected<Failure>(rays.error());
     const bool rows = options.output.empty();
-    if (!rows) {
-        if (auto writable = check_writable(options.output); !writable) return writable;
-    }
 
     wire::QueryT request;
     request.job = job_message(options.job);
@@ -98,28 +104,50 @@ Result<void> run(Context& context, const QueryOptions& options) {
     const bool has_hit = std::find(shown.begin(), shown.end(), "hit") != shown.end();
     if (rows && request.kind != "multi" && !has_hit) request.fields.push_back("hit");
 
-    QueryRows printer(request.kind, shown, context.json);
-    Columns columns(request.kind == "multi");
-    const auto outcome = run_query(context.connection, request, *rays, context.progress,
-                                   [&](const QueryChunk& chunk) {
-                                       if (!rows) return columns.append(chunk);
-                                       context.progress.clear();
-                                       return printer.print(chunk);
-                                   });
+    return deliver_query(
+        context, options.output, request.kind, shown, [&](const ChunkConsumer& consume) {
+            return run_query(context.connection, request, *rays, context.progress, consume);
+        });
+}
+
+Result<void> deliver_query(Context& context, const std::string& output, const std::string& kind,
+                           const std::vector<std::string>& shown,
+                           const std::function<Result<Outcome>(const ChunkConsumer&)>& ask) {
+    const bool rows = output.empty();
+    if (!rows) {
+        if (auto writable = check_writable(output); !writable) return writable;
+    }
+    std::optional<QueryRows> printer;
+    Columns columns(kind == "multi");
+    const auto outcome = ask([&](const QueryChunk& chunk) {
+        if (!rows) return columns.append(chunk);
+        if (!printer)
+            printer.emplace(kind, shown.empty() ? names_of(chunk, kind) : shown, context.json);
+        context.progress.clear();
+        return printer->print(chunk);
+    });
     context.progress.clear();
     if (!outcome) return tl::unexpected<Failure>(outcome.error());
     print_notes(*outcome);
-    if (rows) return {};
+    if (outcome->detached != 0) print_detached(context, *outcome);
+    if (rows || outcome->detached != 0) return {};
 
-    if (auto written = write_file(options.output, columns.npz()); !written) return written;
+    if (auto written = write_file(output, columns.npz()); !written) return written;
     if (context.json) {
         Json json = outcome_json(*outcome);
-        json["file"] = options.output;
+        json["file"] = output;
         print_json(json);
     } else {
-        std::cout << options.output << ": " << outcome_text(*outcome) << '\n';
+        std::cout << output << ": " << outcome_text(*outcome) << '\n';
     }
     return {};
+}
+
+void print_detached(const Context& context, const Outcome& outcome) {
+    if (context.json)
+        print_json(Json{{"job", outcome.detached}});
+    else
+        std::cout << outcome.detached << '\n';
 }
 
 }  // namespace raynest::client

@@ -266,6 +266,8 @@ Reply<Answer> load(const Services& services, const Caller& caller,
         return tl::unexpected(files.error());
 
     Accepted accepted;
+    accepted.kind = "load";
+    accepted.scene = order.name;
     accepted.deadline_ms = message->deadline_ms();
     for (const UploadFile& file : order.files) accepted.input_bytes += file.bytes.size();
     accepted.job = std::make_unique<LoadJob>(services, caller, std::move(order));

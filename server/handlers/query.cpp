@@ -14,6 +14,11 @@ namespace {
 /// A chunk's answer is built in cache-sized pieces: larger ones cost 1.5 times as much to send.
 constexpr std::uint64_t reply_bytes_max = 4ULL << 20;
 
+/// Room for the answers of a detached query is reserved for chunks of so many rays at least.
+constexpr std::uint64_t kept_rays_min = 1024;
+/// Header and control message of a chunk: a name and a description for each of at most 64 blocks.
+constexpr std::uint64_t chunk_head_bytes_max = 8ULL << 10;
+
 /// A request of so few rays and hits is answered sooner than a worker would wake up for it.
 constexpr std::uint64_t brief_hits_max = 64;
 
@@ -90,7 +95,14 @@ public:
         return task;
     }
 
+    [[nodiscard]] bool needs_input() const override { return received_ < ray_count_; }
     [[nodiscard]] bool finished() const override { return dispatched_ == ray_count_; }
+
+    /// Bytes of all chunks, headers included, when rays come in frames of at least kept_rays_min.
+    [[nodiscard]] std::uint64_t result_bytes_max() const {
+        const std::uint64_t chunks = ray_count_ / std::min(chunk_rays_, kept_rays_min) + 1;
+        return ray_count_ * cost_.per_ray + chunks * (cost_.fixed + chunk_head_bytes_max);
+    }
 
     Frames farewell() override {
         Frames frames;
@@ -151,14 +163,14 @@ Reply<Answer> query(const Services& services, const Caller& caller,
         return tl::unexpected(known.error());
     if (*kind == query_multi) plan->hits_max = message->max_hits();
 
-    Accepted accepted;
-    accepted.deadline_ms = plan->deadline_ms;
-    accepted.priority = plan->priority;
-    accepted.rays = message->ray_count();
+    Accepted accepted = accept(*plan, "query", message->ray_count());
+    accepted.detail = protocol::word(message->kind(), "closest");
     // At worst every ray comes in a frame of its own.
     accepted.input_bytes = protocol::alignment * message->ray_count();
-    accepted.job = std::make_unique<QueryJob>(services, caller, std::move(*plan),
-                                              std::move(*columns), message->ray_count());
+    auto job = std::make_unique<QueryJob>(services, caller, std::move(*plan), std::move(*columns),
+                                          message->ray_count());
+    accepted.result_bytes_max = job->result_bytes_max();
+    accepted.job = std::move(job);
     return Answer{std::move(accepted)};
 }
 

@@ -18,6 +18,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -82,6 +83,10 @@ public:
     [[nodiscard]] virtual bool finished() const = 0;
     /// What the client reads last, after all tasks ended well. No bulk.
     virtual Frames farewell() = 0;
+    /// Must its client send more before it can end?
+    [[nodiscard]] virtual bool needs_input() const { return false; }
+    /// May it stand still for long without being taken for abandoned?
+    [[nodiscard]] virtual bool patient() const { return false; }
     /// Bulk data for this job; gives the bytes that are free again at once.
     virtual Reply<std::uint64_t> feed(protocol::Frame frame);
     [[nodiscard]] virtual std::optional<Progress> progress() const { return std::nullopt; }
@@ -97,6 +102,11 @@ struct Accepted {
     Priority priority = Priority::normal;
     std::uint64_t rays = 0;         ///< that it will trace
     std::uint64_t input_bytes = 0;  ///< bulk bytes that the client will feed, at most
+    std::string kind;               ///< for people: query, render, ...
+    std::string detail;             ///< of a query: its kind
+    std::string scene;
+    bool detach = false;                 ///< it outlives its connection
+    std::uint64_t result_bytes_max = 0;  ///< of a detached one: bytes that it answers, at most
 };
 
 }  // namespace raynest::server

@@ -52,14 +52,31 @@ bool Runner::knows(std::uint64_t id) const {
     return find(id) != nullptr;
 }
 
-Reply<void> Runner::start(std::uint64_t id, Accepted accepted) {
+Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
     if (jobs_.size() >= engine_.limits.jobs_max) {
         ++engine_.metrics.jobs_refused;
         return refuse(Code::quota, "this connection has " + std::to_string(jobs_.size()) +
                                        " requests in flight, the limit is jobs_max = " +
                                        std::to_string(engine_.limits.jobs_max));
     }
-    auto slot = engine_.admission.enter(principal_, accepted.rays);
+    const Clock::time_point now = Clock::now();
+    const Clock::time_point deadline = accepted.deadline_ms == 0
+                                           ? Clock::time_point::max()
+                                           : now + std::chrono::milliseconds(accepted.deadline_ms);
+    JobRecord record;
+    record.principal = principal_;
+    record.kind = std::move(accepted.kind);
+    record.detail = std::move(accepted.detail);
+    record.scene = std::move(accepted.scene);
+    record.rays = accepted.rays;
+    record.detached = accepted.detach;
+    record.started = now;
+    record.deadline = deadline;
+    record.job = accepted.job.get();
+    record.cancel = [runner = weak_from_this(), id] {
+        if (const auto self = runner.lock()) self->cancel(id);
+    };
+    auto slot = engine_.admission.enter(std::move(record));
     if (!slot) {
         ++engine_.metrics.jobs_refused;
         return tl::unexpected(slot.error());
@@ -73,10 +90,7 @@ Reply<void> Runner::start(std::uint64_t id, Accepted accepted) {
                           std::to_string(engine_.budget.limit() - engine_.budget.used()) +
                           " of --memory are free; try again later");
     }
-    const Clock::time_point now = Clock::now();
-    const Clock::time_point deadline = accepted.deadline_ms == 0
-                                           ? Clock::time_point::max()
-                                           : now + std::chrono::milliseconds(accepted.deadline_ms);
+    const std::uint64_t number = slot->number();
     auto active = std::make_shared<Active>(id, std::move(accepted.job), deadline);
     active->slot = std::move(*slot);
     active->input = std::move(*input);
@@ -89,7 +103,7 @@ Reply<void> Runner::start(std::uint64_t id, Accepted accepted) {
     ++engine_.metrics.jobs_started;
     for (protocol::Frame& frame : active->job->greeting()) sink_->send(std::move(frame));
     pump(active);
-    return {};
+    return number;
 }
 
 bool Runner::expects(std::uint64_t id, std::uint64_t bytes) const {
@@ -133,6 +147,16 @@ void Runner::cancel(std::uint64_t id) {
     ++engine_.metrics.jobs_cancelled;
     stop(*active, {Code::cancelled, "", 0});
     pump(active);
+}
+
+void Runner::cancel_all() {
+    const std::list<ActivePointer> jobs = jobs_;
+    for (const ActivePointer& active : jobs) cancel(active->id);
+}
+
+bool Runner::needs_client(std::uint64_t id) const {
+    const ActivePointer active = find(id);
+    return active != nullptr && (active->error || active->job->needs_input());
 }
 
 void Runner::pump() {
@@ -245,9 +269,9 @@ void Runner::finish(const ActivePointer& active) {
         for (protocol::Frame& frame : active->job->farewell()) sink_->send(std::move(frame));
     // Here and now, not where the worker drops the last reference: what a job held is free again
     // when its slot is.
+    active->slot = {};
     active->job.reset();
     active->input = {};
-    active->slot = {};
 }
 
 void Runner::tick(Clock::time_point now) {
@@ -256,7 +280,7 @@ void Runner::tick(Clock::time_point now) {
         if (!active->error && now >= active->stop.deadline()) {
             stop(*active, deadline_error());
             pump(active);
-        } else if (!active->error && active->running == 0 &&
+        } else if (!active->error && active->running == 0 && !active->job->patient() &&
                    now - active->last_activity > idle_max) {
             stop(*active, {Code::deadline,
                            "the client neither sent nor took data of this request for " +
@@ -273,6 +297,8 @@ void Runner::tick(Clock::time_point now) {
                 message.stage = progress->stage;
                 sink_->send(*protocol::encode(active->id, message));
             }
+            // What a patient job waits for may have come.
+            pump(active);
         }
     }
 }

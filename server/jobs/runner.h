@@ -58,7 +58,8 @@ public:
 
     /// Starts a job, with memory for what its client may send before it is taken; QUOTA, BUSY or
     /// RESOURCE_EXHAUSTED when it may not.
-    Reply<void> start(std::uint64_t id, Accepted accepted);
+    /// Gives the job's number among all of the daemon's.
+    Reply<std::uint64_t> start(std::uint64_t id, Accepted accepted);
     /// Is there memory for so many bulk bytes to a job? Not to one that has ended, and not beyond
     /// its credit.
     [[nodiscard]] bool expects(std::uint64_t id, std::uint64_t bytes) const;
@@ -67,6 +68,9 @@ public:
     /// The client grants `bytes` more.
     void grant(std::uint64_t id, std::uint64_t bytes);
     void cancel(std::uint64_t id);
+    void cancel_all();
+    /// Has a job something to do with its client yet: data to come, or an error to tell?
+    [[nodiscard]] bool needs_client(std::uint64_t id) const;
 
     /// Bytes left: the sink has room again.
     void pump();

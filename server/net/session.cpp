@@ -119,7 +119,7 @@ void Session::drain() {
 
 void Session::stop() {
     if (!std::exchange(open_, false)) return;
-    conversation_.runner().abandon();
+    conversation_.abandon();
     SystemError ignored;
     socket_.close(ignored);
     wake_.cancel();

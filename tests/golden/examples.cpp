@@ -296,6 +296,51 @@ void add_work_answers(Collection& all) {
     all.add(7, done);
 }
 
+wire::JobInfoT kept_job() {
+    wire::JobInfoT info;
+    info.job = 17;
+    info.owner = "uid:1000";
+    info.kind = "query";
+    info.detail = "closest";
+    info.scene = "forest";
+    info.state = "failed";
+    info.stage = "tracing";
+    info.done = 5;
+    info.total = 9;
+    info.age_ms = 60000;
+    info.left_ms = 3540000;
+    info.bytes = 4096;
+    info.worker = "cpu";
+    info.detached = true;
+    info.code = static_cast<std::uint32_t>(protocol::Code::deadline);
+    info.error = "the request's deadline passed";
+    return info;
+}
+
+void add_jobs(Collection& all) {
+    wire::JobsT jobs;
+    jobs.after = 16;
+    all.add(8, jobs);
+    wire::JobListT list;
+    list.jobs.push_back(std::make_unique<wire::JobInfoT>(kept_job()));
+    list.more = true;
+    all.add(8, list);
+    wire::WaitT wait;
+    wait.job = 17;
+    wait.deadline_ms = 1000;
+    all.add(9, wait);
+    all.add(9, kept_job());
+    wire::FetchT fetch;
+    fetch.job = 17;
+    all.add(10, fetch);
+    wire::CancelJobT cancel;
+    cancel.job = 17;
+    all.add(11, cancel);
+    wire::DetachedT detached;
+    detached.job = 17;
+    all.add(12, detached);
+}
+
 /// Every table of THE LIST, so that a type of the header finds its open().
 template <class... Tables>
 Result<void> open_one_of(const Frame& frame) {
@@ -319,6 +364,7 @@ std::vector<Example> examples() {
     add_work_requests(all);
     add_scene_answers(all);
     add_work_answers(all);
+    add_jobs(all);
     return all.take();
 }
 
@@ -338,7 +384,9 @@ Result<void> open_any(const Frame& frame) {
                        wire::Credit, wire::Welcome, wire::Pong, wire::Error, wire::Loaded,
                        wire::Need, wire::SceneList, wire::SceneInfo, wire::PathName, wire::Unloaded,
                        wire::VariantList, wire::Statistics, wire::Started, wire::Chunk,
-                       wire::Progress, wire::Picture, wire::Done>(frame);
+                       wire::Progress, wire::Picture, wire::Done, wire::Jobs, wire::Wait,
+                       wire::Fetch, wire::CancelJob, wire::JobList, wire::JobInfo, wire::Detached>(
+        frame);
 }
 
 }  // namespace raynest::golden

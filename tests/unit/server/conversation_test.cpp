@@ -7,6 +7,8 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
+#include <array>
 #include <condition_variable>
 #include <deque>
 #include <mutex>
@@ -21,8 +23,16 @@ public:
         auto loaded = Registry::load({});
         if (!loaded) FAIL(loaded.error().message);
         registry = *loaded;
-        services.emplace(
-            Services{*registry, scenes, budget, metrics, limits, {}, {}, {"/bin/false"}});
+        services.emplace(Services{*registry,
+                                  scenes,
+                                  budget,
+                                  metrics,
+                                  limits,
+                                  {},
+                                  {},
+                                  {"/bin/false"},
+                                  admission,
+                                  detached});
         // What the examples ask about; of another owner, so that none can unload it.
         SceneDescription forest = test::tree_scene();
         forest.cameras.resize(1);
@@ -76,6 +86,7 @@ public:
                       wake.notify_all();
                   },
                   budget};
+    DetachedJobs detached{engine, [] {}};
 };
 
 template <class Native>
@@ -119,6 +130,70 @@ TEST_CASE("a draining conversation answers questions, refuses jobs and ends with
     CHECK(conversation.closing());
 }
 
+TEST_CASE(
+    "a detached query runs on when its rays have come, and ends with its client before that") {
+    Table table;
+    wire::QueryT query;
+    query.job = std::make_unique<wire::JobT>();
+    query.job->scene = "forest";
+    query.job->detach = true;
+    query.ray_count = 2;
+    const auto rays = [](std::uint64_t first) {
+        protocol::Bulk bulk;
+        bulk.add("rays", wire::Dtype::f32, 8, 1);
+        bulk.allocate();
+        const std::array<float, 8> down = {0, 9, 0, 0, 0, -1, 0, 100};
+        std::copy(down.begin(), down.end(), bulk.block_as<float>(0).begin());
+        wire::QueryRaysT message;
+        message.first_ray = first;
+        return protocol::encode(1, std::move(message), std::move(bulk)).value();
+    };
+    for (const bool all : {false, true}) {
+        CAPTURE(all);
+        table.sent.clear();
+        {
+            Conversation conversation(*table.services, table.engine, table, "me");
+            conversation.receive(frame_of(0, wire::HelloT{}));
+            conversation.receive(frame_of(1, query));
+            conversation.receive(rays(0));
+            CHECK_FALSE(table.said(wire::Message::Detached));
+            if (all) conversation.receive(rays(1));
+            CHECK(table.said(wire::Message::Detached) == all);
+            // The id is free again, and what was detached is not this connection's any more.
+            if (all) conversation.receive(frame_of(1, wire::CancelT{}));
+        }
+        table.settle();
+        CHECK(table.detached.all().size() == (all ? 1 : 0));
+        CHECK_FALSE(table.said(wire::Message::Chunk));
+        CHECK_FALSE(table.said(wire::Message::Error));
+    }
+    const auto& job = *table.detached.all().begin()->second;
+    CHECK(job.ended());
+    CHECK_FALSE(job.error());
+    CHECK(job.answer().front().header.type == static_cast<std::uint16_t>(wire::Message::Started));
+}
+
+TEST_CASE("a detached query that goes wrong while its rays come tells its client") {
+    Table table;
+    Conversation conversation(*table.services, table.engine, table, "me");
+    conversation.receive(frame_of(0, wire::HelloT{}));
+    wire::QueryT query;
+    query.job = std::make_unique<wire::JobT>();
+    query.job->scene = "forest";
+    query.job->detach = true;
+    query.ray_count = 2;
+    conversation.receive(frame_of(1, query));
+    conversation.receive(frame_of(1, wire::QueryRaysT{}));  // without its block
+    CHECK(table.said(wire::Message::Error));
+    CHECK_FALSE(table.said(wire::Message::Detached));
+    table.sent.clear();
+    conversation.receive(frame_of(1, query));
+    CHECK_FALSE(table.said(wire::Message::Error));
+    conversation.receive(frame_of(1, wire::CancelT{}));
+    CHECK(table.said(wire::Message::Error));
+    CHECK(table.admission.active() == 0);
+}
+
 TEST_CASE("whatever frames come in whatever order, all jobs end and all memory returns") {
     Table table;
     const std::uint64_t idle_bytes = table.budget.used();
@@ -148,8 +223,11 @@ TEST_CASE("whatever frames come in whatever order, all jobs end and all memory r
             REQUIRE(decoder.complete());
             conversation.receive(decoder.take());
         }
-        conversation.runner().abandon();
+        conversation.abandon();
+        table.detached.stop_running();
         table.settle();
+        const auto kept = table.detached.all();
+        for (const auto& [number, job] : kept) table.detached.cancel(number);
         CHECK(table.metrics.jobs_started == table.metrics.jobs_ended);
     }
     CHECK(table.budget.used() == idle_bytes);
