@@ -174,6 +174,10 @@ Result<void> Connection::greet(const std::string& token) {
     return {};
 }
 
+int Connection::socket() const {
+    return socket_->stream.native_handle();
+}
+
 void Connection::begin(std::chrono::milliseconds deadline) {
     ++id_;
     credit_ = daemon_.window_bytes;

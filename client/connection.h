@@ -2,8 +2,8 @@
 //
 // One request at a time. The connection counts both credits: what the daemon has granted for what
 // we send, and what we have consumed and must grant again. Ctrl-C (interrupt.h) cancels the request
-// at the daemon and ends the wait. connection.cpp is the only file of the client that knows
-// Boost.Asio.
+// at the daemon and ends the wait. connection.cpp and the load test's echo are the only files of the
+// client that know Boost.Asio.
 #pragma once
 
 #include "client/failure.h"
@@ -41,6 +41,8 @@ public:
     Connection& operator=(const Connection&) = delete;
 
     [[nodiscard]] const Daemon& daemon() const { return daemon_; }
+    /// The greeted socket, for who speaks frames without this class; stays the connection's.
+    [[nodiscard]] int socket() const;
 
     /// Begins a request; frames of earlier ones are skipped from now on. With a deadline, next()
     /// gives up a little after it, should the daemon itself not answer any more.

@@ -22,6 +22,7 @@ std::unique_ptr<wire::JobT> job_message(const JobOptions& options) {
     job->mask = options.mask;
     job->worker = options.worker;
     job->priority = options.priority;
+    job->detach = options.detach;
     job->deadline_ms = static_cast<std::uint32_t>(deadline_of(options).count());
     return job;
 }
@@ -56,6 +57,10 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.epoch = started.epoch();
         outcome.rays_announced = started.rays();
         outcome.notes = protocol::strings(started.notes());
+    } else if (is<wire::Detached>(frame)) {
+        const auto opened = protocol::open<wire::Detached>(frame);
+        if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
+        outcome.detached = (*opened)->job();
     } else if (is<wire::Done>(frame)) {
         const auto opened = protocol::open<wire::Done>(frame);
         if (!opened) return tl::unexpected<Failure>(failure(opened.error()));

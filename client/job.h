@@ -29,8 +29,9 @@ struct Outcome {
     std::optional<std::uint64_t> rows;  ///< of a query, by DONE
     double seconds = 0, queued_seconds = 0;
     wire::HeatStatisticsT heat;  ///< of a heat map
+    std::uint64_t detached = 0;  ///< number of the job that goes on without us; 0: it has ended
 };
-/// Takes what a STARTED or DONE frame says; leaves other frames alone.
+/// Takes what a STARTED, DONE or DETACHED frame says; leaves other frames alone.
 Result<void> take_news(const protocol::Frame& frame, Outcome& outcome);
 
 /// The keys that every job's JSON has.

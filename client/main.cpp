@@ -27,10 +27,13 @@ int end_with(const Failure& failure, bool json) {
 
 Result<void> connect_and_run(const Options& options) {
     const char* token = std::getenv("RAYNEST_TOKEN");
-    const auto connection = Connection::open(options.server, token != nullptr ? token : "");
+    const auto connect = [&] {
+        return Connection::open(options.server, token != nullptr ? token : "");
+    };
+    const auto connection = connect();
     if (!connection) return tl::unexpected<Failure>(connection.error());
     Progress progress(Progress::style_for_stderr(options.quiet));
-    Context context{**connection, progress, options.json};
+    Context context{**connection, progress, options.json, connect};
     return std::visit([&](const auto& command) { return run(context, command); }, options.command);
 }
 

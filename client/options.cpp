@@ -175,6 +175,38 @@ CLI::Option* add_output(CLI::App& app, std::string& output, const std::vector<st
         text);
 }
 
+/// What is asked of each ray.
+void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
+              std::vector<std::string>& fields) {
+    app.add_option("--kind", kind,
+                   "closest | any | multi | all | null (canonical misses, nothing is traced)");
+    add_whole(app, "--max-hits", max_hits, 1U, 65536U,
+              "hits per ray: of multi (8, at most 256), of all the nearest are kept (4096)");
+    add_parsed(
+        app, "--fields",
+        [&fields](const std::string& text) -> std::string {
+            fields = split(text);
+            std::set<std::string> seen;
+            for (const std::string& field : fields) {
+                if (field.empty()) return "'" + text + "' has an empty name between its commas";
+                if (!seen.insert(field).second) return "'" + field + "' is named twice";
+            }
+            return "";
+        },
+        "columns, separated by commas");
+}
+
+/// --detach, with which a file is not written now and need not be named.
+void add_detach(CLI::App& app, JobOptions& job, const std::string* required_output) {
+    app.add_flag("--detach", job.detach,
+                 "print a job's number and end; the daemon goes on (see: raynest fetch). -o then "
+                 "says what fetch is to write");
+    app.parse_complete_callback([&job, required_output] {
+        if (required_output != nullptr && required_output->empty() && !job.detach)
+            throw CLI::RequiredError("--output");
+    });
+}
+
 void declare(CLI::App& app, LoadOptions& load) {
     app.add_option("SOURCE", load.source,
                    "FILE.glb, FILE.gltf, FILE.npy, builtin:NAME[?key=value&...] or root:PATH")
@@ -209,7 +241,8 @@ void declare(CLI::App& app, PathOptions& path) {
 void declare(CLI::App& app, RenderOptions& render) {
     add_job(app, render.job);
     add_camera(app, render.camera);
-    add_output(app, render.output, {".png", ".exr"}, "FILE.png or FILE.exr")->required();
+    add_output(app, render.output, {".png", ".exr"}, "FILE.png or FILE.exr");
+    add_detach(app, render.job, &render.output);
     app.add_option("--integrator", render.integrator, "primary");
     add_whole(app, "--spp", render.samples, 1U, 65536U, "samples per pixel (1)");
     add_whole(app, "--seed", render.seed, std::uint64_t{0}, any_whole, "of the random numbers (0)");
@@ -243,40 +276,57 @@ void declare(CLI::App& app, QueryOptions& query) {
             "equirectangular | lidar | hemisphere")
         ->expected(1, -1);
     app.footer(generate_help());
-    app.add_option("--kind", query.kind,
-                   "closest | any | multi | all | null (canonical misses, nothing is traced)");
-    add_whole(app, "--max-hits", query.max_hits, 1U, 65536U,
-              "hits per ray: of multi (8, at most 256), of all the nearest are kept (4096)");
+    add_kind(app, query.kind, query.max_hits, query.fields);
     app.add_option("--reduce", query.reduce,
                    "a sum instead of rows per ray: hit_fraction (of a hemisphere's points) | "
                    "visible_pixels (per instance path)");
-    add_parsed(
-        app, "--fields",
-        [&query](const std::string& text) -> std::string {
-            query.fields = split(text);
-            std::set<std::string> seen;
-            for (const std::string& field : query.fields) {
-                if (field.empty()) return "'" + text + "' has an empty name between its commas";
-                if (!seen.insert(field).second) return "'" + field + "' is named twice";
-            }
-            return "";
-        },
-        "columns, separated by commas");
     add_output(app, query.output, {".npz"}, "FILE.npz (else a table on stdout)");
+    add_detach(app, query.job, nullptr);
 }
 
 void declare(CLI::App& app, HeatmapOptions& heatmap) {
     add_job(app, heatmap.job);
     add_camera(app, heatmap.camera);
     add_output(app, heatmap.output, {".png", ".exr", ".npy"},
-               "FILE.png with a legend; FILE.exr or FILE.npy of raw counts")
-        ->required();
+               "FILE.png with a legend; FILE.exr or FILE.npy of raw counts");
+    add_detach(app, heatmap.job, &heatmap.output);
     app.add_option("--metric", heatmap.metric,
                    "total | nodes | boxes | leaves | prims | instances | rejects");
     app.add_option("--palette", heatmap.palette, "turbo | viridis | inferno | gray");
     app.add_option("--scale", heatmap.scale, "linear | log");
     app.add_option("--range", heatmap.range, "auto | p99 | LOW:HIGH");
     app.add_option("--count", heatmap.count, "traversed | necessary");
+}
+
+void add_job_number(CLI::App& app, std::uint64_t& job) {
+    add_whole(app, "ID", job, std::uint64_t{1}, any_whole, "number of a job (see: raynest jobs)")
+        ->required();
+}
+
+void declare(CLI::App&, JobsOptions&) {}
+void declare(CLI::App& app, WaitOptions& wait) {
+    add_job_number(app, wait.job);
+}
+void declare(CLI::App& app, FetchOptions& fetch) {
+    add_job_number(app, fetch.job);
+    add_output(app, fetch.output, {".png", ".exr", ".npy", ".npz"},
+               "the file that the job was asked for (of a query, else a table on stdout)");
+}
+void declare(CLI::App& app, CancelOptions& cancel) {
+    add_job_number(app, cancel.job);
+}
+
+void declare(CLI::App& app, LoadTestOptions& load_test) {
+    add_job(app, load_test.job);
+    add_kind(app, load_test.kind, load_test.max_hits, load_test.fields);
+    add_whole(app, "--clients", load_test.clients, 1U, 1000U, "connections at the same time (1)");
+    add_whole(app, "--rays", load_test.rays, 1U, 16384U, "rays of each request (1)");
+    add_number(app, "--seconds", load_test.seconds, 0.1, 86400.0,
+               "a number of seconds from 0.1 to 86400",
+               "against the daemon, and as long against each control (5)");
+    add_number(app, "--rate", load_test.rate, 0.1, 1.0e7, "a number from 0.1 to 10000000",
+               "requests per second of all clients, sent when they are due, late answers or not "
+               "(else each client sends when it has its answer)");
 }
 
 /// The subcommands: a name, an example to type, a line of text, and the options that declare()
@@ -301,6 +351,13 @@ public:
             "ask what rays hit");
         add<HeatmapOptions>("heatmap", "heatmap forest -o cost.png",
                             "draw what each pixel's ray costs");
+        add<JobsOptions>("jobs", "jobs", "list what the daemon works on, and keeps");
+        add<WaitOptions>("wait", "wait 17", "until a detached job has ended");
+        add<FetchOptions>("fetch", "fetch 17 -o forest.png",
+                          "get what a detached job has answered");
+        add<CancelOptions>("cancel", "cancel 17", "end a job, and drop what it has answered");
+        add<LoadTestOptions>("load-test", "load-test forest --clients 8 --rays 64 --seconds 10",
+                             "measure round trips and throughput, beside bare sockets");
     }
     /// The help of the chosen subcommand, or of the whole; the first thing is something to type.
     [[nodiscard]] std::string help() const {

@@ -26,6 +26,7 @@ struct JobOptions {
     std::string worker;
     std::string priority;
     double deadline = 0;  ///< seconds; 0 = none
+    bool detach = false;
 };
 
 struct CameraOptions {
@@ -77,9 +78,32 @@ struct HeatmapOptions : PictureOptions {
     std::string metric, palette, scale, range, count;
 };
 
+struct JobsOptions {};
+struct WaitOptions {
+    std::uint64_t job = 0;
+};
+struct FetchOptions {
+    std::uint64_t job = 0;
+    std::string output;
+};
+struct CancelOptions {
+    std::uint64_t job = 0;
+};
+struct LoadTestOptions {
+    JobOptions job;
+    std::string kind = "closest";
+    std::vector<std::string> fields;
+    std::uint32_t max_hits = 8;
+    std::uint32_t clients = 1;
+    std::uint32_t rays = 1;  ///< of each request
+    double seconds = 5;
+    double rate = 0;  ///< requests per second of all clients; 0: each as soon as it can
+};
+
 using CommandOptions =
     std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, UnloadOptions,
-                 VariantsOptions, StatsOptions, RenderOptions, QueryOptions, HeatmapOptions>;
+                 VariantsOptions, StatsOptions, RenderOptions, QueryOptions, HeatmapOptions,
+                 JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions>;
 
 struct Options {
     std::string server;

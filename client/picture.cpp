@@ -16,6 +16,7 @@ Result<void> take_piece(const protocol::Frame& frame, ReceivedPicture& picture) 
         return fail(Exit::failed, "the daemon sent pieces of a picture that do not fit together");
     picture.width = piece.width();
     picture.height = piece.height();
+    picture.encode = protocol::text(piece.encode());
     picture.bytes.insert(picture.bytes.end(), data->bytes.begin(), data->bytes.end());
     return {};
 }
@@ -34,7 +35,7 @@ Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progre
         if (!frame) return tl::unexpected<Failure>(frame.error());
         if (auto taken = take_news(*frame, picture.outcome); !taken)
             return tl::unexpected<Failure>(taken.error());
-        if (is<wire::Done>(*frame)) return picture;
+        if (is<wire::Done>(*frame) || is<wire::Detached>(*frame)) return picture;
         if (is<wire::Picture>(*frame)) {
             if (auto taken = take_piece(*frame, picture); !taken)
                 return tl::unexpected<Failure>(taken.error());

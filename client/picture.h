@@ -32,10 +32,11 @@ template <class Request>
 struct ReceivedPicture {
     std::uint32_t width = 0;
     std::uint32_t height = 0;
+    std::string encode;  ///< png | exr | raw
     std::vector<std::byte> bytes;
     Outcome outcome;
 };
-/// Reads the answer of a running Render or Heatmap to its end.
+/// Reads the answer of a running Render or Heatmap to its end, or until it is detached.
 Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress);
 
 template <class Request>

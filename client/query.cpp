@@ -6,6 +6,7 @@
 #include <cstring>
 #include <map>
 #include <numeric>
+#include <optional>
 #include <utility>
 
 namespace raynest::client {
@@ -140,6 +141,7 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
         if (!frame) return tl::unexpected<Failure>(frame.error());
         if (auto taken = take_news(*frame, outcome); !taken)
             return tl::unexpected<Failure>(taken.error());
+        if (is<wire::Detached>(*frame)) return outcome;
         if (is<wire::Done>(*frame)) break;
         if (is<wire::Chunk>(*frame)) {
             const std::uint64_t rows = rows_of(request, rays, outcome);
@@ -154,6 +156,35 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
         }
     }
     if (reorder.answered() != rows_of(request, rays, outcome))
+        return nonsense("its last answer too early");
+    return outcome;
+}
+
+Result<Outcome> fetch_query(Connection& connection, const wire::FetchT& request, Progress& progress,
+                            const std::function<Result<void>(const QueryChunk&)>& consume) {
+    if (auto started = connection.start(request); !started)
+        return tl::unexpected<Failure>(started.error());
+    Outcome outcome;
+    std::optional<Reorder> reorder;
+    while (true) {
+        auto frame = connection.next();
+        if (!frame) return tl::unexpected<Failure>(frame.error());
+        if (auto taken = take_news(*frame, outcome); !taken)
+            return tl::unexpected<Failure>(taken.error());
+        if (is<wire::Done>(*frame)) break;
+        if (!is<wire::Chunk>(*frame)) continue;
+        // How many rays there were is known at the end; whether they are CSR, from any chunk.
+        if (!reorder) {
+            const auto chunk = protocol::open<wire::Chunk>(*frame);
+            if (!chunk) return tl::unexpected<Failure>(failure(chunk.error()));
+            const bool multi = protocol::find_block(chunk->blocks, "ray_splits") != nullptr;
+            reorder.emplace(multi, consume);
+        }
+        if (auto added = reorder->add(std::move(*frame), protocol::Limits{}.rays_max); !added)
+            return tl::unexpected<Failure>(added.error());
+        progress.update(reorder->answered(), 0, "fetching");
+    }
+    if ((reorder ? reorder->answered() : 0) != outcome.rows)
         return nonsense("its last answer too early");
     return outcome;
 }

@@ -32,9 +32,14 @@ struct QueryChunk {
 [[nodiscard]] bool is_hit_field(std::string_view name);
 
 /// Runs `request` over `rays`, which are the points of a hemisphere and none of another generator;
-/// `consume` gets every chunk, in order, and may fail.
+/// `consume` gets every chunk, in ray order, and may fail. Ends with the last ray where the request
+/// is detached.
 Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
                           const RaySource& rays, Progress& progress,
                           const std::function<Result<void>(const QueryChunk&)>& consume);
+
+/// Reads the answer of a query that was detached; chunks as above.
+Result<Outcome> fetch_query(Connection& connection, const wire::FetchT& request, Progress& progress,
+                            const std::function<Result<void>(const QueryChunk&)>& consume);
 
 }  // namespace raynest::client

@@ -43,6 +43,7 @@ constexpr std::array table = {
               "this build of the daemon cannot do that"},
     ErrorInfo{Code::internal, "INTERNAL", Exit::failed,
               "a defect of the daemon: please report the message and the daemon's log"},
+    ErrorInfo{Code::job_unknown, "JOB_UNKNOWN", Exit::invalid, "run: raynest jobs"},
 };
 
 // error_info() indexes by number.
@@ -61,7 +62,8 @@ std::span<const ErrorInfo> error_table() {
 
 const ErrorInfo& error_info(Code code) {
     const auto number = static_cast<std::size_t>(code);
-    return number >= 1 && number <= table.size() ? table[number - 1] : table.back();
+    const bool known = number >= 1 && number <= table.size();
+    return table[(known ? number : static_cast<std::size_t>(Code::internal)) - 1];
 }
 
 }  // namespace raynest::protocol

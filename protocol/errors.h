@@ -35,6 +35,7 @@ enum class Code : std::uint32_t {
     resource_exhausted,
     unsupported,
     internal,
+    job_unknown,
 };
 
 /// Exit codes of `raynest`, CONTRACT §8.

@@ -77,6 +77,19 @@ Result<FrameHeader> read_header(std::span<const std::byte, header_bytes> bytes,
     return header;
 }
 
+std::uint64_t FrameDecoder::stage_bytes() const {
+    switch (stage_) {
+        case Stage::header:
+            return header_bytes;
+        case Stage::control:
+            return frame_.header.control_bytes;
+        case Stage::bulk:
+            return frame_.header.bulk_bytes;
+    }
+    return 0;
+}
+
+/// Where the rest of the stage goes; not to be asked for a bulk part that passes.
 std::span<std::byte> FrameDecoder::target() {
     switch (stage_) {
         case Stage::header:
@@ -94,17 +107,18 @@ Result<std::size_t> FrameDecoder::feed(std::span<const std::byte> bytes) {
     std::size_t taken = 0;
     while (!complete()) {
         // A full stage moves on even without bytes at hand: parts may be empty.
-        const std::span<std::byte> out = target();
-        if (out.empty()) {
+        const std::uint64_t missing = stage_bytes() - received_;
+        if (missing == 0) {
             if (Result<void> entered = enter_next_stage(); !entered) {
                 error_ = entered.error();
                 return tl::unexpected<Error>(*error_);
             }
             continue;
         }
-        const std::size_t count = std::min(out.size(), bytes.size() - taken);
+        const std::size_t count = std::min<std::uint64_t>(missing, bytes.size() - taken);
         if (count == 0) break;
-        std::memcpy(out.data(), bytes.data() + taken, count);
+        if (stage_ != Stage::bulk || !bulk_passes_)
+            std::memcpy(target().data(), bytes.data() + taken, count);
         received_ += count;
         taken += count;
     }
@@ -120,11 +134,15 @@ Result<void> FrameDecoder::enter_next_stage() {
                 return fail(Code::limit_exceeded,
                             over("a frame before the greeting's end", header->frame_bytes(),
                                  "greeting_bytes_max", frame_bytes_max_));
+            Result<bool> admitted = true;
+            if (admission_) admitted = admission_(*header);
+            if (!admitted) return tl::unexpected<Error>(admitted.error());
+            bulk_passes_ = !*admitted;
             frame_.header = *header;
             frame_.control = Buffer(header->control_bytes);
             stage_ = Stage::control;
         } else {
-            frame_.bulk = Buffer(frame_.header.bulk_bytes);
+            frame_.bulk = Buffer(bulk_passes_ ? 0 : frame_.header.bulk_bytes);
             stage_ = Stage::bulk;
         }
     } catch (const std::bad_alloc&) {
@@ -137,11 +155,7 @@ Result<void> FrameDecoder::enter_next_stage() {
 }
 
 std::span<std::byte> FrameDecoder::room() {
-    return stage_ == Stage::bulk ? target() : std::span<std::byte>{};
-}
-
-const FrameHeader* FrameDecoder::announced() const {
-    return stage_ == Stage::header ? nullptr : &frame_.header;
+    return stage_ == Stage::bulk && !bulk_passes_ ? target() : std::span<std::byte>{};
 }
 
 bool FrameDecoder::complete() const {

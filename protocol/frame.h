@@ -16,8 +16,10 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <span>
+#include <utility>
 
 namespace raynest::protocol {
 
@@ -61,6 +63,11 @@ public:
 
     void set_frame_bytes_max(std::uint64_t bytes) { frame_bytes_max_ = bytes; }
 
+    /// Asked with every checked header, before memory is taken for its frame: an error ends the
+    /// stream, false lets the bulk part pass unread (the frame then comes with an empty one).
+    using Admission = std::function<Result<bool>(const FrameHeader&)>;
+    void set_admission(Admission admission) { admission_ = std::move(admission); }
+
     /// Takes bytes of the current frame, at most to its end, and says how many it took. Takes none
     /// while a frame is complete and not yet taken. RESOURCE_EXHAUSTED when memory is out.
     Result<std::size_t> feed(std::span<const std::byte> bytes);
@@ -71,8 +78,8 @@ public:
     /// `count` bytes of room() were filled.
     void filled(std::size_t count) { received_ += count; }
 
-    /// The header of the frame that is on its way, once known.
-    [[nodiscard]] const FrameHeader* announced() const;
+    /// Is a bulk part on its way?
+    [[nodiscard]] bool in_bulk() const { return stage_ == Stage::bulk && !complete(); }
     [[nodiscard]] bool complete() const;
     /// Is the stream between two frames, where it may end?
     [[nodiscard]] bool idle() const { return stage_ == Stage::header && received_ == 0; }
@@ -82,12 +89,15 @@ public:
 private:
     enum class Stage { header, control, bulk };
     Result<void> enter_next_stage();
+    [[nodiscard]] std::uint64_t stage_bytes() const;
     [[nodiscard]] std::span<std::byte> target();
 
     const Limits& limits_;
     std::uint64_t frame_bytes_max_ = ~std::uint64_t{0};
+    Admission admission_;
     Stage stage_ = Stage::header;
-    std::size_t received_ = 0;  ///< bytes of the current stage
+    std::uint64_t received_ = 0;  ///< bytes of the current stage
+    bool bulk_passes_ = false;    ///< nobody wants this bulk part
     std::byte header_[header_bytes] = {};
     Frame frame_;
     std::optional<Error> error_;

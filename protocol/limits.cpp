@@ -29,6 +29,18 @@ constexpr std::array table = {
     LimitInfo{"picture_side_max", &Limits::picture_side_max, "width or height of a picture"},
     LimitInfo{"picture_pixels_max", &Limits::picture_pixels_max, "pixels of a picture"},
     LimitInfo{"samples_max", &Limits::samples_max, "samples per pixel or point"},
+    LimitInfo{"principal_jobs_max", &Limits::principal_jobs_max,
+              "requests in flight of one principal"},
+    LimitInfo{"principal_rays_max", &Limits::principal_rays_max,
+              "rays of the requests in flight of one principal"},
+    LimitInfo{"principal_scenes_max", &Limits::principal_scenes_max,
+              "scenes that one principal holds"},
+    LimitInfo{"principal_scene_bytes_max", &Limits::principal_scene_bytes_max,
+              "bytes of the scenes that one principal holds"},
+    LimitInfo{"principal_result_bytes_max", &Limits::principal_result_bytes_max,
+              "bytes kept for the detached jobs of one principal"},
+    LimitInfo{"result_ms_max", &Limits::result_ms_max,
+              "time that the answer of a detached job is kept"},
 };
 static_assert(sizeof(Limits) == table.size() * sizeof(std::uint64_t),
               "a limit is missing from the table");

@@ -37,6 +37,12 @@ struct Limits {
     std::uint64_t picture_side_max = 16384;
     std::uint64_t picture_pixels_max = 64ULL << 20;
     std::uint64_t samples_max = 65536;
+    std::uint64_t principal_jobs_max = 128;
+    std::uint64_t principal_rays_max = 1ULL << 36;
+    std::uint64_t principal_scenes_max = 256;
+    std::uint64_t principal_scene_bytes_max = 256ULL << 30;
+    std::uint64_t principal_result_bytes_max = 1ULL << 30;
+    std::uint64_t result_ms_max = 3'600'000;
 };
 
 struct LimitInfo {

@@ -142,6 +142,17 @@ void check_heat(Checks& checks, const wire::HeatStatistics& heat) {
         .finite("range_high", heat.range_high());
 }
 
+void check_job_info(Checks& checks, const wire::JobInfo& info) {
+    checks.name("owner", info.owner())
+        .name("kind", info.kind())
+        .name("detail", info.detail())
+        .name("scene", info.scene())
+        .name("state", info.state())
+        .name("stage", info.stage())
+        .name("worker", info.worker())
+        .text("error", info.error());
+}
+
 }  // namespace
 
 bool printable(std::string_view text) {
@@ -410,6 +421,35 @@ Result<void> validate(const wire::Done& message, const Limits& limits) {
         .name("traversal", message.traversal())
         .nested(message.heat(), check_heat)
         .result();
+}
+
+Result<void> validate(const wire::Jobs&, const Limits&) {
+    return {};
+}
+Result<void> validate(const wire::Wait&, const Limits&) {
+    return {};
+}
+Result<void> validate(const wire::Fetch&, const Limits&) {
+    return {};
+}
+Result<void> validate(const wire::CancelJob&, const Limits&) {
+    return {};
+}
+Result<void> validate(const wire::Detached&, const Limits&) {
+    return {};
+}
+
+Result<void> validate(const wire::JobList& message, const Limits& limits) {
+    Checks checks(limits);
+    if (message.jobs() != nullptr)
+        for (const wire::JobInfo* info : *message.jobs()) checks.nested(info, check_job_info);
+    return checks.result();
+}
+
+Result<void> validate(const wire::JobInfo& message, const Limits& limits) {
+    Checks checks(limits);
+    check_job_info(checks, message);
+    return checks.result();
 }
 
 }  // namespace raynest::protocol

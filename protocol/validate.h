@@ -47,5 +47,12 @@ Result<void> validate(const wire::Chunk& message, const Limits& limits);
 Result<void> validate(const wire::Progress& message, const Limits& limits);
 Result<void> validate(const wire::Picture& message, const Limits& limits);
 Result<void> validate(const wire::Done& message, const Limits& limits);
+Result<void> validate(const wire::Jobs& message, const Limits& limits);
+Result<void> validate(const wire::Wait& message, const Limits& limits);
+Result<void> validate(const wire::Fetch& message, const Limits& limits);
+Result<void> validate(const wire::CancelJob& message, const Limits& limits);
+Result<void> validate(const wire::JobList& message, const Limits& limits);
+Result<void> validate(const wire::JobInfo& message, const Limits& limits);
+Result<void> validate(const wire::Detached& message, const Limits& limits);
 
 }  // namespace raynest::protocol

@@ -19,19 +19,24 @@ Conversation::Conversation(const Services& services, const Engine& engine, Sink&
                            std::string principal)
     : services_(services),
       sink_(sink),
-      runner_(std::make_shared<Runner>(engine, sink)) {
+      runner_(std::make_shared<Runner>(engine, sink, principal)) {
     caller_.principal = std::move(principal);
 }
 
-std::uint64_t Conversation::bulk_bytes_max(std::uint16_t type) const {
-    switch (static_cast<wire::Message>(type)) {
-        case wire::Message::Upload:
-            return services_.limits.window_bytes;
-        case wire::Message::QueryRays:
-            return services_.limits.chunk_rays_max * sizeof(Ray);
-        default:
-            return 0;
-    }
+Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
+    std::uint64_t most = 0;
+    if (header.type == static_cast<std::uint16_t>(wire::Message::Upload))
+        most = services_.limits.window_bytes;
+    if (header.type == static_cast<std::uint16_t>(wire::Message::QueryRays))
+        most = services_.limits.chunk_rays_max * sizeof(Ray);
+    if (header.bulk_bytes > most)
+        return refuse(Code::limit_exceeded, protocol::message_name(header.type) + " announces " +
+                                                std::to_string(header.bulk_bytes) +
+                                                " bulk bytes, at most " + std::to_string(most) +
+                                                " are allowed");
+    const auto fed = feeding_.find(header.request_id);
+    const Runner& runner = fed == feeding_.end() ? *runner_ : fed->second->runner();
+    return runner.expects(header.request_id, header.bulk_bytes);
 }
 
 void Conversation::receive(protocol::Frame frame) {
@@ -44,7 +49,7 @@ void Conversation::receive(protocol::Frame frame) {
         if (!greeted_) {
             greet(frame);
         } else if (type == wire::Message::QueryRays || type == wire::Message::Upload) {
-            runner_->feed(std::move(frame));
+            feed(std::move(frame));
         } else if (find_handler(frame.header.type) != nullptr) {
             request(frame);
         } else {
@@ -108,7 +113,10 @@ void Conversation::control(const protocol::Frame& frame, wire::Message type) {
     } else if (type == wire::Message::Cancel) {
         const auto cancel = protocol::open<wire::Cancel>(frame, services_.limits);
         if (!cancel) return refuse_request(id, cancel.error());
-        runner_->cancel(id);
+        if (const auto fed = feeding_.find(id); fed != feeding_.end())
+            services_.detached.cancel(fed->second->record().number);
+        else
+            runner_->cancel(id);
     } else if (protocol::message_known(frame.header.type)) {
         give_up({Code::bad_frame,
                  protocol::message_name(frame.header.type) + " is not for a client to send now",
@@ -122,7 +130,7 @@ void Conversation::control(const protocol::Frame& frame, wire::Message type) {
 
 void Conversation::request(const protocol::Frame& frame) {
     const std::uint64_t id = frame.header.request_id;
-    if (id == 0 || runner_->knows(id))
+    if (id == 0 || runner_->knows(id) || feeding_.contains(id))
         return refuse_request(id, {Code::invalid_field,
                                    id == 0 ? "a request needs an id other than 0"
                                            : "the request id " + std::to_string(id) +
@@ -136,8 +144,56 @@ void Conversation::request(const protocol::Frame& frame) {
         return;
     }
     if (draining_) return refuse_request(id, {Code::draining, "", 0});
-    if (const auto started = runner_->start(id, std::move(std::get<Accepted>(*answer))); !started)
+    Accepted accepted = std::move(std::get<Accepted>(*answer));
+    if (accepted.detach) {
+        if (const auto detached = detach(id, std::move(accepted)); !detached)
+            refuse_request(id, detached.error());
+        return;
+    }
+    if (const auto started = runner_->start(id, std::move(accepted)); !started)
         refuse_request(id, started.error());
+}
+
+void Conversation::feed(protocol::Frame frame) {
+    const std::uint64_t id = frame.header.request_id;
+    const auto fed = feeding_.find(id);
+    if (fed == feeding_.end()) return runner_->feed(std::move(frame));
+    fed->second->runner().feed(std::move(frame));
+}
+
+Reply<void> Conversation::detach(std::uint64_t id, Accepted accepted) {
+    const auto job = services_.detached.start(caller_.principal, id, std::move(accepted));
+    if (!job) return tl::unexpected(job.error());
+    (*job)->set_feeder(&sink_);
+    feeding_.emplace(id, *job);
+    return {};
+}
+
+// A detached job that has all its data needs this connection no longer; of a failure the client has
+// heard from the job itself.
+void Conversation::let_go() {
+    for (auto fed = feeding_.begin(); fed != feeding_.end();) {
+        const auto& [id, job] = *fed;
+        if (job->runner().needs_client(id)) {
+            ++fed;
+            continue;
+        }
+        job->set_feeder(nullptr);
+        if (!job->error()) {
+            wire::DetachedT detached;
+            detached.job = job->record().number;
+            sink_.send(*protocol::encode(id, detached));
+        }
+        fed = feeding_.erase(fed);
+    }
+}
+
+void Conversation::abandon() {
+    runner_->abandon();
+    for (const auto& [id, job] : std::exchange(feeding_, {})) {
+        job->set_feeder(nullptr);
+        services_.detached.cancel(job->record().number);
+    }
 }
 
 void Conversation::refuse_request(std::uint64_t id, const protocol::Error& error) {
@@ -158,7 +214,7 @@ void Conversation::give_up(const protocol::Error& error) {
          {"code", std::string(protocol::error_info(error.code).name)},
          {"message", error.message}});
     closing_ = true;
-    runner_->abandon();
+    abandon();
     sink_.send(protocol::encode_error(0, error, true));
 }
 
@@ -168,7 +224,8 @@ void Conversation::drain() {
 }
 
 void Conversation::settle() {
-    if (draining_ && runner_->size() == 0) give_up({Code::draining, "", 0});
+    let_go();
+    if (draining_ && runner_->size() == 0 && feeding_.empty()) give_up({Code::draining, "", 0});
 }
 
 }  // namespace raynest::server

@@ -10,6 +10,7 @@
 #include "server/jobs/runner.h"
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <string>
 
@@ -19,11 +20,12 @@ class Conversation {
 public:
     /// `principal` owns what this client loads: "uid:1000", "127.0.0.1".
     Conversation(const Services& services, const Engine& engine, Sink& sink, std::string principal);
-    ~Conversation() { runner_->abandon(); }
+    ~Conversation() { abandon(); }
     Conversation(const Conversation&) = delete;
 
-    /// Bulk bytes that a frame of this type may carry; checked from the header.
-    [[nodiscard]] std::uint64_t bulk_bytes_max(std::uint16_t type) const;
+    /// Is there memory for the bulk part of this frame? Told from its header alone; an error ends
+    /// the connection, false lets the bulk pass unread.
+    [[nodiscard]] Reply<bool> admit(const protocol::FrameHeader& header) const;
 
     void receive(protocol::Frame frame);
     /// Tells the client why the connection ends, and ends it: for what cannot be answered
@@ -38,6 +40,8 @@ public:
     [[nodiscard]] Runner& runner() { return *runner_; }
     [[nodiscard]] const Runner& runner() const { return *runner_; }
 
+    /// The connection is gone: what still needs it ends.
+    void abandon();
     /// To be called after anything that may have ended a job.
     void settle();
 
@@ -45,12 +49,17 @@ private:
     void greet(const protocol::Frame& frame);
     void control(const protocol::Frame& frame, wire::Message type);
     void request(const protocol::Frame& frame);
+    void feed(protocol::Frame frame);
+    Reply<void> detach(std::uint64_t id, Accepted accepted);
+    void let_go();
     void refuse_request(std::uint64_t id, const protocol::Error& error);
 
     const Services& services_;
     Sink& sink_;
     Caller caller_;
     std::shared_ptr<Runner> runner_;
+    /// Detached jobs that still wait for data of this connection, by request id.
+    std::map<std::uint64_t, DetachedJobs::Pointer> feeding_;
     bool greeted_ = false;
     bool draining_ = false;
     bool closing_ = false;

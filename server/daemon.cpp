@@ -3,6 +3,7 @@
 #include "protocol/control.h"
 #include "server/handlers/handler.h"
 #include "server/jobs/admission.h"
+#include "server/jobs/detached.h"
 #include "server/jobs/runner.h"
 #include "server/jobs/workers.h"
 #include "server/log.h"
@@ -48,6 +49,7 @@ private:
     void await_signal();
     void drain();
     void look_drained();
+    void look_after_detached();
 
     const Options& options_;
     const std::shared_ptr<const Registry> registry_;
@@ -59,11 +61,13 @@ private:
     asio::io_context io_{1};
     Services services_;
     Engine engine_;
+    DetachedJobs detached_;
     // Tasks use all of the above: workers end before it does.
     Workers compute_;
     Workers blocking_;
     asio::signal_set signals_;
     asio::steady_timer drain_timer_;
+    asio::steady_timer detached_timer_;
     std::vector<std::unique_ptr<Listener>> listeners_;
     std::unordered_set<std::shared_ptr<Session>> sessions_;
     Clock::time_point drain_deadline_ = Clock::time_point::max();
@@ -83,8 +87,8 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
     : options_(options),
       registry_(std::move(registry)),
       budget_(options.memory),
-      scenes_(budget_),
-      admission_(running_jobs_max),
+      scenes_(budget_, limits_),
+      admission_(running_jobs_max, limits_),
       services_{*registry_,
                 scenes_,
                 budget_,
@@ -92,14 +96,19 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
                 limits_,
                 ImportLimits{},
                 options.scene_root,
-                import_command(options)},
+                import_command(options),
+                admission_,
+                detached_},
       engine_{compute_,   blocking_,
               admission_, metrics_,
-              limits_,    [this](std::function<void()> done) { asio::post(io_, std::move(done)); }},
+              limits_,    [this](std::function<void()> done) { asio::post(io_, std::move(done)); },
+              budget_},
+      detached_(engine_, [this] { look_after_detached(); }),
       compute_(options.threads),
       blocking_(imports_max),
       signals_(io_, SIGTERM, SIGINT),
-      drain_timer_(io_) {}
+      drain_timer_(io_),
+      detached_timer_(io_) {}
 
 Result<void> Daemon::listen() {
     for (const std::string& uri : options_.listen) {
@@ -181,6 +190,8 @@ void Daemon::drain() {
     log(LogLevel::info, "draining", {{"connections", std::to_string(sessions_.size())}});
     drain_deadline_ = Clock::now() + drain_time;
     for (const auto& listener : listeners_) listener->close();
+    // Nobody could fetch them any more.
+    detached_.stop_running();
     const std::unordered_set<std::shared_ptr<Session>> sessions = sessions_;
     for (const auto& session : sessions) session->drain();
     look_drained();
@@ -196,6 +207,18 @@ void Daemon::look_drained() {
     drain_timer_.expires_after(drain_look);
     drain_timer_.async_wait([this](const SystemError& error) {
         if (!error) look_drained();
+    });
+}
+
+// What each connection's watchdog does for its own jobs.
+void Daemon::look_after_detached() {
+    const Clock::time_point next = detached_.next_tick();
+    if (next == Clock::time_point::max()) return;
+    detached_timer_.expires_at(next);
+    detached_timer_.async_wait([this](const SystemError& error) {
+        if (error) return;
+        detached_.tick(Clock::now());
+        look_after_detached();
     });
 }
 

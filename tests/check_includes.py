@@ -41,7 +41,7 @@ HEAVY = {
     "tiny_gltf.h": {"engine/assets": 1},
     "hwy/": {"engine/math": 1},
     "glm/": {"engine/math": 1},
-    "boost/asio": {"server/net": 2, "client": 1},
+    "boost/asio": {"server/net": 2, "client": 2},
     "boost/beast": {"server/net": 1},
     "flatbuffers/": {"protocol": 1},
     "CLI/": {"server": 1, "client": 1},

@@ -8,12 +8,17 @@
 #include "client/options.h"
 #include "client/progress.h"
 
+#include <functional>
+#include <memory>
+
 namespace raynest::client {
 
 struct Context {
     Connection& connection;
     Progress& progress;
     bool json = false;
+    /// One more connection to the same daemon.
+    std::function<Result<std::unique_ptr<Connection>>()> connect;
 };
 
 Result<void> run(Context& context, const LoadOptions& options);
@@ -26,5 +31,10 @@ Result<void> run(Context& context, const StatsOptions& options);
 Result<void> run(Context& context, const RenderOptions& options);
 Result<void> run(Context& context, const QueryOptions& options);
 Result<void> run(Context& context, const HeatmapOptions& options);
+Result<void> run(Context& context, const JobsOptions& options);
+Result<void> run(Context& context, const WaitOptions& options);
+Result<void> run(Context& context, const FetchOptions& options);
+Result<void> run(Context& context, const CancelOptions& options);
+Result<void> run(Context& context, const LoadTestOptions& options);
 
 }  // namespace raynest::client

@@ -1,8 +1,7 @@
 // raynest heatmap SCENE -o FILE: what each pixel's ray costs, as a picture or as raw counts.
-#include "client/commands/commands.h"
+#include "client/commands/deliver.h"
 #include "client/files.h"
 #include "client/npy.h"
-#include "client/picture.h"
 
 #include <array>
 #include <cstdio>
@@ -47,25 +46,34 @@ Json statistics_json(const wire::HeatStatisticsT& heat) {
 }  // namespace
 
 Result<void> run(Context& context, const HeatmapOptions& options) {
-    if (auto writable = check_writable(options.output); !writable) return writable;
+    if (!options.job.detach)
+        if (auto writable = check_writable(options.output); !writable) return writable;
     auto picture =
         ask_picture(context.connection, context.progress, options, heatmap_message(options));
     if (!picture) return tl::unexpected<Failure>(picture.error());
-    if (options.output.ends_with(".npy")) {
-        auto file = counts_file(*picture);
-        if (!file) return tl::unexpected<Failure>(file.error());
-        picture->bytes = std::move(*file);
+    if (picture->outcome.detached != 0) {
+        print_detached(context, picture->outcome);
+        return {};
     }
-    if (auto written = write_file(options.output, picture->bytes); !written) return written;
+    return deliver_heatmap(context, options.output, std::move(*picture));
+}
 
-    print_notes(picture->outcome);
+Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture) {
+    if (output.ends_with(".npy")) {
+        auto file = counts_file(picture);
+        if (!file) return tl::unexpected<Failure>(file.error());
+        picture.bytes = std::move(*file);
+    }
+    if (auto written = write_file(output, picture.bytes); !written) return written;
+
+    print_notes(picture.outcome);
     if (context.json) {
-        Json json = statistics_json(picture->outcome.heat);
-        json.update(picture_json(options.output, *picture));
+        Json json = statistics_json(picture.outcome.heat);
+        json.update(picture_json(output, picture));
         print_json(json);
     } else {
-        std::cout << picture_text(options.output, *picture) << '\n';
-        print_statistics(picture->outcome.heat);
+        std::cout << picture_text(output, picture) << '\n';
+        print_statistics(picture.outcome.heat);
     }
     return {};
 }

@@ -2,7 +2,7 @@
 // JSON lines or as a .npz of columns.
 #include "client/query.h"
 
-#include "client/commands/commands.h"
+#include "client/commands/deliver.h"
 #include "client/files.h"
 #include "client/generator.h"
 #include "client/npy.h"
@@ -12,6 +12,7 @@
 #include <functional>
 #include <iostream>
 #include <map>
+#include <optional>
 
 namespace raynest::client {
 namespace {
@@ -97,21 +98,30 @@ wire::QueryT query_message(const QueryOptions& options) {
     return request;
 }
 
-/// Prints the answer's rows as they come.
-std::function<Result<void>(const QueryChunk&)> row_printer(const wire::QueryT& request, bool json) {
-    if (request.reduce.empty())
-        return [rows = QueryRows(request.kind, request.fields, json)](
+/// The columns that rows show of an answer; `hit` is how they tell misses from hits.
+std::vector<std::string> names_of(const QueryChunk& chunk, const std::string& kind) {
+    std::vector<std::string> names;
+    for (const protocol::BlockView& column : chunk.columns)
+        if (column.name != "hit" || kind == "any") names.emplace_back(column.name);
+    return names;
+}
+
+/// Prints rows of the columns `shown`, of those of `first` when that is empty.
+ChunkConsumer row_printer(const std::string& what, const std::vector<std::string>& shown,
+                          const QueryChunk& first, bool json) {
+    if (what == "hit_fraction" || what == "visible_pixels")
+        return [rows = ReducedRows(what == "hit_fraction" ? "point" : "", json)](
                    const QueryChunk& chunk) mutable { return rows.print(chunk); };
-    return [rows = ReducedRows(request.reduce == "hit_fraction" ? "point" : "", json)](
+    return [rows = QueryRows(what, shown.empty() ? names_of(first, what) : shown, json)](
                const QueryChunk& chunk) mutable { return rows.print(chunk); };
 }
 
 /// A truncated answer was given, and is a partial one.
-Result<void> check_whole(const Outcome& outcome, std::uint32_t max_hits) {
+Result<void> check_whole(const Outcome& outcome) {
     if (outcome.truncated == 0) return {};
     return fail(Exit::partial, grouped(outcome.truncated) + " of " + grouped(outcome.rays) +
-                                   " rays have more than " + grouped(max_hits) +
-                                   " hits, of which the nearest were kept; raise --max-hits");
+                                   " rays have more hits than --max-hits, of which the nearest "
+                                   "were kept; raise it");
 }
 
 }  // namespace
@@ -129,40 +139,61 @@ Result<void> run(Context& context, const QueryOptions& options) {
         rays_file.empty() ? RaySource(options.rays) : RaySource::open(rays_file);
     if (!rays) return tl::unexpected<Failure>(rays.error());
     request.ray_count = rays->count();
-    const bool rows = options.output.empty();
-    if (!rows) {
-        if (auto writable = check_writable(options.output); !writable) return writable;
-    }
-
-    const auto print = row_printer(request, context.json);
+    const std::vector<std::string> shown = request.fields;
     // Rows tell misses from hits by this column, shown or not.
     const std::vector<std::string>& fields = request.fields;
     const bool has_hit = std::find(fields.begin(), fields.end(), "hit") != fields.end();
-    if (rows && request.reduce.empty() && !has_splits(request.kind) && !has_hit)
+    if (options.output.empty() && request.reduce.empty() && !has_splits(request.kind) && !has_hit)
         request.fields.push_back("hit");
 
-    Columns columns(has_splits(request.kind));
-    const auto outcome = run_query(context.connection, request, *rays, context.progress,
-                                   [&](const QueryChunk& chunk) {
-                                       if (!rows) return columns.append(chunk);
-                                       context.progress.clear();
-                                       return print(chunk);
-                                   });
+    return deliver_query(
+        context, options.output, request.reduce.empty() ? request.kind : request.reduce, shown,
+        [&](const ChunkConsumer& consume) {
+            return run_query(context.connection, request, *rays, context.progress, consume);
+        });
+}
+
+Result<void> deliver_query(Context& context, const std::string& output, const std::string& what,
+                           const std::vector<std::string>& shown,
+                           const std::function<Result<Outcome>(const ChunkConsumer&)>& ask) {
+    const bool rows = output.empty();
+    if (!rows) {
+        if (auto writable = check_writable(output); !writable) return writable;
+    }
+    ChunkConsumer print;
+    Columns columns(has_splits(what));
+    const auto outcome = ask([&](const QueryChunk& chunk) {
+        if (!rows) return columns.append(chunk);
+        if (!print) print = row_printer(what, shown, chunk, context.json);
+        context.progress.clear();
+        return print(chunk);
+    });
     context.progress.clear();
     if (!outcome) return tl::unexpected<Failure>(outcome.error());
     print_notes(*outcome);
-    if (rows) return check_whole(*outcome, request.max_hits);
+    if (outcome->detached != 0) {
+        print_detached(context, *outcome);
+        return {};
+    }
+    if (rows) return check_whole(*outcome);
 
-    if (auto written = write_file(options.output, columns.npz()); !written) return written;
+    if (auto written = write_file(output, columns.npz()); !written) return written;
     if (context.json) {
         Json json = outcome_json(*outcome);
         json["truncated"] = outcome->truncated;
-        json["file"] = options.output;
+        json["file"] = output;
         print_json(json);
     } else {
-        std::cout << options.output << ": " << outcome_text(*outcome) << '\n';
+        std::cout << output << ": " << outcome_text(*outcome) << '\n';
     }
-    return check_whole(*outcome, request.max_hits);
+    return check_whole(*outcome);
+}
+
+void print_detached(const Context& context, const Outcome& outcome) {
+    if (context.json)
+        print_json(Json{{"job", outcome.detached}});
+    else
+        std::cout << outcome.detached << '\n';
 }
 
 }  // namespace raynest::client

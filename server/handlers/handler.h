@@ -8,7 +8,7 @@
 #include "engine/packs/registry.h"
 #include "protocol/control.h"
 #include "server/diag/metrics.h"
-#include "server/jobs/job.h"
+#include "server/jobs/detached.h"
 #include "server/store/budget.h"
 #include "server/store/scene_store.h"
 
@@ -31,6 +31,8 @@ struct Services {
     ImportLimits import_limits;
     std::filesystem::path scene_root;       ///< empty: root:PATH is refused
     std::vector<std::string> import_child;  ///< command line of the import process
+    Admission& admission;
+    DetachedJobs& detached;
 };
 
 /// Who asks.
@@ -52,6 +54,10 @@ Reply<Answer> stats(const Services&, const Caller&, const protocol::Opened<wire:
 Reply<Answer> query(const Services&, const Caller&, const protocol::Opened<wire::Query>&);
 Reply<Answer> render(const Services&, const Caller&, const protocol::Opened<wire::Render>&);
 Reply<Answer> heatmap(const Services&, const Caller&, const protocol::Opened<wire::Heatmap>&);
+Reply<Answer> jobs(const Services&, const Caller&, const protocol::Opened<wire::Jobs>&);
+Reply<Answer> wait(const Services&, const Caller&, const protocol::Opened<wire::Wait>&);
+Reply<Answer> fetch(const Services&, const Caller&, const protocol::Opened<wire::Fetch>&);
+Reply<Answer> cancel_job(const Services&, const Caller&, const protocol::Opened<wire::CancelJob>&);
 
 struct Handler {
     wire::Message type;

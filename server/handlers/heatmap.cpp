@@ -136,9 +136,8 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
                             message->height(), protocol::word(message->encode(), "png"),
                             heat_bytes(message->width(), message->height()));
     if (!order) return tl::unexpected(order.error());
-    Accepted accepted;
-    accepted.deadline_ms = order->plan.deadline_ms;
-    accepted.priority = order->plan.priority;
+    Accepted accepted = accept(order->plan, "heatmap", order->pixels());
+    accepted.result_bytes_max = order->lease.bytes();
     accepted.job = std::make_unique<HeatmapJob>(services, caller, std::move(*order),
                                                 std::move(*options), std::move(first_pass));
     return Answer{std::move(accepted)};

@@ -259,11 +259,17 @@ Reply<Answer> load(const Services& services, const Caller& caller,
         return refuse(Code::invalid_field, "the scene needs a name of 1.." +
                                                std::to_string(services.limits.name_bytes_max) +
                                                " bytes; pass --name");
+    // What cannot be kept is not uploaded first.
+    if (const auto quota = services.scenes.check_quota(order.name, caller.principal, 0); !quota)
+        return tl::unexpected(quota.error());
     if (const auto files = read_files(services, *message.table, order); !files)
         return tl::unexpected(files.error());
 
     Accepted accepted;
+    accepted.kind = "load";
+    accepted.scene = order.name;
     accepted.deadline_ms = message->deadline_ms();
+    for (const UploadFile& file : order.files) accepted.input_bytes += file.bytes.size();
     accepted.job = std::make_unique<LoadJob>(services, caller, std::move(order));
     return Answer{std::move(accepted)};
 }

@@ -27,8 +27,8 @@ struct PictureOrder {
     Camera camera;
     std::uint32_t width = 0;
     std::uint32_t height = 0;
-    std::string encode;  ///< png | exr | raw
-    Budget::Lease lease;
+    std::string encode;   ///< png | exr | raw
+    Budget::Lease lease;  ///< of what the job holds, the finished payload included
     [[nodiscard]] std::uint64_t pixels() const { return std::uint64_t{width} * height; }
 };
 

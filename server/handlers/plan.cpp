@@ -93,6 +93,7 @@ Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query quer
     plan.mask = job.mask();
     plan.priority = *priority;
     plan.deadline_ms = job.deadline_ms();
+    plan.detach = job.detach();
     return plan;
 }
 
@@ -123,6 +124,17 @@ const char* traversal_name(Traversal traversal) {
     constexpr std::array<const char*, traversal_count + 1> names = {"latency", "batch", "coherent",
                                                                     "reference", "auto"};
     return names[traversal];
+}
+
+Accepted accept(const Plan& plan, const char* kind, std::uint64_t rays) {
+    Accepted accepted;
+    accepted.deadline_ms = plan.deadline_ms;
+    accepted.priority = plan.priority;
+    accepted.kind = kind;
+    accepted.scene = plan.scene.name;
+    accepted.rays = rays;
+    accepted.detach = plan.detach;
+    return accepted;
 }
 
 wire::StartedT started(const Plan& plan, const protocol::Limits& limits) {

@@ -27,6 +27,7 @@ struct Plan {
     std::uint64_t hits_room = 0;  ///< of `all`: records that one call of the kernel may fill
     Priority priority = Priority::normal;
     std::uint32_t deadline_ms = 0;
+    bool detach = false;
     std::vector<std::string> notes;  ///< for the user, sent with STARTED
 
     /// Has a ray any number of hits, so that answers need splits?
@@ -42,6 +43,9 @@ struct Plan {
 /// Looks everything up; the error names the word that is wrong. `counting` forces the latency
 /// traversal on the CPU, and a note says so (CONTRACT.md §4).
 Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query query, bool counting);
+
+/// What a handler hands over for this plan, but for the job itself.
+[[nodiscard]] Accepted accept(const Plan& plan, const char* kind, std::uint64_t rays);
 
 /// STARTED, as far as the plan knows it.
 [[nodiscard]] wire::StartedT started(const Plan& plan, const protocol::Limits& limits);

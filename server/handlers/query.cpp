@@ -27,6 +27,9 @@ std::uint64_t answer_bytes(const Plan& plan, const Columns::Cost& cost, const Ca
     return std::clamp(caller.window_bytes / 8, cost.bytes(1, plan.hits_max), most);
 }
 
+/// Room for the answers of a detached query is reserved for chunks of so many rays at least.
+constexpr std::uint64_t kept_rays_min = 1024;
+
 /// Rays per task.
 std::uint64_t chunk_rays(const Plan& plan, const Columns::Cost& cost, std::uint64_t bytes,
                          const protocol::Limits& limits) {
@@ -63,6 +66,14 @@ protected:
         return plan_.query == query_all ? answer_bytes_ : cost_.bytes(rays, rays * plan_.hits_max);
     }
     [[nodiscard]] std::uint64_t rows() const override { return source_.rays(); }
+
+    [[nodiscard]] std::uint64_t result_bytes_max() const override {
+        const std::uint64_t each =
+            plan_.query == query_all ? 1 : std::min(chunk_rays_, kept_rays_min);
+        const std::uint64_t rays = source_.rays();
+        return cost_.bytes(rays, rays * plan_.hits_max) +
+               (rays / each + 1) * (cost_.fixed + answer_head_bytes_max);
+    }
 
     Reply<Frames> answer(const Piece& piece, const StopFlag& /*stop*/) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
@@ -145,7 +156,7 @@ Reply<Kind> kind_of(std::string_view word) {
     return Kind{*query};
 }
 
-Reply<std::unique_ptr<Job>> columns_job(const Services& services, const Caller& caller, Plan plan,
+Reply<std::unique_ptr<QueryJob>> columns_job(const Services& services, const Caller& caller, Plan plan,
                                         RaySource source, Columns columns) {
     if (const auto known = columns.check_outputs(*plan.variant); !known)
         return tl::unexpected(known.error());
@@ -173,14 +184,17 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     auto source = RaySource::make(*message.table, plan->scene.snapshot());
     if (!source) return tl::unexpected(source.error());
 
-    Accepted accepted;
-    accepted.deadline_ms = plan->deadline_ms;
-    accepted.priority = plan->priority;
+    Accepted accepted = accept(*plan, "query", source->rays());
+    accepted.detail =
+        reduce.empty() ? protocol::word(message->kind(), default_kind(reduce)) : reduce;
+    // At worst every ray comes in a frame of its own.
+    accepted.input_bytes = protocol::alignment * message->ray_count();
     auto job = reduce.empty()
                    ? columns_job(services, caller, std::move(*plan), std::move(*source),
                                  std::move(*columns))
                    : reduce_job(services, caller, std::move(*plan), std::move(*source), message);
     if (!job) return tl::unexpected(job.error());
+    accepted.result_bytes_max = (*job)->result_bytes_max();
     accepted.job = std::move(*job);
     return Answer{std::move(accepted)};
 }

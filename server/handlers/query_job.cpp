@@ -10,6 +10,8 @@ namespace raynest::server {
 namespace {
 
 constexpr std::uint64_t reply_bytes_max = 4ULL << 20;
+/// A request of so few rays and hits is answered sooner than a worker would wake up for it.
+constexpr std::uint64_t brief_hits_max = 64;
 
 }  // namespace
 
@@ -45,7 +47,7 @@ Reply<std::uint64_t> QueryJob::feed(protocol::Frame frame) {
                       "first_ray is " + std::to_string((*message)->first_ray()) +
                           ", the rays so far are " + std::to_string(received_));
     const std::uint64_t each = source_.rays_per_point();
-    const std::uint64_t missing = source_.rays() / each - received_;
+    const std::uint64_t missing = points() - received_;
     if (block->count == 0 || block->count > services_.limits.chunk_rays_max ||
         block->count > missing)
         return refuse(Code::invalid_field, "a frame of " + std::to_string(block->count) +
@@ -77,11 +79,17 @@ std::optional<Task> QueryJob::next() {
     Task task;
     task.reply_bytes_max = reply_bytes(piece.count);
     task.input_bytes = std::exchange(piece.input_bytes, 0);
+    task.brief = source_.rays() * plan_.hits_max <= brief_hits_max &&
+                 plan_.traversal != traversal_reference;
     task.run = [this, piece = std::move(piece)](const StopFlag& stop) {
         tally_.begin();
         return answer(piece, stop);
     };
     return task;
+}
+
+bool QueryJob::needs_input() const {
+    return source_.sends() && received_ < points();
 }
 
 Frames QueryJob::farewell() {

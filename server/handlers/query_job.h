@@ -16,11 +16,18 @@ namespace raynest::server {
 /// ones cost less to send than larger ones (1.5 times, measured).
 [[nodiscard]] std::uint64_t frame_bytes_max(const Caller& caller);
 
+/// Header and control message of an answer: a name and a description for each of at most 64 blocks.
+inline constexpr std::uint64_t answer_head_bytes_max = 8ULL << 10;
+
 class QueryJob : public Job {
 public:
+    /// Bytes of all answers, headers included, at most: what a detached query reserves.
+    [[nodiscard]] virtual std::uint64_t result_bytes_max() const = 0;
+
     Frames greeting() override;
     Reply<std::uint64_t> feed(protocol::Frame frame) override;
     std::optional<Task> next() override;
+    [[nodiscard]] bool needs_input() const override;
     [[nodiscard]] bool finished() const override { return all_answered(); }
     Frames farewell() override;
     [[nodiscard]] std::optional<Progress> progress() const override;
@@ -48,6 +55,10 @@ protected:
     Tally tally_;
 
 private:
+    [[nodiscard]] std::uint64_t points() const {
+        return source_.rays() / source_.rays_per_point();
+    }
+
     std::deque<Piece> pieces_;  ///< without an answer and not under way
     std::uint64_t received_ = 0;
     std::mutex mutex_;

@@ -53,6 +53,10 @@ protected:
     [[nodiscard]] std::uint64_t rows() const override {
         return source_.rays() / source_.rays_per_point();
     }
+    [[nodiscard]] std::uint64_t result_bytes_max() const override {
+        const std::uint64_t frames = source_.rays() / piece_rays() + 1;
+        return reply_bytes(source_.rays()) + frames * (protocol::alignment + answer_head_bytes_max);
+    }
 
     Reply<Frames> answer(const Piece& piece, const StopFlag& stop) override {
         const std::uint64_t each = source_.rays_per_point();
@@ -92,11 +96,12 @@ private:
 class VisibleJob final : public QueryJob {
 public:
     VisibleJob(const Services& services, const Caller& caller, Plan plan, RaySource source,
-               Budget::Lease lease)
+               std::uint64_t paths_max, Budget::Lease lease)
         : QueryJob(services, caller, std::move(plan), std::move(source)),
           chunk_rays_(source_.chunk_rays(plan_.chunk_rays_max(services.limits))),
           frame_rows_(std::min(services.limits.chunk_rays_max,
                                (frame_bytes_max(caller) - 2 * protocol::alignment) / row_bytes)),
+          paths_max_(paths_max),
           lease_(std::move(lease)) {}
 
     /// Bytes held per path: an entry of the map and a row of the table.
@@ -115,6 +120,10 @@ protected:
     [[nodiscard]] std::uint64_t piece_rays() const override { return chunk_rays_; }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t /*rays*/) const override { return 0; }
     [[nodiscard]] std::uint64_t rows() const override { return table_.size(); }
+    [[nodiscard]] std::uint64_t result_bytes_max() const override {
+        const std::uint64_t frames = paths_max_ / frame_rows_ + 1;
+        return paths_max_ * row_bytes + frames * (2 * protocol::alignment + answer_head_bytes_max);
+    }
 
     Reply<Frames> answer(const Piece& piece, const StopFlag& /*stop*/) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
@@ -173,6 +182,7 @@ private:
 
     const std::uint64_t chunk_rays_;
     const std::uint64_t frame_rows_;
+    const std::uint64_t paths_max_;
     const Budget::Lease lease_;
     std::mutex mutex_;
     std::unordered_map<std::uint64_t, std::uint32_t> counts_;
@@ -195,7 +205,7 @@ std::string_view default_kind(std::string_view reduce) {
     return reduce == fraction_name ? "any" : "closest";
 }
 
-Reply<std::unique_ptr<Job>> reduce_job(const Services& services, const Caller& caller, Plan plan,
+Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller, Plan plan,
                                        RaySource source,
                                        const protocol::Opened<wire::Query>& message) {
     const std::string_view reduce = protocol::text(message->reduce());
@@ -224,7 +234,7 @@ Reply<std::unique_ptr<Job>> reduce_job(const Services& services, const Caller& c
                           " instance paths needs more memory than --memory has left; ask for "
                           "fewer rays");
     return std::make_unique<VisibleJob>(services, caller, std::move(plan), std::move(source),
-                                        std::move(*lease));
+                                        paths, std::move(*lease));
 }
 
 }  // namespace raynest::server

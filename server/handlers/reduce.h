@@ -2,7 +2,7 @@
 // path. Sums are of whole numbers, so they do not depend on chunks and threads.
 #pragma once
 
-#include "server/handlers/ray_source.h"
+#include "server/handlers/query_job.h"
 
 #include <memory>
 #include <string_view>
@@ -13,7 +13,7 @@ namespace raynest::server {
 [[nodiscard]] std::string_view default_kind(std::string_view reduce);
 
 /// INVALID_FIELD for an unknown reducer, or one that cannot reduce these rays.
-Reply<std::unique_ptr<Job>> reduce_job(const Services& services, const Caller& caller, Plan plan,
+Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller, Plan plan,
                                        RaySource source,
                                        const protocol::Opened<wire::Query>& message);
 

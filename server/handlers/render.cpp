@@ -88,9 +88,8 @@ Reply<Answer> render(const Services& services, const Caller& caller,
                             message->height(), protocol::word(message->encode(), "png"),
                             pixel_bytes * message->width() * message->height());
     if (!order) return tl::unexpected(order.error());
-    Accepted accepted;
-    accepted.deadline_ms = order->plan.deadline_ms;
-    accepted.priority = order->plan.priority;
+    Accepted accepted = accept(order->plan, "render", order->pixels());
+    accepted.result_bytes_max = order->lease.bytes();
     accepted.job = std::make_unique<RenderJob>(services, caller, std::move(*order));
     return Answer{std::move(accepted)};
 }

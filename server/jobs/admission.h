@@ -1,63 +1,99 @@
-// How many jobs the daemon runs at once, and when a refused client should come back.
+// Which jobs are in flight, and whether one more may be: a bound for the daemon, and quotas for
+// each principal, so that none can fill the daemon for all others.
+//
+// A job counts from its start until its last task really ended: cancelling is never cheaper than
+// working.
 #pragma once
 
-#include <algorithm>
-#include <atomic>
+#include "protocol/limits.h"
+#include "server/jobs/job.h"
+
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
-#include <optional>
+#include <functional>
+#include <map>
+#include <string>
 #include <utility>
 
 namespace raynest::server {
 
-/// enter() and record() belong to the io thread; slots may end anywhere.
+/// What the daemon knows of a job besides its work.
+struct JobRecord {
+    std::uint64_t number = 0;  ///< never used again
+    std::string principal;
+    std::string kind;
+    std::string detail;
+    std::string scene;
+    std::uint64_t rays = 0;  ///< that it was asked to trace
+    bool detached = false;
+    Clock::time_point started;
+    Clock::time_point deadline = Clock::time_point::max();
+    const Job* job = nullptr;  ///< null once it has ended
+    std::function<void()> cancel;
+};
+
+/// Io thread only; must outlive its slots.
 class Admission {
 public:
-    /// A place among the running jobs; kept until the last task of the job really ended, so that
-    /// cancelling is never cheaper than working. Move-only.
+    /// A place among the jobs in flight. Move-only.
     class Slot {
     public:
         Slot() = default;
-        Slot(Slot&& other) noexcept : active_(std::exchange(other.active_, nullptr)) {}
+        Slot(Slot&& other) noexcept
+            : admission_(std::exchange(other.admission_, nullptr)),
+              number_(other.number_) {}
         Slot& operator=(Slot&& other) noexcept {
-            std::swap(active_, other.active_);
+            std::swap(admission_, other.admission_);
+            std::swap(number_, other.number_);
             return *this;
         }
         Slot(const Slot&) = delete;
         ~Slot() {
-            if (active_ != nullptr) --*active_;
+            if (admission_ != nullptr) admission_->leave(number_);
         }
+        [[nodiscard]] std::uint64_t number() const { return number_; }
 
     private:
         friend class Admission;
-        explicit Slot(std::atomic<std::size_t>* active) : active_(active) {}
-        std::atomic<std::size_t>* active_ = nullptr;
+        Slot(Admission* admission, std::uint64_t number) : admission_(admission), number_(number) {}
+        Admission* admission_ = nullptr;
+        std::uint64_t number_ = 0;
     };
 
-    explicit Admission(std::size_t jobs_max) : jobs_max_(jobs_max) {}
+    /// At most `jobs_max` jobs at once; the quotas are principal_jobs_max and principal_rays_max.
+    explicit Admission(std::size_t jobs_max, const protocol::Limits& limits = {})
+        : jobs_max_(jobs_max),
+          limits_(limits) {}
     Admission(const Admission&) = delete;
 
-    /// Nothing when the daemon is full.
-    [[nodiscard]] std::optional<Slot> enter() {
-        if (active_ >= jobs_max_) return std::nullopt;
-        ++active_;
-        return Slot(&active_);
-    }
+    /// A place for a job, which gets its number; QUOTA when the principal has too much in flight,
+    /// BUSY with the time to come back when the daemon has.
+    Reply<Slot> enter(JobRecord record);
 
     /// A job took this long: a moving mean says when a place is likely free.
     void record(std::chrono::duration<double> took) { mean_ += 0.1 * (took.count() - mean_); }
 
     /// 10 ms .. 10 s: the mean time of a job, shared by those that run.
-    [[nodiscard]] std::uint32_t retry_after_ms() const {
-        const double ms = 1e3 * mean_ / static_cast<double>(jobs_max_);
-        return static_cast<std::uint32_t>(std::clamp(ms, 10.0, 10'000.0));
-    }
-    [[nodiscard]] std::size_t active() const { return active_; }
+    [[nodiscard]] std::uint32_t retry_after_ms() const;
+    [[nodiscard]] std::size_t active() const { return jobs_.size(); }
+    /// By number.
+    [[nodiscard]] const std::map<std::uint64_t, JobRecord>& jobs() const { return jobs_; }
+    /// null when it is not in flight.
+    [[nodiscard]] const JobRecord* find(std::uint64_t number) const;
 
 private:
+    struct Use {
+        std::uint64_t jobs = 0;
+        std::uint64_t rays = 0;
+    };
+    void leave(std::uint64_t number);
+
     const std::size_t jobs_max_;
-    std::atomic<std::size_t> active_{0};
+    const protocol::Limits limits_;
+    std::map<std::uint64_t, JobRecord> jobs_;
+    std::map<std::string, Use> uses_;  ///< of principals that have jobs in flight
+    std::uint64_t last_number_ = 0;
     double mean_ = 0.1;
 };
 

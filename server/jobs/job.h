@@ -18,6 +18,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -52,6 +53,9 @@ struct Task {
         0;                          ///< bulk bytes of the answer at most: reserved before it runs
     std::uint64_t input_bytes = 0;  ///< bulk bytes of fed frames that are free once it ended
     Lane lane = Lane::compute;
+    /// Shorter than the way to a worker and back: answered on the io thread, unless a task of its
+    /// job is under way.
+    bool brief = false;
 };
 
 struct Progress {
@@ -79,12 +83,16 @@ public:
     [[nodiscard]] virtual bool finished() const = 0;
     /// What the client reads last, after all tasks ended well. No bulk.
     virtual Frames farewell() = 0;
+    /// Must its client send more before it can end?
+    [[nodiscard]] virtual bool needs_input() const { return false; }
+    /// May it stand still for long without being taken for abandoned?
+    [[nodiscard]] virtual bool patient() const { return false; }
     /// Bulk data for this job; gives the bytes that are free again at once.
     virtual Reply<std::uint64_t> feed(protocol::Frame frame);
     [[nodiscard]] virtual std::optional<Progress> progress() const { return std::nullopt; }
 };
 
-/// Share of the workers, against other jobs that wait for them.
+/// Among the jobs of one principal: the higher one's tasks go first.
 enum class Priority { low, normal, high };
 
 /// A job as a handler hands it over.
@@ -92,6 +100,13 @@ struct Accepted {
     std::unique_ptr<Job> job;
     std::uint32_t deadline_ms = 0;  ///< from now; 0: none
     Priority priority = Priority::normal;
+    std::uint64_t rays = 0;         ///< that it will trace
+    std::uint64_t input_bytes = 0;  ///< bulk bytes that the client will feed, at most
+    std::string kind;               ///< for people: query, render, ...
+    std::string detail;             ///< of a query: its kind
+    std::string scene;
+    bool detach = false;                 ///< it outlives its connection
+    std::uint64_t result_bytes_max = 0;  ///< of a detached one: bytes that it answers, at most
 };
 
 }  // namespace raynest::server

@@ -16,20 +16,6 @@ constexpr std::chrono::milliseconds tick_period{250};
 constexpr std::chrono::seconds idle_max{60};
 constexpr std::chrono::milliseconds out_of_memory_pause{10};
 
-/// Chunks in flight are a job's share of the workers' queue.
-unsigned width_of(Priority priority, std::size_t threads) {
-    const auto full = static_cast<unsigned>(threads) + 1;
-    switch (priority) {
-        case Priority::low:
-            return 1;
-        case Priority::normal:
-            return full;
-        case Priority::high:
-            return 2 * full;
-    }
-    return full;
-}
-
 protocol::Error deadline_error() {
     return {Code::deadline,
             "the request's deadline passed; " +
@@ -89,25 +75,49 @@ bool Runner::knows(std::uint64_t id) const {
     return find(id) != nullptr;
 }
 
-Reply<void> Runner::start(std::uint64_t id, Accepted accepted) {
+Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
     if (jobs_.size() >= engine_.limits.jobs_max) {
         ++engine_.metrics.jobs_refused;
         return refuse(Code::quota, "this connection has " + std::to_string(jobs_.size()) +
                                        " requests in flight, the limit is jobs_max = " +
                                        std::to_string(engine_.limits.jobs_max));
     }
-    auto slot = engine_.admission.enter();
-    if (!slot) {
-        ++engine_.metrics.jobs_refused;
-        return tl::unexpected(protocol::Error{Code::busy, "", engine_.admission.retry_after_ms()});
-    }
     const Clock::time_point now = Clock::now();
     const Clock::time_point deadline = accepted.deadline_ms == 0
                                            ? Clock::time_point::max()
                                            : now + std::chrono::milliseconds(accepted.deadline_ms);
+    JobRecord record;
+    record.principal = principal_;
+    record.kind = std::move(accepted.kind);
+    record.detail = std::move(accepted.detail);
+    record.scene = std::move(accepted.scene);
+    record.rays = accepted.rays;
+    record.detached = accepted.detach;
+    record.started = now;
+    record.deadline = deadline;
+    record.job = accepted.job.get();
+    record.cancel = [runner = weak_from_this(), id] {
+        if (const auto self = runner.lock()) self->cancel(id);
+    };
+    auto slot = engine_.admission.enter(std::move(record));
+    if (!slot) {
+        ++engine_.metrics.jobs_refused;
+        return tl::unexpected(slot.error());
+    }
+    const std::uint64_t input_bytes = std::min(accepted.input_bytes, engine_.limits.window_bytes);
+    auto input = engine_.budget.reserve(input_bytes);
+    if (!input) {
+        ++engine_.metrics.jobs_refused;
+        return refuse(Code::resource_exhausted,
+                      "the request's data need " + std::to_string(input_bytes) + " bytes, " +
+                          std::to_string(engine_.budget.limit() - engine_.budget.used()) +
+                          " of --memory are free; try again later");
+    }
+    const std::uint64_t number = slot->number();
     auto active = std::make_shared<Active>(id, std::move(accepted.job), deadline);
     active->slot = std::move(*slot);
-    active->width = width_of(accepted.priority, engine_.compute.threads());
+    active->input = std::move(*input);
+    active->priority = accepted.priority;
     active->started = active->last_activity = now;
     active->next_progress = now + tick_period;
     active->credit = window_bytes_;
@@ -118,14 +128,20 @@ Reply<void> Runner::start(std::uint64_t id, Accepted accepted) {
         for (protocol::Frame& frame : active->job->greeting()) sink_->send(std::move(frame));
     });
     pump(active);
-    return {};
+    return number;
+}
+
+bool Runner::expects(std::uint64_t id, std::uint64_t bytes) const {
+    const ActivePointer active = find(id);
+    return active != nullptr && !active->error && bytes <= active->input_credit;
 }
 
 void Runner::feed(protocol::Frame frame) {
     const ActivePointer active = find(frame.header.request_id);
     if (active == nullptr || active->error) return;
     const std::uint64_t bytes = frame.header.bulk_bytes;
-    if (bytes > active->input_credit) {
+    // Its bulk passed unread when there was no credit for it, whatever was granted since.
+    if (bytes > active->input_credit || frame.bulk.size() < bytes) {
         stop(*active, {Code::limit_exceeded,
                        "the request sent more than its credit of window_bytes = " +
                            std::to_string(engine_.limits.window_bytes),
@@ -160,6 +176,16 @@ void Runner::cancel(std::uint64_t id) {
     pump(active);
 }
 
+void Runner::cancel_all() {
+    const std::list<ActivePointer> jobs = jobs_;
+    for (const ActivePointer& active : jobs) cancel(active->id);
+}
+
+bool Runner::needs_client(std::uint64_t id) const {
+    const ActivePointer active = find(id);
+    return active != nullptr && (active->error || active->job->needs_input());
+}
+
 void Runner::pump() {
     // Whoever comes first takes the window's room: let everybody be first in turn.
     if (!jobs_.empty()) jobs_.splice(jobs_.end(), jobs_, jobs_.begin());
@@ -168,13 +194,19 @@ void Runner::pump() {
 }
 
 void Runner::pump(const ActivePointer& active) {
+    // One more than there are threads, so that none waits for the io thread.
+    const std::size_t running_max = engine_.compute.threads() + 1;
     guarded(*active, [&] {
-        while (sink_ != nullptr && !active->error && active->running < active->width) {
+        while (sink_ != nullptr && !active->error && active->running < running_max) {
             if (!active->parked) active->parked = active->job->next();
             if (!active->parked || !credit_allows(*active, *active->parked) ||
                 !window_allows(*active->parked))
                 break;
-            submit(active, *std::exchange(active->parked, std::nullopt));
+            Task task = *std::exchange(active->parked, std::nullopt);
+            if (task.brief && active->running == 0)
+                take_answer(*active, run_guarded(task, active->stop), task.input_bytes);
+            else
+                submit(active, std::move(task));
         }
     });
     const bool done = active->error || (!active->parked && active->job->finished());
@@ -207,10 +239,11 @@ void Runner::submit(const ActivePointer& active, Task task) {
                                         input = task.input_bytes] {
         self->task_ended(active, std::move(*reply), reserved, input);
     };
-    workers.submit([active, task = std::move(task), reply, done, &post = engine_.post] {
-        *reply = run_guarded(task, active->stop);
-        post_surely(post, done);
-    });
+    workers.submit(principal_, active->priority,
+                   [active, task = std::move(task), reply, done, &post = engine_.post] {
+                       *reply = run_guarded(task, active->stop);
+                       post_surely(post, done);
+                   });
     ++active->running;
     active->reserved += reserved;
     in_flight_bytes_ += reserved;
@@ -222,22 +255,26 @@ void Runner::task_ended(const ActivePointer& active, Reply<Frames> reply, std::u
     active->reserved -= reserved;
     in_flight_bytes_ -= reserved;
     if (sink_ == nullptr) return finish(active);
+    take_answer(*active, std::move(reply), input_bytes);
+    pump(active);
+}
 
-    active->last_activity = Clock::now();
-    guarded(*active, [&] {
-        if (reply && !active->error) {
+}
+
+void Runner::take_answer(Active& active, Reply<Frames> reply, std::uint64_t input_bytes) {
+    active.last_activity = Clock::now();
+    guarded(active, [&] {
+        if (reply && !active.error) {
             for (protocol::Frame& frame : *reply) {
-                active->credit -= std::min(active->credit, frame.header.bulk_bytes);
+                active.credit -= std::min(active.credit, frame.header.bulk_bytes);
                 sink_->send(std::move(frame));
             }
-            return_input(*active, input_bytes);
-            if (const Reply<void> taken = active->job->ended(); !taken)
-                stop(*active, taken.error());
+            return_input(active, input_bytes);
+            if (const Reply<void> taken = active.job->ended(); !taken) stop(active, taken.error());
         } else if (!reply) {
-            stop(*active, reply.error());
+            stop(active, reply.error());
         }
     });
-    pump(active);
 }
 
 void Runner::return_input(Active& active, std::uint64_t bytes) {
@@ -270,8 +307,9 @@ void Runner::finish(const ActivePointer& active) {
         sink_->send(protocol::encode_error(active->id, *active->error, false));
     // Here and now, not where the worker drops the last reference: what a job held is free again
     // when its slot is.
-    active->job.reset();
     active->slot = {};
+    active->job.reset();
+    active->input = {};
 }
 
 void Runner::tick(Clock::time_point now) {
@@ -280,7 +318,7 @@ void Runner::tick(Clock::time_point now) {
         if (!active->error && now >= active->stop.deadline()) {
             stop(*active, deadline_error());
             pump(active);
-        } else if (!active->error && active->running == 0 &&
+        } else if (!active->error && active->running == 0 && !active->job->patient() &&
                    now - active->last_activity > idle_max) {
             stop(*active, {Code::deadline,
                            "the client neither sent nor took data of this request for " +
@@ -297,6 +335,8 @@ void Runner::tick(Clock::time_point now) {
                 message.stage = progress->stage;
                 sink_->send(*protocol::encode(active->id, message));
             }
+            // What a patient job waits for may have come.
+            pump(active);
         }
     }
 }

@@ -10,6 +10,7 @@
 #include "server/jobs/admission.h"
 #include "server/jobs/job.h"
 #include "server/jobs/workers.h"
+#include "server/store/budget.h"
 
 #include <functional>
 #include <list>
@@ -37,11 +38,16 @@ struct Engine {
     Metrics& metrics;
     const protocol::Limits& limits;
     std::function<void(std::function<void()>)> post;  ///< to the io thread; thread-safe
+    Budget& budget;
 };
 
 class Runner : public std::enable_shared_from_this<Runner> {
 public:
-    Runner(const Engine& engine, Sink& sink) : engine_(engine), sink_(&sink) {}
+    /// All jobs are the principal's, in quotas and at the workers.
+    Runner(const Engine& engine, Sink& sink, std::string principal)
+        : engine_(engine),
+          sink_(&sink),
+          principal_(std::move(principal)) {}
 
     /// The credit that the client grants to each request at its start.
     void set_window(std::uint64_t bytes) { window_bytes_ = bytes; }
@@ -50,13 +56,21 @@ public:
     [[nodiscard]] bool knows(std::uint64_t id) const;
     [[nodiscard]] std::size_t size() const { return jobs_.size(); }
 
-    /// Starts a job; QUOTA or BUSY when it may not.
-    Reply<void> start(std::uint64_t id, Accepted accepted);
+    /// Starts a job, with memory for what its client may send before it is taken; QUOTA, BUSY or
+    /// RESOURCE_EXHAUSTED when it may not.
+    /// Gives the job's number among all of the daemon's.
+    Reply<std::uint64_t> start(std::uint64_t id, Accepted accepted);
+    /// Is there memory for so many bulk bytes to a job? Not to one that has ended, and not beyond
+    /// its credit.
+    [[nodiscard]] bool expects(std::uint64_t id, std::uint64_t bytes) const;
     /// Bulk data for a job; that of a job that already ended is dropped: it was on its way.
     void feed(protocol::Frame frame);
     /// The client grants `bytes` more.
     void grant(std::uint64_t id, std::uint64_t bytes);
     void cancel(std::uint64_t id);
+    void cancel_all();
+    /// Has a job something to do with its client yet: data to come, or an error to tell?
+    [[nodiscard]] bool needs_client(std::uint64_t id) const;
 
     /// Bytes left: the sink has room again.
     void pump();
@@ -80,12 +94,13 @@ private:
         std::unique_ptr<Job> job;  ///< gone once finished, whoever still holds this record
         StopFlag stop;
         Admission::Slot slot;
+        Budget::Lease input;  ///< of fed frames that are not free yet
+        Priority priority = Priority::normal;
         Clock::time_point started;
         Clock::time_point last_activity;  ///< data came, or a task ended
         Clock::time_point next_progress;
         std::optional<protocol::Error> error;  ///< why the job ends early
         std::optional<Task> parked;            ///< taken from the job, waits for room
-        unsigned width = 1;                    ///< tasks in flight at most
         unsigned running = 0;
         std::uint64_t credit = 0;        ///< what we may still send
         std::uint64_t reserved = 0;      ///< of it, promised to running tasks
@@ -102,6 +117,7 @@ private:
     [[nodiscard]] bool window_allows(const Task& task) const;
     [[nodiscard]] static bool credit_allows(const Active& active, const Task& task);
     void submit(const ActivePointer& active, Task task);
+    void take_answer(Active& active, Reply<Frames> reply, std::uint64_t input_bytes);
     void task_ended(const ActivePointer& active, Reply<Frames> reply, std::uint64_t reserved,
                     std::uint64_t input_bytes);
     void return_input(Active& active, std::uint64_t bytes);
@@ -110,6 +126,7 @@ private:
 
     const Engine& engine_;
     Sink* sink_;  ///< null once abandoned
+    const std::string principal_;
     std::list<ActivePointer> jobs_;
     std::uint64_t window_bytes_ = 0;
     std::uint64_t in_flight_bytes_ = 0;  ///< reserved by running tasks of all jobs

@@ -1,5 +1,6 @@
 #include "server/jobs/workers.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace raynest::server {
@@ -10,20 +11,28 @@ Workers::Workers(unsigned threads) {
 }
 
 Workers::~Workers() {
-    std::deque<std::function<void()>> dropped;
+    std::map<std::string, Queue> dropped;
     {
         const std::lock_guard lock(mutex_);
         stopping_ = true;
-        dropped.swap(tasks_);
+        turns_.clear();
+        dropped.swap(queues_);
     }
     wake_.notify_all();
     for (std::thread& thread : threads_) thread.join();
 }
 
-void Workers::submit(std::function<void()> task) {
+bool Workers::later(const Waiting& a, const Waiting& b) {
+    return a.priority != b.priority ? a.priority < b.priority : a.number > b.number;
+}
+
+void Workers::submit(const std::string& principal, Priority priority, std::function<void()> task) {
     {
         const std::lock_guard lock(mutex_);
-        tasks_.push_back(std::move(task));
+        const auto [queue, is_new] = queues_.try_emplace(principal);
+        if (is_new) turns_.push_back(queue);
+        queue->second.push_back({priority, submitted_++, std::move(task)});
+        std::push_heap(queue->second.begin(), queue->second.end(), later);
     }
     wake_.notify_one();
 }
@@ -32,12 +41,25 @@ bool Workers::run_one() noexcept {
     std::function<void()> task;
     {
         const std::lock_guard lock(mutex_);
-        if (tasks_.empty()) return false;
-        task = std::move(tasks_.front());
-        tasks_.pop_front();
+        if (turns_.empty()) return false;
+        task = take();
     }
     task();
     return true;
+}
+
+std::function<void()> Workers::take() {
+    const auto turn = turns_.front();
+    turns_.pop_front();
+    Queue& queue = turn->second;
+    std::pop_heap(queue.begin(), queue.end(), later);
+    std::function<void()> task = std::move(queue.back().task);
+    queue.pop_back();
+    if (queue.empty())
+        queues_.erase(turn);
+    else
+        turns_.push_back(turn);
+    return task;
 }
 
 void Workers::run() {
@@ -45,10 +67,9 @@ void Workers::run() {
         std::function<void()> task;
         {
             std::unique_lock lock(mutex_);
-            wake_.wait(lock, [this] { return stopping_ || !tasks_.empty(); });
+            wake_.wait(lock, [this] { return stopping_ || !turns_.empty(); });
             if (stopping_) return;
-            task = std::move(tasks_.front());
-            tasks_.pop_front();
+            task = take();
         }
         task();
     }

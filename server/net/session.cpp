@@ -7,7 +7,6 @@
 #include <sys/socket.h>
 
 #include <algorithm>
-#include <array>
 #include <exception>
 #include <utility>
 
@@ -29,8 +28,6 @@ constexpr seconds slow_consumer_time{10};
 constexpr seconds linger_time{1};
 /// Before that: time for the outbox to leave.
 constexpr seconds flush_time{5};
-constexpr std::size_t gather_frames_max = 16;
-constexpr std::uint64_t gather_bytes_max = 1ULL << 20;
 /// A peer that died without a word is noticed within this time.
 constexpr int keepalive_s = 15;
 constexpr int keepalive_probes = 2;
@@ -87,7 +84,11 @@ Session::Session(asio::io_context& io, Socket socket, const Services& services,
       read_deadline_(Clock::now() + milliseconds(services.limits.greeting_ms_max)),
       close_deadline_(never) {
     tune(socket_);
+    SystemError ignored;
+    socket_.non_blocking(true, ignored);
     decoder_.set_frame_bytes_max(services.limits.greeting_bytes_max);
+    decoder_.set_admission(
+        [this](const protocol::FrameHeader& header) { return conversation_.admit(header); });
 }
 
 void Session::start() {
@@ -118,7 +119,7 @@ void Session::drain() {
 
 void Session::stop() {
     if (!std::exchange(open_, false)) return;
-    conversation_.runner().abandon();
+    conversation_.abandon();
     SystemError ignored;
     socket_.close(ignored);
     wake_.cancel();
@@ -133,7 +134,7 @@ void Session::send(protocol::Frame frame) {
     const std::uint64_t bytes = frame.header.frame_bytes();
     outbox_.push_back(std::move(frame));
     backlog_ += bytes;
-    wake_.cancel();
+    if (!reading_) wake_.cancel();
 }
 
 asio::awaitable<void> Session::wait(asio::steady_timer& timer) {
@@ -166,8 +167,11 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
     if (error || !open_) co_return;
     services_.metrics.bytes_received += got;
     if (direct) decoder_.filled(got);
+    reading_ = true;
     take_frames(direct ? std::span<const std::byte>()
                        : std::span<const std::byte>(space).first(got));
+    reading_ = false;
+    write_at_once();
     move_read_deadline(got);
     settle();
 }
@@ -177,7 +181,6 @@ void Session::take_frames(std::span<const std::byte> bytes) {
         const auto taken = decoder_.feed(bytes);
         if (!taken) return conversation_.give_up(taken.error());
         bytes = bytes.subspan(*taken);
-        check_announced();
         if (decoder_.complete()) {
             conversation_.receive(decoder_.take());
             if (conversation_.greeted()) {
@@ -189,21 +192,9 @@ void Session::take_frames(std::span<const std::byte> bytes) {
     } while (open_ && !conversation_.closing() && !bytes.empty());
 }
 
-void Session::check_announced() {
-    const protocol::FrameHeader* header = decoder_.announced();
-    if (header == nullptr || conversation_.closing()) return;
-    const std::uint64_t most = conversation_.bulk_bytes_max(header->type);
-    if (header->bulk_bytes > most)
-        conversation_.give_up({Code::limit_exceeded,
-                               protocol::message_name(header->type) + " announces " +
-                                   std::to_string(header->bulk_bytes) + " bulk bytes, at most " +
-                                   std::to_string(most) + " are allowed",
-                               0});
-}
-
 void Session::move_read_deadline(std::size_t got) {
     if (!conversation_.greeted()) return;
-    const bool in_bulk = !decoder_.room().empty();
+    const bool in_bulk = decoder_.in_bulk();
     if (!in_bulk) checkpoint_bytes_ = 0;
     if (decoder_.idle()) {
         read_deadline_ = never;
@@ -230,45 +221,49 @@ asio::awaitable<void> Session::linger() {
 
 // ---- writer -------------------------------------------------------------------------------------
 
+bool Session::gather() {
+    if (gather_.empty() && !outbox_.empty()) {
+        gather_.load(outbox_);
+        write_started_ = Clock::now();
+    }
+    return !gather_.empty();
+}
+
+void Session::sent(std::size_t bytes) {
+    services_.metrics.bytes_sent += bytes;
+    backlog_ -= bytes;
+    const std::size_t frames = gather_.frames();
+    gather_.consume(bytes);
+    if (gather_.empty()) services_.metrics.frames_sent += frames;
+}
+
+void Session::write_at_once() {
+    if (!open_ || writing_ || !gather()) return;
+    SystemError error;
+    sent(socket_.write_some(gather_.rest(), error));
+    // Whatever is wrong, the writer will meet it too.
+    if (!gather_.empty() || !outbox_.empty() || conversation_.closing()) wake_.cancel();
+    conversation_.runner().pump();
+}
+
 asio::awaitable<void> Session::write_frames() {
-    std::vector<protocol::Frame> batch;
-    std::vector<std::array<std::byte, protocol::header_bytes>> headers(gather_frames_max);
-    std::vector<asio::const_buffer> buffers;
     while (open_) {
-        if (outbox_.empty()) {
+        if (!gather()) {
             if (conversation_.closing()) break;
             co_await wait(wake_);
             continue;
         }
-        batch.clear();
-        buffers.clear();
-        std::uint64_t bytes = 0;
-        while (!outbox_.empty() && batch.size() < gather_frames_max && bytes < gather_bytes_max) {
-            bytes += outbox_.front().header.frame_bytes();
-            batch.push_back(std::move(outbox_.front()));
-            outbox_.pop_front();
-        }
-        for (std::size_t i = 0; i < batch.size(); ++i) {
-            protocol::write_header(batch[i].header, headers[i]);
-            buffers.emplace_back(headers[i].data(), headers[i].size());
-            buffers.emplace_back(batch[i].control.data(), batch[i].control.size());
-            buffers.emplace_back(batch[i].bulk.data(), batch[i].bulk.size());
-        }
-        write_started_ = Clock::now();
         writing_ = true;
         SystemError error;
-        co_await asio::async_write(socket_, buffers,
-                                   asio::redirect_error(asio::use_awaitable, error));
+        const std::size_t bytes = co_await socket_.async_write_some(
+            gather_.rest(), asio::redirect_error(asio::use_awaitable, error));
         writing_ = false;
         if (!open_) co_return;
         if (error) {
             stop();
             co_return;
         }
-        services_.metrics.frames_sent += batch.size();
-        services_.metrics.bytes_sent += bytes;
-        batch.clear();
-        backlog_ -= bytes;
+        sent(bytes);
         room_.cancel();
         conversation_.runner().pump();
         settle();

@@ -10,6 +10,7 @@
 #include "protocol/frame.h"
 #include "server/conversation.h"
 #include "server/net/asio.h"
+#include "server/net/gather.h"
 
 #include <deque>
 #include <functional>
@@ -46,9 +47,15 @@ private:
     asio::awaitable<void> watch();
     static asio::awaitable<void> wait(asio::steady_timer& timer);
 
+    /// Fills the gather from the outbox; false when there is nothing to write.
+    bool gather();
+    /// Answers leave at once where the socket takes them; what it does not take is the writer's.
+    void write_at_once();
+    /// So many bytes of the gather have left.
+    void sent(std::size_t bytes);
+
     /// Hands complete frames on; false when framing is lost.
     void take_frames(std::span<const std::byte> bytes);
-    void check_announced();
     void move_read_deadline(std::size_t got);
     /// After anything that may have moved a deadline or closed the conversation.
     void settle();
@@ -66,14 +73,16 @@ private:
     protocol::FrameDecoder decoder_;
     std::vector<std::byte> stage_;
     std::deque<protocol::Frame> outbox_;
-    std::uint64_t backlog_ = 0;  ///< bytes in the outbox and in the write under way
+    Gather gather_;
+    std::uint64_t backlog_ = 0;  ///< bytes in the outbox and in the gather
     Conversation conversation_;
     Clock::time_point read_deadline_;     ///< of the frame that is on its way
-    Clock::time_point write_started_;     ///< of the write under way
+    Clock::time_point write_started_;     ///< of the gather
     Clock::time_point close_deadline_;    ///< once the conversation is closing
     std::uint64_t checkpoint_bytes_ = 0;  ///< of a bulk part, since its deadline last moved
     bool open_ = true;
-    bool writing_ = false;
+    bool reading_ = false;  ///< frames that came are being handled
+    bool writing_ = false;  ///< the writer waits for the socket
 };
 
 }  // namespace raynest::server

@@ -28,6 +28,13 @@ public:
             if (budget_ != nullptr) budget_->used_ -= bytes_;
         }
 
+        [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
+        /// Gives back all but `bytes`, which must not be more than it has.
+        void shrink(std::uint64_t bytes) {
+            if (budget_ != nullptr) budget_->used_ -= bytes_ - bytes;
+            bytes_ = bytes;
+        }
+
     private:
         friend class Budget;
         Lease(Budget* budget, std::uint64_t bytes) : budget_(budget), bytes_(bytes) {}

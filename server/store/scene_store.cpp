@@ -21,6 +21,29 @@ Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const S
     return held;
 }
 
+Reply<void> SceneStore::check_quota(const std::string& name, const std::string& principal,
+                                    std::uint64_t bytes) const {
+    std::uint64_t scenes = 0;
+    std::uint64_t held = 0;
+    for (const auto& [other, entry] : entries_) {
+        if (other == name || !entry.principals.contains(principal)) continue;
+        ++scenes;
+        held += entry.scene.snapshot().bytes().size();
+    }
+    if (scenes >= limits_.principal_scenes_max)
+        return refuse(Code::quota, principal + " holds " + std::to_string(scenes) +
+                                       " scenes, the limit is principal_scenes_max = " +
+                                       std::to_string(limits_.principal_scenes_max) +
+                                       "; unload one");
+    if (bytes > limits_.principal_scene_bytes_max ||
+        held > limits_.principal_scene_bytes_max - bytes)
+        return refuse(Code::quota,
+                      principal + " holds " + std::to_string(held) + " bytes of scenes, " +
+                          std::to_string(bytes) + " more are over principal_scene_bytes_max = " +
+                          std::to_string(limits_.principal_scene_bytes_max) + "; unload one");
+    return {};
+}
+
 Reply<NamedScene> SceneStore::publish(const std::string& name,
                                       std::shared_ptr<const Snapshot> snapshot, bool replace,
                                       const std::string& principal) {
@@ -28,6 +51,8 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
 
     const auto found = entries_.find(name);
     const bool taken = found != entries_.end();
+    if (const auto quota = check_quota(name, principal, snapshot->bytes().size()); !quota)
+        return tl::unexpected(quota.error());
     if (taken && found->second.scene.snapshot().hash() == snapshot->hash()) {
         found->second.principals.insert(principal);
         return found->second.scene;

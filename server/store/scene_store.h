@@ -5,6 +5,7 @@
 #pragma once
 
 #include "engine/scene/snapshot.h"
+#include "protocol/limits.h"
 #include "server/errors.h"
 #include "server/store/budget.h"
 
@@ -35,11 +36,19 @@ struct NamedScene {
 /// Not thread-safe: belongs to the io thread.
 class SceneStore {
 public:
-    explicit SceneStore(Budget& budget) : budget_(budget) {}
+    /// The quotas are principal_scenes_max and principal_scene_bytes_max.
+    explicit SceneStore(Budget& budget, const protocol::Limits& limits = {})
+        : budget_(budget),
+          limits_(limits) {}
+
+    /// May `principal` hold a scene of `bytes` under this name, beside its others? QUOTA if not.
+    [[nodiscard]] Reply<void> check_quota(const std::string& name, const std::string& principal,
+                                          std::uint64_t bytes) const;
 
     /// Gives `snapshot` a name and `principal` a reference to it. Equal content under the same name
-    /// is no change; other content is NAME_TAKEN unless `replace`. RESOURCE_EXHAUSTED when the
-    /// budget cannot hold it. Equal content under two names is held once.
+    /// is no change; other content is NAME_TAKEN unless `replace`. QUOTA when it would be too much
+    /// for the principal, RESOURCE_EXHAUSTED when the budget cannot hold it. Equal content under
+    /// two names is held once.
     Reply<NamedScene> publish(const std::string& name, std::shared_ptr<const Snapshot> snapshot,
                               bool replace, const std::string& principal);
 
@@ -63,6 +72,7 @@ private:
     Reply<std::shared_ptr<const HeldScene>> hold(std::shared_ptr<const Snapshot> snapshot);
 
     Budget& budget_;
+    const protocol::Limits limits_;
     std::map<std::string, Entry, std::less<>> entries_;
     std::map<std::string, std::weak_ptr<const HeldScene>> by_hash_;
 };

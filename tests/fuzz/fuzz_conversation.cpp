@@ -206,7 +206,7 @@ class Connection {
 public:
     explicit Connection(test::SmallDaemon& daemon) : daemon_(daemon) {}
     ~Connection() {
-        conversation_.runner().abandon();
+        conversation_.abandon();
         daemon_.sent.clear();
         daemon_.settle();
         fuzz::require(daemon_.sent.empty());

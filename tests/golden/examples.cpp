@@ -313,6 +313,51 @@ void add_work_answers(Collection& all) {
     all.add(7, done);
 }
 
+wire::JobInfoT kept_job() {
+    wire::JobInfoT info;
+    info.job = 17;
+    info.owner = "uid:1000";
+    info.kind = "query";
+    info.detail = "closest";
+    info.scene = "forest";
+    info.state = "failed";
+    info.stage = "tracing";
+    info.done = 5;
+    info.total = 9;
+    info.age_ms = 60000;
+    info.left_ms = 3540000;
+    info.bytes = 4096;
+    info.worker = "cpu";
+    info.detached = true;
+    info.code = static_cast<std::uint32_t>(protocol::Code::deadline);
+    info.error = "the request's deadline passed";
+    return info;
+}
+
+void add_jobs(Collection& all) {
+    wire::JobsT jobs;
+    jobs.after = 16;
+    all.add(8, jobs);
+    wire::JobListT list;
+    list.jobs.push_back(std::make_unique<wire::JobInfoT>(kept_job()));
+    list.more = true;
+    all.add(8, list);
+    wire::WaitT wait;
+    wait.job = 17;
+    wait.deadline_ms = 1000;
+    all.add(9, wait);
+    all.add(9, kept_job());
+    wire::FetchT fetch;
+    fetch.job = 17;
+    all.add(10, fetch);
+    wire::CancelJobT cancel;
+    cancel.job = 17;
+    all.add(11, cancel);
+    wire::DetachedT detached;
+    detached.job = 17;
+    all.add(12, detached);
+}
+
 /// Calls `use` with the table that a type of the header names, out of THE LIST.
 template <class... Tables>
 struct AnyOf {
@@ -329,7 +374,8 @@ using AnyMessage =
           wire::Render, wire::Heatmap, wire::Credit, wire::Welcome, wire::Pong, wire::Error,
           wire::Loaded, wire::Need, wire::SceneList, wire::SceneInfo, wire::PathName,
           wire::Unloaded, wire::VariantList, wire::Statistics, wire::Started, wire::Chunk,
-          wire::Progress, wire::Picture, wire::Done>;
+          wire::Progress, wire::Picture, wire::Done, wire::Jobs, wire::Wait, wire::Fetch,
+          wire::CancelJob, wire::JobList, wire::JobInfo, wire::Detached>;
 
 }  // namespace
 
@@ -340,6 +386,7 @@ std::vector<Example> examples() {
     add_work_requests(all);
     add_scene_answers(all);
     add_work_answers(all);
+    add_jobs(all);
     return all.take();
 }
 

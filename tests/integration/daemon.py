@@ -15,12 +15,13 @@ SHARED_SCENES = pathlib.Path(__file__).resolve().parents[3] / "shared" / "scenes
 
 
 class Daemon:
-    def __init__(self, program, *arguments):
+    def __init__(self, program, *arguments, under=()):
+        """`under` is a command that runs the daemon in its place, such as prlimit."""
         self.folder = tempfile.TemporaryDirectory(prefix="raynest-test-")
         ready = pathlib.Path(self.folder.name) / "ready.json"
         with open(pathlib.Path(self.folder.name) / "log", "wb") as log:
             self.process = subprocess.Popen(
-                [program, "--listen", "tcp://127.0.0.1:0", "--ready-file", ready, *arguments],
+                [*under, program, "--listen", "tcp://127.0.0.1:0", "--ready-file", ready, *arguments],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log)
         end = time.monotonic() + PATIENCE
         while not ready.exists():

@@ -5,8 +5,10 @@
 #include <signal.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <memory>
+#include <vector>
 
 namespace raynest::test {
 namespace {
@@ -116,6 +118,58 @@ TEST_CASE_FIXTURE(Served, "a connection has only so many requests in flight") {
     peer.read_until<wire::Done>();
     REQUIRE(peer.say(99, query_of(1)));
     peer.read_until<wire::Started>();
+}
+
+TEST_CASE_FIXTURE(Served, "a principal has only so many rays in flight, over all connections") {
+    REQUIRE(peer.say(5, query_of(protocol::Limits{}.rays_max)));
+    peer.read_until<wire::Started>();
+    Peer second(daemon);
+    second.greet();
+    REQUIRE(second.say(5, query_of(1)));
+    CHECK(second.read_error() == Code::quota);
+    REQUIRE(peer.say(5, wire::CancelT{}));
+    CHECK(peer.read_error() == Code::cancelled);
+    REQUIRE(second.say(5, query_of(1)));
+    second.read_until<wire::Started>();
+}
+
+TEST_CASE_FIXTURE(Served, "a principal has only so many requests in flight, over all connections") {
+    const protocol::Limits limits;
+    std::vector<std::unique_ptr<Peer>> crowd;
+    for (std::uint64_t i = 0; i < limits.principal_jobs_max; ++i) {
+        if (i % limits.jobs_max == 0) {
+            crowd.push_back(std::make_unique<Peer>(daemon));
+            crowd.back()->greet();
+        }
+        REQUIRE(crowd.back()->say(10 + i, query_of(1)));
+        crowd.back()->read_until<wire::Started>();
+    }
+    REQUIRE(peer.say(5, query_of(1)));
+    CHECK(peer.read_error() == Code::quota);
+    crowd.clear();
+    wait_for_idle(peer);
+    REQUIRE(peer.say(5, query_of(1)));
+    peer.read_until<wire::Started>();
+}
+
+TEST_CASE_FIXTURE(Served, "bodies that are announced, or that nobody waits for, cost no memory") {
+    const std::uint64_t before = daemon.resident_bytes();
+    std::vector<std::unique_ptr<Peer>> crowd;
+    for (int i = 0; i < 50; ++i) {
+        Peer& guest = *crowd.emplace_back(std::make_unique<Peer>(daemon));
+        guest.greet();
+        // A whole one for a request that is not there, then a large one of which nothing comes.
+        REQUIRE(guest.send_frame(rays_frame(77, 0, chunk)));
+        REQUIRE(guest.say(5, query_of(chunk)));
+        guest.read_until<wire::Started>();
+        const protocol::Frame rays = rays_frame(5, 0, chunk);
+        std::array<std::byte, protocol::header_bytes> header{};
+        protocol::write_header(rays.header, header);
+        REQUIRE(guest.send(header));
+        REQUIRE(guest.send(rays.control.span()));
+    }
+    if (!sanitized) CHECK(daemon.resident_bytes() < before + 50 * (64 << 10));
+    CHECK(peer.answers());
 }
 
 TEST_CASE("rays beyond the credit end their query") {

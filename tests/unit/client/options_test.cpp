@@ -183,3 +183,41 @@ TEST_CASE("help begins with something to type") {
     }
     CHECK(parse({"--version"})->text.rfind("raynest ", 0) == 0);
 }
+
+TEST_CASE("a detached request needs no file, an attached one does") {
+    CHECK(command_of<RenderOptions>(words_of("render forest --detach")).job.detach);
+    CHECK(command_of<HeatmapOptions>(words_of("heatmap forest --detach -o a.npy")).output ==
+          "a.npy");
+    CHECK(
+        command_of<QueryOptions>(words_of("query forest --ray 0,1,5,0,0,-1 --detach")).job.detach);
+    CHECK_FALSE(command_of<RenderOptions>(words_of("render forest -o a.png")).job.detach);
+    CHECK(complaint(words_of("render forest")).find("--output") != std::string::npos);
+    CHECK(complaint(words_of("heatmap forest")).find("--output") != std::string::npos);
+    CHECK(complaint(words_of("load forest --detach")).find("--detach") != std::string::npos);
+}
+
+TEST_CASE("jobs are named by whole numbers from 1") {
+    CHECK(command_of<WaitOptions>(words_of("wait 17")).job == 17);
+    CHECK(command_of<CancelOptions>(words_of("cancel 17")).job == 17);
+    const auto fetch = command_of<FetchOptions>(words_of("fetch 17 -o hits.npz"));
+    CHECK(fetch.job == 17);
+    CHECK(fetch.output == "hits.npz");
+    for (const char* line :
+         {"wait", "wait 0", "wait -1", "fetch x", "cancel 1.5", "fetch 1 -o a.jpg"})
+        CHECK_MESSAGE(!complaint(words_of(line)).empty(), line);
+}
+
+TEST_CASE("a load test has bounds for everything") {
+    const auto load = command_of<LoadTestOptions>(words_of(
+        "load-test forest --clients 8 --rays 64 --rate 1000 --seconds 2 --kind any --fields hit"));
+    CHECK(load.job.scene == "forest");
+    CHECK(load.clients == 8);
+    CHECK(load.rays == 64);
+    CHECK(load.rate == 1000);
+    CHECK(load.seconds == 2);
+    CHECK(load.kind == "any");
+    CHECK(load.fields == std::vector<std::string>{"hit"});
+    for (const char* line : {"--clients 0", "--clients 1001", "--rays 0", "--rays 16385",
+                             "--seconds 0", "--seconds nan", "--rate 0", "--rate -3"})
+        CHECK_MESSAGE(!complaint(words_of(std::string("load-test forest ") + line)).empty(), line);
+}

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -97,13 +98,18 @@ TEST_CASE("a frame split in two at any byte is the same frame") {
 TEST_CASE("bulk bytes may be read straight into their place") {
     const Limits limits;
     FrameDecoder decoder(limits);
+    std::optional<protocol::FrameHeader> announced;
+    decoder.set_admission([&](const protocol::FrameHeader& header) {
+        announced = header;
+        return protocol::Result<bool>(true);
+    });
     CHECK(decoder.room().empty());
     for (const golden::Example& example : golden::examples()) {
         const std::vector<std::byte> bytes = golden::wire_bytes(example.frame);
         const std::size_t head = bytes.size() - example.frame.bulk.size();
         REQUIRE(decoder.feed(std::span(bytes).first(head)).value() == head);
-        REQUIRE(decoder.announced() != nullptr);
-        CHECK(*decoder.announced() == example.frame.header);
+        REQUIRE(announced.has_value());
+        CHECK(*announced == example.frame.header);
         REQUIRE(decoder.room().size() == example.frame.bulk.size());
         std::copy(bytes.begin() + static_cast<std::ptrdiff_t>(head), bytes.end(),
                   decoder.room().begin());
@@ -111,6 +117,40 @@ TEST_CASE("bulk bytes may be read straight into their place") {
         REQUIRE(decoder.complete());
         CHECK(golden::wire_bytes(decoder.take()) == bytes);
     }
+}
+
+TEST_CASE("a bulk part that nobody wants takes no memory, and the stream goes on behind it") {
+    const Limits limits;
+    const std::vector<golden::Example> examples = golden::examples();
+    for (const std::size_t piece : {std::size_t{1}, std::size_t{7}, std::size_t{4096}}) {
+        FrameDecoder decoder(limits);
+        decoder.set_admission([](const protocol::FrameHeader&) { return false; });
+        std::size_t frames = 0;
+        const std::vector<std::byte> stream = all_examples();
+        for (std::size_t at = 0; at < stream.size();) {
+            const std::size_t count = std::min(piece, stream.size() - at);
+            at += decoder.feed(std::span(stream).subspan(at, count)).value();
+            CHECK(decoder.room().empty());
+            if (!decoder.complete()) continue;
+            const Frame frame = decoder.take();
+            const Frame& sent = examples[frames++].frame;
+            REQUIRE(frame.header == sent.header);
+            CHECK(same_bytes(frame.control, sent.control));
+            CHECK(frame.bulk.size() == 0);
+        }
+        CHECK(frames == examples.size());
+    }
+}
+
+TEST_CASE("what is refused by its header ends the stream before its control part comes") {
+    const Limits limits;
+    FrameDecoder decoder(limits);
+    decoder.set_admission([](const protocol::FrameHeader&) -> protocol::Result<bool> {
+        return protocol::fail(protocol::Code::quota, "no");
+    });
+    const std::vector<std::byte> bytes = golden::wire_bytes(golden::examples()[0].frame);
+    const auto refused = decoder.feed(std::span(bytes).first(protocol::header_bytes));
+    CHECK(refused.error().code == protocol::Code::quota);
 }
 
 TEST_CASE("a complete frame waits until it is taken") {

@@ -1,7 +1,5 @@
 #include "server/store/budget.h"
 
-#include "server/jobs/admission.h"
-
 #include <doctest/doctest.h>
 
 #include <cstdint>
@@ -41,19 +39,6 @@ TEST_CASE("a moved lease is given back once") {
         CHECK(budget.used() == 10);
     }
     CHECK(budget.used() == 0);
-}
-
-TEST_CASE("a full daemon admits again when a slot ends, and says when to come back") {
-    Admission admission(2);
-    auto a = admission.enter();
-    const auto b = admission.enter();
-    REQUIRE(a);
-    REQUIRE(b);
-    CHECK_FALSE(admission.enter());
-    admission.record(std::chrono::hours(10));
-    CHECK(admission.retry_after_ms() == 10'000);
-    a.reset();
-    CHECK(admission.enter());
 }
 
 }  // namespace

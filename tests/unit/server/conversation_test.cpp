@@ -7,6 +7,8 @@
 
 #include <doctest/doctest.h>
 
+#include <array>
+
 namespace raynest::server {
 namespace {
 
@@ -49,6 +51,70 @@ TEST_CASE("a draining conversation answers questions, refuses jobs and ends with
     CHECK(conversation.closing());
 }
 
+TEST_CASE(
+    "a detached query runs on when its rays have come, and ends with its client before that") {
+    SmallDaemon daemon;
+    wire::QueryT query;
+    query.job = std::make_unique<wire::JobT>();
+    query.job->scene = "forest";
+    query.job->detach = true;
+    query.ray_count = 2;
+    const auto rays = [](std::uint64_t first) {
+        protocol::Bulk bulk;
+        bulk.add("rays", wire::Dtype::f32, 8, 1);
+        bulk.allocate();
+        const std::array<float, 8> down = {0, 9, 0, 0, 0, -1, 0, 100};
+        std::copy(down.begin(), down.end(), bulk.block_as<float>(0).begin());
+        wire::QueryRaysT message;
+        message.first_ray = first;
+        return protocol::encode(1, std::move(message), std::move(bulk)).value();
+    };
+    for (const bool all : {false, true}) {
+        CAPTURE(all);
+        daemon.sent.clear();
+        {
+            Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+            conversation.receive(frame_of(0, wire::HelloT{}));
+            conversation.receive(frame_of(1, query));
+            conversation.receive(rays(0));
+            CHECK_FALSE(daemon.said(wire::Message::Detached));
+            if (all) conversation.receive(rays(1));
+            CHECK(daemon.said(wire::Message::Detached) == all);
+            // The id is free again, and what was detached is not this connection's any more.
+            if (all) conversation.receive(frame_of(1, wire::CancelT{}));
+        }
+        daemon.settle();
+        CHECK(daemon.detached.all().size() == (all ? 1 : 0));
+        CHECK_FALSE(daemon.said(wire::Message::Chunk));
+        CHECK_FALSE(daemon.said(wire::Message::Error));
+    }
+    const auto& job = *daemon.detached.all().begin()->second;
+    CHECK(job.ended());
+    CHECK_FALSE(job.error());
+    CHECK(job.answer().front().header.type == static_cast<std::uint16_t>(wire::Message::Started));
+}
+
+TEST_CASE("a detached query that goes wrong while its rays come tells its client") {
+    SmallDaemon daemon;
+    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    conversation.receive(frame_of(0, wire::HelloT{}));
+    wire::QueryT query;
+    query.job = std::make_unique<wire::JobT>();
+    query.job->scene = "forest";
+    query.job->detach = true;
+    query.ray_count = 2;
+    conversation.receive(frame_of(1, query));
+    conversation.receive(frame_of(1, wire::QueryRaysT{}));  // without its block
+    CHECK(daemon.said(wire::Message::Error));
+    CHECK_FALSE(daemon.said(wire::Message::Detached));
+    daemon.sent.clear();
+    conversation.receive(frame_of(1, query));
+    CHECK_FALSE(daemon.said(wire::Message::Error));
+    conversation.receive(frame_of(1, wire::CancelT{}));
+    CHECK(daemon.said(wire::Message::Error));
+    CHECK(daemon.admission.active() == 0);
+}
+
 TEST_CASE("whatever frames come in whatever order, all jobs end and all memory returns") {
     SmallDaemon daemon;
     const std::uint64_t idle_bytes = daemon.budget.used();
@@ -78,8 +144,11 @@ TEST_CASE("whatever frames come in whatever order, all jobs end and all memory r
             REQUIRE(decoder.complete());
             conversation.receive(decoder.take());
         }
-        conversation.runner().abandon();
+        conversation.abandon();
+        daemon.detached.stop_running();
         daemon.settle();
+        const auto kept = daemon.detached.all();
+        for (const auto& [number, job] : kept) daemon.detached.cancel(number);
         CHECK(daemon.metrics.jobs_started == daemon.metrics.jobs_ended);
     }
     CHECK(daemon.budget.used() == idle_bytes);

@@ -1,130 +1,18 @@
 // The runner against scripted jobs and a sink in memory: what the client would see, and when.
 #include "server/jobs/runner.h"
 
-#include "protocol/control.h"
+#include "tests/unit/server/bench.h"
 
 #include <doctest/doctest.h>
 
-#include <chrono>
-#include <condition_variable>
-#include <deque>
-#include <mutex>
 #include <new>
 #include <stdexcept>
+#include <thread>
 
 namespace raynest::server {
 namespace {
 
 using std::chrono::seconds;
-
-/// Stands for the io thread: completions wait in a queue until the test takes them.
-class Bench final : public Sink {
-public:
-    Bench() { runner->set_window(window); }
-    ~Bench() { runner->abandon(); }
-
-    void send(protocol::Frame frame) override { sent.push_back(std::move(frame)); }
-    [[nodiscard]] std::uint64_t backlog() const override { return waiting; }
-
-    /// Takes completions until `done` holds; false when none comes for 10 s.
-    template <class Condition>
-    bool run_until(Condition done) {
-        while (!done()) {
-            std::unique_lock lock(mutex_);
-            if (!wake_.wait_for(lock, seconds(10), [&] { return !posted_.empty(); })) return false;
-            const std::function<void()> next = std::move(posted_.front());
-            posted_.pop_front();
-            lock.unlock();
-            next();
-        }
-        return true;
-    }
-    bool run_until_idle() {
-        return run_until([&] { return runner->size() == 0 && admission.active() == 0; });
-    }
-    [[nodiscard]] std::size_t count(wire::Message type) const {
-        std::size_t n = 0;
-        for (const auto& frame : sent) n += frame.header.type == static_cast<std::uint16_t>(type);
-        return n;
-    }
-    [[nodiscard]] std::optional<Code> error() const {
-        for (const auto& frame : sent)
-            if (const auto message = protocol::open<wire::Error>(frame))
-                return static_cast<Code>((*message)->code());
-        return std::nullopt;
-    }
-
-    static constexpr std::uint64_t window = 1 << 20;
-    protocol::Limits limits;
-    Metrics metrics;
-    Admission admission{4};
-    std::uint64_t waiting = 0;
-    std::vector<protocol::Frame> sent;
-
-private:
-    std::mutex mutex_;
-    std::condition_variable wake_;
-    std::deque<std::function<void()>> posted_;
-    Workers compute_{2};
-    Workers blocking_{1};
-
-public:
-    Engine engine{
-        compute_, blocking_, admission, metrics, limits, [this](std::function<void()> done) {
-            const std::lock_guard lock(mutex_);
-            posted_.push_back(std::move(done));
-            wake_.notify_all();
-        }};
-    std::shared_ptr<Runner> runner = std::make_shared<Runner>(engine, *this);
-};
-
-protocol::Frame chunk_of(std::uint64_t bytes) {
-    protocol::Bulk bulk;
-    bulk.add("data", wire::Dtype::u8, 1, bytes);
-    bulk.allocate();
-    return protocol::encode(1, wire::ChunkT{}, std::move(bulk)).value();
-}
-
-/// `tasks` tasks that answer `bytes` each; `work` runs before each answer.
-class ScriptedJob final : public Job {
-public:
-    ScriptedJob(std::size_t tasks, std::uint64_t bytes,
-                std::function<Reply<void>(const StopFlag&)> work = {})
-        : tasks_(tasks),
-          bytes_(bytes),
-          work_(std::move(work)) {}
-
-    std::optional<Task> next() override {
-        if (given_ == tasks_) return std::nullopt;
-        ++given_;
-        Task task;
-        task.reply_bytes_max = protocol::padded(bytes_);
-        task.run = [this](const StopFlag& stop) -> Reply<Frames> {
-            if (work_)
-                if (const auto worked = work_(stop); !worked) return tl::unexpected(worked.error());
-            Frames frames;
-            frames.push_back(chunk_of(bytes_));
-            return frames;
-        };
-        return task;
-    }
-    [[nodiscard]] bool finished() const override { return given_ == tasks_; }
-    Frames farewell() override {
-        Frames frames;
-        frames.push_back(*protocol::encode(1, wire::DoneT{}));
-        return frames;
-    }
-
-private:
-    const std::size_t tasks_;
-    const std::uint64_t bytes_;
-    const std::function<Reply<void>(const StopFlag&)> work_;
-    std::size_t given_ = 0;
-};
-
-Accepted accept(std::unique_ptr<Job> job, std::uint32_t deadline_ms = 0) {
-    return {std::move(job), deadline_ms, Priority::normal};
-}
 
 TEST_CASE("a job answers all its tasks, then says farewell") {
     Bench bench;
@@ -133,6 +21,46 @@ TEST_CASE("a job answers all its tasks, then says farewell") {
     CHECK(bench.count(wire::Message::Chunk) == 50);
     CHECK(bench.sent.back().header.type == static_cast<std::uint16_t>(wire::Message::Done));
     CHECK(bench.metrics.jobs_ended == 1);
+}
+
+TEST_CASE("a brief task is answered where it is asked, a longer one by a worker") {
+    class Brief final : public Job {
+    public:
+        Brief(int tasks, bool brief, std::vector<std::thread::id>& ran)
+            : tasks_(tasks),
+              brief_(brief),
+              ran_(ran) {}
+        std::optional<Task> next() override {
+            if (tasks_ == 0) return std::nullopt;
+            --tasks_;
+            Task task;
+            task.brief = brief_;
+            task.run = [this](const StopFlag&) {
+                ran_.push_back(std::this_thread::get_id());
+                return Reply<Frames>();
+            };
+            return task;
+        }
+        [[nodiscard]] bool finished() const override { return tasks_ == 0; }
+        Frames farewell() override { return {}; }
+
+    private:
+        int tasks_;
+        const bool brief_;
+        std::vector<std::thread::id>& ran_;
+    };
+    Bench bench;
+    std::vector<std::thread::id> ran;
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<Brief>(3, true, ran))));
+    CHECK(ran == std::vector<std::thread::id>(3, std::this_thread::get_id()));
+    CHECK(bench.runner->size() == 0);
+    CHECK(bench.admission.active() == 0);
+
+    ran.clear();
+    REQUIRE(bench.runner->start(2, accept(std::make_unique<Brief>(1, false, ran))));
+    REQUIRE(bench.run_until_idle());
+    REQUIRE(ran.size() == 1);
+    CHECK(ran[0] != std::this_thread::get_id());
 }
 
 TEST_CASE("never more bytes than the client's credit, and every grant is used") {
@@ -242,7 +170,7 @@ TEST_CASE("a full daemon says BUSY and when to come back, a greedy connection ge
     REQUIRE_FALSE(quota);
     CHECK(quota.error().code == Code::quota);
 
-    const auto other = std::make_shared<Runner>(bench.engine, bench);
+    const auto other = std::make_shared<Runner>(bench.engine, bench, "other");
     other->set_window(Bench::window);
     REQUIRE(other->start(1, accept(std::make_unique<ScriptedJob>(1, 10))));
     const auto busy = other->start(2, accept(std::make_unique<ScriptedJob>(1, 10)));
@@ -268,16 +196,54 @@ TEST_CASE("an abandoned runner is silent, and its jobs still end") {
     CHECK(bench.metrics.jobs_started == bench.metrics.jobs_ended);
 }
 
+/// Takes whatever comes and never ends.
+class Sponge final : public Job {
+    std::optional<Task> next() override { return std::nullopt; }
+    [[nodiscard]] bool finished() const override { return false; }
+    Frames farewell() override { return {}; }
+    Reply<std::uint64_t> feed(protocol::Frame frame) override { return frame.header.bulk_bytes; }
+};
+
+TEST_CASE(
+    "memory for what a client may send is reserved before it sends, and returns with the job") {
+    Bench bench;
+    const auto sponge = [](std::uint64_t bytes) {
+        Accepted accepted = accept(std::make_unique<Sponge>());
+        accepted.input_bytes = bytes;
+        return accepted;
+    };
+    REQUIRE(bench.runner->start(1, sponge(1000)));
+    CHECK(bench.budget.used() == 1000);
+    // Never more than the credit, whatever a request announces.
+    REQUIRE(bench.runner->start(2, sponge(1ULL << 40)));
+    CHECK(bench.budget.used() == 1000 + bench.limits.window_bytes);
+    auto rest = bench.budget.reserve(bench.budget.limit() - bench.budget.used() - 10);
+    const auto refused = bench.runner->start(3, sponge(11));
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == Code::resource_exhausted);
+    CHECK(bench.admission.active() == 2);
+    REQUIRE(bench.runner->start(3, sponge(10)));
+    for (std::uint64_t id = 1; id <= 3; ++id) bench.runner->cancel(id);
+    *rest = {};
+    CHECK(bench.budget.used() == 0);
+}
+
+TEST_CASE("only a job that waits for data gets memory for it") {
+    Bench bench;
+    CHECK_FALSE(bench.runner->expects(1, 0));
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<Sponge>())));
+    CHECK(bench.runner->expects(1, bench.limits.window_bytes));
+    CHECK_FALSE(bench.runner->expects(1, bench.limits.window_bytes + 1));
+    // A bulk part that passed unread, for lack of credit, is beyond the credit for good.
+    protocol::Frame passed = chunk_of(1000);
+    passed.bulk = {};
+    bench.runner->feed(std::move(passed));
+    CHECK(bench.error() == Code::limit_exceeded);
+    CHECK_FALSE(bench.runner->expects(1, 0));
+}
+
 TEST_CASE("input beyond the credit ends the job, input within it is granted again") {
     Bench bench;
-    class Sponge final : public Job {
-        std::optional<Task> next() override { return std::nullopt; }
-        [[nodiscard]] bool finished() const override { return false; }
-        Frames farewell() override { return {}; }
-        Reply<std::uint64_t> feed(protocol::Frame frame) override {
-            return frame.header.bulk_bytes;
-        }
-    };
     REQUIRE(bench.runner->start(1, accept(std::make_unique<Sponge>())));
     const std::uint64_t quarter = bench.limits.window_bytes / 4;
     for (int i = 0; i < 12; ++i) bench.runner->feed(chunk_of(quarter));

@@ -113,5 +113,35 @@ TEST_CASE("text is cut between characters") {
     CHECK(clean_text("a\x1b[2J", 9) == "a?[2J");
 }
 
+TEST_CASE("a principal holds so many scenes and so many bytes of them, and no more") {
+    Budget budget(1 << 30);
+    protocol::Limits limits;
+    limits.principal_scenes_max = 2;
+    SceneStore store(budget, limits);
+    REQUIRE(store.publish("a", square(1), false, "me"));
+    REQUIRE(store.publish("b", square(2), false, "me"));
+    const auto third = store.publish("c", square(3), false, "me");
+    REQUIRE_FALSE(third);
+    CHECK(third.error().code == Code::quota);
+    CHECK(third.error().message.find("principal_scenes_max") != std::string::npos);
+    CHECK_FALSE(store.check_quota("c", "me", 0));
+    // What it holds already may change, others may load, and unloading makes room.
+    CHECK(store.publish("b", square(3), true, "me"));
+    CHECK(store.publish("c", square(3), false, "you"));
+    CHECK_FALSE(store.publish("c", square(3), false, "me"));
+    CHECK(store.unload("a", "me"));
+    CHECK(store.publish("c", square(3), false, "me"));
+
+    limits.principal_scenes_max = 10;
+    limits.principal_scene_bytes_max = square(1)->bytes().size() + 1;
+    SceneStore small(budget, limits);
+    REQUIRE(small.publish("a", square(1), false, "me"));
+    const auto second = small.publish("b", square(2), false, "me");
+    REQUIRE_FALSE(second);
+    CHECK(second.error().code == Code::quota);
+    CHECK(second.error().message.find("principal_scene_bytes_max") != std::string::npos);
+    CHECK(small.publish("a", square(2), true, "me"));
+}
+
 }  // namespace
 }  // namespace raynest::server

@@ -61,13 +61,16 @@ public:
     std::size_t handlers_failed = 0;
     std::vector<protocol::Frame> sent;
     std::deque<std::function<void()>> posted;
-    server::Services services{*registry, scenes, budget, metrics, limits, {}, {}, {}};
+    server::Services services{*registry, scenes, budget,    metrics,  limits,
+                              {},        {},     {},        admission, detached};
     server::Workers compute{0};
     server::Workers blocking{0};
     server::Engine engine{
         compute,   blocking,
         admission, metrics,
-        limits,    [this](std::function<void()> done) { posted.push_back(std::move(done)); }};
+        limits,    [this](std::function<void()> done) { posted.push_back(std::move(done)); },
+        budget};
+    server::DetachedJobs detached{engine, [] {}};
 };
 
 }  // namespace raynest::test

@@ -8,15 +8,59 @@
 namespace raynest::server {
 namespace {
 
-TEST_CASE("tasks of one worker run in the order of their submission") {
-    std::vector<int> order;
-    std::promise<void> done;
-    Workers workers(1);
-    for (int i = 0; i < 100; ++i) workers.submit([&order, i] { order.push_back(i); });
-    workers.submit([&done] { done.set_value(); });
-    done.get_future().wait();
-    REQUIRE(order.size() == 100);
-    for (int i = 0; i < 100; ++i) CHECK(order[static_cast<std::size_t>(i)] == i);
+/// One worker that notes the names of its tasks, held back until all of them wait.
+class Notebook {
+public:
+    Notebook() {
+        workers_.submit("bell", Priority::normal, [this] { release_.get_future().wait(); });
+    }
+    void add(const std::string& principal, Priority priority, const std::string& name) {
+        workers_.submit(principal, priority, [this, name] { names_.push_back(name); });
+    }
+    std::vector<std::string> run() {
+        std::promise<void> done;
+        workers_.submit("bell", Priority::low, [&] { done.set_value(); });
+        for (int i = 0; i < 1000; ++i)  // the last one of the bell's
+            workers_.submit("bell", Priority::normal, [] {});
+        release_.set_value();
+        done.get_future().wait();
+        return names_;
+    }
+
+private:
+    std::promise<void> release_;
+    std::vector<std::string> names_;
+    Workers workers_{1};
+};
+
+TEST_CASE("tasks of one principal run in the order of their submission") {
+    Notebook notebook;
+    for (int i = 0; i < 100; ++i) notebook.add("a", Priority::normal, std::to_string(i));
+    const std::vector<std::string> names = notebook.run();
+    REQUIRE(names.size() == 100);
+    for (std::size_t i = 0; i < names.size(); ++i) CHECK(names[i] == std::to_string(i));
+}
+
+TEST_CASE("who has one job waits for one task of each other, not for a hundred jobs") {
+    Notebook notebook;
+    for (int i = 0; i < 300; ++i) notebook.add("crowd", Priority::high, "crowd");
+    for (int i = 0; i < 300; ++i) notebook.add("herd", Priority::normal, "herd");
+    for (int i = 0; i < 3; ++i) notebook.add("single", Priority::low, "single");
+    const std::vector<std::string> names = notebook.run();
+    std::vector<std::size_t> places;
+    for (std::size_t i = 0; i < names.size(); ++i)
+        if (names[i] == "single") places.push_back(i);
+    // Alone it would have had places 0, 1 and 2.
+    CHECK(places == std::vector<std::size_t>{2, 5, 8});
+}
+
+TEST_CASE("priority orders the tasks of one principal, and takes nothing from another") {
+    Notebook notebook;
+    notebook.add("a", Priority::low, "a low");
+    notebook.add("a", Priority::normal, "a normal");
+    notebook.add("a", Priority::high, "a high");
+    notebook.add("b", Priority::low, "b low");
+    CHECK(notebook.run() == std::vector<std::string>{"a high", "b low", "a normal", "a low"});
 }
 
 TEST_CASE("without threads each task waits to be run here") {
@@ -37,12 +81,12 @@ TEST_CASE("workers run at the same time") {
     std::promise<void> b;
     std::promise<void> met;
     // Each waits for the other: with one thread this would never end.
-    workers.submit([&] {
+    workers.submit("a", Priority::normal, [&] {
         a.set_value();
         b.get_future().wait();
         met.set_value();
     });
-    workers.submit([&] {
+    workers.submit("a", Priority::normal, [&] {
         a.get_future().wait();
         b.set_value();
     });
@@ -54,13 +98,13 @@ TEST_CASE("ending waits for what runs and drops what does not") {
     std::promise<void> started;
     std::promise<void> release;
     auto workers = std::make_unique<Workers>(1);
-    workers->submit([&] {
+    workers->submit("a", Priority::normal, [&] {
         started.set_value();
         release.get_future().wait();
         ++ran;
     });
     started.get_future().wait();
-    for (int i = 0; i < 10; ++i) workers->submit([&ran] { ++ran; });
+    for (int i = 0; i < 10; ++i) workers->submit("a", Priority::normal, [&ran] { ++ran; });
     std::thread ending([&] { workers.reset(); });
     release.set_value();
     ending.join();

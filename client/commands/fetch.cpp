@@ -1,0 +1,45 @@
+// raynest fetch ID [-o FILE]: what a detached job has answered, as its own command would have given
+// it.
+#include "client/commands/deliver.h"
+#include "client/files.h"
+#include "client/jobs.h"
+
+namespace raynest::client {
+namespace {
+
+/// The file must be what was asked for: the daemon has encoded it already.
+Result<void> check_ending(const std::string& output, const ReceivedPicture& picture) {
+    const std::string ending = "." + (picture.encode == "raw" ? "npy" : picture.encode);
+    if (output.ends_with(ending)) return {};
+    return fail(Exit::usage, "the job made a FILE" + ending + ", not '" + output + "'");
+}
+
+}  // namespace
+
+Result<void> run(Context& context, const FetchOptions& options) {
+    const auto job = find_job(context.connection, options.job);
+    if (!job) return tl::unexpected<Failure>(job.error());
+    const std::string kind(protocol::text(job->info->kind()));
+    wire::FetchT request;
+    request.job = options.job;
+
+    if (kind == "query")
+        return deliver_query(
+            context, options.output, std::string(protocol::text(job->info->detail())), {},
+            [&](const ChunkConsumer& consume) {
+                return fetch_query(context.connection, request, context.progress, consume);
+            });
+
+    if (options.output.empty())
+        return fail(Exit::usage, job_text(*job->info) + " is a picture: pass -o FILE");
+    if (auto writable = check_writable(options.output); !writable) return writable;
+    if (auto started = context.connection.start(request); !started) return started;
+    auto picture = receive_picture(context.connection, context.progress);
+    context.progress.clear();
+    if (!picture) return tl::unexpected<Failure>(picture.error());
+    if (auto fits = check_ending(options.output, *picture); !fits) return fits;
+    if (kind == "render") return deliver_render(context, options.output, *picture);
+    return deliver_heatmap(context, options.output, std::move(*picture));
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,219 @@
+// raynest load-test SCENE: round trips and throughput of queries, beside bare sockets.
+#include "client/commands/commands.h"
+#include "client/job.h"
+#include "client/load_test/driver.h"
+#include "client/load_test/echo.h"
+#include "client/output.h"
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <iostream>
+#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace raynest::client {
+namespace {
+
+/// Daemon and controls take turns of about this length, so that what else happens on the machine
+/// meets all of them.
+constexpr double turn_seconds = 0.5;
+
+/// Rays from outside through points of the scene's box; the same ones for a seed on any machine.
+void aim(std::span<Ray> rays, const wire::SceneInfo& info, std::uint32_t seed) {
+    std::mt19937 bits(seed);
+    const auto unit = [&] { return static_cast<float>(bits() >> 8) * 0x1p-24F; };
+    const wire::Vec3 none(0, 0, 0);
+    const wire::Vec3& low = info.box_min() != nullptr ? *info.box_min() : none;
+    const wire::Vec3& high = info.box_max() != nullptr ? *info.box_max() : none;
+    const float span = 1 + (high.x() - low.x()) + (high.y() - low.y()) + (high.z() - low.z());
+    for (Ray& ray : rays) {
+        const float turn = 6.2831853F * unit();
+        const float up = 2 * unit() - 1;
+        const float across = std::sqrt(1 - up * up);
+        const std::array<float, 3> d = {across * std::cos(turn), up, across * std::sin(turn)};
+        const std::array<float, 3> at = {low.x() + unit() * (high.x() - low.x()),
+                                         low.y() + unit() * (high.y() - low.y()),
+                                         low.z() + unit() * (high.z() - low.z())};
+        ray = {at[0] - span * d[0],
+               at[1] - span * d[1],
+               at[2] - span * d[2],
+               0,
+               d[0],
+               d[1],
+               d[2],
+               2 * span};
+    }
+}
+
+void append(std::vector<std::byte>& bytes, const protocol::Frame& frame) {
+    std::array<std::byte, protocol::header_bytes> header{};
+    protocol::write_header(frame.header, header);
+    for (const std::span<const std::byte> part :
+         {std::span<const std::byte>(header), frame.control.span(), frame.bulk.span()})
+        bytes.insert(bytes.end(), part.begin(), part.end());
+}
+
+/// A query and its rays as they travel.
+Result<std::vector<std::byte>> request_bytes(const LoadTestOptions& options,
+                                             const wire::SceneInfo& info, std::uint32_t seed) {
+    wire::QueryT query;
+    query.job = job_message(options.job);
+    query.kind = options.kind;
+    query.fields = options.fields;
+    query.max_hits = options.max_hits;
+    query.ray_count = options.rays;
+    protocol::Bulk bulk;
+    bulk.add("rays", wire::Dtype::f32, 8, options.rays);
+    bulk.allocate();
+    aim(bulk.block_as<Ray>(0), info, seed);
+
+    std::vector<std::byte> bytes;
+    for (const auto& frame :
+         {protocol::encode(1, query), protocol::encode(1, wire::QueryRaysT{}, std::move(bulk))}) {
+        if (!frame) return tl::unexpected<Failure>(failure(frame.error()));
+        append(bytes, *frame);
+    }
+    return bytes;
+}
+
+/// One of the three that are measured.
+struct Side {
+    const char* name;
+    const char* key;
+    Driver driver;
+    LoadTally tally;
+};
+
+/// What the daemon is compared with.
+struct Control {
+    const char* name;
+    const char* key;
+    std::unique_ptr<Echo> (*make)(std::vector<Descriptor>, EchoScript);
+};
+constexpr std::array controls = {Control{"asio echo", "asio_echo", echo_by_asio},
+                                 Control{"blocking echo", "blocking_echo", echo_by_threads}};
+
+double per_second(std::uint64_t count, const LoadTally& tally) {
+    return tally.time.count() > 0 ? static_cast<double>(count) / tally.time.count() : 0;
+}
+
+Json side_json(const Side& side, std::uint32_t rays) {
+    const Latencies& latencies = side.tally.latencies;
+    return Json{{"requests", latencies.count()},
+                {"refused", side.tally.refused},
+                {"p50_us", latencies.percentile_us(0.5)},
+                {"p99_us", latencies.percentile_us(0.99)},
+                {"p999_us", latencies.percentile_us(0.999)},
+                {"max_us", latencies.max_us()},
+                {"requests_per_second", per_second(latencies.count(), side.tally)},
+                {"rays_per_second", per_second(latencies.count() * rays, side.tally)},
+                {"bytes_per_second", per_second(side.tally.bytes, side.tally)}};
+}
+
+std::vector<std::string> side_row(const Side& side, std::uint32_t rays) {
+    const Latencies& latencies = side.tally.latencies;
+    const auto number = [](double value, int digits) {
+        std::array<char, 32> text{};
+        std::snprintf(text.data(), text.size(), "%.*f", digits, value);
+        return std::string(text.data());
+    };
+    return {side.name,
+            number(latencies.percentile_us(0.5), 1),
+            number(latencies.percentile_us(0.99), 1),
+            number(latencies.percentile_us(0.999), 1),
+            number(per_second(latencies.count(), side.tally), 0),
+            number(per_second(latencies.count() * rays, side.tally), 0),
+            number(per_second(side.tally.bytes, side.tally) / 1e6, 1),
+            std::to_string(side.tally.refused)};
+}
+
+}  // namespace
+
+Result<void> run(Context& context, const LoadTestOptions& options) {
+    wire::InfoT question;
+    question.scene = options.job.scene;
+    const auto info = ask<wire::SceneInfo>(context.connection, question);
+    if (!info) return tl::unexpected<Failure>(info.error());
+
+    std::vector<std::unique_ptr<Connection>> connections;
+    std::vector<std::vector<std::byte>> requests;
+    std::vector<int> sockets;
+    for (std::uint32_t i = 0; i < options.clients; ++i) {
+        auto connection = context.connect();
+        if (!connection) return tl::unexpected<Failure>(connection.error());
+        auto request = request_bytes(options, *info->message.table, i);
+        if (!request) return tl::unexpected<Failure>(request.error());
+        sockets.push_back((*connection)->socket());
+        connections.push_back(std::move(*connection));
+        requests.push_back(std::move(*request));
+    }
+    const std::vector<std::span<const std::byte>> spans(requests.begin(), requests.end());
+
+    std::vector<Side> sides;
+    sides.push_back({"raynestd", "daemon", Driver(sockets, spans), {}});
+    // The first turn warms up, and shows what the controls have to answer.
+    const auto turn = [&](Side& side, double seconds) {
+        return side.driver.run(std::chrono::duration_cast<std::chrono::nanoseconds>(
+                                   std::chrono::duration<double>(seconds)),
+                               options.rate, side.tally);
+    };
+    if (auto warm = turn(sides[0], std::min(turn_seconds, options.seconds)); !warm) return warm;
+    if (sides[0].tally.latencies.count() == 0 && sides[0].tally.refusal)
+        return tl::unexpected<Failure>(*sides[0].tally.refusal);
+    sides[0].tally = {};
+
+    const EchoScript script{requests[0].size(), sides[0].driver.sample()};
+    std::vector<std::unique_ptr<Echo>> echoes;
+    std::vector<std::vector<Descriptor>> ends;
+    for (const Control& control : controls) {
+        auto pairs = connect_pairs(sockets[0], sockets.size());
+        if (!pairs) return tl::unexpected<Failure>(pairs.error());
+        echoes.push_back(control.make(std::move(pairs->far), script));
+        std::vector<int> near;
+        for (const Descriptor& end : pairs->near) near.push_back(end.number());
+        ends.push_back(std::move(pairs->near));
+        sides.push_back({control.name, control.key, Driver(near, spans), {}});
+    }
+
+    const double turns = std::ceil(options.seconds / turn_seconds);
+    for (double i = 0; i < turns; ++i) {
+        for (Side& side : sides)
+            if (auto done = turn(side, options.seconds / turns); !done) return done;
+        context.progress.update(static_cast<std::uint64_t>(i + 1),
+                                static_cast<std::uint64_t>(turns), "measuring");
+    }
+    context.progress.clear();
+    if (sides[0].tally.latencies.count() == 0 && sides[0].tally.refusal)
+        return tl::unexpected<Failure>(*sides[0].tally.refusal);
+
+    const double echo_us = sides[1].tally.latencies.percentile_us(0.5);
+    const double ratio = echo_us > 0 ? sides[0].tally.latencies.percentile_us(0.5) / echo_us : 0;
+    if (context.json) {
+        Json json{{"scene", options.job.scene},
+                  {"kind", options.kind},
+                  {"clients", options.clients},
+                  {"rays", options.rays},
+                  {"rate", options.rate},
+                  {"request_bytes", script.request_bytes},
+                  {"reply_bytes", script.reply.size()}};
+        for (const Side& side : sides) json[side.key] = side_json(side, options.rays);
+        json["ratio_to_asio_echo"] = ratio;
+        print_json(json);
+        return {};
+    }
+    std::vector<std::vector<std::string>> rows = {
+        {"", "P50_US", "P99_US", "P99.9_US", "REQUESTS/S", "RAYS/S", "MB/S", "REFUSED"}};
+    for (const Side& side : sides) rows.push_back(side_row(side, options.rays));
+    print_table(rows);
+    std::array<char, 160> line{};
+    std::snprintf(line.data(), line.size(),
+                  "%zu bytes to ask, %zu to answer; p50 is %.2f times that of the Asio echo",
+                  script.request_bytes, script.reply.size(), ratio);
+    std::cout << line.data() << '\n';
+    return {};
+}
+
+}  // namespace raynest::client

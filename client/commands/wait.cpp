@@ -1,0 +1,37 @@
+// raynest wait ID: until a detached job has ended.
+#include "client/commands/commands.h"
+#include "client/jobs.h"
+
+#include <iostream>
+
+namespace raynest::client {
+
+Result<void> run(Context& context, const WaitOptions& options) {
+    wire::WaitT request;
+    request.job = options.job;
+    if (auto started = context.connection.start(request); !started) return started;
+    while (true) {
+        auto frame = context.connection.next();
+        if (!frame) return tl::unexpected<Failure>(frame.error());
+        if (is<wire::Progress>(*frame)) {
+            const auto news = protocol::open<wire::Progress>(*frame);
+            if (!news) return tl::unexpected<Failure>(failure(news.error()));
+            context.progress.update((*news)->done(), (*news)->total(),
+                                    protocol::text((*news)->stage()));
+        }
+        if (!is<wire::JobInfo>(*frame)) continue;
+        context.progress.clear();
+        const auto info = open_reply<wire::JobInfo>(std::move(*frame));
+        if (!info) return tl::unexpected<Failure>(info.error());
+        if (auto well = check_job(*info->message.table); !well) return well;
+        if (context.json)
+            print_json(job_json(*info->message.table));
+        else
+            std::cout << job_text(*info->message.table) << " is done, "
+                      << bytes_text((*info)->bytes()) << "; raynest fetch " << options.job
+                      << " -o FILE\n";
+        return {};
+    }
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,186 @@
+#include "client/load_test/driver.h"
+
+#include "client/interrupt.h"
+#include "protocol/control.h"
+
+#include <poll.h>
+#include <sys/epoll.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <string>
+
+namespace raynest::client {
+namespace {
+
+constexpr std::size_t staging_bytes = 256 << 10;
+constexpr std::chrono::seconds patience{10};
+/// Ctrl-C is looked for at least this often.
+constexpr std::chrono::milliseconds nap_max{200};
+
+tl::unexpected<Failure> broken(const char* call) {
+    return fail(Exit::failed,
+                std::string("a connection broke: ") + call + ": " + std::strerror(errno));
+}
+
+const protocol::Limits limits;
+
+bool is_end(const protocol::Frame& frame) {
+    return frame.header.type == static_cast<std::uint16_t>(wire::Message::Done) ||
+           frame.header.type == static_cast<std::uint16_t>(wire::Message::Error);
+}
+
+}  // namespace
+
+Driver::Client::Client(int number, std::span<const std::byte> bytes)
+    : socket(number),
+      request(bytes),
+      decoder(limits) {
+    // Only the ends of answers are read; columns pass.
+    decoder.set_admission([](const protocol::FrameHeader&) { return false; });
+}
+
+Driver::Driver(std::vector<int> sockets, std::vector<std::span<const std::byte>> requests)
+    : events_(epoll_create1(EPOLL_CLOEXEC)),
+      staging_(staging_bytes) {
+    clients_.reserve(sockets.size());
+    for (std::size_t i = 0; i < sockets.size(); ++i) {
+        Client& client = clients_.emplace_back(sockets[i], requests[i]);
+        epoll_event event{};
+        event.events = EPOLLIN;
+        event.data.u64 = i;
+        (void)epoll_ctl(events_.number(), EPOLL_CTL_ADD, client.socket, &event);
+    }
+}
+
+Result<void> Driver::run(std::chrono::nanoseconds time, double rate, LoadTally& tally) {
+    const Clock::time_point begin = Clock::now();
+    end_ = begin + time;
+    interval_ = Clock::duration(0);
+    if (rate > 0)
+        interval_ = std::chrono::duration_cast<Clock::duration>(
+            std::chrono::duration<double>(static_cast<double>(clients_.size()) / rate));
+    for (std::size_t i = 0; i < clients_.size(); ++i)
+        clients_[i].due = begin + interval_ * i / clients_.size();
+
+    for (Clock::time_point now = begin; now < end_ || under_way_ != 0; now = Clock::now()) {
+        if (interrupted()) return fail(Exit::interrupted, "interrupted");
+        if (now > end_ + patience)
+            return fail(Exit::failed,
+                        "an answer did not come within " + std::to_string(patience.count()) + " s");
+        if (auto started = start_due(now, tally); !started) return started;
+        if (auto taken = take_events(now, tally); !taken) return taken;
+    }
+    tally.time += Clock::now() - begin;
+    return {};
+}
+
+Result<void> Driver::start_due(Clock::time_point now, LoadTally& tally) {
+    if (now >= end_) return {};
+    for (Client& client : clients_)
+        if (!client.waiting && client.due <= now && client.due < end_)
+            if (auto started = start(client, tally); !started) return started;
+    return {};
+}
+
+Result<void> Driver::start(Client& client, LoadTally& tally) {
+    client.waiting = true;
+    client.unsent = client.request.size();
+    ++under_way_;
+    tally.bytes += client.request.size();
+    return send_rest(client);
+}
+
+Result<void> Driver::send_rest(Client& client) {
+    const bool was_stuck = client.unsent != client.request.size();
+    while (client.unsent != 0) {
+        const std::span<const std::byte> rest = client.request.last(client.unsent);
+        const ssize_t sent =
+            send(client.socket, rest.data(), rest.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
+        if (sent < 0 && (errno == EAGAIN || errno == EINTR)) break;
+        if (sent < 0) return broken("send");
+        client.unsent -= static_cast<std::size_t>(sent);
+    }
+    // To be told about room costs a call: only where a request did not go out at once.
+    if (client.unsent != 0 || was_stuck) {
+        epoll_event event{};
+        event.events = client.unsent != 0 ? EPOLLIN | EPOLLOUT : EPOLLIN;
+        event.data.u64 = static_cast<std::uint64_t>(&client - clients_.data());
+        (void)epoll_ctl(events_.number(), EPOLL_CTL_MOD, client.socket, &event);
+    }
+    return {};
+}
+
+Result<void> Driver::take_events(Clock::time_point now, LoadTally& tally) {
+    // In an open loop the next request may be due before an answer comes.
+    Clock::time_point until = now < end_ ? end_ : now + nap_max;
+    if (interval_.count() != 0 && now < end_)
+        for (const Client& client : clients_)
+            if (!client.waiting) until = std::min(until, client.due);
+    const auto nap = std::clamp<Clock::duration>(until - now, Clock::duration(0), nap_max);
+    const std::timespec timeout{0, std::chrono::nanoseconds(nap).count()};
+    pollfd ready{events_.number(), POLLIN, 0};
+    if (ppoll(&ready, 1, &timeout, nullptr) <= 0) return {};
+
+    std::array<epoll_event, 64> events{};
+    const int count =
+        epoll_wait(events_.number(), events.data(), static_cast<int>(events.size()), 0);
+    for (int i = 0; i < count; ++i) {
+        const epoll_event& event = events[static_cast<std::size_t>(i)];
+        Client& client = clients_[event.data.u64];
+        if ((event.events & EPOLLOUT) != 0)
+            if (auto sent = send_rest(client); !sent) return sent;
+        if ((event.events & ~static_cast<std::uint32_t>(EPOLLOUT)) != 0)
+            if (auto received = receive(client, tally); !received) return received;
+    }
+    return {};
+}
+
+Result<void> Driver::receive(Client& client, LoadTally& tally) {
+    const ssize_t got = recv(client.socket, staging_.data(), staging_.size(), MSG_DONTWAIT);
+    if (got < 0 && (errno == EAGAIN || errno == EINTR)) return {};
+    if (got < 0) return broken("recv");
+    if (got == 0) return fail(Exit::failed, "the daemon closed a connection");
+    std::span<const std::byte> bytes(staging_.data(), static_cast<std::size_t>(got));
+    tally.bytes += bytes.size();
+    if (&client == clients_.data()) {
+        if (sample_complete_) sample_.clear();
+        sample_complete_ = false;
+        sample_.insert(sample_.end(), bytes.begin(), bytes.end());
+    }
+    while (!bytes.empty()) {
+        const auto taken = client.decoder.feed(bytes);
+        if (!taken) return tl::unexpected<Failure>(failure(taken.error()));
+        bytes = bytes.subspan(*taken);
+        if (!client.decoder.complete()) continue;
+        const protocol::Frame frame = client.decoder.take();
+        if (!client.waiting || !is_end(frame)) continue;
+        if (&client == clients_.data()) sample_complete_ = true;
+        ended(client, frame, tally);
+        const Clock::time_point now = Clock::now();
+        const bool more = interval_.count() == 0 ? now < end_ : client.due <= now;
+        if (more && now < end_)
+            if (auto started = start(client, tally); !started) return started;
+    }
+    return {};
+}
+
+void Driver::ended(Client& client, const protocol::Frame& last, LoadTally& tally) {
+    const Clock::time_point now = Clock::now();
+    client.waiting = false;
+    --under_way_;
+    if (const auto error = protocol::open<wire::Error>(last)) {
+        ++tally.refused;
+        tally.refusal =
+            failure({static_cast<protocol::Code>((*error)->code()),
+                     std::string(protocol::text((*error)->message())), (*error)->retry_after_ms()});
+    } else {
+        tally.latencies.add(now - client.due);
+    }
+    client.due = interval_.count() == 0 ? now : client.due + interval_;
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,73 @@
+// Many clients on one thread: each sends its request, waits for the end of the answer, and sends it
+// again.
+//
+// Closed loop: at once. Open loop: at fixed times, and latency counts from the time at which a
+// request was due, sent or not, so that a server that stalls is seen to be late for all that came
+// meanwhile. The same driver measures the daemon and the controls: what it costs is in both.
+#pragma once
+
+#include "client/load_test/latencies.h"
+#include "client/load_test/sockets.h"
+#include "protocol/frame.h"
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+namespace raynest::client {
+
+/// What came back, over all runs.
+struct LoadTally {
+    Latencies latencies;  ///< of requests that were answered well
+    std::uint64_t refused = 0;
+    std::uint64_t bytes = 0;  ///< both ways
+    std::chrono::duration<double> time{0};
+    std::optional<Failure> refusal;  ///< the last one
+};
+
+class Driver {
+public:
+    /// One client per socket, which stay the caller's; `requests` are frames as they travel, one
+    /// or more per client, and outlive the driver.
+    Driver(std::vector<int> sockets, std::vector<std::span<const std::byte>> requests);
+
+    /// Sends for `time`, then waits for what is under way; `rate` requests per second of all
+    /// clients together, 0: closed loop. Fails when a connection ends or an answer does not come.
+    Result<void> run(std::chrono::nanoseconds time, double rate, LoadTally& tally);
+
+    /// The bytes of the last answer to the first client.
+    [[nodiscard]] const std::vector<std::byte>& sample() const { return sample_; }
+
+private:
+    using Clock = std::chrono::steady_clock;
+    struct Client {
+        Client(int number, std::span<const std::byte> bytes);
+        int socket;
+        std::span<const std::byte> request;
+        protocol::FrameDecoder decoder;
+        std::size_t unsent = 0;
+        Clock::time_point due{};  ///< of the request under way, or of the next one
+        bool waiting = false;     ///< for the end of an answer
+    };
+
+    Result<void> start(Client& client, LoadTally& tally);
+    Result<void> send_rest(Client& client);
+    Result<void> receive(Client& client, LoadTally& tally);
+    void ended(Client& client, const protocol::Frame& last, LoadTally& tally);
+    Result<void> start_due(Clock::time_point now, LoadTally& tally);
+    Result<void> take_events(Clock::time_point until, LoadTally& tally);
+
+    std::vector<Client> clients_;
+    Descriptor events_;
+    std::vector<std::byte> staging_;
+    std::vector<std::byte> sample_;
+    bool sample_complete_ = false;
+    std::size_t under_way_ = 0;
+    Clock::time_point end_{};
+    Clock::duration interval_{0};  ///< between two requests of one client; 0: closed loop
+};
+
+}  // namespace raynest::client

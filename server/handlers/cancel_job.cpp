@@ -1,0 +1,30 @@
+// CANCEL_JOB: ends one of the caller's jobs, on whatever connection, and drops what is kept of it.
+#include "server/handlers/handler.h"
+#include "server/handlers/job_info.h"
+
+namespace raynest::server {
+
+Reply<Answer> cancel_job(const Services& services, const Caller& caller,
+                         const protocol::Opened<wire::CancelJob>& message) {
+    const std::uint64_t number = message->job();
+    wire::JobInfoT info;
+    if (const JobRecord* attached = services.admission.find(number);
+        attached != nullptr && !attached->detached) {
+        if (attached->principal != caller.principal)
+            return refuse(Code::not_allowed,
+                          "job " + std::to_string(number) + " belongs to another principal");
+        info = job_info(*attached);
+        // The record goes with the job, and this function with it.
+        const std::function<void()> cancel = attached->cancel;
+        cancel();
+    } else {
+        const auto job = services.detached.find(number, caller.principal);
+        if (!job) return tl::unexpected(job.error());
+        info = job_info(**job, services);
+        services.detached.cancel(number);
+    }
+    info.state = "cancelled";
+    return answer_with(caller, info, services);
+}
+
+}  // namespace raynest::server

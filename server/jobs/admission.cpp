@@ -1,0 +1,51 @@
+#include "server/jobs/admission.h"
+
+#include <algorithm>
+
+namespace raynest::server {
+
+Reply<Admission::Slot> Admission::enter(JobRecord record) {
+    const std::string& principal = record.principal;
+    const auto known = uses_.find(principal);
+    const Use use = known == uses_.end() ? Use{} : known->second;
+    if (use.jobs >= limits_.principal_jobs_max)
+        return refuse(Code::quota, principal + " has " + std::to_string(use.jobs) +
+                                       " requests in flight, the limit is principal_jobs_max = " +
+                                       std::to_string(limits_.principal_jobs_max));
+    if (record.rays > limits_.principal_rays_max ||
+        use.rays > limits_.principal_rays_max - record.rays)
+        return refuse(Code::quota, principal + " has " + std::to_string(use.rays) +
+                                       " rays in flight and asks for " +
+                                       std::to_string(record.rays) +
+                                       " more, the limit is principal_rays_max = " +
+                                       std::to_string(limits_.principal_rays_max));
+    if (active() >= jobs_max_)
+        return tl::unexpected(protocol::Error{Code::busy, "", retry_after_ms()});
+
+    Use& entered = uses_[principal];
+    ++entered.jobs;
+    entered.rays += record.rays;
+    record.number = ++last_number_;
+    jobs_.emplace(last_number_, std::move(record));
+    return Slot(this, last_number_);
+}
+
+const JobRecord* Admission::find(std::uint64_t number) const {
+    const auto found = jobs_.find(number);
+    return found == jobs_.end() ? nullptr : &found->second;
+}
+
+void Admission::leave(std::uint64_t number) {
+    const auto job = jobs_.find(number);
+    const auto use = uses_.find(job->second.principal);
+    use->second.rays -= job->second.rays;
+    if (--use->second.jobs == 0) uses_.erase(use);
+    jobs_.erase(job);
+}
+
+std::uint32_t Admission::retry_after_ms() const {
+    const double ms = 1e3 * mean_ / static_cast<double>(jobs_max_);
+    return static_cast<std::uint32_t>(std::clamp(ms, 10.0, 10'000.0));
+}
+
+}  // namespace raynest::server

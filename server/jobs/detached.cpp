@@ -1,0 +1,170 @@
+#include "server/jobs/detached.h"
+
+#include "protocol/control.h"
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+/// Headers, control messages, and the record of an answer without bulk.
+constexpr std::uint64_t base_bytes = 16ULL << 10;
+
+template <class Table>
+bool is(const protocol::Frame& frame) {
+    return frame.header.type == static_cast<std::uint16_t>(protocol::message_of<Table>);
+}
+
+}  // namespace
+
+DetachedJob::DetachedJob(const Engine& engine, JobRecord record, Budget::Lease room)
+    : engine_(engine),
+      record_(std::move(record)),
+      room_(std::move(room)),
+      runner_(std::make_shared<Runner>(engine, static_cast<Sink&>(*this), record_.principal)) {
+    // Memory takes all at once; what bounds the answer is its room.
+    runner_->set_window(~std::uint64_t{0});
+}
+
+Clock::time_point DetachedJob::expiry() const {
+    return ended() ? ended_ + std::chrono::milliseconds(engine_.limits.result_ms_max)
+                   : Clock::time_point::max();
+}
+
+void DetachedJob::send(protocol::Frame frame) {
+    if (ended() || is<wire::Progress>(frame)) return;
+    if (is<wire::Credit>(frame)) {
+        if (feeder_ != nullptr) feeder_->send(std::move(frame));
+        return;
+    }
+    if (is<wire::Error>(frame)) {
+        const auto error = protocol::open<wire::Error>(frame);
+        end(protocol::Error{static_cast<Code>((*error)->code()),
+                            std::string(protocol::text((*error)->message())), 0});
+        if (feeder_ != nullptr) feeder_->send(std::move(frame));
+        return;
+    }
+    answer_bytes_ += frame.header.frame_bytes();
+    if (answer_bytes_ > room_.bytes()) {
+        end(protocol::Error{Code::limit_exceeded,
+                            "the answer does not fit the room that was reserved for it; send the "
+                            "rays of a detached query in frames of 1024 or more",
+                            0});
+        // Not from within its own doing.
+        engine_.post([runner = runner_] { runner->cancel_all(); });
+        return;
+    }
+    const bool done = is<wire::Done>(frame);
+    answer_.push_back(std::move(frame));
+    if (done) end(std::nullopt);
+}
+
+void DetachedJob::end(std::optional<protocol::Error> error) {
+    ended_ = Clock::now();
+    error_ = std::move(error);
+    if (error_) answer_.clear();
+    if (error_) answer_bytes_ = 0;
+    // What was reserved for the worst case, or for a failure, goes back.
+    room_.shrink(std::min(room_.bytes(), base_bytes + answer_bytes_));
+}
+
+Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
+                                                 std::uint64_t request_id, Accepted accepted) {
+    auto room = make_room(principal, base_bytes + accepted.result_bytes_max);
+    if (!room) return tl::unexpected(room.error());
+    JobRecord record;
+    record.principal = principal;
+    record.kind = accepted.kind;
+    record.detail = accepted.detail;
+    record.scene = accepted.scene;
+    record.started = Clock::now();
+    record.detached = true;
+    auto job = std::make_shared<DetachedJob>(engine_, std::move(record), std::move(*room));
+    const auto number = job->runner().start(request_id, std::move(accepted));
+    if (!number) return tl::unexpected(number.error());
+    job->record_.number = *number;
+    jobs_.emplace(*number, job);
+    changed_();
+    return job;
+}
+
+Reply<Budget::Lease> DetachedJobs::make_room(const std::string& principal, std::uint64_t bytes) {
+    const std::uint64_t most = engine_.limits.principal_result_bytes_max;
+    const auto kept = [&] {
+        std::uint64_t sum = 0;
+        for (const auto& [number, job] : jobs_)
+            if (job->record().principal == principal) sum += job->bytes();
+        return sum;
+    };
+    while (bytes > most || kept() > most - bytes)
+        if (bytes > most || !drop_fetched(principal))
+            return refuse(Code::quota, "the answer may take " + std::to_string(bytes) + " bytes, " +
+                                           principal + " keeps " + std::to_string(kept()) +
+                                           ", the limit is principal_result_bytes_max = " +
+                                           std::to_string(most) +
+                                           "; fetch or cancel a finished job, or ask for less");
+    auto room = engine_.budget.reserve(bytes);
+    while (!room && drop_fetched("")) room = engine_.budget.reserve(bytes);
+    if (!room)
+        return refuse(Code::resource_exhausted,
+                      "the answer may take " + std::to_string(bytes) + " bytes, " +
+                          std::to_string(engine_.budget.limit() - engine_.budget.used()) +
+                          " of --memory are free; fetch or cancel a finished job");
+    return std::move(*room);
+}
+
+bool DetachedJobs::drop_fetched(const std::string& principal) {
+    auto oldest = jobs_.end();
+    for (auto job = jobs_.begin(); job != jobs_.end(); ++job) {
+        const DetachedJob& candidate = *job->second;
+        if (!candidate.fetched_ || (!principal.empty() && candidate.record_.principal != principal))
+            continue;
+        if (oldest == jobs_.end() || candidate.ended_ < oldest->second->ended_) oldest = job;
+    }
+    if (oldest == jobs_.end()) return false;
+    jobs_.erase(oldest);
+    return true;
+}
+
+Reply<DetachedJobs::Pointer> DetachedJobs::find(std::uint64_t number,
+                                                const std::string& principal) const {
+    const auto found = jobs_.find(number);
+    if (found == jobs_.end())
+        return refuse(Code::job_unknown,
+                      "there is no detached job " + std::to_string(number) + "; run: raynest jobs");
+    if (found->second->record().principal != principal)
+        return refuse(Code::not_allowed,
+                      "job " + std::to_string(number) + " belongs to another principal");
+    return found->second;
+}
+
+void DetachedJobs::cancel(std::uint64_t number) {
+    const auto found = jobs_.find(number);
+    if (found == jobs_.end()) return;
+    const Pointer job = found->second;
+    jobs_.erase(found);
+    job->runner().cancel_all();
+}
+
+void DetachedJobs::stop_running() {
+    for (const auto& [number, job] : jobs_) job->runner().cancel_all();
+}
+
+void DetachedJobs::tick(Clock::time_point now) {
+    const std::map<std::uint64_t, Pointer> jobs = jobs_;
+    for (const auto& [number, job] : jobs) {
+        job->runner().tick(now);
+        if (now >= job->expiry()) jobs_.erase(number);
+    }
+}
+
+Clock::time_point DetachedJobs::next_tick() const {
+    Clock::time_point next = Clock::time_point::max();
+    for (const auto& [number, job] : jobs_)
+        next = std::min({next, job->runner().next_tick(), job->expiry()});
+    return next;
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,130 @@
+#!/usr/bin/env python3
+"""What connections cost, and what happens when there are no descriptors left for more of them.
+
+  connections_test.py RAYNESTD RAYNEST
+"""
+import pathlib
+import resource
+import socket
+import struct
+import sys
+import time
+import unittest
+
+from daemon import Client, Daemon, PATIENCE
+
+IDLE = 1000
+IDLE_BYTES_MAX = 16 << 10
+DESCRIPTORS = 64
+
+
+def golden(name):
+    """The bytes of a message, from tests/golden/frames.hex."""
+    lines = (pathlib.Path(__file__).parents[1] / "golden" / "frames.hex").read_text().splitlines()
+    rows = lines[lines.index("frame " + name) + 1:]
+    data = b""
+    for row in rows:
+        if row.startswith("frame "):
+            break
+        data += bytes.fromhex(row[6:53]) if row.strip() else b""
+    return data
+
+
+HELLO = golden("Hello")
+PING = golden("Ping")
+
+
+def read_frame(connection):
+    """The type of the next frame; None at the end of the stream."""
+    def read(count):
+        data = b""
+        while len(data) < count:
+            piece = connection.recv(count - len(data))
+            if not piece:
+                return None
+            data += piece
+        return data
+    header = read(32)
+    if header is None:
+        return None
+    _, kind, _, control, _, bulk, _ = struct.unpack("<IHHIIQQ", header)
+    read(control + bulk)
+    return kind
+
+
+class Connections(unittest.TestCase):
+    raynestd = None
+    raynest = None
+
+    def connect(self, daemon):
+        host, port = daemon.uri.removeprefix("tcp://").rsplit(":", 1)
+        connection = socket.create_connection((host, int(port)), timeout=PATIENCE)
+        self.addCleanup(connection.close)
+        connection.sendall(HELLO)
+        return connection
+
+    def test_an_idle_connection_costs_little_memory(self):
+        if min(resource.getrlimit(resource.RLIMIT_NOFILE)) < IDLE + 100:
+            resource.setrlimit(resource.RLIMIT_NOFILE,
+                               (resource.getrlimit(resource.RLIMIT_NOFILE)[1],) * 2)
+        daemon = Daemon(self.raynestd)
+        self.addCleanup(daemon.stop)
+        client = Client(self.raynest, daemon.uri)
+        client.json("load", "builtin:terrain?size=16", "--name", "hills")
+        client.json("load-test", "hills", "--clients", "8", "--seconds", "0.2")
+        before = daemon.resident_bytes()
+        crowd = [self.connect(daemon) for _ in range(IDLE)]
+        self.assertEqual({read_frame(connection) for connection in crowd}, {129})
+        each = (daemon.resident_bytes() - before) / IDLE
+        print(f"{each:.0f} bytes per idle connection", file=sys.stderr)
+        self.assertLess(each, IDLE_BYTES_MAX)
+        # They are served, and so are others beside them.
+        crowd[IDLE // 2].sendall(PING)
+        self.assertEqual(read_frame(crowd[IDLE // 2]), 130)
+        told = client.json("load-test", "hills", "--clients", "8", "--seconds", "0.2")
+        self.assertGreater(told["daemon"]["requests"], 0)
+        self.assertEqual(told["daemon"]["refused"], 0)
+
+    def switches(self, daemon):
+        """How often the daemon's io thread has given up the processor to wait."""
+        status = pathlib.Path(f"/proc/{daemon.process.pid}/status").read_text()
+        return int(status.split("voluntary_ctxt_switches:")[1].split()[0])
+
+    def test_without_descriptors_accepting_waits_and_recovers(self):
+        daemon = Daemon(self.raynestd, under=("prlimit", f"--nofile={DESCRIPTORS}"))
+        self.addCleanup(daemon.stop)
+        crowd = [self.connect(daemon) for _ in range(DESCRIPTORS + 20)]
+        end = time.monotonic() + PATIENCE
+        while "accept_failed" not in daemon.log() and time.monotonic() < end:
+            time.sleep(0.05)
+        served = []
+        for connection in crowd:
+            connection.settimeout(0.05)
+            try:
+                if read_frame(connection) == 129:
+                    served.append(connection)
+            except TimeoutError:
+                pass
+        waiting = [connection for connection in crowd if connection not in served]
+        self.assertGreater(len(served), 10)
+        self.assertGreater(len(waiting), 20)
+        # It tries again a few times a second at most, and says so once a second at most.
+        before = self.switches(daemon)
+        began = time.monotonic()
+        time.sleep(2.2)
+        tries = self.switches(daemon) - before
+        self.assertLess(tries, 20 * (time.monotonic() - began))
+        self.assertTrue(0 < daemon.log().count("accept_failed") <= 10)
+        served[0].settimeout(PATIENCE)
+        served[0].sendall(PING)
+        self.assertEqual(read_frame(served[0]), 130)
+        for connection in served:
+            connection.close()
+        for connection in waiting:
+            connection.settimeout(PATIENCE)
+            self.assertEqual(read_frame(connection), 129)
+
+
+if __name__ == "__main__":
+    Connections.raynestd, Connections.raynest = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1])

@@ -1,0 +1,185 @@
+#!/usr/bin/env python3
+"""Detached jobs from the command line: started, listed, waited for, fetched, cancelled, owned.
+
+  detach_test.py RAYNESTD RAYNEST
+"""
+import pathlib
+import signal
+import struct
+import sys
+import tempfile
+import time
+import unittest
+
+from daemon import Client, Daemon, PATIENCE
+
+DOWN = "0.3,1000,0.4,0,-1,0"
+UP = "0.3,1000,0.4,0,1,0"
+# The reference traversal looks at all triangles for every ray: minutes of work.
+ENDLESS = ("--traversal", "reference", "--size", "4096x4096")
+
+
+class Detach(unittest.TestCase):
+    raynestd = None
+    raynest = None
+
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory(prefix="raynest detach ")
+        cls.out = pathlib.Path(cls.folder.name)
+        socket = cls.out / "socket"
+        cls.daemon = Daemon(cls.raynestd, "--listen", f"unix:{socket}")
+        cls.client = Client(cls.raynest, cls.daemon.uri)
+        cls.other = Client(cls.raynest, f"unix:{socket}")  # another principal: a user, no address
+        cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
+
+    @classmethod
+    def tearDownClass(cls):
+        code = cls.daemon.stop()
+        cls.folder.cleanup()
+        assert code == 0, code
+
+    def expect(self, code, *arguments, says="", client=None):
+        done = (client or self.client).run(*arguments)
+        self.assertEqual(done.returncode, code, f"{arguments}: {done.stderr}")
+        if code != 0:
+            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        self.assertIn(says, done.stdout if code == 0 else done.stderr)
+        return done
+
+    def detach(self, *arguments):
+        return str(self.client.json(*arguments, "--detach")["job"])
+
+    def listed(self):
+        return {str(job["job"]): job for job in self.client.json("jobs")["jobs"]}
+
+    def test_fetch_writes_what_the_command_would_have_written(self):
+        cases = [("render", "png", ()), ("render", "exr", ()), ("heatmap", "png", ()),
+                 ("heatmap", "npy", ("--metric", "nodes")), ("heatmap", "exr", ())]
+        for command, ending, options in cases:
+            with self.subTest(command=command, ending=ending):
+                attached = self.out / f"attached.{ending}"
+                fetched = self.out / f"fetched.{ending}"
+                words = (command, "woods", "--size", "320x180", *options)
+                told = self.client.json(*words, "-o", attached)
+                job = self.detach(*words, "-o", f"x.{ending}")
+                self.expect(0, "wait", job, says=f"job {job} ({command}, woods) is done")
+                answer = self.client.json("fetch", job, "-o", fetched)
+                self.assertEqual(fetched.read_bytes(), attached.read_bytes())
+                for key in set(told) - {"seconds", "file"}:
+                    self.assertEqual(answer[key], told[key], key)
+
+    def test_fetch_prints_what_the_query_would_have_printed(self):
+        for options in ((), ("--kind", "any"), ("--kind", "multi", "--max-hits", "3"),
+                        ("--fields", "t,path")):
+            with self.subTest(options=options):
+                words = ("query", "woods", "--ray", DOWN, "--ray", UP, *options)
+                attached = self.expect(0, "--json", *words).stdout
+                job = self.detach(*words)
+                self.client.json("wait", job)
+                self.assertEqual(self.expect(0, "--json", "fetch", job).stdout, attached)
+                # As often as one likes.
+                self.assertEqual(self.expect(0, "--json", "fetch", job).stdout, attached)
+
+    def test_a_detached_query_of_many_rays_becomes_the_same_file(self):
+        rays = self.out / "rays.npy"
+        header = "{'descr': '<f4', 'fortran_order': False, 'shape': (40000, 6), }"
+        header = header.ljust(117) + "\n"
+        body = b"".join(struct.pack("<6f", i % 200 * 0.1 - 10, 50, i // 200 * 0.1 - 10, 0, -1, 0)
+                        for i in range(40000))
+        rays.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) +
+                         header.encode() + body)
+        words = ("query", "woods", "--rays", rays)
+        self.expect(0, *words, "-o", self.out / "attached.npz")
+        job = self.detach(*words, "-o", "x.npz")
+        self.client.json("wait", job)
+        self.expect(0, "fetch", job, "-o", self.out / "fetched.npz", says="40,000 rays")
+        self.assertEqual((self.out / "fetched.npz").read_bytes(),
+                         (self.out / "attached.npz").read_bytes())
+
+    def test_jobs_lists_what_runs_and_what_is_kept(self):
+        kept = self.detach("render", "woods", "--size", "64x64")
+        self.client.json("wait", kept)
+        runs = self.detach("heatmap", "woods", *ENDLESS)
+        attached = self.client.start("render", "woods", *ENDLESS, "-o", self.out / "never.png")
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            jobs = self.listed()
+            mine = [job for job in jobs.values() if job["kind"] == "render" and
+                    not job["detached"]]
+            if mine and jobs[runs]["done"] > 0:
+                break
+        self.assertEqual(jobs[kept]["state"], "done")
+        self.assertTrue(3000 < jobs[kept]["left_seconds"] <= 3600)
+        self.assertGreater(jobs[kept]["bytes"], 100)
+        self.assertEqual(jobs[runs]["state"], "running")
+        self.assertEqual(jobs[runs]["owner"], "127.0.0.1")
+        self.assertEqual(jobs[runs]["scene"], "woods")
+        self.assertEqual(jobs[runs]["total"], 4096 * 4096)
+        self.assertIsNone(jobs[runs]["left_seconds"])
+        self.assertEqual(jobs[runs]["worker"], "cpu")
+        table = self.expect(0, "jobs").stdout
+        self.assertIn("PROGRESS", table.splitlines()[0])
+        # What runs is not there to be fetched; another client's attached job can be ended too.
+        self.expect(6, "fetch", runs, "-o", self.out / "early.png", says=f"raynest wait {runs}")
+        self.expect(0, "cancel", runs, says=f"cancelled job {runs} (heatmap, woods)")
+        self.expect(5, "wait", runs, says="raynest jobs")
+        self.expect(0, "cancel", str(mine[0]["job"]))
+        attached.communicate(timeout=PATIENCE)
+        self.assertEqual(attached.returncode, 130)
+        self.expect(0, "cancel", kept)
+        self.assertNotIn(kept, self.listed())
+
+    def test_jobs_belong_to_who_asked(self):
+        job = self.detach("render", "woods", "--size", "64x64")
+        self.client.json("wait", job)
+        for words in (("wait", job), ("fetch", job, "-o", self.out / "stolen.png"),
+                      ("cancel", job)):
+            self.expect(4, *words, client=self.other, says="another principal")
+        self.assertIn(job, self.listed())
+        self.expect(5, "wait", "999999", says="raynest jobs")
+
+    def test_a_deadline_holds_for_detached_jobs_and_is_told_by_wait_and_fetch(self):
+        job = self.detach("render", "woods", *ENDLESS, "--deadline", "0.2")
+        self.expect(7, "wait", job, says="deadline")
+        self.expect(7, "fetch", job, "-o", self.out / "late.png", says="deadline")
+        self.assertEqual(self.listed()[job]["state"], "failed")
+
+    def test_ctrl_c_ends_a_wait_and_not_the_job(self):
+        job = self.detach("render", "woods", *ENDLESS)
+        waiting = self.client.start("wait", job)
+        end = time.monotonic() + PATIENCE
+        while (not any(other["kind"] == "wait" for other in self.listed().values()) and
+               time.monotonic() < end):
+            pass
+        waiting.send_signal(signal.SIGINT)
+        waiting.communicate(timeout=PATIENCE)
+        self.assertEqual(waiting.returncode, 130)
+        self.assertEqual(self.listed()[job]["state"], "running")
+        self.expect(0, "cancel", job)
+
+    def test_what_does_not_fit_together_is_refused(self):
+        self.expect(2, "render", "woods", says="--output")
+        self.expect(2, "wait", "none", says="whole number")
+        job = self.detach("render", "woods", "--size", "64x64", "-o", "x.exr")
+        self.client.json("wait", job)
+        self.expect(2, "fetch", job, says="-o FILE")
+        self.expect(2, "fetch", job, "-o", self.out / "wrong.png", says=".exr")
+
+    def test_more_than_one_principal_may_keep_is_refused_before_it_runs(self):
+        self.expect(6, "render", "woods", "--size", "8192x8192", "--detach",
+                    says="principal_result_bytes_max")
+        self.assertFalse([job for job in self.listed().values()
+                          if job["total"] == 8192 * 8192])
+
+    def test_a_daemon_that_is_told_to_stop_does_not_wait_for_detached_jobs(self):
+        daemon = Daemon(self.raynestd)
+        client = Client(self.raynest, daemon.uri)
+        client.json("load", "builtin:forest?trees=20", "--name", "woods")
+        client.json("render", "woods", *ENDLESS, "--detach")
+        self.assertEqual(daemon.stop(), 0)
+
+
+if __name__ == "__main__":
+    Detach.raynestd, Detach.raynest = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1])

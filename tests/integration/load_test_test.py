@@ -1,0 +1,95 @@
+#!/usr/bin/env python3
+"""raynest load-test: what it counts agrees with the daemon, and refusals are told as such.
+
+  load_test_test.py RAYNESTD RAYNEST
+
+Rates and times are whatever this machine gives; only counts and orders are asserted.
+"""
+import pathlib
+import sys
+import tempfile
+import unittest
+
+from daemon import Client, Daemon
+
+
+class LoadTest(unittest.TestCase):
+    raynestd = None
+    raynest = None
+
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory(prefix="raynest load ")
+        cls.socket = pathlib.Path(cls.folder.name) / "socket"
+        cls.daemon = Daemon(cls.raynestd, "--listen", f"unix:{cls.socket}")
+        cls.client = Client(cls.raynest, cls.daemon.uri)
+        cls.client.json("load", "builtin:terrain?size=32", "--name", "hills")
+
+    @classmethod
+    def tearDownClass(cls):
+        code = cls.daemon.stop()
+        cls.folder.cleanup()
+        assert code == 0, code
+
+    def check(self, told):
+        for side in ("daemon", "asio_echo", "blocking_echo"):
+            row = told[side]
+            self.assertGreater(row["requests"], 0, side)
+            self.assertEqual(row["refused"], 0, side)
+            self.assertTrue(0 < row["p50_us"] <= row["p99_us"] <= row["p999_us"] <=
+                            row["max_us"], row)
+            self.assertAlmostEqual(row["rays_per_second"] / row["requests_per_second"],
+                                   told["rays"], delta=1e-6 * told["rays"])
+            bytes_each = told["request_bytes"] + told["reply_bytes"]
+            self.assertAlmostEqual(row["bytes_per_second"] / row["requests_per_second"],
+                                   bytes_each, delta=0.05 * bytes_each)
+        self.assertGreater(told["ratio_to_asio_echo"], 0)
+
+    def test_a_closed_loop_counts_what_the_daemon_counts(self):
+        before = self.client.json("stats")
+        told = self.client.json("load-test", "hills", "--clients", "3", "--rays", "100",
+                                "--seconds", "0.4")
+        after = self.client.json("stats")
+        self.check(told)
+        self.assertEqual((told["clients"], told["rays"], told["kind"]), (3, 100, "closest"))
+        rays = after["rays"] - before["rays"]
+        jobs = after["jobs_started"] - before["jobs_started"]
+        self.assertEqual(rays, 100 * jobs)
+        # The turn that warms up is not in the answer.
+        self.assertLess(told["daemon"]["requests"], jobs)
+        self.assertEqual(after["jobs_started"], after["jobs_ended"])
+
+    def test_an_open_loop_sends_at_its_rate(self):
+        told = self.client.json("load-test", "hills", "--clients", "2", "--rate", "100",
+                                "--seconds", "1")
+        self.check(told)
+        for side in ("daemon", "asio_echo", "blocking_echo"):
+            self.assertTrue(90 <= told[side]["requests"] <= 101, told[side])
+
+    def test_over_a_unix_socket_and_with_other_kinds(self):
+        client = Client(self.raynest, f"unix:{self.socket}")
+        self.check(client.json("load-test", "hills", "--kind", "any", "--seconds", "0.2"))
+        self.check(client.json("load-test", "hills", "--fields", "t,prim", "--rays", "16384",
+                               "--seconds", "0.3"))
+
+    def test_a_daemon_that_refuses_everything_is_busy(self):
+        done = self.client.run("load-test", "hills", "--seconds", "0.2", "--clients", "2",
+                               "--deadline", "0.001", "--rays", "16384",
+                               "--traversal", "reference")
+        self.assertEqual(done.returncode, 7, done.stderr)
+        self.assertIn("deadline", done.stderr)
+
+    def test_an_unknown_scene_or_intersector_is_told_at_once(self):
+        for words, code in ((("no-such",), 5), (("hills", "--intersector", "no-such"), 5)):
+            done = self.client.run("load-test", *words)
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertEqual(done.stderr.count("\n"), 1)
+
+    def test_help_shows_an_example_first(self):
+        self.assertTrue(self.client.run("load-test", "--help").stdout.startswith(
+            "Example:\n  raynest load-test forest"))
+
+
+if __name__ == "__main__":
+    LoadTest.raynestd, LoadTest.raynest = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1])

@@ -1,0 +1,82 @@
+#include "server/jobs/admission.h"
+
+#include <doctest/doctest.h>
+
+namespace raynest::server {
+namespace {
+
+protocol::Limits limits() {
+    protocol::Limits limits;
+    limits.principal_jobs_max = 3;
+    limits.principal_rays_max = 100;
+    return limits;
+}
+
+JobRecord asked(const std::string& principal, std::uint64_t rays) {
+    JobRecord record;
+    record.principal = principal;
+    record.rays = rays;
+    return record;
+}
+
+TEST_CASE("a full daemon admits again when a slot ends, and says when to come back") {
+    Admission admission(2);
+    auto a = admission.enter(asked("a", 0));
+    const auto b = admission.enter(asked("b", 0));
+    REQUIRE(a);
+    REQUIRE(b);
+    const auto refused = admission.enter(asked("c", 0));
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == Code::busy);
+    CHECK(refused.error().retry_after_ms >= 10);
+    admission.record(std::chrono::hours(10));
+    CHECK(admission.retry_after_ms() == 10'000);
+    *a = {};
+    CHECK(admission.enter(asked("c", 0)));
+}
+
+TEST_CASE("one principal's jobs end at its quota, another's begin") {
+    Admission admission(10, limits());
+    std::vector<Admission::Slot> slots;
+    for (int i = 0; i < 3; ++i)
+        slots.push_back(std::move(admission.enter(asked("crowd", 0)).value()));
+    const auto refused = admission.enter(asked("crowd", 0));
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == Code::quota);
+    CHECK(refused.error().message.find("principal_jobs_max") != std::string::npos);
+    CHECK(admission.enter(asked("single", 0)));
+    slots.pop_back();
+    CHECK(admission.enter(asked("crowd", 0)));
+}
+
+TEST_CASE("rays in flight count over all jobs of a principal, and no number overflows") {
+    Admission admission(10, limits());
+    auto half = admission.enter(asked("me", 60));
+    REQUIRE(half);
+    for (const std::uint64_t rays : {std::uint64_t{41}, ~std::uint64_t{0}}) {
+        const auto refused = admission.enter(asked("me", rays));
+        REQUIRE_FALSE(refused);
+        CHECK(refused.error().code == Code::quota);
+        CHECK(refused.error().message.find("principal_rays_max") != std::string::npos);
+    }
+    CHECK(admission.enter(asked("me", 40)));
+    CHECK(admission.enter(asked("other", 100)));
+    *half = {};
+    CHECK(admission.enter(asked("me", 100)));
+    CHECK(admission.active() == 0);
+}
+
+TEST_CASE("every job has a number of its own, and is known while it is in flight") {
+    Admission admission(10);
+    auto first = admission.enter(asked("me", 5));
+    const std::uint64_t number = first->number();
+    REQUIRE(admission.find(number) != nullptr);
+    CHECK(admission.find(number)->principal == "me");
+    CHECK(admission.find(number)->rays == 5);
+    *first = {};
+    CHECK(admission.find(number) == nullptr);
+    CHECK(admission.enter(asked("me", 5))->number() > number);
+}
+
+}  // namespace
+}  // namespace raynest::server

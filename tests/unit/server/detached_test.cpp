@@ -1,0 +1,194 @@
+// Detached jobs against scripted ones: what is kept, for how long, at whose cost.
+#include "server/jobs/detached.h"
+
+#include "tests/unit/server/bench.h"
+
+#include <doctest/doctest.h>
+
+#include <atomic>
+#include <chrono>
+#include <thread>
+
+namespace raynest::server {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr std::uint64_t room = 64 << 10;  ///< of a scripted job's answer, at most
+
+struct Store {
+    Store() { bench.limits.principal_result_bytes_max = 3 * (room + (16 << 10)); }
+
+    Reply<DetachedJobs::Pointer> start(const std::string& principal, std::size_t tasks,
+                                       std::uint64_t bytes,
+                                       std::function<Reply<void>(const StopFlag&)> work = {}) {
+        Accepted accepted = accept(std::make_unique<ScriptedJob>(tasks, bytes, std::move(work)));
+        accepted.detach = true;
+        accepted.result_bytes_max = room;
+        return jobs.start(principal, 1, std::move(accepted));
+    }
+    /// One that has ended, and whether it was fetched.
+    std::uint64_t keep(const std::string& principal, std::uint64_t bytes, bool fetched) {
+        auto job = start(principal, 1, bytes).value();
+        REQUIRE(bench.run_until([&] { return job->ended(); }));
+        if (fetched) job->set_fetched();
+        return job->record().number;
+    }
+    [[nodiscard]] bool has(std::uint64_t number) const { return jobs.all().contains(number); }
+
+    Bench bench;
+    int changes = 0;
+    DetachedJobs jobs{bench.engine, [this] { ++changes; }};
+};
+
+TEST_CASE("an answer is kept whole, and the room it did not need goes back") {
+    Store store;
+    const auto job = store.start("me", 5, 1000).value();
+    CHECK(store.changes == 1);
+    CHECK(store.bench.budget.used() >= room);
+    CHECK_FALSE(job->ended());
+    REQUIRE(store.bench.run_until([&] { return job->ended(); }));
+    CHECK_FALSE(job->error());
+    REQUIRE(job->answer().size() == 6);
+    CHECK(job->answer().back().header.type == static_cast<std::uint16_t>(wire::Message::Done));
+    CHECK(store.bench.budget.used() < room);
+    CHECK(store.bench.budget.used() > 5 * 1000);
+    CHECK(store.bench.admission.active() == 0);
+}
+
+TEST_CASE("an answer goes away when its time is over, and not before") {
+    Store store;
+    const std::uint64_t number = store.keep("me", 1000, false);
+    const Clock::time_point end = store.jobs.all().at(number)->expiry();
+    CHECK(end > Clock::now() + milliseconds(store.bench.limits.result_ms_max / 2));
+    CHECK(store.jobs.next_tick() == end);
+    store.jobs.tick(end - milliseconds(1));
+    CHECK(store.has(number));
+    store.jobs.tick(end);
+    CHECK_FALSE(store.has(number));
+    CHECK(store.bench.budget.used() == 0);
+}
+
+TEST_CASE("what was fetched makes room, the oldest first, and what was not is never dropped") {
+    Store store;
+    const std::uint64_t dear = store.keep("me", 60'000, false);
+    const std::uint64_t old = store.keep("me", 60'000, true);
+    const std::uint64_t young = store.keep("me", 60'000, true);
+    const std::uint64_t foreign = store.keep("you", 60'000, true);
+    const std::uint64_t next = store.keep("me", 60'000, false);
+    CHECK(store.has(dear));
+    CHECK_FALSE(store.has(old));
+    CHECK(store.has(young));
+    const std::uint64_t last = store.keep("me", 60'000, false);
+    CHECK_FALSE(store.has(young));
+    // Full of what nobody has fetched: the next one is refused before it runs.
+    const auto refused = store.start("me", 1, 1000);
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == Code::quota);
+    CHECK(refused.error().message.find("principal_result_bytes_max") != std::string::npos);
+    CHECK(store.has(dear));
+    CHECK(store.has(next));
+    CHECK(store.has(last));
+    CHECK(store.has(foreign));
+    CHECK(store.bench.admission.active() == 0);
+}
+
+TEST_CASE("when --memory is short, anybody's fetched answers go, then a new job is refused") {
+    Store store;
+    const std::uint64_t dear = store.keep("me", 60'000, false);
+    const std::uint64_t foreign = store.keep("you", 60'000, true);
+    auto rest =
+        store.bench.budget.reserve(store.bench.budget.limit() - store.bench.budget.used() - 30'000);
+    REQUIRE(rest);
+    const auto started = store.start("me", 1, 1000);
+    CHECK(started);
+    CHECK_FALSE(store.has(foreign));
+    const auto refused = store.start("me", 1, 1000);
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == Code::resource_exhausted);
+    CHECK(store.has(dear));
+    REQUIRE(store.bench.run_until_idle());
+}
+
+TEST_CASE("only the owner finds a job") {
+    Store store;
+    const std::uint64_t number = store.keep("me", 10, false);
+    CHECK(store.jobs.find(number, "me"));
+    CHECK(store.jobs.find(number, "you").error().code == Code::not_allowed);
+    CHECK(store.jobs.find(number + 1, "me").error().code == Code::job_unknown);
+}
+
+TEST_CASE("a failed job keeps its error and no bytes") {
+    Store store;
+    const auto job = store.start("me", 9, 1000, [](const StopFlag&) -> Reply<void> {
+        return refuse(Code::scene_invalid, "no");
+    });
+    REQUIRE(store.bench.run_until([&] { return (*job)->ended(); }));
+    REQUIRE((*job)->error());
+    CHECK((*job)->error()->code == Code::scene_invalid);
+    CHECK((*job)->answer().empty());
+    CHECK(store.bench.budget.used() < room);
+    REQUIRE(store.bench.run_until_idle());
+}
+
+TEST_CASE("an answer beyond its room ends the job") {
+    Store store;
+    const auto job = store.start("me", 100, 10'000);
+    REQUIRE(store.bench.run_until_idle());
+    REQUIRE((*job)->error());
+    CHECK((*job)->error()->code == Code::limit_exceeded);
+    CHECK(store.bench.budget.used() < room);
+}
+
+TEST_CASE("cancelling stops what runs, drops what is kept, and gives all memory back") {
+    Store store;
+    std::atomic<bool> running{false};
+    const auto work = [&](const StopFlag& stop) -> Reply<void> {
+        running = true;
+        while (!stop.requested()) std::this_thread::yield();
+        return {};
+    };
+    const std::uint64_t kept = store.keep("me", 1000, false);
+    const std::uint64_t runs = store.start("me", 1, 10, work).value()->record().number;
+    while (!running) std::this_thread::yield();
+    store.jobs.cancel(runs);
+    store.jobs.cancel(kept);
+    CHECK(store.jobs.all().empty());
+    REQUIRE(store.bench.run_until([&] { return store.bench.admission.active() == 0; }));
+    CHECK(store.bench.budget.used() == 0);
+}
+
+TEST_CASE("who sends a job's data hears of its credit and of its failure") {
+    class Feeder final : public Sink {
+    public:
+        void send(protocol::Frame frame) override { types.push_back(frame.header.type); }
+        [[nodiscard]] std::uint64_t backlog() const override { return 0; }
+        std::vector<std::uint16_t> types;
+    };
+    class Sponge final : public Job {
+        std::optional<Task> next() override { return std::nullopt; }
+        [[nodiscard]] bool finished() const override { return false; }
+        [[nodiscard]] bool needs_input() const override { return true; }
+        Frames farewell() override { return {}; }
+        Reply<std::uint64_t> feed(protocol::Frame frame) override {
+            return frame.header.bulk_bytes;
+        }
+    };
+    Store store;
+    Feeder feeder;
+    Accepted accepted = accept(std::make_unique<Sponge>());
+    accepted.detach = true;
+    const auto job = store.jobs.start("me", 1, std::move(accepted)).value();
+    job->set_feeder(&feeder);
+    CHECK(job->runner().needs_client(1));
+    job->runner().feed(chunk_of(store.bench.limits.window_bytes / 4));
+    store.jobs.tick(Clock::now() + std::chrono::seconds(61));
+    CHECK(job->ended());
+    CHECK_FALSE(job->runner().needs_client(1));
+    CHECK(feeder.types ==
+          std::vector<std::uint16_t>{static_cast<std::uint16_t>(wire::Message::Credit),
+                                     static_cast<std::uint16_t>(wire::Message::Error)});
+}
+
+}  // namespace
+}  // namespace raynest::server
