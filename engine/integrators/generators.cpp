@@ -67,19 +67,18 @@ Pinhole pinhole(const Camera& camera, ImageSize size) {
     return {{camera.to_world}, size, 0.5 * size.width, half_height, step, step};
 }
 
-Ray Pinhole::ray(std::uint64_t index) const {
-    const auto column = static_cast<double>(index % size.width);
-    const auto row = static_cast<double>(index / size.width);
-    return ray_from(mount,
-                    {(column + 0.5 - center_x) * step_x, (center_y - row - 0.5) * step_y, -1});
+Ray Pinhole::ray(std::uint64_t column, std::uint64_t row) const {
+    const double x = static_cast<double>(column) + 0.5;
+    const double y = static_cast<double>(row) + 0.5;
+    return ray_from(mount, {(x - center_x) * step_x, (center_y - y) * step_y, -1});
 }
 
-Ray Orthographic::ray(std::uint64_t index) const {
-    const auto column = static_cast<double>(index % size.width);
-    const auto row = static_cast<double>(index / size.width);
+Ray Orthographic::ray(std::uint64_t column, std::uint64_t row) const {
+    const double x = static_cast<double>(column) + 0.5;
+    const double y = static_cast<double>(row) + 0.5;
     Ray ray = ray_from(mount, {0, 0, -1});
-    ray.origin = moved(mount.pose, {((column + 0.5) / size.width - 0.5) * width,
-                                    (0.5 - (row + 0.5) / size.height) * height, 0});
+    ray.origin =
+        moved(mount.pose, {(x / size.width - 0.5) * width, (0.5 - y / size.height) * height, 0});
     return ray;
 }
 
@@ -90,9 +89,9 @@ Equirectangular::Equirectangular(const Mount& mount, ImageSize size) : mount_(mo
         rows_.push_back(cosine_and_sine((0.5 - (i + 0.5) / size.height) * std::numbers::pi));
 }
 
-Ray Equirectangular::ray(std::uint64_t index) const {
-    const glm::dvec2 azimuth = columns_[index % size_.width];
-    const glm::dvec2 elevation = rows_[index / size_.width];
+Ray Equirectangular::ray(std::uint64_t column, std::uint64_t row) const {
+    const glm::dvec2 azimuth = columns_[column];
+    const glm::dvec2 elevation = rows_[row];
     return ray_from(mount_, {elevation.x * azimuth.y, elevation.y, -elevation.x * azimuth.x});
 }
 
@@ -141,7 +140,17 @@ std::uint64_t ray_count(const Sensor& sensor) {
 void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out) {
     std::visit(
         [&](const auto& kind) {
-            for (std::size_t i = 0; i < out.size(); ++i) out[i] = kind.ray(first + i);
+            if constexpr (requires { kind.ray(0, 0); }) {
+                const std::uint64_t width = image_size(sensor).width;
+                std::uint64_t column = first % width;
+                std::uint64_t row = first / width;
+                for (Ray& ray : out) {
+                    ray = kind.ray(column, row);
+                    if (++column == width) column = 0, ++row;
+                }
+            } else {
+                for (std::size_t i = 0; i < out.size(); ++i) out[i] = kind.ray(first + i);
+            }
         },
         sensor);
 }
@@ -150,8 +159,11 @@ void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> ou
     const ImageSize size = image_size(sensor);
     std::visit(
         [&](const auto& kind) {
-            for (std::size_t i = 0; i < out.size(); ++i)
-                out[i] = kind.ray(tile_order(first + i, size.width, size.height));
+            if constexpr (requires { kind.ray(0, 0); })
+                for_each_in_tiles(first, out.size(), size.width, size.height,
+                                  [&](std::uint64_t i, std::uint64_t column, std::uint64_t row) {
+                                      out[i] = kind.ray(column, row);
+                                  });
         },
         sensor);
 }

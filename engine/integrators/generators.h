@@ -38,7 +38,7 @@ struct Pinhole {
     double center_x = 0, center_y = 0;  ///< principal point, in pixels from the upper left corner
     double step_x = 0, step_y = 0;      ///< of the direction per pixel: 1 / focal length
 
-    [[nodiscard]] Ray ray(std::uint64_t index) const;
+    [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const;
 };
 /// The rays of a picture that this camera takes.
 [[nodiscard]] Pinhole pinhole(const Camera& camera, ImageSize size);
@@ -49,7 +49,7 @@ struct Orthographic {
     ImageSize size;
     double width = 0, height = 0;  ///< of the window
 
-    [[nodiscard]] Ray ray(std::uint64_t index) const;
+    [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const;
 };
 
 /// All around: columns divide 360 degrees of azimuth from behind over the left, rows 180 degrees of
@@ -58,7 +58,7 @@ class Equirectangular {
 public:
     Equirectangular(const Mount& mount, ImageSize size);
     [[nodiscard]] const ImageSize& image() const { return size_; }
-    [[nodiscard]] Ray ray(std::uint64_t index) const;
+    [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const;
 
 private:
     Mount mount_;
