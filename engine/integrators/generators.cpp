@@ -15,31 +15,8 @@ glm::dvec2 cosine_and_sine(double angle) {
     return {std::cos(angle), std::sin(angle)};
 }
 
-Vec3 turned(const Transform& pose, const glm::dvec3& v) {
-    Vec3 out;
-    for (int axis = 0; axis < 3; ++axis) {
-        const float* row = &pose.m[4 * static_cast<std::size_t>(axis)];
-        out[axis] = static_cast<float>(v.x * static_cast<double>(row[0]) +
-                                       v.y * static_cast<double>(row[1]) +
-                                       v.z * static_cast<double>(row[2]));
-    }
-    return out;
-}
-
-Vec3 moved(const Transform& pose, const glm::dvec3& v) {
-    Vec3 out;
-    for (int axis = 0; axis < 3; ++axis) {
-        const float* row = &pose.m[4 * static_cast<std::size_t>(axis)];
-        out[axis] = static_cast<float>(
-            v.x * static_cast<double>(row[0]) + v.y * static_cast<double>(row[1]) +
-            v.z * static_cast<double>(row[2]) + static_cast<double>(row[3]));
-    }
-    return out;
-}
-
 Ray ray_from(const Mount& mount, const glm::dvec3& direction) {
-    const auto& m = mount.pose.m;
-    return {Vec3(m[3], m[7], m[11]), mount.tmin, turned(mount.pose, direction), mount.tmax};
+    return {Vec3(mount.pose.origin), mount.tmin, mount.pose.direction(direction), mount.tmax};
 }
 
 /// The two axes that make a right-handed frame with a unit z (Duff et al., "Building an orthonormal
@@ -61,10 +38,15 @@ double fraction(double x) {
 
 }  // namespace
 
+Pose pose_of(const Transform& to_world) {
+    const auto& m = to_world.m;
+    return {{m[0], m[4], m[8]}, {m[1], m[5], m[9]}, {m[2], m[6], m[10]}, {m[3], m[7], m[11]}};
+}
+
 Pinhole pinhole(const Camera& camera, ImageSize size) {
     const double half_height = 0.5 * size.height;
     const double step = std::tan(static_cast<double>(camera.yfov) / 2) / half_height;
-    return {{camera.to_world}, size, 0.5 * size.width, half_height, step, step};
+    return {{pose_of(camera.to_world)}, size, 0.5 * size.width, half_height, step, step};
 }
 
 Ray Pinhole::ray(std::uint64_t column, std::uint64_t row) const {
@@ -78,7 +60,7 @@ Ray Orthographic::ray(std::uint64_t column, std::uint64_t row) const {
     const double y = static_cast<double>(row) + 0.5;
     Ray ray = ray_from(mount, {0, 0, -1});
     ray.origin =
-        moved(mount.pose, {(x / size.width - 0.5) * width, (0.5 - y / size.height) * height, 0});
+        mount.pose.point({(x / size.width - 0.5) * width, (0.5 - y / size.height) * height, 0});
     return ray;
 }
 
@@ -115,7 +97,7 @@ Ray Lidar::ray(std::uint64_t index) const {
         ray_from(mount_, {beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
     const glm::dvec3& at = beam.origin;
     ray.origin =
-        moved(mount_.pose, {at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
+        mount_.pose.point({at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
     return ray;
 }
 

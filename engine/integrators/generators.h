@@ -17,9 +17,24 @@
 
 namespace raynest {
 
+/// A sensor's axes and place in the world, in double for the sums below.
+struct Pose {
+    glm::dvec3 x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1}, origin{0};
+
+    /// A vector of the sensor's frame, rounded.
+    [[nodiscard]] Vec3 direction(const glm::dvec3& v) const {
+        return Vec3(v.x * x + v.y * y + v.z * z);
+    }
+    [[nodiscard]] Vec3 point(const glm::dvec3& v) const {
+        return Vec3(v.x * x + v.y * y + v.z * z + origin);
+    }
+};
+
+[[nodiscard]] Pose pose_of(const Transform& to_world);
+
 /// Where a sensor stands, and how far it sees.
 struct Mount {
-    Transform pose;  ///< sensor to world
+    Pose pose;
     float tmin = 0;
     float tmax = std::numeric_limits<float>::infinity();
 };
