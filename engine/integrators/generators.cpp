@@ -15,10 +15,6 @@ glm::dvec2 cosine_and_sine(double angle) {
     return {std::cos(angle), std::sin(angle)};
 }
 
-Ray ray_from(const Mount& mount, const glm::dvec3& direction) {
-    return {Vec3(mount.pose.origin), mount.tmin, mount.pose.direction(direction), mount.tmax};
-}
-
 /// The two axes that make a right-handed frame with a unit z (Duff et al., "Building an orthonormal
 /// basis, revisited", 2017).
 struct Frame {
@@ -49,32 +45,11 @@ Pinhole pinhole(const Camera& camera, ImageSize size) {
     return {{pose_of(camera.to_world)}, size, 0.5 * size.width, half_height, step, step};
 }
 
-Ray Pinhole::ray(std::uint64_t column, std::uint64_t row) const {
-    const double x = static_cast<double>(column) + 0.5;
-    const double y = static_cast<double>(row) + 0.5;
-    return ray_from(mount, {(x - center_x) * step_x, (center_y - y) * step_y, -1});
-}
-
-Ray Orthographic::ray(std::uint64_t column, std::uint64_t row) const {
-    const double x = static_cast<double>(column) + 0.5;
-    const double y = static_cast<double>(row) + 0.5;
-    Ray ray = ray_from(mount, {0, 0, -1});
-    ray.origin =
-        mount.pose.point({(x / size.width - 0.5) * width, (0.5 - y / size.height) * height, 0});
-    return ray;
-}
-
 Equirectangular::Equirectangular(const Mount& mount, ImageSize size) : mount_(mount), size_(size) {
     for (std::uint32_t i = 0; i < size.width; ++i)
         columns_.push_back(cosine_and_sine(((i + 0.5) / size.width - 0.5) * full_turn));
     for (std::uint32_t i = 0; i < size.height; ++i)
         rows_.push_back(cosine_and_sine((0.5 - (i + 0.5) / size.height) * std::numbers::pi));
-}
-
-Ray Equirectangular::ray(std::uint64_t column, std::uint64_t row) const {
-    const glm::dvec2 azimuth = columns_[column];
-    const glm::dvec2 elevation = rows_[row];
-    return ray_from(mount_, {elevation.x * azimuth.y, elevation.y, -elevation.x * azimuth.x});
 }
 
 Lidar::Lidar(const Mount& mount, std::span<const LidarChannel> channels, double start, double stop,
@@ -93,8 +68,7 @@ Ray Lidar::ray(std::uint64_t index) const {
     const glm::dvec2 head = heads_[index % heads_.size()];
     const double cosine = head.x * beam.offset.x - head.y * beam.offset.y;
     const double sine = head.y * beam.offset.x + head.x * beam.offset.y;
-    Ray ray =
-        ray_from(mount_, {beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
+    Ray ray = mount_.ray({beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
     const glm::dvec3& at = beam.origin;
     ray.origin =
         mount_.pose.point({at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});

@@ -215,15 +215,12 @@ Reply<void> RaySource::trace_tiles(const Plan& plan, const Piece& piece,
     buffers.rays.resize(piece.count);
     generate_tiles(sensor, piece.first, buffers.rays);
     if (auto traced = trace(plan, buffers.rays, buffers); !traced) return traced;
-    buffers.ray_of.resize(piece.count);
-    buffers.rows.resize(piece.count);
+    buffers.order.resize(piece.count);
     for_each_in_tiles(piece.first, piece.count, size.width, size.height,
                       [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {
-                          const std::uint64_t row = y * size.width + x - piece.first;
-                          buffers.rows[row] = buffers.hits[i];
-                          buffers.ray_of[row] = static_cast<std::uint32_t>(i);
+                          buffers.order[y * size.width + x - piece.first] =
+                              static_cast<std::uint32_t>(i);
                       });
-    std::swap(buffers.hits, buffers.rows);
     return {};
 }
 

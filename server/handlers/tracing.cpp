@@ -14,7 +14,7 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buf
     const bool all = plan.query == query_all;
     const std::size_t count = rays.size();
     buffers.answered = static_cast<std::uint32_t>(count);
-    buffers.ray_of.clear();
+    buffers.order.clear();
     buffers.outputs.resize(plan.variant->outputs().size());
     if (plan.untraced) {
         buffers.hits.clear();
