@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The protocol as the Python client has it, against the house's own: the schema's compiler, the golden
-frames, and the tables of PROTOCOL.md. Needs no daemon.
+"""The protocol as the Python client has it, against the house's own: the schema's compiler, the
+golden frames, and the tables of PROTOCOL.md. Needs no daemon.
 
   protocol_test.py RAYNESTD RAYNEST FLATC
 """
@@ -49,7 +49,7 @@ def pruned(value):
     """Without what is as good as absent, and floats as float32: to compare messages by meaning."""
     if isinstance(value, dict):
         items = {key: pruned(item) for key, item in value.items()}
-        return {key: item for key, item in items.items() if item not in ("", [], {}, None, 0, False)}
+        return {key: item for key, item in items.items() if item not in ("", [], {}, None, 0)}
     if isinstance(value, (list, tuple)):
         return [pruned(item) for item in value]
     return float(np.float32(value)) if isinstance(value, float) else value
@@ -83,8 +83,9 @@ class Schema(unittest.TestCase):
     def test_numbers_are_aligned(self):
         """FlatBuffers' verifier asks for it, relative to the buffer."""
         for letters in ("", "a", "abc", "abcdefg"):
-            written = encode("Load", {"source": letters, "file_names": [letters] * 3, "replace": True,
-                                      "file_hashes": [2**64 - 1, 1, 2], "file_bytes": [7, 8, 9]})
+            written = encode("Load", {"source": letters, "file_names": [letters] * 3,
+                                      "replace": True, "file_bytes": [7, 8, 9],
+                                      "file_hashes": [2**64 - 1, 1, 2]})
             self.assertEqual(written.index(struct.pack("<3Q", 2**64 - 1, 1, 2)) % 8, 0)
             written = encode("Started", {"scene": letters, "epoch": 0x1122334455667788})
             self.assertEqual(written.index(struct.pack("<Q", 0x1122334455667788)) % 8, 0)
@@ -154,7 +155,7 @@ class Tables(unittest.TestCase):
 
     def test_errors_are_those_of_the_protocol(self):
         rows = re.findall(r"^\| (\d+) \| ([A-Z_]+) \| (\d+) \|", PROTOCOL, re.MULTILINE)
-        self.assertEqual([(int(code), name, int(code_of_exit)) for code, name, code_of_exit in rows],
+        self.assertEqual([(int(code), name, int(exit_code)) for code, name, exit_code in rows],
                          [(i + 1, name, kind.exit_code)
                           for i, (name, kind) in enumerate(errors.TABLE)])
 
@@ -240,8 +241,9 @@ class Pieces(unittest.TestCase):
                 Answered().add(Range(first, count), 1000)
 
     def test_names_that_leave_the_folder_are_refused(self):
-        for uri in ("", "/etc/passwd", "../a", "a/../b", "a//b", "./a", "file:a", "http://a/b", "a\\b",
-                    "%2e%2e/a", "a%2fb", "%", "%4", "%zz", "a\nb", "a%00b", "%ff", "x" * 1025):
+        for uri in ("", "/etc/passwd", "../a", "a/../b", "a//b", "./a", "file:a", "http://a/b",
+                    "a\\b", "%2e%2e/a", "a%2fb", "%", "%4", "%zz", "a\nb", "a%00b", "%ff",
+                    "x" * 1025):
             with self.assertRaises(errors.InvalidError, msg=uri):
                 decode_uri(uri)
         self.assertEqual(decode_uri("a%20b/%C3%A4.png"), "a b/ä.png")
@@ -261,8 +263,9 @@ class Pieces(unittest.TestCase):
 
     def test_bad_meshes_are_refused(self):
         corners = np.zeros((3, 3))
-        for vertices, faces in ((corners, [[0, 1, 3]]), (corners, [[0, 1, -1]]), (corners, [[0, 1]]),
-                                (corners, np.zeros((0, 3), int)), (corners[:, :2], [[0, 1, 2]]),
+        for vertices, faces in ((corners, [[0, 1, 3]]), (corners, [[0, 1, -1]]),
+                                (corners, [[0, 1]]), (corners, np.zeros((0, 3), int)),
+                                (corners[:, :2], [[0, 1, 2]]),
                                 (corners, [[0., 1., 2.]]), (corners * np.nan, [[0, 1, 2]]),
                                 (corners + 1e39, [[0, 1, 2]])):
             with self.assertRaises(errors.UsageError):
