@@ -15,33 +15,6 @@ glm::dvec2 cosine_and_sine(double angle) {
     return {std::cos(angle), std::sin(angle)};
 }
 
-Vec3 turned(const Transform& pose, const glm::dvec3& v) {
-    Vec3 out;
-    for (int axis = 0; axis < 3; ++axis) {
-        const float* row = &pose.m[4 * static_cast<std::size_t>(axis)];
-        out[axis] = static_cast<float>(v.x * static_cast<double>(row[0]) +
-                                       v.y * static_cast<double>(row[1]) +
-                                       v.z * static_cast<double>(row[2]));
-    }
-    return out;
-}
-
-Vec3 moved(const Transform& pose, const glm::dvec3& v) {
-    Vec3 out;
-    for (int axis = 0; axis < 3; ++axis) {
-        const float* row = &pose.m[4 * static_cast<std::size_t>(axis)];
-        out[axis] = static_cast<float>(
-            v.x * static_cast<double>(row[0]) + v.y * static_cast<double>(row[1]) +
-            v.z * static_cast<double>(row[2]) + static_cast<double>(row[3]));
-    }
-    return out;
-}
-
-Ray ray_from(const Mount& mount, const glm::dvec3& direction) {
-    const auto& m = mount.pose.m;
-    return {Vec3(m[3], m[7], m[11]), mount.tmin, turned(mount.pose, direction), mount.tmax};
-}
-
 /// The two axes that make a right-handed frame with a unit z (Duff et al., "Building an orthonormal
 /// basis, revisited", 2017).
 struct Frame {
@@ -61,26 +34,15 @@ double fraction(double x) {
 
 }  // namespace
 
+Pose pose_of(const Transform& to_world) {
+    const auto& m = to_world.m;
+    return {{m[0], m[4], m[8]}, {m[1], m[5], m[9]}, {m[2], m[6], m[10]}, {m[3], m[7], m[11]}};
+}
+
 Pinhole pinhole(const Camera& camera, ImageSize size) {
     const double half_height = 0.5 * size.height;
     const double step = std::tan(static_cast<double>(camera.yfov) / 2) / half_height;
-    return {{camera.to_world}, size, 0.5 * size.width, half_height, step, step};
-}
-
-Ray Pinhole::ray(std::uint64_t index) const {
-    const auto column = static_cast<double>(index % size.width);
-    const auto row = static_cast<double>(index / size.width);
-    return ray_from(mount,
-                    {(column + 0.5 - center_x) * step_x, (center_y - row - 0.5) * step_y, -1});
-}
-
-Ray Orthographic::ray(std::uint64_t index) const {
-    const auto column = static_cast<double>(index % size.width);
-    const auto row = static_cast<double>(index / size.width);
-    Ray ray = ray_from(mount, {0, 0, -1});
-    ray.origin = moved(mount.pose, {((column + 0.5) / size.width - 0.5) * width,
-                                    (0.5 - (row + 0.5) / size.height) * height, 0});
-    return ray;
+    return {{pose_of(camera.to_world)}, size, 0.5 * size.width, half_height, step, step};
 }
 
 Equirectangular::Equirectangular(const Mount& mount, ImageSize size) : mount_(mount), size_(size) {
@@ -88,12 +50,6 @@ Equirectangular::Equirectangular(const Mount& mount, ImageSize size) : mount_(mo
         columns_.push_back(cosine_and_sine(((i + 0.5) / size.width - 0.5) * full_turn));
     for (std::uint32_t i = 0; i < size.height; ++i)
         rows_.push_back(cosine_and_sine((0.5 - (i + 0.5) / size.height) * std::numbers::pi));
-}
-
-Ray Equirectangular::ray(std::uint64_t index) const {
-    const glm::dvec2 azimuth = columns_[index % size_.width];
-    const glm::dvec2 elevation = rows_[index / size_.width];
-    return ray_from(mount_, {elevation.x * azimuth.y, elevation.y, -elevation.x * azimuth.x});
 }
 
 Lidar::Lidar(const Mount& mount, std::span<const LidarChannel> channels, double start, double stop,
@@ -112,11 +68,10 @@ Ray Lidar::ray(std::uint64_t index) const {
     const glm::dvec2 head = heads_[index % heads_.size()];
     const double cosine = head.x * beam.offset.x - head.y * beam.offset.y;
     const double sine = head.y * beam.offset.x + head.x * beam.offset.y;
-    Ray ray =
-        ray_from(mount_, {beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
+    Ray ray = mount_.ray({beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
     const glm::dvec3& at = beam.origin;
     ray.origin =
-        moved(mount_.pose, {at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
+        mount_.pose.point({at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
     return ray;
 }
 
@@ -141,7 +96,17 @@ std::uint64_t ray_count(const Sensor& sensor) {
 void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out) {
     std::visit(
         [&](const auto& kind) {
-            for (std::size_t i = 0; i < out.size(); ++i) out[i] = kind.ray(first + i);
+            if constexpr (requires { kind.ray(0, 0); }) {
+                const std::uint64_t width = image_size(sensor).width;
+                std::uint64_t column = first % width;
+                std::uint64_t row = first / width;
+                for (Ray& ray : out) {
+                    ray = kind.ray(column, row);
+                    if (++column == width) column = 0, ++row;
+                }
+            } else {
+                for (std::size_t i = 0; i < out.size(); ++i) out[i] = kind.ray(first + i);
+            }
         },
         sensor);
 }
@@ -150,8 +115,11 @@ void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> ou
     const ImageSize size = image_size(sensor);
     std::visit(
         [&](const auto& kind) {
-            for (std::size_t i = 0; i < out.size(); ++i)
-                out[i] = kind.ray(tile_order(first + i, size.width, size.height));
+            if constexpr (requires { kind.ray(0, 0); })
+                for_each_in_tiles(first, out.size(), size.width, size.height,
+                                  [&](std::uint64_t i, std::uint64_t column, std::uint64_t row) {
+                                      out[i] = kind.ray(column, row);
+                                  });
         },
         sensor);
 }

@@ -17,11 +17,31 @@
 
 namespace raynest {
 
+/// A sensor's axes and place in the world, in double for the sums below.
+struct Pose {
+    glm::dvec3 x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1}, origin{0};
+
+    /// A vector of the sensor's frame, rounded.
+    [[nodiscard]] Vec3 direction(const glm::dvec3& v) const {
+        return Vec3(v.x * x + v.y * y + v.z * z);
+    }
+    [[nodiscard]] Vec3 point(const glm::dvec3& v) const {
+        return Vec3(v.x * x + v.y * y + v.z * z + origin);
+    }
+};
+
+[[nodiscard]] Pose pose_of(const Transform& to_world);
+
 /// Where a sensor stands, and how far it sees.
 struct Mount {
-    Transform pose;  ///< sensor to world
+    Pose pose;
     float tmin = 0;
     float tmax = std::numeric_limits<float>::infinity();
+
+    /// From the sensor's origin; the direction is in its frame.
+    [[nodiscard]] Ray ray(const glm::dvec3& direction) const {
+        return {Vec3(pose.origin), tmin, pose.direction(direction), tmax};
+    }
 };
 
 struct ImageSize {
@@ -38,7 +58,11 @@ struct Pinhole {
     double center_x = 0, center_y = 0;  ///< principal point, in pixels from the upper left corner
     double step_x = 0, step_y = 0;      ///< of the direction per pixel: 1 / focal length
 
-    [[nodiscard]] Ray ray(std::uint64_t index) const;
+    [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
+        const double x = static_cast<double>(column) + 0.5;
+        const double y = static_cast<double>(row) + 0.5;
+        return mount.ray({(x - center_x) * step_x, (center_y - y) * step_y, -1});
+    }
 };
 /// The rays of a picture that this camera takes.
 [[nodiscard]] Pinhole pinhole(const Camera& camera, ImageSize size);
@@ -49,7 +73,14 @@ struct Orthographic {
     ImageSize size;
     double width = 0, height = 0;  ///< of the window
 
-    [[nodiscard]] Ray ray(std::uint64_t index) const;
+    [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
+        const double x = static_cast<double>(column) + 0.5;
+        const double y = static_cast<double>(row) + 0.5;
+        Ray ray = mount.ray({0, 0, -1});
+        ray.origin =
+            mount.pose.point({(x / size.width - 0.5) * width, (0.5 - y / size.height) * height, 0});
+        return ray;
+    }
 };
 
 /// All around: columns divide 360 degrees of azimuth from behind over the left, rows 180 degrees of
@@ -58,7 +89,11 @@ class Equirectangular {
 public:
     Equirectangular(const Mount& mount, ImageSize size);
     [[nodiscard]] const ImageSize& image() const { return size_; }
-    [[nodiscard]] Ray ray(std::uint64_t index) const;
+    [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
+        const glm::dvec2& azimuth = columns_[column];
+        const glm::dvec2& elevation = rows_[row];
+        return mount_.ray({elevation.x * azimuth.y, elevation.y, -elevation.x * azimuth.x});
+    }
 
 private:
     Mount mount_;

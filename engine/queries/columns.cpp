@@ -14,28 +14,17 @@ constexpr std::size_t field_count = static_cast<std::size_t>(Field::count_);
 
 /// In the order of Field.
 constexpr std::array<FieldInfo, field_count> fields{{
-    {"hit", FieldType::u8, 1, false, true},
-    {"t", FieldType::f32, 1, false, false},
-    {"prim", FieldType::u32, 1, false, false},
-    {"geom", FieldType::u32, 1, false, false},
-    {"path", FieldType::u64, 1, false, false},
-    {"inst", FieldType::u32, 1, false, false},
-    {"uid", FieldType::u32, 1, false, false},
-    {"uv", FieldType::f32, 2, false, false},
-    {"ng", FieldType::f32, 3, false, false},
-    {"front", FieldType::u8, 1, false, false},
-    {"position", FieldType::f32, 3, false, false},
-    {"material", FieldType::u32, 1, false, false},
-    {"flags", FieldType::u8, 1, false, true},
-    {"origin", FieldType::f32, 3, false, true},
-    {"direction", FieldType::f32, 3, false, true},
-    {"nodes", FieldType::u32, 1, true, true},
-    {"boxes", FieldType::u32, 1, true, true},
-    {"leaves", FieldType::u32, 1, true, true},
-    {"prims", FieldType::u32, 1, true, true},
-    {"instances", FieldType::u32, 1, true, true},
-    {"rejects", FieldType::u32, 1, true, true},
-    {"total", FieldType::u32, 1, true, true},
+    {"hit", FieldType::u8, 1, false, true},        {"t", FieldType::f32, 1, false, false},
+    {"prim", FieldType::u32, 1, false, false},     {"geom", FieldType::u32, 1, false, false},
+    {"path", FieldType::u64, 1, false, false},     {"inst", FieldType::u32, 1, false, false},
+    {"uid", FieldType::u32, 1, false, false},      {"uv", FieldType::f32, 2, false, false},
+    {"ng", FieldType::f32, 3, false, false},       {"front", FieldType::u8, 1, false, false},
+    {"position", FieldType::f32, 3, false, false}, {"material", FieldType::u32, 1, false, false},
+    {"flags", FieldType::u8, 1, false, true},      {"origin", FieldType::f32, 3, false, true},
+    {"direction", FieldType::f32, 3, false, true}, {"nodes", FieldType::u32, 1, true, true},
+    {"boxes", FieldType::u32, 1, true, true},      {"leaves", FieldType::u32, 1, true, true},
+    {"prims", FieldType::u32, 1, true, true},      {"instances", FieldType::u32, 1, true, true},
+    {"rejects", FieldType::u32, 1, true, true},    {"total", FieldType::u32, 1, true, true},
 }};
 
 const ObjectRecord& object_of(const ColumnSource& source, const HitRecord& hit) {
@@ -93,24 +82,32 @@ glm::dvec3 record_normal(const ColumnSource& source, const HitRecord& hit, const
     return {normal[0], normal[1], normal[2]};
 }
 
-/// One value per hit; `value(hit, ray)` is asked for hits only, misses get `miss`.
-template <class T, class Value>
-void write_each(const ColumnSource& source, std::byte* out, const T& miss, Value&& value) {
-    for (std::size_t i = 0; i < source.hits.size(); ++i) {
-        const HitRecord& hit = source.hits[i];
-        const std::size_t ray = source.ray_of.empty() ? i : source.ray_of[i];
-        const T element = hit.hit != 0 ? T(value(hit, source.rays[ray])) : miss;
-        std::memcpy(out + i * sizeof(T), &element, sizeof(T));
+/// Calls f(i, hit, ray) for every element.
+template <class F>
+void for_each_element(const ColumnSource& source, F&& f) {
+    const std::size_t count = source.order.empty() ? source.hits.size() : source.order.size();
+    for (std::size_t i = 0; i < count; ++i) {
+        const std::size_t at = source.order.empty() ? i : source.order[i];
+        f(i, source.hits[at], source.rays[source.ray_of.empty() ? at : source.ray_of[at]]);
     }
 }
 
-/// One vector per ray, hit or not.
+/// `value(hit, ray)` is asked for hits only, misses get `miss`.
+template <class T, class Value>
+void write_each(const ColumnSource& source, std::byte* out, const T& miss, Value&& value) {
+    for_each_element(source, [&](std::size_t i, const HitRecord& hit, const Ray& ray) {
+        const T element = hit.hit != 0 ? T(value(hit, ray)) : miss;
+        std::memcpy(out + i * sizeof(T), &element, sizeof(T));
+    });
+}
+
+/// `value(hit, ray)` is asked for misses, too.
 template <class Value>
-void write_of_ray(const ColumnSource& source, std::byte* out, Value&& value) {
-    for (std::size_t i = 0; i < source.hits.size(); ++i) {
-        const Vec3 element = value(source.rays[source.ray_of.empty() ? i : source.ray_of[i]]);
+void write_always(const ColumnSource& source, std::byte* out, Value&& value) {
+    for_each_element(source, [&](std::size_t i, const HitRecord& hit, const Ray& ray) {
+        const auto element = value(hit, ray);
         std::memcpy(out + i * sizeof element, &element, sizeof element);
-    }
+    });
 }
 
 /// One count per ray.
@@ -163,7 +160,7 @@ void write_column(Field field, const ColumnSource& source, std::byte* out) {
     using Hit = const HitRecord&;
     using At = const Ray&;
     const auto each = [&](auto miss, auto&& value) { write_each(source, out, miss, value); };
-    const auto of_ray = [&](auto&& value) { write_of_ray(source, out, value); };
+    const auto always = [&](auto&& value) { write_always(source, out, value); };
     const auto counter = [&](auto&& value) { write_counter(source, out, value); };
     const SceneView& scene = *source.scene;
     switch (field) {
@@ -208,14 +205,11 @@ void write_column(Field field, const ColumnSource& source, std::byte* out) {
                 return geometry == nullptr ? no_id : geometry->material;
             });
         case Field::flags:
-            for (std::size_t i = 0; i < source.hits.size(); ++i) {
-                out[i] = static_cast<std::byte>(source.hits[i].flags);
-            }
-            return;
+            return always([](Hit h, At) { return h.flags; });
         case Field::origin:
-            return of_ray([](At ray) { return ray.origin; });
+            return always([](Hit, At ray) { return ray.origin; });
         case Field::direction:
-            return of_ray([](At ray) { return ray.direction; });
+            return always([](Hit, At ray) { return ray.direction; });
         case Field::nodes:
             return counter([](const Counters& c) { return c.nodes; });
         case Field::boxes:

@@ -40,19 +40,21 @@ Result<Field> parse_field(std::string_view name);
 /// Gives outward normals of records; null where a primitive type has none.
 using RecordNormal = void (*)(const void* record, const float point[3], float normal[3]) noexcept;
 
-/// Input of a chunk of results. `ray_of` gives the ray of each hit, where hits are compacted (CSR
-/// order) or in another order than their rays; empty: hit i belongs to ray i.
+/// Input of a chunk of results. `ray_of` gives the ray of each hit where hits are compacted (CSR
+/// order); empty: hit i belongs to ray i. `order` gives the hit of each element where answers come
+/// in another order than rays were traced; empty: element i is hit i.
 struct ColumnSource {
     const SceneView* scene = nullptr;
     std::span<const Ray> rays = {};
     std::span<const HitRecord> hits = {};
     std::span<const std::uint32_t> ray_of = {};
+    std::span<const std::uint32_t> order = {};
     std::span<const Counters> counters = {};  ///< one per ray, or empty
     RecordNormal (*record_normal)(std::uint32_t type, const void* context) = nullptr;
     const void* context = nullptr;
 };
 
-/// Writes hits.size() * field_bytes(field) bytes (counters: rays.size()), canonical for misses.
+/// Writes an element of field_bytes(field) per hit (counters: per ray), canonical for misses.
 void write_column(Field field, const ColumnSource& source, std::byte* out);
 
 /// Object-space-to-world facts of one hit, for integrators.

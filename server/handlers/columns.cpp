@@ -73,11 +73,16 @@ void write_columns(std::span<Target> columns, const ColumnSource& all, std::size
     for (std::size_t at = 0; at < count; at += block) {
         const std::size_t n = std::min(block, count - at);
         ColumnSource part = all;
-        part.hits = all.hits.empty() ? std::span(misses).first(n) : all.hits.subspan(at, n);
-        if (all.ray_of.empty())
-            part.rays = all.rays.subspan(at, n);
-        else
-            part.ray_of = all.ray_of.subspan(at, n);
+        if (all.hits.empty()) part.hits = std::span(misses).first(n);
+        if (!all.order.empty()) {
+            part.order = all.order.subspan(at, n);
+        } else {
+            if (!all.hits.empty()) part.hits = all.hits.subspan(at, n);
+            if (all.ray_of.empty())
+                part.rays = all.rays.subspan(at, n);
+            else
+                part.ray_of = all.ray_of.subspan(at, n);
+        }
         if (!all.counters.empty()) part.counters = all.counters.subspan(at, n);
         for (Target& column : columns) {
             write_column(column.field, part, column.out);
@@ -182,7 +187,8 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
         write_columns(of_hits, source, hit_count);
     }
     source.hits = many ? csr.rays : buffers.hits;
-    source.ray_of = many ? std::span<const std::uint32_t>() : buffers.ray_of;
+    source.ray_of = {};
+    source.order = buffers.order;
     source.counters = buffers.counters;
     write_columns(of_rays, source, rays.size());
     for (std::size_t i = 0; i < output_blocks.size(); ++i)

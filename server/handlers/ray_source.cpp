@@ -46,12 +46,14 @@ Reply<Mount> mount_of(const Request& request) {
                            "0 <= tmin <= tmax (tmax 0: no end)");
         !range)
         return tl::unexpected(range.error());
-    if (m.pose() != nullptr && m.pose()->size() == mount.pose.m.size()) {
-        std::copy(m.pose()->begin(), m.pose()->end(), mount.pose.m.begin());
+    Transform pose;
+    if (m.pose() != nullptr && m.pose()->size() == pose.m.size()) {
+        std::copy(m.pose()->begin(), m.pose()->end(), pose.m.begin());
+        mount.pose = pose_of(pose);
     } else if (m.camera() != nullptr) {
         const auto camera = camera_of(request);
         if (!camera) return tl::unexpected(camera.error());
-        mount.pose = camera->to_world;
+        mount.pose = pose_of(camera->to_world);
     }
     return mount;
 }
@@ -88,15 +90,9 @@ Reply<Sensor> make_equirectangular(const Request& request) {
     return Sensor{Equirectangular(request.mount, request.size)};
 }
 
-/// Where a camera looks is ahead of a lidar: its x is the camera's -z, its y the -x, its z the y.
-Transform lidar_pose(const Transform& camera) {
-    Transform pose = camera;
-    for (std::size_t row = 0; row < 12; row += 4) {
-        pose.m[row] = -camera.m[row + 2];
-        pose.m[row + 1] = -camera.m[row];
-        pose.m[row + 2] = camera.m[row + 1];
-    }
-    return pose;
+/// Where a camera looks is ahead of a lidar, whose x is the camera's -z, its y the -x, its z the y.
+Pose lidar_pose(const Pose& camera) {
+    return {-camera.z, -camera.x, camera.y, camera.origin};
 }
 
 Reply<Sensor> make_lidar(const Request& request) {
@@ -219,15 +215,12 @@ Reply<void> RaySource::trace_tiles(const Plan& plan, const Piece& piece,
     buffers.rays.resize(piece.count);
     generate_tiles(sensor, piece.first, buffers.rays);
     if (auto traced = trace(plan, buffers.rays, buffers); !traced) return traced;
-    buffers.ray_of.resize(piece.count);
-    buffers.rows.resize(piece.count);
-    for (std::uint32_t i = 0; i < piece.count; ++i) {
-        const std::uint64_t row =
-            tile_order(piece.first + i, size.width, size.height) - piece.first;
-        buffers.rows[row] = buffers.hits[i];
-        buffers.ray_of[row] = i;
-    }
-    std::swap(buffers.hits, buffers.rows);
+    buffers.order.resize(piece.count);
+    for_each_in_tiles(piece.first, piece.count, size.width, size.height,
+                      [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {
+                          buffers.order[y * size.width + x - piece.first] =
+                              static_cast<std::uint32_t>(i);
+                      });
     return {};
 }
 

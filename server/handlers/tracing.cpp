@@ -12,28 +12,29 @@ TraceBuffers& TraceBuffers::of_this_thread() {
 
 Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers) {
     const bool all = plan.query == query_all;
-    buffers.ray_of.clear();
-    buffers.hits.resize(all ? plan.hits_room : rays.size() * plan.hits_max);
-    buffers.counts.resize(plan.csr() ? rays.size() : 0);
-    buffers.flags.resize(all ? rays.size() : 0);
-    buffers.counters.resize(plan.counting ? rays.size() : 0);
+    const std::size_t count = rays.size();
+    buffers.answered = static_cast<std::uint32_t>(count);
+    buffers.order.clear();
     buffers.outputs.resize(plan.variant->outputs().size());
+    if (plan.untraced) {
+        buffers.hits.clear();
+        buffers.counters.assign(plan.counting ? count : 0, Counters{});
+        for (std::vector<std::uint32_t>& column : buffers.outputs) column.assign(count, 0);
+        return {};
+    }
+    buffers.hits.resize(all ? plan.hits_room : count * plan.hits_max);
+    buffers.counts.resize(plan.csr() ? count : 0);
+    buffers.flags.resize(all ? count : 0);
+    buffers.counters.resize(plan.counting ? count : 0);
     std::vector<void*> outputs;
     for (std::vector<std::uint32_t>& column : buffers.outputs) {
-        column.resize(rays.size());
+        column.resize(count);
         outputs.push_back(column.data());
     }
 
-    buffers.answered = static_cast<std::uint32_t>(rays.size());
-    if (plan.untraced) {
-        buffers.hits.clear();
-        std::fill(buffers.counters.begin(), buffers.counters.end(), Counters{});
-        for (auto& column : buffers.outputs) std::fill(column.begin(), column.end(), 0U);
-        return {};
-    }
     TraceCall call = plan.call();
     call.rays = rays.data();
-    call.ray_count = static_cast<std::uint32_t>(rays.size());
+    call.ray_count = buffers.answered;
     call.hits = buffers.hits.data();
     call.hit_counts = buffers.counts.empty() ? nullptr : buffers.counts.data();
     call.counters = buffers.counters.empty() ? nullptr : buffers.counters.data();

@@ -16,8 +16,7 @@ namespace raynest::server {
 struct TraceBuffers {
     std::vector<Ray> rays;                            ///< for callers that make their own
     std::vector<HitRecord> hits;                      ///< hits_max per ray; of `all` packed
-    std::vector<std::uint32_t> ray_of;                ///< of each hit, if not in the rays' order
-    std::vector<HitRecord> rows;                      ///< the same in another order, for a moment
+    std::vector<std::uint32_t> order;                 ///< the hit of each row; empty: in order
     std::vector<std::uint32_t> counts;                ///< hits per ray, multi and all only
     std::vector<std::uint8_t> flags;                  ///< HitFlags per ray, all only
     std::vector<Counters> counters;                   ///< per ray, counting only

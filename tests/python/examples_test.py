@@ -68,8 +68,8 @@ class Examples(unittest.TestCase):
         self.assertEqual(set(points["channel"]), set(range(64)))
 
     def test_a_lidar_elsewhere_sees_no_further_than_its_range(self):
-        self.example("lidar.py", FOREST, "-o", "b.npy", "--at", 5, 30, -5, "--range", 40, "--channels",
-                     8, "--azimuths", 90, "--elevations", -90, -10)
+        self.example("lidar.py", FOREST, "-o", "b.npy", "--at", 5, 30, -5, "--range", 40,
+                     "--channels", 8, "--azimuths", 90, "--elevations", -90, -10)
         points = np.load(self.out / "b.npy")
         away = np.stack([points["x"] - 5, points["y"] - 30, points["z"] + 5], -1)
         distance = np.linalg.norm(away, axis=1)
@@ -98,11 +98,13 @@ class Examples(unittest.TestCase):
 
     def test_help_starts_with_an_example(self):
         for name in ("lidar.py", "visibility.py", "bench.py"):
-            self.assertTrue(self.example(name, "--help").startswith(f"usage: {name} builtin:forest "))
+            said = self.example(name, "--help")
+            self.assertTrue(said.startswith(f"usage: {name} builtin:forest "), said)
 
     def test_errors_are_one_line_and_an_exit_code(self):
         for code, words in ((5, ["missing.glb"]), (3, ["--server", "tcp://127.0.0.1:9"]),
-                            (2, ["--server", "nowhere"]), (1, [FOREST, "-o", "/nonexistent/a.npy"])):
+                            (2, ["--server", "nowhere"]),
+                            (1, [FOREST, "-o", "/nonexistent/a.npy"])):
             said = self.example("lidar.py", *words, code=code)
             self.assertTrue(said.startswith("lidar.py: "), said)
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Daemons that lie: every wrong length, type, order and end is one exception, soon, and none of them
-costs memory first. And daemons that are only slow or stubborn: neither end waits for ever.
+"""Daemons that lie: every wrong length, type, order and end is one exception, soon, and none of
+them costs memory first. And daemons that are only slow or stubborn: neither end waits for ever.
 
   hostile_test.py RAYNESTD RAYNEST FLATC      (uses none of them)
 """
@@ -34,7 +34,8 @@ def frame(name, message, request_id, **columns):
     for column, array in columns.items():
         width = array.shape[1] if array.ndim > 1 else 1
         blocks.append({"name": column, "dtype": DTYPES.index(array.dtype), "count": len(array),
-                       "stride": width * array.itemsize, "offset": len(bulk), "bytes": array.nbytes})
+                       "stride": width * array.itemsize, "offset": len(bulk),
+                       "bytes": array.nbytes})
         bulk += array.tobytes() + bytes(padding(array.nbytes))
     control = encode(name, {**message, "blocks": blocks} if blocks else message)
     return write_header(Header(SCHEMA.types[name], len(control), len(blocks), len(bulk),

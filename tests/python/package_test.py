@@ -23,7 +23,8 @@ class Package(unittest.TestCase):
     raynest = None
 
     def test_its_version_is_that_of_the_programs(self):
-        said = subprocess.run([self.raynest, "--version"], check=True, capture_output=True, text=True)
+        said = subprocess.run([self.raynest, "--version"], check=True, capture_output=True,
+                              text=True)
         self.assertEqual(said.stdout.split(), ["raynest", raynest.__version__])
 
     def test_it_installs_into_a_virtual_environment(self):
@@ -34,8 +35,8 @@ class Package(unittest.TestCase):
             folder = pathlib.Path(name)
             # A copy: setuptools builds within the folder.
             shutil.copytree(CLIENT, folder / "source")
-            subprocess.run([sys.executable, "-m", "venv", "--system-site-packages", folder / "venv"],
-                           check=True)
+            subprocess.run([sys.executable, "-m", "venv", "--system-site-packages",
+                            folder / "venv"], check=True)
             python = folder / "venv" / "bin" / "python"
             environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
             subprocess.run([python, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps",
@@ -54,8 +55,9 @@ class Package(unittest.TestCase):
         if importlib.util.find_spec("mypy") is None:
             self.skipTest("skipped: there is no mypy")
         with tempfile.TemporaryDirectory() as cache:
-            checked = subprocess.run([sys.executable, "-m", "mypy", "--cache-dir", cache, "raynest"],
-                                     cwd=CLIENT, capture_output=True, text=True, check=False)
+            checked = subprocess.run(
+                [sys.executable, "-m", "mypy", "--cache-dir", cache, "raynest"], cwd=CLIENT,
+                capture_output=True, text=True, check=False)
         self.assertEqual(checked.returncode, 0, checked.stdout + checked.stderr)
 
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""raynest.compat.trimesh against Moeller-Trumbore in numpy and on the meshes of trimesh's issues about
-rays that slip through edges and vertices.
+"""raynest.compat.trimesh against Moeller-Trumbore in numpy and on the meshes of trimesh's issues
+about rays that slip through edges and vertices.
 
   trimesh_test.py RAYNESTD RAYNEST FLATC
 """
@@ -166,8 +166,8 @@ class Trimesh(unittest.TestCase):
         missed = asked = 0
         for inner, outer, edge in ((40, 60, 20), (40, 60, 5), (1, 3, 0.1), (1e-3, 1, 1e-4)):
             small, big = subdivided(box(inner), edge), subdivided(box(outer), edge * outer / inner)
-            targets = np.concatenate([big.vertices, small.vertices, small.triangles.mean(1),
-                                      (small.triangles + np.roll(small.triangles, 1, 1)).reshape(-1, 3)])
+            edges = (small.triangles + np.roll(small.triangles, 1, 1)).reshape(-1, 3)
+            targets = np.concatenate([big.vertices, small.vertices, small.triangles.mean(1), edges])
             origins = np.zeros_like(targets)
             for scaled in (True, False):
                 rays = self.rays(small, scale_to_box=scaled)
@@ -219,7 +219,7 @@ class Trimesh(unittest.TestCase):
             self.rays(subdivided(box(2), 0.25)).contains_points(grid)[~surface], inside[~surface])
 
     def test_many_crossings_through_edges_do_not_use_up_the_budget(self):
-        """Twenty squares behind each other, hit where their triangles meet: 40 hits, 20 crossings."""
+        """Twenty squares in a row, hit where their two triangles meet: 40 hits, 20 crossings."""
         square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
         vertices = np.concatenate([square + [0, 0, z] for z in range(20)])
         faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * i for i in range(20)])

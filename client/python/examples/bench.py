@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How long a million rays take from Python, and with the C++ client: same daemon, same rays, in turns."""
+"""How long a million rays take from Python, and with the C++ client: same daemon, in turns."""
 import os
 import resource
 import subprocess
@@ -71,7 +71,8 @@ def main():
             for name, run in contestants.items():
                 best[name] = min(best.get(name, (np.inf, np.inf)), measured(run))
         baseline = best["raynest query"][0]
-        print(f"{chosen.rays:,} rays through {scene.name}, columns t and prim; best of {chosen.rounds}")
+        print(f"{chosen.rays:,} rays through {scene.name}, columns t and prim, best of "
+              f"{chosen.rounds}")
         for name, (wall, used) in best.items():
             print(f"{name:36} {1000 * wall:8.1f} ms, {1000 * used:6.1f} ms of CPU, "
                   f"{wall / baseline:5.2f} times raynest query")

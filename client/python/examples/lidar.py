@@ -12,10 +12,12 @@ PLY_TYPES = {"<f4": "float", "<u4": "uint", "<u2": "ushort"}
 
 def options():
     parser = terminal.parser(__doc__, "lidar.py builtin:forest --channels 64 -o sweep.ply")
-    parser.add_argument("-o", "--output", default="sweep.ply", help=".ply or .npy of the points (%(default)s)")
+    parser.add_argument("-o", "--output", default="sweep.ply",
+                        help=".ply or .npy of the points (%(default)s)")
     parser.add_argument("--at", type=float, nargs=3, metavar=("X", "Y", "Z"),
                         help="where it stands (over the middle of the scene)")
-    parser.add_argument("--height", type=float, default=1.8, help="metres over the ground there (%(default)s)")
+    parser.add_argument("--height", type=float, default=1.8,
+                        help="metres over the ground there (%(default)s)")
     parser.add_argument("--channels", type=int, default=64, help="beams above each other "
                         "(%(default)s)")
     parser.add_argument("--azimuths", type=int, default=2048, help="of one turn (%(default)s)")
@@ -30,7 +32,8 @@ def directions(channels, azimuths, elevations):
     """(channels * azimuths, 3) of unit length, one turn per channel; +Y is up."""
     up = np.radians(np.linspace(*elevations, channels))[:, None]
     around = np.linspace(0, 2 * np.pi, azimuths, endpoint=False)[None, :]
-    x, y, z = np.broadcast_arrays(np.cos(up) * np.cos(around), np.sin(up), np.cos(up) * np.sin(around))
+    x, y, z = np.broadcast_arrays(np.cos(up) * np.cos(around), np.sin(up),
+                                  np.cos(up) * np.sin(around))
     return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 

@@ -1,4 +1,4 @@
-"""What the examples share: the options of a connection, a line of progress, and errors on one line."""
+"""What the examples share: options of a connection, a line of progress, errors on one line."""
 import argparse
 import os
 import sys

@@ -8,11 +8,13 @@ import terminal
 
 def options():
     parser = terminal.parser(__doc__, "visibility.py builtin:forest --random 200 -o sees.npy")
-    parser.add_argument("-o", "--output", default="sees.npy", help=".npy of the matrix, (N, N) bool (%(default)s)")
+    parser.add_argument("-o", "--output", default="sees.npy",
+                        help=".npy of the matrix, (N, N) bool (%(default)s)")
     parser.add_argument("--points", metavar="FILE.npy", help="(N, 3) points")
     parser.add_argument("--random", type=int, default=200, metavar="N",
                         help="without --points: so many, scattered over the scene (%(default)s)")
-    parser.add_argument("--height", type=float, default=1.7, help="of eyes over the ground, metres (%(default)s)")
+    parser.add_argument("--height", type=float, default=1.7,
+                        help="of eyes over the ground, metres (%(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="of the scattering (%(default)s)")
     return parser.parse_args()
 
@@ -47,8 +49,8 @@ def main():
         pairs = len(points) * (len(points) - 1) // 2
         others = sees.sum(1) - 1
         print(f"{chosen.output}: {(sees.sum() - len(points)) // 2:,} of {pairs:,} pairs see each "
-              f"other, traced in {client.outcome['seconds']:.3f} s; point {others.argmax()} sees most, "
-              f"{others.max()} of {len(points) - 1}")
+              f"other, traced in {client.outcome['seconds']:.3f} s; point {others.argmax()} sees "
+              f"most, {others.max()} of {len(points) - 1}")
 
 
 if __name__ == "__main__":

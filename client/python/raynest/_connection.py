@@ -2,8 +2,8 @@
 
 One request at a time; a second thread waits for its turn. The socket does not block, and while
 frames are waited for what is queued goes out, so that neither end can wait for the other for ever.
-Both credits are counted here: what the daemon has granted for what is sent, and what was received and
-must be granted again. Bulk goes from and to the caller's arrays without a copy.
+Both credits are counted here: what the daemon has granted for what is sent, and what was received
+and must be granted again. Bulk goes from and to the caller's arrays without a copy.
 
 Any exception in the middle of a frame closes the connection. Between frames it does not: whoever
 leaves a request before its end (Ctrl-C, an exception, a stream that is not read to its end) cancels

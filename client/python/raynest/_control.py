@@ -2,10 +2,10 @@
 
 Written here rather than with the flatbuffers package, so that numpy is all that is needed: what the
 format asks of a writer is a page, and what a daemon sends has to be checked here anyway, because
-FlatBuffers has no verifier in Python. Each offset is held against the bytes that are there, depth and
-number of tables against their limits, texts are searched for control characters. A message that
-passes is a dict with every field of the schema: absent numbers have their defaults, absent texts are
-"", absent lists [], absent tables and structs None.
+FlatBuffers has no verifier in Python. Each offset is held against the bytes that are there, depth
+and number of tables against their limits, texts are searched for control characters. A message that
+passes is a dict with every field of the schema: absent numbers have their defaults, absent texts
+are "", absent lists [], absent tables and structs None.
 
     vtable  u16 bytes of the vtable, u16 bytes of the table, u16 offset of each field (0: absent)
     table   i32 back to its vtable, then its fields: scalars and structs, u32 forward to all else
@@ -26,7 +26,7 @@ from .errors import ProtocolError
 Message = dict[str, Any]
 
 
-# ---- writing --------------------------------------------------------------------------------------
+# ---- writing ------------------------------------------------------------------------------------
 
 def encode(name: str, values: Mapping[str, Any]) -> bytes:
     """The table `name` with these fields; others are absent. Structs are tuples, tables dicts."""
@@ -111,7 +111,7 @@ def _write_item(out: bytearray, kind: str, value: Any) -> int:
     return at
 
 
-# ---- reading --------------------------------------------------------------------------------------
+# ---- reading ------------------------------------------------------------------------------------
 
 _CONTROL_CHARACTER = re.compile("[\x00-\x1f\x7f-\x9f]")
 

@@ -8,6 +8,7 @@ from .errors import InvalidError
 
 # O_NONBLOCK: a pipe without a writer opens at once, and is then refused.
 _READ = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
 
 
 def read_file(path: str, bytes_max: int) -> bytes:
@@ -22,10 +23,9 @@ def read_file_beneath(folder: str, name: str, bytes_max: int) -> bytes:
     *folders, last = name.split("/")
     at = -1
     try:
-        at = os.open(folder or ".", os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        at = os.open(folder or ".", _FOLDER)
         for component in folders:
-            next_at = os.open(component, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC,
-                              dir_fd=at)
+            next_at = os.open(component, _FOLDER | os.O_NOFOLLOW, dir_fd=at)
             os.close(at)
             at = next_at
         return _read_all(os.open(last, _READ | os.O_NOFOLLOW, dir_fd=at), name, bytes_max)

@@ -1,7 +1,7 @@
 """glTF as far as a client needs it: which files one names, and a mesh as a .glb.
 
-The daemon validates. Here the names are read from files that may be hostile: lengths, size and names
-are checked before anything is opened.
+The daemon validates. Here the names are read from files that may be hostile: lengths, size and
+names are checked before anything is opened.
 """
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _refuse(why: str) -> NoReturn:
     raise InvalidError(why, "FILE_INVALID")
 
 
-# ---- reading --------------------------------------------------------------------------------------
+# ---- reading ------------------------------------------------------------------------------------
 
 def file_names(data: bytes) -> list[str]:
     """The files that buffers and images of a .gltf or .glb name, each once."""
@@ -90,7 +90,7 @@ def decode_uri(uri: str) -> str:
     return name
 
 
-# ---- writing --------------------------------------------------------------------------------------
+# ---- writing ------------------------------------------------------------------------------------
 
 def mesh_glb(vertices: Any, faces: Any, origin: Any = None) -> bytes:
     """One mesh as a .glb: vertices (N, 3), faces (M, 3) of indices. `origin` is subtracted before
@@ -124,5 +124,6 @@ def mesh_glb(vertices: Any, faces: Any, origin: Any = None) -> bytes:
     text += b" " * (-len(text) % 4)
     body = positions.tobytes() + indices.tobytes()
     length = 12 + 8 + len(text) + 8 + len(body)
-    return b"".join([struct.pack("<3I", _GLB, 2, length), struct.pack("<2I", len(text), _JSON), text,
+    return b"".join([struct.pack("<3I", _GLB, 2, length),
+                     struct.pack("<2I", len(text), _JSON), text,
                      struct.pack("<2I", len(body), _BIN), body])

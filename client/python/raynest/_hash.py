@@ -2,9 +2,9 @@
 
 Byte by byte, h = (h ^ byte) * p: in Python a second for 10 MB. Two facts make it arrays:
 
-* The low 8 bits of h depend on nothing above them, and bit k of the next h on bits 0 to k only: it is
-  bit k of h ^ byte, xor a function of lower bits. So the low bytes of all h come from eight running
-  xors, one for each bit.
+* The low 8 bits of h depend on nothing above them, and bit k of the next h on bits 0 to k only: it
+  is bit k of h ^ byte, xor a function of lower bits. So the low bytes of all h come from eight
+  running xors, one for each bit.
 * With low bytes known, h ^ byte is h + d, where d = (low ^ byte) - low is small. So
   h = (h + d) * p each time: a polynomial in p, and one dot product for each 64 KiB.
 """
@@ -13,6 +13,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+
+Bytes = np.ndarray[Any, np.dtype[np.uint8]]
 
 _START = 0xCBF29CE484222325
 _PRIME = 0x100000001B3
@@ -35,8 +37,7 @@ def content_hash(data: Any) -> int:
     return state
 
 
-def _low_bytes(part: np.ndarray[Any, np.dtype[np.uint8]],
-               low: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
+def _low_bytes(part: Bytes, low: int) -> Bytes:
     """The low byte of the state before each byte, `low` before the first."""
     lows = np.zeros(len(part), np.uint8)
     mixed = np.zeros(len(part), np.uint8)       # (state ^ byte), as far as its bits are known
@@ -50,7 +51,7 @@ def _low_bytes(part: np.ndarray[Any, np.dtype[np.uint8]],
     return lows
 
 
-def _running_xor(values: np.ndarray[Any, np.dtype[np.uint8]]) -> np.ndarray[Any, np.dtype[np.uint8]]:
+def _running_xor(values: Bytes) -> Bytes:
     """np.bitwise_xor.accumulate, three times as fast: it doubles what each element sums up."""
     reach = 1
     while reach < len(values):

@@ -1,10 +1,10 @@
 """Ctrl-C between frames, never within one.
 
-Python raises KeyboardInterrupt at any point of any function; half a frame later the connection would
-be lost. Within `with interrupts:` a Ctrl-C is only noted, check() raises it where the code may stop,
-and leaving the outermost block raises what is still due. Another one before that is raised at once.
-Handlers that a program has set itself stay in place. Python interrupts the main thread alone: in
-others all of this does nothing.
+Python raises KeyboardInterrupt at any point of any function; half a frame later the connection
+would be lost. Within `with interrupts:` a Ctrl-C is only noted, check() raises it where the code
+may stop, and leaving the outermost block raises what is still due. Another one before that is
+raised at once. Handlers that a program has set itself stay in place. Python interrupts the main
+thread alone: in others all of this does nothing.
 """
 from __future__ import annotations
 

@@ -19,7 +19,8 @@ ENCODED_PIXEL_BYTES_MAX = 16
 LEGEND_BYTES_MAX = 4 << 20
 
 
-def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]], fov: float) -> Message:
+def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]],
+                   fov: float) -> Message:
     """`camera` is a name or an index; `look_at` is (eye, at) or (eye, at, up)."""
     message: Message = {"name": str(camera), "fov_degrees": fov}
     if look_at is not None:
@@ -64,7 +65,7 @@ class Picture:
         if self._payload is None:
             pixels = self._message["width"] * self._message["height"]
             raw = self._message["encode"] == "raw"
-            most = pixels * (4 if raw else ENCODED_PIXEL_BYTES_MAX) + (0 if raw else LEGEND_BYTES_MAX)
+            most = 4 * pixels if raw else ENCODED_PIXEL_BYTES_MAX * pixels + LEGEND_BYTES_MAX
             if name != "Picture" or total > most or (raw and total != most):
                 raise ProtocolError(f"the daemon sent a picture of {total} bytes")
             self._payload = np.empty(total, np.uint8)

@@ -29,8 +29,8 @@ class Rays:
         elif first.ndim == 2 and first.shape[1] == 8:
             self._rows, self._origins, self._directions = first, first[:, :3], first[:, 4:7]
         else:
-            raise UsageError(f"rays of shape {first.shape}: they must be (N, 6) [ox oy oz dx dy dz] "
-                             "or (N, 8) [ox oy oz tmin dx dy dz tmax], or origins and directions")
+            raise UsageError(f"rays of shape {first.shape}: they must be (N, 6) [ox oy oz dx dy dz]"
+                             ", (N, 8) [ox oy oz tmin dx dy dz tmax], or origins and directions")
         self.count = len(self._origins)
 
     def frame(self, first: int, count: int) -> Array:

@@ -62,9 +62,9 @@ class Client:
         """Uploads a .glb or .gltf with the files that it names, or a .npy of `primitive` records;
         or loads "builtin:forest?trees=9" or "root:PATH", which the daemon has.
 
-        The scene is called `name`, by default the file's stem. A name that is taken by other content
-        is an error unless `replace`, which begins a new epoch. `build` is "fast", "medium" or
-        "high": how much time the trees may take for how well they trace.
+        The scene is called `name`, by default the file's stem. A name that is taken by other
+        content is an error unless `replace`, which begins a new epoch. `build` is "fast", "medium"
+        or "high": how much time the trees may take for how well they trace.
         """
         upload = gather(os.fspath(source), primitive, os.fspath(instances))
         if name is not None:
@@ -74,17 +74,18 @@ class Client:
 
     def mesh(self, vertices: Any, faces: Any, name: Optional[str] = None, *, origin: Any = None,
              replace: bool = False, build: str = "medium", progress: Progress = None) -> Scene:
-        """A scene of triangles: vertices (N, 3), faces (M, 3). The column prim is the row of `faces`.
+        """A scene of triangles: vertices (N, 3), faces (M, 3); the column prim is a row of faces.
 
-        float64 vertices become float32 after `origin` was subtracted; rays of this scene are shifted
-        alike, so that everything but the columns t and position is in your coordinates. Without a
-        name it is called after its content: the same mesh is built only once.
+        float64 vertices become float32 after `origin` was subtracted; rays of this scene are
+        shifted alike, and of all columns only position tells. Without a name it is called after its
+        content: the same mesh is built only once.
         """
         shift = None if origin is None else vector("origin", origin)
         data = mesh_glb(vertices, faces, shift)
         upload = Upload("mesh.glb", name or f"mesh-{content_hash(data):016x}",
                         (File("mesh.glb", data),))
-        scene = self._load(upload, {**upload.message(), "replace": replace, "build": build}, progress)
+        message = {**upload.message(), "replace": replace, "build": build}
+        scene = self._load(upload, message, progress)
         scene.origin = shift
         return scene
 

@@ -45,10 +45,10 @@ class Scene:
         unit length: t is in units of it. float32 of shape (N, 8) is sent as it lies; all else is
         converted on the way, after `origin` (three float64) was subtracted from the rays' origins.
 
-        kind "closest" gives the first hit, "any" only whether there is one (column hit), "multi" the
-        first `max_hits`: then hits of ray i are rows ray_splits[i] to ray_splits[i + 1] of the
-        columns of hits. `fields` are the columns, by default t prim geom path uv (any: hit).
-        A miss has t = inf and ids of all ones.
+        kind "closest" gives the first hit, "any" only whether there is one (column hit), "multi"
+        the first `max_hits`: then hits of ray i are rows ray_splits[i] to ray_splits[i + 1] of the
+        columns of hits. `fields` are the columns, by default t prim geom path uv (any: hit). A miss
+        has t = inf and ids of all ones.
         """
         source = Rays(rays, directions, self._origin(origin))
         # A query has at least one ray: for none at all an invalid one is asked about, so that

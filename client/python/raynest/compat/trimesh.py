@@ -27,7 +27,8 @@ SAME_CROSSING = 1e-6
 HITS_MAX = 256  # hits_max of the protocol
 
 # Where rays for contains_points() go: nowhere special.
-_DIRECTIONS = np.array([[0.4395, 0.6176, 0.6522], [-0.7239, 0.3307, 0.6055], [0.2113, -0.8731, 0.4395]])
+_DIRECTIONS = np.array([[0.4395, 0.6176, 0.6522], [-0.7239, 0.3307, 0.6055],
+                        [0.2113, -0.8731, 0.4395]])
 
 
 class Crossings(NamedTuple):
@@ -83,8 +84,9 @@ class RayMeshIntersector:
 
     def intersects_id(self, ray_origins: Any, ray_directions: Any, multiple_hits: bool = True,
                       max_hits: int = 20, return_locations: bool = False) -> Any:
-        """The triangles that rays cross: index_tri (m,), index_ray (m,) and, if asked for, locations
-        (m, 3); by ray, and along each ray. A crossing at an edge or a vertex counts once."""
+        """The triangles that rays cross: index_tri (m,), index_ray (m,) and, if asked for,
+        locations (m, 3); by ray, and along each ray. A crossing at an edge or a vertex counts
+        once."""
         origins, directions = _rays(ray_origins, ray_directions)
         found = self._crossings(origins, directions,
                                 min(max_hits, HITS_MAX) if multiple_hits else 1)
@@ -195,7 +197,7 @@ def _rays(origins: Any, directions: Any) -> tuple[Array, Array]:
     """As float64, directions of unit length."""
     starts, ways = np.asarray(origins, np.float64), np.asarray(directions, np.float64)
     if starts.shape != ways.shape or starts.ndim != 2 or starts.shape[1] != 3:
-        raise UsageError(f"ray origins {starts.shape} and directions {ways.shape} must both be (n, 3)")
+        raise UsageError(f"ray origins {starts.shape} and directions {ways.shape} must be (n, 3)")
     lengths = np.linalg.norm(ways, axis=1, keepdims=True)
     return starts, np.divide(ways, lengths, out=np.zeros_like(ways), where=lengths > 0)
 

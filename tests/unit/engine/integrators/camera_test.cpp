@@ -23,7 +23,7 @@ SceneDescription with_cameras() {
 }
 
 Ray ray_of(const Camera& camera, std::uint32_t width, std::uint32_t height, std::uint64_t pixel) {
-    return pinhole(camera, {width, height}).ray(pixel);
+    return pinhole(camera, {width, height}).ray(pixel % width, pixel / width);
 }
 
 bool is_close(const Vec3& a, const Vec3& b) {
@@ -71,6 +71,13 @@ TEST_CASE("the tile order meets every pixel once, whole tiles first square by sq
         }
         CHECK(std::count(met.begin(), met.end(), 1) == static_cast<std::ptrdiff_t>(met.size()));
     }
+    std::vector<std::uint64_t> pixels;
+    for_each_in_tiles(3, 400, 37, 21, [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {
+        CHECK(i == pixels.size());
+        pixels.push_back(y * 37 + x);
+    });
+    REQUIRE(pixels.size() == 400);
+    for (std::uint64_t i = 0; i < 400; ++i) CHECK(pixels[i] == tile_order(3 + i, 37, 21));
     for (std::uint64_t place = 0; place < 64; ++place) {
         const std::uint64_t pixel = tile_order(place, 17, 9);
         CHECK(pixel % 17 < 8);
