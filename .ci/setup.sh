@@ -89,7 +89,7 @@ quietly() {
 }
 
 # build_raynest CMAKE_OPTION... -- TARGET...: configures and builds; no target means all of them. The
-# cache file is .ci/$config.cmake, of the release where there is no config. Warnings are errors with the compiler they were checked with, in both commands alike, so that going
+# cache file is .ci/$config.cmake, of the release where there is no config. Without one, warnings are errors with the compiler they were checked with, in both commands alike, so that going
 # from one to the other compiles nothing anew.
 build_raynest() {
     local -a options=() targets=()
@@ -97,7 +97,7 @@ build_raynest() {
     shift
     (($#)) && targets=(--target "$@")
     local strict=OFF
-    [[ $("${CXX:-g++}" -dumpversion 2>/dev/null) == 12* ]] && strict=ON
+    [[ ! ${config:-} && $("${CXX:-g++}" -dumpversion 2>/dev/null) == 12* ]] && strict=ON
     step 'configure' quietly cmake -S "$root" -B "$build" -G Ninja -C "$root/.ci/${config:-release}.cmake" \
         -DRAYNEST_WERROR=$strict "${options[@]}"
     step 'build' cmake --build "$build" --parallel "$(nproc)" "${targets[@]}"
