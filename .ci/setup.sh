@@ -89,15 +89,16 @@ quietly() {
 }
 
 # build_raynest CMAKE_OPTION... -- TARGET...: configures and builds; no target means all of them. The
-# cache file is .ci/$config.cmake, of the release where there is no config. Warnings are errors with the compiler they were checked with, in both commands alike, so that going
-# from one to the other compiles nothing anew.
+# cache file is .ci/$config.cmake, of the release where there is no config. There warnings are errors
+# with the compiler they were checked with, in both commands alike, so that going from one to the other
+# compiles nothing anew; what a sanitizer adds to the code brings warnings of its own.
 build_raynest() {
     local -a options=() targets=()
     while (($#)) && [[ $1 != -- ]]; do options+=("$1"); shift; done
     shift
     (($#)) && targets=(--target "$@")
     local strict=OFF
-    [[ $("${CXX:-g++}" -dumpversion 2>/dev/null) == 12* ]] && strict=ON
+    [[ ! ${config:-} && $("${CXX:-g++}" -dumpversion 2>/dev/null) == 12* ]] && strict=ON
     step 'configure' quietly cmake -S "$root" -B "$build" -G Ninja -C "$root/.ci/${config:-release}.cmake" \
         -DRAYNEST_WERROR=$strict "${options[@]}"
     step 'build' cmake --build "$build" --parallel "$(nproc)" "${targets[@]}"

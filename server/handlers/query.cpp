@@ -156,8 +156,8 @@ Reply<Kind> kind_of(std::string_view word) {
     return Kind{*query};
 }
 
-Reply<std::unique_ptr<QueryJob>> columns_job(const Services& services, const Caller& caller, Plan plan,
-                                        RaySource source, Columns columns) {
+Reply<std::unique_ptr<QueryJob>> columns_job(const Services& services, const Caller& caller,
+                                             Plan plan, RaySource source, Columns columns) {
     if (const auto known = columns.check_outputs(*plan.variant); !known)
         return tl::unexpected(known.error());
     const Columns::Cost cost = columns.cost(plan);

@@ -79,8 +79,8 @@ std::optional<Task> QueryJob::next() {
     Task task;
     task.reply_bytes_max = reply_bytes(piece.count);
     task.input_bytes = std::exchange(piece.input_bytes, 0);
-    task.brief = source_.rays() * plan_.hits_max <= brief_hits_max &&
-                 plan_.traversal != traversal_reference;
+    task.brief =
+        source_.rays() * plan_.hits_max <= brief_hits_max && plan_.traversal != traversal_reference;
     task.run = [this, piece = std::move(piece)](const StopFlag& stop) {
         tally_.begin();
         return answer(piece, stop);

@@ -55,9 +55,7 @@ protected:
     Tally tally_;
 
 private:
-    [[nodiscard]] std::uint64_t points() const {
-        return source_.rays() / source_.rays_per_point();
-    }
+    [[nodiscard]] std::uint64_t points() const { return source_.rays() / source_.rays_per_point(); }
 
     std::deque<Piece> pieces_;  ///< without an answer and not under way
     std::uint64_t received_ = 0;

@@ -205,9 +205,9 @@ std::string_view default_kind(std::string_view reduce) {
     return reduce == fraction_name ? "any" : "closest";
 }
 
-Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller, Plan plan,
-                                       RaySource source,
-                                       const protocol::Opened<wire::Query>& message) {
+Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller,
+                                            Plan plan, RaySource source,
+                                            const protocol::Opened<wire::Query>& message) {
     const std::string_view reduce = protocol::text(message->reduce());
     if (reduce != fraction_name && reduce != visible_name)
         return refuse(Code::invalid_field, "unknown reduce '" + std::string(reduce) +
@@ -233,8 +233,8 @@ Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Call
                       "a table of " + std::to_string(paths) +
                           " instance paths needs more memory than --memory has left; ask for "
                           "fewer rays");
-    return std::make_unique<VisibleJob>(services, caller, std::move(plan), std::move(source),
-                                        paths, std::move(*lease));
+    return std::make_unique<VisibleJob>(services, caller, std::move(plan), std::move(source), paths,
+                                        std::move(*lease));
 }
 
 }  // namespace raynest::server

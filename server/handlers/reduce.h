@@ -13,8 +13,8 @@ namespace raynest::server {
 [[nodiscard]] std::string_view default_kind(std::string_view reduce);
 
 /// INVALID_FIELD for an unknown reducer, or one that cannot reduce these rays.
-Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller, Plan plan,
-                                       RaySource source,
-                                       const protocol::Opened<wire::Query>& message);
+Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller,
+                                            Plan plan, RaySource source,
+                                            const protocol::Opened<wire::Query>& message);
 
 }  // namespace raynest::server

@@ -259,8 +259,6 @@ void Runner::task_ended(const ActivePointer& active, Reply<Frames> reply, std::u
     pump(active);
 }
 
-}
-
 void Runner::take_answer(Active& active, Reply<Frames> reply, std::uint64_t input_bytes) {
     active.last_activity = Clock::now();
     guarded(active, [&] {

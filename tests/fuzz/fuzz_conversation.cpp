@@ -280,12 +280,12 @@ private:
         const auto credit = protocol::open<wire::Credit>(frame);
         if (credit) model_.granted(frame.header.request_id, (*credit)->bytes());
         const auto hello = protocol::open<wire::Hello>(frame);
+        const std::uint64_t window = hello ? (*hello)->window_bytes() : 0;
         if (frame.header.bulk_bytes > conversation_.bulk_bytes_max(frame.header.type))
             return conversation_.give_up({protocol::Code::limit_exceeded, "", 0});
         conversation_.receive(std::move(frame));
-        if (greeted || !conversation_.greeted()) return;
-        const std::uint64_t window = (*hello)->window_bytes();
-        model_.greeted(window == 0 ? daemon_.limits.window_bytes : window);
+        if (!greeted && conversation_.greeted())
+            model_.greeted(window == 0 ? daemon_.limits.window_bytes : window);
     }
 
     /// What happens around the conversation: workers, the socket, the clock, the operator.
