@@ -120,8 +120,12 @@ private:
     /// `count` rays of the piece fitted an answer.
     void give_back_behind(Piece piece, std::uint64_t count) {
         piece.split(count);
-        fitting_ = piece.count == 0 ? std::min(2 * count, chunk_rays_) : count;
-        if (piece.count != 0) give_back(std::move(piece));
+        if (piece.count != 0) {
+            fitting_ = count;
+            give_back(std::move(piece));
+        } else {
+            fitting_ = std::max(fitting_.load(), std::min(2 * count, chunk_rays_));
+        }
     }
 
     const Columns columns_;

@@ -214,7 +214,8 @@ TEST_CASE("counters are one per ray and total is boxes plus primitives") {
     const std::vector<Ray> rays(2);
     const std::vector<HitRecord> hits(2);
     const std::vector<Counters> counters{{1, 8, 2, 11, 3, 4}, {5, 6, 7, 8, 9, 10}};
-    const ColumnSource source{&scene->view(), rays, hits, {}, counters};
+    ColumnSource source{&scene->view(), rays, hits};
+    source.counters = counters;
     using U32 = std::vector<std::uint32_t>;
     CHECK(column<std::uint32_t>(Field::nodes, source, 2) == U32{1, 5});
     CHECK(column<std::uint32_t>(Field::boxes, source, 2) == U32{8, 6});
@@ -223,6 +224,28 @@ TEST_CASE("counters are one per ray and total is boxes plus primitives") {
     CHECK(column<std::uint32_t>(Field::instances, source, 2) == U32{3, 9});
     CHECK(column<std::uint32_t>(Field::rejects, source, 2) == U32{4, 10});
     CHECK(column<std::uint32_t>(Field::total, source, 2) == U32{19, 14});
+}
+
+TEST_CASE(
+    "an order gives the hit and ray of each element, and rays are given back for misses too") {
+    const auto scene = test::bake(test::tree_scene());
+    std::vector<Ray> rays(3);
+    std::vector<HitRecord> hits(3);
+    for (std::size_t i = 0; i < 3; ++i) {
+        rays[i].origin.x = static_cast<float>(i);
+        rays[i].direction.y = static_cast<float>(10 * i);
+        hits[i].flags = static_cast<std::uint8_t>(i);
+    }
+    hits[1].hit = 1;
+    hits[1].t = 5;
+    const std::vector<std::uint32_t> order{2, 1};
+    ColumnSource source{&scene->view(), rays, hits};
+    source.order = order;
+    constexpr float none = std::numeric_limits<float>::infinity();
+    CHECK(column<float>(Field::t, source, 2) == std::vector<float>{none, 5});
+    CHECK(column<std::uint8_t>(Field::flags, source, 2) == std::vector<std::uint8_t>{2, 1});
+    CHECK(column<Vec3>(Field::origin, source, 2)[0] == Vec3(2, 0, 0));
+    CHECK(column<Vec3>(Field::direction, source, 2)[1] == Vec3(0, 10, 0));
 }
 
 TEST_CASE("locate gives the way from the world to the leaf object") {
