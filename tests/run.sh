@@ -48,7 +48,8 @@ fi
 
 # The first report ends a program, and with it its test. Not run: what looks at the build, at speed or
 # at other compilers' work.
-export UBSAN_OPTIONS=print_stacktrace=1 TSAN_OPTIONS=halt_on_error=1
+export UBSAN_OPTIONS=print_stacktrace=1
+export TSAN_OPTIONS="halt_on_error=1 suppressions='$root/.ci/tsan.supp'"
 plain=$build status=0
 for config in asan tsan; do
     build=$plain/$config
