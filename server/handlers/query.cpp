@@ -19,9 +19,6 @@ constexpr std::uint64_t kept_rays_min = 1024;
 /// Header and control message of a chunk: a name and a description for each of at most 64 blocks.
 constexpr std::uint64_t chunk_head_bytes_max = 8ULL << 10;
 
-/// A request of so few rays and hits is answered sooner than a worker would wake up for it.
-constexpr std::uint64_t brief_hits_max = 64;
-
 /// Rays per task, so that an answer never exceeds half of the client's window.
 std::uint64_t chunk_rays(const Plan& plan, const Columns::Cost& cost, const Caller& caller,
                          const protocol::Limits& limits) {
@@ -83,7 +80,7 @@ public:
 
         Task task;
         task.reply_bytes_max = cost_.fixed + cost_.per_ray * count;
-        task.brief = brief_;
+        if (brief_) task.brief_hits = count * plan_.hits_max;
         task.run = [this, frame = piece.frame, rays, first = dispatched_](const StopFlag&) {
             return answer(rays, first);
         };

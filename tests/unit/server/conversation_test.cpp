@@ -68,6 +68,7 @@ public:
     Budget budget{1 << 26};
     SceneStore scenes{budget};
     Admission admission{64};
+    BriefTurn brief_turn;
     std::vector<protocol::Frame> sent;
     std::mutex mutex;
     std::condition_variable wake;
@@ -85,7 +86,8 @@ public:
                       posted.push_back(std::move(done));
                       wake.notify_all();
                   },
-                  budget};
+                  budget,
+                  brief_turn};
     DetachedJobs detached{engine, [] {}};
 };
 
