@@ -10,8 +10,6 @@ namespace raynest::server {
 namespace {
 
 constexpr std::uint64_t reply_bytes_max = 4ULL << 20;
-/// A request of so few rays and hits is answered sooner than a worker would wake up for it.
-constexpr std::uint64_t brief_hits_max = 64;
 
 }  // namespace
 
@@ -79,8 +77,8 @@ std::optional<Task> QueryJob::next() {
     Task task;
     task.reply_bytes_max = reply_bytes(piece.count);
     task.input_bytes = std::exchange(piece.input_bytes, 0);
-    task.brief =
-        source_.rays() * plan_.hits_max <= brief_hits_max && plan_.traversal != traversal_reference;
+    if (source_.rays() * plan_.hits_max <= brief_hits_max && plan_.traversal != traversal_reference)
+        task.brief_hits = piece.count * plan_.hits_max;
     task.run = [this, piece = std::move(piece)](const StopFlag& stop) {
         tally_.begin();
         return answer(piece, stop);

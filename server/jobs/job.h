@@ -53,9 +53,9 @@ struct Task {
         0;                          ///< bulk bytes of the answer at most: reserved before it runs
     std::uint64_t input_bytes = 0;  ///< bulk bytes of fed frames that are free once it ended
     Lane lane = Lane::compute;
-    /// Shorter than the way to a worker and back: answered on the io thread, unless a task of its
-    /// job is under way.
-    bool brief = false;
+    /// Not 0 where the way to a worker and back is longer than the task: rays or hits, for the io
+    /// thread to answer at once, unless a task of its job is under way or its turn is over.
+    std::uint64_t brief_hits = 0;
 };
 
 struct Progress {

@@ -203,7 +203,8 @@ void Runner::pump(const ActivePointer& active) {
                 !window_allows(*active->parked))
                 break;
             Task task = *std::exchange(active->parked, std::nullopt);
-            if (task.brief && active->running == 0)
+            if (task.brief_hits != 0 && active->running == 0 &&
+                engine_.brief_turn.enter(task.brief_hits, engine_.post))
                 take_answer(*active, run_guarded(task, active->stop), task.input_bytes);
             else
                 submit(active, std::move(task));

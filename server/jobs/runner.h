@@ -8,6 +8,7 @@
 #include "protocol/limits.h"
 #include "server/diag/metrics.h"
 #include "server/jobs/admission.h"
+#include "server/jobs/brief_turn.h"
 #include "server/jobs/job.h"
 #include "server/jobs/workers.h"
 #include "server/store/budget.h"
@@ -39,6 +40,7 @@ struct Engine {
     const protocol::Limits& limits;
     std::function<void(std::function<void()>)> post;  ///< to the io thread; thread-safe
     Budget& budget;
+    BriefTurn& brief_turn;
 };
 
 class Runner : public std::enable_shared_from_this<Runner> {

@@ -281,8 +281,9 @@ private:
         if (credit) model_.granted(frame.header.request_id, (*credit)->bytes());
         const auto hello = protocol::open<wire::Hello>(frame);
         const std::uint64_t window = hello ? (*hello)->window_bytes() : 0;
-        if (frame.header.bulk_bytes > conversation_.bulk_bytes_max(frame.header.type))
-            return conversation_.give_up({protocol::Code::limit_exceeded, "", 0});
+        const auto admitted = conversation_.admit(frame.header);
+        if (!admitted) return conversation_.give_up(admitted.error());
+        if (!*admitted) frame.bulk = {};  // passed unread, as the decoder does
         conversation_.receive(std::move(frame));
         if (!greeted && conversation_.greeted())
             model_.greeted(window == 0 ? daemon_.limits.window_bytes : window);

@@ -59,6 +59,7 @@ public:
     Metrics metrics;
     Admission admission{4};
     Budget budget{1ULL << 30};
+    BriefTurn brief_turn;
     std::uint64_t waiting = 0;
     std::vector<protocol::Frame> sent;
 
@@ -80,7 +81,8 @@ public:
                       posted_.push_back(std::move(done));
                       wake_.notify_all();
                   },
-                  budget};
+                  budget,
+                  brief_turn};
     std::shared_ptr<Runner> runner = std::make_shared<Runner>(engine, *this, "me");
 };
 

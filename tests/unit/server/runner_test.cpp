@@ -23,44 +23,64 @@ TEST_CASE("a job answers all its tasks, then says farewell") {
     CHECK(bench.metrics.jobs_ended == 1);
 }
 
-TEST_CASE("a brief task is answered where it is asked, a longer one by a worker") {
-    class Brief final : public Job {
-    public:
-        Brief(int tasks, bool brief, std::vector<std::thread::id>& ran)
-            : tasks_(tasks),
-              brief_(brief),
-              ran_(ran) {}
-        std::optional<Task> next() override {
-            if (tasks_ == 0) return std::nullopt;
-            --tasks_;
-            Task task;
-            task.brief = brief_;
-            task.run = [this](const StopFlag&) {
-                ran_.push_back(std::this_thread::get_id());
-                return Reply<Frames>();
-            };
-            return task;
-        }
-        [[nodiscard]] bool finished() const override { return tasks_ == 0; }
-        Frames farewell() override { return {}; }
+/// Tasks of `hits` rays each that note on which thread they run.
+class BriefJob final : public Job {
+public:
+    BriefJob(int tasks, std::uint64_t hits, std::vector<std::thread::id>& ran)
+        : tasks_(tasks),
+          hits_(hits),
+          ran_(ran) {}
+    std::optional<Task> next() override {
+        if (tasks_ == 0) return std::nullopt;
+        --tasks_;
+        Task task;
+        task.brief_hits = hits_;
+        task.run = [this](const StopFlag&) {
+            ran_.push_back(std::this_thread::get_id());
+            return Reply<Frames>();
+        };
+        return task;
+    }
+    [[nodiscard]] bool finished() const override { return tasks_ == 0; }
+    Frames farewell() override { return {}; }
 
-    private:
-        int tasks_;
-        const bool brief_;
-        std::vector<std::thread::id>& ran_;
-    };
+private:
+    int tasks_;
+    const std::uint64_t hits_;
+    std::vector<std::thread::id>& ran_;
+};
+
+TEST_CASE("a brief task is answered where it is asked, a longer one by a worker") {
     Bench bench;
+    const std::thread::id here = std::this_thread::get_id();
     std::vector<std::thread::id> ran;
-    REQUIRE(bench.runner->start(1, accept(std::make_unique<Brief>(3, true, ran))));
-    CHECK(ran == std::vector<std::thread::id>(3, std::this_thread::get_id()));
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<BriefJob>(3, 1, ran))));
+    CHECK(ran == std::vector<std::thread::id>(3, here));
     CHECK(bench.runner->size() == 0);
     CHECK(bench.admission.active() == 0);
 
     ran.clear();
-    REQUIRE(bench.runner->start(2, accept(std::make_unique<Brief>(1, false, ran))));
+    REQUIRE(bench.runner->start(2, accept(std::make_unique<BriefJob>(1, 0, ran))));
     REQUIRE(bench.run_until_idle());
     REQUIRE(ran.size() == 1);
-    CHECK(ran[0] != std::this_thread::get_id());
+    CHECK(ran[0] != here);
+}
+
+TEST_CASE("of many small requests that come at once, the io thread answers a turn's share") {
+    Bench bench;
+    const std::thread::id here = std::this_thread::get_id();
+    std::vector<std::thread::id> first;
+    std::vector<std::thread::id> second;
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<BriefJob>(1, 40, first))));
+    CHECK(first == std::vector<std::thread::id>{here});
+    REQUIRE(bench.runner->start(2, accept(std::make_unique<BriefJob>(1, 40, second))));
+    CHECK(bench.admission.active() == 1);
+    // The end of the turn was posted before the worker's answer could be.
+    REQUIRE(bench.run_until_idle());
+    REQUIRE(second.size() == 1);
+    CHECK(second[0] != here);
+    REQUIRE(bench.runner->start(3, accept(std::make_unique<BriefJob>(1, 40, first))));
+    CHECK(first == std::vector<std::thread::id>{here, here});
 }
 
 TEST_CASE("never more bytes than the client's credit, and every grant is used") {

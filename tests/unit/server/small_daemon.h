@@ -57,6 +57,7 @@ public:
     server::Budget budget{1 << 26};
     server::SceneStore scenes{budget};
     server::Admission admission{64};
+    server::BriefTurn brief_turn;
     std::uint64_t waiting = 0;  ///< what backlog() says
     std::size_t handlers_failed = 0;
     std::vector<protocol::Frame> sent;
@@ -69,7 +70,7 @@ public:
         compute,   blocking,
         admission, metrics,
         limits,    [this](std::function<void()> done) { posted.push_back(std::move(done)); },
-        budget};
+        budget,    brief_turn};
     server::DetachedJobs detached{engine, [] {}};
 };
 

@@ -66,7 +66,7 @@ TEST_CASE("priority orders the tasks of one principal, and takes nothing from an
 TEST_CASE("without threads each task waits to be run here") {
     Workers workers(0);
     int ran = 0;
-    for (int i = 0; i < 2; ++i) workers.submit([&ran] { ++ran; });
+    for (int i = 0; i < 2; ++i) workers.submit("a", Priority::normal, [&ran] { ++ran; });
     CHECK(ran == 0);
     CHECK(workers.run_one());
     CHECK(ran == 1);

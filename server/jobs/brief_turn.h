@@ -1,0 +1,34 @@
+// How much the io thread traces itself between two looks at its sockets.
+//
+// One small request is answered soonest where it was read. Of many that come at once, those beyond
+// a turn's share go to the workers, where they run at the same time and keep no connection waiting.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+
+namespace raynest::server {
+
+/// A request of so few rays and hits is answered sooner than a worker would wake up for it.
+inline constexpr std::uint64_t brief_hits_max = 64;
+
+/// Io thread only; must outlive what it posts.
+class BriefTurn {
+public:
+    BriefTurn() = default;
+    BriefTurn(const BriefTurn&) = delete;
+
+    /// May a task of so many rays, or hits, be answered in this turn? `post` puts the end of the
+    /// turn behind whatever is ready to be handled now.
+    bool enter(std::uint64_t hits, const std::function<void(std::function<void()>)>& post) {
+        if (hits > brief_hits_max - taken_) return false;
+        if (taken_ == 0) post([this] { taken_ = 0; });
+        taken_ += hits;
+        return true;
+    }
+
+private:
+    std::uint64_t taken_ = 0;
+};
+
+}  // namespace raynest::server
