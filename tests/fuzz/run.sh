@@ -34,7 +34,7 @@ for target in "${targets[@]}"; do
     printf '==> %s: %s executions\n' "$target" "$executions"
     result=ok
     RAYNEST_BUILTIN_PACKS=$plain/lib/raynest "$build/bin/fuzz_$target" -runs="$executions" \
-        -print_final_stats=1 -timeout=20 -rss_limit_mb=4096 -artifact_prefix="$folder/" \
+        -print_final_stats=1 -timeout=120 -rss_limit_mb=4096 -artifact_prefix="$folder/" \
         "$folder/corpus" "${regress[@]}" >"$folder/log" 2>&1 || result=FOUND
     done=$(sed -n 's/^stat::number_of_executed_units: *//p' "$folder/log")
     rate=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$folder/log")
