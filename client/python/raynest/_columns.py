@@ -15,13 +15,15 @@ Columns = dict[str, Array]
 
 _U8, _U32, _U64, _F32 = (np.dtype(kind) for kind in (np.uint8, np.uint32, np.uint64, np.float32))
 
-# Columns of hits, of which a ray of kind multi has several. PROTOCOL.md, 7.
+# Columns of hits, of which a ray of these kinds has several. PROTOCOL.md, 7.
+CSR = ("multi", "all")
 OF_HITS: dict[str, tuple[np.dtype[Any], int]] = {
     "t": (_F32, 1), "prim": (_U32, 1), "geom": (_U32, 1), "path": (_U64, 1), "inst": (_U32, 1),
     "uid": (_U32, 1), "uv": (_F32, 2), "ng": (_F32, 3), "front": (_U8, 1), "position": (_F32, 3),
     "material": (_U32, 1)}
 # Columns of rays; an intersector's outputs, of names of its own, are more of them.
 OF_RAYS = {"hit": (_U8, 1), "flags": (_U8, 1), "ray_splits": (_U64, 1),
+           "origin": (_F32, 3), "direction": (_F32, 3),
            **{counter: (_U32, 1) for counter in
               ("nodes", "boxes", "leaves", "prims", "instances", "rejects", "total")}}
 
