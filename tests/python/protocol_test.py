@@ -34,7 +34,7 @@ PROTOCOL = (ROOT / "protocol" / "PROTOCOL.md").read_text(encoding="utf-8")
 def golden_frames():
     """(name, bytes) of every frame in frames.hex."""
     text = (ROOT / "tests" / "golden" / "frames.hex").read_text(encoding="utf-8")
-    for name, dump in re.findall(r"^frame (\w+)[^\n]*\n((?:[0-9a-f]{4}  .*\n?)+)", text, re.MULTILINE):
+    for name, dump in re.findall(r"^frame (\w+).*\n((?:[0-9a-f]{4}  .*\n?)+)", text, re.MULTILINE):
         yield name, bytes.fromhex("".join(line[6:53] for line in dump.splitlines()))
 
 

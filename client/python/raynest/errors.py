@@ -66,6 +66,8 @@ class CancelledError(Error):
     exit_code = 130
 
 
+INTERNAL: tuple[str, type[Error]] = ("INTERNAL", FailedError)
+
 # The error table of PROTOCOL.md, in order of its codes from 1.
 TABLE: tuple[tuple[str, type[Error]], ...] = (
     ("BAD_FRAME", FailedError),
@@ -87,7 +89,7 @@ TABLE: tuple[tuple[str, type[Error]], ...] = (
     ("SLOW_CONSUMER", FailedError),
     ("RESOURCE_EXHAUSTED", BusyError),
     ("UNSUPPORTED", InvalidError),
-    ("INTERNAL", FailedError),
+    INTERNAL,
     ("JOB_UNKNOWN", InvalidError),
 )
 
@@ -95,7 +97,7 @@ TABLE: tuple[tuple[str, type[Error]], ...] = (
 def from_daemon(code: int, message: str, retry_after_ms: int) -> Error:
     """The exception for an ERROR frame; a code of a later version reads as INTERNAL."""
     known = 1 <= code <= len(TABLE)
-    name, kind = TABLE[code - 1] if known else ("INTERNAL", FailedError)
+    name, kind = TABLE[code - 1] if known else INTERNAL
     seconds = retry_after_ms / 1000
     hint = f" (try again in {retry_after_ms} ms)" if retry_after_ms else ""
     return kind((message or name) + hint, name, code, seconds)
