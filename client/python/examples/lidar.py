@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A lidar that turns once: rays of all channels and azimuths, and the point cloud that they see."""
+"""A lidar that turns once, made by the daemon, and the point cloud that it sees."""
 import numpy as np
 
 import raynest
@@ -28,15 +28,6 @@ def options():
     return parser.parse_args()
 
 
-def directions(channels, azimuths, elevations):
-    """(channels * azimuths, 3) of unit length, one turn per channel; +Y is up."""
-    up = np.radians(np.linspace(*elevations, channels))[:, None]
-    around = np.linspace(0, 2 * np.pi, azimuths, endpoint=False)[None, :]
-    x, y, z = np.broadcast_arrays(np.cos(up) * np.cos(around), np.sin(up),
-                                  np.cos(up) * np.sin(around))
-    return np.stack([x, y, z], axis=-1).reshape(-1, 3)
-
-
 def stand(scene, height):
     """`height` over what a ray from above meets in the middle of the scene."""
     low, high = np.array(scene.info["box_min"]), np.array(scene.info["box_max"])
@@ -45,18 +36,17 @@ def stand(scene, height):
     return above - [0, min(ground, above[1] - low[1]) - height, 0]
 
 
-def sweep(scene, at, aims, reach, progress):
-    """The points that are met within reach."""
-    rays = np.empty((len(aims), 8), np.float32)
-    rays[:, :3], rays[:, 3], rays[:, 4:7], rays[:, 7] = at, 0.1, aims, reach
-    seen = scene.trace(rays, fields=("t", "ng", "inst", "hit"), progress=progress)
+def sweep(scene, lidar, azimuths, progress):
+    """The points that are met."""
+    seen = scene.trace(lidar, fields=("position", "direction", "ng", "inst", "hit"),
+                       progress=progress)
     hit = np.flatnonzero(seen["hit"])
     points = np.empty(len(hit), POINT)
-    places = at + seen["t"][hit, None] * aims[hit]
-    points["x"], points["y"], points["z"] = places.T
-    points["cosine"] = np.abs((seen["ng"][hit] * aims[hit]).sum(1))
+    points["x"], points["y"], points["z"] = seen["position"][hit].T
+    points["cosine"] = np.abs((seen["ng"][hit] * seen["direction"][hit]).sum(1))
     points["instance"] = seen["inst"][hit]
-    return points, hit
+    points["channel"] = hit // azimuths
+    return points
 
 
 def save(path, points):
@@ -74,12 +64,13 @@ def main():
     with raynest.connect(chosen.server) as client:
         scene = client.load(chosen.source)
         at = np.array(chosen.at) if chosen.at else stand(scene, chosen.height)
-        aims = directions(chosen.channels, chosen.azimuths, chosen.elevations)
-        points, hit = sweep(scene, at, aims, chosen.range, terminal.progress(chosen.quiet))
-        points["channel"] = hit // chosen.azimuths
+        lidar = raynest.generators.lidar(
+            np.linspace(*chosen.elevations, chosen.channels), (0, 360, chosen.azimuths),
+            look_at=(at, at + [1, 0, 0]), tmin=0.1, tmax=chosen.range)
+        points = sweep(scene, lidar, chosen.azimuths, terminal.progress(chosen.quiet))
         save(chosen.output, points)
         seconds = client.outcome["seconds"]
-        print(f"{chosen.output}: {len(points):,} points of {len(aims):,} rays from "
+        print(f"{chosen.output}: {len(points):,} points of {lidar.count:,} rays from "
               f"{', '.join(f'{value:.2f}' for value in at)}, traced in {seconds:.3f} s")
 
 

@@ -11,15 +11,17 @@ See README.md in this package's folder. Errors are in raynest.errors.
 """
 import sys
 
+from . import generators
 from ._version import VERSION as __version__
 from .client import Client, connect
 from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError,
                      InvalidError, NotAllowedError, ProtocolError, UsageError)
+from .job import Job
 from .scene import Scene
 
 if sys.byteorder != "little":
     raise ImportError("raynest: columns travel as they lie in memory: little endian machines only")
 
 __all__ = ["BusyError", "CancelledError", "Client", "ConnectError", "DeadlineError", "Error",
-           "FailedError", "InvalidError", "NotAllowedError", "ProtocolError", "Scene", "UsageError",
-           "connect", "__version__"]
+           "FailedError", "InvalidError", "Job", "NotAllowedError", "ProtocolError", "Scene",
+           "UsageError", "connect", "generators", "__version__"]

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import bisect
 import dataclasses
-from typing import Any, Sequence
+from typing import Any, Optional, Sequence
 
 import numpy as np
 
@@ -15,41 +15,50 @@ Columns = dict[str, Array]
 
 _U8, _U32, _U64, _F32 = (np.dtype(kind) for kind in (np.uint8, np.uint32, np.uint64, np.float32))
 
-# Columns of hits, of which a ray of kind multi has several. PROTOCOL.md, 7.
+# Columns of hits, of which a ray of these kinds has several. PROTOCOL.md, 7.
+CSR = ("multi", "all")
 OF_HITS: dict[str, tuple[np.dtype[Any], int]] = {
     "t": (_F32, 1), "prim": (_U32, 1), "geom": (_U32, 1), "path": (_U64, 1), "inst": (_U32, 1),
     "uid": (_U32, 1), "uv": (_F32, 2), "ng": (_F32, 3), "front": (_U8, 1), "position": (_F32, 3),
     "material": (_U32, 1)}
 # Columns of rays; an intersector's outputs, of names of its own, are more of them.
 OF_RAYS = {"hit": (_U8, 1), "flags": (_U8, 1), "ray_splits": (_U64, 1),
+           "origin": (_F32, 3), "direction": (_F32, 3),
            **{counter: (_U32, 1) for counter in
               ("nodes", "boxes", "leaves", "prims", "instances", "rejects", "total")}}
+# Columns of sums over rays.
+REDUCED: dict[str, dict[str, tuple[np.dtype[Any], int]]] = {
+    "hit_fraction": {"hit_fraction": (_F32, 1)},
+    "visible_pixels": {"path": (_U64, 1), "pixels": (_U32, 1)}}
+
+_KNOWN = {**OF_HITS, **OF_RAYS, **REDUCED["hit_fraction"], **REDUCED["visible_pixels"]}
 
 
 class Chunk:
-    """The answers of rays [first, first + count), checked against what was asked. `columns` are
-    there once it has arrived."""
+    """Rows [first, first + count) of an answer, checked against what was asked: has it these
+    columns, and are its hits CSR, where that is known? `columns` are there once it has arrived."""
 
     def __init__(self, message: Message, blocks: Sequence[Block], fields: Sequence[str],
-                 multi: bool) -> None:
+                 csr: Optional[bool]) -> None:
         self.first: int = message["first_ray"]
         self.count: int = message["count"]
         self.blocks = blocks
         self.columns: Columns = {}
         counts = {block.name: block.count for block in blocks}
         self.hits = next((count for name, count in counts.items() if name in OF_HITS), 0)
-        if not counts.keys() >= set(fields) or multi != ("ray_splits" in counts):
+        self.csr = "ray_splits" in counts
+        if not counts.keys() >= set(fields) or csr not in (None, self.csr):
             raise ProtocolError("the daemon sent other columns than those that were asked")
         for block in blocks:
-            known = OF_HITS.get(block.name) or OF_RAYS.get(block.name)
+            known = _KNOWN.get(block.name)
             if known and known != (block.dtype, block.width):
                 raise ProtocolError(f"the daemon sent a column '{block.name}' of a wrong type")
             rows = self.count + 1 if block.name == "ray_splits" else self.count
-            if block.count != (self.hits if multi and block.name in OF_HITS else rows):
+            if block.count != (self.hits if self.csr and block.name in OF_HITS else rows):
                 raise ProtocolError(f"the daemon sent a column '{block.name}' of a wrong length")
 
     def check_splits(self) -> None:
-        """Of kind multi, once it has arrived: do the splits rise from 0 to the number of hits?"""
+        """Of CSR, once it has arrived: do the splits rise from 0 to the number of hits?"""
         splits = self.columns["ray_splits"]
         has_hits = any(name in OF_HITS for name in self.columns)
         rise = splits[0] == 0 and (splits[1:] >= splits[:-1]).all()
@@ -81,38 +90,41 @@ class Answered:
 
 
 class Whole:
-    """Columns of all rays of a query: allocated once, filled in place. Of kind multi the number of
-    hits is known only at the end; until then those columns stay in their chunks."""
+    """Columns of all rows of an answer: allocated once, filled in place. Where their length is
+    known only at the end, as that of CSR hits, they stay in their chunks until then."""
 
-    def __init__(self, rays: int) -> None:
-        self._rays = rays
+    def __init__(self, rows: Optional[int]) -> None:
+        self._rows = rows
         self._columns: Columns = {}
         self._chunks: list[Chunk] = []
 
     def place(self, chunk: Chunk) -> list[Array]:
         self._chunks.append(chunk)
-        multi = any(block.name == "ray_splits" for block in chunk.blocks)
-        return [block.array() if multi and (block.name in OF_HITS or block.name == "ray_splits")
-                else self._column(block)[chunk.first:chunk.first + chunk.count]
+        return [block.array() if self._rows is None or (
+                    chunk.csr and (block.name in OF_HITS or block.name == "ray_splits"))
+                else self._column(block, self._rows)[chunk.first:chunk.first + chunk.count]
                 for block in chunk.blocks]
 
-    def _column(self, block: Block) -> Array:
+    def _column(self, block: Block, rows: int) -> Array:
         whole = self._columns.get(block.name)
         if whole is None:
-            whole = self._columns[block.name] = dataclasses.replace(block, count=self._rays).array()
-        if (whole.dtype, whole.size) != (block.dtype, block.width * self._rays):
+            whole = self._columns[block.name] = dataclasses.replace(block, count=rows).array()
+        if (whole.dtype, whole.size) != (block.dtype, block.width * rows):
             raise ProtocolError(f"the daemon changed the type of the column '{block.name}'")
         return whole
 
     def columns(self) -> Columns:
         pieces = [chunk.columns for chunk in sorted(self._chunks, key=lambda chunk: chunk.first)]
-        if "ray_splits" in pieces[0]:
-            counts = np.concatenate([np.diff(piece["ray_splits"]) for piece in pieces])
-            self._columns["ray_splits"] = np.zeros(self._rays + 1, np.uint64)
-            np.cumsum(counts, out=self._columns["ray_splits"][1:])
-            for name in pieces[0].keys() & OF_HITS.keys():
+        if not pieces:  # of what has no rows whatever was asked: no path was seen
+            return {name: np.empty(0, dtype)
+                    for name, (dtype, _) in REDUCED["visible_pixels"].items()}
+        for name in pieces[0].keys() - self._columns.keys():
+            if name == "ray_splits":
+                counts = [np.diff(piece[name]) for piece in pieces]
+                self._columns[name] = np.cumsum(np.concatenate([np.zeros(1, np.uint64), *counts]))
+            else:
                 self._columns[name] = np.concatenate([piece[name] for piece in pieces])
-        return self._columns
+        return {name: self._columns[name] for name in pieces[0]}
 
 
 def anywhere(chunk: Chunk) -> list[Array]:

@@ -127,10 +127,11 @@ class Connection:
                         self._owner = 0
                         self._turn.release()
 
-    def ask(self, name: str, message: Message, answer: str) -> Message:
+    def ask(self, name: str, message: Message, answer: str,
+            feed: Callable[[], object] = lambda: None) -> Message:
         """A request that one frame, an `answer`, ends."""
         with self.interrupts:
-            for kind, reply in self.exchange(name, message):
+            for kind, reply in self.exchange(name, message, feed=feed):
                 if kind == answer:
                     return reply
         raise errors.ProtocolError(f"the daemon answered {name} with {kind}")

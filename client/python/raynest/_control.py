@@ -25,6 +25,8 @@ from .errors import ProtocolError
 
 Message = dict[str, Any]
 
+_OFFSET = "<I"
+
 
 # ---- writing ------------------------------------------------------------------------------------
 
@@ -65,14 +67,17 @@ def _write_table(out: bytearray, name: str, values: Mapping[str, Any]) -> int:
     return at
 
 
-@functools.lru_cache(maxsize=None)
 def _format(field: Field) -> str:
     """What struct calls a field as it lies in its table."""
-    if field.many or field.type == "string" or field.type in SCHEMA.tables:
-        return "<I"
-    if field.type in SCALARS:
-        return "<" + SCALARS[field.type]
-    return "<" + "".join(SCALARS[item.type] for item in SCHEMA.structs[field.type])
+    return _OFFSET if field.many else _item_format(field.type)
+
+
+@functools.lru_cache(maxsize=None)
+def _item_format(kind: str) -> str:
+    """What struct calls an item of a vector."""
+    if kind in SCHEMA.structs:
+        return "<" + "".join(SCALARS[item.type] for item in SCHEMA.structs[kind])
+    return "<" + SCALARS[kind] if kind in SCALARS else _OFFSET
 
 
 def _alignment(form: str) -> int:
@@ -88,12 +93,15 @@ def _write_outside(out: bytearray, field: Field, value: Any) -> int:
     """Appends what a field refers to; gives its place."""
     if not field.many:
         return _write_item(out, field.type, value)
-    letter = SCALARS.get(field.type, "I")
-    _align(out, max(4, struct.calcsize("<" + letter)), 4)
+    form = _item_format(field.type)
+    _align(out, max(4, _alignment(form)), 4)
     at = len(out)
     out += struct.pack("<I", len(value))
     if field.type in SCALARS:
-        out += struct.pack(f"<{len(value)}{letter}", *value)
+        out += struct.pack(f"<{len(value)}{form[1:]}", *value)
+        return at
+    if field.type in SCHEMA.structs:
+        out += b"".join(struct.pack(form, *item) for item in value)
         return at
     out += bytes(4 * len(value))
     for place, item in zip(range(at + 4, len(out), 4), value):
@@ -164,10 +172,13 @@ class _Reader:
 
     def _list(self, field: Field, at: int, depth: int) -> list[Any]:
         count = self._number("I", at)
+        form = _item_format(field.type)
+        size = struct.calcsize(form)
+        self._check(at + 4, count * size)
         if field.type in SCALARS:
-            self._check(at + 4, count * struct.calcsize("<" + SCALARS[field.type]))
-            return list(struct.unpack_from(f"<{count}{SCALARS[field.type]}", self._data, at + 4))
-        self._check(at + 4, count * 4)
+            return list(struct.unpack_from(f"<{count}{form[1:]}", self._data, at + 4))
+        if field.type in SCHEMA.structs:
+            return list(struct.iter_unpack(form, self._data[at + 4:at + 4 + count * size]))
         return [self._item(field.type, self.follow(at + 4 + 4 * i), depth) for i in range(count)]
 
     def _item(self, kind: str, at: int, depth: int) -> Any:

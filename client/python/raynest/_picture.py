@@ -34,39 +34,44 @@ def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]],
 
 
 class Picture:
-    """Runs a Render or Heatmap; pieces come in order."""
+    """A "render" or "heatmap", whose pieces come in order. `shape` is its width, height and encode;
+    when a job is fetched, the first piece says them."""
 
-    def __init__(self, message: Message) -> None:
+    def __init__(self, kind: str, shape: Optional[Message] = None) -> None:
         self.outcome = Outcome()
-        self._message = message
+        self._kind = kind
+        self._shape = shape
         self._payload: Optional[Array] = None
         self._received = 0
 
-    def receive(self, connection: Connection, name: str, progress: Progress) -> Any:
-        """Raw pixels as an array (height, width, 4) of u8 or (height, width) of u32; bytes of a
-        picture file otherwise."""
-        seconds = self._message["job"]["deadline_ms"] / 1000
-        frames = connection.exchange(name, self._message, seconds, self._place)
+    def receive(self, connection: Connection, request: str, message: Message, progress: Progress,
+                seconds: float = 0.0) -> Any:
+        """Raw pixels as an array (height, width, 4) of u8, of a heat map (height, width) of u32;
+        bytes of a picture file otherwise."""
+        frames = connection.exchange(request, message, seconds, self._place)
         with connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:
                 self.outcome.take(kind, news)
                 if kind == "Progress" and progress:
                     progress(news["done"], news["total"], news["stage"])
-        if self._payload is None or self._received != len(self._payload):
+        if self._shape is None or self._payload is None or self._received != len(self._payload):
             raise ProtocolError("the daemon ended a picture before its last piece")
-        if self._message["encode"] != "raw":
+        if self._shape["encode"] != "raw":
             return self._payload.tobytes()
-        size = (self._message["height"], self._message["width"])
-        return self._payload.reshape(*size, 4) if name == "Render" else \
+        size = (self._shape["height"], self._shape["width"])
+        return self._payload.reshape(*size, 4) if self._kind == "render" else \
             self._payload.view(np.uint32).reshape(size)
 
     def _place(self, name: str, message: Message, blocks: Sequence[Block]) -> Sequence[Array]:
         total = message.get("total", 0)
         if self._payload is None:
-            pixels = self._message["width"] * self._message["height"]
-            raw = self._message["encode"] == "raw"
+            if self._shape is None:
+                self._shape = {key: message.get(key, 0) for key in ("width", "height", "encode")}
+            pixels = self._shape["width"] * self._shape["height"]
+            raw = self._shape["encode"] == "raw"
             most = 4 * pixels if raw else ENCODED_PIXEL_BYTES_MAX * pixels + LEGEND_BYTES_MAX
-            if name != "Picture" or total > most or (raw and total != most):
+            if (name != "Picture" or pixels > _limits.picture_pixels_max or total > most
+                    or (raw and total != most)):
                 raise ProtocolError(f"the daemon sent a picture of {total} bytes")
             self._payload = np.empty(total, np.uint8)
         block = blocks[0]

@@ -1,31 +1,36 @@
-"""A query under way: rays go out as credit allows, chunks of columns come back in any order."""
+"""An answer in columns under way: rays go out as credit allows, chunks come back in any order."""
 from __future__ import annotations
 
 import contextlib
-from typing import Callable, Generator, Sequence
+from typing import Callable, Generator, Optional, Sequence
 
-from ._columns import Answered, Chunk
+from . import _limits
+from ._columns import CSR, REDUCED, Answered, Chunk
 from ._connection import Connection
 from ._control import Message
 from ._frame import Array, Block, padding
 from ._job import Outcome
-from ._rays import RAY_BYTES, Rays
+from ._rays import RAY_BYTES, Source
 from .errors import ProtocolError
 
 # Says where the columns of a chunk go: one array for each of its blocks.
 PlaceChunk = Callable[[Chunk], Sequence[Array]]
 
 
-class Query:
-    """`message` as in the schema, but for its number of rays."""
+class Answer:
+    """Of any request that chunks answer. What it is held against is known of a query only: what a
+    job is fetched of, its own chunks tell, and DONE the number of rows."""
 
-    def __init__(self, connection: Connection, message: Message, rays: Rays) -> None:
+    fields: Sequence[str] = ()
+    csr: Optional[bool] = None
+    rows: Optional[int] = None
+
+    def __init__(self, connection: Connection, request: str, message: Message,
+                 seconds: float = 0.0) -> None:
         self.outcome = Outcome()
         self._connection = connection
-        self._message: Message = {**message, "ray_count": rays.count}
-        self._multi = message["kind"] == "multi"
-        self._rays = rays
-        self._sent = 0
+        self._seconds = seconds
+        self._request, self._message = request, message
         self._answered = Answered()
         self._names: set[str] = set()
 
@@ -34,7 +39,7 @@ class Query:
         return self._answered.count
 
     def chunks(self, place: PlaceChunk) -> Generator[Chunk, None, None]:
-        """Runs the query. Closing the generator before its end cancels the rest."""
+        """Runs the request. Closing the generator before its end cancels the rest."""
         arrived: list[Chunk] = []
 
         def place_blocks(name: str, message: Message, blocks: Sequence[Block]) -> Sequence[Array]:
@@ -44,39 +49,72 @@ class Query:
             arrived.append(chunk)
             return arrays
 
-        frames = self._connection.exchange(
-            "Query", self._message, self._message["job"]["deadline_ms"] / 1000, place_blocks,
-            self._send_rays)
+        frames = self._connection.exchange(self._request, self._message, self._seconds,
+                                           place_blocks, self.feed)
         with contextlib.closing(frames):
             for name, message in frames:
                 self.outcome.take(name, message)
                 if name == "Chunk":
                     chunk = arrived.pop()
-                    if self._multi:
+                    if chunk.csr:
                         chunk.check_splits()
                     yield chunk
-        if self.answered != self._rays.count:
+        if self.answered != (self.outcome.get("rows") if self.rows is None else self.rows):
             raise ProtocolError("the daemon ended a query before its last answer")
 
-    def _send_rays(self) -> None:
-        daemon = self._connection.daemon
-        while self._sent < self._rays.count:
-            count = min(self._rays.count - self._sent, daemon.chunk_rays_max,
+    def feed(self) -> None:
+        """Sends what the daemon still lacks, as far as credit allows."""
+
+    def rows_max(self) -> int:
+        """Of what the daemon has until now."""
+        return _limits.rays_max
+
+    def _check(self, name: str, message: Message, blocks: Sequence[Block]) -> Chunk:
+        if name != "Chunk":
+            raise ProtocolError(f"the daemon answered a query with {name}")
+        chunk = Chunk(message, blocks, self.fields, self.csr)
+        names = {block.name for block in blocks}
+        if self._names and names != self._names:
+            raise ProtocolError("the daemon sent other columns than in the chunk before")
+        self._names = names
+        self._answered.add(chunk, self.rows_max())
+        return chunk
+
+
+class Query(Answer):
+    """`message` as in the schema, but for its rays."""
+
+    def __init__(self, connection: Connection, message: Message, source: Source) -> None:
+        super().__init__(connection, "Query", {
+            **message, "ray_count": source.sent.count, "generator": source.generator},
+            message["job"]["deadline_ms"] / 1000)
+        reduce = message["reduce"]
+        self.fields = message["fields"] or tuple(REDUCED.get(reduce, ()))
+        self.csr = message["kind"] in CSR
+        self._source = source
+        self._sent = 0
+        if reduce != "visible_pixels":
+            self.rows = source.sent.count if reduce == "hit_fraction" else source.count
+
+    def rows_max(self) -> int:
+        most = self._source.count if self.rows is None else self.rows
+        sent = self._source.sent.count
+        return most * self._sent // sent if sent else most
+
+    def feed(self) -> None:
+        daemon, rays = self._connection.daemon, self._source.sent
+        while self._sent < rays.count:
+            count = min(rays.count - self._sent, daemon.chunk_rays_max,
                         daemon.bulk_bytes_max // RAY_BYTES)
             size = count * RAY_BYTES
             if self._connection.credit < size + padding(size):
                 return
             self._connection.queue("QueryRays", {"first_ray": self._sent}, "rays",
-                                   self._rays.frame(self._sent, count), width=8)
+                                   rays.frame(self._sent, count), width=8)
             self._sent += count
 
-    def _check(self, name: str, message: Message, blocks: Sequence[Block]) -> Chunk:
-        if name != "Chunk":
-            raise ProtocolError(f"the daemon answered a query with {name}")
-        chunk = Chunk(message, blocks, self._message["fields"], self._multi)
-        names = {block.name for block in blocks}
-        if self._names and names != self._names:
-            raise ProtocolError("the daemon sent other columns than in the chunk before")
-        self._names = names
-        self._answered.add(chunk, self._sent)
-        return chunk
+    def detach(self) -> int:
+        """Leaves it to the daemon; gives the number of the job."""
+        self._message["job"]["detach"] = True
+        number: int = self._connection.ask("Query", self._message, "Detached", self.feed)["job"]
+        return number

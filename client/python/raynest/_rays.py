@@ -5,10 +5,12 @@ while they are sent, so that no second copy of them all is ever made.
 """
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, Optional
 
 import numpy as np
 
+from ._control import Message
 from ._frame import Array
 from .errors import UsageError
 
@@ -23,7 +25,7 @@ class Rays:
         self._rows: Optional[Array] = None      # (N, 8), when they came so
         first = _numbers("rays", rays)
         if directions is not None:
-            self._origins, self._directions = _pair(first, _numbers("directions", directions))
+            self._origins, self._directions = pair(first, directions)
         elif first.ndim == 2 and first.shape[1] == 6:
             self._origins, self._directions = first[:, :3], first[:, 3:]
         elif first.ndim == 2 and first.shape[1] == 8:
@@ -52,6 +54,15 @@ class Rays:
         return out
 
 
+@dataclasses.dataclass(frozen=True)
+class Source:
+    """Where the rays of a query come from."""
+
+    sent: Rays                              # the rays; of points that have rays the points
+    count: int                              # of rays that will be traced
+    generator: Optional[Message] = None     # by which the daemon makes them
+
+
 def vector(what: str, value: Any) -> Array:
     """Three float64."""
     out = _numbers(what, value).astype(np.float64)
@@ -62,7 +73,7 @@ def vector(what: str, value: Any) -> Array:
 
 def segments(a: Any, b: Any, margin: float) -> Array:
     """Rays (N, 8) from a to b in units of their distance, without `margin` at both ends."""
-    start, end = _pair(_numbers("a", a), _numbers("b", b))
+    start, end = pair(a, b)
     rows = np.empty((len(start), 8), np.result_type(start, end, np.float32))
     rows[:, :3], rows[:, 3], rows[:, 7] = start, margin, 1 - margin
     np.subtract(end, start, out=rows[:, 4:7])
@@ -76,8 +87,9 @@ def _numbers(what: str, value: Any) -> Array:
     return out
 
 
-def _pair(a: Array, b: Array) -> tuple[Array, Array]:
+def pair(first: Any, second: Any) -> tuple[Array, Array]:
     """Both as (N, 3); one of them may be a single (3,), which then counts for all of the other."""
+    a, b = _numbers("points", first), _numbers("directions", second)
     try:
         a, b = np.broadcast_arrays(a, b)
     except ValueError:

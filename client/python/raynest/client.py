@@ -15,6 +15,7 @@ from ._hash import content_hash
 from ._job import Outcome, Progress
 from ._rays import vector
 from ._upload import File, Sender, Upload, gather
+from .job import Job, job_infos
 from .scene import Scene
 
 
@@ -116,6 +117,18 @@ class Client:
                    "instanced_triangles": "instanced_triangles", "bytes": "bytes"}
         return [dict(zip(columns, row)) for page in self._pages("Scenes", "SceneList", "names")
                 for row in zip(*(page[plural] for plural in columns.values()))]
+
+    # ---- jobs -----------------------------------------------------------------------------------
+
+    def job(self, number: int) -> Job:
+        """A detached job by its number; InvalidError where there is none."""
+        job = Job(self, number)
+        return Job(self, job.info["job"])
+
+    def jobs(self) -> list[dict[str, Any]]:
+        """What runs for all clients, and detached jobs whose answers are kept: job (its number),
+        owner, kind, scene, state, done of total, age_ms, left_ms, bytes, ..."""
+        return list(job_infos(self.connection))
 
     # ---- the daemon -----------------------------------------------------------------------------
 

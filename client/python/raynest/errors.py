@@ -6,12 +6,12 @@
     ├── UsageError           2    a field or parameter is wrong; also a ValueError
     ├── ConnectError         3    nobody answers there; also a ConnectionError
     ├── NotAllowedError      4    token or address is not accepted; also a PermissionError
-    ├── InvalidError         5    scene, file or variant is unknown or invalid; also a LookupError
+    ├── InvalidError         5    scene, file, variant or job is unknown; also a LookupError
     ├── BusyError            6    full, or over a quota: try again after `retry_after` seconds
     ├── DeadlineError        7    the deadline passed; also a TimeoutError
     └── CancelledError       130  the request was cancelled
 
-`name` tells apart what shares a class: InvalidError is SCENE_UNKNOWN, VARIANT_UNKNOWN, ...
+`name` tells apart what shares a class: InvalidError is SCENE_UNKNOWN, JOB_UNKNOWN, ...
 Ctrl-C raises KeyboardInterrupt as everywhere in Python, after the request was cancelled.
 """
 from __future__ import annotations
@@ -66,6 +66,8 @@ class CancelledError(Error):
     exit_code = 130
 
 
+INTERNAL: tuple[str, type[Error]] = ("INTERNAL", FailedError)
+
 # The error table of PROTOCOL.md, in order of its codes from 1.
 TABLE: tuple[tuple[str, type[Error]], ...] = (
     ("BAD_FRAME", FailedError),
@@ -87,14 +89,15 @@ TABLE: tuple[tuple[str, type[Error]], ...] = (
     ("SLOW_CONSUMER", FailedError),
     ("RESOURCE_EXHAUSTED", BusyError),
     ("UNSUPPORTED", InvalidError),
-    ("INTERNAL", FailedError),
+    INTERNAL,
+    ("JOB_UNKNOWN", InvalidError),
 )
 
 
 def from_daemon(code: int, message: str, retry_after_ms: int) -> Error:
     """The exception for an ERROR frame; a code of a later version reads as INTERNAL."""
     known = 1 <= code <= len(TABLE)
-    name, kind = TABLE[code - 1] if known else TABLE[-1]
+    name, kind = TABLE[code - 1] if known else INTERNAL
     seconds = retry_after_ms / 1000
     hint = f" (try again in {retry_after_ms} ms)" if retry_after_ms else ""
     return kind((message or name) + hint, name, code, seconds)

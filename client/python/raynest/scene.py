@@ -2,8 +2,9 @@
 from __future__ import annotations
 
 import contextlib
-from typing import (TYPE_CHECKING, Any, Generator, Iterator, Mapping, Optional, Sequence, Union,
-                    overload)
+import dataclasses
+from typing import (TYPE_CHECKING, Any, Generator, Iterator, Literal, Mapping, Optional, Sequence,
+                    Union, overload)
 
 import numpy as np
 
@@ -13,7 +14,10 @@ from ._frame import Array
 from ._job import JobOptions, Progress, job_message
 from ._picture import Picture, camera_message, size_message
 from ._query import Query
-from ._rays import Rays, segments
+from ._rays import Rays, Source, segments
+from .errors import UsageError
+from .generators import Generator as RayGenerator
+from .job import Job
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -35,51 +39,78 @@ class Scene:
 
     # ---- rays -----------------------------------------------------------------------------------
 
-    def trace(self, rays: Any, directions: Any = None, *, kind: str = "closest",
-              fields: Optional[Sequence[str]] = None, max_hits: int = 8, origin: Any = None,
-              progress: Progress = None, **job: Unpack[JobOptions]) -> Columns:
-        """What rays hit, as a dict of arrays with one row per ray.
+    @overload
+    def trace(self, rays: Any, directions: Any = None, *, kind: Optional[str] = None,
+              fields: Optional[Sequence[str]] = None, max_hits: Optional[int] = None,
+              reduce: str = "", origin: Any = None, progress: Progress = None,
+              detach: Literal[False] = False, **job: Unpack[JobOptions]) -> Columns: ...
+    @overload
+    def trace(self, rays: Any, directions: Any = None, *, kind: Optional[str] = None,
+              fields: Optional[Sequence[str]] = None, max_hits: Optional[int] = None,
+              reduce: str = "", origin: Any = None, progress: Progress = None,
+              detach: Literal[True], **job: Unpack[JobOptions]) -> Job: ...
+
+    def trace(self, rays: Any, directions: Any = None, *, kind: Optional[str] = None,
+              fields: Optional[Sequence[str]] = None, max_hits: Optional[int] = None,
+              reduce: str = "", origin: Any = None, progress: Progress = None,
+              detach: bool = False, **job: Unpack[JobOptions]) -> Union[Columns, Job]:
+        """What rays hit, as a dict of arrays with one row per ray; with `detach` a Job that goes on
+        without this client, and whose fetch() gives them.
 
         `rays` is (N, 6) [ox oy oz dx dy dz] or (N, 8) [ox oy oz tmin dx dy dz tmax], or it holds
         origins (N, 3) and `directions` is (N, 3); either may be a single (3,). Directions need no
         unit length: t is in units of it. float32 of shape (N, 8) is sent as it lies; all else is
         converted on the way, after `origin` (three float64) was subtracted from the rays' origins.
+        Or it is made by raynest.generators: then the daemon makes the rays, and none travel.
 
-        kind "closest" gives the first hit, "any" only whether there is one (column hit), "multi"
-        the first `max_hits`: then hits of ray i are rows ray_splits[i] to ray_splits[i + 1] of the
-        columns of hits. `fields` are the columns, by default t prim geom path uv (any: hit). A miss
-        has t = inf and ids of all ones.
+        kind "closest", the default, gives the first hit, "any" only whether there is one (column
+        hit), "multi" the first `max_hits` (8), "all" every one: of more than `max_hits` (4096) the
+        nearest and flag 2, and Client.outcome["truncated"] counts such rays. Of these two, hits of
+        ray i are rows ray_splits[i] to ray_splits[i + 1] of the columns of hits. "null" traces
+        nothing and answers misses. `fields` are the columns, by default t prim geom path uv (any:
+        hit). A miss has t = inf and ids of all ones.
+
+        `reduce` "hit_fraction", of generators.hemisphere(), gives that one column: the share of
+        each point's rays that hit. "visible_pixels" gives the columns path, ascending, and pixels:
+        how many rays meet that path first.
         """
-        source = Rays(rays, directions, self._origin(origin))
+        source = self._source(rays, directions, origin)
         # A query has at least one ray: for none at all an invalid one is asked about, so that
         # errors and dtypes are those of any other query.
-        asked = source if source.count else Rays(np.zeros((1, 8), np.float32))
-        query = self._query(asked, kind, fields, max_hits, job)
-        whole = Whole(asked.count)
+        asked = source if source.count else dataclasses.replace(
+            source, sent=Rays(np.zeros((1, 8), np.float32)), count=1,
+            generator=source.generator and {**source.generator, "samples": 1})
+        query = self._query(asked, kind, fields, max_hits, job, reduce)
+        if detach:
+            if source.count == 0:
+                raise UsageError("a detached job needs rays: pass some, or leave detach away")
+            return Job(self._client, query.detach())
+        whole = Whole(query.rows)
         with self._client.connection.interrupts, \
                 contextlib.closing(query.chunks(whole.place)) as chunks:
             for _ in chunks:
                 if progress:
-                    progress(query.answered, asked.count, "tracing")
+                    progress(query.answered, query.rows or query.answered, "tracing")
         self._client.outcome = query.outcome
         columns = whole.columns()
         if source.count == 0:
             columns = {name: column[:int(name == "ray_splits")] for name, column in columns.items()}
         return columns
 
-    def stream(self, rays: Any, directions: Any = None, *, kind: str = "closest",
-               fields: Optional[Sequence[str]] = None, max_hits: int = 8, origin: Any = None,
+    def stream(self, rays: Any, directions: Any = None, *, kind: Optional[str] = None,
+               fields: Optional[Sequence[str]] = None, max_hits: Optional[int] = None,
+               origin: Any = None,
                **job: Unpack[JobOptions]) -> Generator[tuple[int, Columns], None, None]:
         """As trace(), but yields (first_ray, columns) of some thousand rays as they are traced, in
         any order. Leaving the loop cancels the rest.
 
-        `rays` may be an iterator of arrays: each is one query, all of them see the same epoch, and
-        first_ray counts on. Nothing is asked of an array before those before it are answered, so
+        `rays` may be an iterator of arrays or generators: each is one query, all of them see the
+        same epoch, and first_ray counts on. Nothing is asked of an array before those before it are answered, so
         arrays of 100,000 rays or more keep the daemon busy.
         """
         first = 0
         for block in rays if isinstance(rays, Iterator) else (rays,):
-            source = Rays(block, directions, self._origin(origin))
+            source = self._source(block, directions, origin)
             if source.count == 0:
                 continue
             query = self._query(source, kind, fields, max_hits, job)
@@ -99,50 +130,67 @@ class Scene:
                          progress=progress, **job)
         return np.asarray(hit["hit"] != 0)
 
-    def _origin(self, origin: Any) -> Any:
-        return self.origin if origin is None else origin
+    def _source(self, rays: Any, directions: Any, origin: Any) -> Source:
+        origin = self.origin if origin is None else origin
+        if isinstance(rays, RayGenerator):
+            if directions is not None:
+                raise UsageError("a generator makes its own directions; pass no others")
+            return rays.source(origin)
+        sent = Rays(rays, directions, origin)
+        return Source(sent, sent.count)
 
-    def _query(self, rays: Rays, kind: str, fields: Optional[Sequence[str]], max_hits: int,
-               job: JobOptions) -> Query:
+    def _query(self, source: Source, kind: Optional[str], fields: Optional[Sequence[str]],
+               max_hits: Optional[int], job: JobOptions, reduce: str = "") -> Query:
+        if kind is None:
+            kind = "any" if reduce == "hit_fraction" else "closest"
         if fields is None:
-            fields = ("hit",) if kind == "any" else ("t", "prim", "geom", "path", "uv")
+            fields = () if reduce else ("hit",) if kind == "any" else \
+                ("t", "prim", "geom", "path", "uv")
+        if max_hits is None:
+            max_hits = 4096 if kind == "all" else 8
         return Query(self._client.connection, {
             "job": job_message(self.name, job), "kind": kind, "fields": list(fields),
-            "max_hits": max_hits}, rays)
+            "max_hits": max_hits, "reduce": reduce}, source)
 
     # ---- pictures -------------------------------------------------------------------------------
 
     def render(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
                fov: float = 0.0, size: tuple[int, int] = (960, 540), integrator: str = "primary",
                samples: int = 1, seed: int = 0, encode: str = "raw", progress: Progress = None,
-               **job: Unpack[JobOptions]) -> Any:
+               detach: bool = False, **job: Unpack[JobOptions]) -> Any:
         """A picture: (height, width, 4) of u8, sRGB and alpha, row 0 on top; with `encode` "png" or
-        "exr" the bytes of such a file.
+        "exr" the bytes of such a file; with `detach` a Job whose fetch() gives it.
 
         The camera is one of the scene's by name or index, the first one by default, or `look_at` is
         (eye, at) or (eye, at, up); `fov` is vertical, in degrees.
         """
-        return self._picture("Render", camera, look_at, fov, size, progress, job, {
+        return self._picture("Render", camera, look_at, fov, size, progress, detach, job, {
             "integrator": integrator, "samples": samples, "seed": seed, "encode": encode})
 
     def heatmap(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
                 fov: float = 0.0, size: tuple[int, int] = (960, 540), metric: str = "total",
                 palette: str = "turbo", scale: str = "linear", range: str = "p99",
                 count: str = "traversed", encode: str = "raw", progress: Progress = None,
-                **job: Unpack[JobOptions]) -> Any:
+                detach: bool = False, **job: Unpack[JobOptions]) -> Any:
         """What a ray through each pixel costs: counts, (height, width) of u32; with `encode` "png"
         or "exr" the bytes of such a file, the former with a legend. Statistics over all pixels are
-        in Client.outcome["heat"]. Cameras are those of render()."""
-        return self._picture("Heatmap", camera, look_at, fov, size, progress, job, {
+        in Client.outcome["heat"]. Cameras and `detach` are those of render()."""
+        return self._picture("Heatmap", camera, look_at, fov, size, progress, detach, job, {
             "metric": metric, "palette": palette, "scale": scale, "range": range, "count": count,
             "encode": encode})
 
     def _picture(self, name: str, camera: Union[str, int], look_at: Optional[Sequence[Any]],
-                 fov: float, size: tuple[int, int], progress: Progress, job: JobOptions,
-                 fields: Message) -> Any:
-        picture = Picture({"job": job_message(self.name, job), **size_message(size),
-                           "camera": camera_message(camera, look_at, fov), **fields})
-        pixels = picture.receive(self._client.connection, name, progress)
+                 fov: float, size: tuple[int, int], progress: Progress, detach: bool,
+                 job: JobOptions, fields: Message) -> Any:
+        options = job_message(self.name, job)
+        shape = {**size_message(size), "encode": fields["encode"]}
+        message = {"job": {**options, "detach": detach}, **shape,
+                   "camera": camera_message(camera, look_at, fov), **fields}
+        connection = self._client.connection
+        if detach:
+            return Job(self._client, connection.ask(name, message, "Detached")["job"])
+        picture = Picture(name.lower(), shape)
+        pixels = picture.receive(connection, name, message, progress, options["deadline_ms"] / 1000)
         self._client.outcome = picture.outcome
         return pixels
 

@@ -14,6 +14,7 @@ from typing import Any, Hashable, NamedTuple, Optional, Union
 
 import numpy as np
 
+from .._columns import Columns
 from .._frame import Array
 from ..client import Client, connect
 from ..errors import InvalidError, UsageError
@@ -151,16 +152,17 @@ class RayMeshIntersector:
         kept = kept[place < max_hits]
         return Crossings(hits["prim"][kept].astype(np.int64), rays[kept], hits["t"][kept])
 
-    def _trace(self, origins: Array, directions: Array, **options: Any) -> dict[str, Array]:
+    def _trace(self, origins: Array, directions: Array, **options: Any) -> Columns:
         scene = self._upload()
         origins = (origins - self._shift) * self._scale
         try:
-            return scene.trace(origins, directions, intersector="opaque", **options)
+            hits: Columns = scene.trace(origins, directions, intersector="opaque", **options)
         except InvalidError as error:
             if error.name != "SCENE_UNKNOWN":
                 raise
-        self._scene = None  # somebody has unloaded it
-        return self._upload().trace(origins, directions, intersector="opaque", **options)
+            self._scene = None  # somebody has unloaded it
+            hits = self._upload().trace(origins, directions, intersector="opaque", **options)
+        return hits
 
     def _upload(self) -> Scene:
         key = hash(self.mesh) if isinstance(self.mesh, Hashable) else id(self.mesh)

@@ -1,0 +1,184 @@
+"""Rays that the daemon makes, so that none travel: trace() and stream() take these in their place.
+
+    from raynest import generators
+
+    sweep = generators.lidar([-15, -5, 5, 15], azimuths=(0, 360, 2048), camera="overview")
+    hits = scene.trace(sweep, fields=("t", "direction"))
+
+Images go row by row from the top, pixel (x, y) has its centre at (x + 0.5, y + 0.5). A sensor looks
+along -Z, +X to the right, +Y up; a lidar's x is ahead, y left, z up. Angles are degrees. The
+formulas are in PROTOCOL.md, 6; the columns `origin` and `direction` tell what they gave.
+"""
+from __future__ import annotations
+
+import math
+import operator
+from typing import TYPE_CHECKING, Any, Optional, Sequence, TypedDict, Union
+
+import numpy as np
+
+from . import _limits
+from ._control import Message
+from ._frame import Array
+from ._picture import camera_message, size_message
+from ._rays import Rays, Source, pair, vector
+from .errors import UsageError
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+
+class Mount(TypedDict, total=False):
+    """Keyword arguments of all sensors: where they stand, and which hits count."""
+
+    pose: Any                   # sensor to world, (3, 4) or (4, 4); without it as
+    camera: Union[str, int]     # this camera of the scene, by name or index, or as
+    look_at: Sequence[Any]      # (eye, at) or (eye, at, up); else at the origin, looking along -Z
+    tmin: float
+    tmax: float                 # in units of t
+
+
+class Generator:
+    """Made by the functions below; `count` is its number of rays."""
+
+    def __init__(self, message: Message, count: int, points: Optional[Array] = None,
+                 mount: Optional[Mount] = None, fov: float = 0.0) -> None:
+        self.count = count
+        self._message = message if mount is None else {**message, **_range(mount)}
+        self._points = points       # (N, 8): point, tmin, normal, tmax
+        self._mount: Mount = mount or {}
+        self._pose = _pose(self._mount["pose"]) if "pose" in self._mount else None
+        self._fov = fov
+
+    def __repr__(self) -> str:
+        return f"<raynest.generators.{self._message['kind']}, {self.count} rays>"
+
+    def source(self, origin: Any) -> Source:
+        """What travels of it; points and places are shifted by `origin` as rays are."""
+        if self._points is not None:
+            return Source(Rays(self._points, origin=origin), self.count, self._message)
+        shift = np.zeros(3) if origin is None else vector("origin", origin)
+        message = dict(self._message)
+        if self._pose is not None:
+            message["pose"] = _floats(self._pose - np.pad(shift[:, None], ((0, 0), (3, 0))))
+        camera, look_at = self._mount.get("camera", ""), self._mount.get("look_at")
+        if look_at is not None:
+            places = [vector("look_at", place) - shift for place in look_at[:2]]
+            look_at = [*places, *look_at[2:]]
+        if camera != "" or look_at is not None or self._fov:
+            message["camera"] = camera_message(camera, look_at, self._fov)
+        return Source(Rays(np.empty((0, 8), np.float32)), self.count, message)
+
+
+# ---- sensors ------------------------------------------------------------------------------------
+
+def camera(*, fov: float = 0.0, size: tuple[int, int] = (960, 540),
+           **mount: Unpack[Mount]) -> Generator:
+    """The rays of a picture: `camera` is one of the scene, by default the first, or `look_at`;
+    `fov` is vertical. t is depth along the axis."""
+    if "pose" in mount:
+        raise UsageError("camera() takes no pose: pass camera= or look_at=, or use pinhole()")
+    return _image("camera", size, mount, fov=fov)
+
+
+def pinhole(fx: float, fy: Optional[float] = None, cx: Optional[float] = None,
+            cy: Optional[float] = None, *, size: tuple[int, int] = (960, 540),
+            **mount: Unpack[Mount]) -> Generator:
+    """A calibrated camera: focal lengths and principal point in pixels, by default square pixels
+    and the middle. t is depth along the axis."""
+    width, height = size
+    return _image("pinhole", size, mount, fx=fx, fy=fx if fy is None else fy,
+                  cx=width / 2 if cx is None else cx, cy=height / 2 if cy is None else cy)
+
+
+def orthographic(window: tuple[float, float], *, size: tuple[int, int] = (960, 540),
+                 **mount: Unpack[Mount]) -> Generator:
+    """Parallel rays through a window of this width and height in the scene."""
+    return _image("orthographic", size, mount, window_width=window[0], window_height=window[1])
+
+
+def equirectangular(*, size: tuple[int, int] = (960, 480), **mount: Unpack[Mount]) -> Generator:
+    """All directions: 360 degrees wide, ahead in the middle, 180 high."""
+    return _image("equirectangular", size, mount)
+
+
+def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 2048), *,
+          azimuth_offsets: Any = (), origin_offsets: Any = (), **mount: Unpack[Mount]) -> Generator:
+    """A head that turns: a channel for each of `elevations`, `azimuths` is (start, stop, count),
+    counter-clockwise, without stop. Channels may be turned by `azimuth_offsets` (C,) and sit at
+    `origin_offsets` (C, 3) of the head. Ray c * count + j is channel c at azimuth j."""
+    start, stop, count = azimuths
+    message: Message = {
+        "kind": "lidar", "elevations": _floats(elevations),
+        "azimuth_offsets": _floats(azimuth_offsets), "origin_offsets": _offsets(origin_offsets),
+        "azimuth_start": start, "azimuth_stop": stop,
+        "azimuth_count": _whole("azimuths", count, _limits.azimuths_max)}
+    channels = len(message["elevations"])
+    if not 0 < channels <= _limits.list_items_max:
+        raise UsageError(f"a lidar of {channels} channels: it has 1 to {_limits.list_items_max}; "
+                         "trace more in several sweeps")
+    for name in ("azimuth_offsets", "origin_offsets"):
+        if len(message[name]) not in (0, channels):
+            raise UsageError(f"{name} must be one for each of the {channels} elevations, or none")
+    return Generator(message, channels * count, mount=mount)
+
+
+# ---- points -------------------------------------------------------------------------------------
+
+def hemisphere(points: Any, normals: Any, *, samples: int = 64, seed: int = 0, tmin: float = 0.0,
+               tmax: float = math.inf) -> Generator:
+    """`samples` cosine-weighted rays from each of the points (N, 3) to the side of its normal: what
+    trace(..., reduce="hit_fraction") averages. Ray p * samples + s is sample s of point p."""
+    places, ways = pair(points, normals)
+    rows = np.empty((len(places), 8), np.result_type(places, ways, np.float32))
+    rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7] = places, tmin, ways, tmax
+    message = {"kind": "hemisphere", "seed": _whole("seed", seed, 2**64 - 1, least=0),
+               "samples": _whole("samples", samples, _limits.samples_max)}
+    return Generator(message, len(rows) * samples, rows)
+
+
+def _image(kind: str, size: tuple[int, int], mount: Mount, fov: float = 0.0,
+           **fields: float) -> Generator:
+    return Generator({"kind": kind, **size_message(size), **fields}, size[0] * size[1],
+                     mount=mount, fov=fov)
+
+
+def _range(mount: Mount) -> Message:
+    unknown = mount.keys() - Mount.__annotations__.keys()
+    if unknown:
+        raise TypeError(f"a sensor has no option {', '.join(sorted(unknown))}; there are "
+                        f"{', '.join(Mount.__annotations__)}")
+    tmin, tmax = mount.get("tmin", 0.0), mount.get("tmax", math.inf)
+    if not 0 <= tmin < tmax:
+        raise UsageError(f"tmin {tmin} and tmax {tmax}: it must be 0 <= tmin < tmax")
+    return {"tmin": tmin, "tmax": 0.0 if math.isinf(tmax) else tmax}
+
+
+def _pose(value: Any) -> Array:
+    pose = np.array(value, np.float64)
+    if pose.shape == (4, 4) and (pose[3] == (0, 0, 0, 1)).all():
+        pose = pose[:3]
+    if pose.shape != (3, 4):
+        raise UsageError(f"a pose of shape {pose.shape}: it must be (3, 4), or (4, 4) with a last "
+                         "row of 0 0 0 1")
+    return pose
+
+
+def _floats(value: Any) -> list[float]:
+    """What float32 cannot hold becomes infinite, and the daemon refuses it."""
+    with np.errstate(over="ignore"):
+        out: list[float] = np.asarray(value, np.float32).ravel().tolist()
+    return out
+
+
+def _offsets(value: Any) -> list[tuple[float, ...]]:
+    rows = np.asarray(value, np.float32)
+    if rows.size and (rows.ndim != 2 or rows.shape[1] != 3):
+        raise UsageError(f"origin_offsets of shape {rows.shape}: they must be (C, 3)")
+    return [tuple(row) for row in rows.reshape(-1, 3).tolist()]
+
+
+def _whole(what: str, value: int, most: int, least: int = 1) -> int:
+    if not least <= operator.index(value) <= most:
+        raise UsageError(f"{what} of {value}: it must be {least} to {most}")
+    return value

@@ -1,0 +1,87 @@
+"""A detached job: what trace(), render() or heatmap() was asked goes on in the daemon.
+
+It needs its client no longer, and outlives it. Its answer is kept in the daemon's memory for an
+hour, until cancel(), or until newer answers need the room and it was fetched.
+"""
+from __future__ import annotations
+
+import contextlib
+import math
+from typing import TYPE_CHECKING, Any, Iterator
+
+from . import errors
+from ._columns import Whole
+from ._connection import Connection
+from ._control import Message
+from ._job import Progress
+from ._picture import Picture
+from ._query import Answer
+
+if TYPE_CHECKING:
+    from .client import Client
+
+
+class Job:
+    """Made with `detach`, and by Client.job(), also on another connection of the same owner."""
+
+    def __init__(self, client: Client, number: int) -> None:
+        self.number = number
+        self._client = client
+
+    def __repr__(self) -> str:
+        return f"<raynest.Job {self.number} at {self._client.uri}>"
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """Its entry of Client.jobs(); InvalidError when it is not known, or not any more."""
+        for info in job_infos(self._client.connection, self.number - 1):
+            if info["job"] == self.number:
+                return info
+            break
+        raise errors.InvalidError(f"there is no job {self.number}; Client.jobs() lists those that "
+                                  "there are", "JOB_UNKNOWN")
+
+    def wait(self, *, deadline: float = 0.0, progress: Progress = None) -> Job:
+        """Returns itself when it has ended; raises why, if it failed. DeadlineError after
+        `deadline` seconds, 0 is none: it, like Ctrl-C, ends the wait and not the job."""
+        message = {"job": self.number, "deadline_ms": math.ceil(1000 * deadline)}
+        frames = self._client.connection.exchange("Wait", message, deadline)
+        info: Message = {}
+        with self._client.connection.interrupts, contextlib.closing(frames):
+            for kind, info in frames:
+                if kind == "Progress" and progress:
+                    progress(info["done"], info["total"], info["stage"])
+        if info.get("code"):
+            raise errors.from_daemon(info["code"], f"job {self.number}: {info['error']}", 0)
+        return self
+
+    def fetch(self, *, progress: Progress = None) -> Any:
+        """What the call would have given, as often as asked; BusyError until wait() returns."""
+        client, message = self._client, {"job": self.number}
+        kind = self.info["kind"]
+        if kind != "query":
+            picture = Picture(kind)
+            pixels = picture.receive(client.connection, "Fetch", message, progress)
+            client.outcome = picture.outcome
+            return pixels
+        answer, whole = Answer(client.connection, "Fetch", message), Whole(None)
+        with client.connection.interrupts, contextlib.closing(answer.chunks(whole.place)) as chunks:
+            for _ in chunks:
+                if progress:
+                    progress(answer.answered, 0, "fetching")
+        client.outcome = answer.outcome
+        return whole.columns()
+
+    def cancel(self) -> None:
+        """Ends it, and drops what is kept of it."""
+        self._client.connection.ask("CancelJob", {"job": self.number}, "JobInfo")
+
+
+def job_infos(connection: Connection, after: int = 0) -> Iterator[Message]:
+    """Jobs of all clients by number, those above `after`."""
+    while True:
+        page = connection.ask("Jobs", {"after": after}, "JobList")
+        yield from page["jobs"]
+        if not page["more"] or not page["jobs"]:
+            return
+        after = page["jobs"][-1]["job"]

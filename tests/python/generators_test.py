@@ -1,0 +1,210 @@
+#!/usr/bin/env python3
+"""Rays that the daemon makes, and what it sums over them, against numpy on the same rays.
+
+  generators_test.py RAYNESTD RAYNEST FLATC
+
+That the daemon's formulas are those of PROTOCOL.md is shown in tests/integration; here: that what
+is asked for in Python's words arrives.
+"""
+import numpy as np
+
+import raynest
+from raynest import generators
+from with_daemon import WithDaemon, main
+
+ULP = 2.0**-23
+POSE = np.array([[0, 0, 1, 5], [1, 0, 0, 20], [0, 1, 0, -3], [0, 0, 0, 1.0]])
+SIZE = (61, 43)
+
+
+def pixels():
+    row, column = np.mgrid[0:SIZE[1], 0:SIZE[0]]
+    return column.ravel() + 0.5, row.ravel() + 0.5
+
+
+class Generators(WithDaemon):
+    def made(self, generator, scene=None, **options):
+        """Origins and directions of the daemon; nothing is traced."""
+        rays = (scene or self.woods).trace(generator, kind="null", fields=("origin", "direction"),
+                                           **options)
+        self.assertEqual(len(rays["origin"]), generator.count)
+        return rays["origin"], rays["direction"]
+
+    def check(self, generator, origins, directions):
+        for have, want in zip(self.made(generator), (origins, directions)):
+            scale = np.maximum(np.abs(want).max(1, keepdims=True), 1e-30)
+            self.assertLessEqual((np.abs(have - want) / scale).max(), 1.01 * ULP)
+
+    def placed(self, directions, offsets=0.0):
+        return (POSE[:3, 3] + offsets @ POSE[:3, :3].T if np.ndim(offsets) else
+                np.broadcast_to(POSE[:3, 3], directions.shape)), directions @ POSE[:3, :3].T
+
+    def test_a_pinhole_has_its_focal_lengths_and_its_principal_point(self):
+        x, y = pixels()
+        for given, (fx, fy, cx, cy) in (((50,), (50, 50, SIZE[0] / 2, SIZE[1] / 2)),
+                                        ((50, 40, 10, 20), (50, 40, 10, 20))):
+            ways = np.stack([(x - cx) / fx, (cy - y) / fy, -np.ones_like(x)], 1)
+            self.check(generators.pinhole(*given, size=SIZE, pose=POSE), *self.placed(ways))
+
+    def test_orthographic_and_equirectangular(self):
+        x, y = pixels()
+        offsets = np.stack([(x / SIZE[0] - 0.5) * 12.5, (0.5 - y / SIZE[1]) * 7.5, 0 * x], 1)
+        self.check(generators.orthographic((12.5, 7.5), size=SIZE, pose=POSE[:3]),
+                   *self.placed(np.broadcast_to([0, 0, -1.0], offsets.shape), offsets))
+        a, e = (x / SIZE[0] - 0.5) * 2 * np.pi, (0.5 - y / SIZE[1]) * np.pi
+        ways = np.stack([np.cos(e) * np.sin(a), np.sin(e), -np.cos(e) * np.cos(a)], 1)
+        self.check(generators.equirectangular(size=SIZE, pose=POSE), *self.placed(ways))
+
+    def test_a_lidar_has_channels_by_azimuths(self):
+        elevations, offsets = np.array([-10, 0, 20.0]), np.array([1, 0, -2.0])
+        places = np.array([[0.5, 0.25, 0], [0, 0, 0], [0, -0.5, 1]])
+        head = np.radians(-60 + 180 * np.arange(100) / 100)[None]
+        a, e = head + np.radians(offsets)[:, None], np.radians(elevations)[:, None] + 0 * head
+        ways = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], -1)
+        px, py, pz = (places[:, i, None] for i in range(3))
+        turned = np.stack([px * np.cos(head) - py * np.sin(head),
+                           px * np.sin(head) + py * np.cos(head), pz + 0 * head], -1)
+        self.check(generators.lidar(elevations, (-60, 120, 100), azimuth_offsets=offsets,
+                                    origin_offsets=places, pose=POSE),
+                   *self.placed(ways.reshape(-1, 3), turned.reshape(-1, 3)))
+        # Without a pose it stands as a camera does.
+        origins, ways = self.made(generators.lidar([0], (0, 360, 4),
+                                                   look_at=([1, 2, 3], [1, 2, 0])))
+        np.testing.assert_allclose(origins, [[1, 2, 3]] * 4, atol=ULP)
+        np.testing.assert_allclose(ways, [[0, 0, -1], [-1, 0, 0], [0, 0, 1], [1, 0, 0]], atol=ULP)
+
+    def test_generated_rays_have_the_answers_of_the_same_rays_sent(self):
+        points = np.random.default_rng(3).uniform(-10, 10, (30, 3)) + [0, 12, 0]
+        for generator in (generators.camera(size=(203, 117)),
+                          generators.camera(camera="canopy", fov=30, size=(80, 60), tmin=3),
+                          generators.camera(camera=1, size=(40, 30), tmax=40),
+                          generators.lidar([-20, 0, 9], pose=POSE, tmin=0.5, tmax=30),
+                          generators.hemisphere(points, [0, 1, 0], samples=500, seed=7)):
+            for kind, fields in (("closest", ("t", "path")), ("any", ("hit",)),
+                                 ("multi", ("t", "path")), ("all", ("t", "path"))):
+                made = self.woods.trace(generator, kind=kind,
+                                        fields=(*fields, "origin", "direction"))
+                rays = np.empty((generator.count, 8), np.float32)
+                rays[:, :3], rays[:, 4:7] = made.pop("origin"), made.pop("direction")
+                limits = generator._message if generator._points is None else {}
+                rays[:, 3], rays[:, 7] = limits.get("tmin", 0), limits.get("tmax", 0) or np.inf
+                self.same(made, self.woods.trace(rays, kind=kind, fields=fields))
+            self.assertGreater(len(made["t"]), 10)
+
+    def test_a_stream_of_generators_counts_on(self):
+        a, b = generators.camera(size=(300, 200)), generators.lidar([-9, 5], pose=POSE)
+        whole = np.concatenate([self.woods.trace(each)["t"] for each in (a, b)])
+        seen = np.full(len(whole), np.nan, np.float32)
+        for first, columns in self.woods.stream(iter([a, b]), fields=("t",)):
+            seen[first:first + len(columns["t"])] = columns["t"]
+        np.testing.assert_array_equal(seen, whole)
+
+    def test_an_origin_shifts_what_a_generator_says_of_places(self):
+        far = np.array([4e6, 5e6, 100.0])
+        scene = self.client.mesh(far + [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], origin=far)
+        down = np.eye(4)
+        down[:3, 3] = far + [0.25, 0.25, 2]
+        for generator in (generators.pinhole(1, size=(1, 1), pose=down),
+                          generators.orthographic((1e-3, 1e-3), size=(1, 1), look_at=(
+                              down[:3, 3], down[:3, 3] - [0, 0, 1])),
+                          generators.hemisphere([down[:3, 3]], [0, 0, -1], samples=1)):
+            self.assertEqual(self.made(generator, scene)[0].tolist(), [[0.25, 0.25, 2]])
+        self.assertEqual(scene.trace(generators.pinhole(1, size=(1, 1), pose=down))["t"], [2])
+
+    def test_the_share_of_rays_that_hit(self):
+        points = np.random.default_rng(3).uniform(-10, 10, (50, 3)) + [0, 3, 0]
+        for samples in (100, 20_000):
+            rays = generators.hemisphere(points, [0, 1, 0], samples=samples, seed=4)
+            hit = self.woods.trace(rays, kind="any")["hit"].reshape(50, samples)
+            got = self.woods.trace(rays, reduce="hit_fraction")
+            self.assertEqual(list(got), ["hit_fraction"])
+            np.testing.assert_array_equal(got["hit_fraction"], hit.mean(1).astype(np.float32))
+            self.assertGreater(len(set(hit.mean(1))), 5)
+        self.assertEqual(self.client.outcome["rays"], 50 * 20_000)
+        none = generators.hemisphere(points[:0], points[:0])
+        self.assertEqual(len(self.woods.trace(none, reduce="hit_fraction")["hit_fraction"]), 0)
+
+    def test_how_many_rays_see_each_path_first(self):
+        sent = np.zeros((30000, 6))
+        sent[:, :3] = np.random.default_rng(1).uniform(-50, 50, (30000, 3))
+        sent[:, 1], sent[:, 4] = 60, -1
+        for rays in (generators.camera(size=(203, 117)), sent):
+            path = self.woods.trace(rays, fields=("path",))["path"]
+            paths, counts = np.unique(path[path != 2**64 - 1], return_counts=True)
+            got = self.woods.trace(rays, reduce="visible_pixels")
+            self.same(got, {"path": paths, "pixels": counts.astype(np.uint32)})
+            self.assertGreater(len(paths), 5)
+        up = generators.orthographic((1, 1), size=(8, 8),
+                                     look_at=([0, 90, 0], [0, 99, 0], [1, 0, 0]))
+        nothing = self.woods.trace(up, reduce="visible_pixels")
+        self.same(nothing, {"path": np.zeros(0, np.uint64), "pixels": np.zeros(0, np.uint32)})
+
+    def test_what_cannot_be_made_or_reduced_is_said(self):
+        camera = generators.camera(size=(8, 8))
+        for says, call in (
+                ("hit_fraction, visible_pixels", lambda: self.woods.trace(camera, reduce="sum")),
+                ("hemisphere", lambda: self.woods.trace(camera, reduce="hit_fraction")),
+                ("name no fields", lambda: self.woods.trace(camera, reduce="visible_pixels",
+                                                            fields=("t",))),
+                ("pass no others", lambda: self.woods.trace(camera, [0, 0, 1])),
+                ("fx and fy above 0", lambda: self.woods.trace(generators.pinhole(0))),
+                ("unheard", lambda: self.woods.trace(generators.camera(camera="unheard"))),
+                ("pinhole", lambda: generators.camera(pose=POSE)),
+                ("3, 4", lambda: generators.pinhole(9, pose=np.eye(3))),
+                ("0 0 0 1", lambda: generators.pinhole(9, pose=2 * POSE)),
+                ("pose", lambda: self.woods.trace(generators.pinhole(9, pose=1e200 * POSE[:3]))),
+                ("tmin < tmax", lambda: generators.lidar([0], tmin=2, tmax=1)),
+                ("channels", lambda: generators.lidar([])),
+                ("channels", lambda: generators.lidar(np.zeros(513))),
+                ("azimuths", lambda: generators.lidar([0], (0, 360, 65537))),
+                ("elevations", lambda: generators.lidar([0, 1], azimuth_offsets=[1])),
+                ("origin_offsets", lambda: generators.lidar([0], origin_offsets=[1])),
+                ("samples", lambda: generators.hemisphere([0, 0, 0], [0, 0, 1], samples=0)),
+                ("shape", lambda: generators.hemisphere(np.zeros((2, 3)), np.zeros((3, 3)))),
+                ("picture_side_max", lambda: generators.equirectangular(size=(0, 5)))):
+            with self.assertRaisesRegex(raynest.UsageError, says):
+                call()
+        with self.assertRaisesRegex(TypeError, "there are pose, camera"):
+            generators.lidar([0], unheard=1)
+
+
+class Kinds(WithDaemon):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        corners = np.array([[-9, -9, 0], [9, -9, 0], [0, 9, 0]])
+        layers = corners + np.arange(300)[:, None, None] * [0, 0, 1]
+        cls.stack = cls.client.mesh(layers.reshape(-1, 3), np.arange(900).reshape(-1, 3))
+
+    def test_all_hits_come_in_order_of_t(self):
+        starts = np.zeros((20000, 3))
+        starts[:, 2] = np.random.default_rng(2).uniform(-1, 300, 20000)
+        hits = self.stack.trace(starts, [0, 0, 1], kind="all", fields=("t", "flags"))
+        want = [np.arange(max(0, np.ceil(z)), 300) - z for z in starts[:, 2]]
+        self.assertEqual(np.diff(hits["ray_splits"]).tolist(), [len(t) for t in want])
+        np.testing.assert_allclose(hits["t"], np.concatenate(want), atol=1e-4)
+        self.assertFalse(hits["flags"].any())
+        self.assertEqual(self.client.outcome["truncated"], 0)
+
+    def test_a_ray_over_its_budget_keeps_the_nearest_and_is_counted(self):
+        starts = np.zeros((300, 3))
+        starts[:, 2] = np.arange(300) - 0.5
+        hits = self.stack.trace(starts, [0, 0, 1], kind="all", max_hits=100, fields=("t", "flags"))
+        whole = 300 - np.arange(300)
+        self.assertEqual(np.diff(hits["ray_splits"]).tolist(), np.minimum(whole, 100).tolist())
+        self.assertEqual(hits["flags"].tolist(), (2 * (whole > 100)).tolist())
+        self.assertEqual(self.client.outcome["truncated"], 200)
+        np.testing.assert_allclose(hits["t"][hits["ray_splits"][:-1].astype(int)], 0.5, atol=1e-4)
+        pieces = {first: columns for first, columns in self.stack.stream(
+            starts, [0, 0, 1], kind="all", max_hits=100, fields=("t",))}
+        np.testing.assert_array_equal(
+            np.concatenate([pieces[first]["t"] for first in sorted(pieces)]), hits["t"])
+
+    def test_null_answers_misses(self):
+        hits = self.stack.trace([[0, 0, -1, 0, 0, 1]] * 9, kind="null", fields=("t", "prim", "hit"))
+        self.assertTrue(np.isinf(hits["t"]).all() and (hits["prim"] == 2**32 - 1).all())
+        self.assertFalse(hits["hit"].any())
+
+
+if __name__ == "__main__":
+    main()
