@@ -29,10 +29,14 @@ bool Workers::later(const Waiting& a, const Waiting& b) {
 void Workers::submit(const std::string& principal, Priority priority, std::function<void()> task) {
     {
         const std::lock_guard lock(mutex_);
-        const auto [queue, is_new] = queues_.try_emplace(principal);
-        if (is_new) turns_.push_back(queue);
-        queue->second.push_back({priority, submitted_++, std::move(task)});
-        std::push_heap(queue->second.begin(), queue->second.end(), later);
+        const auto turn = queues_.try_emplace(principal).first;
+        Queue& queue = turn->second;
+        // Memory first: where it lacks, there must be neither a turn without a task nor a task
+        // without a turn.
+        if (queue.size() == queue.capacity()) queue.reserve(2 * queue.size() + 1);
+        if (queue.empty()) turns_.push_back(turn);
+        queue.push_back({priority, submitted_++, std::move(task)});
+        std::push_heap(queue.begin(), queue.end(), later);
     }
     wake_.notify_one();
 }
@@ -49,16 +53,16 @@ bool Workers::run_one() noexcept {
 }
 
 std::function<void()> Workers::take() {
-    const auto turn = turns_.front();
-    turns_.pop_front();
-    Queue& queue = turn->second;
+    Queue& queue = turns_.front()->second;
     std::pop_heap(queue.begin(), queue.end(), later);
     std::function<void()> task = std::move(queue.back().task);
     queue.pop_back();
-    if (queue.empty())
-        queues_.erase(turn);
-    else
-        turns_.push_back(turn);
+    if (queue.empty()) {
+        queues_.erase(turns_.front());
+        turns_.pop_front();
+    } else {
+        turns_.splice(turns_.end(), turns_, turns_.begin());
+    }
     return task;
 }
 

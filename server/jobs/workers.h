@@ -14,8 +14,8 @@
 #include <condition_variable>
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <functional>
+#include <list>
 #include <map>
 #include <mutex>
 #include <string>
@@ -57,7 +57,7 @@ private:
     std::mutex mutex_;
     std::condition_variable wake_;
     std::map<std::string, Queue> queues_;  ///< of principals that have tasks waiting
-    std::deque<std::map<std::string, Queue>::iterator> turns_;  ///< each of them once
+    std::list<std::map<std::string, Queue>::iterator> turns_;  ///< each of them once
     std::uint64_t submitted_ = 0;
     bool stopping_ = false;
     std::vector<std::thread> threads_;

@@ -48,6 +48,8 @@ private:
             case BaseType::String:
                 return builder_.CreateVector(std::vector{flatbuffers::Offset<void>(text(path))}).o;
             case BaseType::Obj: {
+                if (is_vector3(type))
+                    return builder_.CreateVectorOfStructs(std::vector{wire::Vec3(1, 1, 1)}).o;
                 const auto& element =
                     *schema().objects()->Get(static_cast<uoffset_t>(type.index()));
                 return builder_
@@ -58,6 +60,8 @@ private:
                 return numbers(std::uint32_t{1});
             case BaseType::ULong:
                 return numbers(std::uint64_t{1});
+            case BaseType::Float:
+                return numbers(1.0F);
             case BaseType::Double:
                 return numbers(1.0);
             default:

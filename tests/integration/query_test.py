@@ -116,7 +116,7 @@ class Queries(unittest.TestCase):
     def test_a_ray_over_its_budget_keeps_the_nearest_and_says_so(self):
         rays = numpy.load(self.out / "up.npy")
         got = self.query("stack", "--rays", self.out / "up.npy", "--kind", "all", "--fields",
-                         "t,flags", "--max-hits", "100", code=8, says="more than 100 hits")
+                         "t,flags", "--max-hits", "100", code=8, says="13,314 of 20,000 rays have more hits than --max-hits")
         whole = 299 - numpy.maximum(-1, numpy.floor(rays[:, 2]))
         self.assertTrue((numpy.diff(got["ray_splits"]) == numpy.minimum(whole, 100)).all())
         self.assertTrue(((got["flags"] == 2) == (whole > 100)).all())
