@@ -60,8 +60,8 @@ private:
                 return numbers(std::uint32_t{1});
             case BaseType::ULong:
                 return numbers(std::uint64_t{1});
-            case BaseType::Float:
-                return numbers(1.0F);
+            case BaseType::Float:  // 12, because a pose has so many
+                return builder_.CreateVector(std::vector<float>(12, 1.0F)).o;
             case BaseType::Double:
                 return numbers(1.0);
             default:
