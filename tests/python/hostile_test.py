@@ -283,6 +283,55 @@ class Lies(WithFake):
             with self.subTest(name), self.assertRaises(raynest.ProtocolError):
                 self.scene(script).render(size=(8, 8))
 
+    def fetched(self, kind, answer):
+        def script(peer):
+            peer.until("Jobs")
+            peer.send("JobList", {"jobs": [{"job": 5, "kind": kind}]})
+            peer.until("Fetch")
+            answer(peer)
+        return raynest.Job(self.scene(script)._client, 5).fetch()
+
+    def test_answers_of_jobs(self):
+        def rows(*chunks, done):
+            def answer(peer):
+                for first, columns in chunks:
+                    peer.send("Chunk", {"first_ray": first, "count": 4}, **columns)
+                peer.send("Done", {"rows": done})
+            return answer
+        honest = self.fetched("query", rows((4, {"t": t(4)}), (0, {"t": t(4)}), done=8))
+        np.testing.assert_array_equal(honest["t"], np.append(t(4), t(4)))
+        for lie in (rows((0, {"t": t(4)}), done=8), rows((0, {"t": t(4)}), done=3),
+                    rows((4, {"t": t(4)}), (2, {"t": t(4)}), done=8),
+                    rows((0, {"t": t(4)}), (4, {"uv": t(4)}), done=8),
+                    rows((0, {"t": t(5)}), done=4), rows((2**36, {"t": t(4)}), done=4)):
+            with self.assertRaises(raynest.ProtocolError):
+                self.fetched("query", lie)
+
+    def test_pictures_of_jobs(self):
+        def piece(**message):
+            return lambda peer: (peer.send("Picture", message, data=np.zeros(64, np.uint8)),
+                                 peer.send("Done", {}))
+        size = {"width": 4, "height": 4, "encode": "raw"}
+        self.assertEqual(self.fetched("render", piece(**size, total=64)).shape, (4, 4, 4))
+        self.assertEqual(self.fetched("heatmap", piece(**size, total=64)).shape, (4, 4))
+        for lie in ({**size, "total": 65}, {**size, "encode": "png", "total": 2**40},
+                    {"width": 2**31, "height": 2**31, "encode": "raw", "total": 2**64 - 4},
+                    {**size, "total": 64, "offset": 64}):
+            with self.assertRaises(raynest.ProtocolError, msg=lie):
+                self.fetched("render", piece(**lie))
+
+    def test_jobs_without_end(self):
+        """A daemon that always has more jobs, and always the same."""
+        def script(peer):
+            with contextlib.suppress(ConnectionError):
+                while True:
+                    peer.until("Jobs")
+                    peer.send("JobList", {"jobs": [{"job": 5}], "more": True})
+        client = raynest.connect(self.fake(script))
+        self.addCleanup(client.close)
+        with self.assertRaisesRegex(raynest.ProtocolError, "twice"):
+            client.jobs()
+
     def test_files_that_were_not_offered(self):
         def script(peer):
             peer.until("Load")

@@ -81,7 +81,10 @@ def job_infos(connection: Connection, after: int = 0) -> Iterator[Message]:
     """Jobs of all clients by number, those above `after`."""
     while True:
         page = connection.ask("Jobs", {"after": after}, "JobList")
-        yield from page["jobs"]
+        for info in page["jobs"]:
+            if info["job"] <= after:
+                raise errors.ProtocolError("the daemon listed a job twice, or one not asked for")
+            after = info["job"]
+            yield info
         if not page["more"] or not page["jobs"]:
             return
-        after = page["jobs"][-1]["job"]
