@@ -25,6 +25,10 @@ const reflection::Schema& schema() {
 }
 
 /// Builds tables from the inside out, as FlatBuffers wants them.
+/// Items of lists of numbers and vectors: as many as a pose has, and a lidar channels.
+constexpr std::size_t floats = 12;
+const wire::Vec3 vector_of_ones(1, 1, 1);
+
 class Builder {
 public:
     explicit Builder(std::size_t spoilt) : spoilt_(spoilt) { builder_.ForceDefaults(true); }
@@ -49,7 +53,7 @@ private:
                 return builder_.CreateVector(std::vector{flatbuffers::Offset<void>(text(path))}).o;
             case BaseType::Obj: {
                 if (is_vector3(type))
-                    return builder_.CreateVectorOfStructs(std::vector{wire::Vec3(1, 1, 1)}).o;
+                    return builder_.CreateVectorOfStructs(std::vector(floats, vector_of_ones)).o;
                 const auto& element =
                     *schema().objects()->Get(static_cast<uoffset_t>(type.index()));
                 return builder_
@@ -60,8 +64,8 @@ private:
                 return numbers(std::uint32_t{1});
             case BaseType::ULong:
                 return numbers(std::uint64_t{1});
-            case BaseType::Float:  // 12, because a pose has so many
-                return builder_.CreateVector(std::vector<float>(12, 1.0F)).o;
+            case BaseType::Float:
+                return builder_.CreateVector(std::vector(floats, 1.0F)).o;
             case BaseType::Double:
                 return numbers(1.0);
             default:
@@ -92,10 +96,11 @@ private:
     }
 
     void add_number(const reflection::Field& field) {
+        // A query whose rays the daemon makes sends none.
+        if (field.name()->string_view() == "ray_count") return;
         const auto add = [&]<class Number>(Number one) {
             builder_.AddElement<Number>(field.offset(), one, Number{});
         };
-        const wire::Vec3 vector(1, 1, 1);
         switch (field.type()->base_type()) {
             case BaseType::Bool:
             case BaseType::UByte:
@@ -111,7 +116,7 @@ private:
             case BaseType::Double:
                 return add(1.0);
             case BaseType::Obj:
-                if (is_vector3(*field.type())) builder_.AddStruct(field.offset(), &vector);
+                if (is_vector3(*field.type())) builder_.AddStruct(field.offset(), &vector_of_ones);
                 return;
             case BaseType::String:
             case BaseType::Vector:
