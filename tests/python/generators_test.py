@@ -121,6 +121,9 @@ class Generators(WithDaemon):
             np.testing.assert_array_equal(got["hit_fraction"], hit.mean(1).astype(np.float32))
             self.assertGreater(len(set(hit.mean(1))), 5)
         self.assertEqual(self.client.outcome["rays"], 50 * 20_000)
+        first, again, other = (self.made(generators.hemisphere(points, [0, 1, 0], seed=seed))[1]
+                               for seed in (1, 1, 2**64 - 1))
+        self.assertTrue((first == again).all() and (first != other).any())
         none = generators.hemisphere(points[:0], points[:0])
         self.assertEqual(len(self.woods.trace(none, reduce="hit_fraction")["hit_fraction"]), 0)
 
