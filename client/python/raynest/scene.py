@@ -105,8 +105,8 @@ class Scene:
         any order. Leaving the loop cancels the rest.
 
         `rays` may be an iterator of arrays or generators: each is one query, all of them see the
-        same epoch, and first_ray counts on. Nothing is asked of an array before those before it are answered, so
-        arrays of 100,000 rays or more keep the daemon busy.
+        same epoch, and first_ray counts on. Nothing is asked of one before those before it are
+        answered, so those of 100,000 rays or more keep the daemon busy.
         """
         first = 0
         for block in rays if isinstance(rays, Iterator) else (rays,):
