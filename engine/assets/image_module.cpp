@@ -208,6 +208,8 @@ Result<std::vector<std::byte>> encode_channels(std::uint32_t width, std::uint32_
                          static_cast<int>(channels.size()), oiio::TypeDesc::FLOAT);
     spec.channelnames.clear();
     spec["compression"] = "zip";
+    // Else the library writes the time of day: same request, same bytes (CONTRACT.md §2).
+    spec["DateTime"] = "1970:01:01 00:00:00";
 
     // Every channel is 32 bits wide, so mixed floats and counts interleave as plain words.
     std::vector<std::uint32_t> words(count * channels.size());
