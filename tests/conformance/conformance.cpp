@@ -10,6 +10,7 @@
 #include "engine/packs/registry.h"
 #include "engine/scene/snapshot.h"
 #include "tests/conformance/scenes.h"
+#include "tests/sanitized.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -153,7 +154,8 @@ std::vector<Case> make_cases(std::uint32_t edge_ray_count) {
     std::vector<Case> cases;
     Random random(7);
     const auto add = [&](std::string name, std::uint32_t depth, const SceneDescription& scene,
-                         std::uint32_t rays_each, float half) {
+                         std::uint32_t rays_whole, float half) {
+        const std::uint32_t rays_each = test::sanitized_share(rays_whole, 10U);
         auto snapshot = Snapshot::bake(scene);
         if (!snapshot) {
             std::printf("FAILED: scene %s: %s\n", name.c_str(), snapshot.error().message.c_str());
@@ -287,7 +289,7 @@ int main_checked(int argc, char** argv) {
     std::vector<std::string> targets{"v2", "v3", "v4"};
     Registry::Options options;
     std::string only;
-    std::uint32_t edge_ray_count = 1'000'000;
+    std::uint32_t edge_ray_count = test::sanitized_share(1'000'000U, 100U);
     for (int i = 1; i + 1 < argc; i += 2) {
         const std::string flag = argv[i];
         if (flag == "--target") targets = {argv[i + 1]};

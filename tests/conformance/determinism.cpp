@@ -5,6 +5,7 @@
 #include "engine/scene/snapshot.h"
 #include "tests/conformance/scenes.h"
 #include "tests/conformance/targets.h"
+#include "tests/sanitized.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -18,7 +19,7 @@ namespace raynest::conformance {
 namespace {
 
 constexpr std::uint32_t capacity = 4;  // of multi
-constexpr std::uint32_t ray_count = 70'000;
+constexpr std::uint32_t ray_count = test::sanitized_share(70'000U, 10U);
 
 struct Answer {
     std::vector<HitRecord> hits;

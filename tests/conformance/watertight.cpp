@@ -8,6 +8,7 @@
 #include "engine/scene/snapshot.h"
 #include "tests/conformance/scenes.h"
 #include "tests/conformance/targets.h"
+#include "tests/sanitized.h"
 
 #include <algorithm>
 #include <cmath>
@@ -167,6 +168,7 @@ int main_checked(std::uint32_t count) {
 }  // namespace raynest::conformance
 
 int main(int argc, char** argv) {
-    return raynest::conformance::main_checked(
-        argc > 1 ? static_cast<std::uint32_t>(std::stoul(argv[1])) : 200'000);
+    return raynest::conformance::main_checked(argc > 1
+                                                  ? static_cast<std::uint32_t>(std::stoul(argv[1]))
+                                                  : raynest::test::sanitized_share(200'000U, 50U));
 }

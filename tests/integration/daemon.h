@@ -4,6 +4,7 @@
 #pragma once
 
 #include "protocol/control.h"
+#include "tests/sanitized.h"
 
 #include <sys/types.h>
 
@@ -19,11 +20,6 @@
 
 namespace raynest::test {
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-inline constexpr bool sanitized = true;  ///< slow, and freed memory stays resident
-#else
-inline constexpr bool sanitized = false;
-#endif
 inline constexpr std::chrono::seconds patience{sanitized ? 180 : 30};
 
 /// Does it become true before patience ends? Asks again and again.

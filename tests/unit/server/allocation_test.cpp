@@ -3,6 +3,7 @@
 // nothing stays behind, the client hears an end or the connection ends, and the next client gets
 // the answer as ever.
 #include "tests/golden/examples.h"
+#include "tests/sanitized.h"
 #include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>
@@ -54,11 +55,7 @@ void operator delete(void* memory, std::size_t, std::align_val_t) noexcept {
 namespace raynest::test {
 namespace {
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr long stride = 7;  ///< an import child takes half a second
-#else
-constexpr long stride = 1;
-#endif
+constexpr long stride = sanitized ? 7 : 1;  ///< an import child takes half a second
 /// Too long to lie in a std::string itself.
 constexpr const char* new_scene = "a scene with a name of some length";
 constexpr const char* principal = "a principal with a name of some length";
