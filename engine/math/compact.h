@@ -3,10 +3,45 @@
 
 #include "engine/math/lanes.h"
 
+#include <array>
 #include <bit>
 #include <cstdint>
 
 namespace raynest {
+
+namespace part {
+
+/// The lanes that a mask of eight names, from the lowest on, 4 bits each.
+inline constexpr auto packed_lanes = [] {
+    std::array<std::uint32_t, 256> table{};
+    for (std::uint32_t mask = 0; mask < 256; ++mask) {
+        std::uint32_t to = 0;
+        for (std::uint32_t lane = 0; lane < 8; ++lane) {
+            if ((mask >> lane & 1U) != 0) table[mask] |= lane << (4 * to++);
+        }
+    }
+    return table;
+}();
+
+/// The lanes that `mask` names, at the front of a register: compressing to memory is microcode on
+/// some CPUs. Where no instruction does it, not by Highway's Compress: GCC copies its table of 1
+/// KiB to the stack for every call, which took 60 % of a batch on AVX2.
+template <class D>
+RAYNEST_INLINE hn::Vec<D> pack_lanes([[maybe_unused]] D d, hn::Vec<D> v, hn::Mask<D> mask) {
+#if HWY_TARGET <= HWY_AVX3
+    return hn::Compress(v, mask);
+#else
+    const hn::RebindToUnsigned<D> u32;
+    std::uint8_t bits[8];
+    hn::StoreMaskBits(d, mask, bits);
+    const auto shift = hn::ShiftLeft<2>(hn::Iota(u32, 0));
+    const auto lanes = hn::And(hn::Set(u32, packed_lanes[bits[0]]) >> shift, hn::Set(u32, 7));
+    return hn::TableLookupLanes(v,
+                                hn::IndicesFromVec(d, hn::BitCast(hn::RebindToSigned<D>(), lanes)));
+#endif
+}
+
+}  // namespace part
 
 /// Packs those lanes of `values` and `words` that `mask` names, taken in the order of `lanes`
 /// (three low bits of each, shifted down by `shift`: a lane number), to the front of `to_values`
@@ -32,9 +67,8 @@ RAYNEST_INLINE std::uint32_t pack_ordered(const Lanes<8>& values, const std::uin
         const auto child =
             hn::BitCast(u32, hn::TableLookupLanes(hn::BitCast(f32, hn::Load(u32, words)), order));
         const auto named = sorted < infinity;
-        // Into a register, then stored: compressing to memory is microcode on some CPUs.
-        hn::StoreU(hn::Compress(sorted, named), f32, to_values);
-        hn::StoreU(hn::Compress(child, hn::RebindMask(u32, named)), u32, to_words);
+        hn::StoreU(part::pack_lanes(f32, sorted, named), f32, to_values);
+        hn::StoreU(part::pack_lanes(u32, child, hn::RebindMask(u32, named)), u32, to_words);
     } else {
         alignas(32) float from[8];
         values.store(from);
@@ -56,7 +90,8 @@ RAYNEST_INLINE std::uint32_t pack_words(const std::uint32_t* words, std::uint32_
         namespace hn = part::hn;
         const hn::CappedTag<std::uint32_t, 8> u32;
         const std::uint8_t bits[8] = {static_cast<std::uint8_t>(mask)};
-        hn::StoreU(hn::Compress(hn::Load(u32, words), hn::LoadMaskBits(u32, bits)), u32, to);
+        hn::StoreU(part::pack_lanes(u32, hn::Load(u32, words), hn::LoadMaskBits(u32, bits)), u32,
+                   to);
     } else {
         for (std::uint32_t lane = 0, at = 0; lane < 8; ++lane) {
             to[at] = words[lane];
