@@ -26,10 +26,13 @@ class Interrupts:
 
     def __enter__(self) -> Interrupts:
         if _in_main_thread():
-            self._depth += 1
-            if self._depth == 1 and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            # Counted once the handler is in place: a Ctrl-C before that leaves from here, and
+            # nobody would count back.
+            if self._depth == 0 and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+                self._seen = False
                 signal.signal(signal.SIGINT, self._note)
                 self._deferred = True
+            self._depth += 1
         return self
 
     def __exit__(self, *_: object) -> None:
