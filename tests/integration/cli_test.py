@@ -5,17 +5,15 @@
 """
 import ast
 import json
-import pathlib
 import shutil
 import signal
 import struct
 import sys
-import tempfile
 import time
 import unittest
 import zipfile
 
-from daemon import Client, Daemon
+from daemon import Client, Daemon, DaemonTest
 
 DOWN = "0.3,1000,0.4,0,-1,0"
 UP = "0.3,1000,0.4,0,1,0"
@@ -32,24 +30,12 @@ def read_npy(data):
     return header["descr"], header["shape"], values
 
 
-class Cli(unittest.TestCase):
-    raynestd = None
-    raynest = None
-
+class Cli(DaemonTest):
     @classmethod
     def setUpClass(cls):
-        cls.daemon = Daemon(cls.raynestd)
-        cls.client = Client(cls.raynest, cls.daemon.uri)
+        super().setUpClass()
         cls.client.json("load", "builtin:terrain?size=32", "--name", "hills")
         cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest cli ")
-        cls.out = pathlib.Path(cls.folder.name)
-
-    @classmethod
-    def tearDownClass(cls):
-        code = cls.daemon.stop()
-        cls.folder.cleanup()
-        assert code == 0, code
 
     def expect(self, code, *arguments, says=""):
         done = self.client.run(*arguments)

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import tempfile
 import time
+import unittest
 
 PATIENCE = 30
 SHARED_SCENES = pathlib.Path(__file__).resolve().parents[3] / "shared" / "scenes"
@@ -87,3 +88,24 @@ class Client:
         if done.returncode != 0:
             raise AssertionError(f"{arguments}: {done.returncode}: {done.stderr}")
         return json.loads(done.stdout)
+
+
+class DaemonTest(unittest.TestCase):
+    """The tests of a class share a daemon, a client of it and a folder; both programs are named
+    before they run."""
+    raynestd = None
+    raynest = None
+
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory(prefix="raynest test ")
+        cls.out = pathlib.Path(cls.folder.name)
+        cls.socket = f"unix:{cls.out}/socket"
+        cls.daemon = Daemon(cls.raynestd, "--listen", cls.socket)
+        cls.client = Client(cls.raynest, cls.daemon.uri)
+
+    @classmethod
+    def tearDownClass(cls):
+        code = cls.daemon.stop()
+        cls.folder.cleanup()
+        assert code == 0, code

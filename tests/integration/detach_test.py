@@ -3,15 +3,13 @@
 
   detach_test.py RAYNESTD RAYNEST
 """
-import pathlib
 import signal
 import struct
 import sys
-import tempfile
 import time
 import unittest
 
-from daemon import Client, Daemon, PATIENCE
+from daemon import Client, Daemon, DaemonTest, PATIENCE
 
 DOWN = "0.3,1000,0.4,0,-1,0"
 UP = "0.3,1000,0.4,0,1,0"
@@ -19,26 +17,13 @@ UP = "0.3,1000,0.4,0,1,0"
 ENDLESS = ("--traversal", "reference", "--size", "4096x4096")
 
 
-class Detach(unittest.TestCase):
-    raynestd = None
-    raynest = None
-
+class Detach(DaemonTest):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest detach ")
-        cls.out = pathlib.Path(cls.folder.name)
-        socket = cls.out / "socket"
-        cls.daemon = Daemon(cls.raynestd, "--listen", f"unix:{socket}")
-        cls.client = Client(cls.raynest, cls.daemon.uri)
-        cls.other = Client(cls.raynest, f"unix:{socket}")  # another principal: a user, no address
+        super().setUpClass()
+        cls.other = Client(cls.raynest, cls.socket)  # another principal: a user, no address
         cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
         cls.client.json("load", "builtin:terrain?size=64", "--name", "hills")
-
-    @classmethod
-    def tearDownClass(cls):
-        code = cls.daemon.stop()
-        cls.folder.cleanup()
-        assert code == 0, code
 
     def expect(self, code, *arguments, says="", client=None):
         done = (client or self.client).run(*arguments)

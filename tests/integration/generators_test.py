@@ -3,14 +3,12 @@
 
   generators_test.py RAYNESTD RAYNEST
 """
-import pathlib
 import sys
-import tempfile
 import unittest
 
 import numpy
 
-from daemon import Client, Daemon
+from daemon import DaemonTest
 
 WIDTH, HEIGHT = 61, 43
 SIZE = f"size={WIDTH}x{HEIGHT}"
@@ -45,23 +43,11 @@ def placed(pose, directions, offsets=None):
     return origins, directions @ matrix[:, :3].T
 
 
-class Generators(unittest.TestCase):
-    raynestd = None
-    raynest = None
-
+class Generators(DaemonTest):
     @classmethod
     def setUpClass(cls):
-        cls.daemon = Daemon(cls.raynestd)
-        cls.client = Client(cls.raynest, cls.daemon.uri)
+        super().setUpClass()
         cls.client.json("load", "builtin:terrain?size=8", "--name", "hills")
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest-generators-")
-        cls.out = pathlib.Path(cls.folder.name)
-
-    @classmethod
-    def tearDownClass(cls):
-        code = cls.daemon.stop()
-        cls.folder.cleanup()
-        assert code == 0, code
 
     def generated(self, *generator):
         """Origins and directions of the daemon; no ray is traced."""

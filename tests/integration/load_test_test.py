@@ -5,31 +5,17 @@
 
 Rates and times are whatever this machine gives; only counts and orders are asserted.
 """
-import pathlib
 import sys
-import tempfile
 import unittest
 
-from daemon import Client, Daemon
+from daemon import Client, DaemonTest
 
 
-class LoadTest(unittest.TestCase):
-    raynestd = None
-    raynest = None
-
+class LoadTest(DaemonTest):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest load ")
-        cls.socket = pathlib.Path(cls.folder.name) / "socket"
-        cls.daemon = Daemon(cls.raynestd, "--listen", f"unix:{cls.socket}")
-        cls.client = Client(cls.raynest, cls.daemon.uri)
+        super().setUpClass()
         cls.client.json("load", "builtin:terrain?size=32", "--name", "hills")
-
-    @classmethod
-    def tearDownClass(cls):
-        code = cls.daemon.stop()
-        cls.folder.cleanup()
-        assert code == 0, code
 
     def check(self, told):
         for side in ("daemon", "asio_echo", "blocking_echo"):
@@ -67,7 +53,7 @@ class LoadTest(unittest.TestCase):
             self.assertTrue(90 <= told[side]["requests"] <= 101, told[side])
 
     def test_over_a_unix_socket_and_with_other_kinds(self):
-        client = Client(self.raynest, f"unix:{self.socket}")
+        client = Client(self.raynest, self.socket)
         self.check(client.json("load-test", "hills", "--kind", "any", "--seconds", "0.2"))
         self.check(client.json("load-test", "hills", "--fields", "t,prim", "--rays", "16384",
                                "--seconds", "0.3"))

@@ -4,14 +4,12 @@
   query_test.py RAYNESTD RAYNEST
 """
 import json
-import pathlib
 import sys
-import tempfile
 import unittest
 
 import numpy
 
-from daemon import Client, Daemon
+from daemon import DaemonTest
 
 ALL_FIELDS = "t,prim,geom,path,uv,hit,flags"
 
@@ -34,16 +32,10 @@ def quads(count):
                      "uri": "data:application/octet-stream;base64," + data}]})
 
 
-class Queries(unittest.TestCase):
-    raynestd = None
-    raynest = None
-
+class Queries(DaemonTest):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest-queries-")
-        cls.out = pathlib.Path(cls.folder.name)
-        cls.daemon = Daemon(cls.raynestd)
-        cls.client = Client(cls.raynest, cls.daemon.uri)
+        super().setUpClass()
         cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
         cls.client.json("load", "builtin:flake?depth=3", "--name", "flake")
         (cls.out / "stack.gltf").write_text(quads(300))
@@ -58,12 +50,6 @@ class Queries(unittest.TestCase):
         down[:, 2] = random.integers(-5, 300, size=20_000)
         down[:, 5] = 1
         numpy.save(cls.out / "up.npy", down)
-
-    @classmethod
-    def tearDownClass(cls):
-        code = cls.daemon.stop()
-        cls.folder.cleanup()
-        assert code == 0, code
 
     def query(self, scene, *arguments, code=0, says=""):
         file = self.out / "answer.npz"

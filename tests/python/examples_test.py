@@ -8,34 +8,18 @@ import pathlib
 import re
 import subprocess
 import sys
-import tempfile
 import unittest
 
 import numpy as np
 
-from daemon import Daemon
+from daemon import Daemon, DaemonTest
 
 CLIENT = pathlib.Path(__file__).resolve().parents[2] / "client" / "python"
 SECONDS_MAX = 120
 FOREST = "builtin:forest?trees=20"
 
 
-class Examples(unittest.TestCase):
-    raynestd = None
-    raynest = None
-
-    @classmethod
-    def setUpClass(cls):
-        cls.daemon = Daemon(cls.raynestd)
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest examples ")
-        cls.out = pathlib.Path(cls.folder.name)
-
-    @classmethod
-    def tearDownClass(cls):
-        code = cls.daemon.stop()
-        cls.folder.cleanup()
-        assert code == 0, code
-
+class Examples(DaemonTest):
     def run_python(self, *words, daemon=None):
         environment = dict(os.environ, RAYNEST_SERVER=(daemon or self.daemon).uri)
         return subprocess.run([sys.executable, *map(str, words)], cwd=self.out, env=environment,

@@ -1,13 +1,11 @@
 """What tests of the Python client against a real daemon share."""
-import pathlib
 import sys
-import tempfile
 import unittest
 
 import numpy as np
 
 import raynest
-from daemon import Client, Daemon
+from daemon import DaemonTest
 
 MISS = {"t": np.inf, "prim": 2**32 - 1, "geom": 2**32 - 1, "path": 2**64 - 1, "inst": 2**32 - 1,
         "uid": 2**32 - 1, "material": 2**32 - 1, "uv": 0, "ng": 0, "front": 0, "position": 0,
@@ -29,26 +27,18 @@ def rain(count, seed=1):
     return rays
 
 
-class WithDaemon(unittest.TestCase):
-    raynestd = None
-    raynest = None
-
+class WithDaemon(DaemonTest):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest python ")
-        cls.out = pathlib.Path(cls.folder.name)
-        cls.socket = f"unix:{cls.out}/socket"
-        cls.daemon = Daemon(cls.raynestd, "--listen", cls.socket)
-        cls.cli = Client(cls.raynest, cls.daemon.uri)
+        super().setUpClass()
+        cls.cli = cls.client
         cls.client = raynest.connect(cls.daemon.uri)
         cls.woods = cls.client.load("builtin:forest?trees=20", "woods")
 
     @classmethod
     def tearDownClass(cls):
         cls.client.close()
-        code = cls.daemon.stop()
-        cls.folder.cleanup()
-        assert code == 0, code
+        super().tearDownClass()
 
     def same(self, a, b):
         self.assertEqual(a.keys(), b.keys())
