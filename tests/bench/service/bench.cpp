@@ -1,0 +1,347 @@
+// raynest-bench-service: what it costs to ask a daemon instead of tracing in process.
+//
+//   service.py BIN_DIR                    starts a daemon for it, and says what the rows mean
+//
+// Sides take turns, one lap after the other in one process, on the same rays and with one thread
+// that traces. CPU time is that of this process and the daemon's, all threads of both.
+#include "client/connection.h"
+#include "client/load_test/echo.h"
+#include "client/query.h"
+#include "engine/integrators/generators.h"
+#include "engine/packs/tracer.h"
+#include "tests/bench/clock.h"
+#include "tests/bench/race.h"
+#include "tests/bench/rays.h"
+#include "tests/bench/workload.h"
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <cstring>
+#include <functional>
+#include <iostream>
+#include <limits>
+#include <memory>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+namespace raynest::bench {
+namespace {
+
+struct Options {
+    std::string server;
+    int daemon_pid = 0;
+    std::string scene = "gen:terrain";
+    std::string name;  ///< of the scene at the daemon
+    std::string rays = "diffuse";
+    std::uint32_t count = 1 << 20;
+    int rounds = 9;
+    std::vector<std::string> sides;  ///< that run, for a profiler; empty: all
+};
+
+/// Of one answer to all rays.
+struct Cost {
+    double cpu_seconds;
+    double wall_seconds;
+};
+
+/// What all sides fill: the columns that a user wants.
+struct Answer {
+    std::vector<float> t;
+    std::vector<std::uint32_t> prim;
+    explicit Answer(std::size_t rays) : t(rays), prim(rays) {}
+    bool operator==(const Answer&) const = default;
+};
+
+struct Side {
+    std::string name;
+    std::function<void(Answer&)> run;
+    std::vector<Cost> laps = {};
+};
+
+[[noreturn]] void give_up(const std::string& why) {
+    std::cerr << "raynest-bench-service: " << why << "\n";
+    std::exit(1);
+}
+
+template <class T, class E>
+T must(tl::expected<T, E>&& result) {
+    if (!result) give_up(result.error().message);
+    if constexpr (!std::is_void_v<T>) return std::move(*result);
+}
+
+Cost time(const Options& options, const std::function<void()>& work) {
+    clockid_t daemon{};
+    if (clock_getcpuclockid(options.daemon_pid, &daemon) != 0) give_up("the daemon is gone");
+    const auto cpu = [&] { return seconds_of(CLOCK_PROCESS_CPUTIME_ID) + seconds_of(daemon); };
+    const double cpu_before = cpu();
+    const double wall_before = seconds_of(CLOCK_MONOTONIC);
+    work();
+    const double wall = seconds_of(CLOCK_MONOTONIC) - wall_before;
+    return {cpu() - cpu_before, wall};
+}
+
+// ---- in process
+// -----------------------------------------------------------------------------------
+
+constexpr std::uint32_t chunk_rays = 16384;
+
+/// As a program does that links the engine: chunk by chunk, records into columns.
+class InProcess {
+public:
+    InProcess(const Workload& workload, const Variant& variant)
+        : scene_(workload.scene->view()),
+          tracer_(must(
+              Tracer::make(variant, query_closest, precision_watertight, traversal_auto, false))),
+          hits_(chunk_rays) {}
+
+    void trace(std::span<const Ray> rays, std::uint64_t first, Answer& answer) {
+        TraceCall call{};
+        call.scene = &scene_;
+        call.rays = rays.data();
+        call.ray_count = static_cast<std::uint32_t>(rays.size());
+        call.hits_max = 1;
+        call.mask = ~std::uint32_t{0};
+        call.hits = hits_.data();
+        tracer_.function(tracer_.choose(rays, scene_))(&call);
+        for (std::size_t i = 0; i < rays.size(); ++i) {
+            const HitRecord& hit = hits_[i];
+            const ObjectRecord& object = scene_.objects[hit.hit != 0 ? hit.object : 0];
+            answer.t[first + i] = hit.hit != 0 ? hit.t : std::numeric_limits<float>::infinity();
+            answer.prim[first + i] =
+                hit.hit == 0
+                    ? no_id
+                    : hit.triangle - scene_.geometry_of(object, hit.triangle).first_triangle;
+        }
+    }
+
+private:
+    const SceneView scene_;
+    const Tracer tracer_;
+    std::vector<HitRecord> hits_;
+};
+
+template <class Work>
+void for_each_chunk(std::uint64_t count, Work work) {
+    for (std::uint64_t first = 0; first < count; first += chunk_rays)
+        work(first, std::min<std::uint64_t>(chunk_rays, count - first));
+}
+
+// ---- by the daemon
+// --------------------------------------------------------------------------------
+
+void ask(client::Connection& connection, const wire::QueryT& request, const client::RaySource& rays,
+         Answer& answer) {
+    client::Progress silent(client::Progress::Style::none);
+    const auto take = [&](const client::QueryChunk& chunk) -> client::Result<void> {
+        for (const protocol::BlockView& column : chunk.columns) {
+            std::byte* out = column.name == "t" ? reinterpret_cast<std::byte*>(answer.t.data())
+                                                : reinterpret_cast<std::byte*>(answer.prim.data());
+            std::copy(column.bytes.begin(), column.bytes.end(), out + 4 * chunk.first_ray);
+        }
+        return {};
+    };
+    must(client::run_query(connection, request, rays, silent, take));
+}
+
+wire::QueryT request_of(const Options& options, const std::string& kind, std::uint64_t count) {
+    wire::QueryT request;
+    request.job = std::make_unique<wire::JobT>();
+    request.job->scene = options.name;
+    request.job->intersector = "opaque";
+    request.kind = kind;
+    request.fields = {"t", "prim"};
+    request.ray_count = count;
+    return request;
+}
+
+// ---- controls
+// -------------------------------------------------------------------------------------
+
+/// The bytes of the rays there and of the columns back, chunk by chunk, and nothing else.
+class BareSockets {
+public:
+    BareSockets(int like, std::uint64_t rays) : chunks_(rays / chunk_rays) {
+        pairs_ = must(client::connect_pairs(like, 1));
+        echo_ = client::echo_by_threads(std::move(pairs_.far),
+                                        {request_.size(), std::vector<std::byte>(reply_.size())});
+    }
+    void run() {
+        const int socket = pairs_.near.front().number();
+        std::jthread sender([&] {
+            for (std::uint64_t i = 0; i < chunks_; ++i)
+                for (std::size_t sent = 0; sent < request_.size();) {
+                    const auto part = ::send(socket, request_.data() + sent, request_.size() - sent,
+                                             MSG_NOSIGNAL);
+                    if (part <= 0) give_up("the control's socket closed");
+                    sent += static_cast<std::size_t>(part);
+                }
+        });
+        for (std::uint64_t i = 0; i < chunks_; ++i)
+            if (::recv(socket, reply_.data(), reply_.size(), MSG_WAITALL) !=
+                static_cast<ssize_t>(reply_.size()))
+                give_up("the control's socket closed");
+    }
+
+private:
+    const std::uint64_t chunks_;
+    std::vector<std::byte> request_ = std::vector<std::byte>(chunk_rays * sizeof(Ray));
+    std::vector<std::byte> reply_ = std::vector<std::byte>(chunk_rays * std::size_t{8});
+    client::SocketPairs pairs_;
+    std::unique_ptr<client::Echo> echo_;
+};
+
+// ---- the race
+// -------------------------------------------------------------------------------------
+
+Lidar lidar_of(const Workload& workload, std::span<const LidarChannel> channels,
+               std::uint32_t azimuths) {
+    const Pose camera = pose_of(must(choose_camera(*workload.scene, {})).to_world);
+    Mount mount;
+    mount.pose = {-camera.z, -camera.x, camera.y, camera.origin};
+    return {mount, channels, 0, 360, azimuths};
+}
+
+void print(const Options& options, const Side& side, const Side* against) {
+    const auto median_of = [&](auto value) {
+        std::vector<double> values;
+        for (std::size_t round = 0; round < side.laps.size(); ++round)
+            values.push_back(value(round));
+        return median(std::move(values));
+    };
+    nlohmann::ordered_json row;
+    row["scene"] = options.name;
+    row["rays"] = options.rays;
+    row["side"] = side.name;
+    const double count = options.count;
+    row["cpu_ns_per_ray"] =
+        median_of([&](auto i) { return 1e9 * side.laps[i].cpu_seconds / count; });
+    row["wall_ns_per_ray"] =
+        median_of([&](auto i) { return 1e9 * side.laps[i].wall_seconds / count; });
+    row["against"] = against == nullptr ? "" : against->name;
+    if (against != nullptr) {
+        row["cpu_ratio"] = median_of(
+            [&](auto i) { return side.laps[i].cpu_seconds / against->laps[i].cpu_seconds; });
+        row["wall_ratio"] = median_of(
+            [&](auto i) { return side.laps[i].wall_seconds / against->laps[i].wall_seconds; });
+    }
+    row["count"] = options.count;
+    row["rounds"] = options.rounds;
+    std::cout << row.dump() << std::endl;
+}
+
+/// Whom a side is compared with; empty: nobody.
+std::string opponent_of(const std::string& side) {
+    if (side == "null") return "sockets";
+    if (side.starts_with("service"))
+        return "in_process" + side.substr(std::string("service").size());
+    return "";
+}
+
+void race_sides(const Options& options, std::vector<Side>& sides) {
+    Answer answer(options.count);
+    for (Side& side : sides) side.run(answer);  // warms caches and pages
+    for (int round = 0; round < options.rounds; ++round)
+        for (std::size_t i = 0; i < sides.size(); ++i) {
+            Side& side = sides[(i + static_cast<std::size_t>(round)) % sides.size()];
+            side.laps.push_back(time(options, [&] { side.run(answer); }));
+        }
+}
+
+/// Both must answer alike, else nothing is timed.
+void check_alike(const Side& a, const Side& b, std::uint32_t count) {
+    Answer of_a(count);
+    Answer of_b(count);
+    a.run(of_a);
+    b.run(of_b);
+    if (of_a != of_b) give_up(a.name + " and " + b.name + " differ");
+}
+
+void run(Options options) {
+    const auto registry = must(Registry::load({}));
+    const Workload workload = must(load_workload(options.scene, *registry));
+    const Variant& variant = *must(registry->choose("opaque", workload.scene->view()));
+    InProcess in_process(workload, variant);
+    const auto connection = must(client::Connection::open(options.server, ""));
+
+    const RayKind kind = must(parse_ray_kind(options.rays));
+    const TraceFunction trace =
+        must(find_function(variant, query_closest, precision_watertight, traversal_latency, false));
+    std::vector<Ray> rays = make_rays(workload, kind, options.count, trace);
+    options.count = static_cast<std::uint32_t>(rays.size()) / chunk_rays * chunk_rays;
+    rays.resize(options.count);
+    std::vector<client::Ray> to_send(rays.size());
+    std::memcpy(to_send.data(), rays.data(), rays.size() * sizeof(Ray));
+    const client::RaySource sent(std::move(to_send));
+    const client::RaySource none(std::vector<client::Ray>{});
+
+    constexpr std::uint32_t channel_count = 64;
+    std::vector<LidarChannel> channels(channel_count);
+    wire::QueryT generated = request_of(options, "closest", 0);
+    generated.generator = std::make_unique<wire::GeneratorT>();
+    generated.generator->kind = "lidar";
+    generated.generator->camera = std::make_unique<wire::CameraT>();
+    generated.generator->azimuth_count = options.count / channel_count;
+    for (std::uint32_t i = 0; i < channel_count; ++i) {
+        channels[i].elevation = -30 + 0.75 * i;
+        generated.generator->elevations.push_back(static_cast<float>(channels[i].elevation));
+    }
+    const Lidar lidar = lidar_of(workload, channels, generated.generator->azimuth_count);
+
+    BareSockets sockets(connection->socket(), options.count);
+    const wire::QueryT null = request_of(options, "null", options.count);
+    const wire::QueryT closest = request_of(options, "closest", options.count);
+    std::vector<Ray> made(chunk_rays);
+    std::vector<Side> sides;
+    sides.push_back({"sockets", [&](Answer&) { sockets.run(); }});
+    sides.push_back({"null", [&](Answer& answer) { ask(*connection, null, sent, answer); }});
+    sides.push_back({"in_process", [&](Answer& answer) {
+                         for_each_chunk(options.count, [&](auto first, auto count) {
+                             in_process.trace(std::span(rays).subspan(first, count), first, answer);
+                         });
+                     }});
+    sides.push_back({"service", [&](Answer& answer) { ask(*connection, closest, sent, answer); }});
+    sides.push_back({"in_process_lidar", [&](Answer& answer) {
+                         for_each_chunk(options.count, [&](auto first, auto count) {
+                             const auto part = std::span(made).first(count);
+                             generate_rays(lidar, first, part);
+                             in_process.trace(part, first, answer);
+                         });
+                     }});
+    sides.push_back(
+        {"service_lidar", [&](Answer& answer) { ask(*connection, generated, none, answer); }});
+    check_alike(sides[2], sides[3], options.count);
+    check_alike(sides[4], sides[5], options.count);
+    if (!options.sides.empty())
+        std::erase_if(sides, [&](const Side& side) {
+            return std::ranges::find(options.sides, side.name) == options.sides.end();
+        });
+    race_sides(options, sides);
+    for (const Side& side : sides) {
+        const auto against = std::ranges::find(sides, opponent_of(side.name), &Side::name);
+        print(options, side, against == sides.end() ? nullptr : &*against);
+    }
+}
+
+}  // namespace
+}  // namespace raynest::bench
+
+int main(int argc, char** argv) {
+    raynest::bench::Options options;
+    CLI::App app("Example: service.py build/bin   (it starts a daemon for this program)");
+    app.add_option("--server", options.server, "tcp://HOST:PORT or unix:PATH")->required();
+    app.add_option("--daemon-pid", options.daemon_pid, "whose CPU time counts too")->required();
+    app.add_option("--scene", options.scene, "SOURCE, as the daemon loaded it")->required();
+    app.add_option("--name", options.name, "of the scene at the daemon")->required();
+    app.add_option("--rays", options.rays, "primary, ao, shadow, diffuse or random");
+    app.add_option("--count", options.count, "rays of a lap");
+    app.add_option("--rounds", options.rounds, "laps of each side");
+    app.add_option("--sides", options.sides, "only these")->delimiter(',');
+    CLI11_PARSE(app, argc, argv);
+    raynest::bench::run(std::move(options));
+    return 0;
+}
