@@ -33,7 +33,8 @@ namespace {
 constexpr std::chrono::seconds greeting_time{5};
 /// The daemon answers DEADLINE itself; beyond this the connection is taken for dead.
 constexpr std::chrono::seconds grace{5};
-constexpr std::size_t staging_bytes = 64 << 10;
+/// For what is not bulk: headers and control parts.
+constexpr std::size_t staging_bytes = 4 << 10;
 
 bool is_port(const std::string& text) {
     std::uint16_t port = 0;
@@ -186,13 +187,16 @@ void Connection::begin(std::chrono::milliseconds deadline) {
     if (deadline.count() > 0) give_up_ = Clock::now() + deadline + grace;
 }
 
-Result<void> Connection::send(protocol::Result<Frame> frame) {
+Result<void> Connection::send(protocol::Result<Frame> frame, std::span<const std::byte> bulk) {
     if (!frame) return tl::unexpected<Failure>(failure(frame.error()));
+    static constexpr std::array<std::byte, protocol::alignment> padding{};
     std::array<std::byte, protocol::header_bytes> header;
     protocol::write_header(frame->header, header);
-    const std::array<asio::const_buffer, 3> parts = {
+    if (bulk.empty()) bulk = frame->bulk.span();
+    const std::array<asio::const_buffer, 4> parts = {
         asio::buffer(header), asio::buffer(frame->control.data(), frame->control.size()),
-        asio::buffer(frame->bulk.data(), frame->bulk.size())};
+        asio::buffer(bulk.data(), bulk.size()),
+        asio::buffer(padding, frame->header.bulk_bytes - bulk.size())};
     error_code error;
     asio::write(socket_->stream, parts, error);
     if (!error) return {};
@@ -261,7 +265,8 @@ Result<Frame> Connection::next() {
 
 Result<Frame> Connection::read_frame() {
     while (true) {
-        // What was read ahead comes first, then the socket: bulk straight into its place.
+        // What was read ahead comes first, then the socket: bulk straight into its place, and what
+        // follows it in the same call.
         auto taken = decoder_.feed({staging_.get() + staged_begin_, staged_end_ - staged_begin_});
         if (!taken) return tl::unexpected<Failure>(failure(taken.error()));
         staged_begin_ += *taken;
@@ -269,23 +274,19 @@ Result<Frame> Connection::read_frame() {
 
         if (auto ready = wait_readable(); !ready) return tl::unexpected<Failure>(ready.error());
         const std::span<std::byte> room = decoder_.room();
-        const bool direct = room.size() > staging_bytes;
+        const std::array<asio::mutable_buffer, 2> parts = {
+            asio::buffer(room.data(), room.size()), asio::buffer(staging_.get(), staging_bytes)};
         error_code error;
-        const std::size_t count =
-            socket_->stream.receive(direct ? asio::buffer(room.data(), room.size())
-                                           : asio::buffer(staging_.get(), staging_bytes),
-                                    0, error);
+        const std::size_t count = socket_->stream.receive(parts, 0, error);
         if (error == asio::error::interrupted) continue;
         if (error)
             return fail(Exit::failed, error == asio::error::eof
                                           ? "the daemon closed the connection"
                                           : "the connection broke: " + error.message());
-        if (direct) {
-            decoder_.filled(count);
-        } else {
-            staged_begin_ = 0;
-            staged_end_ = count;
-        }
+        const std::size_t direct = std::min(count, room.size());
+        decoder_.filled(direct);
+        staged_begin_ = 0;
+        staged_end_ = count - direct;
     }
 }
 

@@ -2,8 +2,8 @@
 //
 // One request at a time. The connection counts both credits: what the daemon has granted for what
 // we send, and what we have consumed and must grant again. Ctrl-C (interrupt.h) cancels the request
-// at the daemon and ends the wait. connection.cpp and the load test's echo are the only files of the
-// client that know Boost.Asio.
+// at the daemon and ends the wait. connection.cpp and the load test's echo are the only files of
+// the client that know Boost.Asio.
 #pragma once
 
 #include "client/failure.h"
@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -57,6 +58,12 @@ public:
         credit_ -= bulk.bytes();
         return send(protocol::encode(id_, std::move(message), std::move(bulk)));
     }
+    /// The same for a single block, not allocated, whose bytes leave from where they lie.
+    template <class Native>
+    Result<void> send_bulk(Native message, protocol::Bulk bulk, std::span<const std::byte> bytes) {
+        credit_ -= bulk.bytes();
+        return send(protocol::encode(id_, std::move(message), std::move(bulk)), bytes);
+    }
     /// Bulk bytes, padding included, that the daemon takes now.
     [[nodiscard]] std::uint64_t credit() const { return credit_; }
     /// The most bulk that one frame should have: credit for so much always comes back.
@@ -73,7 +80,9 @@ private:
     explicit Connection(std::unique_ptr<Socket> socket);
     void begin(std::chrono::milliseconds deadline);
     Result<void> greet(const std::string& token);
-    Result<void> send(protocol::Result<protocol::Frame> frame);
+    /// `bulk` takes the place of a bulk part that the frame announces and does not have.
+    Result<void> send(protocol::Result<protocol::Frame> frame,
+                      std::span<const std::byte> bulk = {});
     Result<void> grant(std::uint64_t bytes);
     Result<protocol::Frame> read_frame();
     Result<void> wait_readable();

@@ -103,10 +103,12 @@ Result<void> send_rays(Connection& connection, const RaySource& rays, std::uint6
                        std::uint64_t count) {
     protocol::Bulk bulk;
     bulk.add("rays", wire::Dtype::f32, 8, count);
-    bulk.allocate();
-    rays.read(first, bulk.block_as<Ray>(0));
     wire::QueryRaysT message;
     message.first_ray = first;
+    if (const auto ready = rays.bytes(first, count); !ready.empty())
+        return connection.send_bulk(std::move(message), std::move(bulk), ready);
+    bulk.allocate();
+    rays.read(first, bulk.block_as<Ray>(0));
     return connection.send_bulk(std::move(message), std::move(bulk));
 }
 

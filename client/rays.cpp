@@ -42,9 +42,15 @@ Result<RaySource> RaySource::open(const std::string& path) {
     return source;
 }
 
+std::span<const std::byte> RaySource::bytes(std::uint64_t first, std::uint64_t count) const {
+    if (!rays_.empty()) return std::as_bytes(std::span(rays_).subspan(first, count));
+    if (array_.dtype != "<f4" || array_.shape[1] != 8) return {};
+    return array_.bytes.subspan(first * sizeof(Ray), count * sizeof(Ray));
+}
+
 void RaySource::read(std::uint64_t first, std::span<Ray> out) const {
-    if (!rays_.empty()) {
-        std::copy_n(rays_.begin() + static_cast<std::ptrdiff_t>(first), out.size(), out.begin());
+    if (const auto ready = bytes(first, out.size()); !ready.empty()) {
+        std::memcpy(out.data(), ready.data(), ready.size());
         return;
     }
     const std::size_t columns = array_.shape[1];

@@ -21,6 +21,8 @@ public:
     static Result<RaySource> open(const std::string& path);
 
     [[nodiscard]] std::uint64_t count() const { return count_; }
+    /// Rays [first, first + count) as they travel, where they lie so in memory; else nothing.
+    [[nodiscard]] std::span<const std::byte> bytes(std::uint64_t first, std::uint64_t count) const;
     /// Writes rays [first, first + out.size()).
     void read(std::uint64_t first, std::span<Ray> out) const;
 

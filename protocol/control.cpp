@@ -41,14 +41,13 @@ std::vector<std::string> strings(const StringList* list) {
     return out;
 }
 
-Result<Frame> seal(wire::Message type, std::uint64_t request_id, std::uint32_t block_count,
-                   const flatbuffers::FlatBufferBuilder& message, Buffer bulk,
-                   const Limits& limits) {
+Result<Frame> seal(wire::Message type, std::uint64_t request_id, const Bulk& bulk,
+                   const flatbuffers::FlatBufferBuilder& message, const Limits& limits) {
     Frame frame;
     frame.header.type = static_cast<std::uint16_t>(type);
     frame.header.control_bytes = message.GetSize();
-    frame.header.block_count = block_count;
-    frame.header.bulk_bytes = bulk.size();
+    frame.header.block_count = static_cast<std::uint32_t>(bulk.count());
+    frame.header.bulk_bytes = bulk.bytes();
     frame.header.request_id = request_id;
     if (message.GetSize() > limits.control_bytes_max)
         return fail(Code::limit_exceeded, std::string(wire::EnumNameMessage(type)) + " takes " +
@@ -59,7 +58,6 @@ Result<Frame> seal(wire::Message type, std::uint64_t request_id, std::uint32_t b
                     std::string(wire::EnumNameMessage(type)) + " is over frame_bytes_max");
     frame.control = Buffer(message.GetSize());
     std::memcpy(frame.control.data(), message.GetBufferPointer(), message.GetSize());
-    frame.bulk = std::move(bulk);
     return frame;
 }
 

@@ -42,10 +42,10 @@ struct Opened {
 using StringList = flatbuffers::Vector<flatbuffers::Offset<flatbuffers::String>>;
 [[nodiscard]] std::vector<std::string> strings(const StringList* list);
 
-/// Copies a finished message into a frame; LIMIT_EXCEEDED naming the message when it is too large.
-Result<Frame> seal(wire::Message type, std::uint64_t request_id, std::uint32_t block_count,
-                   const flatbuffers::FlatBufferBuilder& message, Buffer bulk,
-                   const Limits& limits);
+/// Copies a finished message into a frame without its bulk part; LIMIT_EXCEEDED naming the message
+/// when it is too large.
+Result<Frame> seal(wire::Message type, std::uint64_t request_id, const Bulk& bulk,
+                   const flatbuffers::FlatBufferBuilder& message, const Limits& limits);
 
 /// A frame of a message without bulk: encode(id, wire::InfoT{...}).
 template <class Native>
@@ -54,10 +54,11 @@ Result<Frame> encode(std::uint64_t request_id, const Native& message,
     using Table = typename Native::TableType;
     flatbuffers::FlatBufferBuilder builder;
     builder.Finish(Table::Pack(builder, &message));
-    return seal(message_of<Table>, request_id, 0, builder, Buffer{}, limits);
+    return seal(message_of<Table>, request_id, Bulk{}, builder, limits);
 }
 
 /// A frame of a message with `blocks`; they are described from `bulk`, whose buffer moves along.
+/// What was not allocated is for the caller to send behind the frame.
 template <class Native>
 Result<Frame> encode(std::uint64_t request_id, Native message, Bulk&& bulk,
                      const Limits& limits = Limits{}) {
@@ -67,8 +68,9 @@ Result<Frame> encode(std::uint64_t request_id, Native message, Bulk&& bulk,
         message.blocks.push_back(std::make_unique<wire::BlockT>(block));
     flatbuffers::FlatBufferBuilder builder;
     builder.Finish(Table::Pack(builder, &message));
-    return seal(message_of<Table>, request_id, static_cast<std::uint32_t>(bulk.count()), builder,
-                bulk.take(), limits);
+    Result<Frame> frame = seal(message_of<Table>, request_id, bulk, builder, limits);
+    if (frame) frame->bulk = bulk.take();
+    return frame;
 }
 
 /// The ERROR frame; an empty message becomes the table's remedy. Never fails: an overlong message

@@ -4,6 +4,8 @@
 #include "server/log.h"
 #include "server/options.h"
 
+#include <malloc.h>
+
 #include <cstdio>
 #include <exception>
 #include <new>
@@ -16,10 +18,20 @@ int run_import_child(int argc, const char* const* argv) {
     return registry ? import_child_main(**registry) : 2;
 }
 
+/// Frames of up to some MiB come and go on all threads. By default glibc gives the end of a heap
+/// back after each and takes it again page by page: 1,200 faults per million rays. What is larger
+/// than `frame` comes from the system and goes back at once.
+void keep_frames_in_heap() {
+    constexpr int frame = 8 << 20;
+    mallopt(M_MMAP_THRESHOLD, frame);
+    mallopt(M_TRIM_THRESHOLD, 2 * frame);
+}
+
 int run(int argc, const char* const* argv) {
     if (argc >= 3 && argv[1] == import_child_flag) return run_import_child(argc, argv);
     const ParsedOptions parsed = parse_options(argc, argv);
     if (!parsed.options) return parsed.exit_code;
+    keep_frames_in_heap();
     set_log_level(parsed.options->log_level);
     return run_daemon(*parsed.options);
 }

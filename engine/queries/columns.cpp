@@ -85,6 +85,11 @@ glm::dvec3 record_normal(const ColumnSource& source, const HitRecord& hit, const
 /// Calls f(i, hit, ray) for every element.
 template <class F>
 void for_each_element(const ColumnSource& source, F&& f) {
+    if (source.hits.empty()) {
+        static constexpr HitRecord miss{};
+        for (std::size_t i = 0; i < source.rays.size(); ++i) f(i, miss, source.rays[i]);
+        return;
+    }
     const std::size_t count = source.order.empty() ? source.hits.size() : source.order.size();
     for (std::size_t i = 0; i < count; ++i) {
         const std::size_t at = source.order.empty() ? i : source.order[i];

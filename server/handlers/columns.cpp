@@ -66,14 +66,12 @@ struct Target {
 };
 
 /// Writes `count` elements of each column. Block by block, so that all columns read the records of
-/// a block while they are in the nearest cache. Without hits every element is a canonical miss.
+/// a block while they are in the nearest cache.
 void write_columns(std::span<Target> columns, const ColumnSource& all, std::size_t count) {
     constexpr std::size_t block = 512;
-    static const std::vector<HitRecord> misses(block);
     for (std::size_t at = 0; at < count; at += block) {
         const std::size_t n = std::min(block, count - at);
         ColumnSource part = all;
-        if (all.hits.empty()) part.hits = std::span(misses).first(n);
         if (!all.order.empty()) {
             part.order = all.order.subspan(at, n);
         } else {

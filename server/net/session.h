@@ -42,6 +42,8 @@ private:
     void spawn(Part part, const char* name);
     asio::awaitable<void> read_frames();
     asio::awaitable<void> read_some(SystemError& error);
+    /// Reading wakes up once so many bytes are there.
+    void expect(std::size_t bytes);
     asio::awaitable<void> linger();
     asio::awaitable<void> write_frames();
     asio::awaitable<void> watch();
@@ -79,6 +81,7 @@ private:
     Clock::time_point read_deadline_;     ///< of the frame that is on its way
     Clock::time_point write_started_;     ///< of the gather
     Clock::time_point close_deadline_;    ///< once the conversation is closing
+    std::size_t expected_ = 1;            ///< bytes that wake the reader up
     std::uint64_t checkpoint_bytes_ = 0;  ///< of a bulk part, since its deadline last moved
     bool open_ = true;
     bool reading_ = false;  ///< frames that came are being handled

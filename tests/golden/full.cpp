@@ -35,7 +35,7 @@ public:
 
     FullMessage build(wire::Message type, const reflection::Object& object) {
         builder_.Finish(flatbuffers::Offset<void>(table(object, "")));
-        return {protocol::seal(type, 1, 0, builder_, {}, {}).value(), std::move(texts_)};
+        return {protocol::seal(type, 1, {}, builder_, {}).value(), std::move(texts_)};
     }
 
 private:
