@@ -93,7 +93,7 @@ struct LoadTestOptions {
     JobOptions job;
     std::string kind = "closest";
     std::vector<std::string> fields;
-    std::uint32_t max_hits = 8;
+    std::uint32_t max_hits = 0;  ///< 0: what the kind has by default
     std::uint32_t clients = 1;
     std::uint32_t rays = 1;  ///< of each request
     double seconds = 5;

@@ -336,7 +336,6 @@ Result<void> validate(const wire::Query& message, const Limits& limits) {
         .nested(message.job(), check_job)
         .name("kind", message.kind())
         .names("fields", message.fields())
-        .at_least("max_hits", message.max_hits(), 1)
         .at_most("max_hits", message.max_hits(), all ? limits.all_hits_max : limits.hits_max,
                  all ? "all_hits_max" : "hits_max")
         .nested(generator, check_generator)

@@ -80,10 +80,6 @@ private:
     std::vector<std::uint64_t> splits_ = {0};
 };
 
-/// The hit budget of `all` and the hits of `multi`, where the user names none.
-constexpr std::uint32_t all_hits = 4096;
-constexpr std::uint32_t multi_hits = 8;
-
 wire::QueryT query_message(const QueryOptions& options) {
     wire::QueryT request;
     request.job = job_message(options.job);
@@ -93,8 +89,7 @@ wire::QueryT query_message(const QueryOptions& options) {
     request.fields = options.fields;
     if (request.fields.empty() && request.reduce.empty())
         request.fields = default_fields(request.kind);
-    request.max_hits = request.kind == "all" ? all_hits : multi_hits;
-    if (options.max_hits != 0) request.max_hits = options.max_hits;
+    request.max_hits = options.max_hits;
     return request;
 }
 

@@ -48,6 +48,14 @@ std::uint64_t hits_room(const Plan& plan, const Columns::Cost& cost, std::uint64
     return std::clamp(fit, std::uint64_t{2} * plan.hits_max, most);
 }
 
+/// Hits per ray where a request names no number.
+constexpr std::uint32_t multi_hits = 8;
+constexpr std::uint32_t all_hits = 4096;
+
+/// Room for a detached query's answer of any number of hits is reserved for so many per ray, more
+/// as it comes.
+constexpr std::uint64_t expected_hits = 8;
+
 /// A row per ray, or one per hit.
 class ColumnsJob final : public QueryJob {
 public:
@@ -67,12 +75,13 @@ protected:
     }
     [[nodiscard]] std::uint64_t rows() const override { return source_.rays(); }
 
-    [[nodiscard]] std::uint64_t result_bytes_max() const override {
-        const std::uint64_t each =
-            plan_.query == query_all ? 1 : std::min(chunk_rays_, kept_rays_min);
+    [[nodiscard]] std::uint64_t result_bytes() const override {
         const std::uint64_t rays = source_.rays();
-        return cost_.bytes(rays, rays * plan_.hits_max) +
-               (rays / each + 1) * (cost_.fixed + answer_head_bytes_max);
+        const std::uint64_t hits = plan_.query == query_all
+                                       ? std::min<std::uint64_t>(plan_.hits_max, expected_hits)
+                                       : plan_.hits_max;
+        return cost_.bytes(rays, rays * hits) + (rays / std::min(chunk_rays_, kept_rays_min) + 1) *
+                                                    (cost_.fixed + answer_head_bytes_max);
     }
 
     Reply<Frames> answer(const Piece& piece, const StopFlag& /*stop*/) override {
@@ -185,6 +194,7 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     if (!plan) return tl::unexpected(plan.error());
     plan->untraced = kind->untraced;
     if (plan->csr()) plan->hits_max = message->max_hits();
+    if (plan->hits_max == 0) plan->hits_max = kind->query == query_all ? all_hits : multi_hits;
     auto source = RaySource::make(*message.table, plan->scene.snapshot());
     if (!source) return tl::unexpected(source.error());
 
@@ -198,7 +208,7 @@ Reply<Answer> query(const Services& services, const Caller& caller,
                                  std::move(*columns))
                    : reduce_job(services, caller, std::move(*plan), std::move(*source), message);
     if (!job) return tl::unexpected(job.error());
-    accepted.result_bytes_max = (*job)->result_bytes_max();
+    accepted.result_bytes = (*job)->result_bytes();
     accepted.job = std::move(*job);
     return Answer{std::move(accepted)};
 }

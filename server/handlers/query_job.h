@@ -21,8 +21,9 @@ inline constexpr std::uint64_t answer_head_bytes_max = 8ULL << 10;
 
 class QueryJob : public Job {
 public:
-    /// Bytes of all answers, headers included, at most: what a detached query reserves.
-    [[nodiscard]] virtual std::uint64_t result_bytes_max() const = 0;
+    /// Bytes of all answers, headers included: what a detached query reserves. At most; where hits
+    /// are not known in advance, what is usual.
+    [[nodiscard]] virtual std::uint64_t result_bytes() const = 0;
 
     Frames greeting() override;
     Reply<std::uint64_t> feed(protocol::Frame frame) override;

@@ -53,7 +53,7 @@ protected:
     [[nodiscard]] std::uint64_t rows() const override {
         return source_.rays() / source_.rays_per_point();
     }
-    [[nodiscard]] std::uint64_t result_bytes_max() const override {
+    [[nodiscard]] std::uint64_t result_bytes() const override {
         const std::uint64_t frames = source_.rays() / piece_rays() + 1;
         return reply_bytes(source_.rays()) + frames * (protocol::alignment + answer_head_bytes_max);
     }
@@ -120,7 +120,7 @@ protected:
     [[nodiscard]] std::uint64_t piece_rays() const override { return chunk_rays_; }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t /*rays*/) const override { return 0; }
     [[nodiscard]] std::uint64_t rows() const override { return table_.size(); }
-    [[nodiscard]] std::uint64_t result_bytes_max() const override {
+    [[nodiscard]] std::uint64_t result_bytes() const override {
         const std::uint64_t frames = paths_max_ / frame_rows_ + 1;
         return paths_max_ * row_bytes + frames * (2 * protocol::alignment + answer_head_bytes_max);
     }

@@ -89,7 +89,7 @@ Reply<Answer> render(const Services& services, const Caller& caller,
                             pixel_bytes * message->width() * message->height());
     if (!order) return tl::unexpected(order.error());
     Accepted accepted = accept(order->plan, "render", order->pixels());
-    accepted.result_bytes_max = order->lease.bytes();
+    accepted.result_bytes = order->lease.bytes();
     accepted.job = std::make_unique<RenderJob>(services, caller, std::move(*order));
     return Answer{std::move(accepted)};
 }

@@ -19,10 +19,12 @@ bool is(const protocol::Frame& frame) {
 
 }  // namespace
 
-DetachedJob::DetachedJob(const Engine& engine, JobRecord record, Budget::Lease room)
+DetachedJob::DetachedJob(const Engine& engine, JobRecord record, Budget::Lease room,
+                         MoreRoom more_room)
     : engine_(engine),
       record_(std::move(record)),
       room_(std::move(room)),
+      more_room_(std::move(more_room)),
       runner_(std::make_shared<Runner>(engine, static_cast<Sink&>(*this), record_.principal)) {
     // Memory takes all at once; what bounds the answer is its room.
     runner_->set_window(~std::uint64_t{0});
@@ -48,13 +50,14 @@ void DetachedJob::send(protocol::Frame frame) {
     }
     answer_bytes_ += frame.header.frame_bytes();
     if (answer_bytes_ > room_.bytes()) {
-        end(protocol::Error{Code::limit_exceeded,
-                            "the answer does not fit the room that was reserved for it; send the "
-                            "rays of a detached query in frames of 1024 or more",
-                            0});
-        // Not from within its own doing.
-        engine_.post([runner = runner_] { runner->cancel_all(); });
-        return;
+        auto more = more_room_(answer_bytes_ - room_.bytes());
+        if (!more) {
+            end(more.error());
+            // Not from within its own doing.
+            engine_.post([runner = runner_] { runner->cancel_all(); });
+            return;
+        }
+        room_.merge(std::move(*more));
     }
     const bool done = is<wire::Done>(frame);
     answer_.push_back(std::move(frame));
@@ -72,7 +75,7 @@ void DetachedJob::end(std::optional<protocol::Error> error) {
 
 Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
                                                  std::uint64_t request_id, Accepted accepted) {
-    auto room = make_room(principal, base_bytes + accepted.result_bytes_max);
+    auto room = make_room(principal, base_bytes + accepted.result_bytes);
     if (!room) return tl::unexpected(room.error());
     JobRecord record;
     record.principal = principal;
@@ -81,7 +84,9 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
     record.scene = accepted.scene;
     record.started = Clock::now();
     record.detached = true;
-    auto job = std::make_shared<DetachedJob>(engine_, std::move(record), std::move(*room));
+    auto job = std::make_shared<DetachedJob>(
+        engine_, std::move(record), std::move(*room),
+        [this, principal](std::uint64_t bytes) { return make_room(principal, bytes); });
     const auto number = job->runner().start(request_id, std::move(accepted));
     if (!number) return tl::unexpected(number.error());
     job->record_.number = *number;
@@ -100,16 +105,17 @@ Reply<Budget::Lease> DetachedJobs::make_room(const std::string& principal, std::
     };
     while (bytes > most || kept() > most - bytes)
         if (bytes > most || !drop_fetched(principal))
-            return refuse(Code::quota, "the answer may take " + std::to_string(bytes) + " bytes, " +
-                                           principal + " keeps " + std::to_string(kept()) +
-                                           ", the limit is principal_result_bytes_max = " +
-                                           std::to_string(most) +
-                                           "; fetch or cancel a finished job, or ask for less");
+            return refuse(
+                Code::quota,
+                "the answer needs " + std::to_string(bytes) + " bytes more, " + principal +
+                    " keeps " + std::to_string(kept()) +
+                    ", the limit is principal_result_bytes_max = " + std::to_string(most) +
+                    "; fetch or cancel a finished job, or ask for less");
     auto room = engine_.budget.reserve(bytes);
     while (!room && drop_fetched("")) room = engine_.budget.reserve(bytes);
     if (!room)
         return refuse(Code::resource_exhausted,
-                      "the answer may take " + std::to_string(bytes) + " bytes, " +
+                      "the answer needs " + std::to_string(bytes) + " bytes more, " +
                           std::to_string(engine_.budget.limit() - engine_.budget.used()) +
                           " of --memory are free; fetch or cancel a finished job");
     return std::move(*room);

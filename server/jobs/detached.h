@@ -1,7 +1,8 @@
 // Jobs that outlive their connection: what they answer is kept in memory until somebody fetches it.
 //
 //   start ──► running ──► kept ──► gone: its time is over, or it was fetched and room is needed
-//               │  frames of the answer are stored, in room reserved before the first ray
+//               │  frames of the answer are stored, in room reserved before the first ray, and more
+//               │  as they come where nobody knows how many hits there will be
 //
 // A detached job is a Runner of its own whose sink is memory. It needs the connection that asked
 // until all its data have come, and no longer. Everything is lost with the daemon.
@@ -22,14 +23,16 @@ namespace raynest::server {
 /// One job and what it has answered so far. Io thread only, but for the answer of one that ended.
 class DetachedJob final : private Sink {
 public:
-    DetachedJob(const Engine& engine, JobRecord record, Budget::Lease room);
+    /// Gives room for so many bytes more, or says why not.
+    using MoreRoom = std::function<Reply<Budget::Lease>(std::uint64_t bytes)>;
+    DetachedJob(const Engine& engine, JobRecord record, Budget::Lease room, MoreRoom more_room);
     ~DetachedJob() { runner_->abandon(); }
     DetachedJob(const DetachedJob&) = delete;
 
     [[nodiscard]] const JobRecord& record() const { return record_; }
     /// What an attached client would have read from Started to Done, but for Progress.
     [[nodiscard]] const std::vector<protocol::Frame>& answer() const { return answer_; }
-    /// Of the answer; while it runs, as much as may come.
+    /// Of the answer; while it runs, as much as is reserved.
     [[nodiscard]] std::uint64_t bytes() const { return room_.bytes(); }
     [[nodiscard]] bool ended() const { return ended_ != Clock::time_point::max(); }
     /// Why it failed, once it has ended.
@@ -52,6 +55,7 @@ private:
     const Engine& engine_;
     JobRecord record_;
     Budget::Lease room_;
+    const MoreRoom more_room_;
     std::shared_ptr<Runner> runner_;
     Sink* feeder_ = nullptr;
     std::vector<protocol::Frame> answer_;

@@ -105,8 +105,8 @@ struct Accepted {
     std::string kind;               ///< for people: query, render, ...
     std::string detail;             ///< of a query: its kind
     std::string scene;
-    bool detach = false;                 ///< it outlives its connection
-    std::uint64_t result_bytes_max = 0;  ///< of a detached one: bytes that it answers, at most
+    bool detach = false;             ///< it outlives its connection
+    std::uint64_t result_bytes = 0;  ///< of a detached one: room to reserve for its answer
 };
 
 }  // namespace raynest::server

@@ -29,6 +29,11 @@ public:
         }
 
         [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
+        /// Takes another one of the same budget into this one.
+        void merge(Lease more) {
+            if (budget_ == nullptr) budget_ = more.budget_;
+            bytes_ += std::exchange(more.bytes_, 0);
+        }
         /// Gives back all but `bytes`, which must not be more than it has.
         void shrink(std::uint64_t bytes) {
             if (budget_ != nullptr) budget_->used_ -= bytes_ - bytes;

@@ -114,7 +114,6 @@ void add_bad_queries(Table& table) {
     add("Query of 2^63 rays", Code::limit_exceeded, [](auto& q) { q.ray_count = 1ULL << 63; });
     add("Query of one ray too many", Code::limit_exceeded,
         [](auto& q) { q.ray_count = (1ULL << 36) + 1; });
-    add("Query for no hits", Code::invalid_field, [](auto& q) { q.max_hits = 0; });
     add("Query for 257 hits", Code::limit_exceeded, [](auto& q) { q.max_hits = 257; });
     add("Query for 65537 hits of kind all", Code::limit_exceeded, [](auto& q) {
         q.kind = "all";

@@ -29,6 +29,7 @@ class Jobs(WithDaemon):
         rays = rain(50000)
         for options in ({"fields": FIELDS}, {"kind": "any"}, {"kind": "multi", "max_hits": 3},
                         {"kind": "all", "max_hits": 16, "fields": ("t", "flags")},
+                        {"kind": "all"},
                         {"reduce": "visible_pixels"}):
             expected = self.woods.trace(rays, **options)
             outcome = self.client.outcome

@@ -146,11 +146,9 @@ class Scene:
         if fields is None:
             fields = () if reduce else ("hit",) if kind == "any" else \
                 ("t", "prim", "geom", "path", "uv")
-        if max_hits is None:
-            max_hits = 4096 if kind == "all" else 8
         return Query(self._client.connection, {
             "job": job_message(self.name, job), "kind": kind, "fields": list(fields),
-            "max_hits": max_hits, "reduce": reduce}, source)
+            "max_hits": max_hits or 0, "reduce": reduce}, source)
 
     # ---- pictures -------------------------------------------------------------------------------
 

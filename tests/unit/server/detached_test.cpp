@@ -24,7 +24,7 @@ struct Store {
                                        std::function<Reply<void>(const StopFlag&)> work = {}) {
         Accepted accepted = accept(std::make_unique<ScriptedJob>(tasks, bytes, std::move(work)));
         accepted.detach = true;
-        accepted.result_bytes_max = room;
+        accepted.result_bytes = room;
         return jobs.start(principal, 1, std::move(accepted));
     }
     /// One that has ended, and whether it was fetched.
@@ -131,12 +131,29 @@ TEST_CASE("a failed job keeps its error and no bytes") {
     REQUIRE(store.bench.run_until_idle());
 }
 
-TEST_CASE("an answer beyond its room ends the job") {
+TEST_CASE("an answer that outgrows its room takes more, from what was fetched if need be") {
+    Store store;
+    const std::uint64_t dear = store.keep("me", 60'000, false);
+    const std::uint64_t fetched = store.keep("me", 60'000, true);
+    auto job = store.start("me", 12, 10'000).value();
+    REQUIRE(store.bench.run_until([&] { return job->ended(); }));
+    CHECK_FALSE(job->error());
+    CHECK(job->answer().size() == 13);
+    CHECK(job->bytes() >= 120'000);
+    CHECK(store.has(dear));
+    CHECK_FALSE(store.has(fetched));
+    store.jobs.cancel(job->record().number);
+    store.jobs.cancel(dear);
+    job.reset();
+    CHECK(store.bench.budget.used() == 0);
+}
+
+TEST_CASE("an answer beyond what its owner may keep ends the job") {
     Store store;
     const auto job = store.start("me", 100, 10'000);
     REQUIRE(store.bench.run_until_idle());
     REQUIRE((*job)->error());
-    CHECK((*job)->error()->code == Code::limit_exceeded);
+    CHECK((*job)->error()->code == Code::quota);
     CHECK(store.bench.budget.used() < room);
 }
 
