@@ -59,6 +59,7 @@ private:
     SceneStore scenes_;
     Admission admission_;
     BriefTurn brief_turn_;
+    Coalescer coalescer_;
     asio::io_context io_{1};
     Services services_;
     Engine engine_;
@@ -103,7 +104,8 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       engine_{compute_,   blocking_,
               admission_, metrics_,
               limits_,    [this](std::function<void()> done) { asio::post(io_, std::move(done)); },
-              budget_,    brief_turn_},
+              budget_,    brief_turn_,
+              coalescer_},
       detached_(engine_, [this] { look_after_detached(); }),
       compute_(options.threads),
       blocking_(imports_max),

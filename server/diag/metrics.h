@@ -26,6 +26,7 @@ struct Metrics {
     Counter jobs_cancelled{0};
     Counter jobs_failed{0};
     Counter jobs_refused{0};
+    Counter tasks_coalesced{0};
     Counter rays{0};
     Counter scenes_loaded{0};
 };
@@ -51,6 +52,7 @@ inline constexpr std::array metric_table = {
     MetricInfo{"jobs_cancelled", &Metrics::jobs_cancelled},
     MetricInfo{"jobs_failed", &Metrics::jobs_failed},
     MetricInfo{"jobs_refused", &Metrics::jobs_refused},
+    MetricInfo{"tasks_coalesced", &Metrics::tasks_coalesced},
     MetricInfo{"rays", &Metrics::rays},
     MetricInfo{"scenes_loaded", &Metrics::scenes_loaded},
 };

@@ -107,6 +107,13 @@ TraceCall Plan::call() const {
     return call;
 }
 
+bool Plan::same_call(const Plan& other) const {
+    return scene.held == other.scene.held && variant == other.variant &&
+           settings.params == other.settings.params && settings.flags == other.settings.flags &&
+           query == other.query && traversal == other.traversal && precision == other.precision &&
+           mask == other.mask && hits_max == other.hits_max;
+}
+
 std::uint64_t Plan::chunk_rays_max(const protocol::Limits& limits) const {
     return traversal == traversal_reference ? std::min(reference_rays_max, limits.chunk_rays_max)
                                             : limits.chunk_rays_max;

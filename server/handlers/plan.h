@@ -34,6 +34,8 @@ struct Plan {
     [[nodiscard]] bool csr() const { return query == query_multi || query == query_all; }
     /// Everything of a call but the rays and where the answers go.
     [[nodiscard]] TraceCall call() const;
+    /// Does it make the same call, so that one of it may serve both?
+    [[nodiscard]] bool same_call(const Plan& other) const;
     /// Rays that one task may trace at most: a chunk, or few where a ray walks the whole scene.
     [[nodiscard]] std::uint64_t chunk_rays_max(const protocol::Limits& limits) const;
     /// Where columns come from; the caller adds rays and hits.

@@ -56,6 +56,9 @@ constexpr std::uint32_t all_hits = 4096;
 /// as it comes.
 constexpr std::uint64_t expected_hits = 8;
 
+/// A task of so few rays may share its call of the kernel with others.
+constexpr std::uint64_t question_rays_max = 256;
+
 /// A row per ray, or one per hit.
 class ColumnsJob final : public QueryJob {
 public:
@@ -89,22 +92,74 @@ protected:
         auto rays = trace_piece(piece, buffers);
         if (!rays) return tl::unexpected(rays.error());
         const std::size_t count = fitting(buffers);
-        auto frame = columns_.encode(plan_, services_.registry, id_, piece.first,
-                                     rays->first(count), buffers, tally_);
+        auto frames = encode(piece.first, rays->first(count), buffers);
+        if (frames && plan_.query == query_all) give_back_behind(piece, count);
+        return frames;
+    }
+
+    [[nodiscard]] std::shared_ptr<const Question> question(const Piece& piece) override {
+        const bool small = piece.count <= question_rays_max && !piece.sent.empty();
+        if (!small || source_.has_points() || !any_order() ||
+            plan_.traversal == traversal_reference)
+            return nullptr;
+        return std::make_shared<RaysQuestion>(*this, piece);
+    }
+
+private:
+    /// A closest or any query of rays that the client sent.
+    class RaysQuestion final : public Question {
+    public:
+        RaysQuestion(ColumnsJob& job, Piece piece) : job_(job), piece_(std::move(piece)) {}
+        [[nodiscard]] std::uint64_t rays() const override { return piece_.count; }
+        [[nodiscard]] bool same_as(const Question& other) const override {
+            const auto* question = dynamic_cast<const RaysQuestion*>(&other);
+            return question != nullptr && job_.plan_.same_call(question->job_.plan_);
+        }
+        [[nodiscard]] Reply<void> trace(std::span<const Question* const> all) const override {
+            TraceBuffers& buffers = TraceBuffers::of_this_thread();
+            buffers.rays.clear();
+            for (const Question* each : all) {
+                const auto& question = static_cast<const RaysQuestion&>(*each);
+                question.job_.tally_.begin();
+                const auto rays = question.job_.source_.rays_of(question.piece_, buffers);
+                buffers.rays.insert(buffers.rays.end(), rays.begin(), rays.end());
+            }
+            return server::trace(job_.plan_, buffers.rays, buffers);
+        }
+        [[nodiscard]] Reply<Frames> answer(std::uint64_t first_row) const override {
+            TraceBuffers& traced = TraceBuffers::of_this_thread();
+            const auto first = traced.hits.begin() + static_cast<std::ptrdiff_t>(first_row);
+            TraceBuffers own;
+            own.traversal = traced.traversal;
+            own.hits.assign(first, first + static_cast<std::ptrdiff_t>(piece_.count));
+            const std::span<const Ray> rays(traced.rays);
+            return job_.encode(piece_.first, rays.subspan(first_row, piece_.count), own);
+        }
+
+    private:
+        ColumnsJob& job_;
+        const Piece piece_;
+    };
+
+    /// Worker thread: the frame with the columns of these rays.
+    Reply<Frames> encode(std::uint64_t first, std::span<const Ray> rays, TraceBuffers& buffers) {
+        auto frame = columns_.encode(plan_, services_.registry, id_, first, rays, buffers, tally_);
         if (!frame) return tl::unexpected(frame.error());
-        if (plan_.query == query_all) give_back_behind(piece, count);
-        services_.metrics.rays += count;
+        services_.metrics.rays += rays.size();
         Frames frames;
         frames.push_back(std::move(*frame));
         return frames;
     }
 
-private:
+    /// May rays be traced among others, in any order? Each then has one hit and nothing else.
+    [[nodiscard]] bool any_order() const {
+        return !plan_.csr() && !plan_.counting && !plan_.untraced &&
+               plan_.variant->outputs().empty();
+    }
+
     /// Gives the rays, which lie in the piece or in the buffers.
     Reply<std::span<const Ray>> trace_piece(const Piece& piece, TraceBuffers& buffers) const {
-        const bool any_order =
-            !plan_.csr() && !plan_.counting && !plan_.untraced && plan_.variant->outputs().empty();
-        if (any_order && source_.has_tiles(piece)) {
+        if (any_order() && source_.has_tiles(piece)) {
             if (auto traced = source_.trace_tiles(plan_, piece, buffers); !traced)
                 return tl::unexpected(traced.error());
             return std::span<const Ray>(buffers.rays);

@@ -79,6 +79,7 @@ std::optional<Task> QueryJob::next() {
     task.input_bytes = std::exchange(piece.input_bytes, 0);
     if (source_.rays() * plan_.hits_max <= brief_hits_max && plan_.traversal != traversal_reference)
         task.brief_hits = piece.count * plan_.hits_max;
+    task.question = question(piece);
     task.run = [this, piece = std::move(piece)](const StopFlag& stop) {
         tally_.begin();
         return answer(piece, stop);

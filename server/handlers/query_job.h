@@ -7,6 +7,7 @@
 #include <atomic>
 #include <cstdint>
 #include <deque>
+#include <memory>
 #include <mutex>
 #include <vector>
 
@@ -38,6 +39,10 @@ protected:
 
     /// Worker thread: the frames that answer a piece. Adds to the tally what it answered.
     virtual Reply<Frames> answer(const Piece& piece, const StopFlag& stop) = 0;
+    /// What a piece asks, where that may be asked together with others; else null.
+    [[nodiscard]] virtual std::shared_ptr<const Question> question(const Piece& /*piece*/) {
+        return nullptr;
+    }
     /// Rays of the next piece, at most.
     [[nodiscard]] virtual std::uint64_t piece_rays() const = 0;
     /// Bulk bytes of the answer to a piece of so many rays, at most.

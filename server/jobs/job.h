@@ -18,6 +18,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -47,6 +48,25 @@ using Frames = std::vector<protocol::Frame>;
 /// `compute` threads trace and encode; `blocking` ones wait for import processes and disks.
 enum class Lane { compute, blocking };
 
+/// What a task of few rays asks, where others may ask the same: their rays then go through one
+/// call.
+class Question {
+public:
+    Question() = default;
+    Question(const Question&) = delete;
+    Question& operator=(const Question&) = delete;
+    virtual ~Question() = default;
+
+    [[nodiscard]] virtual std::uint64_t rays() const = 0;
+    /// The same of the same scene?
+    [[nodiscard]] virtual bool same_as(const Question& other) const = 0;
+    /// Worker thread: traces the rays of all, which ask the same as this one.
+    [[nodiscard]] virtual Reply<void> trace(std::span<const Question* const> all) const = 0;
+    /// The same thread, next: what the task would have given, out of the traced rays from
+    /// `first_row` on.
+    [[nodiscard]] virtual Reply<Frames> answer(std::uint64_t first_row) const = 0;
+};
+
 struct Task {
     std::function<Reply<Frames>(const StopFlag&)> run;
     std::uint64_t reply_bytes_max =
@@ -56,6 +76,8 @@ struct Task {
     /// Not 0 where the way to a worker and back is longer than the task: rays or hits, for the io
     /// thread to answer at once, unless a task of its job is under way or its turn is over.
     std::uint64_t brief_hits = 0;
+    /// Where it may run together with others (coalescer.h).
+    std::shared_ptr<const Question> question = {};
 };
 
 struct Progress {

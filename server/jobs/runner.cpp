@@ -14,41 +14,6 @@ namespace {
 constexpr std::chrono::milliseconds tick_period{250};
 /// A job that neither gets rays nor may send answers must not keep its place for ever.
 constexpr std::chrono::seconds idle_max{60};
-constexpr std::chrono::milliseconds out_of_memory_pause{10};
-
-protocol::Error deadline_error() {
-    return {Code::deadline,
-            "the request's deadline passed; " +
-                std::string(protocol::error_info(Code::deadline).remedy),
-            0};
-}
-
-/// A completion that got lost would leave its job for ever: without memory it waits for some.
-void post_surely(const std::function<void(std::function<void()>)>& post,
-                 const std::function<void()>& done) noexcept {
-    for (;;) {
-        try {
-            return post(done);
-        } catch (const std::bad_alloc&) {
-            std::this_thread::sleep_for(out_of_memory_pause);
-        }
-    }
-}
-
-// The border between tasks and exceptions of libraries: whatever happens fails this job alone.
-Reply<Frames> run_guarded(const Task& task, const StopFlag& stop) noexcept {
-    try {
-        if (stop.requested()) return refuse(Code::cancelled, "");
-        if (stop.expired()) return tl::unexpected(deadline_error());
-        return task.run(stop);
-    } catch (const std::bad_alloc&) {
-        return refuse(Code::resource_exhausted, "");
-    } catch (const std::exception& error) {
-        return refuse(Code::internal, error.what());
-    } catch (...) {
-        return refuse(Code::internal, "a task failed without saying why");
-    }
-}
 
 }  // namespace
 
@@ -205,7 +170,9 @@ void Runner::pump(const ActivePointer& active) {
             Task task = *std::exchange(active->parked, std::nullopt);
             if (task.brief_hits != 0 && active->running == 0 &&
                 engine_.brief_turn.enter(task.brief_hits, engine_.post))
-                take_answer(*active, run_guarded(task, active->stop), task.input_bytes);
+                take_answer(*active,
+                            run_guarded(active->stop, [&] { return task.run(active->stop); }),
+                            task.input_bytes);
             else
                 submit(active, std::move(task));
         }
@@ -233,18 +200,24 @@ bool Runner::blocked() const {
 
 void Runner::submit(const ActivePointer& active, Task task) {
     const std::uint64_t reserved = task.reply_bytes_max;
+    const std::uint64_t input = task.input_bytes;
     Workers& workers = task.lane == Lane::compute ? engine_.compute : engine_.blocking;
-    // Memory for the way back is taken here, where its lack fails the job and not the worker.
     const auto reply = std::make_shared<Reply<Frames>>();
-    const std::function<void()> done = [self = shared_from_this(), active, reply, reserved,
-                                        input = task.input_bytes] {
-        self->task_ended(active, std::move(*reply), reserved, input);
-    };
-    workers.submit(principal_, active->priority,
-                   [active, task = std::move(task), reply, done, &post = engine_.post] {
-                       *reply = run_guarded(task, active->stop);
-                       post_surely(post, done);
-                   });
+    Errand errand{{active, &active->stop},
+                  std::move(task),
+                  reply,
+                  [self = shared_from_this(), active, reply, reserved, input] {
+                      self->task_ended(active, std::move(*reply), reserved, input);
+                  }};
+    if (errand.task.question != nullptr)
+        engine_.coalescer.add({workers, engine_.post, engine_.metrics}, principal_,
+                              active->priority, std::move(errand));
+    else
+        workers.submit(principal_, active->priority,
+                       [errand = std::move(errand), &post = engine_.post] {
+                           errand.run();
+                           post_surely(post, errand.done);
+                       });
     ++active->running;
     active->reserved += reserved;
     in_flight_bytes_ += reserved;

@@ -9,6 +9,8 @@
 #include "server/diag/metrics.h"
 #include "server/jobs/admission.h"
 #include "server/jobs/brief_turn.h"
+#include "server/jobs/coalescer.h"
+#include "server/jobs/errand.h"
 #include "server/jobs/job.h"
 #include "server/jobs/workers.h"
 #include "server/store/budget.h"
@@ -38,9 +40,10 @@ struct Engine {
     Admission& admission;
     Metrics& metrics;
     const protocol::Limits& limits;
-    std::function<void(std::function<void()>)> post;  ///< to the io thread; thread-safe
+    Post post;
     Budget& budget;
     BriefTurn& brief_turn;
+    Coalescer& coalescer;
 };
 
 class Runner : public std::enable_shared_from_this<Runner> {

@@ -210,6 +210,47 @@ TEST_CASE_FIXTURE(Served, "SIGTERM lets running jobs end, refuses new ones, and 
     CHECK(daemon.wait() == 0);
 }
 
+/// A hundred rays that miss or hit another place for each `number`.
+protocol::Frame rays_of(std::uint64_t number) {
+    protocol::Frame frame = rays_frame(5, 0, 100);
+    auto* values = reinterpret_cast<float*>(frame.bulk.data());
+    for (std::size_t i = 0; i < 100; ++i)
+        values[8 * i] = 0.02F * static_cast<float>(i) + static_cast<float>(number) - 9;
+    return frame;
+}
+
+std::vector<std::byte> columns_of(Peer& peer) {
+    const protocol::Frame answer = peer.read_until<wire::Chunk>();
+    const std::span<const std::byte> bytes = answer.bulk.span();
+    peer.read_until<wire::Done>();
+    return {bytes.begin(), bytes.end()};
+}
+
+TEST_CASE_FIXTURE(Served,
+                  "small requests that come together are traced together, each for itself") {
+    constexpr std::size_t clients = 18;
+    std::vector<std::unique_ptr<Peer>> peers;
+    std::vector<std::vector<std::byte>> alone;
+    for (std::size_t i = 0; i < clients; ++i) {
+        peers.push_back(std::make_unique<Peer>(daemon));
+        peers.back()->greet();
+        REQUIRE(peers[i]->say(5, query_of(100)));
+        REQUIRE(peers[i]->send_frame(rays_of(i)));
+        alone.push_back(columns_of(*peers[i]));
+    }
+    CHECK(counter(peer, "tasks_coalesced") == 0);
+    CHECK(alone.front() != alone.back());
+    // All wait in their sockets when the daemon looks again.
+    daemon.signal(SIGSTOP);
+    for (std::size_t i = 0; i < clients; ++i) {
+        REQUIRE(peers[i]->say(5, query_of(100)));
+        REQUIRE(peers[i]->send_frame(rays_of(i)));
+    }
+    daemon.signal(SIGCONT);
+    for (std::size_t i = 0; i < clients; ++i) CHECK(columns_of(*peers[i]) == alone[i]);
+    CHECK(counter(peer, "tasks_coalesced") >= 2);
+}
+
 TEST_CASE_FIXTURE(Served, "a second SIGTERM ends the daemon at once with code 3") {
     REQUIRE(peer.say(5, endless_render()));
     peer.read_until<wire::Started>();

@@ -60,6 +60,7 @@ public:
     Admission admission{4};
     Budget budget{1ULL << 30};
     BriefTurn brief_turn;
+    Coalescer coalescer;
     std::uint64_t waiting = 0;
     std::vector<protocol::Frame> sent;
 
@@ -82,7 +83,8 @@ public:
                       wake_.notify_all();
                   },
                   budget,
-                  brief_turn};
+                  brief_turn,
+                  coalescer};
     std::shared_ptr<Runner> runner = std::make_shared<Runner>(engine, *this, "me");
 };
 

@@ -58,6 +58,7 @@ public:
     server::SceneStore scenes{budget};
     server::Admission admission{64};
     server::BriefTurn brief_turn;
+    server::Coalescer coalescer;
     std::uint64_t waiting = 0;  ///< what backlog() says
     std::size_t handlers_failed = 0;
     std::vector<protocol::Frame> sent;
@@ -70,7 +71,8 @@ public:
         compute,   blocking,
         admission, metrics,
         limits,    [this](std::function<void()> done) { posted.push_back(std::move(done)); },
-        budget,    brief_turn};
+        budget,    brief_turn,
+        coalescer};
     server::DetachedJobs detached{engine, [] {}};
 };
 
