@@ -72,7 +72,9 @@ public:
           fitting_(chunk_rays_) {}
 
 protected:
-    [[nodiscard]] std::uint64_t piece_rays() const override { return fitting_; }
+    [[nodiscard]] std::uint64_t piece_rays(const Piece& /*rest*/) const override {
+        return fitting_;
+    }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t rays) const override {
         return plan_.query == query_all ? answer_bytes_ : cost_.bytes(rays, rays * plan_.hits_max);
     }

@@ -72,7 +72,8 @@ std::optional<Task> QueryJob::next() {
         given_back_.clear();
     }
     if (pieces_.empty()) return std::nullopt;
-    Piece piece = pieces_.front().split(std::min(piece_rays(), pieces_.front().count));
+    Piece piece =
+        pieces_.front().split(std::min(piece_rays(pieces_.front()), pieces_.front().count));
     if (pieces_.front().count == 0) pieces_.pop_front();
     Task task;
     task.reply_bytes_max = reply_bytes(piece.count);

@@ -43,8 +43,8 @@ protected:
     [[nodiscard]] virtual std::shared_ptr<const Question> question(const Piece& /*piece*/) {
         return nullptr;
     }
-    /// Rays of the next piece, at most.
-    [[nodiscard]] virtual std::uint64_t piece_rays() const = 0;
+    /// Rays of the next piece, at most, which begins where `rest` does.
+    [[nodiscard]] virtual std::uint64_t piece_rays(const Piece& rest) const = 0;
     /// Bulk bytes of the answer to a piece of so many rays, at most.
     [[nodiscard]] virtual std::uint64_t reply_bytes(std::uint64_t rays) const = 0;
     /// Of the whole answer, once all is answered.

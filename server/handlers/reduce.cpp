@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <map>
 #include <string>
 #include <unordered_map>
 #include <utility>
@@ -32,50 +33,62 @@ Reply<Frames> rows_frame(std::uint64_t id, std::uint64_t first, std::uint64_t co
     return frames;
 }
 
-/// The share of each point's rays that hit something. A task takes whole points, so that its sums
-/// are complete; what a point with many rays asks for, it traces in several calls.
+/// The share of each point's rays that hit something. A task takes whole points, or a part of one
+/// that has more rays than a task should trace; the last of its parts to end answers for it.
 class FractionJob final : public QueryJob {
 public:
     FractionJob(const Services& services, const Caller& caller, Plan plan, RaySource source)
         : QueryJob(services, caller, std::move(plan), std::move(source)),
           batch_rays_(plan_.chunk_rays_max(services.limits)),
-          frame_bytes_(frame_bytes_max(caller)) {}
+          task_points_(std::clamp<std::uint64_t>(
+              batch_rays_ / source_.rays_per_point(), 1,
+              (frame_bytes_max(caller) - protocol::alignment) / sizeof(float))) {}
 
 protected:
-    [[nodiscard]] std::uint64_t piece_rays() const override {
+    [[nodiscard]] std::uint64_t piece_rays(const Piece& rest) const override {
         const std::uint64_t each = source_.rays_per_point();
-        const std::uint64_t fit = (frame_bytes_ - protocol::alignment) / sizeof(float);
-        return each * std::clamp<std::uint64_t>(batch_rays_ / each, 1, fit);
+        return each > batch_rays_ ? std::min(batch_rays_, each - rest.first % each)
+                                  : each * task_points_;
     }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t rays) const override {
-        return protocol::padded(rays / source_.rays_per_point() * sizeof(float));
+        const std::uint64_t points = std::max<std::uint64_t>(1, rays / source_.rays_per_point());
+        return protocol::padded(points * sizeof(float));
     }
     [[nodiscard]] std::uint64_t rows() const override {
         return source_.rays() / source_.rays_per_point();
     }
     [[nodiscard]] std::uint64_t result_bytes() const override {
-        const std::uint64_t frames = source_.rays() / piece_rays() + 1;
-        return reply_bytes(source_.rays()) + frames * (protocol::alignment + answer_head_bytes_max);
+        return reply_bytes(source_.rays()) +
+               (rows() / task_points_ + 1) * (protocol::alignment + answer_head_bytes_max);
     }
 
-    Reply<Frames> answer(const Piece& piece, const StopFlag& stop) override {
-        const std::uint64_t each = source_.rays_per_point();
-        std::vector<std::uint32_t> hits(piece.count / each);
+    Reply<Frames> answer(const Piece& piece, const StopFlag& /*stop*/) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        for (Piece rest = piece; rest.count != 0;) {
-            if (stop.requested()) return refuse(Code::cancelled, "");
-            const Piece batch = rest.split(std::min(batch_rays_, rest.count));
-            if (const auto traced = trace(plan_, source_.rays_of(batch, buffers), buffers); !traced)
-                return tl::unexpected(traced.error());
-            for (std::uint64_t i = 0; i < batch.count; ++i)
-                hits[(batch.first - piece.first + i) / each] += buffers.hits[i].hit;
-            tally_.add(buffers.traversal, count_hits(buffers));
-            services_.metrics.rays += batch.count;
-        }
-        return fractions(piece.first / each, hits);
+        if (const auto traced = trace(plan_, source_.rays_of(piece, buffers), buffers); !traced)
+            return tl::unexpected(traced.error());
+        const std::uint64_t each = source_.rays_per_point();
+        std::vector<std::uint32_t> hits(std::max<std::uint64_t>(1, piece.count / each));
+        for (std::uint64_t i = 0; i < piece.count; ++i) hits[i / each] += buffers.hits[i].hit;
+        const bool whole = piece.count >= each || add_part(piece, hits.front());
+        auto frames = whole ? fractions(piece.first / each, hits) : Reply<Frames>(Frames{});
+        if (!frames) return frames;
+        tally_.add(buffers.traversal, count_hits(buffers));
+        services_.metrics.rays += piece.count;
+        return frames;
     }
 
 private:
+    /// Was it the last part of its point? Then `hits` become those of all.
+    bool add_part(const Piece& piece, std::uint32_t& hits) {
+        const std::uint64_t each = source_.rays_per_point();
+        const std::lock_guard lock(mutex_);
+        const auto part = parts_.try_emplace(piece.first / each).first;
+        part->second.rays += piece.count;
+        hits = part->second.hits += hits;
+        if (part->second.rays < each) return false;
+        parts_.erase(part);
+        return true;
+    }
     [[nodiscard]] Reply<Frames> fractions(std::uint64_t first_point,
                                           std::span<const std::uint32_t> hits) const {
         protocol::Bulk bulk;
@@ -87,8 +100,14 @@ private:
         return rows_frame(id_, first_point, hits.size(), std::move(bulk));
     }
 
+    struct Part {
+        std::uint64_t rays = 0;
+        std::uint32_t hits = 0;
+    };
     const std::uint64_t batch_rays_;
-    const std::uint64_t frame_bytes_;
+    const std::uint64_t task_points_;
+    std::mutex mutex_;
+    std::map<std::uint64_t, Part> parts_;  ///< of points that are traced in parts, so far
 };
 
 /// How many rays see each instance path first. The counts of all tasks are added up; the table is
@@ -117,7 +136,9 @@ public:
     [[nodiscard]] bool finished() const override { return sorted_ && sent_ == table_.size(); }
 
 protected:
-    [[nodiscard]] std::uint64_t piece_rays() const override { return chunk_rays_; }
+    [[nodiscard]] std::uint64_t piece_rays(const Piece& /*rest*/) const override {
+        return chunk_rays_;
+    }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t /*rays*/) const override { return 0; }
     [[nodiscard]] std::uint64_t rows() const override { return table_.size(); }
     [[nodiscard]] std::uint64_t result_bytes() const override {

@@ -1,9 +1,24 @@
 #include "server/jobs/workers.h"
 
+#include <time.h>
+
 #include <algorithm>
 #include <utility>
 
 namespace raynest::server {
+namespace {
+
+/// Some seconds: a task that hung must not cost its principal the rest of the day.
+constexpr std::int64_t debt_max = 1000;
+
+/// Of the processor: what the rest of the machine does is nobody's debt.
+std::chrono::nanoseconds thread_time() {
+    timespec now{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return std::chrono::seconds(now.tv_sec) + std::chrono::nanoseconds(now.tv_nsec);
+}
+
+}  // namespace
 
 Workers::Workers(unsigned threads) {
     threads_.reserve(threads);
@@ -11,12 +26,12 @@ Workers::Workers(unsigned threads) {
 }
 
 Workers::~Workers() {
-    std::map<std::string, Queue> dropped;
+    Accounts dropped;
     {
         const std::lock_guard lock(mutex_);
         stopping_ = true;
         turns_.clear();
-        dropped.swap(queues_);
+        dropped.swap(accounts_);
     }
     wake_.notify_all();
     for (std::thread& thread : threads_) thread.join();
@@ -29,12 +44,12 @@ bool Workers::later(const Waiting& a, const Waiting& b) {
 void Workers::submit(const std::string& principal, Priority priority, std::function<void()> task) {
     {
         const std::lock_guard lock(mutex_);
-        const auto turn = queues_.try_emplace(principal).first;
-        Queue& queue = turn->second;
+        const auto account = accounts_.try_emplace(principal).first;
+        std::vector<Waiting>& queue = account->second.queue;
         // Memory first: where it lacks, there must be neither a turn without a task nor a task
         // without a turn.
         if (queue.size() == queue.capacity()) queue.reserve(2 * queue.size() + 1);
-        if (queue.empty()) turns_.push_back(turn);
+        if (queue.empty()) turns_.push_back(account);
         queue.push_back({priority, submitted_++, std::move(task)});
         std::push_heap(queue.begin(), queue.end(), later);
     }
@@ -42,40 +57,63 @@ void Workers::submit(const std::string& principal, Priority priority, std::funct
 }
 
 bool Workers::run_one() noexcept {
-    std::function<void()> task;
+    Taken taken;
     {
         const std::lock_guard lock(mutex_);
         if (turns_.empty()) return false;
-        task = take();
+        taken = take();
     }
-    task();
+    run_taken(std::move(taken));
     return true;
 }
 
-std::function<void()> Workers::take() {
-    Queue& queue = turns_.front()->second;
-    std::pop_heap(queue.begin(), queue.end(), later);
-    std::function<void()> task = std::move(queue.back().task);
-    queue.pop_back();
-    if (queue.empty()) {
-        queues_.erase(turns_.front());
-        turns_.pop_front();
-    } else {
+Workers::Taken Workers::take() {
+    // Without others nobody is kept waiting: nothing is owed.
+    if (turns_.size() == 1) turns_.front()->second.debt = 0;
+    while (turns_.front()->second.debt > 0) {
+        --turns_.front()->second.debt;
         turns_.splice(turns_.end(), turns_, turns_.begin());
     }
-    return task;
+    const Accounts::iterator account = turns_.front();
+    std::vector<Waiting>& queue = account->second.queue;
+    std::pop_heap(queue.begin(), queue.end(), later);
+    Taken taken{account, std::move(queue.back().task)};
+    queue.pop_back();
+    ++account->second.running;
+    if (queue.empty())
+        turns_.pop_front();
+    else
+        turns_.splice(turns_.end(), turns_, turns_.begin());
+    return taken;
+}
+
+void Workers::run_taken(Taken taken) {
+    const auto start = thread_time();
+    taken.task();
+    taken.task = {};  // what it holds goes before the next one is taken
+    const auto turns = (thread_time() - start) / slice;
+
+    const std::lock_guard lock(mutex_);
+    if (stopping_) return;  // the accounts are gone
+    Account& account = taken.account->second;
+    account.debt = std::min<std::int64_t>(account.debt + turns, debt_max);
+    if (--account.running == 0 && account.queue.empty() && account.debt == 0)
+        accounts_.erase(taken.account);
+    // Nobody waits: who asks next starts without a debt.
+    if (turns_.empty())
+        std::erase_if(accounts_, [](const auto& entry) { return entry.second.running == 0; });
 }
 
 void Workers::run() {
     for (;;) {
-        std::function<void()> task;
+        Taken taken;
         {
             std::unique_lock lock(mutex_);
             wake_.wait(lock, [this] { return stopping_ || !turns_.empty(); });
             if (stopping_) return;
-            task = take();
+            taken = take();
         }
-        task();
+        run_taken(std::move(taken));
     }
 }
 

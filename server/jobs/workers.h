@@ -5,12 +5,14 @@
 //             │ normal 3, 5, 8
 //
 // A principal is who asks, however many connections and jobs that takes: one with a single job
-// waits for one task of each other, never for all of them. Jobs hold no thread: a job submits one
-// chunk at a time and is asked again when it ended.
+// waits for one task of each other, never for all of them. Who had a long task sits out a turn for
+// each slice of time that it took, while others wait: the share is of time, not of tasks. Jobs hold
+// no thread: a job submits one chunk at a time and is asked again when it ended.
 #pragma once
 
 #include "server/jobs/job.h"
 
+#include <chrono>
 #include <condition_variable>
 #include <cstddef>
 #include <cstdint>
@@ -40,6 +42,9 @@ public:
     /// Runs the next task here; false when none waits.
     bool run_one() noexcept;
 
+    /// So much time is one turn: the time of a usual chunk.
+    static constexpr std::chrono::milliseconds slice{4};
+
     [[nodiscard]] std::size_t threads() const { return threads_.size(); }
 
 private:
@@ -48,16 +53,25 @@ private:
         std::uint64_t number;  ///< of its submission
         std::function<void()> task;
     };
-    /// A heap: what is to run next lies in front.
-    using Queue = std::vector<Waiting>;
+    struct Account {
+        std::vector<Waiting> queue;  ///< a heap: what is to run next lies in front
+        std::size_t running = 0;
+        std::int64_t debt = 0;  ///< turns to sit out
+    };
+    using Accounts = std::map<std::string, Account>;
+    struct Taken {
+        Accounts::iterator account;
+        std::function<void()> task;
+    };
     static bool later(const Waiting& a, const Waiting& b);
     void run();
-    std::function<void()> take();
+    Taken take();
+    void run_taken(Taken taken);
 
     std::mutex mutex_;
     std::condition_variable wake_;
-    std::map<std::string, Queue> queues_;  ///< of principals that have tasks waiting
-    std::list<std::map<std::string, Queue>::iterator> turns_;  ///< each of them once
+    Accounts accounts_;                    ///< of principals with tasks that wait or run, or debt
+    std::list<Accounts::iterator> turns_;  ///< those with tasks that wait, each once
     std::uint64_t submitted_ = 0;
     bool stopping_ = false;
     std::vector<std::thread> threads_;

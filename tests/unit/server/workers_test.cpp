@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <atomic>
+#include <ctime>
 #include <future>
 
 namespace raynest::server {
@@ -52,6 +53,32 @@ TEST_CASE("who has one job waits for one task of each other, not for a hundred j
         if (names[i] == "single") places.push_back(i);
     // Alone it would have had places 0, 1 and 2.
     CHECK(places == std::vector<std::size_t>{2, 5, 8});
+}
+
+TEST_CASE("who had a long task sits out turns while others wait") {
+    Workers workers(0);
+    std::string order;
+    const auto spin = [&] {
+        const auto end =
+            std::clock() + 6 * CLOCKS_PER_SEC * Workers::slice / std::chrono::seconds(1);
+        while (std::clock() < end) {
+        }
+        order += 'H';
+    };
+    for (int i = 0; i < 2; ++i) workers.submit("heavy", Priority::normal, spin);
+    for (int i = 0; i < 9; ++i) workers.submit("light", Priority::normal, [&] { order += 'l'; });
+    while (workers.run_one()) {
+    }
+    // A turn each, but for the five or more that the long task was worth.
+    CHECK(order.size() == 11);
+    CHECK(order.substr(0, 6) == "Hlllll");
+    // What nobody waited for is not owed.
+    workers.submit("heavy", Priority::normal, spin);
+    CHECK(workers.run_one());
+    workers.submit("heavy", Priority::normal, spin);
+    workers.submit("light", Priority::normal, [&] { order += 'l'; });
+    CHECK(workers.run_one());
+    CHECK(order.back() == 'H');
 }
 
 TEST_CASE("priority orders the tasks of one principal, and takes nothing from another") {
