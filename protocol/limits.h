@@ -1,7 +1,7 @@
 // THE table of limits that bytes from outside are checked against.
 //
 // One struct of numbers, each with a name and a line of text: `raynestd --print-config` prints it,
-// the configuration overrides it, and error messages quote the names.
+// error messages quote the names, and an operator sets those that are policy: quotas and times.
 #pragma once
 
 #include <cstdint>
@@ -38,17 +38,28 @@ struct Limits {
     std::uint64_t picture_pixels_max = 64ULL << 20;
     std::uint64_t samples_max = 65536;
     std::uint64_t principal_jobs_max = 128;
-    std::uint64_t principal_rays_max = 1ULL << 36;
+    std::uint64_t principal_rays_max = 1ULL << 40;
     std::uint64_t principal_scenes_max = 256;
     std::uint64_t principal_scene_bytes_max = 256ULL << 30;
+    std::uint64_t principal_results_max = 1024;
     std::uint64_t principal_result_bytes_max = 1ULL << 30;
     std::uint64_t result_ms_max = 3'600'000;
+    std::uint64_t connections_max = 2048;
+    std::uint64_t principal_connections_max = 1536;
+    std::uint64_t waiting_control_bytes_max = 256ULL << 10;
+    std::uint64_t total_jobs_max = 256;
+    std::uint64_t header_ms_max = 5000;
+    std::uint64_t bulk_ms_max = 10000;
+    std::uint64_t slow_consumer_ms_max = 10000;
+    std::uint64_t idle_ms_max = 60000;
+    std::uint64_t drain_ms_max = 30000;
 };
 
 struct LimitInfo {
     std::string_view name;
     std::uint64_t Limits::*value;
     std::string_view text;
+    bool policy = false;  ///< an option of raynestd; else both ends rely on it
 };
 
 /// Every member of Limits, in order.

@@ -9,6 +9,7 @@
 #include "server/log.h"
 #include "server/net/asio.h"
 #include "server/net/listener.h"
+#include "server/net/principal.h"
 #include "server/net/session.h"
 #include "server/ready_file.h"
 #include "server/store/scene_store.h"
@@ -20,7 +21,9 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <map>
 #include <memory>
+#include <string>
 #include <unordered_set>
 #include <utility>
 #include <vector>
@@ -28,11 +31,8 @@
 namespace raynest::server {
 namespace {
 
-constexpr std::size_t connections_max = 1024;
-constexpr std::size_t running_jobs_max = 256;
 /// Imports at once; each is a process of its own with limits of its own.
 constexpr unsigned imports_max = 2;
-constexpr std::chrono::seconds drain_time{30};
 constexpr std::chrono::milliseconds drain_look{20};
 constexpr int exit_forced = 3;
 
@@ -72,6 +72,7 @@ private:
     asio::steady_timer detached_timer_;
     std::vector<std::unique_ptr<Listener>> listeners_;
     std::unordered_set<std::shared_ptr<Session>> sessions_;
+    std::map<std::string, std::size_t> connections_;  ///< of each principal
     Clock::time_point drain_deadline_ = Clock::time_point::max();
 };
 
@@ -88,9 +89,10 @@ std::vector<std::string> import_command(const Options& options) {
 Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
     : options_(options),
       registry_(std::move(registry)),
+      limits_(options.limits),
       budget_(options.memory),
       scenes_(budget_, limits_),
-      admission_(running_jobs_max, limits_),
+      admission_(limits_),
       services_{*registry_,
                 scenes_,
                 budget_,
@@ -109,7 +111,7 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       detached_(engine_, [this] { look_after_detached(); }),
       compute_(options.threads),
       blocking_(imports_max),
-      signals_(io_, SIGTERM, SIGINT),
+      signals_(io_, SIGTERM, SIGINT, SIGHUP),
       drain_timer_(io_),
       detached_timer_(io_) {}
 
@@ -155,12 +157,21 @@ Result<void> Daemon::run() {
 
 void Daemon::accept(Socket socket) {
     ++metrics_.connections_accepted;
-    if (sessions_.size() >= connections_max) {
+    const std::string principal = principal_of(socket);
+    const bool full = sessions_.size() >= limits_.connections_max;
+    if (full || connections_[principal] >= limits_.principal_connections_max) {
         ++metrics_.connections_refused;
         ++metrics_.connections_closed;
         // A few bytes into a fresh socket: they fit, or they do not matter.
         const protocol::Frame frame = protocol::encode_error(
-            0, {Code::busy, "the daemon has all the connections it takes", 1000}, true);
+            0,
+            {Code::busy,
+             full ? "the daemon has all the connections it takes, connections_max = " +
+                        std::to_string(limits_.connections_max)
+                  : principal + " has all the connections it may, principal_connections_max = " +
+                        std::to_string(limits_.principal_connections_max),
+             1000},
+            true);
         std::array<std::byte, protocol::header_bytes> header{};
         protocol::write_header(frame.header, header);
         const std::array<asio::const_buffer, 2> buffers = {
@@ -170,10 +181,15 @@ void Daemon::accept(Socket socket) {
         socket.write_some(buffers, ignored);
         return;
     }
-    const auto session = std::make_shared<Session>(
-        io_, std::move(socket), services_, engine_,
-        [this](const std::shared_ptr<Session>& closed) { sessions_.erase(closed); });
+    const auto session =
+        std::make_shared<Session>(io_, std::move(socket), principal, services_, engine_,
+                                  [this, principal](const std::shared_ptr<Session>& closed) {
+                                      sessions_.erase(closed);
+                                      if (--connections_[principal] == 0)
+                                          connections_.erase(principal);
+                                  });
     sessions_.insert(session);
+    ++connections_[principal];
     session->start();
 }
 
@@ -191,7 +207,7 @@ void Daemon::await_signal() {
 
 void Daemon::drain() {
     log(LogLevel::info, "draining", {{"connections", std::to_string(sessions_.size())}});
-    drain_deadline_ = Clock::now() + drain_time;
+    drain_deadline_ = Clock::now() + std::chrono::milliseconds(limits_.drain_ms_max);
     for (const auto& listener : listeners_) listener->close();
     // Nobody could fetch them any more.
     detached_.stop_running();

@@ -1,6 +1,5 @@
 #include "server/options.h"
 
-#include "protocol/limits.h"
 #include "server/address.h"
 
 #include <CLI/CLI.hpp>
@@ -68,6 +67,13 @@ void declare(CLI::App& app, Options& options, Words& words) {
     app.add_option("--log-level", words.log_level, "error, warn, info or debug")
         ->check(CLI::IsMember({"error", "warn", "info", "debug"}))
         ->capture_default_str();
+    for (const protocol::LimitInfo& limit : protocol::limit_table())
+        if (limit.policy)
+            app.add_option("--" + std::string(limit.name), options.limits.*limit.value,
+                           "Limit: " + std::string(limit.text))
+                ->check(CLI::Range(std::uint64_t{1}, std::uint64_t{1} << 62))
+                ->group("Limits")
+                ->capture_default_str();
     app.set_config("--config", "", "Read options from a file as --print-config writes it")
         ->configurable(false);
     app.allow_config_extras(false);  // a misspelt line is an error, not ignored
@@ -86,11 +92,12 @@ void print_config(const CLI::App& app) {
         if (values.empty()) std::cout << "# " << name << "=\n";
         for (const std::string& value : values) std::cout << name << "=\"" << value << "\"\n";
     }
-    std::cout << "\n# Limits of this build, not configurable:\n";
+    std::cout << "\n# Limits of the protocol, not configurable:\n";
     const protocol::Limits limits;
     for (const protocol::LimitInfo& limit : protocol::limit_table())
-        std::cout << "#   " << limit.name << " = " << limits.*limit.value << "  # " << limit.text
-                  << '\n';
+        if (!limit.policy)
+            std::cout << "#   " << limit.name << " = " << limits.*limit.value << "  # "
+                      << limit.text << '\n';
 }
 
 }  // namespace

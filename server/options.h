@@ -4,6 +4,7 @@
 // defaults here. CLI11 stays in options.cpp.
 #pragma once
 
+#include "protocol/limits.h"
 #include "server/log.h"
 
 #include <cstdint>
@@ -24,6 +25,7 @@ struct Options {
     std::string target = "auto";
     std::filesystem::path ready_file;
     LogLevel log_level = LogLevel::info;
+    protocol::Limits limits;
 };
 
 /// Either options to run with, or the exit code of a command line that is already answered:

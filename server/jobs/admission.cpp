@@ -19,7 +19,7 @@ Reply<Admission::Slot> Admission::enter(JobRecord record) {
                                        std::to_string(record.rays) +
                                        " more, the limit is principal_rays_max = " +
                                        std::to_string(limits_.principal_rays_max));
-    if (active() >= jobs_max_)
+    if (active() >= limits_.total_jobs_max)
         return tl::unexpected(protocol::Error{Code::busy, "", retry_after_ms()});
 
     Use& entered = uses_[principal];
@@ -44,7 +44,7 @@ void Admission::leave(std::uint64_t number) {
 }
 
 std::uint32_t Admission::retry_after_ms() const {
-    const double ms = 1e3 * mean_ / static_cast<double>(jobs_max_);
+    const double ms = 1e3 * mean_ / static_cast<double>(limits_.total_jobs_max);
     return static_cast<std::uint32_t>(std::clamp(ms, 10.0, 10'000.0));
 }
 

@@ -61,10 +61,9 @@ public:
         std::uint64_t number_ = 0;
     };
 
-    /// At most `jobs_max` jobs at once; the quotas are principal_jobs_max and principal_rays_max.
-    explicit Admission(std::size_t jobs_max, const protocol::Limits& limits = {})
-        : jobs_max_(jobs_max),
-          limits_(limits) {}
+    /// At most total_jobs_max jobs at once; the quotas are principal_jobs_max and
+    /// principal_rays_max.
+    explicit Admission(const protocol::Limits& limits) : limits_(limits) {}
     Admission(const Admission&) = delete;
 
     /// A place for a job, which gets its number; QUOTA when the principal has too much in flight,
@@ -89,7 +88,6 @@ private:
     };
     void leave(std::uint64_t number);
 
-    const std::size_t jobs_max_;
     const protocol::Limits limits_;
     std::map<std::uint64_t, JobRecord> jobs_;
     std::map<std::string, Use> uses_;  ///< of principals that have jobs in flight

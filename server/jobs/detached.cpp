@@ -75,6 +75,17 @@ void DetachedJob::end(std::optional<protocol::Error> error) {
 
 Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
                                                  std::uint64_t request_id, Accepted accepted) {
+    const auto kept = [&] {
+        return std::count_if(jobs_.begin(), jobs_.end(), [&](const auto& job) {
+            return job.second->record().principal == principal;
+        });
+    };
+    const std::uint64_t most = engine_.limits.principal_results_max;
+    while (static_cast<std::uint64_t>(kept()) >= most)
+        if (!drop_fetched(principal))
+            return refuse(Code::quota, principal + " keeps " + std::to_string(most) +
+                                           " detached jobs, as many as principal_results_max "
+                                           "allows; fetch or cancel a finished one");
     auto room = make_room(principal, base_bytes + accepted.result_bytes);
     if (!room) return tl::unexpected(room.error());
     JobRecord record;

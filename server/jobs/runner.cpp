@@ -11,9 +11,9 @@
 namespace raynest::server {
 namespace {
 
-constexpr std::chrono::milliseconds tick_period{250};
-/// A job that neither gets rays nor may send answers must not keep its place for ever.
-constexpr std::chrono::seconds idle_max{60};
+using std::chrono::milliseconds;
+
+constexpr milliseconds tick_period{250};
 
 }  // namespace
 
@@ -291,10 +291,11 @@ void Runner::tick(Clock::time_point now) {
             stop(*active, deadline_error());
             pump(active);
         } else if (!active->error && active->running == 0 && !active->job->patient() &&
-                   now - active->last_activity > idle_max) {
+                   now - active->last_activity > milliseconds(engine_.limits.idle_ms_max)) {
+            // A job that neither gets rays nor may send answers must not keep its place for ever.
             stop(*active, {Code::deadline,
                            "the client neither sent nor took data of this request for " +
-                               std::to_string(idle_max.count()) +
+                               std::to_string(engine_.limits.idle_ms_max / 1000) +
                                " s; send the rays that are due, or grant credit for answers",
                            0});
             pump(active);

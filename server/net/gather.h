@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <span>
 #include <vector>
 
 namespace raynest::server {
@@ -24,7 +25,7 @@ public:
     };
 
     [[nodiscard]] bool empty() const { return frames_.empty(); }
-    [[nodiscard]] std::size_t frames() const { return frames_.size(); }
+    [[nodiscard]] std::span<const protocol::Frame> frames() const { return frames_; }
     [[nodiscard]] Rest rest() const {
         return {buffers_.data() + left_, buffers_.data() + buffers_.size()};
     }

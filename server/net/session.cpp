@@ -22,45 +22,23 @@ constexpr std::size_t read_bytes_max = 256 << 10;
 /// Of a bulk part so much is waited for at a time. A wakeup for every segment costs more than the
 /// segment: up to twice the CPU time of a stream, whenever the reader keeps up with the sender.
 constexpr std::size_t expected_bytes_max = 128 << 10;
-/// A header and control part come at once; a bulk part averages 64 KiB/s over 10 s.
-constexpr seconds header_time{5};
-constexpr seconds bulk_time{10};
+/// A bulk part moves its deadline with each of these: 64 KiB/s over bulk_ms_max.
 constexpr std::uint64_t bulk_checkpoint_bytes = 640ULL << 10;
-/// Answers that wait while none leaves: the peer does not read.
-constexpr seconds slow_consumer_time{10};
 /// After the closing frame: time for the peer to read it and close.
 constexpr seconds linger_time{1};
 /// Before that: time for the outbox to leave.
 constexpr seconds flush_time{5};
-/// A peer that died without a word is noticed within this time.
+/// A peer that died without a word is noticed by three probes; one that lives and does not read, by
+/// the watchdog, which counts and logs it before the kernel would end the connection in silence.
 constexpr int keepalive_s = 15;
 constexpr int keepalive_probes = 2;
-constexpr int unacknowledged_ms_max = 1000 * keepalive_s * (1 + keepalive_probes);
+/// What a waiting frame costs beside its bytes.
+constexpr std::uint64_t waiting_frame_bytes = 256;
 
 constexpr Clock::time_point never = Clock::time_point::max();
 
-std::string principal_of(Socket& socket) {
-    ucred peer{};
-    socklen_t size = sizeof peer;
-    sockaddr_storage address{};
-    socklen_t address_size = sizeof address;
-    auto* generic = reinterpret_cast<sockaddr*>(&address);
-    if (getsockname(socket.native_handle(), generic, &address_size) == 0 &&
-        address.ss_family == AF_UNIX &&
-        getsockopt(socket.native_handle(), SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0)
-        return "uid:" + std::to_string(peer.uid);
-    SystemError error;
-    const auto endpoint = socket.remote_endpoint(error);
-    if (error) return "unknown";
-    asio::ip::tcp::endpoint tcp;
-    if (endpoint.size() > tcp.capacity()) return "unknown";
-    std::copy_n(reinterpret_cast<const char*>(endpoint.data()), endpoint.size(),
-                reinterpret_cast<char*>(tcp.data()));
-    return tcp.address().to_string();
-}
-
 /// Options that TCP needs and Unix sockets do not know: failures do not matter.
-void tune(Socket& socket) {
+void tune(Socket& socket, const protocol::Limits& limits) {
     const auto set = [&](int level, int name, int value) {
         (void)setsockopt(socket.native_handle(), level, name, &value, sizeof value);
     };
@@ -69,13 +47,18 @@ void tune(Socket& socket) {
     set(IPPROTO_TCP, TCP_KEEPIDLE, keepalive_s);
     set(IPPROTO_TCP, TCP_KEEPINTVL, keepalive_s);
     set(IPPROTO_TCP, TCP_KEEPCNT, keepalive_probes);
-    set(IPPROTO_TCP, TCP_USER_TIMEOUT, unacknowledged_ms_max);
+    set(IPPROTO_TCP, TCP_USER_TIMEOUT, static_cast<int>(limits.idle_ms_max) + 1000 * keepalive_s);
+}
+
+/// Of what waits and no credit bounds.
+std::uint64_t control_bytes(const protocol::Frame& frame) {
+    return waiting_frame_bytes + protocol::header_bytes + frame.control.size();
 }
 
 }  // namespace
 
-Session::Session(asio::io_context& io, Socket socket, const Services& services,
-                 const Engine& engine, OnClosed on_closed)
+Session::Session(asio::io_context& io, Socket socket, std::string principal,
+                 const Services& services, const Engine& engine, OnClosed on_closed)
     : services_(services),
       on_closed_(std::move(on_closed)),
       socket_(std::move(socket)),
@@ -84,10 +67,10 @@ Session::Session(asio::io_context& io, Socket socket, const Services& services,
       watchdog_(io, never),
       decoder_(services.limits),
       stage_(stage_bytes),
-      conversation_(services, engine, *this, principal_of(socket_)),
+      conversation_(services, engine, *this, std::move(principal)),
       read_deadline_(Clock::now() + milliseconds(services.limits.greeting_ms_max)),
       close_deadline_(never) {
-    tune(socket_);
+    tune(socket_, services.limits);
     SystemError ignored;
     socket_.non_blocking(true, ignored);
     decoder_.set_frame_bytes_max(services.limits.greeting_bytes_max);
@@ -138,6 +121,7 @@ void Session::send(protocol::Frame frame) {
     const std::uint64_t bytes = frame.header.frame_bytes();
     outbox_.push_back(std::move(frame));
     backlog_ += bytes;
+    control_backlog_ += control_bytes(outbox_.back());
     if (!reading_) wake_.cancel();
 }
 
@@ -152,7 +136,7 @@ asio::awaitable<void> Session::read_frames() {
     SystemError error;
     while (open_ && !conversation_.closing()) {
         // Whoever does not read its answers gets no more of its requests read.
-        while (open_ && backlog_ >= services_.limits.window_bytes) co_await wait(room_);
+        while (open_ && crowded()) co_await wait(room_);
         if (!open_) co_return;
         co_await read_some(error);
         if (error) break;
@@ -218,11 +202,11 @@ void Session::move_read_deadline(std::size_t got) {
     } else if (in_bulk) {
         const bool first = std::exchange(checkpoint_bytes_, checkpoint_bytes_ + got) == 0;
         if (first || checkpoint_bytes_ >= bulk_checkpoint_bytes) {
-            read_deadline_ = Clock::now() + bulk_time;
+            read_deadline_ = Clock::now() + milliseconds(services_.limits.bulk_ms_max);
             checkpoint_bytes_ = 1;
         }
     } else if (read_deadline_ == never) {
-        read_deadline_ = Clock::now() + header_time;
+        read_deadline_ = Clock::now() + milliseconds(services_.limits.header_ms_max);
     }
 }
 
@@ -241,6 +225,9 @@ asio::awaitable<void> Session::linger() {
 bool Session::gather() {
     if (gather_.empty() && !outbox_.empty()) {
         gather_.load(outbox_);
+        gathered_control_ = 0;
+        for (const protocol::Frame& frame : gather_.frames())
+            gathered_control_ += control_bytes(frame);
         write_started_ = Clock::now();
     }
     return !gather_.empty();
@@ -249,9 +236,11 @@ bool Session::gather() {
 void Session::sent(std::size_t bytes) {
     services_.metrics.bytes_sent += bytes;
     backlog_ -= bytes;
-    const std::size_t frames = gather_.frames();
+    const std::size_t frames = gather_.frames().size();
     gather_.consume(bytes);
-    if (gather_.empty()) services_.metrics.frames_sent += frames;
+    if (!gather_.empty()) return;
+    services_.metrics.frames_sent += frames;
+    control_backlog_ -= std::exchange(gathered_control_, 0);
 }
 
 void Session::write_at_once() {
@@ -310,21 +299,28 @@ void Session::settle() {
     if (next_deadline() < watchdog_.expiry()) watchdog_.cancel();
 }
 
-bool Session::stalled() const {
-    return writing_ &&
-           (backlog_ >= services_.limits.window_bytes || conversation_.runner().blocked());
+bool Session::crowded() const {
+    return backlog_ >= services_.limits.window_bytes ||
+           control_backlog_ >= services_.limits.waiting_control_bytes_max;
+}
+
+Clock::time_point Session::write_deadline() const {
+    if (!writing_) return never;
+    const bool holds_up = crowded() || conversation_.runner().blocked();
+    const protocol::Limits& limits = services_.limits;
+    return write_started_ +
+           milliseconds(holds_up ? limits.slow_consumer_ms_max : limits.idle_ms_max);
 }
 
 Clock::time_point Session::next_deadline() const {
     if (conversation_.closing()) return close_deadline_;
-    return std::min({read_deadline_, conversation_.runner().next_tick(),
-                     stalled() ? write_started_ + slow_consumer_time : never});
+    return std::min({read_deadline_, conversation_.runner().next_tick(), write_deadline()});
 }
 
 void Session::expire(Clock::time_point now) {
     if (now >= close_deadline_) return stop();
     if (conversation_.closing()) return;
-    if (stalled() && now >= write_started_ + slow_consumer_time) {
+    if (now >= write_deadline()) {
         // Its socket is full: no words would reach it.
         ++services_.metrics.slow_consumers;
         log(LogLevel::warn, "slow_consumer", {{"backlog_bytes", std::to_string(backlog_)}});

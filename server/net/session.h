@@ -24,8 +24,9 @@ class Session final : public Sink, public std::enable_shared_from_this<Session> 
 public:
     using OnClosed = std::function<void(const std::shared_ptr<Session>&)>;
 
-    Session(asio::io_context& io, Socket socket, const Services& services, const Engine& engine,
-            OnClosed on_closed);
+    /// `principal` as principal_of() gives it.
+    Session(asio::io_context& io, Socket socket, std::string principal, const Services& services,
+            const Engine& engine, OnClosed on_closed);
 
     /// Starts the coroutines; they keep the session alive until all have ended.
     void start();
@@ -61,8 +62,11 @@ private:
     void move_read_deadline(std::size_t got);
     /// After anything that may have moved a deadline or closed the conversation.
     void settle();
-    /// Does the peer hold things up? Not while nothing waits for the socket: then tasks are slow.
-    [[nodiscard]] bool stalled() const;
+    /// Do so many answers wait that no more requests are read?
+    [[nodiscard]] bool crowded() const;
+    /// When a peer that does not read is given up; soon where it holds things up. Never while
+    /// nothing waits for the socket: then tasks are slow.
+    [[nodiscard]] Clock::time_point write_deadline() const;
     [[nodiscard]] Clock::time_point next_deadline() const;
     void expire(Clock::time_point now);
 
@@ -76,7 +80,9 @@ private:
     std::vector<std::byte> stage_;
     std::deque<protocol::Frame> outbox_;
     Gather gather_;
-    std::uint64_t backlog_ = 0;  ///< bytes in the outbox and in the gather
+    std::uint64_t backlog_ = 0;           ///< bytes in the outbox and in the gather
+    std::uint64_t control_backlog_ = 0;   ///< of them, what is no bulk, with its cost in memory
+    std::uint64_t gathered_control_ = 0;  ///< of that, in the gather
     Conversation conversation_;
     Clock::time_point read_deadline_;     ///< of the frame that is on its way
     Clock::time_point write_started_;     ///< of the gather

@@ -3,11 +3,14 @@
 
   connections_test.py RAYNESTD RAYNEST
 """
+import contextlib
 import pathlib
 import resource
+import signal
 import socket
 import struct
 import sys
+import tempfile
 import time
 import unittest
 
@@ -32,6 +35,7 @@ def golden(name):
 
 HELLO = golden("Hello")
 PING = golden("Ping")
+WELCOME, PONG, ERROR = 129, 130, 131
 
 
 def read_frame(connection):
@@ -74,16 +78,62 @@ class Connections(unittest.TestCase):
         client.json("load-test", "hills", "--clients", "8", "--seconds", "0.2")
         before = daemon.resident_bytes()
         crowd = [self.connect(daemon) for _ in range(IDLE)]
-        self.assertEqual({read_frame(connection) for connection in crowd}, {129})
+        self.assertEqual({read_frame(connection) for connection in crowd}, {WELCOME})
         each = (daemon.resident_bytes() - before) / IDLE
         print(f"{each:.0f} bytes per idle connection", file=sys.stderr)
         self.assertLess(each, IDLE_BYTES_MAX)
         # They are served, and so are others beside them.
         crowd[IDLE // 2].sendall(PING)
-        self.assertEqual(read_frame(crowd[IDLE // 2]), 130)
+        self.assertEqual(read_frame(crowd[IDLE // 2]), PONG)
         told = client.json("load-test", "hills", "--clients", "8", "--seconds", "0.2")
         self.assertGreater(told["daemon"]["requests"], 0)
         self.assertEqual(told["daemon"]["refused"], 0)
+
+    def test_one_principal_leaves_connections_for_others(self):
+        with tempfile.TemporaryDirectory() as folder:
+            daemon = Daemon(self.raynestd, "--principal_connections_max", "5",
+                            "--connections_max", "7", "--listen", f"unix:{folder}/socket")
+            self.addCleanup(daemon.stop)
+            crowd = [self.connect(daemon) for _ in range(5)]
+            self.assertEqual({read_frame(connection) for connection in crowd}, {WELCOME})
+            self.assertEqual(read_frame(self.connect(daemon)), ERROR)
+            refused = Client(self.raynest, daemon.uri).run("scenes")
+            self.assertEqual(refused.returncode, 6)
+            self.assertIn("principal_connections_max", refused.stderr)
+            self.assertEqual(Client(self.raynest, f"unix:{folder}/socket").run("scenes").returncode, 0)
+            crowd[0].close()
+            end = time.monotonic() + PATIENCE
+            while read_frame(self.connect(daemon)) != WELCOME and time.monotonic() < end:
+                pass
+            self.assertLess(time.monotonic(), end)
+
+    def test_answers_that_nobody_reads_are_bounded(self):
+        daemon = Daemon(self.raynestd, "--slow_consumer_ms_max", "1500")
+        self.addCleanup(daemon.stop)
+        client = Client(self.raynest, daemon.uri)
+        before = daemon.resident_bytes()
+        crowd = [self.connect(daemon) for _ in range(20)]
+        flood = PING * 4096
+        for connection in crowd:
+            connection.settimeout(0.5)
+            with contextlib.suppress(OSError):  # full, or closed for not reading
+                while True:
+                    connection.sendall(flood)
+        self.assertLess(daemon.resident_bytes("VmHWM") - before, len(crowd) << 20)
+        end = time.monotonic() + PATIENCE
+        while client.json("stats")["slow_consumers"] < len(crowd) and time.monotonic() < end:
+            time.sleep(0.05)
+        self.assertLess(time.monotonic(), end)
+
+    def test_a_closed_terminal_drains_as_sigterm_does(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "socket"
+            daemon = Daemon(self.raynestd, "--listen", f"unix:{path}")
+            self.addCleanup(daemon.folder.cleanup)
+            self.assertTrue(path.exists())
+            daemon.process.send_signal(signal.SIGHUP)
+            self.assertEqual(daemon.process.wait(PATIENCE), 0)
+            self.assertFalse(path.exists())
 
     def switches(self, daemon):
         """How often the daemon's io thread has given up the processor to wait."""
@@ -101,7 +151,7 @@ class Connections(unittest.TestCase):
         for connection in crowd:
             connection.settimeout(0.05)
             try:
-                if read_frame(connection) == 129:
+                if read_frame(connection) == WELCOME:
                     served.append(connection)
             except TimeoutError:
                 pass

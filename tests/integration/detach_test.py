@@ -125,6 +125,22 @@ class Detach(DaemonTest):
         self.assertIn(job, self.listed())
         self.expect(5, "wait", "999999", says="raynest jobs")
 
+    def test_only_so_many_jobs_are_kept(self):
+        daemon = Daemon(self.raynestd, "--principal_results_max", "3")
+        self.addCleanup(daemon.stop)
+        client = Client(self.raynest, daemon.uri)
+        client.json("load", "builtin:terrain?size=16", "--name", "hills")
+        words = ("query", "hills", "--ray", DOWN, "--detach")
+        kept = [str(client.json(*words)["job"]) for _ in range(3)]
+        for job in kept:
+            client.json("wait", job)
+        self.expect(6, *words, says="principal_results_max", client=client)
+        # What was fetched makes room.
+        self.expect(0, "fetch", kept[1], client=client)
+        self.expect(0, *words, client=client)
+        self.expect(5, "fetch", kept[1], client=client)
+        self.expect(0, "fetch", kept[0], client=client)
+
     def test_a_deadline_holds_for_detached_jobs_and_is_told_by_wait_and_fetch(self):
         job = self.detach("render", "hills", *ENDLESS, "--deadline", "0.2")
         self.expect(7, "--quiet", "wait", job, says="deadline")

@@ -120,8 +120,12 @@ TEST_CASE_FIXTURE(Served, "a connection has only so many requests in flight") {
     peer.read_until<wire::Started>();
 }
 
-TEST_CASE_FIXTURE(Served, "a principal has only so many rays in flight, over all connections") {
-    REQUIRE(peer.say(5, query_of(protocol::Limits{}.rays_max)));
+TEST_CASE("a principal has only so many rays in flight, over all connections") {
+    const Daemon daemon({"--principal_rays_max", "1000"});
+    Peer peer(daemon);
+    peer.greet();
+    load_scene(peer);
+    REQUIRE(peer.say(5, query_of(1000)));
     peer.read_until<wire::Started>();
     Peer second(daemon);
     second.greet();

@@ -5,10 +5,11 @@
 namespace raynest::server {
 namespace {
 
-protocol::Limits limits() {
+protocol::Limits limits(std::uint64_t jobs) {
     protocol::Limits limits;
     limits.principal_jobs_max = 3;
     limits.principal_rays_max = 100;
+    limits.total_jobs_max = jobs;
     return limits;
 }
 
@@ -20,7 +21,7 @@ JobRecord asked(const std::string& principal, std::uint64_t rays) {
 }
 
 TEST_CASE("a full daemon admits again when a slot ends, and says when to come back") {
-    Admission admission(2);
+    Admission admission(limits(2));
     auto a = admission.enter(asked("a", 0));
     const auto b = admission.enter(asked("b", 0));
     REQUIRE(a);
@@ -36,7 +37,7 @@ TEST_CASE("a full daemon admits again when a slot ends, and says when to come ba
 }
 
 TEST_CASE("one principal's jobs end at its quota, another's begin") {
-    Admission admission(10, limits());
+    Admission admission(limits(10));
     std::vector<Admission::Slot> slots;
     for (int i = 0; i < 3; ++i)
         slots.push_back(std::move(admission.enter(asked("crowd", 0)).value()));
@@ -50,7 +51,7 @@ TEST_CASE("one principal's jobs end at its quota, another's begin") {
 }
 
 TEST_CASE("rays in flight count over all jobs of a principal, and no number overflows") {
-    Admission admission(10, limits());
+    Admission admission(limits(10));
     auto half = admission.enter(asked("me", 60));
     REQUIRE(half);
     for (const std::uint64_t rays : {std::uint64_t{41}, ~std::uint64_t{0}}) {
@@ -67,7 +68,7 @@ TEST_CASE("rays in flight count over all jobs of a principal, and no number over
 }
 
 TEST_CASE("every job has a number of its own, and is known while it is in flight") {
-    Admission admission(10);
+    Admission admission(limits(10));
     auto first = admission.enter(asked("me", 5));
     const std::uint64_t number = first->number();
     REQUIRE(admission.find(number) != nullptr);

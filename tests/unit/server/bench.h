@@ -16,6 +16,12 @@
 
 namespace raynest::server {
 
+inline protocol::Limits few_jobs() {
+    protocol::Limits limits;
+    limits.total_jobs_max = 4;
+    return limits;
+}
+
 /// Stands for the io thread: completions wait in a queue until the test takes them.
 class Bench final : public Sink {
 public:
@@ -55,9 +61,9 @@ public:
     }
 
     static constexpr std::uint64_t window = 1 << 20;
-    protocol::Limits limits;
+    protocol::Limits limits = few_jobs();
     Metrics metrics;
-    Admission admission{4};
+    Admission admission{limits};
     Budget budget{1ULL << 30};
     BriefTurn brief_turn;
     Coalescer coalescer;

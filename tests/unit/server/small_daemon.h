@@ -56,7 +56,7 @@ public:
     server::Metrics metrics;
     server::Budget budget{1 << 26};
     server::SceneStore scenes{budget};
-    server::Admission admission{64};
+    server::Admission admission{limits};
     server::BriefTurn brief_turn;
     server::Coalescer coalescer;
     std::uint64_t waiting = 0;  ///< what backlog() says
