@@ -13,6 +13,8 @@ namespace raynest::server {
 namespace {
 
 constexpr unsigned threads_max = 1024;
+/// As milliseconds 140 years, which a clock that counts nanoseconds can still add to.
+constexpr std::uint64_t limit_max = 1ULL << 42;
 
 std::uint64_t half_of_memory() {
     const auto pages = static_cast<std::uint64_t>(sysconf(_SC_PHYS_PAGES));
@@ -71,7 +73,7 @@ void declare(CLI::App& app, Options& options, Words& words) {
         if (limit.policy)
             app.add_option("--" + std::string(limit.name), options.limits.*limit.value,
                            "Limit: " + std::string(limit.text))
-                ->check(CLI::Range(std::uint64_t{1}, std::uint64_t{1} << 62))
+                ->check(CLI::Range(std::uint64_t{1}, limit_max))
                 ->group("Limits")
                 ->capture_default_str();
     app.set_config("--config", "", "Read options from a file as --print-config writes it")

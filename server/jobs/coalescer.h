@@ -1,7 +1,6 @@
 // Small tasks that ask the same question become one.
 //
-//   tasks of one turn of the io thread ──same question──► group ──end of the turn──► one worker
-//   task
+//   tasks of one turn of the io thread ──same question──► group ──end of turn──► worker
 //
 // A worker's wakeup costs as much as some ten rays, and a few rays leave a traversal's lanes empty.
 // So what comes between two looks at the sockets, from whatever connections of a principal, goes

@@ -47,7 +47,9 @@ void tune(Socket& socket, const protocol::Limits& limits) {
     set(IPPROTO_TCP, TCP_KEEPIDLE, keepalive_s);
     set(IPPROTO_TCP, TCP_KEEPINTVL, keepalive_s);
     set(IPPROTO_TCP, TCP_KEEPCNT, keepalive_probes);
-    set(IPPROTO_TCP, TCP_USER_TIMEOUT, static_cast<int>(limits.idle_ms_max) + 1000 * keepalive_s);
+    constexpr std::uint64_t most = 1ULL << 30;
+    set(IPPROTO_TCP, TCP_USER_TIMEOUT,
+        static_cast<int>(std::min(limits.idle_ms_max, most)) + 1000 * keepalive_s);
 }
 
 /// Of what waits and no credit bounds.
