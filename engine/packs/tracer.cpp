@@ -31,10 +31,16 @@ Result<Tracer> Tracer::make(const Variant& variant, Query query, Precision preci
     const bool in_order =
         counting || (!variant.outputs().empty() && traversal != traversal_reference);
     tracer.named_ = in_order ? traversal_latency : traversal;
+    const auto& compiled = variant.code->trace[precision];
+    const TraceFunction latency = compiled[traversal_latency][query][0];
+    // An intersector that decides about boxes has no packets: what is named so are single rays.
+    if (tracer.named_ == traversal_coherent && compiled[traversal_coherent][query][0] == latency)
+        tracer.named_ = traversal_latency;
     const bool open = tracer.named_ == traversal_auto;
     if (open) {
         for (const Traversal each : {traversal_batch, traversal_coherent}) {
-            tracer.functions_[each] = variant.code->trace[precision][each][query][0];
+            const TraceFunction function = compiled[each][query][0];
+            if (function != latency) tracer.functions_[each] = function;
         }
     }
     const Traversal needed = open ? traversal_latency : tracer.named_;

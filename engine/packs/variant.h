@@ -353,8 +353,11 @@ constexpr PackVariant make_variant(const char* name) {
         batch[query_any][0] = trace<Isect, query_any, traversal_batch, false>;
         batch[query_multi][0] = trace<Isect, query_multi, traversal_batch, false>;
         auto& coherent = kernels[traversal_coherent];
-        coherent[query_closest][0] = trace<Isect, query_closest, traversal_coherent, false>;
-        coherent[query_any][0] = trace<Isect, query_any, traversal_coherent, false>;
+        // The same functions where packets would be no packets: Tracer tells what ran by that.
+        constexpr Traversal packets =
+            singly<Isect, traversal_coherent> ? traversal_latency : traversal_coherent;
+        coherent[query_closest][0] = trace<Isect, query_closest, packets, false>;
+        coherent[query_any][0] = trace<Isect, query_any, packets, false>;
     }
     auto& reference = kernels[traversal_reference];
     reference[query_closest][0] = trace<Isect, query_closest, traversal_reference, false>;

@@ -169,4 +169,16 @@ TEST_CASE("traversal auto looks at the rays, a named one does not") {
     CHECK(counted.choose(alike, scene) == traversal_latency);
     const Tracer multi = make(query_multi, traversal_auto, false);  // coherent has no multi
     CHECK(multi.choose(alike, scene) == traversal_batch);
+
+    // One that decides about boxes: its packets are single rays, and said to be.
+    PackVariant code = *opaque.code;
+    auto& compiled = code.trace[precision_watertight];
+    compiled[traversal_coherent][query_closest][0] = compiled[traversal_latency][query_closest][0];
+    Variant boxes = opaque;
+    boxes.code = &code;
+    const auto tracer = [&](Traversal traversal) {
+        return Tracer::make(boxes, query_closest, precision_watertight, traversal, false).value();
+    };
+    CHECK(tracer(traversal_coherent).choose(alike, scene) == traversal_latency);
+    CHECK(tracer(traversal_auto).choose(alike, scene) == traversal_batch);
 }
