@@ -150,10 +150,18 @@ private:
                 flight.top +=
                     pack_ordered(spans.near, node.child, spans.mask, node.order, flight.far_first,
                                  flight.nears + flight.top, flight.children + flight.top);
+                pop(flight);
             } else {
-                flight.top += pack_words(node.child, spans.mask, flight.children + flight.top);
+                // What would be popped, from where it was before it was pushed: reading back what
+                // has just been stored takes longer (measured: 1 %).
+                const std::uint32_t waiting = flight.children[flight.top - 1];
+                const std::uint32_t last =
+                    node.child[static_cast<std::uint32_t>(std::bit_width(spans.mask | 1U)) - 1];
+                const std::uint32_t none = 0U - static_cast<std::uint32_t>(spans.mask == 0);
+                flight.child = last ^ ((last ^ waiting) & none);
+                flight.top += pack_words(node.child, spans.mask, flight.children + flight.top) - 1;
+                flight.arrays.prefetch(flight.child);
             }
-            pop(flight);
             classify(flight);
         }
     }

@@ -51,10 +51,10 @@ RAYNEST_INLINE Spans<Boxes8, 8> intersect(const BoxRay& ray, const Boxes8& boxes
     const float(*rows)[3][8] = &boxes.node->lower;  // lower and upper lie one behind the other
     static_assert(offsetof(Node, upper) == sizeof(Node::lower));
     const Slabs& slabs = ray.slabs;
-    const auto near = [&](int axis) {
+    const auto near = [&](int axis) RAYNEST_INLINE_LAMBDA {
         return slabs.near_plane(axis, Lanes<8>::load(rows[slabs.near_row[axis]][axis]));
     };
-    const auto far = [&](int axis) {
+    const auto far = [&](int axis) RAYNEST_INLINE_LAMBDA {
         return slabs.far_plane(axis, Lanes<8>::load(rows[slabs.near_row[axis] ^ 1U][axis]));
     };
     return entered(ray, Interval<8>::of({near(0), near(1), near(2)}, {far(0), far(1), far(2)}),

@@ -61,6 +61,7 @@ struct PacketLevel {
     PacketRow origin[3], direction[3];
     PacketRow reciprocal[3];
     PacketRow near_scale[3], near_offset[3], far_scale[3], far_offset[3];
+    PacketRow shear_origin[3], shear_to[2], shear_scale;  ///< along each ray's own axes
     RaySet backwards[3];  ///< rays that meet the upper plane of the axis first
     RaySet largest[3];    ///< rays whose largest component is along the axis
     RaySet finite;        ///< rays whose box terms do not overflow
@@ -107,7 +108,22 @@ private:
         const std::uint32_t y_largest = less(x, y) & ~z_largest;
         largest[2] |= RaySet{z_largest} << shift;
         largest[1] |= RaySet{y_largest} << shift;
-        largest[0] |= RaySet{group_bits & ~(z_largest | y_largest)} << shift;
+        const std::uint32_t x_largest = group_bits & ~(z_largest | y_largest);
+        largest[0] |= RaySet{x_largest} << shift;
+
+        // As ShearTerms::look_along turns the axes: z is x, y, z; x is y, z, x; y is z, x, y.
+        const auto turned = [&](const PacketRow(&v)[3], std::uint32_t by) {
+            return select(x_largest, v[by].group(g),
+                          select(y_largest, v[(by + 1) % 3].group(g), v[(by + 2) % 3].group(g)));
+        };
+        const F scale = turned(reciprocal, 0);
+        shear_scale.set_group(g, scale);
+        for (std::uint32_t axis = 0; axis < 3; ++axis) {
+            shear_origin[axis].set_group(g, turned(origin, (axis + 1) % 3));
+        }
+        for (std::uint32_t axis = 0; axis < 2; ++axis) {
+            shear_to[axis].set_group(g, (F::splat(0) - turned(direction, axis + 1)) * scale);
+        }
     }
 };
 
@@ -126,14 +142,8 @@ struct RayGroup {
             return fused(p, level.far_scale[axis].group(g), level.far_offset[axis].group(g));
         }
     };
-    struct Shear {
-        std::uint32_t x, y, z;
-        PacketLanes origin_x, origin_y, origin_z;
-        PacketLanes to_x, to_y;
-        PacketLanes scale;
-    };
     Slabs slabs;
-    Shear shear;
+    ShearTerms<PacketLanes> shear;
     PacketLanes tmin, tmax;
 
     /// Rays 16 g to 16 g + 15, whose largest component is along z.
@@ -142,16 +152,13 @@ struct RayGroup {
         : slabs{level, g},
           tmin(range.tmin.group(g)),
           tmax(range.tmax.group(g)) {
-        shear.z = z;
-        shear.x = (1U << z) & 3U;
-        shear.y = shear.x ^ z ^ 3U;
-        const auto negative = [](const PacketLanes& a) { return PacketLanes::splat(0) - a; };
-        shear.origin_x = level.origin[shear.x].group(g);
-        shear.origin_y = level.origin[shear.y].group(g);
-        shear.origin_z = level.origin[z].group(g);
-        shear.scale = level.reciprocal[z].group(g);
-        shear.to_x = negative(level.direction[shear.x].group(g)) * shear.scale;
-        shear.to_y = negative(level.direction[shear.y].group(g)) * shear.scale;
+        shear.look_along(z);
+        shear.origin_x = level.shear_origin[0].group(g);
+        shear.origin_y = level.shear_origin[1].group(g);
+        shear.origin_z = level.shear_origin[2].group(g);
+        shear.to_x = level.shear_to[0].group(g);
+        shear.to_y = level.shear_to[1].group(g);
+        shear.scale = level.shear_scale.group(g);
     }
 };
 
@@ -173,13 +180,22 @@ struct PacketRay : RayView {
         }
     };
     Slabs slabs;
-    Shear shear;
+    ShearTerms<float> shear;
 
     RAYNEST_INLINE PacketRay(const RayView& ray, const PacketLevel& level, std::uint32_t i)
         : RayView(ray),
-          slabs{level, i},
-          shear(ray, {level.reciprocal[0].of[i], level.reciprocal[1].of[i],
-                      level.reciprocal[2].of[i], 1.0F}) {}
+          slabs{level, i} {
+        const auto is_along = [&](int axis) {
+            return static_cast<std::uint32_t>(level.largest[axis] >> i & 1U);
+        };
+        shear.look_along(is_along(1) | is_along(2) << 1);
+        shear.origin_x = level.shear_origin[0].of[i];
+        shear.origin_y = level.shear_origin[1].of[i];
+        shear.origin_z = level.shear_origin[2].of[i];
+        shear.to_x = level.shear_to[0].of[i];
+        shear.to_y = level.shear_to[1].of[i];
+        shear.scale = level.shear_scale.of[i];
+    }
 };
 
 /// One lane of a block, as sixteen rays see it.

@@ -33,9 +33,11 @@ public:
     /// without effect, and drops its calls.
     RAYNEST_INLINE void prefetch(std::uint32_t child) const {
         const std::uint64_t leaf = child >> 31;
-        const std::uint64_t node_at = child * std::uint64_t{sizeof(Node)};
-        const std::uint64_t block_at = leaf_first(child) * std::uint64_t{sizeof(TriangleBlock)};
-        const std::byte* at = base_[leaf] + (node_at ^ ((node_at ^ block_at) & (0 - leaf)));
+        const std::uint64_t node_at = address(base_[0]) + child * std::uint64_t{sizeof(Node)};
+        const std::uint64_t block_at =
+            address(base_[1]) + leaf_first(child) * std::uint64_t{sizeof(TriangleBlock)};
+        const auto* at =
+            reinterpret_cast<const std::byte*>(node_at ^ ((node_at ^ block_at) & (0 - leaf)));
         constexpr std::size_t line = 64;
         for (std::size_t byte = 0; byte < sizeof(TriangleBlock); byte += line) {
             __builtin_prefetch(at + byte);
@@ -46,6 +48,9 @@ private:
     template <class T>
     static const std::byte* bytes(const T* at) {
         return reinterpret_cast<const std::byte*>(at);
+    }
+    RAYNEST_INLINE static std::uint64_t address(const std::byte* at) {
+        return reinterpret_cast<std::uintptr_t>(at);
     }
     const std::byte* base_[2];  ///< of nodes and of blocks
 };

@@ -13,6 +13,7 @@
 #include "engine/bvh/ask.h"
 #include "engine/bvh/box_test.h"
 #include "engine/bvh/node.h"
+#include "engine/bvh/tree_arrays.h"
 #include "engine/geometry/intersect_triangle.h"
 #include "engine/geometry/record.h"
 #include "engine/geometry/record_types.h"
@@ -45,9 +46,10 @@ struct Instance {
     [[nodiscard]] std::uint64_t leaves() const { return scene->objects[record().object].leaves; }
 };
 
-/// Drops back faces of single-sided materials: `--set cull=back` (CONTRACT.md §1).
+/// The candidates without back faces of single-sided materials: `--set cull=back` (CONTRACT.md §1).
+/// They come by value, so that a call that hardly ever happens keeps nobody's out of registers.
 template <class H>
-[[gnu::noinline]] void drop_back_faces(const RayView& ray, H& hits) {
+[[gnu::noinline]] std::uint32_t without_back_faces(const RayView& ray, H hits) {
     hits.keep_if([&](const Surface& surface) {
         if (surface.front) return true;
         if (ray.object == nullptr || ray.object->triangle_count == 0) return false;
@@ -55,6 +57,7 @@ template <class H>
         return geometry.material != no_id &&
                ray.scene->materials[geometry.material].double_sided != 0;
     });
+    return hits.mask;
 }
 
 /// A primitive: the one place where surfaces are tested.
@@ -64,7 +67,7 @@ RAYNEST_INLINE bool visit(R& ray, const P& primitive, Isect& isect, Query& query
     if (hits.mask == 0) [[likely]]
         return false;
     if (ray.flags != 0) [[unlikely]]
-        drop_back_faces(ray, hits);
+        hits.mask = without_back_faces(ray, hits);
     return query.take(ray, hits);
 }
 
@@ -128,8 +131,10 @@ template <class Isect, class Query>
 RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& query) {
     const SceneView& scene = *bvh.scene;
     const ObjectRecord& object = scene.objects[bvh.object];
-    const Node* nodes = scene.nodes + object.first_node;
-    const TriangleBlock* blocks = scene.blocks + object.first_block;
+    // Of the children that wait, the one to be popped next is asked for while the nearest is looked
+    // at (measured: 5 % on closest hits, 10 on random rays, 2 on any hits; two cost what they
+    // gain).
+    const TreeArrays arrays(scene, object);
 
     // Child words, and where the ray enters them; packing writes eight entries behind the top.
     std::uint32_t children[7 * tree_height_max + 8];
@@ -142,7 +147,7 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
     for (;;) {
         bool pop = false;
         while (!is_leaf(child)) {
-            const Node& node = nodes[child];
+            const Node& node = arrays.node(child);
             const auto spans = ask(isect, ray, Boxes8{&node});
             std::uint32_t mask = spans.mask;
             if (mask == 0) {
@@ -160,6 +165,7 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
                 // saves (measured: 4 % on ambient occlusion), and so does pushing one by one (6 %).
                 child = node.child[first];
                 top += pack_words(node.child, mask, children + top);
+                arrays.prefetch(children[top - 1]);
                 continue;
             }
             const auto second = static_cast<std::uint32_t>(std::countr_zero(mask));
@@ -172,6 +178,7 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
                 const std::uint32_t farther = swap ? first : second;
                 children[top] = node.child[farther];
                 nears[top++] = near[farther];
+                arrays.prefetch(node.child[farther]);
                 child = node.child[closer];
                 continue;
             }
@@ -181,12 +188,13 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
             top += pack_ordered(spans.near, node.child, spans.mask, node.order, order, nears + top,
                                 children + top);
             child = children[--top];
+            arrays.prefetch(children[top - 1]);
         }
 
         if (!pop) {
             switch (kind_of(child)) {
                 case ChildKind::triangles: {
-                    const TriangleBlock* block = blocks + leaf_first(child);
+                    const TriangleBlock* block = arrays.blocks(child);
                     const TriangleBlock* const end = block + leaf_count(child);
                     bool first = true;
                     for (; block != end; ++block, first = false) {

@@ -71,7 +71,8 @@ struct Triangles8 {
 
     template <int N>
     [[nodiscard]] RAYNEST_INLINE Lanes<N> coordinate(int k, std::uint32_t axis) const {
-        return Lanes<N>::load(block->vertex[k][axis]);
+        // One address per axis: nine of them do not fit in the registers of a traversal.
+        return Lanes<N>::load(block->vertex[0][axis] + 24 * k);
     }
     /// Lanes that hold a triangle; the others are padding.
     [[nodiscard]] std::uint32_t valid() const {
@@ -99,15 +100,16 @@ requires(requires { T::lanes; }) RAYNEST_INLINE auto intersect(const R& ray, con
     struct Corner {
         F x, y, z;
     };
-    const auto corner = [&](int k) {
-        const auto from = [&](std::uint32_t axis, const auto& origin) {
+    const auto corner = [&](int k) RAYNEST_INLINE_LAMBDA {
+        const auto from = [&](std::uint32_t axis, const auto& origin) RAYNEST_INLINE_LAMBDA {
             return triangles.template coordinate<N>(k, axis) - in_lanes<N>(origin);
         };
         const F z = from(shear.z, shear.origin_z);
         return Corner{fused(in_lanes<N>(shear.to_x), z, from(shear.x, shear.origin_x)),
                       fused(in_lanes<N>(shear.to_y), z, from(shear.y, shear.origin_y)), z};
     };
-    const auto edge = [](const Corner& p, const Corner& q) { return p.x * q.y - p.y * q.x; };
+    const auto edge = [](const Corner& p, const Corner& q)
+                          RAYNEST_INLINE_LAMBDA { return p.x * q.y - p.y * q.x; };
     const Corner a = corner(0);
     const Corner b = corner(1);
     const Corner c = corner(2);

@@ -15,30 +15,35 @@ namespace raynest {
 /// x, y, z name axes of the level's space: z is the direction's largest component. Seen from the
 /// origin, a point p lies at (p[x] + to_x p[z], p[y] + to_y p[z]) and t = scale p[z]. Triangles
 /// keep their winding where scale > 0 and lose it where scale < 0.
-struct Shear {
+template <class Value>
+struct ShearTerms {
     std::uint32_t x, y, z;
-    float origin_x, origin_y, origin_z;  ///< the ray's origin along these axes
-    float to_x, to_y;
-    float scale;
+    Value origin_x, origin_y, origin_z;  ///< the ray's origin along these axes
+    Value to_x, to_y;
+    Value scale;
 
+    /// Names the other axes so that turning from one to the next keeps triangles' winding.
+    RAYNEST_INLINE void look_along(std::uint32_t axis) {
+        z = axis;
+        x = (1U << z) & 3U;  // 1, 2, 0
+        y = x ^ z ^ 3U;
+    }
+};
+
+/// Of one ray.
+struct Shear : ShearTerms<float> {
+    /// Of a ray that meets no triangle: with it none is hit.
+    Shear() : ShearTerms<float>{} {}
     RAYNEST_INLINE explicit Shear(const RayView& ray) {
+        // The reciprocals of the box rule; the largest component is never limited.
         alignas(16) float reciprocal[4];
         limited_reciprocal(ray.direction).store(reciprocal);
-        set(ray, reciprocal);
-    }
-    /// The same from the reciprocals of the box rule; the largest component is never limited.
-    RAYNEST_INLINE Shear(const RayView& ray, const float (&reciprocal)[4]) { set(ray, reciprocal); }
-
-private:
-    RAYNEST_INLINE void set(const RayView& ray, const float (&reciprocal)[4]) {
         const Vec3& d = ray.direction;
         const Vec3 size{std::abs(d.x), std::abs(d.y), std::abs(d.z)};
         // Without branches: they would be mispredicted on every other incoherent ray.
         const auto y_beats_x = static_cast<std::uint32_t>(size.y > size.x);
         const auto z_beats_both = static_cast<std::uint32_t>(size.z > std::max(size.x, size.y));
-        z = y_beats_x >> z_beats_both | z_beats_both << 1;
-        x = (1U << z) & 3U;  // 1, 2, 0
-        y = x ^ z ^ 3U;
+        look_along(y_beats_x >> z_beats_both | z_beats_both << 1);
         // Arrays, because GLM's operator[] is a switch.
         const auto direction = std::bit_cast<std::array<float, 3>>(d);
         const auto origin = std::bit_cast<std::array<float, 3>>(ray.origin);

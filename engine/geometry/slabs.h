@@ -126,15 +126,15 @@ struct Interval {
 /// of the three vertices' planes, because fma is monotone: no box needs to be built.
 template <int N, class S, class T>
 [[nodiscard]] RAYNEST_INLINE Interval<N> own_interval(const S& slabs, const T& triangles) {
-    const auto corner = [&](int k, int axis) {
+    const auto corner = [&](int k, int axis) RAYNEST_INLINE_LAMBDA {
         return triangles.template coordinate<N>(k, static_cast<std::uint32_t>(axis));
     };
-    const auto near = [&](int axis) {
+    const auto near = [&](int axis) RAYNEST_INLINE_LAMBDA {
         return minimum(slabs.near_plane(axis, corner(0, axis)),
                        minimum(slabs.near_plane(axis, corner(1, axis)),
                                slabs.near_plane(axis, corner(2, axis))));
     };
-    const auto far = [&](int axis) {
+    const auto far = [&](int axis) RAYNEST_INLINE_LAMBDA {
         return maximum(slabs.far_plane(axis, corner(0, axis)),
                        maximum(slabs.far_plane(axis, corner(1, axis)),
                                slabs.far_plane(axis, corner(2, axis))));
@@ -144,13 +144,13 @@ template <int N, class S, class T>
 
 /// Where the ray passes one box.
 [[nodiscard]] RAYNEST_INLINE Interval<1> own_interval(const Slabs& slabs, const Box& box) {
-    const auto plane = [&](std::uint32_t row, int axis) {
+    const auto plane = [&](std::uint32_t row, int axis) RAYNEST_INLINE_LAMBDA {
         return Lanes<1>::splat(row == 0 ? box.lower[axis] : box.upper[axis]);
     };
-    const auto near = [&](int axis) {
+    const auto near = [&](int axis) RAYNEST_INLINE_LAMBDA {
         return slabs.near_plane(axis, plane(slabs.near_row[axis], axis));
     };
-    const auto far = [&](int axis) {
+    const auto far = [&](int axis) RAYNEST_INLINE_LAMBDA {
         return slabs.far_plane(axis, plane(slabs.near_row[axis] ^ 1U, axis));
     };
     return Interval<1>::of({near(0), near(1), near(2)}, {far(0), far(1), far(2)});

@@ -22,7 +22,7 @@ struct AlphaMask {
 
     AlphaMask(const SceneView& view, const Params& values) : scene(view), cutoff(values.cutoff) {}
 
-    auto operator()(const auto& ray, const TriangleLike auto& triangle) {
+    RAYNEST_INLINE auto operator()(const auto& ray, const TriangleLike auto& triangle) {
         auto hits = intersect(ray, triangle);
         hits.keep_if([&](const Surface& surface) {
             return ray.object == nullptr || is_solid(*ray.object, surface);
@@ -31,7 +31,10 @@ struct AlphaMask {
     }
 
 private:
-    [[nodiscard]] bool is_solid(const ObjectRecord& object, const Surface& surface) const {
+    // Out of line, and only this: few candidates come so far, and the test for all triangles is to
+    // stay in the traversal (measured in batches: 1.05 to 1.1).
+    [[nodiscard, gnu::noinline]] bool is_solid(const ObjectRecord& object,
+                                               const Surface& surface) const {
         const GeometryRecord& geometry = scene.geometry_of(object, surface.prim);
         if (geometry.material == no_id) return true;
         const MaterialRecord& material = scene.materials[geometry.material];

@@ -57,7 +57,7 @@ inline std::uint32_t wrap_texel(int x, std::uint32_t size, Wrap wrap) {
 }
 
 /// The texture's alpha at (s, t) in [0, 1]: bilinear at level 0, or nearest.
-inline float sample_alpha(const SceneView& scene, const TextureRecord& texture, Vec2 st) {
+RAYNEST_INLINE float sample_alpha(const SceneView& scene, const TextureRecord& texture, Vec2 st) {
     const auto* plane = scene.attribute<std::uint8_t>(texture.alpha);
     const float x = wrap_coordinate(st.x, texture.wrap_s) * static_cast<float>(texture.width);
     const float y = wrap_coordinate(st.y, texture.wrap_t) * static_cast<float>(texture.height);
@@ -81,9 +81,9 @@ inline float sample_alpha(const SceneView& scene, const TextureRecord& texture, 
 }
 
 /// baseColorFactor.a x baseColorTexture.a x COLOR_0.a at a point of a triangle.
-inline float surface_alpha(const SceneView& scene, const GeometryRecord& geometry,
-                           const MaterialRecord& material, std::uint32_t triangle, float u,
-                           float v) {
+RAYNEST_INLINE float surface_alpha(const SceneView& scene, const GeometryRecord& geometry,
+                                   const MaterialRecord& material, std::uint32_t triangle, float u,
+                                   float v) {
     float alpha = material.base_colour.w;
     if (material.texture != no_id) {
         const Vec2 st = texture_coordinates(scene, geometry, material.texcoord, triangle, u, v);

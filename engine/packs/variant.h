@@ -211,12 +211,34 @@ RAYNEST_INLINE void trace_one(RayView& view, const Bvh& root, Isect& isect, Quer
 template <bool Everything, class Isect, class Feed>
 RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& isect,
                                  const Feed& feed) {
-    for (std::uint32_t i = 0; i < count; ++i) {
-        RayView view;
-        if (!feed.begin(i, view)) continue;
-        auto query = feed.query(i);
-        trace_one<Everything>(view, root, isect, query);
-        feed.end(i, query);
+    if constexpr (Everything) {
+        for (std::uint32_t i = 0; i < count; ++i) {
+            RayView view;
+            if (!feed.begin(i, view)) continue;
+            auto query = feed.query(i);
+            trace_one<true>(view, root, isect, query);
+            feed.end(i, query);
+        }
+    } else {
+        // Some rays are set up before the first of them is traced: a CPU works on the divisions of
+        // several at once, but not behind the mispredicted end of a search (measured: 2 %, of short
+        // rays 4 %; 64 rays are as good as 16).
+        constexpr std::uint32_t ahead = 16;
+        alignas(BoxRay) std::byte memory[ahead][sizeof(BoxRay)];
+        for (std::uint32_t i = 0; i < count;) {
+            std::uint32_t ready = 0;
+            for (; i < count && ready < ahead; ++i) {
+                RayView view;
+                if (feed.begin(i, view)) new (memory[ready++]) BoxRay(view);
+            }
+            for (std::uint32_t r = 0; r < ready; ++r) {
+                BoxRay& ray = *std::launder(reinterpret_cast<BoxRay*>(memory[r]));
+                const std::uint32_t number = ray.id;
+                auto query = feed.query(number);
+                traverse(ray, root, isect, query);
+                feed.end(number, query);
+            }
+        }
     }
 }
 

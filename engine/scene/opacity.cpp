@@ -239,7 +239,12 @@ std::vector<std::uint8_t> OpacityBaker::bake(const GeometryDescription& geometry
         ranges[2 * t] = known ? static_cast<std::uint8_t>(std::clamp(lower, 0.0, 255.0)) : 0;
         ranges[2 * t + 1] = known ? static_cast<std::uint8_t>(std::clamp(upper, 0.0, 255.0)) : 255;
     });
-    return ranges;
+    // A table that leaves every triangle open would cost each candidate a cache miss for nothing.
+    const auto open = [&](std::size_t t) { return ranges[2 * t] == 0 && ranges[2 * t + 1] == 255; };
+    for (std::size_t t = 0; t < triangles; ++t) {
+        if (!open(t)) return ranges;
+    }
+    return {};
 }
 
 }  // namespace raynest

@@ -52,9 +52,10 @@ class OpacityBaker {
 public:
     explicit OpacityBaker(const SceneDescription& scene) : scene_(scene) {}
 
-    /// {least, largest} alpha of each triangle in 255ths, empty for opaque materials. 0 as the
-    /// least and 255 as the largest say nothing: alpha may lie beyond. Measured: 0.3 to 1.5 us
-    /// per triangle; at most a few hundred steps, whatever its size in texels.
+    /// {least, largest} alpha of each triangle in 255ths. 0 as the least and 255 as the largest say
+    /// nothing: alpha may lie beyond. Empty for opaque materials, and where no triangle says
+    /// anything. Measured: 0.3 to 1.5 us per triangle; at most a few hundred steps, whatever its
+    /// size in texels.
     std::vector<std::uint8_t> bake(const GeometryDescription& geometry);
 
 private:
