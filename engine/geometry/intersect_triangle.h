@@ -22,6 +22,8 @@
 
 #include <array>
 #include <bit>
+#include <cstdint>
+#include <limits>
 
 namespace raynest {
 
@@ -130,10 +132,20 @@ requires(requires { T::lanes; }) RAYNEST_INLINE auto intersect(const R& ray, con
     const auto own = own_interval<N>(slabs_of(ray), triangles);
     const F distance = fused(at_a, a.z, fused(at_b, b.z, at_c * c.z));
     const F inverse = F::splat(1) / scale;  // one division: three would cost as much as the rest
-    const F t = flip_sign(distance, det) * in_lanes<N>(shear.scale) * inverse;
-    hits.t = minimum(maximum(t, own.near), own.far);
+    const F along = flip_sign(distance, det) * in_lanes<N>(shear.scale);
+    F t = along * inverse;
     hits.u = u * inverse;
     hits.v = v * inverse;
+    // The product of three lengths overflows from 10^12 on; divided first it does not, but takes
+    // longer.
+    const F most = F::splat(std::numeric_limits<float>::max());
+    const std::uint32_t finite = less_equal(flip_sign(along, along), most);
+    if ((mask & ~finite) != 0) [[unlikely]] {
+        const F w = flip_sign(at_a, det) * inverse;
+        const F mean = fused(w, a.z, fused(hits.u, b.z, hits.v * c.z));
+        t = select(finite, t, mean * in_lanes<N>(shear.scale));
+    }
+    hits.t = minimum(maximum(t, own.near), own.far);
     hits.mask = mask & less_equal(own.near, own.far) & less(in_lanes<N>(ray.tmin), hits.t) &
                 less_equal(hits.t, in_lanes<N>(ray.tmax));
     hits.front = less(zero, det * in_lanes<N>(shear.scale));

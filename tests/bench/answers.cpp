@@ -15,9 +15,16 @@ bool same_surface(const HitRecord& a, const HitRecord& b) {
     return a.path == b.path && a.triangle == b.triangle;
 }
 
+/// A miss has t = inf.
+const HitRecord& nearer(const HitRecord& a, const HitRecord& b) {
+    return a.t < b.t ? a : b;
+}
+
 }  // namespace
 
-Differences compare(const Answers& a, const Answers& b) {
+Differences compare(const Answers& a, const Answers& b, const AtMaskBorder& at_mask_border) {
+    // Which surface an any-hit met is not known.
+    const bool surfaces_known = a.query == query_closest;
     Differences found;
     for (std::size_t ray = 0; ray < a.counts.size(); ++ray) {
         const auto ours = a.of(ray);
@@ -28,8 +35,11 @@ Differences compare(const Answers& a, const Answers& b) {
             same = ours[i].hit == theirs[i].hit && close(ours[i].t, theirs[i].t);
             tied = tied || (ours[i].hit != 0 && !same_surface(ours[i], theirs[i]));
         }
-        found.mismatches += same ? 0 : 1;
         found.ties += same && tied && a.query != query_any ? 1 : 0;
+        if (same) continue;
+        const bool excused = at_mask_border && surfaces_known &&
+                             at_mask_border(ray, nearer(ours.front(), theirs.front()));
+        ++(excused ? found.mask_borders : found.mismatches);
     }
     return found;
 }

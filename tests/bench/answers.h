@@ -7,6 +7,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -31,12 +32,16 @@ struct Answers {
 };
 
 /// Counted in rays. A mismatch is another hit or miss, another number of hits, or |dt| > 1e-4
-/// (1 + t); a tie is the same t on another surface.
+/// (1 + t); a tie is the same t on another surface. What would be a mismatch but for the border of
+/// a mask is counted apart.
 struct Differences {
     std::uint64_t mismatches = 0;
     std::uint64_t ties = 0;
+    std::uint64_t mask_borders = 0;
 };
-Differences compare(const Answers& a, const Answers& b);
+/// Does rounding decide whether this hit, the nearer one of two different answers, is a hole?
+using AtMaskBorder = std::function<bool(std::size_t ray, const HitRecord& nearer)>;
+Differences compare(const Answers& a, const Answers& b, const AtMaskBorder& at_mask_border = {});
 /// Closest hits against a file; `inst` is compared where the file has one.
 Differences compare(const Answers& a, std::span<const Reference> b);
 

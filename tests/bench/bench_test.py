@@ -88,6 +88,7 @@ class Measuring(unittest.TestCase):
                          "alpha_mask,fused_alpha,pointer_alpha", "--traversal", "latency", "--peers", peers)
         for row in rows:
             self.check_row(row)
+            self.assertLess(row.get("mask_borders", 0), row["count"] / 1000)
         self.assertEqual({row["intersector"] for row in rows},
                          {"alpha_mask", "fused_alpha", "pointer_alpha"})
         solid = self.rows("--scene", "gen:cards?scale=0.01", "--rays", "primary", "--traversal", "latency",

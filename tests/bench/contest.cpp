@@ -1,6 +1,7 @@
 #include "tests/bench/contest.h"
 
 #include "tests/bench/files.h"
+#include "tests/bench/mask_border.h"
 #include "tests/bench/rays.h"
 #include "tests/bench/report.h"
 #include "tests/bench/side.h"
@@ -225,13 +226,17 @@ Result<bool> contest(const Options& options, Loaded& loaded, const std::string& 
     std::map<std::pair<const Side*, const Side*>, Differences> differences;
     std::map<const Side*, Differences> ref_differences;
     bool within = true;
+    const AtMaskBorder at_mask_border = [&](std::size_t ray, const HitRecord& nearer) {
+        return is_at_mask_border(loaded.workload.scene->view(), set->rays[ray], nearer);
+    };
     for (const Side& ours : *sides) {
         if (ours.peer != nullptr || ours.over) continue;
         if (!references.empty()) ref_differences[&ours] = compare(*ours.answers, references);
         for (const Side* opponent : opponents_of(ours, *sides, options)) {
             Differences& found = differences[{&ours, opponent}];
             if (ours.masks != opponent->masks) continue;
-            found = compare(*ours.answers, *opponent->answers);
+            found = compare(*ours.answers, *opponent->answers,
+                            ours.masks ? at_mask_border : AtMaskBorder{});
             within = within && found.mismatches <= mismatches_max(loaded, *ours.answers);
         }
     }

@@ -77,6 +77,7 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
         row["ratio_high"] = *high;
         row["mismatches_max"] = outcome.mismatches_max;
         row["ties"] = outcome.differences.ties;
+        row["mask_borders"] = outcome.differences.mask_borders;
     }
     if (!options.ref.empty()) {
         row["ref_mismatches"] = outcome.ref_differences.mismatches;

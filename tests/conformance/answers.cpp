@@ -1,0 +1,89 @@
+#include "tests/conformance/answers.h"
+
+#include <cstring>
+#include <stdexcept>
+#include <string>
+
+namespace raynest::conformance {
+namespace {
+
+void check_call(TraceStatus status, const Variant& variant) {
+    if (status != trace_ok) {
+        throw std::runtime_error(variant.name + " refused a well-formed call");
+    }
+}
+
+// All hits, through as little room as there may be, so that calls end within the rays and go on.
+Answer ask_all(const Variant& variant, TraceFunction function, TraceCall call) {
+    const std::uint32_t n = call.ray_count;
+    Answer answer;
+    answer.counts.resize(n);
+    answer.ray_flags.resize(n);
+    std::vector<HitRecord> room(std::size_t{2} * call.hits_max);
+    call.hits = room.data();
+    call.hits_room = room.size();
+    std::uint32_t fresh = 0;
+    call.rays_done = &fresh;
+    for (std::uint32_t done = 0; done < n; done += fresh) {
+        call.ray_count = n - done;
+        call.hit_counts = answer.counts.data() + done;
+        call.ray_flags = answer.ray_flags.data() + done;
+        check_call(function(&call), variant);
+        if (fresh == 0) {
+            throw std::runtime_error(variant.name + " finds no room for ray " +
+                                     std::to_string(done));
+        }
+        std::size_t end = 0;
+        for (std::uint32_t i = done; i < done + fresh; ++i) {
+            answer.first.push_back(answer.hits.size() + end);
+            end += answer.counts[i];
+        }
+        answer.hits.insert(answer.hits.end(), room.begin(),
+                           room.begin() + static_cast<std::ptrdiff_t>(end));
+        call.rays += fresh;
+    }
+    return answer;
+}
+
+}  // namespace
+
+Answer ask(const Variant& variant, TraceFunction function, const SceneView& scene,
+           std::span<const Ray> rays, const Question& question, const Settings& settings) {
+    const auto n = static_cast<std::uint32_t>(rays.size());
+    const std::uint32_t capacity = question.query == query_all ? 0 : question.hits_max;
+    Answer answer;
+    answer.hits.resize(static_cast<std::size_t>(n) * capacity);
+    for (std::uint32_t i = 0; i < n; ++i) answer.first.push_back(std::size_t{i} * capacity);
+    answer.counts.assign(n, 1);
+    answer.counters.resize(n);
+    answer.outputs.assign(variant.outputs().size(), std::vector<std::uint32_t>(n));
+    std::vector<void*> columns;
+    for (auto& column : answer.outputs) columns.push_back(column.data());
+    const TraceCall call{&scene,
+                         settings.params.data(),
+                         rays.data(),
+                         n,
+                         question.hits_max,
+                         0xFFFFFFFFU,
+                         settings.flags,
+                         answer.hits.data(),
+                         answer.counts.data(),
+                         answer.counters.data(),
+                         columns.data()};
+    if (question.query == query_all) return ask_all(variant, function, call);
+    check_call(function(&call), variant);
+    return answer;
+}
+
+Difference differing_rays(const Answer& a, const Answer& b) {
+    Difference different;
+    for (std::size_t i = 0; i < a.counts.size(); ++i) {
+        bool same = a.counts[i] == b.counts[i];
+        if (!a.ray_flags.empty()) same = same && a.ray_flags[i] == b.ray_flags[i];
+        same = same && std::memcmp(a.of(i).data(), b.of(i).data(), a.of(i).size_bytes()) == 0;
+        if (!same && different.rays++ == 0) different.first = i;
+    }
+    return different;
+}
+
+}  // namespace raynest::conformance
