@@ -210,7 +210,7 @@ class RayMeshIntersector:
 def _key(mesh: Any) -> Hashable:
     """Differs where the mesh does. A hash that an object has for being itself says nothing of it.
     """
-    if type(mesh).__hash__ not in (None, object.__hash__):
+    if isinstance(mesh, Hashable) and type(mesh).__hash__ is not object.__hash__:
         return hash(mesh)
     arrays = [np.ascontiguousarray(each) for each in (mesh.vertices, mesh.faces)]
     content = hashlib.blake2b(digest_size=16)
