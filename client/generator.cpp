@@ -1,13 +1,17 @@
 #include "client/generator.h"
 
 #include "client/numbers.h"
+#include "protocol/limits.h"
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <set>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -20,13 +24,16 @@ tl::unexpected<Failure> misshapen(const std::string& text, const char* shape) {
     return fail(Exit::usage, "'" + text + "' is not " + shape);
 }
 
-/// A whole number that a float holds exactly or an integer type holds at all.
+constexpr protocol::Limits limits;
+
 template <class Whole>
-Result<void> read_whole(const std::string& text, Whole& value) {
+Result<void> read_whole(const std::string& text, Whole& value, std::uint64_t least,
+                        std::uint64_t most) {
     const char* const last = text.data() + text.size();
     const auto [end, error] = std::from_chars(text.data(), last, value);
-    if (error != std::errc{} || end != last) return misshapen(text, "a whole number");
-    return {};
+    if (error == std::errc{} && end == last && value >= least && value <= most) return {};
+    return fail(Exit::usage, "'" + text + "' is not a whole number from " + std::to_string(least) +
+                                 " to " + std::to_string(most));
 }
 
 Result<void> read_number(const std::string& text, float& value) {
@@ -44,13 +51,14 @@ Result<void> read_list(const std::string& text, Numbers& list) {
 }
 
 /// "first:last:count" as three numbers; false where the text has no colon.
-Result<bool> read_range(const std::string& text, Numbers& range, std::uint32_t& count) {
+Result<bool> read_range(const std::string& text, Numbers& range, std::uint32_t& count,
+                        std::uint64_t fewest, std::uint64_t most) {
     const std::vector<std::string> parts = split(text, ':');
     if (parts.size() == 1) return false;
     if (parts.size() != 3) return misshapen(text, "FIRST:LAST:COUNT");
     auto ends = parse_numbers(parts[0] + "," + parts[1], 2, 2, "FIRST:LAST:COUNT");
     if (!ends) return tl::unexpected<Failure>(ends.error());
-    if (auto read = read_whole(parts[2], count); !read)
+    if (auto read = read_whole(parts[2], count, fewest, most); !read)
         return tl::unexpected<Failure>(read.error());
     range = std::move(*ends);
     return true;
@@ -59,8 +67,9 @@ Result<bool> read_range(const std::string& text, Numbers& range, std::uint32_t& 
 Result<void> read_size(Generate& to, const std::string& text) {
     const std::vector<std::string> parts = split(text, 'x');
     if (parts.size() != 2) return misshapen(text, "WIDTHxHEIGHT");
-    if (auto width = read_whole(parts[0], to.message.width); !width) return width;
-    return read_whole(parts[1], to.message.height);
+    if (auto width = read_whole(parts[0], to.message.width, 1, limits.picture_side_max); !width)
+        return width;
+    return read_whole(parts[1], to.message.height, 1, limits.picture_side_max);
 }
 
 Result<void> read_window(Generate& to, const std::string& text) {
@@ -101,11 +110,9 @@ Result<void> read_pose(Generate& to, const std::string& text) {
 Result<void> read_elevations(Generate& to, const std::string& text) {
     Numbers ends;
     std::uint32_t count = 0;
-    const auto range = read_range(text, ends, count);
+    const auto range = read_range(text, ends, count, 2, limits.list_items_max);
     if (!range) return tl::unexpected<Failure>(range.error());
     if (!*range) return read_list(text, to.message.elevations);
-    constexpr std::uint32_t channels_max = 512;  // what a message may hold
-    if (count < 2 || count > channels_max) return misshapen(text, "a range of 2 to 512 channels");
     const double step = (static_cast<double>(ends[1]) - static_cast<double>(ends[0])) / (count - 1);
     for (std::uint32_t i = 0; i < count; ++i)
         to.message.elevations.push_back(
@@ -115,7 +122,7 @@ Result<void> read_elevations(Generate& to, const std::string& text) {
 
 Result<void> read_azimuths(Generate& to, const std::string& text) {
     Numbers ends;
-    const auto range = read_range(text, ends, to.message.azimuth_count);
+    const auto range = read_range(text, ends, to.message.azimuth_count, 1, limits.azimuths_max);
     if (!range) return tl::unexpected<Failure>(range.error());
     if (!*range) return misshapen(text, "START:STOP:COUNT");
     to.message.azimuth_start = ends[0];
@@ -146,59 +153,107 @@ Result<void> read_member(Generate& to, const std::string& text) {
     return read_number(text, to.message.*member);
 }
 
+/// As bits, in the order of kind_names.
+enum Kinds : unsigned {
+    camera = 1,
+    pinhole = 2,
+    orthographic = 4,
+    equirectangular = 8,
+    lidar = 16,
+    hemisphere = 32,
+    images = camera | pinhole | orthographic | equirectangular,
+    sensors = images | lidar
+};
+constexpr std::array<std::string_view, 6> kind_names = {
+    "camera", "pinhole", "orthographic", "equirectangular", "lidar", "hemisphere"};
+
 struct Key {
     std::string_view name;
+    unsigned kinds;  ///< that have it
     std::string_view text;
     Result<void> (*read)(Generate&, const std::string&);
 };
 constexpr std::array keys = {
-    Key{"size", "pixels, WIDTHxHEIGHT (960x540); all but lidar and hemisphere", read_size},
-    Key{"camera", "name or index of a camera of the scene",
+    Key{"size", images, "pixels, WIDTHxHEIGHT (960x540); all but lidar and hemisphere", read_size},
+    Key{"camera", sensors, "name or index of a camera of the scene",
         [](Generate& to, const std::string& text) -> Result<void> {
             camera_of(to).name = text;
             return {};
         }},
-    Key{"lookat", "ex,ey,ez,ax,ay,az[,ux,uy,uz]: eye, point looked at, up", read_look_at},
-    Key{"pose", "sensor to world, 12 numbers, row by row, instead", read_pose},
-    Key{"fov", "camera: vertical angle of view in degrees",
+    Key{"lookat", sensors, "ex,ey,ez,ax,ay,az[,ux,uy,uz], instead: eye, point looked at, up",
+        read_look_at},
+    Key{"pose", sensors & ~camera,
+        "sensor to world, 12 numbers, row by row, instead; all but camera", read_pose},
+    Key{"fov", camera, "vertical angle of view in degrees",
         [](Generate& to, const std::string& text) {
             return read_number(text, camera_of(to).fov_degrees);
         }},
-    Key{"fx", "pinhole: focal length in pixels", read_member<&wire::GeneratorT::fx>},
-    Key{"fy", "pinhole: the vertical one (fx)", read_member<&wire::GeneratorT::fy>},
-    Key{"cx", "pinhole: principal point (the middle)", read_member<&wire::GeneratorT::cx>},
-    Key{"cy", "pinhole", read_member<&wire::GeneratorT::cy>},
-    Key{"window", "orthographic: WIDTHxHEIGHT in the scene", read_window},
-    Key{"elevations", "lidar: degrees of each channel, a,b,... or LOWEST:HIGHEST:COUNT",
+    Key{"fx", pinhole, "focal length in pixels", read_member<&wire::GeneratorT::fx>},
+    Key{"fy", pinhole, "the vertical one (fx)", read_member<&wire::GeneratorT::fy>},
+    Key{"cx", pinhole, "principal point (the middle)", read_member<&wire::GeneratorT::cx>},
+    Key{"cy", pinhole, "the vertical one (the middle)", read_member<&wire::GeneratorT::cy>},
+    Key{"window", orthographic, "WIDTHxHEIGHT in the scene", read_window},
+    Key{"elevations", lidar, "degrees of each channel, a,b,... or LOWEST:HIGHEST:COUNT",
         read_elevations},
-    Key{"azimuths", "lidar: degrees START:STOP:COUNT, counter-clockwise, without the last",
+    Key{"azimuths", lidar, "degrees START:STOP:COUNT, counter-clockwise, without the last",
         read_azimuths},
-    Key{"azimuth_offsets", "lidar: degrees, one per channel",
+    Key{"azimuth_offsets", lidar, "degrees, one per channel",
         [](Generate& to, const std::string& text) {
             return read_list(text, to.message.azimuth_offsets);
         }},
-    Key{"origin_offsets", "lidar: x,y,z per channel, turning with the head", read_origin_offsets},
-    Key{"range", "NEAR:FAR (0:inf)", read_bounds},
-    Key{"points", "hemisphere: FILE.npy of shape (N, 6): points and normals",
+    Key{"origin_offsets", lidar, "x,y,z per channel, turning with the head", read_origin_offsets},
+    Key{"range", sensors, "NEAR:FAR (0:inf); all but hemisphere", read_bounds},
+    Key{"points", hemisphere, "FILE.npy of shape (N, 6): points and normals",
         [](Generate& to, const std::string& text) -> Result<void> {
             to.points = text;
             return {};
         }},
-    Key{"samples", "hemisphere: rays per point (64)",
-        [](Generate& to, const std::string& text) { return read_whole(text, to.message.samples); }},
-    Key{"seed", "hemisphere: of the random numbers (0)",
-        [](Generate& to, const std::string& text) { return read_whole(text, to.message.seed); }},
+    Key{"samples", hemisphere, "rays per point (64)",
+        [](Generate& to, const std::string& text) {
+            return read_whole(text, to.message.samples, 1, limits.samples_max);
+        }},
+    Key{"seed", hemisphere, "of the random numbers (0)",
+        [](Generate& to, const std::string& text) {
+            return read_whole(text, to.message.seed, 0, std::numeric_limits<std::uint64_t>::max());
+        }},
 };
 
-/// What the keys left open.
-Result<void> complete(Generate& to, const std::set<std::string, std::less<>>& given) {
+/// The bit of a kind; 0 for a word that is none.
+unsigned kind_of(std::string_view word) {
+    for (std::size_t i = 0; i < kind_names.size(); ++i)
+        if (kind_names[i] == word) return 1U << i;
+    return 0;
+}
+
+template <class Names>
+std::string listed(const Names& names, const char* between) {
+    std::string list;
+    for (const std::string_view name : names)
+        list += (list.empty() ? "" : between) + std::string(name);
+    return list;
+}
+
+std::vector<std::string_view> keys_of(unsigned kind) {
+    std::vector<std::string_view> names;
+    for (const Key& key : keys)
+        if ((key.kinds & kind) != 0) names.push_back(key.name);
+    return names;
+}
+
+using Given = std::set<std::string, std::less<>>;
+
+/// What keys say of each other, and what they left open.
+Result<void> complete(Generate& to, unsigned kind, const Given& given) {
+    std::vector<std::string_view> places;
+    for (const std::string_view place : {"camera", "lookat", "pose"})
+        if (given.contains(place)) places.push_back(place);
+    if (places.size() > 1)
+        return fail(Exit::usage, listed(places, " and ") +
+                                     " each say where the sensor stands: give one of them");
+    if (kind == hemisphere && !given.contains("points"))
+        return fail(Exit::usage, "hemisphere needs points=FILE.npy");
     wire::GeneratorT& message = to.message;
-    const bool points = message.kind == "hemisphere";
-    if (points != given.contains("points"))
-        return fail(Exit::usage,
-                    points ? "hemisphere needs points=FILE.npy"
-                           : "points= is for hemisphere; " + message.kind + " makes its own");
-    if (!given.contains("size") && message.kind != "lidar" && !points) {
+    if ((kind & images) != 0 && !given.contains("size")) {
         message.width = 960;
         message.height = 540;
     }
@@ -212,36 +267,42 @@ Result<void> complete(Generate& to, const std::set<std::string, std::less<>>& gi
 
 Result<Generate> parse_generate(std::span<const std::string> words) {
     if (words.empty()) return fail(Exit::usage, "--generate needs a kind");
+    const unsigned kind = kind_of(words.front());
+    if (kind == 0)
+        return fail(Exit::usage, "there is no generator '" + words.front() + "'; there are " +
+                                     listed(kind_names, ", "));
     Generate generate;
     generate.message.kind = words.front();
-    std::set<std::string, std::less<>> given;
+    Given given;
     for (const std::string& word : words.subspan(1)) {
         const std::size_t equals = word.find('=');
         const std::string name = word.substr(0, equals);
-        const auto* key = std::find_if(keys.begin(), keys.end(),
-                                       [&](const Key& each) { return each.name == name; });
-        if (equals == std::string::npos || key == keys.end()) {
-            std::string known;
-            for (const Key& each : keys)
-                known += (known.empty() ? "" : ", ") + std::string(each.name);
-            return fail(Exit::usage,
-                        "'" + word + "' is not key=value of a generator; keys are " + known);
-        }
+        if (equals == std::string::npos)
+            return fail(Exit::usage, "'" + word + "' is not key=value");
+        const auto* key = std::find_if(keys.begin(), keys.end(), [&](const Key& each) {
+            return each.name == name && (each.kinds & kind) != 0;
+        });
+        if (key == keys.end())
+            return fail(Exit::usage, name + " is no key of " + words.front() + "; its keys are " +
+                                         listed(keys_of(kind), ", "));
         if (!given.insert(name).second) return fail(Exit::usage, name + " is given twice");
         if (auto read = key->read(generate, word.substr(equals + 1)); !read)
             return fail(Exit::usage, name + ": " + read.error().message);
     }
-    if (auto whole = complete(generate, given); !whole)
+    if (auto whole = complete(generate, kind, given); !whole)
         return tl::unexpected<Failure>(whole.error());
     return generate;
 }
 
 std::string generate_help() {
     std::string help = "\nKeys of --generate:\n";
-    for (const Key& key : keys)
-        help += "  " + std::string(key.name) + "=" +
-                std::string(18 - std::min<std::size_t>(17, key.name.size()), ' ') +
-                std::string(key.text) + "\n";
+    for (const Key& key : keys) {
+        help += "  " + std::string(key.name) + "=" + std::string(18 - key.name.size(), ' ');
+        if (std::has_single_bit(key.kinds))
+            help += std::string(kind_names[static_cast<std::size_t>(std::countr_zero(key.kinds))]) +
+                    ": ";
+        help += std::string(key.text) + "\n";
+    }
     return help;
 }
 

@@ -14,7 +14,8 @@ struct Generate {
     std::string points;  ///< file of the points of a hemisphere
 };
 
-/// Reads the words behind --generate; exit code 2 names a key that is wrong, and those there are.
+/// Reads the words behind --generate; exit code 2 names a key that is wrong, or not one of its
+/// kind, and those there are.
 Result<Generate> parse_generate(std::span<const std::string> words);
 
 /// Every key with its text, for the help.

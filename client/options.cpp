@@ -325,8 +325,9 @@ void declare(CLI::App& app, LoadTestOptions& load_test) {
                "a number of seconds from 0.1 to 86400",
                "against the daemon, and as long against each control (5)");
     add_number(app, "--rate", load_test.rate, 0.1, 1.0e7, "a number from 0.1 to 10000000",
-               "requests per second of all clients, sent when they are due, late answers or not "
-               "(else each client sends when it has its answer)");
+               "requests per second of all clients, timed from when they are due; a client that "
+               "waits for an answer sends late, and what is still late after 5 s is MISSED (else "
+               "each client sends when it has its answer)");
 }
 
 /// The subcommands: a name, an example to type, a line of text, and the options that declare()

@@ -98,7 +98,9 @@ std::vector<QueryRows::Column> QueryRows::columns_of(const QueryChunk& chunk) co
 Result<void> QueryRows::print(const QueryChunk& chunk) {
     const BlockView* hit = protocol::find_block(chunk.columns, "hit");
     if (!has_splits(kind_) && (hit == nullptr || hit->dtype != wire::Dtype::u8))
-        return fail(Exit::failed, "the daemon sent no column 'hit'");
+        return fail(Exit::usage,
+                    "the answer has no column 'hit', by which rows tell misses; write its columns "
+                    "with -o FILE.npz");
     const std::vector<Column> columns = columns_of(chunk);
     for (std::uint32_t ray = 0; ray < chunk.count; ++ray) {
         if (json_)

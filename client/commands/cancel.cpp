@@ -11,10 +11,15 @@ Result<void> run(Context& context, const CancelOptions& options) {
     request.job = options.job;
     const auto info = ask<wire::JobInfo>(context.connection, request);
     if (!info) return tl::unexpected<Failure>(info.error());
-    if (context.json)
-        print_json(job_json(*info->message.table));
-    else
-        std::cout << "cancelled " << job_text(*info->message.table) << '\n';
+    if (context.json) {
+        // What the daemon kept until now it keeps no longer.
+        Json job = job_json(*info->message.table);
+        job["bytes"] = 0;
+        job["left_seconds"] = nullptr;
+        print_json(job);
+        return {};
+    }
+    std::cout << "cancelled " << job_text(*info->message.table) << '\n';
     return {};
 }
 

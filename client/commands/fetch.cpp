@@ -7,9 +7,8 @@
 namespace raynest::client {
 namespace {
 
-/// The file must be what was asked for: the daemon has encoded it already.
-Result<void> check_ending(const std::string& output, const ReceivedPicture& picture) {
-    const std::string ending = "." + (picture.encode == "raw" ? "npy" : picture.encode);
+/// The file must be what the job has made.
+Result<void> check_ending(const std::string& output, const std::string& ending) {
     if (output.ends_with(ending)) return {};
     return fail(Exit::usage, "the job made a FILE" + ending + ", not '" + output + "'");
 }
@@ -23,12 +22,15 @@ Result<void> run(Context& context, const FetchOptions& options) {
     wire::FetchT request;
     request.job = options.job;
 
-    if (kind == "query")
+    if (kind == "query") {
+        if (!options.output.empty())
+            if (auto fits = check_ending(options.output, ".npz"); !fits) return fits;
         return deliver_query(
             context, options.output, std::string(protocol::text(job->info->detail())), {},
             [&](const ChunkConsumer& consume) {
                 return fetch_query(context.connection, request, context.progress, consume);
             });
+    }
 
     if (options.output.empty())
         return fail(Exit::usage, job_text(*job->info) + " is a picture: pass -o FILE");
@@ -37,7 +39,8 @@ Result<void> run(Context& context, const FetchOptions& options) {
     auto picture = receive_picture(context.connection, context.progress);
     context.progress.clear();
     if (!picture) return tl::unexpected<Failure>(picture.error());
-    if (auto fits = check_ending(options.output, *picture); !fits) return fits;
+    const std::string ending = "." + (picture->encode == "raw" ? "npy" : picture->encode);
+    if (auto fits = check_ending(options.output, ending); !fits) return fits;
     if (kind == "render") return deliver_render(context, options.output, *picture);
     return deliver_heatmap(context, options.output, std::move(*picture));
 }

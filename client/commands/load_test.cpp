@@ -102,32 +102,53 @@ double per_second(std::uint64_t count, const LoadTally& tally) {
 
 Json side_json(const Side& side, std::uint32_t rays) {
     const Latencies& latencies = side.tally.latencies;
-    return Json{{"requests", latencies.count()},
+    const std::uint64_t answered = side.tally.answered();
+    return Json{{"requests", answered},
                 {"refused", side.tally.refused},
+                {"missed", side.tally.missed},
                 {"p50_us", latencies.percentile_us(0.5)},
                 {"p99_us", latencies.percentile_us(0.99)},
                 {"p999_us", latencies.percentile_us(0.999)},
                 {"max_us", latencies.max_us()},
-                {"requests_per_second", per_second(latencies.count(), side.tally)},
-                {"rays_per_second", per_second(latencies.count() * rays, side.tally)},
+                {"requests_per_second", per_second(answered, side.tally)},
+                {"rays_per_second", per_second(answered * rays, side.tally)},
                 {"bytes_per_second", per_second(side.tally.bytes, side.tally)}};
 }
 
-std::vector<std::string> side_row(const Side& side, std::uint32_t rays) {
+/// The column MISSED is of an open loop only.
+std::vector<std::string> side_row(const Side& side, const LoadTestOptions& options) {
     const Latencies& latencies = side.tally.latencies;
+    const std::uint64_t answered = side.tally.answered();
     const auto number = [](double value, int digits) {
         std::array<char, 32> text{};
         std::snprintf(text.data(), text.size(), "%.*f", digits, value);
         return std::string(text.data());
     };
-    return {side.name,
-            number(latencies.percentile_us(0.5), 1),
-            number(latencies.percentile_us(0.99), 1),
-            number(latencies.percentile_us(0.999), 1),
-            number(per_second(latencies.count(), side.tally), 0),
-            number(per_second(latencies.count() * rays, side.tally), 0),
-            number(per_second(side.tally.bytes, side.tally) / 1e6, 1),
-            std::to_string(side.tally.refused)};
+    std::vector<std::string> row = {side.name,
+                                    number(latencies.percentile_us(0.5), 1),
+                                    number(latencies.percentile_us(0.99), 1),
+                                    number(latencies.percentile_us(0.999), 1),
+                                    number(per_second(answered, side.tally), 0),
+                                    number(per_second(answered * options.rays, side.tally), 0),
+                                    number(per_second(side.tally.bytes, side.tally) / 1e6, 1),
+                                    std::to_string(side.tally.refused)};
+    if (options.rate > 0) row.push_back(std::to_string(side.tally.missed));
+    return row;
+}
+
+/// The daemon beside the echo; where one of them could not keep up with the rate, by how much:
+/// times of an overloaded server say only how long it was overloaded.
+std::string verdict(const Side& daemon, const Side& echo, double ratio, double rate) {
+    std::array<char, 160> line{};
+    const Side& slow = daemon.tally.missed != 0 ? daemon : echo;
+    const double most = per_second(slow.tally.answered(), slow.tally);
+    if (slow.tally.missed == 0)
+        std::snprintf(line.data(), line.size(), "p50 is %.2f times that of the Asio echo", ratio);
+    else
+        std::snprintf(line.data(), line.size(),
+                      "%s answered %.0f of %g requests per second: lower --rate, or add --clients",
+                      slow.name, most, rate);
+    return line.data();
 }
 
 }  // namespace
@@ -154,13 +175,13 @@ Result<void> run(Context& context, const LoadTestOptions& options) {
 
     std::vector<Side> sides;
     sides.push_back({"raynestd", "daemon", Driver(sockets, spans), {}});
-    // The first turn warms up, and shows what the controls have to answer.
-    const auto turn = [&](Side& side, double seconds) {
+    const auto turn = [](Side& side, double seconds, double rate) {
         return side.driver.run(std::chrono::duration_cast<std::chrono::nanoseconds>(
                                    std::chrono::duration<double>(seconds)),
-                               options.rate, side.tally);
+                               rate, side.tally);
     };
-    if (auto warm = turn(sides[0], std::min(turn_seconds, options.seconds)); !warm) return warm;
+    // The first turn warms up, and shows what the controls have to answer.
+    if (auto warm = turn(sides[0], std::min(turn_seconds, options.seconds), 0); !warm) return warm;
     if (sides[0].tally.latencies.count() == 0 && sides[0].tally.refusal)
         return tl::unexpected<Failure>(*sides[0].tally.refusal);
     sides[0].tally = {};
@@ -181,7 +202,7 @@ Result<void> run(Context& context, const LoadTestOptions& options) {
     const double turns = std::ceil(options.seconds / turn_seconds);
     for (double i = 0; i < turns; ++i) {
         for (Side& side : sides)
-            if (auto done = turn(side, options.seconds / turns); !done) return done;
+            if (auto done = turn(side, options.seconds / turns, options.rate); !done) return done;
         context.progress.update(static_cast<std::uint64_t>(i + 1),
                                 static_cast<std::uint64_t>(turns), "measuring");
     }
@@ -200,19 +221,18 @@ Result<void> run(Context& context, const LoadTestOptions& options) {
                   {"request_bytes", script.request_bytes},
                   {"reply_bytes", script.reply.size()}};
         for (const Side& side : sides) json[side.key] = side_json(side, options.rays);
-        json["ratio_to_asio_echo"] = ratio;
+        const bool kept_up = sides[0].tally.missed == 0 && sides[1].tally.missed == 0;
+        json["ratio_to_asio_echo"] = kept_up ? Json(ratio) : Json(nullptr);
         print_json(json);
         return {};
     }
     std::vector<std::vector<std::string>> rows = {
         {"", "P50_US", "P99_US", "P99.9_US", "REQUESTS/S", "RAYS/S", "MB/S", "REFUSED"}};
-    for (const Side& side : sides) rows.push_back(side_row(side, options.rays));
+    if (options.rate > 0) rows[0].emplace_back("MISSED");
+    for (const Side& side : sides) rows.push_back(side_row(side, options));
     print_table(rows);
-    std::array<char, 160> line{};
-    std::snprintf(line.data(), line.size(),
-                  "%zu bytes to ask, %zu to answer; p50 is %.2f times that of the Asio echo",
-                  script.request_bytes, script.reply.size(), ratio);
-    std::cout << line.data() << '\n';
+    std::cout << script.request_bytes << " bytes to ask, " << script.reply.size() << " to answer; "
+              << verdict(sides[0], sides[1], ratio, options.rate) << '\n';
     return {};
 }
 

@@ -1,8 +1,10 @@
 // raynest wait ID: until a detached job has ended.
 #include "client/commands/commands.h"
+#include "client/interrupt.h"
 #include "client/jobs.h"
 
 #include <iostream>
+#include <string>
 
 namespace raynest::client {
 
@@ -12,6 +14,11 @@ Result<void> run(Context& context, const WaitOptions& options) {
     if (auto started = context.connection.start(request); !started) return started;
     while (true) {
         auto frame = context.connection.next();
+        if (!frame && interrupted()) {
+            const std::string number = std::to_string(options.job);
+            return fail(Exit::interrupted, "interrupted; job " + number +
+                                               " goes on, unless you: raynest cancel " + number);
+        }
         if (!frame) return tl::unexpected<Failure>(frame.error());
         if (is<wire::Progress>(*frame)) {
             const auto news = protocol::open<wire::Progress>(*frame);

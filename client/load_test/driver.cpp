@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <string>
 
@@ -49,6 +50,7 @@ Driver::Driver(std::vector<int> sockets, std::vector<std::span<const std::byte>>
     clients_.reserve(sockets.size());
     for (std::size_t i = 0; i < sockets.size(); ++i) {
         Client& client = clients_.emplace_back(sockets[i], requests[i]);
+        client.phase = static_cast<double>(i) / static_cast<double>(sockets.size());
         epoll_event event{};
         event.events = EPOLLIN;
         event.data.u64 = i;
@@ -63,15 +65,23 @@ Result<void> Driver::run(std::chrono::nanoseconds time, double rate, LoadTally& 
     if (rate > 0)
         interval_ = std::chrono::duration_cast<Clock::duration>(
             std::chrono::duration<double>(static_cast<double>(clients_.size()) / rate));
-    for (std::size_t i = 0; i < clients_.size(); ++i)
-        clients_[i].due = begin + interval_ * i / clients_.size();
+    cut_ = open_loop() ? end_ + overtime_ : end_;
 
-    for (Clock::time_point now = begin; now < end_ || under_way_ != 0; now = Clock::now()) {
+    unfinished_ = clients_.size();
+    for (Client& client : clients_) {
+        client.due = begin + std::chrono::duration_cast<Clock::duration>(client.phase * interval_);
+        client.finished = false;
+        if (client.due >= end_) finish(client);
+    }
+    for (Clock::time_point now = begin; unfinished_ != 0; now = Clock::now()) {
         if (interrupted()) return fail(Exit::interrupted, "interrupted");
-        if (now > end_ + patience)
+        if (now > cut_ + patience)
             return fail(Exit::failed,
                         "an answer did not come within " + std::to_string(patience.count()) + " s");
-        if (auto started = start_due(now, tally); !started) return started;
+        if (open_loop() && now >= cut_)
+            give_up(now, tally);
+        else if (auto started = start_due(now, tally); !started)
+            return started;
         if (auto taken = take_events(now, tally); !taken) return taken;
     }
     tally.time += Clock::now() - begin;
@@ -79,17 +89,38 @@ Result<void> Driver::run(std::chrono::nanoseconds time, double rate, LoadTally& 
 }
 
 Result<void> Driver::start_due(Clock::time_point now, LoadTally& tally) {
-    if (now >= end_) return {};
     for (Client& client : clients_)
-        if (!client.waiting && client.due <= now && client.due < end_)
+        if (!client.waiting && !client.finished && client.due <= now)
             if (auto started = start(client, tally); !started) return started;
     return {};
+}
+
+void Driver::finish(Client& client) {
+    client.finished = true;
+    --unfinished_;
+    if (!open_loop()) return;
+    const std::chrono::duration<double> ahead = client.due - end_;
+    client.phase = std::fmod(ahead / std::chrono::duration<double>(interval_), 1.0);
+}
+
+void Driver::give_up(Clock::time_point now, LoadTally& tally) {
+    bool late = false;
+    for (Client& client : clients_) {
+        if (client.waiting || client.finished) continue;
+        for (; client.due <= now; client.due += interval_) {
+            ++tally.missed;
+            tally.latencies.add(now - client.due);
+            late = true;
+        }
+        finish(client);
+    }
+    // A server that cannot keep up will not in the next turn either.
+    if (late) overtime_ /= 2;
 }
 
 Result<void> Driver::start(Client& client, LoadTally& tally) {
     client.waiting = true;
     client.unsent = client.request.size();
-    ++under_way_;
     tally.bytes += client.request.size();
     return send_rest(client);
 }
@@ -116,10 +147,10 @@ Result<void> Driver::send_rest(Client& client) {
 
 Result<void> Driver::take_events(Clock::time_point now, LoadTally& tally) {
     // In an open loop the next request may be due before an answer comes.
-    Clock::time_point until = now < end_ ? end_ : now + nap_max;
-    if (interval_.count() != 0 && now < end_)
+    Clock::time_point until = now + nap_max;
+    if (open_loop())
         for (const Client& client : clients_)
-            if (!client.waiting) until = std::min(until, client.due);
+            if (!client.waiting && !client.finished) until = std::min(until, client.due);
     const auto nap = std::clamp<Clock::duration>(until - now, Clock::duration(0), nap_max);
     const std::timespec timeout{0, std::chrono::nanoseconds(nap).count()};
     pollfd ready{events_.number(), POLLIN, 0};
@@ -159,19 +190,17 @@ Result<void> Driver::receive(Client& client, LoadTally& tally) {
         const protocol::Frame frame = client.decoder.take();
         if (!client.waiting || !is_end(frame)) continue;
         if (&client == clients_.data()) sample_complete_ = true;
-        ended(client, frame, tally);
         const Clock::time_point now = Clock::now();
-        const bool more = interval_.count() == 0 ? now < end_ : client.due <= now;
-        if (more && now < end_)
+        ended(client, frame, now, tally);
+        if (!client.finished && client.due <= now && now < cut_)
             if (auto started = start(client, tally); !started) return started;
     }
     return {};
 }
 
-void Driver::ended(Client& client, const protocol::Frame& last, LoadTally& tally) {
-    const Clock::time_point now = Clock::now();
+void Driver::ended(Client& client, const protocol::Frame& last, Clock::time_point now,
+                   LoadTally& tally) {
     client.waiting = false;
-    --under_way_;
     if (const auto error = protocol::open<wire::Error>(last)) {
         ++tally.refused;
         tally.refusal =
@@ -180,7 +209,9 @@ void Driver::ended(Client& client, const protocol::Frame& last, LoadTally& tally
     } else {
         tally.latencies.add(now - client.due);
     }
-    client.due = interval_.count() == 0 ? now : client.due + interval_;
+    client.due = open_loop() ? client.due + interval_ : now;
+    // Of an open loop what is due by now is sent, late.
+    if (client.due >= end_ && (client.due > now || !open_loop())) finish(client);
 }
 
 }  // namespace raynest::client

@@ -113,7 +113,9 @@ class Detach(DaemonTest):
         self.expect(0, "cancel", str(mine[0]["job"]))
         attached.communicate(timeout=PATIENCE)
         self.assertEqual(attached.returncode, 130)
-        self.expect(0, "cancel", kept)
+        cancelled = self.client.json("cancel", kept)
+        self.assertEqual((cancelled["state"], cancelled["bytes"], cancelled["left_seconds"]),
+                         ("cancelled", 0, None))
         self.assertNotIn(kept, self.listed())
 
     def test_jobs_belong_to_who_asked(self):
@@ -155,8 +157,9 @@ class Detach(DaemonTest):
                time.monotonic() < end):
             pass
         waiting.send_signal(signal.SIGINT)
-        waiting.communicate(timeout=PATIENCE)
+        _, errors = waiting.communicate(timeout=PATIENCE)
         self.assertEqual(waiting.returncode, 130)
+        self.assertIn(f"job {job} goes on", errors)
         self.assertEqual(self.listed()[job]["state"], "running")
         self.expect(0, "cancel", job)
 
@@ -167,6 +170,15 @@ class Detach(DaemonTest):
         self.client.json("wait", job)
         self.expect(2, "fetch", job, says="-o FILE")
         self.expect(2, "fetch", job, "-o", self.out / "wrong.png", says=".exr")
+        query = self.detach("query", "woods", "--ray", DOWN, "--fields", "t", "-o", "x.npz")
+        self.client.json("wait", query)
+        for ending in ("png", "npy", "exr"):
+            wrong = self.out / f"query.{ending}"
+            self.expect(2, "fetch", query, "-o", wrong, says=f"FILE.npz, not '{wrong}'")
+            self.assertFalse(wrong.exists())
+        # Rows tell misses by a column that this job was not asked for.
+        self.expect(2, "fetch", query, says="-o FILE.npz")
+        self.expect(0, "fetch", query, "-o", self.out / "right.npz")
 
     def test_more_than_one_principal_may_keep_is_refused_before_it_runs(self):
         self.expect(6, "render", "woods", "--size", "8192x8192", "--detach",

@@ -171,16 +171,18 @@ class Generators(DaemonTest):
 
     def test_what_a_generator_lacks_is_said(self):
         for generator, says in (
-                (["fisheye"], "use one of camera, pinhole"),
+                (["fisheye"], "there are camera, pinhole"),
                 (["pinhole", SIZE], "needs fx and fy above 0"),
                 (["orthographic", SIZE], "needs window_width"),
                 (["lidar", "azimuths=0:360:100"], "needs elevations"),
                 (["camera", "camera=unheard"], "unheard"),
-                (["camera", "size=0x5"], "width and height"),
+                (["camera", "size=0x5"], "from 1 to 16384"),
                 (["camera", "range=5:1"], "tmin <= tmax"),
                 (["camera", "size=5"], "'5' is not WIDTHxHEIGHT"),
                 (["camera", "fov=181"], "fov_degrees"),
-                (["pinhole", "focal=5"], "keys are size"),
+                (["pinhole", "focal=5"], "its keys are size"),
+                (["pinhole", "fx=9", "fov=50"], "fov is no key of pinhole"),
+                (["equirectangular", "lookat=1,2,3,4,5,6", "camera=0"], "give one of them"),
                 (["lidar", "elevations=0,1", "azimuth_offsets=1", "azimuths=0:1:1"],
                  "as many as elevations"),
                 (["hemisphere"], "needs points"),

@@ -5,10 +5,13 @@
 
 Rates and times are whatever this machine gives; only counts and orders are asserted.
 """
+import json
+import signal
 import sys
+import time
 import unittest
 
-from daemon import Client, DaemonTest
+from daemon import PATIENCE, Client, Daemon, DaemonTest
 
 
 class LoadTest(DaemonTest):
@@ -21,7 +24,7 @@ class LoadTest(DaemonTest):
         for side in ("daemon", "asio_echo", "blocking_echo"):
             row = told[side]
             self.assertGreater(row["requests"], 0, side)
-            self.assertEqual(row["refused"], 0, side)
+            self.assertEqual((row["refused"], row["missed"]), (0, 0), side)
             self.assertTrue(0 < row["p50_us"] <= row["p99_us"] <= row["p999_us"] <=
                             row["max_us"], row)
             self.assertAlmostEqual(row["rays_per_second"] / row["requests_per_second"],
@@ -51,6 +54,48 @@ class LoadTest(DaemonTest):
         self.check(told)
         for side in ("daemon", "asio_echo", "blocking_echo"):
             self.assertTrue(90 <= told[side]["requests"] <= 101, told[side])
+
+    def test_a_low_rate_holds_from_turn_to_turn(self):
+        told = self.client.json("load-test", "hills", "--clients", "2", "--rate", "1",
+                                "--seconds", "3")
+        for side in ("daemon", "asio_echo", "blocking_echo"):
+            self.assertTrue(2 <= told[side]["requests"] <= 4, told[side])
+
+    def test_a_daemon_that_freezes_is_seen_to_be_late_for_all_that_was_due(self):
+        daemon = Daemon(self.raynestd)
+        self.addCleanup(daemon.stop)
+        client = Client(self.raynest, daemon.uri)
+        client.json("load", "builtin:terrain?size=32", "--name", "hills")
+        testing = client.start("--json", "load-test", "hills", "--clients", "2", "--rate", "200",
+                               "--seconds", "3")
+        # Until the turns of the controls, a second long, after which the daemon's own is frozen.
+        jobs, seen = 0, -1
+        end = time.monotonic() + PATIENCE
+        while (jobs == 0 or jobs != seen) and time.monotonic() < end:
+            seen = jobs
+            time.sleep(0.1)
+            jobs = client.json("stats")["jobs_started"]
+        daemon.process.send_signal(signal.SIGSTOP)
+        time.sleep(2)
+        daemon.process.send_signal(signal.SIGCONT)
+        output, errors = testing.communicate(timeout=PATIENCE)
+        self.assertEqual(testing.returncode, 0, errors)
+        told = json.loads(output)["daemon"]
+        self.assertGreater(told["p99_us"], 500_000)
+        self.assertGreaterEqual(told["requests"], 590)
+        self.assertEqual(told["missed"], 0)
+
+    def test_a_rate_out_of_reach_is_told(self):
+        done = self.client.run("load-test", "hills", "--rate", "10000000", "--seconds", "0.1",
+                               timeout=2 * PATIENCE)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        title, *sides, verdict = done.stdout.splitlines()
+        self.assertEqual(title.split()[-1], "MISSED")
+        for side in sides:
+            p50, *_, missed = side.split()[-8:]
+            self.assertGreater(float(p50), 1e6, side)  # late by seconds, as long as it went on
+            self.assertGreater(int(missed), 10_000_000, side)
+        self.assertRegex(verdict, r"; raynestd answered \d+ of 1e\+07 requests per second: lower")
 
     def test_over_a_unix_socket_and_with_other_kinds(self):
         client = Client(self.raynest, self.socket)

@@ -180,6 +180,37 @@ class Errors(WithDaemon):
             self.woods.trace(rain(1_000_000), fields=("unheard",))
         self.assertEqual(len(self.woods.trace(ray)["t"]), 1)
 
+    def test_arguments_out_of_range_are_named_and_nothing_is_sent(self):
+        ray, sent = rain(1), self.client.stats()["frames_received"]
+        for says, call in (
+                ("mask of -1: .* from 0 to 4294967295", lambda: self.woods.trace(ray, mask=-1)),
+                ("mask of 4294967296", lambda: self.woods.trace(ray, mask=2**32)),
+                ("epoch of -1", lambda: self.woods.trace(ray, epoch=-1)),
+                ("epoch of 1.5", lambda: self.woods.path_of(1, epoch=1.5)),
+                ("max_hits of 2.5", lambda: self.woods.trace(ray, kind="multi", max_hits=2.5)),
+                ("max_hits of -5", lambda: self.woods.trace(ray, kind="multi", max_hits=-5)),
+                ("max_hits of 0", lambda: self.woods.trace(ray, kind="multi", max_hits=0)),
+                ("max_hits of 1099511627776: .* from 1 to 65536",
+                 lambda: self.woods.trace(ray, kind="all", max_hits=1 << 40)),
+                ("priority of 3: it must be a text", lambda: self.woods.trace(ray, priority=3)),
+                (r"fields of \[1\]: it must be a list", lambda: self.woods.trace(ray, fields=(1,))),
+                ("Query of .* bytes", lambda: self.woods.trace(ray, fields=("t" * 99,) * 999)),
+                ("deadline of -1", lambda: self.woods.trace(ray, deadline=-1)),
+                ("deadline of inf", lambda: raynest.Job(self.client, 1).wait(deadline=np.inf)),
+                ("samples of -1", lambda: self.woods.render(samples=-1)),
+                ("seed of -1: .* to 18446744073709551615", lambda: self.woods.render(seed=-1)),
+                ("fov_degrees of 1e", lambda: self.woods.render(fov=1e300)),
+                ("eye of ", lambda: self.woods.render(look_at=([1e300, 0, 0], [0, 0, 0]))),
+                ("a side of size of 2.5", lambda: self.woods.heatmap(size=(2.5, 3))),
+                ("width, height", lambda: self.woods.heatmap(size=5)),
+                ("job of -1", lambda: self.client.job(-1).fetch()),
+                ("name of 3", lambda: self.client.load("builtin:forest", 3)),
+                ("scene of 3", lambda: self.client.scene(3))):
+            with self.assertRaisesRegex(raynest.UsageError, says):
+                call()
+        self.assertEqual(self.client.stats()["frames_received"], sent + 1)
+        self.assertEqual(len(self.woods.trace(ray)["t"]), 1)
+
     def test_servers_that_are_none(self):
         for uri in ("127.0.0.1:31060", "tcp://127.0.0.1", "tcp://127.0.0.1:0",
                     "tcp://127.0.0.1:65536"):

@@ -164,7 +164,15 @@ class Generators(WithDaemon):
                 ("origin_offsets", lambda: generators.lidar([0], origin_offsets=[1])),
                 ("samples", lambda: generators.hemisphere([0, 0, 0], [0, 0, 1], samples=0)),
                 ("shape", lambda: generators.hemisphere(np.zeros((2, 3)), np.zeros((3, 3)))),
-                ("picture_side_max", lambda: generators.equirectangular(size=(0, 5)))):
+                ("a side of size of 0: .* from 1 to 16384",
+                 lambda: generators.equirectangular(size=(0, 5))),
+                ("picture_pixels_max", lambda: generators.camera(size=(16384, 16384))),
+                ("pose and look_at", lambda: generators.lidar([0], pose=POSE, look_at=(
+                    [0, 0, 0], [0, 0, 1]))),
+                ("camera and look_at", lambda: generators.camera(camera=1, look_at=(
+                    [0, 0, 0], [0, 0, 1]))),
+                ("camera and look_at", lambda: self.woods.render(camera=1, look_at=(
+                    [0, 0, 0], [0, 0, 1])))):
             with self.assertRaisesRegex(raynest.UsageError, says):
                 call()
         with self.assertRaisesRegex(TypeError, "there are pose, camera"):

@@ -229,6 +229,32 @@ class Trimesh(unittest.TestCase):
         tri, _ = rays.intersects_id([[0.0, 0, -5]], [[0.0, 0, 1]], max_hits=7)
         self.assertEqual((tri // 2).tolist(), list(range(7)))
 
+    def layers(self, count):
+        """Triangles one above the other, at z = 0, 1, ..."""
+        corners = np.array([[-9.0, -9, 0], [9, -9, 0], [0, 9, 0]])
+        vertices = corners + np.arange(count)[:, None, None] * [0, 0, 1]
+        return self.rays(Mesh(vertices.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)))
+
+    def test_crossings_are_as_many_as_asked_for_or_an_error(self):
+        rays, up = self.layers(600), ([[0.0, 0, -5]], [[0.0, 0, 1]])
+        for asked in (2, 256, 257, 600, 1000, 10**6):
+            tri, _ = rays.intersects_id(*up, max_hits=asked)
+            self.assertEqual(tri.tolist(), list(range(min(asked, 600))))
+        self.assertEqual(len(rays.intersects_location(*up)[0]), 20)
+        many = self.layers(65537)
+        self.assertEqual(len(many.intersects_id(*up, max_hits=65536)[0]), 65536)
+        with self.assertRaisesRegex(raynest.InvalidError, "ray 0 has more than 65536 hits"):
+            many.intersects_id(*up, max_hits=65537)
+        self.assertEqual(many.intersects_first(*up).tolist(), [0])
+
+    def test_points_within_hundreds_of_nested_boxes(self):
+        for count in (255, 256, 257, 400):
+            boxes = [box(2 + 0.02 * i) for i in range(count)]
+            nested = Mesh(np.concatenate([each.vertices for each in boxes]),
+                          np.concatenate([each.faces + 8 * i for i, each in enumerate(boxes)]))
+            self.assertEqual(self.rays(nested).contains_points([[0, 0, 0.1], [9, 9, 9]]).tolist(),
+                             [count % 2 == 1, False], count)
+
     def test_far_away_and_tiny_meshes_are_as_good(self):
         for scale, shift in ((1e-6, 0), (1e6, 0), (1, 1e6), (1e-3, 1e3)):
             mesh = ball()
@@ -246,6 +272,17 @@ class Trimesh(unittest.TestCase):
         self.assertEqual(rays.intersects_location(*ray)[0][0].tolist(), [0, 0, 1])
         mesh.vertices *= 2
         self.assertEqual(rays.intersects_location(*ray)[0][0].tolist(), [0, 0, 2])
+        # Without a hash, or with that of being itself, the contents tell.
+        for kind in (types.SimpleNamespace, type("Plain", (), {})):
+            plain = kind()
+            plain.vertices, plain.faces = box(2).vertices, box(2).faces
+            others = self.rays(plain)
+            self.assertTrue(others.intersects_any(*ray)[0])
+            plain.vertices += [10, 0, 0]
+            self.assertFalse(others.intersects_any(*ray)[0])
+            plain.vertices -= [10, 0, 0]
+            plain.faces = plain.faces[:1].tolist()
+            self.assertFalse(others.intersects_any(*ray)[0])
         # Somebody else unloads it meanwhile.
         for scene in self.client.scenes():
             self.client.scene(scene["name"]).unload()

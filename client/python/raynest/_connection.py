@@ -107,9 +107,9 @@ class Connection:
                     raise errors.ConnectError(f"the connection to {self.uri} is closed; "
                                               "connect again")
                 self._id += 1
+                self.queue(name, message)  # or it cannot be said, and nothing has begun
                 self._begin(deadline + GRACE_SECONDS if deadline else 0.0)
                 self.credit = self.daemon.window_bytes
-                self.queue(name, message)
             while self._running:
                 with self.interrupts:
                     feed()

@@ -16,12 +16,13 @@ from __future__ import annotations
 
 import functools
 import re
+import reprlib
 import struct
 from typing import Any, Mapping
 
 from . import _limits
 from ._schema import SCALARS, SCHEMA, Field
-from .errors import ProtocolError
+from .errors import ProtocolError, UsageError
 
 Message = dict[str, Any]
 
@@ -31,9 +32,14 @@ _OFFSET = "<I"
 # ---- writing ------------------------------------------------------------------------------------
 
 def encode(name: str, values: Mapping[str, Any]) -> bytes:
-    """The table `name` with these fields; others are absent. Structs are tuples, tables dicts."""
+    """The table `name` with these fields; others are absent. Structs are tuples, tables dicts. What
+    does not fit its field is a UsageError that names it: most fields are called as the argument of
+    the user that they came from."""
     out = bytearray(4)
     struct.pack_into("<I", out, 0, _write_table(out, name, values))
+    if len(out) > _limits.control_bytes_max:
+        raise UsageError(f"a {name} of {len(out)} bytes: it may have {_limits.control_bytes_max}; "
+                         "pass shorter texts and lists")
     return bytes(out)
 
 
@@ -58,13 +64,31 @@ def _write_table(out: bytearray, name: str, values: Mapping[str, Any]) -> int:
     out += struct.pack("<i", len(vtable)) + bytes(end - 4)
     for slot, field, form in present:
         place, value = at + offsets[slot], values[field.name]
-        if field.type in SCHEMA.structs and not field.many:
-            struct.pack_into(form, out, place, *value)
-        else:
-            inline = field.type in SCALARS and not field.many
-            struct.pack_into(form, out, place,
-                             value if inline else _write_outside(out, field, value) - place)
+        try:
+            if field.type in SCHEMA.structs and not field.many:
+                struct.pack_into(form, out, place, *value)
+            else:
+                inline = field.type in SCALARS and not field.many
+                struct.pack_into(form, out, place,
+                                 value if inline else _write_outside(out, field, value) - place)
+        except UsageError:  # of a table within
+            raise
+        except (struct.error, AttributeError, OverflowError, TypeError, ValueError):
+            raise UsageError(f"{field.name} of {reprlib.repr(value)}: it must be "
+                             f"{_wanted(field)}") from None
     return at
+
+
+def _wanted(field: Field) -> str:
+    letter = SCALARS.get(field.type, "")
+    if letter in ("f", "d"):
+        item = "a number of 32 bits" if letter == "f" else "a number"
+    elif letter:
+        bits = 8 * struct.calcsize(letter)
+        item = f"a whole number from 0 to {2**bits - 1}"
+    else:
+        item = "a text" if field.type == "string" else f"a {field.type}"
+    return f"a list, each item {item}" if field.many else item
 
 
 def _format(field: Field) -> str:

@@ -1,11 +1,10 @@
 """What queries, pictures and heat maps have in common: options that say what runs, and what ran."""
 from __future__ import annotations
 
-import math
 from typing import Any, Callable, Mapping, Optional, TypedDict
 
+from ._arguments import milliseconds
 from ._control import Message
-from .errors import UsageError
 
 # Called with how much is done, of how much, and a word for the stage.
 Progress = Optional[Callable[[int, int, str], object]]
@@ -42,8 +41,5 @@ def job_message(scene: str, options: JobOptions) -> Message:
                         if key not in ("params", "deadline")}
     message["scene"] = scene
     message["settings"] = [f"{key}={value}" for key, value in options.get("params", {}).items()]
-    seconds = options.get("deadline", 0.0)
-    if not 0 <= seconds < 1 << 22:
-        raise UsageError(f"a deadline of {seconds} s makes no sense")
-    message["deadline_ms"] = math.ceil(1000 * seconds)
+    message["deadline_ms"] = milliseconds(options.get("deadline", 0.0))
     return message

@@ -7,6 +7,7 @@ from typing import Any, Optional, Sequence, Union
 import numpy as np
 
 from . import _limits
+from ._arguments import whole
 from ._connection import Connection
 from ._control import Message
 from ._frame import DTYPES, Array, Block
@@ -22,6 +23,8 @@ LEGEND_BYTES_MAX = 4 << 20
 def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]],
                    fov: float) -> Message:
     """`camera` is a name or an index; `look_at` is (eye, at) or (eye, at, up)."""
+    if camera != "" and look_at is not None:
+        raise UsageError("camera and look_at both say where to look from: pass one of them")
     message: Message = {"name": str(camera), "fov_degrees": fov}
     if look_at is not None:
         if len(look_at) not in (2, 3):
@@ -85,9 +88,10 @@ class Picture:
 
 
 def size_message(size: tuple[int, int]) -> Message:
-    width, height = size
-    if not (1 <= width <= _limits.picture_side_max and 1 <= height <= _limits.picture_side_max
-            and width * height <= _limits.picture_pixels_max):
-        raise UsageError(f"a picture of {width}x{height} is over picture_side_max = "
-                         f"{_limits.picture_side_max} or picture_pixels_max")
+    if np.shape(size) != (2,):
+        raise UsageError(f"size of {size!r}: it must be (width, height)")
+    width, height = (whole("a side of size", side, _limits.picture_side_max) for side in size)
+    if width * height > _limits.picture_pixels_max:
+        raise UsageError(f"size of {width}x{height}: it must be at most picture_pixels_max = "
+                         f"{_limits.picture_pixels_max} pixels in all")
     return {"width": width, "height": height}

@@ -12,12 +12,12 @@ formulas are in PROTOCOL.md, 6; the columns `origin` and `direction` tell what t
 from __future__ import annotations
 
 import math
-import operator
 from typing import TYPE_CHECKING, Any, Optional, Sequence, TypedDict, Union
 
 import numpy as np
 
 from . import _limits
+from ._arguments import whole
 from ._control import Message
 from ._frame import Array
 from ._picture import camera_message, size_message
@@ -86,9 +86,10 @@ def pinhole(fx: float, fy: Optional[float] = None, cx: Optional[float] = None,
             **mount: Unpack[Mount]) -> Generator:
     """A calibrated camera: focal lengths and principal point in pixels, by default square pixels
     and the middle. t is depth along the axis."""
-    width, height = size
+    image = size_message(size)
     return _image("pinhole", size, mount, fx=fx, fy=fx if fy is None else fy,
-                  cx=width / 2 if cx is None else cx, cy=height / 2 if cy is None else cy)
+                  cx=image["width"] / 2 if cx is None else cx,
+                  cy=image["height"] / 2 if cy is None else cy)
 
 
 def orthographic(window: tuple[float, float], *, size: tuple[int, int] = (960, 540),
@@ -112,7 +113,7 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
         "kind": "lidar", "elevations": _floats(elevations),
         "azimuth_offsets": _floats(azimuth_offsets), "origin_offsets": _offsets(origin_offsets),
         "azimuth_start": start, "azimuth_stop": stop,
-        "azimuth_count": _whole("azimuths", count, _limits.azimuths_max)}
+        "azimuth_count": whole("azimuths", count, _limits.azimuths_max)}
     channels = len(message["elevations"])
     if not 0 < channels <= _limits.list_items_max:
         raise UsageError(f"a lidar of {channels} channels: it has 1 to {_limits.list_items_max}; "
@@ -132,8 +133,8 @@ def hemisphere(points: Any, normals: Any, *, samples: int = 64, seed: int = 0, t
     places, ways = pair(points, normals)
     rows = np.empty((len(places), 8), np.result_type(places, ways, np.float32))
     rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7] = places, tmin, ways, tmax
-    message = {"kind": "hemisphere", "seed": _whole("seed", seed, 2**64 - 1, least=0),
-               "samples": _whole("samples", samples, _limits.samples_max)}
+    message = {"kind": "hemisphere", "seed": whole("seed", seed, 2**64 - 1, least=0),
+               "samples": whole("samples", samples, _limits.samples_max)}
     return Generator(message, len(rows) * samples, rows)
 
 
@@ -148,6 +149,10 @@ def _range(mount: Mount) -> Message:
     if unknown:
         raise TypeError(f"a sensor has no option {', '.join(sorted(unknown))}; there are "
                         f"{', '.join(Mount.__annotations__)}")
+    places = [name for name in ("pose", "camera", "look_at") if name in mount]
+    if len(places) > 1:
+        raise UsageError(f"{' and '.join(places)} each say where the sensor stands: pass one of "
+                         "them")
     tmin, tmax = mount.get("tmin", 0.0), mount.get("tmax", math.inf)
     if not 0 <= tmin < tmax:
         raise UsageError(f"tmin {tmin} and tmax {tmax}: it must be 0 <= tmin < tmax")
@@ -176,9 +181,3 @@ def _offsets(value: Any) -> list[tuple[float, ...]]:
     if rows.size and (rows.ndim != 2 or rows.shape[1] != 3):
         raise UsageError(f"origin_offsets of shape {rows.shape}: they must be (C, 3)")
     return [tuple(row) for row in rows.reshape(-1, 3).tolist()]
-
-
-def _whole(what: str, value: int, most: int, least: int = 1) -> int:
-    if not least <= operator.index(value) <= most:
-        raise UsageError(f"{what} of {value}: it must be {least} to {most}")
-    return value

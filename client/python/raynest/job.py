@@ -6,10 +6,10 @@ hour, until cancel(), or until newer answers need the room and it was fetched.
 from __future__ import annotations
 
 import contextlib
-import math
 from typing import TYPE_CHECKING, Any, Iterator
 
 from . import errors
+from ._arguments import milliseconds, whole
 from ._columns import Whole
 from ._connection import Connection
 from ._control import Message
@@ -25,7 +25,7 @@ class Job:
     """Made with `detach`, and by Client.job(), also on another connection of the same owner."""
 
     def __init__(self, client: Client, number: int) -> None:
-        self.number = number
+        self.number = whole("job", number, 2**64 - 1)
         self._client = client
 
     def __repr__(self) -> str:
@@ -44,7 +44,7 @@ class Job:
     def wait(self, *, deadline: float = 0.0, progress: Progress = None) -> Job:
         """Returns itself when it has ended; raises why, if it failed. DeadlineError after
         `deadline` seconds, 0 is none: it, like Ctrl-C, ends the wait and not the job."""
-        message = {"job": self.number, "deadline_ms": math.ceil(1000 * deadline)}
+        message = {"job": self.number, "deadline_ms": milliseconds(deadline)}
         frames = self._client.connection.exchange("Wait", message, deadline)
         info: Message = {}
         with self._client.connection.interrupts, contextlib.closing(frames):
@@ -64,13 +64,13 @@ class Job:
             pixels = picture.receive(client.connection, "Fetch", message, progress)
             client.outcome = picture.outcome
             return pixels
-        answer, whole = Answer(client.connection, "Fetch", message), Whole(None)
-        with client.connection.interrupts, contextlib.closing(answer.chunks(whole.place)) as chunks:
+        answer, rows = Answer(client.connection, "Fetch", message), Whole(None)
+        with client.connection.interrupts, contextlib.closing(answer.chunks(rows.place)) as chunks:
             for _ in chunks:
                 if progress:
                     progress(answer.answered, 0, "fetching")
         client.outcome = answer.outcome
-        return whole.columns()
+        return rows.columns()
 
     def cancel(self) -> None:
         """Ends it, and drops what is kept of it."""

@@ -8,6 +8,8 @@ from typing import (TYPE_CHECKING, Any, Generator, Iterator, Literal, Mapping, O
 
 import numpy as np
 
+from . import _limits
+from ._arguments import whole
 from ._columns import Columns, Whole, anywhere
 from ._control import Message
 from ._frame import Array
@@ -85,14 +87,14 @@ class Scene:
             if source.count == 0:
                 raise UsageError("a detached job needs rays: pass some, or leave detach away")
             return Job(self._client, query.detach())
-        whole = Whole(query.rows)
+        answer = Whole(query.rows)
         with self._client.connection.interrupts, \
-                contextlib.closing(query.chunks(whole.place)) as chunks:
+                contextlib.closing(query.chunks(answer.place)) as chunks:
             for _ in chunks:
                 if progress:
                     progress(query.answered, query.rows or query.answered, "tracing")
         self._client.outcome = query.outcome
-        columns = whole.columns()
+        columns = answer.columns()
         if source.count == 0:
             columns = {name: column[:int(name == "ray_splits")] for name, column in columns.items()}
         return columns
@@ -148,7 +150,8 @@ class Scene:
                 ("t", "prim", "geom", "path", "uv")
         return Query(self._client.connection, {
             "job": job_message(self.name, job), "kind": kind, "fields": list(fields),
-            "max_hits": max_hits or 0, "reduce": reduce}, source)
+            "max_hits": 0 if max_hits is None else whole("max_hits", max_hits, _limits.all_hits_max),
+            "reduce": reduce}, source)
 
     # ---- pictures -------------------------------------------------------------------------------
 

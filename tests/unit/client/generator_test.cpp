@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <string>
+#include <utility>
 #include <vector>
 
 using namespace raynest;
@@ -70,7 +71,7 @@ TEST_CASE("a sensor stands where a camera, a look-at or a pose says") {
     CHECK(look_at.camera->look_at);
     CHECK(look_at.camera->at->z() == 6);
     CHECK(look_at.camera->up->y() == 1);
-    CHECK(parsed({"camera", "pose=1,0,0,0,0,1,0,0,0,0,1,9"}).message.pose.back() == 9);
+    CHECK(parsed({"lidar", "pose=1,0,0,0,0,1,0,0,0,0,1,9"}).message.pose.back() == 9);
 }
 
 TEST_CASE("a hemisphere has points, samples and a seed; nothing else has points") {
@@ -80,36 +81,57 @@ TEST_CASE("a hemisphere has points, samples and a seed; nothing else has points"
     CHECK(generate.message.samples == 9);
     CHECK(generate.message.seed == ~0ULL);
     CHECK(mentions(complaint({"hemisphere"}), "needs points=FILE.npy"));
-    CHECK(mentions(complaint({"camera", "points=p.npy"}), "makes its own"));
+    CHECK(mentions(complaint({"camera", "points=p.npy"}), "points is no key of camera"));
+}
+
+TEST_CASE("a key that its kind has not is refused with those that it has") {
+    CHECK(complaint({"camera", "zoom=2"}) ==
+          "zoom is no key of camera; its keys are size, camera, lookat, fov, range");
+    const std::string pose = "pose=1,0,0,0,0,1,0,0,0,0,1,0";
+    for (const auto& [kind, word] :
+         std::vector<std::pair<std::string, std::string>>{{"camera", pose},
+                                                          {"camera", "fx=5"},
+                                                          {"pinhole", "fov=50"},
+                                                          {"pinhole", "window=1x1"},
+                                                          {"orthographic", "samples=1"},
+                                                          {"equirectangular", "fov=90"},
+                                                          {"lidar", "size=8x8"},
+                                                          {"hemisphere", "range=0:1"},
+                                                          {"hemisphere", "lookat=1,2,3,4,5,6"}}) {
+        const std::string name = word.substr(0, word.find('='));
+        CHECK(
+            mentions(complaint({kind, word}), name + " is no key of " + kind + "; its keys are "));
+    }
+    CHECK(mentions(complaint({"fish"}), "no generator 'fish'; there are camera, pinhole"));
+}
+
+TEST_CASE("a sensor stands at one place") {
+    const std::string pose = "pose=1,0,0,0,0,1,0,0,0,0,1,0", look_at = "lookat=1,2,3,4,5,6";
+    CHECK(mentions(complaint({"lidar", pose, look_at}), "lookat and pose each say where"));
+    CHECK(mentions(complaint({"lidar", "camera=1", pose}), "camera and pose each say where"));
+    CHECK(mentions(complaint({"camera", look_at, "camera=1"}), "camera and lookat each say where"));
 }
 
 TEST_CASE("what is no key, twice there or misshapen is named") {
-    CHECK(mentions(complaint({"camera", "zoom=2"}), "keys are size, camera"));
     CHECK(mentions(complaint({"camera", "size"}), "'size' is not key=value"));
     CHECK(mentions(complaint({"camera", "fov=1", "fov=2"}), "fov is given twice"));
-    for (const char* const bad : {"size=5",
-                                  "size=5x",
-                                  "size=-1x2",
-                                  "size=1x2x3",
-                                  "fov=",
-                                  "fov=1,2",
-                                  "fov=1e99",
-                                  "pose=1,2,3",
-                                  "lookat=1,2,3",
-                                  "window=1",
-                                  "elevations=1:2",
-                                  "elevations=0:1:1",
-                                  "elevations=0:1:513",
-                                  "azimuths=5",
-                                  "azimuths=0:1:x",
-                                  "origin_offsets=1,2",
-                                  "range=1",
-                                  "samples=-1",
-                                  "samples=4294967296",
-                                  "seed=1.5"}) {
-        const std::string message = complaint({"camera", bad});
-        const std::string key = std::string(bad).substr(0, std::string(bad).find('='));
-        CHECK_MESSAGE(message.starts_with(key + ": "), bad << ": " << message);
-    }
+    using Words = std::vector<std::string>;
+    for (const auto& [kind, words] : std::vector<std::pair<std::string, Words>>{
+             {"camera",
+              {"size=5", "size=5x", "size=-1x2", "size=1x2x3", "fov=", "fov=1,2", "fov=1e99",
+               "lookat=1,2,3", "range=1"}},
+             {"pinhole", {"pose=1,2,3", "fx=a"}},
+             {"orthographic", {"window=1"}},
+             {"lidar",
+              {"elevations=1:2", "elevations=0:1:1", "elevations=0:1:513", "azimuths=5",
+               "azimuths=0:1:x", "azimuths=0:1:65537", "origin_offsets=1,2"}},
+             {"hemisphere", {"samples=-1", "samples=4294967296", "seed=1.5"}}})
+        for (const std::string& bad : words) {
+            const std::string message = complaint({kind, bad});
+            const std::string key = bad.substr(0, bad.find('='));
+            CHECK_MESSAGE(message.starts_with(key + ": "), bad << ": " << message);
+        }
+    for (const char* const bad : {"size=4294967296x1", "size=0x1", "size=1x16385"})
+        CHECK(mentions(complaint({"camera", bad}), "is not a whole number from 1 to 16384"));
     CHECK(mentions(complaint({}), "needs a kind"));
 }

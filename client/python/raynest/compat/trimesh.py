@@ -9,11 +9,14 @@ triangles, and that all hits come from one traversal instead of one query per hi
 """
 from __future__ import annotations
 
+import hashlib
+import sys
 from types import TracebackType
 from typing import Any, Hashable, NamedTuple, Optional, Union
 
 import numpy as np
 
+from .. import _limits
 from .._columns import Columns
 from .._frame import Array
 from ..client import Client, connect
@@ -25,7 +28,6 @@ BOX_SIZE = 100.0
 # Hits of one side of the surface that are this close, as a share of the box and of t, are one
 # crossing of an edge or a vertex, found by each triangle that meets there.
 SAME_CROSSING = 1e-6
-HITS_MAX = 256  # hits_max of the protocol
 
 # Where rays for contains_points() go: nowhere special.
 _DIRECTIONS = np.array([[0.4395, 0.6176, 0.6522], [-0.7239, 0.3307, 0.6055],
@@ -41,7 +43,8 @@ class Crossings(NamedTuple):
 
 
 class RayMeshIntersector:
-    """The mesh is uploaded at the first query, and again when its hash has changed.
+    """The mesh is uploaded at the first query, and again when it has changed: its hash, as of
+    trimesh's own, else its vertices and faces, which each query then reads once.
 
     `connection` is a Client or the URI of a daemon, by default that of raynest.connect(). The scene
     is called after its content and stays in the daemon, so that the next run finds it there;
@@ -54,7 +57,7 @@ class RayMeshIntersector:
         self._scale_to_box = scale_to_box
         self._own = not isinstance(connection, Client)
         self._client = connection if isinstance(connection, Client) else connect(connection)
-        self._key: Optional[int] = None
+        self._key: Hashable = None
         self._scene: Optional[Scene] = None
         self._corners = np.empty((0, 3, 3))  # of all triangles, in the mesh's coordinates
         self._shift = np.zeros(3)
@@ -78,7 +81,8 @@ class RayMeshIntersector:
 
     def intersects_location(self, ray_origins: Any, ray_directions: Any,
                             multiple_hits: bool = True) -> tuple[Array, Array, Array]:
-        """Where rays cross the surface: locations (m, 3), index_ray (m,), index_tri (m,)."""
+        """Where rays cross the surface: locations (m, 3), index_ray (m,), index_tri (m,); of each
+        ray the first 20, as in trimesh. For more ask intersects_id()."""
         triangles, rays, locations = self.intersects_id(
             ray_origins, ray_directions, multiple_hits=multiple_hits, return_locations=True)
         return locations, rays, triangles
@@ -86,11 +90,10 @@ class RayMeshIntersector:
     def intersects_id(self, ray_origins: Any, ray_directions: Any, multiple_hits: bool = True,
                       max_hits: int = 20, return_locations: bool = False) -> Any:
         """The triangles that rays cross: index_tri (m,), index_ray (m,) and, if asked for,
-        locations (m, 3); by ray, and along each ray. A crossing at an edge or a vertex counts
-        once."""
+        locations (m, 3); by ray, and along each ray the first `max_hits`. A crossing at an edge or
+        a vertex counts once."""
         origins, directions = _rays(ray_origins, ray_directions)
-        found = self._crossings(origins, directions,
-                                min(max_hits, HITS_MAX) if multiple_hits else 1)
+        found = self._crossings(origins, directions, max_hits if multiple_hits else 1)
         if not return_locations:
             return found.triangles, found.rays
         return found.triangles, found.rays, self._locations(found, origins, directions)
@@ -122,7 +125,7 @@ class RayMeshIntersector:
             if not len(open_):
                 break
             both = np.repeat([direction, -direction], len(open_), axis=0)
-            crossings = self._crossings(np.tile(places[open_], (2, 1)), both, HITS_MAX)
+            crossings = self._crossings(np.tile(places[open_], (2, 1)), both, sys.maxsize)
             ahead, behind = np.bincount(crossings.rays, minlength=2 * len(open_)).reshape(2, -1)
             odd = ahead % 2 == 1
             inside[open_] = odd & (ahead > 0) & (behind > 0)
@@ -132,22 +135,31 @@ class RayMeshIntersector:
     # ---- on RayNest -----------------------------------------------------------------------------
 
     def _crossings(self, origins: Array, directions: Array, max_hits: int) -> Crossings:
-        """The first `max_hits` of each ray."""
+        """The first `max_hits` of each ray; InvalidError where that takes more hits than there can
+        be of a ray."""
         if max_hits == 1:
             hits = self._trace(origins, directions, fields=("t", "prim", "hit"))
             rays = np.flatnonzero(hits["hit"])
             return Crossings(hits["prim"][rays].astype(np.int64), rays, hits["t"][rays])
-        # A crossing may be several hits. Where they used up the budget, the largest one is asked.
-        for budget in (max_hits, HITS_MAX):
-            hits = self._trace(origins, directions, kind="multi", fields=("t", "prim", "front"),
+        # A crossing may be several hits. Where they used up the budget, all of them are asked.
+        budgets = [("all", _limits.all_hits_max)]
+        if max_hits <= _limits.hits_max:
+            budgets.insert(0, ("multi", max_hits))
+        for kind, budget in budgets:
+            hits = self._trace(origins, directions, kind=kind, fields=("t", "prim", "front"),
                                max_hits=budget)
             counts = np.diff(hits["ray_splits"]).astype(np.int64)
             rays = np.repeat(np.arange(len(origins)), counts)
             near = SAME_CROSSING * (self._size + hits["t"])
             kept = np.flatnonzero(~_seen_before(rays, hits["front"], hits["t"], near))
             crossings = np.bincount(rays[kept], minlength=len(origins))
-            if not ((counts == budget) & (crossings < max_hits)).any():
+            short = (counts == budget) & (crossings < max_hits)
+            if not short.any():
                 break
+        else:
+            if self._client.outcome["truncated"]:
+                raise InvalidError(f"ray {short.argmax()} has more than {budget} hits: cut it in "
+                                   "pieces, or pass a lower max_hits", "LIMIT_EXCEEDED")
         place = np.arange(len(kept)) - np.repeat(np.cumsum(crossings) - crossings, crossings)
         kept = kept[place < max_hits]
         return Crossings(hits["prim"][kept].astype(np.int64), rays[kept], hits["t"][kept])
@@ -165,7 +177,7 @@ class RayMeshIntersector:
         return hits
 
     def _upload(self) -> Scene:
-        key = hash(self.mesh) if isinstance(self.mesh, Hashable) else id(self.mesh)
+        key = _key(self.mesh)
         if self._scene is not None and key == self._key:
             return self._scene
         if self._scene is not None:
@@ -193,6 +205,18 @@ class RayMeshIntersector:
         t = np.divide(((corner - starts) * normal).sum(1), slope, where=slope != 0,
                       out=found.t.astype(np.float64) / self._scale)
         return np.asarray(starts + t[:, None] * ways)
+
+
+def _key(mesh: Any) -> Hashable:
+    """Differs where the mesh does. A hash that an object has for being itself says nothing of it.
+    """
+    if isinstance(mesh, Hashable) and type(mesh).__hash__ is not object.__hash__:
+        return hash(mesh)
+    arrays = [np.ascontiguousarray(each) for each in (mesh.vertices, mesh.faces)]
+    content = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        content.update(array.reshape(-1).view(np.uint8).data)
+    return content.digest(), *((array.dtype.str, array.shape) for array in arrays)
 
 
 def _rays(origins: Any, directions: Any) -> tuple[Array, Array]:
