@@ -92,6 +92,30 @@ class Examples(DaemonTest):
             said = self.example("lidar.py", *words, code=code)
             self.assertTrue(said.startswith("lidar.py: "), said)
 
+    def test_commands_of_the_readme_run_as_printed(self):
+        text = (CLIENT / "README.md").read_text(encoding="utf-8").split("## Examples\n")[1]
+        commands = re.findall(r"^\$ (.*)$", text, re.MULTILINE)
+        self.assertEqual(sum("examples/" in command for command in commands), 3)
+        # As at the root of a source tree that was built, where python3 is the one that runs this.
+        root = self.out / "root"
+        (root / "build/bin").mkdir(parents=True)
+        (root / "client").symlink_to(CLIENT.parent)
+        (root / "build/bin/raynest").symlink_to(pathlib.Path(self.raynest).resolve())
+        (root / "python3").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+        (root / "python3").chmod(0o755)
+        daemon = Daemon(self.raynestd)
+        self.addCleanup(daemon.stop)
+        environment = dict(os.environ, RAYNEST_SERVER=daemon.uri,
+                           PATH=f"{root}:{os.environ['PATH']}")
+        environment.pop("PYTHONPATH")
+        done = subprocess.run(["bash", "-ec", "\n".join(commands)], cwd=root, env=environment,
+                              stdin=subprocess.DEVNULL, capture_output=True, text=True,
+                              timeout=SECONDS_MAX, check=False)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("times raynest query", done.stdout)
+        for made in ("sweep.ply", "sees.npy"):
+            self.assertGreater((root / made).stat().st_size, 1000, made)
+
     def test_pieces_of_the_readme_print_what_it_says(self):
         text = (CLIENT / "README.md").read_text(encoding="utf-8")
         program = "\n".join(re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL))

@@ -283,6 +283,14 @@ class Trimesh(unittest.TestCase):
             plain.vertices -= [10, 0, 0]
             plain.faces = plain.faces[:1].tolist()
             self.assertFalse(others.intersects_any(*ray)[0])
+        # Two of the same content share a scene, of which each lets go.
+        pair = [types.SimpleNamespace(vertices=3 * box(2).vertices, faces=box(2).faces)
+                for _ in range(2)]
+        users = [self.rays(each) for each in pair]
+        self.assertTrue(all(user.intersects_any(*ray)[0] for user in users))
+        for each, user in zip(pair, users):
+            each.vertices = each.vertices * [1, 1, 2] + [10, 0, 0]
+            self.assertFalse(user.intersects_any(*ray)[0])
         # Somebody else unloads it meanwhile.
         for scene in self.client.scenes():
             self.client.scene(scene["name"]).unload()

@@ -64,9 +64,8 @@ class RayMeshIntersector:
         self._scale = self._size = 1.0
 
     def close(self) -> None:
-        if self._scene is not None and not self._client.connection.closed:
-            self._scene.unload()
-        self._scene = None
+        if not self._client.connection.closed:
+            self._drop()
         if self._own:
             self._client.close()
 
@@ -180,8 +179,7 @@ class RayMeshIntersector:
         key = _key(self.mesh)
         if self._scene is not None and key == self._key:
             return self._scene
-        if self._scene is not None:
-            self._scene.unload()
+        self._drop()
         vertices = np.asarray(self.mesh.vertices, np.float64)
         faces = np.asarray(self.mesh.faces)
         if not len(vertices) or not len(faces):
@@ -195,6 +193,16 @@ class RayMeshIntersector:
         self._corners = vertices[faces]
         self._key = key
         return self._scene
+
+    def _drop(self) -> None:
+        """Unloads the scene, unless another user of the same mesh was first."""
+        scene, self._scene = self._scene, None
+        try:
+            if scene is not None:
+                scene.unload()
+        except InvalidError as error:
+            if error.name != "SCENE_UNKNOWN":
+                raise
 
     def _locations(self, found: Crossings, origins: Array, directions: Array) -> Array:
         """Where rays meet the planes of their triangles, in float64; in a plane, where t says."""
