@@ -125,6 +125,7 @@ TEST_CASE_FIXTURE(Served, "a storm of requests and their cancels ends each of th
         }
         for (std::size_t ends = 0; ends < batch; ++ends) {
             const auto code = storm->read_error();
+            CAPTURE((code ? static_cast<int>(*code) : -1));
             REQUIRE((code == Code::cancelled || code == Code::quota ||
                      code == Code::resource_exhausted));
             ++(code == Code::cancelled ? cancelled : refused);

@@ -14,7 +14,7 @@ import tempfile
 import time
 import unittest
 
-from daemon import Client, Daemon, PATIENCE
+from daemon import Client, Daemon, PATIENCE, is_sanitized
 
 IDLE = 1000
 IDLE_BYTES_MAX = 16 << 10
@@ -81,7 +81,8 @@ class Connections(unittest.TestCase):
         self.assertEqual({read_frame(connection) for connection in crowd}, {WELCOME})
         each = (daemon.resident_bytes() - before) / IDLE
         print(f"{each:.0f} bytes per idle connection", file=sys.stderr)
-        self.assertLess(each, IDLE_BYTES_MAX)
+        # What a sanitizer puts around every allocation is a little more than half of it.
+        self.assertLess(each, IDLE_BYTES_MAX * (2 if is_sanitized(self.raynestd) else 1))
         # They are served, and so are others beside them.
         crowd[IDLE // 2].sendall(PING)
         self.assertEqual(read_frame(crowd[IDLE // 2]), PONG)

@@ -15,6 +15,12 @@ PATIENCE = 30
 SHARED_SCENES = pathlib.Path(__file__).resolve().parents[3] / "shared" / "scenes"
 
 
+def is_sanitized(program):
+    """Is it slowed down, and its memory blown up, by a sanitizer? As tests/sanitized.h tells C++."""
+    code = pathlib.Path(program).read_bytes()
+    return b"__asan_init" in code or b"__tsan_init" in code
+
+
 class Daemon:
     def __init__(self, program, *arguments, under=()):
         """`under` is a command that runs the daemon in its place, such as prlimit."""
