@@ -164,8 +164,8 @@ void Conversation::feed(protocol::Frame frame) {
 Reply<void> Conversation::detach(std::uint64_t id, Accepted accepted) {
     const auto job = services_.detached.start(caller_.principal, id, std::move(accepted));
     if (!job) return tl::unexpected(job.error());
-    (*job)->set_feeder(&sink_);
     feeding_.emplace(id, *job);
+    (*job)->set_feeder(&sink_);
     return {};
 }
 

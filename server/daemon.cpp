@@ -111,7 +111,7 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       detached_(engine_, [this] { look_after_detached(); }),
       compute_(options.threads),
       blocking_(imports_max),
-      signals_(io_, SIGTERM, SIGINT, SIGHUP),
+      signals_(io_, SIGTERM, SIGINT),
       drain_timer_(io_),
       detached_timer_(io_) {}
 
@@ -134,6 +134,10 @@ Result<void> Daemon::run() {
         uris.push_back(listener->uri());
         log(LogLevel::info, "listening", {{"uri", listener->uri()}});
     }
+    // Not where it is ignored on purpose, as nohup does.
+    struct sigaction hangup {};
+    if (sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN)
+        signals_.add(SIGHUP);
     await_signal();
     if (!options_.ready_file.empty()) {
         // Whoever waits for the file would wait for ever.
@@ -190,13 +194,20 @@ void Daemon::accept(Socket socket) {
                                   });
     sessions_.insert(session);
     ++connections_[principal];
-    session->start();
+    try {
+        session->start();
+    } catch (const std::bad_alloc&) {
+        session->stop();
+    }
 }
 
 void Daemon::await_signal() {
-    signals_.async_wait([this](const SystemError& error, int /*signal*/) {
+    signals_.async_wait([this](const SystemError& error, int signal) {
         if (error) return;
-        if (drain_deadline_ != Clock::time_point::max()) {
+        const bool draining = drain_deadline_ != Clock::time_point::max();
+        // A terminal that closes may say so twice.
+        if (draining && signal == SIGHUP) return await_signal();
+        if (draining) {
             log(LogLevel::warn, "stopping_at_once");
             std::_Exit(exit_forced);
         }

@@ -1,6 +1,9 @@
 #include "server/jobs/coalescer.h"
 
+#include "server/log.h"
+
 #include <algorithm>
+#include <exception>
 #include <new>
 #include <span>
 #include <utility>
@@ -79,7 +82,13 @@ void Coalescer::run(const Group& group, Metrics& metrics) noexcept {
 }
 
 void Coalescer::finish(const Group& group) {
-    for (const Errand& errand : group.errands) errand.done();
+    for (const Errand& errand : group.errands) {
+        try {
+            errand.done();
+        } catch (const std::exception& error) {
+            log(LogLevel::error, "handler_failed", {{"reason", error.what()}});
+        }
+    }
 }
 
 }  // namespace raynest::server

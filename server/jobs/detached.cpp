@@ -53,6 +53,8 @@ void DetachedJob::send(protocol::Frame frame) {
         auto more = more_room_(answer_bytes_ - room_.bytes());
         if (!more) {
             end(more.error());
+            if (feeder_ != nullptr)
+                feeder_->send(protocol::encode_error(frame.header.request_id, *error_, false));
             // Not from within its own doing.
             engine_.post([runner = runner_] { runner->cancel_all(); });
             return;

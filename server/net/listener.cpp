@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <new>
 #include <variant>
 
 namespace raynest::server {
@@ -144,7 +145,11 @@ void Listener::accepted(const SystemError& error, Socket socket) {
     if (!acceptor_.is_open()) return;
     if (!error) {
         backoff_ = milliseconds(0);
-        on_accept_(std::move(socket));
+        try {
+            on_accept_(std::move(socket));
+        } catch (const std::bad_alloc&) {
+            log(LogLevel::error, "accept_failed", {{"listen", uri_}, {"reason", "out of memory"}});
+        }
         return accept_next();
     }
     // Out of descriptors or memory: spinning would make it worse.

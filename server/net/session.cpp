@@ -28,10 +28,9 @@ constexpr std::uint64_t bulk_checkpoint_bytes = 640ULL << 10;
 constexpr seconds linger_time{1};
 /// Before that: time for the outbox to leave.
 constexpr seconds flush_time{5};
-/// A peer that died without a word is noticed by three probes; one that lives and does not read, by
-/// the watchdog, which counts and logs it before the kernel would end the connection in silence.
+/// A peer that died without a word is noticed this much after the watchdog, which counts and logs
+/// one that lives and does not read, would have closed it.
 constexpr int keepalive_s = 15;
-constexpr int keepalive_probes = 2;
 /// What a waiting frame costs beside its bytes.
 constexpr std::uint64_t waiting_frame_bytes = 256;
 
@@ -46,7 +45,6 @@ void tune(Socket& socket, const protocol::Limits& limits) {
     set(SOL_SOCKET, SO_KEEPALIVE, 1);
     set(IPPROTO_TCP, TCP_KEEPIDLE, keepalive_s);
     set(IPPROTO_TCP, TCP_KEEPINTVL, keepalive_s);
-    set(IPPROTO_TCP, TCP_KEEPCNT, keepalive_probes);
     constexpr std::uint64_t most = 1ULL << 30;
     set(IPPROTO_TCP, TCP_USER_TIMEOUT,
         static_cast<int>(std::min(limits.idle_ms_max, most)) + 1000 * keepalive_s);
@@ -54,6 +52,7 @@ void tune(Socket& socket, const protocol::Limits& limits) {
 
 /// Of what waits and no credit bounds.
 std::uint64_t control_bytes(const protocol::Frame& frame) {
+    if (frame.header.bulk_bytes != 0) return 0;
     return waiting_frame_bytes + protocol::header_bytes + frame.control.size();
 }
 
@@ -138,8 +137,11 @@ asio::awaitable<void> Session::read_frames() {
     SystemError error;
     while (open_ && !conversation_.closing()) {
         // Whoever does not read its answers gets no more of its requests read.
+        const Clock::time_point paused = Clock::now();
         while (open_ && crowded()) co_await wait(room_);
         if (!open_) co_return;
+        // What we did not read was not late.
+        if (read_deadline_ != never) read_deadline_ += Clock::now() - paused;
         co_await read_some(error);
         if (error) break;
     }
@@ -190,6 +192,7 @@ void Session::take_frames(std::span<const std::byte> bytes) {
                 decoder_.set_frame_bytes_max(services_.limits.frame_bytes_max);
                 // The next frame has its own time, also where it began in these bytes.
                 read_deadline_ = never;
+                checkpoint_bytes_ = 0;
             }
         }
     } while (open_ && !conversation_.closing() && !bytes.empty());
@@ -238,6 +241,7 @@ bool Session::gather() {
 void Session::sent(std::size_t bytes) {
     services_.metrics.bytes_sent += bytes;
     backlog_ -= bytes;
+    write_started_ = Clock::now();
     const std::size_t frames = gather_.frames().size();
     gather_.consume(bytes);
     if (!gather_.empty()) return;
@@ -262,6 +266,7 @@ asio::awaitable<void> Session::write_frames() {
             continue;
         }
         writing_ = true;
+        settle();
         SystemError error;
         const std::size_t bytes = co_await socket_.async_write_some(
             gather_.rest(), asio::redirect_error(asio::use_awaitable, error));
@@ -306,6 +311,10 @@ bool Session::crowded() const {
            control_backlog_ >= services_.limits.waiting_control_bytes_max;
 }
 
+Clock::time_point Session::read_deadline() const {
+    return crowded() ? never : read_deadline_;
+}
+
 Clock::time_point Session::write_deadline() const {
     if (!writing_) return never;
     const bool holds_up = crowded() || conversation_.runner().blocked();
@@ -316,7 +325,7 @@ Clock::time_point Session::write_deadline() const {
 
 Clock::time_point Session::next_deadline() const {
     if (conversation_.closing()) return close_deadline_;
-    return std::min({read_deadline_, conversation_.runner().next_tick(), write_deadline()});
+    return std::min({read_deadline(), conversation_.runner().next_tick(), write_deadline()});
 }
 
 void Session::expire(Clock::time_point now) {
@@ -329,7 +338,7 @@ void Session::expire(Clock::time_point now) {
         return stop();
     }
     conversation_.runner().tick(now);
-    if (now >= read_deadline_) {
+    if (now >= read_deadline()) {
         ++services_.metrics.timeouts;
         conversation_.give_up(
             {Code::deadline,

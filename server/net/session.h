@@ -64,6 +64,8 @@ private:
     void settle();
     /// Do so many answers wait that no more requests are read?
     [[nodiscard]] bool crowded() const;
+    /// When the frame on its way must be here; while we do not read, there is no hurry.
+    [[nodiscard]] Clock::time_point read_deadline() const;
     /// When a peer that does not read is given up; soon where it holds things up. Never while
     /// nothing waits for the socket: then tasks are slow.
     [[nodiscard]] Clock::time_point write_deadline() const;
@@ -85,7 +87,7 @@ private:
     std::uint64_t gathered_control_ = 0;  ///< of that, in the gather
     Conversation conversation_;
     Clock::time_point read_deadline_;     ///< of the frame that is on its way
-    Clock::time_point write_started_;     ///< of the gather
+    Clock::time_point write_started_;     ///< of the gather, or when some of it left
     Clock::time_point close_deadline_;    ///< once the conversation is closing
     std::size_t expected_ = 1;            ///< bytes that wake the reader up
     std::uint64_t checkpoint_bytes_ = 0;  ///< of a bulk part, since its deadline last moved

@@ -214,6 +214,29 @@ TEST_CASE_FIXTURE(Served, "SIGTERM lets running jobs end, refuses new ones, and 
     CHECK(daemon.wait() == 0);
 }
 
+TEST_CASE("rays that stop in the middle of a frame end the connection, whatever came before them") {
+    const Daemon daemon({"--bulk_ms_max", "700"});
+    Peer peer(daemon);
+    peer.greet();
+    load_scene(peer);
+    REQUIRE(peer.say(5, query_of(2 * chunk)));
+    const protocol::Frame whole = rays_frame(5, 0, chunk);
+    const protocol::Frame cut = rays_frame(5, chunk, chunk);
+    // One write, so that the end of the first frame and the start of the second come together.
+    std::vector<std::byte> bytes;
+    for (const protocol::Frame* frame : {&whole, &cut}) {
+        std::array<std::byte, protocol::header_bytes> header{};
+        protocol::write_header(frame->header, header);
+        for (const std::span<const std::byte> part :
+             {std::span<const std::byte>(header), frame->control.span(), frame->bulk.span()})
+            bytes.insert(bytes.end(), part.begin(), part.end());
+    }
+    bytes.resize(bytes.size() - cut.bulk.size() + 100);
+    REQUIRE(peer.send(std::span<const std::byte>(bytes)));
+    CHECK(peer.read_error() == Code::deadline);
+    CHECK(peer.ends());
+}
+
 /// A hundred rays that miss or hit another place for each `number`.
 protocol::Frame rays_of(std::uint64_t number) {
     protocol::Frame frame = rays_frame(5, 0, 100);

@@ -41,6 +41,14 @@ struct Store {
     DetachedJobs jobs{bench.engine, [this] { ++changes; }};
 };
 
+/// What the connection hears that sends a job's data.
+class Feeder final : public Sink {
+public:
+    void send(protocol::Frame frame) override { types.push_back(frame.header.type); }
+    [[nodiscard]] std::uint64_t backlog() const override { return 0; }
+    std::vector<std::uint16_t> types;
+};
+
 TEST_CASE("an answer is kept whole, and the room it did not need goes back") {
     Store store;
     const auto job = store.start("me", 5, 1000).value();
@@ -148,10 +156,14 @@ TEST_CASE("an answer that outgrows its room takes more, from what was fetched if
     CHECK(store.bench.budget.used() == 0);
 }
 
-TEST_CASE("an answer beyond what its owner may keep ends the job") {
+TEST_CASE("an answer beyond what its owner may keep ends the job, and who feeds it hears of it") {
     Store store;
+    Feeder feeder;
     const auto job = store.start("me", 100, 10'000);
+    (*job)->set_feeder(&feeder);
     REQUIRE(store.bench.run_until_idle());
+    CHECK(feeder.types ==
+          std::vector<std::uint16_t>{static_cast<std::uint16_t>(wire::Message::Error)});
     REQUIRE((*job)->error());
     CHECK((*job)->error()->code == Code::quota);
     CHECK(store.bench.budget.used() < room);
@@ -176,12 +188,6 @@ TEST_CASE("cancelling stops what runs, drops what is kept, and gives all memory 
 }
 
 TEST_CASE("who sends a job's data hears of its credit and of its failure") {
-    class Feeder final : public Sink {
-    public:
-        void send(protocol::Frame frame) override { types.push_back(frame.header.type); }
-        [[nodiscard]] std::uint64_t backlog() const override { return 0; }
-        std::vector<std::uint16_t> types;
-    };
     class Sponge final : public Job {
         std::optional<Task> next() override { return std::nullopt; }
         [[nodiscard]] bool finished() const override { return false; }
