@@ -89,7 +89,7 @@ protected:
                                                     (cost_.fixed + answer_head_bytes_max);
     }
 
-    Reply<Frames> answer(const Piece& piece, const StopFlag& /*stop*/) override {
+    Reply<Frames> answer(const Piece& piece) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
         auto rays = trace_piece(piece, buffers);
         if (!rays) return tl::unexpected(rays.error());

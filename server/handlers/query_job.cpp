@@ -81,9 +81,9 @@ std::optional<Task> QueryJob::next() {
     if (source_.rays() * plan_.hits_max <= brief_hits_max && plan_.traversal != traversal_reference)
         task.brief_hits = piece.count * plan_.hits_max;
     task.question = question(piece);
-    task.run = [this, piece = std::move(piece)](const StopFlag& stop) {
+    task.run = [this, piece = std::move(piece)](const StopFlag&) {
         tally_.begin();
-        return answer(piece, stop);
+        return answer(piece);
     };
     return task;
 }

@@ -62,7 +62,7 @@ protected:
                (rows() / task_points_ + 1) * (protocol::alignment + answer_head_bytes_max);
     }
 
-    Reply<Frames> answer(const Piece& piece, const StopFlag& /*stop*/) override {
+    Reply<Frames> answer(const Piece& piece) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
         if (const auto traced = trace(plan_, source_.rays_of(piece, buffers), buffers); !traced)
             return tl::unexpected(traced.error());
@@ -146,7 +146,7 @@ protected:
         return paths_max_ * row_bytes + frames * (2 * protocol::alignment + answer_head_bytes_max);
     }
 
-    Reply<Frames> answer(const Piece& piece, const StopFlag& /*stop*/) override {
+    Reply<Frames> answer(const Piece& piece) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
         const auto traced = source_.has_tiles(piece)
                                 ? source_.trace_tiles(plan_, piece, buffers)
