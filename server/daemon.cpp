@@ -163,7 +163,8 @@ void Daemon::accept(Socket socket) {
     ++metrics_.connections_accepted;
     const std::string principal = principal_of(socket);
     const bool full = sessions_.size() >= limits_.connections_max;
-    if (full || connections_[principal] >= limits_.principal_connections_max) {
+    const auto held = connections_.find(principal);
+    if (full || (held != connections_.end() && held->second >= limits_.principal_connections_max)) {
         ++metrics_.connections_refused;
         ++metrics_.connections_closed;
         // A few bytes into a fresh socket: they fit, or they do not matter.
