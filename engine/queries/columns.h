@@ -4,41 +4,22 @@
 // follows from (path, object, triangle) and is computed here, only for the fields asked for.
 #pragma once
 
-#include "engine/geometry/hit.h"
-#include "engine/geometry/ray.h"
-#include "engine/geometry/views.h"
-#include "engine/result.h"
-
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string_view>
 
+#include "engine/geometry/hit.h"
+#include "engine/geometry/ray.h"
+#include "engine/geometry/views.h"
+#include "engine/result.h"
+
 namespace raynest {
 
 enum class Field : std::uint32_t {
-    hit,
-    t,
-    prim,
-    geom,
-    path,
-    inst,
-    uid,
-    uv,
-    ng,
-    front,
-    position,
-    material,
-    flags,
-    origin,
-    direction,
-    nodes,
-    boxes,
-    leaves,
-    prims,
-    instances,
-    rejects,
-    total,
+    hit, t, prim, geom, path, inst, uid, uv, ng, front, position, material, flags,
+    origin, direction,
+    nodes, boxes, leaves, prims, instances, rejects, total,
     count_
 };
 enum class FieldType : std::uint8_t { u8, u32, u64, f32 };
@@ -46,9 +27,9 @@ enum class FieldType : std::uint8_t { u8, u32, u64, f32 };
 struct FieldInfo {
     std::string_view name;
     FieldType type;
-    std::uint32_t width;  ///< values per element: 2 for uv, 3 for vectors
-    bool counter;         ///< needs a counting function
-    bool of_ray;          ///< one per ray, however many hits it has
+    std::uint32_t width;   ///< values per element: 2 for uv, 3 for vectors
+    bool counter;          ///< needs a counting function
+    bool of_ray;           ///< one per ray, however many hits it has
 };
 
 [[nodiscard]] const FieldInfo& field_info(Field field);
@@ -60,9 +41,8 @@ Result<Field> parse_field(std::string_view name);
 using RecordNormal = void (*)(const void* record, const float point[3], float normal[3]) noexcept;
 
 /// Input of a chunk of results. Without `hits` every ray missed. `ray_of` gives the ray of each hit
-/// where hits are compacted (CSR order); empty: hit i belongs to ray i. `order` gives the hit of
-/// each element where answers come in another order than rays were traced; empty: element i is hit
-/// i.
+/// where hits are compacted (CSR order); empty: hit i belongs to ray i. `order` gives the hit of each
+/// element where answers come in another order than rays were traced; empty: element i is hit i.
 struct ColumnSource {
     const SceneView* scene = nullptr;
     std::span<const Ray> rays = {};
@@ -79,7 +59,7 @@ void write_column(Field field, const ColumnSource& source, std::byte* out);
 
 /// Object-space-to-world facts of one hit, for integrators.
 struct Placement {
-    Transform to_object;  ///< world to the leaf object, composed; for display and normals
+    Transform to_object;      ///< world to the leaf object, composed; for display and normals
     std::uint32_t outermost = no_id;  ///< declaration index in the root
     std::uint32_t uid = no_id;        ///< of the innermost instance; no_id when there is none
     std::uint32_t levels = 1;
