@@ -96,19 +96,19 @@ std::uint64_t rows_of(const wire::QueryT& request, const RaySource& rays, const 
 std::uint64_t rays_of_frame(const Connection& connection, const RaySource& rays,
                             std::uint64_t first) {
     return std::min({rays.count() - first, connection.daemon().chunk_rays_max,
-                     connection.bulk_bytes_max() / sizeof(Ray)});
+                     connection.bulk_bytes_max() / rays.ray_bytes()});
 }
 
 Result<void> send_rays(Connection& connection, const RaySource& rays, std::uint64_t first,
                        std::uint64_t count) {
     protocol::Bulk bulk;
-    bulk.add("rays", wire::Dtype::f32, 8, count);
+    bulk.add("rays", wire::Dtype::f32, rays.width(), count);
     wire::QueryRaysT message;
     message.first_ray = first;
     if (const auto ready = rays.bytes(first, count); !ready.empty())
         return connection.send_bulk(std::move(message), std::move(bulk), ready);
     bulk.allocate();
-    rays.read(first, bulk.block_as<Ray>(0));
+    rays.read(first, bulk.block_as<float>(0));
     return connection.send_bulk(std::move(message), std::move(bulk));
 }
 
@@ -134,7 +134,7 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
     while (true) {
         while (sent < rays.count()) {
             const std::uint64_t count = rays_of_frame(connection, rays, sent);
-            if (connection.credit() < protocol::padded(count * sizeof(Ray))) break;
+            if (connection.credit() < protocol::padded(count * rays.ray_bytes())) break;
             if (auto done = send_rays(connection, rays, sent, count); !done)
                 return tl::unexpected<Failure>(done.error());
             sent += count;

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cstring>
-#include <limits>
 #include <utility>
 
 namespace raynest::client {
@@ -12,18 +11,17 @@ namespace {
 
 constexpr std::uint64_t rays_file_bytes_max = 1ULL << 40;
 
-template <class Number>
-Ray read_row(const std::byte* row, std::size_t columns) {
-    Number values[8];
-    std::memcpy(values, row, columns * sizeof(Number));
-    const auto at = [&](std::size_t i) { return static_cast<float>(values[i]); };
-    if (columns == 8) return {at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)};
-    return {at(0), at(1), at(2), 0, at(3), at(4), at(5), std::numeric_limits<float>::infinity()};
-}
-
 }  // namespace
 
-RaySource::RaySource(std::vector<Ray> rays) : rays_(std::move(rays)), count_(rays_.size()) {}
+RaySource::RaySource(const std::vector<Ray>& rays) : count_(rays.size()) {
+    values_.reserve(rays.size() * width_);
+    for (const Ray& ray : rays) values_.insert(values_.end(), ray.begin(), ray.end());
+}
+
+RaySource::RaySource(std::vector<float> values, std::uint32_t width)
+    : values_(std::move(values)),
+      count_(values_.size() / width),
+      width_(width) {}
 
 Result<RaySource> RaySource::open(const std::string& path) {
     auto file = read_file(path, rays_file_bytes_max);
@@ -39,27 +37,28 @@ Result<RaySource> RaySource::open(const std::string& path) {
     source.file_ = std::move(*file);
     source.array_ = std::move(*array);
     source.count_ = source.array_.shape[0];
+    source.width_ = static_cast<std::uint32_t>(source.array_.shape[1]);
     return source;
 }
 
 std::span<const std::byte> RaySource::bytes(std::uint64_t first, std::uint64_t count) const {
-    if (!rays_.empty()) return std::as_bytes(std::span(rays_).subspan(first, count));
-    if (array_.dtype != "<f4" || array_.shape[1] != 8) return {};
-    return array_.bytes.subspan(first * sizeof(Ray), count * sizeof(Ray));
+    if (!values_.empty())
+        return std::as_bytes(std::span(values_).subspan(first * width_, count * width_));
+    if (array_.dtype != "<f4") return {};
+    return array_.bytes.subspan(first * ray_bytes(), count * ray_bytes());
 }
 
-void RaySource::read(std::uint64_t first, std::span<Ray> out) const {
-    if (const auto ready = bytes(first, out.size()); !ready.empty()) {
+void RaySource::read(std::uint64_t first, std::span<float> out) const {
+    if (const auto ready = bytes(first, out.size() / width_); !ready.empty()) {
         std::memcpy(out.data(), ready.data(), ready.size());
         return;
     }
-    const std::size_t columns = array_.shape[1];
-    const bool doubles = array_.dtype == "<f8";
-    const std::size_t row_bytes = columns * (doubles ? sizeof(double) : sizeof(float));
-    const std::byte* row = array_.bytes.data() + first * row_bytes;
-    for (Ray& ray : out) {
-        ray = doubles ? read_row<double>(row, columns) : read_row<float>(row, columns);
-        row += row_bytes;
+    const std::byte* value = array_.bytes.data() + first * width_ * sizeof(double);
+    for (float& rounded : out) {
+        double exact;
+        std::memcpy(&exact, value, sizeof exact);
+        rounded = static_cast<float>(exact);
+        value += sizeof exact;
     }
 }
 

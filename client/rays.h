@@ -15,23 +15,29 @@ namespace raynest::client {
 
 class RaySource {
 public:
-    explicit RaySource(std::vector<Ray> rays);
-    /// An array of shape (N, 6), origins and directions, or (N, 8), rows as the protocol's rays; of
-    /// float32 or float64, which is rounded. Exit code 5 for anything else.
+    explicit RaySource(const std::vector<Ray>& rays);
+    /// `width` values for each ray, as they travel.
+    RaySource(std::vector<float> values, std::uint32_t width);
+    /// An array of shape (N, 6), origins and directions, or (N, 8), with tmin and tmax; of float32
+    /// or float64, which is rounded. Exit code 5 for anything else.
     static Result<RaySource> open(const std::string& path);
 
     [[nodiscard]] std::uint64_t count() const { return count_; }
+    /// Values of a ray as it travels: 6 or 8.
+    [[nodiscard]] std::uint32_t width() const { return width_; }
+    [[nodiscard]] std::uint64_t ray_bytes() const { return width_ * sizeof(float); }
     /// Rays [first, first + count) as they travel, where they lie so in memory; else nothing.
     [[nodiscard]] std::span<const std::byte> bytes(std::uint64_t first, std::uint64_t count) const;
-    /// Writes rays [first, first + out.size()).
-    void read(std::uint64_t first, std::span<Ray> out) const;
+    /// Writes the values of the rays from `first` on, until `out` is full.
+    void read(std::uint64_t first, std::span<float> out) const;
 
 private:
     RaySource() = default;
-    std::vector<Ray> rays_;
+    std::vector<float> values_;
     protocol::Buffer file_;
     Array array_;
     std::uint64_t count_ = 0;
+    std::uint32_t width_ = 8;
 };
 
 }  // namespace raynest::client

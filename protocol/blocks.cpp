@@ -10,7 +10,7 @@ namespace raynest::protocol {
 namespace {
 
 /// What an element may be wide: one to four values, and a ray.
-constexpr std::array strides = {1U, 2U, 3U, 4U, 8U, 12U, 16U, 32U};
+constexpr std::array strides = {1U, 2U, 3U, 4U, 8U, 12U, 16U, 24U, 32U};
 
 tl::unexpected<Error> bad_block(std::string_view name, const char* why) {
     return fail(Code::bad_frame, "block '" + std::string(name) + "' " + why);
@@ -80,13 +80,16 @@ const BlockView* find_block(std::span<const BlockView> blocks, std::string_view 
 }
 
 Result<BlockView> only_block(std::span<const BlockView> blocks, std::string_view name,
-                             wire::Dtype dtype, std::uint32_t stride) {
+                             wire::Dtype dtype, std::initializer_list<std::uint32_t> strides) {
     if (blocks.size() == 1 && blocks[0].name == name && blocks[0].dtype == dtype &&
-        blocks[0].stride == stride)
+        std::ranges::find(strides, blocks[0].stride) != strides.end())
         return blocks[0];
+    std::string known;
+    for (const std::uint32_t stride : strides)
+        known += (known.empty() ? "" : " or ") + std::to_string(stride);
     return fail(Code::invalid_field, "this message carries one block '" + std::string(name) +
                                          "' of " + std::string(dtype_name(dtype)) +
-                                         " with a stride of " + std::to_string(stride) + " bytes");
+                                         " with a stride of " + known + " bytes");
 }
 
 std::size_t Bulk::add(std::string_view name, wire::Dtype dtype, std::uint32_t width,

@@ -9,6 +9,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <initializer_list>
 #include <memory>
 #include <span>
 #include <string_view>
@@ -50,9 +51,9 @@ Result<std::vector<BlockView>> read_blocks(const Frame& frame, const BlockList* 
 [[nodiscard]] const BlockView* find_block(std::span<const BlockView> blocks, std::string_view name);
 
 /// The one block of a message that has one: INVALID_FIELD unless it is alone and has this name,
-/// dtype and stride.
+/// dtype and one of these strides.
 Result<BlockView> only_block(std::span<const BlockView> blocks, std::string_view name,
-                             wire::Dtype dtype, std::uint32_t stride);
+                             wire::Dtype dtype, std::initializer_list<std::uint32_t> strides);
 
 /// Lays out the bulk part of a frame to be sent: add() every block, then allocate(), then fill.
 class Bulk {

@@ -81,7 +81,7 @@ public:
     Reply<std::uint64_t> feed(protocol::Frame frame) override {
         const auto message = protocol::open<wire::Upload>(frame, services_.limits);
         if (!message) return tl::unexpected(message.error());
-        const auto block = protocol::only_block(message->blocks, "data", wire::Dtype::u8, 1);
+        const auto block = protocol::only_block(message->blocks, "data", wire::Dtype::u8, {1});
         if (!block) return tl::unexpected(block.error());
         if (import_started_ || current_ == order_.files.size())
             return refuse(Code::invalid_field, "all files of the upload are complete");

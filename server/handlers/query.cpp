@@ -123,7 +123,9 @@ private:
             for (const Question* each : all) {
                 const auto& question = static_cast<const RaysQuestion&>(*each);
                 question.job_.tally_.begin();
-                const auto rays = question.job_.source_.rays_of(question.piece_, buffers);
+                const Piece& piece = question.piece_;
+                const auto rays =
+                    piece.sent.rays(piece.first - piece.sent_first, piece.count, buffers.sent);
                 buffers.rays.insert(buffers.rays.end(), rays.begin(), rays.end());
             }
             return server::trace(job_.plan_, buffers.rays, buffers);

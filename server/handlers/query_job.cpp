@@ -38,7 +38,8 @@ Reply<std::uint64_t> QueryJob::feed(protocol::Frame frame) {
         return refuse(Code::invalid_field, "the daemon makes the rays of this query: send none");
     const auto message = protocol::open<wire::QueryRays>(frame, services_.limits);
     if (!message) return tl::unexpected(message.error());
-    const auto block = protocol::only_block(message->blocks, "rays", wire::Dtype::f32, sizeof(Ray));
+    const auto block = protocol::only_block(message->blocks, "rays", wire::Dtype::f32,
+                                            {SentRays::stride, SentRays::short_stride});
     if (!block) return tl::unexpected(block.error());
     if ((*message)->first_ray() != received_)
         return refuse(Code::invalid_field,
@@ -53,8 +54,7 @@ Reply<std::uint64_t> QueryJob::feed(protocol::Frame frame) {
                                                " are still to come, and a frame holds 1.." +
                                                std::to_string(services_.limits.chunk_rays_max));
     Piece piece;
-    piece.sent = {reinterpret_cast<const Ray*>(block->bytes.data()),
-                  static_cast<std::size_t>(block->count)};
+    piece.sent = SentRays(*block);
     piece.sent_first = received_;
     piece.first = received_ * each;
     piece.count = block->count * each;

@@ -149,6 +149,25 @@ Reply<Sensor> make_sensor(const wire::Generator& message, const Snapshot& scene)
 
 }  // namespace
 
+std::span<const Ray> SentRays::rays(std::uint64_t first, std::uint64_t count,
+                                    std::vector<Ray>& room) const {
+    if (!short_)
+        return std::span(reinterpret_cast<const Ray*>(bytes_.data()), bytes_.size() / stride)
+            .subspan(first, count);
+    struct ShortRay {
+        Vec3 origin;
+        Vec3 direction;
+    };
+    static_assert(sizeof(ShortRay) == short_stride);
+    const auto* ray = reinterpret_cast<const ShortRay*>(bytes_.data()) + first;
+    room.resize(count);
+    for (Ray& out : room) {
+        out = {.origin = ray->origin, .direction = ray->direction};
+        ++ray;
+    }
+    return room;
+}
+
 CameraRequest camera_request(const wire::Camera* camera) {
     CameraRequest request;
     if (camera == nullptr) return request;
@@ -191,13 +210,18 @@ std::uint64_t RaySource::chunk_rays(std::uint64_t most) const {
 
 std::span<const Ray> RaySource::rays_of(const Piece& piece, TraceBuffers& buffers) const {
     if (std::holds_alternative<Sent>(origin_))
-        return piece.sent.subspan(piece.first - piece.sent_first, piece.count);
+        return piece.sent.rays(piece.first - piece.sent_first, piece.count, buffers.sent);
     buffers.rays.resize(piece.count);
-    if (const auto* sensor = std::get_if<Sensor>(&origin_))
+    if (const auto* sensor = std::get_if<Sensor>(&origin_)) {
         generate_rays(*sensor, piece.first, buffers.rays);
-    else
-        generate_rays(std::get<Hemisphere>(origin_), piece.sent, piece.sent_first, piece.first,
-                      buffers.rays);
+    } else {
+        const Hemisphere& hemisphere = std::get<Hemisphere>(origin_);
+        const std::uint64_t first = piece.first / hemisphere.samples;
+        const std::uint64_t last = (piece.first + piece.count - 1) / hemisphere.samples;
+        const auto points =
+            piece.sent.rays(first - piece.sent_first, last - first + 1, buffers.sent);
+        generate_rays(hemisphere, points, first, piece.first, buffers.rays);
+    }
     return buffers.rays;
 }
 

@@ -2,25 +2,50 @@
 #pragma once
 
 #include "engine/integrators/generators.h"
+#include "protocol/blocks.h"
 #include "protocol/frame.h"
 #include "protocol/wire.h"
 #include "server/errors.h"
 #include "server/handlers/tracing.h"
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <span>
 #include <utility>
 #include <variant>
+#include <vector>
 
 namespace raynest::server {
+
+/// Rays as a client sends them: 8 values each, or 6 without tmin and tmax, which are 0 and +inf.
+class SentRays {
+public:
+    static constexpr std::uint32_t stride = sizeof(Ray);
+    static constexpr std::uint32_t short_stride = sizeof(Ray) - 2 * sizeof(float);
+
+    SentRays() = default;
+    /// A block of one of these strides, which must outlive it.
+    explicit SentRays(const protocol::BlockView& block)
+        : bytes_(block.bytes),
+          short_(block.stride == short_stride) {}
+
+    [[nodiscard]] bool empty() const { return bytes_.empty(); }
+    /// Rays [first, first + count): where they lie, or written to `room`.
+    [[nodiscard]] std::span<const Ray> rays(std::uint64_t first, std::uint64_t count,
+                                            std::vector<Ray>& room) const;
+
+private:
+    std::span<const std::byte> bytes_;
+    bool short_ = false;
+};
 
 /// A run of a query's rays.
 struct Piece {
     std::uint64_t first = 0;
     std::uint64_t count = 0;
     std::shared_ptr<const protocol::Frame> frame = {};  ///< that holds what follows
-    std::span<const Ray> sent = {};                     ///< rays, or the points they start from
+    SentRays sent = {};                                 ///< rays, or the points they start from
     std::uint64_t sent_first = 0;                       ///< of them in the query
     std::uint64_t input_bytes = 0;                      ///< of the frame: due when all is answered
 

@@ -15,6 +15,7 @@ namespace raynest::server {
 /// the pages of these arrays are touched once and not once per chunk.
 struct TraceBuffers {
     std::vector<Ray> rays;                            ///< for callers that make their own
+    std::vector<Ray> sent;                            ///< for rays that came without their ranges
     std::vector<HitRecord> hits;                      ///< hits_max per ray; of `all` packed
     std::vector<std::uint32_t> order;                 ///< the hit of each row; empty: in order
     std::vector<std::uint32_t> counts;                ///< hits per ray, multi and all only

@@ -246,11 +246,45 @@ protocol::Frame rays_of(std::uint64_t number) {
     return frame;
 }
 
+/// The same rays without their ranges.
+protocol::Frame without_ranges(const protocol::Frame& frame) {
+    const auto message = protocol::open<wire::QueryRays>(frame);
+    REQUIRE(message);
+    const std::span<const float> values = message->blocks[0].values<float>();
+    protocol::Bulk bulk;
+    bulk.add("rays", wire::Dtype::f32, 6, message->blocks[0].count);
+    bulk.allocate();
+    float* out = bulk.block_as<float>(0).data();
+    for (std::size_t i = 0; i < values.size(); i += 8) {
+        out = std::copy_n(&values[i], 3, out);
+        out = std::copy_n(&values[i + 4], 3, out);
+    }
+    wire::QueryRaysT rays;
+    rays.first_ray = (*message)->first_ray();
+    return protocol::encode(frame.header.request_id, std::move(rays), std::move(bulk)).value();
+}
+
 std::vector<std::byte> columns_of(Peer& peer) {
     const protocol::Frame answer = peer.read_until<wire::Chunk>();
     const std::span<const std::byte> bytes = answer.bulk.span();
     peer.read_until<wire::Done>();
     return {bytes.begin(), bytes.end()};
+}
+
+TEST_CASE_FIXTURE(Served, "rays and points may come without their ranges") {
+    wire::QueryT query = query_of(100);
+    SUBCASE("rays") {}
+    SUBCASE("points") {
+        query.generator = std::make_unique<wire::GeneratorT>();
+        query.generator->kind = "hemisphere";
+        query.generator->samples = 3;
+    }
+    REQUIRE(peer.say(5, query));
+    REQUIRE(peer.send_frame(rays_of(0)));
+    const std::vector<std::byte> with_ranges = columns_of(peer);
+    REQUIRE(peer.say(5, query));
+    REQUIRE(peer.send_frame(without_ranges(rays_of(0))));
+    CHECK(columns_of(peer) == with_ranges);
 }
 
 TEST_CASE_FIXTURE(Served,
@@ -271,7 +305,7 @@ TEST_CASE_FIXTURE(Served,
     daemon.signal(SIGSTOP);
     for (std::size_t i = 0; i < clients; ++i) {
         REQUIRE(peers[i]->say(5, query_of(100)));
-        REQUIRE(peers[i]->send_frame(rays_of(i)));
+        REQUIRE(peers[i]->send_frame(i % 2 == 0 ? rays_of(i) : without_ranges(rays_of(i))));
     }
     daemon.signal(SIGCONT);
     for (std::size_t i = 0; i < clients; ++i) CHECK(columns_of(*peers[i]) == alone[i]);

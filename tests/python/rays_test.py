@@ -62,6 +62,9 @@ class Rays(WithDaemon):
                      (rays[::-1][::-1],), (rays.astype(np.float64),)):
             self.same(self.woods.trace(*form), expected)
         self.assertEqual(len(self.woods.trace(rays[0, :3], rays[:5, 4:7])["t"]), 5)
+        # So many hits that a frame of rays is traced in parts.
+        self.same(self.woods.trace(six, kind="multi", max_hits=256),
+                  self.woods.trace(rays, kind="multi", max_hits=256))
 
     def test_tmin_and_tmax_bound_the_hits(self):
         ray = np.array([[0.3, 60, 0.4, 0, 0, -1, 0, np.inf]], np.float32)

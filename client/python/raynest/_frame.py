@@ -14,7 +14,7 @@ from .errors import ProtocolError
 HEADER = struct.Struct("<4sHHIIQQ")
 MAGIC = b"RYN1"
 ALIGNMENT = 64
-STRIDES = {1, 2, 3, 4, 8, 12, 16, 32}
+STRIDES = {1, 2, 3, 4, 8, 12, 16, 24, 32}
 
 Array = np.ndarray[Any, np.dtype[Any]]
 

@@ -10,7 +10,7 @@ from ._connection import Connection
 from ._control import Message
 from ._frame import Array, Block, padding
 from ._job import Outcome
-from ._rays import RAY_BYTES, Source
+from ._rays import Source
 from .errors import ProtocolError
 
 # Says where the columns of a chunk go: one array for each of its blocks.
@@ -103,14 +103,15 @@ class Query(Answer):
 
     def feed(self) -> None:
         daemon, rays = self._connection.daemon, self._source.sent
+        ray_bytes = 4 * rays.width
         while self._sent < rays.count:
             count = min(rays.count - self._sent, daemon.chunk_rays_max,
-                        daemon.bulk_bytes_max // RAY_BYTES)
-            size = count * RAY_BYTES
+                        daemon.bulk_bytes_max // ray_bytes)
+            size = count * ray_bytes
             if self._connection.credit < size + padding(size):
                 return
             self._connection.queue("QueryRays", {"first_ray": self._sent}, "rays",
-                                   rays.frame(self._sent, count), width=8)
+                                   rays.frame(self._sent, count), width=rays.width)
             self._sent += count
 
     def detach(self) -> int:

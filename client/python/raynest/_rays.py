@@ -1,4 +1,5 @@
-"""Rays as users have them, and as they travel: float32 (n, 8) [ox oy oz tmin dx dy dz tmax].
+"""Rays as users have them, and as they travel: float32 (n, 6) [ox oy oz dx dy dz], or (n, 8)
+[ox oy oz tmin dx dy dz tmax] where they have a range.
 
 Rays that are that already are sent from where they lie. All others are converted frame by frame
 while they are sent, so that no second copy of them all is ever made.
@@ -14,26 +15,23 @@ from ._control import Message
 from ._frame import Array
 from .errors import UsageError
 
-RAY_BYTES = 32
-
 
 class Rays:
     """Checked for shape only: a ray that makes no sense is answered with a miss and flag 1."""
 
     def __init__(self, rays: Any, directions: Any = None, origin: Any = None) -> None:
         self._shift = None if origin is None else vector("origin", origin)
-        self._rows: Optional[Array] = None      # (N, 8), when they came so
+        self._rows: Optional[Array] = None      # where they came as one array
         first = _numbers("rays", rays)
         if directions is not None:
-            self._origins, self._directions = pair(first, directions)
-        elif first.ndim == 2 and first.shape[1] == 6:
-            self._origins, self._directions = first[:, :3], first[:, 3:]
-        elif first.ndim == 2 and first.shape[1] == 8:
-            self._rows, self._origins, self._directions = first, first[:, :3], first[:, 4:7]
+            self._origins, self._rest = pair(first, directions)
+        elif first.ndim == 2 and first.shape[1] in (6, 8):
+            self._rows, self._origins, self._rest = first, first[:, :3], first[:, 3:]
         else:
             raise UsageError(f"rays of shape {first.shape}: they must be (N, 6) [ox oy oz dx dy dz]"
                              ", (N, 8) [ox oy oz tmin dx dy dz tmax], or origins and directions")
         self.count = len(self._origins)
+        self.width = 3 + self._rest.shape[1]
 
     def frame(self, first: int, count: int) -> Array:
         """Rays [first, first + count) as they travel."""
@@ -42,15 +40,13 @@ class Rays:
         if (rows is not None and self._shift is None and rows.dtype == np.float32
                 and rows.flags.c_contiguous):
             return rows
-        out = np.empty((count, 8), np.float32)
+        out = np.empty((count, self.width), np.float32)
         # What float32 cannot hold becomes infinite, and the daemon flags the ray.
         with np.errstate(over="ignore", invalid="ignore"):
             # Subtracted as float64, before digits are lost.
             origins = self._origins[part]
             out[:, :3] = origins if self._shift is None else origins - self._shift
-            out[:, 4:7] = self._directions[part]
-            out[:, 3] = 0 if rows is None else rows[:, 3]
-            out[:, 7] = np.inf if rows is None else rows[:, 7]
+            out[:, 3:] = self._rest[part]
         return out
 
 

@@ -165,7 +165,9 @@ wire::QueryT request_of(const Options& options, const std::string& kind, std::ui
 /// The bytes of the rays there and of the columns back, chunk by chunk, and nothing else.
 class BareSockets {
 public:
-    BareSockets(int like, std::uint64_t rays) : chunks_(rays / chunk_rays) {
+    BareSockets(int like, std::uint64_t rays, std::size_t ray_bytes)
+        : chunks_(rays / chunk_rays),
+          request_(chunk_rays * ray_bytes) {
         pairs_ = must(client::connect_pairs(like, 1));
         echo_ = client::echo_by_threads(std::move(pairs_.far),
                                         {request_.size(), std::vector<std::byte>(reply_.size())});
@@ -189,7 +191,7 @@ public:
 
 private:
     const std::uint64_t chunks_;
-    std::vector<std::byte> request_ = std::vector<std::byte>(chunk_rays * sizeof(Ray));
+    std::vector<std::byte> request_;
     std::vector<std::byte> reply_ = std::vector<std::byte>(chunk_rays * std::size_t{8});
     client::SocketPairs pairs_;
     std::unique_ptr<client::Echo> echo_;
@@ -236,7 +238,7 @@ void print(const Options& options, const Side& side, const Side* against) {
 
 /// Whom a side is compared with; empty: nobody.
 std::string opponent_of(const std::string& side) {
-    if (side == "null") return "sockets";
+    if (side.starts_with("null")) return "sockets" + side.substr(std::string("null").size());
     if (side.starts_with("service"))
         return "in_process" + side.substr(std::string("service").size());
     return "";
@@ -274,9 +276,16 @@ void run(Options options) {
     std::vector<Ray> rays = make_rays(workload, kind, options.count, trace);
     options.count = static_cast<std::uint32_t>(rays.size()) / chunk_rays * chunk_rays;
     rays.resize(options.count);
-    std::vector<client::Ray> to_send(rays.size());
-    std::memcpy(to_send.data(), rays.data(), rays.size() * sizeof(Ray));
-    const client::RaySource sent(std::move(to_send));
+    std::vector<float> values;
+    std::vector<float> short_values;  // without the ranges
+    for (const Ray& ray : rays) {
+        const auto& o = ray.origin;
+        const auto& d = ray.direction;
+        values.insert(values.end(), {o.x, o.y, o.z, ray.tmin, d.x, d.y, d.z, ray.tmax});
+        short_values.insert(short_values.end(), {o.x, o.y, o.z, d.x, d.y, d.z});
+    }
+    const client::RaySource sent(std::move(values), 8);
+    const client::RaySource sent_short(std::move(short_values), 6);
     const client::RaySource none(std::vector<client::Ray>{});
 
     constexpr std::uint32_t channel_count = 64;
@@ -292,13 +301,17 @@ void run(Options options) {
     }
     const Lidar lidar = lidar_of(workload, channels, generated.generator->azimuth_count);
 
-    BareSockets sockets(connection->socket(), options.count);
+    BareSockets sockets(connection->socket(), options.count, sent.ray_bytes());
+    BareSockets sockets_short(connection->socket(), options.count, sent_short.ray_bytes());
     const wire::QueryT null = request_of(options, "null", options.count);
     const wire::QueryT closest = request_of(options, "closest", options.count);
     std::vector<Ray> made(chunk_rays);
     std::vector<Side> sides;
     sides.push_back({"sockets", [&](Answer&) { sockets.run(); }});
     sides.push_back({"null", [&](Answer& answer) { ask(*connection, null, sent, answer); }});
+    sides.push_back({"sockets_short", [&](Answer&) { sockets_short.run(); }});
+    sides.push_back(
+        {"null_short", [&](Answer& answer) { ask(*connection, null, sent_short, answer); }});
     sides.push_back({"in_process", [&](Answer& answer) {
                          for_each_chunk(options.count, [&](auto first, auto count) {
                              in_process.trace(std::span(rays).subspan(first, count), first, answer);
@@ -314,8 +327,8 @@ void run(Options options) {
                      }});
     sides.push_back(
         {"service_lidar", [&](Answer& answer) { ask(*connection, generated, none, answer); }});
-    check_alike(sides[2], sides[3], options.count);
     check_alike(sides[4], sides[5], options.count);
+    check_alike(sides[6], sides[7], options.count);
     if (!options.sides.empty())
         std::erase_if(sides, [&](const Side& side) {
             return std::ranges::find(options.sides, side.name) == options.sides.end();

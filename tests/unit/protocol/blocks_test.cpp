@@ -55,10 +55,11 @@ TEST_CASE("a message that carries one block says so when it gets another") {
         bulk.allocate();
         const protocol::Frame frame = chunk_of(std::move(bulk));
         const auto opened = protocol::open<wire::Chunk>(frame);
-        return protocol::only_block(opened.value().blocks, "rays", wire::Dtype::f32, 32)
+        return protocol::only_block(opened.value().blocks, "rays", wire::Dtype::f32, {32, 24})
             .has_value();
     };
     CHECK(only("rays", wire::Dtype::f32, 8));
+    CHECK(only("rays", wire::Dtype::f32, 6));
     CHECK(!only("ray", wire::Dtype::f32, 8));
     CHECK(!only("rays", wire::Dtype::u32, 8));
     CHECK(!only("rays", wire::Dtype::f32, 4));
@@ -69,7 +70,7 @@ TEST_CASE("a message that carries one block says so when it gets another") {
     bulk.allocate();
     const protocol::Frame frame = chunk_of(std::move(bulk));
     const auto opened = protocol::open<wire::Chunk>(frame);
-    CHECK(!protocol::only_block(opened.value().blocks, "rays", wire::Dtype::f32, 32));
+    CHECK(!protocol::only_block(opened.value().blocks, "rays", wire::Dtype::f32, {32, 24}));
 }
 
 TEST_CASE("a message that carries no blocks does not open with a bulk part") {
