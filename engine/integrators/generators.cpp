@@ -63,49 +63,37 @@ Lidar::Lidar(const Mount& mount, std::span<const LidarChannel> channels, double 
         heads_.push_back(cosine_and_sine((start + (stop - start) * i / count) * degree));
 }
 
-Ray Lidar::ray(std::uint64_t index) const {
-    const Beam& beam = beams_[index / heads_.size()];
-    const glm::dvec2 head = heads_[index % heads_.size()];
-    const double cosine = head.x * beam.offset.x - head.y * beam.offset.y;
-    const double sine = head.y * beam.offset.x + head.x * beam.offset.y;
-    Ray ray = mount_.ray({beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
-    const glm::dvec3& at = beam.origin;
-    ray.origin =
-        mount_.pose.point({at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
-    return ray;
+namespace {
+
+/// Rays of a row, and rows.
+template <class Kind>
+ImageSize size_of(const Kind& kind) {
+    if constexpr (requires { kind.size; })
+        return kind.size;
+    else
+        return kind.rays();
 }
 
+}  // namespace
+
 ImageSize image_size(const Sensor& sensor) {
-    return std::visit(
-        [](const auto& kind) -> ImageSize {
-            if constexpr (requires { kind.size; })
-                return kind.size;
-            else if constexpr (requires { kind.image(); })
-                return kind.image();
-            else
-                return {};
-        },
-        sensor);
+    if (std::holds_alternative<Lidar>(sensor)) return {};
+    return std::visit([](const auto& kind) { return size_of(kind); }, sensor);
 }
 
 std::uint64_t ray_count(const Sensor& sensor) {
-    const auto* lidar = std::get_if<Lidar>(&sensor);
-    return lidar != nullptr ? lidar->count() : image_size(sensor).pixels();
+    return std::visit([](const auto& kind) { return size_of(kind).pixels(); }, sensor);
 }
 
 void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out) {
     std::visit(
         [&](const auto& kind) {
-            if constexpr (requires { kind.ray(0, 0); }) {
-                const std::uint64_t width = image_size(sensor).width;
-                std::uint64_t column = first % width;
-                std::uint64_t row = first / width;
-                for (Ray& ray : out) {
-                    ray = kind.ray(column, row);
-                    if (++column == width) column = 0, ++row;
-                }
-            } else {
-                for (std::size_t i = 0; i < out.size(); ++i) out[i] = kind.ray(first + i);
+            const std::uint64_t width = size_of(kind).width;
+            std::uint64_t column = first % width;
+            std::uint64_t row = first / width;
+            for (Ray& ray : out) {
+                ray = kind.ray(column, row);
+                if (++column == width) column = 0, ++row;
             }
         },
         sensor);
@@ -115,11 +103,10 @@ void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> ou
     const ImageSize size = image_size(sensor);
     std::visit(
         [&](const auto& kind) {
-            if constexpr (requires { kind.ray(0, 0); })
-                for_each_in_tiles(first, out.size(), size.width, size.height,
-                                  [&](std::uint64_t i, std::uint64_t column, std::uint64_t row) {
-                                      out[i] = kind.ray(column, row);
-                                  });
+            for_each_in_tiles(first, out.size(), size.width, size.height,
+                              [&](std::uint64_t i, std::uint64_t column, std::uint64_t row) {
+                                  out[i] = kind.ray(column, row);
+                              });
         },
         sensor);
 }

@@ -88,7 +88,7 @@ struct Orthographic {
 class Equirectangular {
 public:
     Equirectangular(const Mount& mount, ImageSize size);
-    [[nodiscard]] const ImageSize& image() const { return size_; }
+    [[nodiscard]] const ImageSize& rays() const { return size_; }
     [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
         const glm::dvec2& azimuth = columns_[column];
         const glm::dvec2& elevation = rows_[row];
@@ -114,8 +114,22 @@ class Lidar {
 public:
     Lidar(const Mount& mount, std::span<const LidarChannel> channels, double start, double stop,
           std::uint32_t count);
-    [[nodiscard]] std::uint64_t count() const { return beams_.size() * heads_.size(); }
-    [[nodiscard]] Ray ray(std::uint64_t index) const;
+    [[nodiscard]] ImageSize rays() const {
+        return {static_cast<std::uint32_t>(heads_.size()),
+                static_cast<std::uint32_t>(beams_.size())};
+    }
+    [[nodiscard]] Ray ray(std::uint64_t azimuth, std::uint64_t channel) const {
+        const Beam& beam = beams_[channel];
+        const glm::dvec2& head = heads_[azimuth];
+        const double cosine = head.x * beam.offset.x - head.y * beam.offset.y;
+        const double sine = head.y * beam.offset.x + head.x * beam.offset.y;
+        Ray ray =
+            mount_.ray({beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
+        const glm::dvec3& at = beam.origin;
+        ray.origin =
+            mount_.pose.point({at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
+        return ray;
+    }
 
 private:
     struct Beam {
