@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cstring>
 #include <map>
-#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -51,7 +50,6 @@ private:
         QueryChunk chunk;
         chunk.first_ray = reply->first_ray();
         chunk.count = reply->count();
-        std::vector<std::uint64_t> own_splits;
         std::vector<BlockView> columns;
         for (const BlockView& block : reply.message.blocks)
             if (block.name != "ray_splits") columns.push_back(block);
@@ -66,9 +64,9 @@ private:
                 !std::is_sorted(chunk.splits.begin(), chunk.splits.end()))
                 return nonsense("ray_splits that do not rise");
         } else {
-            own_splits.resize(chunk.count + std::size_t{1});
-            std::iota(own_splits.begin(), own_splits.end(), std::uint64_t{0});
-            chunk.splits = own_splits;
+            while (one_hit_each_.size() <= chunk.count)
+                one_hit_each_.push_back(one_hit_each_.size());
+            chunk.splits = std::span(one_hit_each_).first(chunk.count + std::size_t{1});
         }
         for (const BlockView& column : columns)
             if (column.count != (is_hit_field(column.name) ? chunk.splits.back() : chunk.count))
@@ -80,6 +78,7 @@ private:
     bool splits_;
     const std::function<Result<void>(const QueryChunk&)>& consume_;
     std::uint64_t next_ = 0;
+    std::vector<std::uint64_t> one_hit_each_;  ///< 0, 1, 2, ...: the splits where each ray has one
     std::map<std::uint64_t, Reply<wire::Chunk>> waiting_;
 };
 

@@ -2,6 +2,7 @@
 
 #include "engine/geometry/path.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>
@@ -100,6 +101,10 @@ void for_each_element(const ColumnSource& source, F&& f) {
 /// `value(hit, ray)` is asked for hits only, misses get `miss`.
 template <class T, class Value>
 void write_each(const ColumnSource& source, std::byte* out, const T& miss, Value&& value) {
+    if (source.hits.empty()) {
+        std::fill_n(reinterpret_cast<T*>(out), source.rays.size(), miss);
+        return;
+    }
     for_each_element(source, [&](std::size_t i, const HitRecord& hit, const Ray& ray) {
         const T element = hit.hit != 0 ? T(value(hit, ray)) : miss;
         std::memcpy(out + i * sizeof(T), &element, sizeof(T));

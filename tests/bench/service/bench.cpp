@@ -162,37 +162,40 @@ wire::QueryT request_of(const Options& options, const std::string& kind, std::ui
 // ---- controls
 // -------------------------------------------------------------------------------------
 
-/// The bytes of the rays there and of the columns back, chunk by chunk, and nothing else.
+/// The rays there and as many bytes as their columns back, chunk by chunk, and nothing else: from
+/// and to the whole arrays, which no cache holds.
 class BareSockets {
 public:
-    BareSockets(int like, std::uint64_t rays, std::size_t ray_bytes)
-        : chunks_(rays / chunk_rays),
-          request_(chunk_rays * ray_bytes) {
+    BareSockets(int like, const client::RaySource& rays)
+        : rays_(rays.bytes(0, rays.count())),
+          request_bytes_(chunk_rays * rays.ray_bytes()),
+          columns_(rays.count() * row_bytes) {
         pairs_ = must(client::connect_pairs(like, 1));
         echo_ = client::echo_by_threads(std::move(pairs_.far),
-                                        {request_.size(), std::vector<std::byte>(reply_.size())});
+                                        {request_bytes_, std::vector<std::byte>(reply_bytes)});
     }
     void run() {
         const int socket = pairs_.near.front().number();
         std::jthread sender([&] {
-            for (std::uint64_t i = 0; i < chunks_; ++i)
-                for (std::size_t sent = 0; sent < request_.size();) {
-                    const auto part = ::send(socket, request_.data() + sent, request_.size() - sent,
-                                             MSG_NOSIGNAL);
-                    if (part <= 0) give_up("the control's socket closed");
-                    sent += static_cast<std::size_t>(part);
-                }
+            for (std::size_t sent = 0; sent < rays_.size();) {
+                const std::size_t rest_of_chunk = request_bytes_ - sent % request_bytes_;
+                const auto part = ::send(socket, &rays_[sent], rest_of_chunk, MSG_NOSIGNAL);
+                if (part <= 0) give_up("the control's socket closed");
+                sent += static_cast<std::size_t>(part);
+            }
         });
-        for (std::uint64_t i = 0; i < chunks_; ++i)
-            if (::recv(socket, reply_.data(), reply_.size(), MSG_WAITALL) !=
-                static_cast<ssize_t>(reply_.size()))
+        for (std::size_t got = 0; got < columns_.size(); got += reply_bytes)
+            if (::recv(socket, &columns_[got], reply_bytes, MSG_WAITALL) !=
+                static_cast<ssize_t>(reply_bytes))
                 give_up("the control's socket closed");
     }
 
 private:
-    const std::uint64_t chunks_;
-    std::vector<std::byte> request_;
-    std::vector<std::byte> reply_ = std::vector<std::byte>(chunk_rays * std::size_t{8});
+    static constexpr std::size_t row_bytes = sizeof(float) + sizeof(std::uint32_t);
+    static constexpr std::size_t reply_bytes = chunk_rays * row_bytes;
+    const std::span<const std::byte> rays_;
+    const std::size_t request_bytes_;
+    std::vector<std::byte> columns_;
     client::SocketPairs pairs_;
     std::unique_ptr<client::Echo> echo_;
 };
@@ -301,8 +304,8 @@ void run(Options options) {
     }
     const Lidar lidar = lidar_of(workload, channels, generated.generator->azimuth_count);
 
-    BareSockets sockets(connection->socket(), options.count, sent.ray_bytes());
-    BareSockets sockets_short(connection->socket(), options.count, sent_short.ray_bytes());
+    BareSockets sockets(connection->socket(), sent);
+    BareSockets sockets_short(connection->socket(), sent_short);
     const wire::QueryT null = request_of(options, "null", options.count);
     const wire::QueryT closest = request_of(options, "closest", options.count);
     std::vector<Ray> made(chunk_rays);
