@@ -22,8 +22,8 @@ Code wire_code(ErrorCode code) {
             return Code::internal;
         case ErrorCode::out_of_memory:
             return Code::resource_exhausted;
-        case ErrorCode::io_failed:
-            return Code::internal;
+        case ErrorCode::io_failed:  // of an import: no descriptor, process or memory file to be had
+            return Code::resource_exhausted;
         case ErrorCode::internal:
             return Code::internal;
     }

@@ -9,7 +9,7 @@ TEST_CASE("what a user can repair never reads as a defect of the daemon") {
     for (const ErrorCode code :
          {ErrorCode::scene_invalid, ErrorCode::scene_unsupported, ErrorCode::limit_exceeded,
           ErrorCode::variant_unknown, ErrorCode::param_invalid, ErrorCode::field_invalid,
-          ErrorCode::out_of_memory})
+          ErrorCode::out_of_memory, ErrorCode::io_failed})
         CHECK(to_wire({code, "m"}).code != Code::internal);
     CHECK(to_wire({ErrorCode::internal, "m"}).code == Code::internal);
     CHECK(to_wire({ErrorCode::scene_invalid, "the message"}).message == "the message");
@@ -25,6 +25,7 @@ TEST_CASE("the command line's exit code follows from the engine's error") {
     CHECK(exit_of(ErrorCode::param_invalid) == protocol::Exit::usage);
     CHECK(exit_of(ErrorCode::field_invalid) == protocol::Exit::usage);
     CHECK(exit_of(ErrorCode::out_of_memory) == protocol::Exit::busy);
+    CHECK(exit_of(ErrorCode::io_failed) == protocol::Exit::busy);
 }
 
 }  // namespace
