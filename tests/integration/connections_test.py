@@ -120,7 +120,8 @@ class Connections(unittest.TestCase):
             with contextlib.suppress(OSError):  # full, or closed for not reading
                 while True:
                     connection.sendall(flood)
-        self.assertLess(daemon.resident_bytes("VmHWM") - before, len(crowd) << 20)
+        if not is_sanitized(self.raynestd):  # which keeps what was freed
+            self.assertLess(daemon.resident_bytes("VmHWM") - before, len(crowd) << 20)
         end = time.monotonic() + PATIENCE
         while client.json("stats")["slow_consumers"] < len(crowd) and time.monotonic() < end:
             time.sleep(0.05)

@@ -11,7 +11,7 @@ import tempfile
 import time
 import unittest
 
-PATIENCE = 30
+PATIENCE = float(os.environ.get("RAYNEST_PATIENCE", "30"))  # s, of whoever waits for an answer
 SHARED_SCENES = pathlib.Path(__file__).resolve().parents[3] / "shared" / "scenes"
 
 
