@@ -75,13 +75,18 @@ Answer ask(const Variant& variant, TraceFunction function, const SceneView& scen
     return answer;
 }
 
+bool same_bytes(std::span<const HitRecord> a, std::span<const HitRecord> b) {
+    const bool both_empty = a.empty() && b.empty();  // memcmp takes no null, for no bytes either
+    return both_empty ||
+           (a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0);
+}
+
 Difference differing_rays(const Answer& a, const Answer& b) {
     Difference different;
     for (std::size_t i = 0; i < a.counts.size(); ++i) {
         bool same = a.counts[i] == b.counts[i];
         if (!a.ray_flags.empty()) same = same && a.ray_flags[i] == b.ray_flags[i];
-        if (same && a.counts[i] != 0)
-            same = std::memcmp(a.of(i).data(), b.of(i).data(), a.of(i).size_bytes()) == 0;
+        same = same && same_bytes(a.of(i), b.of(i));
         if (!same && different.rays++ == 0) different.first = i;
     }
     return different;

@@ -39,6 +39,8 @@ struct Answer {
 Answer ask(const Variant& variant, TraceFunction function, const SceneView& scene,
            std::span<const Ray> rays, const Question& question, const Settings& settings);
 
+bool same_bytes(std::span<const HitRecord> a, std::span<const HitRecord> b);
+
 struct Difference {
     std::uint64_t rays = 0;
     std::size_t first = 0;  ///< index of the first of them

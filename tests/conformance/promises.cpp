@@ -2,15 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <iterator>
 
 namespace raynest::conformance {
 namespace {
-
-bool same_bytes(std::span<const HitRecord> a, std::span<const HitRecord> b) {
-    return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
-}
 
 bool is_miss(const HitRecord& record, std::uint8_t flags) {
     HitRecord miss;
