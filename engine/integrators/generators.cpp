@@ -63,32 +63,25 @@ Lidar::Lidar(const Mount& mount, std::span<const LidarChannel> channels, double 
         heads_.push_back(cosine_and_sine((start + (stop - start) * i / count) * degree));
 }
 
-namespace {
-
-/// Rays of a row, and rows.
-template <class Kind>
-ImageSize size_of(const Kind& kind) {
-    if constexpr (requires { kind.size; })
-        return kind.size;
-    else
-        return kind.rays();
-}
-
-}  // namespace
-
-ImageSize image_size(const Sensor& sensor) {
-    if (std::holds_alternative<Lidar>(sensor)) return {};
-    return std::visit([](const auto& kind) { return size_of(kind); }, sensor);
+ImageSize ray_grid(const Sensor& sensor) {
+    return std::visit(
+        [](const auto& kind) {
+            if constexpr (requires { kind.size; })
+                return kind.size;
+            else
+                return kind.rays();
+        },
+        sensor);
 }
 
 std::uint64_t ray_count(const Sensor& sensor) {
-    return std::visit([](const auto& kind) { return size_of(kind).pixels(); }, sensor);
+    return ray_grid(sensor).pixels();
 }
 
 void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out) {
+    const std::uint64_t width = ray_grid(sensor).width;
     std::visit(
         [&](const auto& kind) {
-            const std::uint64_t width = size_of(kind).width;
             std::uint64_t column = first % width;
             std::uint64_t row = first / width;
             for (Ray& ray : out) {
@@ -100,7 +93,7 @@ void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out
 }
 
 void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> out) {
-    const ImageSize size = image_size(sensor);
+    const ImageSize size = ray_grid(sensor);
     std::visit(
         [&](const auto& kind) {
             for_each_in_tiles(first, out.size(), size.width, size.height,

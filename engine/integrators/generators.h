@@ -143,12 +143,12 @@ private:
 
 using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar>;
 
+/// Rays come row by row: of an image from the top, of a lidar channel by channel.
+[[nodiscard]] ImageSize ray_grid(const Sensor& sensor);
 [[nodiscard]] std::uint64_t ray_count(const Sensor& sensor);
-/// Width and height of what makes an image, whose rays come row by row, y down; else 0 x 0.
-[[nodiscard]] ImageSize image_size(const Sensor& sensor);
 /// Rays [first, first + out.size()).
 void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out);
-/// As above but of an image, in tile order (camera.h).
+/// The same in tile order (camera.h).
 void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> out);
 
 /// Rays from given points over the hemisphere of a normal, cosine-weighted: their mean of a

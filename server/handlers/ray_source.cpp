@@ -204,7 +204,7 @@ std::uint64_t RaySource::rays_per_point() const {
 
 std::uint64_t RaySource::chunk_rays(std::uint64_t most) const {
     const auto* sensor = std::get_if<Sensor>(&origin_);
-    const std::uint64_t band = sensor != nullptr ? tile_rows * image_size(*sensor).width : 0;
+    const std::uint64_t band = sensor != nullptr ? tile_rows * ray_grid(*sensor).width : 0;
     return band == 0 || band > most ? most : most / band * band;
 }
 
@@ -227,7 +227,7 @@ std::span<const Ray> RaySource::rays_of(const Piece& piece, TraceBuffers& buffer
 
 bool RaySource::has_tiles(const Piece& piece) const {
     const auto* sensor = std::get_if<Sensor>(&origin_);
-    const std::uint64_t band = sensor != nullptr ? tile_rows * image_size(*sensor).width : 0;
+    const std::uint64_t band = sensor != nullptr ? tile_rows * ray_grid(*sensor).width : 0;
     const bool to_the_end = piece.first + piece.count == rays_;
     return band != 0 && piece.first % band == 0 && (piece.count % band == 0 || to_the_end);
 }
@@ -235,7 +235,7 @@ bool RaySource::has_tiles(const Piece& piece) const {
 Reply<void> RaySource::trace_tiles(const Plan& plan, const Piece& piece,
                                    TraceBuffers& buffers) const {
     const Sensor& sensor = std::get<Sensor>(origin_);
-    const ImageSize size = image_size(sensor);
+    const ImageSize size = ray_grid(sensor);
     buffers.rays.resize(piece.count);
     generate_tiles(sensor, piece.first, buffers.rays);
     if (auto traced = trace(plan, buffers.rays, buffers); !traced) return traced;

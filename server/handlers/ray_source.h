@@ -74,14 +74,14 @@ public:
     [[nodiscard]] bool has_points() const { return std::holds_alternative<Hemisphere>(origin_); }
     /// Does the client send anything? Then a frame of it is this piece.
     [[nodiscard]] bool sends() const { return !std::holds_alternative<Sensor>(origin_); }
-    /// As many rays as a task should take: whole bands of an image's tiles, if `most` allows.
+    /// As many rays as a task should take: whole bands of tiles, if `most` allows.
     [[nodiscard]] std::uint64_t chunk_rays(std::uint64_t most) const;
 
     /// Worker thread: the rays of a piece, as they lie in its frame or made in the buffers.
     [[nodiscard]] std::span<const Ray> rays_of(const Piece& piece, TraceBuffers& buffers) const;
 
     /// Neighbours in square tiles are traced faster. Traces the piece as tiles if it is whole bands
-    /// of an image; the answers come back in the order of rows.
+    /// of them; the answers come back in the order of rows.
     [[nodiscard]] bool has_tiles(const Piece& piece) const;
     Reply<void> trace_tiles(const Plan& plan, const Piece& piece, TraceBuffers& buffers) const;
 
