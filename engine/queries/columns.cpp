@@ -86,15 +86,22 @@ glm::dvec3 record_normal(const ColumnSource& source, const HitRecord& hit, const
 /// Calls f(i, hit, ray) for every element.
 template <class F>
 void for_each_element(const ColumnSource& source, F&& f) {
-    if (source.hits.empty()) {
+    // Copies, because what `f` writes might be the source, for all that a compiler knows.
+    const std::span<const Ray> rays = source.rays;
+    const std::span<const HitRecord> hits = source.hits;
+    const std::span<const std::uint32_t> ray_of = source.ray_of;
+    const std::span<const std::uint32_t> order = source.order;
+    if (hits.empty()) {
         static constexpr HitRecord miss{};
-        for (std::size_t i = 0; i < source.rays.size(); ++i) f(i, miss, source.rays[i]);
-        return;
-    }
-    const std::size_t count = source.order.empty() ? source.hits.size() : source.order.size();
-    for (std::size_t i = 0; i < count; ++i) {
-        const std::size_t at = source.order.empty() ? i : source.order[i];
-        f(i, source.hits[at], source.rays[source.ray_of.empty() ? at : source.ray_of[at]]);
+        for (std::size_t i = 0; i < rays.size(); ++i) f(i, miss, rays[i]);
+    } else if (order.empty() && ray_of.empty()) {
+        for (std::size_t i = 0; i < hits.size(); ++i) f(i, hits[i], rays[i]);
+    } else {
+        const std::size_t count = order.empty() ? hits.size() : order.size();
+        for (std::size_t i = 0; i < count; ++i) {
+            const std::size_t at = order.empty() ? i : order[i];
+            f(i, hits[at], rays[ray_of.empty() ? at : ray_of[at]]);
+        }
     }
 }
 
