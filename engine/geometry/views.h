@@ -9,6 +9,7 @@
 #include <cstdint>
 
 #include "engine/geometry/box.h"
+#include "engine/geometry/hit.h"
 #include "engine/math/vec.h"
 
 namespace raynest {
@@ -57,6 +58,14 @@ struct GeometryRecord {
     std::uint32_t material;   ///< index, or no_id
 };
 
+/// Is alpha of the geometry's triangles looked up in a texture?
+[[nodiscard]] inline bool has_alpha_texture(const GeometryRecord& geometry,
+                                            const MaterialRecord* materials) {
+    if (geometry.material == no_id) return false;
+    const MaterialRecord& material = materials[geometry.material];
+    return material.alpha_mode != AlphaMode::opaque && material.texture != no_id;
+}
+
 /// The least and the largest alpha anywhere on a triangle, in 255ths and rounded outward. 0 as the
 /// least and 255 as the largest say nothing: alpha may lie beyond.
 struct Opacity {
@@ -69,6 +78,13 @@ struct Opacity {
         return largest != 255 && static_cast<float>(largest) < 255.0F * alpha;
     }
 };
+
+/// Texture coordinates of the eight triangles of a leaf block, for tests of alpha: a candidate comes
+/// from its block, and through indices and vertices the way to them is one cache miss longer.
+struct TexcoordBlock {
+    Vec2 corner[8][3];  ///< [lane][corner]; 0 in lanes whose alpha is in no texture
+};
+static_assert(sizeof(TexcoordBlock) == 192);
 
 /// One placement of an object in its parent. Stored in declaration order.
 struct InstanceRecord {
@@ -96,6 +112,7 @@ struct ObjectRecord {
     std::uint64_t first_block;
     std::uint64_t first_record;  ///< byte offset in `records`
     std::uint64_t leaves;      ///< leaf placements below, CONTRACT.md §1
+    std::uint64_t texcoord_blocks;  ///< byte offset in `attributes`, one per leaf block; no_offset where no alpha is in a texture
     std::uint32_t node_count;
     std::uint32_t block_count;
     std::uint32_t triangle_count;

@@ -25,16 +25,22 @@ struct AlphaMask {
     RAYNEST_INLINE auto operator()(const auto& ray, const TriangleLike auto& triangle) {
         auto hits = intersect(ray, triangle);
         hits.keep_if([&](const Surface& surface) {
-            return ray.object == nullptr || is_solid(*ray.object, surface);
+            return ray.object == nullptr || is_solid(*ray.object, surface, block_of(triangle));
         });
         return hits;
     }
 
 private:
+    /// Of a triangle by itself none: the reference finds texture coordinates by index.
+    RAYNEST_INLINE static const TriangleBlock* block_of(const TriangleLike auto& triangle) {
+        if constexpr (requires { triangle.block; }) return triangle.block;
+        return nullptr;
+    }
+
     // Out of line, and only this: few candidates come so far, and the test for all triangles is to
     // stay in the traversal (measured in batches: 1.05 to 1.1).
-    [[nodiscard, gnu::noinline]] bool is_solid(const ObjectRecord& object,
-                                               const Surface& surface) const {
+    [[nodiscard, gnu::noinline]] bool is_solid(const ObjectRecord& object, const Surface& surface,
+                                               const TriangleBlock* block) const {
         const GeometryRecord& geometry = scene.geometry_of(object, surface.prim);
         if (geometry.material == no_id) return true;
         const MaterialRecord& material = scene.materials[geometry.material];
@@ -46,8 +52,11 @@ private:
         const Opacity opacity = scene.opacity_of(geometry, surface.prim);
         if (opacity.is_all_at_least(least)) return true;
         if (opacity.is_all_below(least)) return false;
-        return surface_alpha(scene, geometry, material, surface.prim, surface.u, surface.v) >=
-               least;
+        const Vec2* const corners = block != nullptr && material.texture != no_id
+                                        ? corner_texcoords(scene, object, *block, surface.lane)
+                                        : nullptr;
+        return surface_alpha(scene, geometry, material, surface.prim, surface.u, surface.v,
+                             corners) >= least;
     }
 
     const SceneView& scene;

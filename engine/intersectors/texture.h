@@ -5,6 +5,7 @@
 // explicit, so that every target gives the same bits.
 #pragma once
 
+#include "engine/geometry/triangle.h"
 #include "engine/geometry/views.h"
 #include "engine/math/vec.h"
 
@@ -18,6 +19,10 @@ RAYNEST_INLINE float interpolate(float a, float b, float c, float u, float v) {
     return fused(u, b, fused(v, c, (1.0F - u - v) * a));
 }
 
+RAYNEST_INLINE Vec2 interpolate(const Vec2& a, const Vec2& b, const Vec2& c, float u, float v) {
+    return {interpolate(a.x, b.x, c.x, u, v), interpolate(a.y, b.y, c.y, u, v)};
+}
+
 /// Texture coordinates of a point of a geometry's triangle; (u, v) where the set is missing.
 inline Vec2 texture_coordinates(const SceneView& scene, const GeometryRecord& geometry,
                                 std::uint32_t set, std::uint32_t triangle, float u, float v) {
@@ -25,10 +30,14 @@ inline Vec2 texture_coordinates(const SceneView& scene, const GeometryRecord& ge
     const auto* corner = scene.attribute<std::uint32_t>(geometry.indices) +
                          3 * static_cast<std::size_t>(triangle - geometry.first_triangle);
     const auto* st = scene.attribute<Vec2>(geometry.texcoords[set]);
-    const Vec2 a = st[corner[0]];
-    const Vec2 b = st[corner[1]];
-    const Vec2 c = st[corner[2]];
-    return {interpolate(a.x, b.x, c.x, u, v), interpolate(a.y, b.y, c.y, u, v)};
+    return interpolate(st[corner[0]], st[corner[1]], st[corner[2]], u, v);
+}
+
+/// The corners of a leaf block's triangle whose material has_alpha_texture().
+inline const Vec2* corner_texcoords(const SceneView& scene, const ObjectRecord& object,
+                                    const TriangleBlock& block, int lane) {
+    const std::ptrdiff_t place = &block - (scene.blocks + object.first_block);
+    return scene.attribute<TexcoordBlock>(object.texcoord_blocks)[place].corner[lane];
 }
 
 /// Maps a coordinate into one period: repeat and mirror to [0, 1), clamp to [0, 1]. NaN gives 0.
@@ -80,13 +89,16 @@ RAYNEST_INLINE float sample_alpha(const SceneView& scene, const TextureRecord& t
     return fused(fy, lower - upper, upper) * (1.0F / 255.0F);
 }
 
-/// baseColorFactor.a x baseColorTexture.a x COLOR_0.a at a point of a triangle.
+/// baseColorFactor.a x baseColorTexture.a x COLOR_0.a at a point of a triangle. `corners` are its
+/// texture coordinates for the material, where the caller has them at hand.
 RAYNEST_INLINE float surface_alpha(const SceneView& scene, const GeometryRecord& geometry,
                                    const MaterialRecord& material, std::uint32_t triangle, float u,
-                                   float v) {
+                                   float v, const Vec2* corners = nullptr) {
     float alpha = material.base_colour.w;
     if (material.texture != no_id) {
-        const Vec2 st = texture_coordinates(scene, geometry, material.texcoord, triangle, u, v);
+        const Vec2 st = corners != nullptr ? interpolate(corners[0], corners[1], corners[2], u, v)
+                                           : texture_coordinates(scene, geometry, material.texcoord,
+                                                                 triangle, u, v);
         const float* m = material.uv_transform;
         alpha *= sample_alpha(scene, scene.textures[material.texture],
                               {fused(m[0], st.x, fused(m[1], st.y, m[2])),

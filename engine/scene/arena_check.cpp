@@ -220,8 +220,8 @@ private:
                                                          : is_finite(object.bounds.lower) &&
                                                                is_finite(object.bounds.upper));
             if (!sound) return broken(label + " has a bad name, bound or error factor");
-            for (const auto step :
-                 {&Checker::check_geometries, &Checker::check_records, &Checker::check_instances}) {
+            for (const auto step : {&Checker::check_geometries, &Checker::check_texcoord_blocks,
+                                    &Checker::check_records, &Checker::check_instances}) {
                 if (auto checked = (this->*step)(object, i); !checked) return checked;
             }
             if (auto checked = tree.check(view_, object); !checked) return checked;
@@ -262,6 +262,21 @@ private:
             triangles += geometry.triangle_count;
         }
         if (triangles != object.triangle_count) return broken("triangles belong to no geometry");
+        return {};
+    }
+
+    /// Kernels take them for given where a candidate's alpha depends on a texture.
+    Result<void> check_texcoord_blocks(const ObjectRecord& object, std::uint32_t index) {
+        const GeometryRecord* const first = view_.geometries + object.first_geometry;
+        const bool needed =
+            object.block_count != 0 &&
+            std::any_of(first, first + object.geometry_count, [&](const GeometryRecord& geometry) {
+                return has_alpha_texture(geometry, view_.materials);
+            });
+        const bool sound = needed ? is_run(object.texcoord_blocks, object.block_count,
+                                           sizeof(TexcoordBlock), format::alignment)
+                                  : object.texcoord_blocks == no_offset;
+        if (!sound) return broken("the texture coordinates of object " + std::to_string(index));
         return {};
     }
 

@@ -138,6 +138,8 @@ private:
         object.first_block = block_count_;
         object.node_count = static_cast<std::uint32_t>(tree.nodes.size());
         object.block_count = static_cast<std::uint32_t>(blocks);
+        object.texcoord_blocks = content_.attributes.reserve(
+            has_alpha_texture(object) ? blocks * sizeof(TexcoordBlock) : 0);
         node_count_ += object.node_count;
         block_count_ += object.block_count;
 
@@ -202,6 +204,13 @@ private:
         const std::uint32_t name = content_.names.add(source.record_type);
         auto& types = content_.record_types;
         if (std::find(types.begin(), types.end(), name) == types.end()) types.push_back(name);
+    }
+
+    [[nodiscard]] bool has_alpha_texture(const ObjectRecord& object) const {
+        const GeometryRecord* const first = content_.geometries.data() + object.first_geometry;
+        return std::any_of(first, first + object.geometry_count, [&](const GeometryRecord& record) {
+            return raynest::has_alpha_texture(record, content_.materials.data());
+        });
     }
 
     static void add_triangle_bounds(const ObjectDescription& source, std::vector<Box>& boxes) {

@@ -17,9 +17,10 @@ constexpr std::uint64_t attribute_alignment = 16;
 /// Lanes of leaf blocks that one task fills.
 constexpr std::size_t blocks_part = 1U << 15;
 
-/// Fills the leaf blocks of one object from its vertices.
+/// Fills the leaf blocks of one object from its vertices, and `texcoords` where it has them.
 void write_blocks(const ObjectDescription& object, const Tree& tree,
-                  std::span<const GeometryRecord> geometries, TriangleBlock* blocks) {
+                  std::span<const GeometryRecord> geometries, const MaterialRecord* materials,
+                  TriangleBlock* blocks, TexcoordBlock* texcoords) {
     const auto geometry_of = [&](std::uint32_t triangle) {
         const auto next = std::upper_bound(
             geometries.begin(), geometries.end(), triangle,
@@ -48,6 +49,11 @@ void write_blocks(const ObjectDescription& object, const Tree& tree,
                 for (int axis = 0; axis < 3; ++axis) {
                     block.vertex[corner][axis][lane] = p[axis];
                 }
+            }
+            if (texcoords != nullptr && has_alpha_texture(geometries[geometry], materials)) {
+                const std::uint32_t set = materials[source.material].texcoord;
+                std::ranges::copy(source.corner_texcoords(set, first),
+                                  texcoords[i / 8].corner[lane]);
             }
         }
     });
@@ -79,6 +85,13 @@ std::uint32_t NameTable::add(const std::string& name) {
 
 std::uint64_t AttributePlan::add_alpha(std::span<const std::uint8_t> rgba) {
     return place({reinterpret_cast<const std::byte*>(rgba.data()) + 3, rgba.size() / 4, 4});
+}
+
+std::uint64_t AttributePlan::reserve(std::uint64_t bytes) {
+    if (bytes == 0) return no_offset;
+    const std::uint64_t offset = format::aligned(size_);
+    size_ = offset + bytes;
+    return offset;
 }
 
 std::uint64_t AttributePlan::place(Source source) {
@@ -171,9 +184,13 @@ void write_trees(const Content& content, Arena& arena) {
         const ObjectRecord& object = content.objects[i];
         const Tree& tree = content.trees[i];
         std::copy(tree.nodes.begin(), tree.nodes.end(), node_section + object.first_node);
+        const bool has_texcoords = object.texcoord_blocks != no_offset;
         write_blocks(*content.sources[i], tree,
                      {content.geometries.data() + object.first_geometry, object.geometry_count},
-                     block_section + object.first_block);
+                     content.materials.data(), block_section + object.first_block,
+                     has_texcoords ? reinterpret_cast<TexcoordBlock*>(at(Section::attributes) +
+                                                                      object.texcoord_blocks)
+                                   : nullptr);
         write_records(*content.sources[i], tree, object.record_size,
                       at(Section::records) + object.first_record);
     }

@@ -39,6 +39,8 @@ public:
     }
     /// Offset of every fourth byte of `rgba`, from the fourth on.
     std::uint64_t add_alpha(std::span<const std::uint8_t> rgba);
+    /// Offset of zeros on cache lines of their own, for write_trees; no_offset of none.
+    std::uint64_t reserve(std::uint64_t bytes);
 
     [[nodiscard]] std::uint64_t size() const { return size_; }
     void write(std::byte* section) const;
@@ -82,7 +84,7 @@ void add_cameras(const SceneDescription& description, Content& content);
 /// Lays out the arena and fills all of it but the trees. Throws std::bad_alloc.
 Arena write_arena(const Content& content);
 
-/// Nodes, leaf blocks and records.
+/// Nodes, leaf blocks with their texture coordinates, and records.
 void write_trees(const Content& content, Arena& arena);
 
 }  // namespace raynest

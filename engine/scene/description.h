@@ -48,6 +48,15 @@ struct GeometryDescription {
     std::vector<Vec2> texcoords[2];      ///< empty or one per vertex
     std::vector<std::uint8_t> colours;   ///< empty or RGBA per vertex
     std::uint32_t material = no_id;
+
+    /// Of a triangle's corners; where the set is missing those that make (u, v) of every point.
+    [[nodiscard]] std::array<Vec2, 3> corner_texcoords(std::uint32_t set,
+                                                       std::size_t triangle) const {
+        const std::vector<Vec2>& st = texcoords[set];
+        if (st.empty()) return {Vec2(0, 0), Vec2(1, 0), Vec2(0, 1)};
+        const std::uint32_t* const corner = indices.data() + 3 * triangle;
+        return {st[corner[0]], st[corner[1]], st[corner[2]]};
+    }
 };
 
 struct InstanceDescription {

@@ -207,7 +207,6 @@ std::vector<std::uint8_t> OpacityBaker::bake(const GeometryDescription& geometry
             &pyramids_.try_emplace(texture->image, scene_.images[texture->image]).first->second;
     }
     const auto factor = static_cast<double>(material.base_colour.w);
-    const std::vector<Vec2>& texcoords = geometry.texcoords[material.texcoord];
 
     const std::size_t triangles = geometry.indices.size() / 3;
     std::vector<std::uint8_t> ranges(2 * triangles);
@@ -215,12 +214,8 @@ std::vector<std::uint8_t> OpacityBaker::bake(const GeometryDescription& geometry
         const std::uint32_t* const corner = geometry.indices.data() + 3 * t;
         double least = factor * 255, largest = factor * 255;
         if (pyramid != nullptr) {
-            std::array<Vec2, 3> st{Vec2(0, 0), Vec2(1, 0),
-                                   Vec2(0, 1)};  // (u, v) where none are given
-            if (!texcoords.empty()) {
-                for (std::size_t k = 0; k < 3; ++k) st[k] = texcoords[corner[k]];
-            }
-            const auto range = texture_range(*pyramid, *texture, material, st);
+            const auto range = texture_range(*pyramid, *texture, material,
+                                             geometry.corner_texcoords(material.texcoord, t));
             least *= range.least / 255.0;
             largest *= range.largest / 255.0;
         }

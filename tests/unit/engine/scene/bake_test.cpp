@@ -98,6 +98,38 @@ TEST_CASE("leaf blocks hold the exact vertices, padding lanes none") {
     CHECK(triangles == 4);
 }
 
+TEST_CASE("leaf blocks of masked triangles have their texture coordinates beside them") {
+    SceneDescription description;
+    description.images = {{1, 1, {0, 0, 0, 0}}};
+    description.textures = {{0, Wrap::repeat, Wrap::repeat, true}};
+    description.materials.resize(3);
+    for (MaterialDescription& material : description.materials) material.texture = 0;
+    description.materials[0].alpha_mode = AlphaMode::mask;
+    description.materials[1].alpha_mode = AlphaMode::blend;
+    description.materials[1].texcoord = 1;  // which the square has not
+    description.objects.resize(2);
+    description.objects[0].geometries = {unit_square(0), unit_square(1), unit_square(2)};
+    description.objects[0].instances = {place(1, translation(0, 0, 1))};
+    description.objects[1].geometries = {unit_square(2)};
+    const auto scene = bake(description);
+    const SceneView& view = scene->view();
+
+    const ObjectRecord& masked = view.objects[view.root];
+    REQUIRE(masked.block_count == 1);
+    const std::vector<Vec2> expected[] = {
+        {{0, 0}, {1, 0}, {1, 1}}, {{0, 0}, {1, 1}, {0, 1}},  // its own
+        {{0, 0}, {1, 0}, {0, 1}}, {{0, 0}, {1, 0}, {0, 1}},  // those of (u, v)
+        {{0, 0}, {0, 0}, {0, 0}}, {{0, 0}, {0, 0}, {0, 0}}};
+    const TriangleBlock& block = view.blocks[masked.first_block];
+    const auto& corners = view.attribute<TexcoordBlock>(masked.texcoord_blocks)->corner;
+    for (std::size_t lane = 0; lane < 8; ++lane) {
+        if (block.triangle[lane] == no_id) continue;
+        const std::vector<Vec2> found(std::begin(corners[lane]), std::end(corners[lane]));
+        CHECK(found == expected[block.triangle[lane]]);
+    }
+    CHECK(view.objects[view.instances[masked.first_instance].object].texcoord_blocks == no_offset);
+}
+
 TEST_CASE("a singular instance is left out and counted with all that it places") {
     SceneDescription description = tree_scene();
     description.objects[2].instances[1].transform = scaling(1, 0, 1);
