@@ -35,7 +35,7 @@ struct BoxRef {
     const Box* box;
 
     [[nodiscard]] RAYNEST_INLINE std::uint32_t valid() const { return 1; }
-    [[nodiscard]] const Box& box_of(int) const { return *box; }
+    [[nodiscard]] RAYNEST_FN const Box& box_of(int) const { return *box; }
 };
 
 /// The boxes that the ray enters within [tmin, tmax].

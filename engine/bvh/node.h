@@ -15,6 +15,8 @@
 // order[0] is the mask of valid slots.
 #pragma once
 
+#include "engine/math/vec.h"
+
 #include <cstdint>
 
 namespace raynest {
@@ -28,7 +30,7 @@ struct alignas(64) Node {
     std::uint32_t child[8];
     std::uint32_t order[8];
 
-    [[nodiscard]] std::uint32_t valid() const { return order[0] >> 24; }
+    [[nodiscard]] RAYNEST_FN std::uint32_t valid() const { return order[0] >> 24; }
 };
 static_assert(sizeof(Node) == 256);
 

@@ -14,10 +14,7 @@
 #include "engine/bvh/box_test.h"
 #include "engine/bvh/node.h"
 #include "engine/bvh/tree_arrays.h"
-#include "engine/geometry/intersect_triangle.h"
-#include "engine/geometry/record.h"
-#include "engine/geometry/record_types.h"
-#include "engine/geometry/views.h"
+#include "engine/bvh/visit_primitive.h"
 #include "engine/math/compact.h"
 
 #include <bit>
@@ -26,77 +23,8 @@
 
 namespace raynest {
 
-/// One object of a scene as a primitive: the tree over its triangles, records and instances.
-struct Bvh {
-    const SceneView* scene;
-    std::uint32_t object;
-
-    [[nodiscard]] const ObjectRecord& record() const { return scene->objects[object]; }
-    /// Leaf placements below: the step of path ids from one element of a list to the next.
-    [[nodiscard]] std::uint64_t leaves() const { return record().leaves; }
-};
-
-/// One placement of an object, by its index in the scene's instances.
-struct Instance {
-    using instance_tag = void;
-    const SceneView* scene;
-    std::uint32_t index;
-
-    [[nodiscard]] const InstanceRecord& record() const { return scene->instances[index]; }
-    [[nodiscard]] std::uint64_t leaves() const { return scene->objects[record().object].leaves; }
-};
-
-/// Drops back faces of single-sided materials: `--set cull=back` (CONTRACT.md §1).
-template <class H>
-[[gnu::noinline]] void drop_back_faces(const RayView& ray, H& hits) {
-    hits.keep_if([&](const Surface& surface) {
-        if (surface.front) return true;
-        if (ray.object == nullptr || ray.object->triangle_count == 0) return false;
-        const GeometryRecord& geometry = ray.scene->geometry_of(*ray.object, surface.prim);
-        return geometry.material != no_id &&
-               ray.scene->materials[geometry.material].double_sided != 0;
-    });
-}
-
-/// A primitive: the one place where surfaces are tested.
-template <class R, PrimitiveLike P, class Isect, class Query>
-RAYNEST_INLINE bool visit(R& ray, const P& primitive, Isect& isect, Query& query) {
-    auto hits = ask(isect, ray, primitive);
-    if (hits.mask == 0) [[likely]]
-        return false;
-    if (ray.flags != 0) [[unlikely]] {
-        if constexpr (Query::ordered) {
-            drop_back_faces(ray, hits);
-        } else {
-            // A copy, so that hits of which only the mask is read stay in registers, unfinished
-            // (measured: 2 %; where all of them is read it costs 1).
-            auto kept = hits;
-            drop_back_faces(ray, kept);
-            hits.mask = kept.mask;
-        }
-    }
-    return query.take(ray, hits);
-}
-
 template <class Isect, class Query>
 bool visit_tree(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& query);
-
-/// The ray as the instance's object sees it: same t, one level down.
-[[nodiscard]] RAYNEST_INLINE RayView enter(const RayView& ray, const SceneView& scene,
-                                           const InstanceRecord& instance) {
-    // Member by member: a copied block would wait for the stores that it was written with.
-    return {instance.to_object.point(ray.origin),
-            instance.to_object.direction(ray.direction),
-            ray.tmin,
-            ray.tmax,
-            ray.world,
-            &scene,
-            &scene.objects[instance.object],
-            ray.path + instance.path_base,
-            ray.id,
-            ray.mask,
-            ray.flags};
-}
 
 template <class R, class Isect, class Query>
 RAYNEST_INLINE bool visit(R& ray, const Instance& instance, Isect& isect, Query& query) {
@@ -106,24 +34,6 @@ RAYNEST_INLINE bool visit(R& ray, const Instance& instance, Isect& isect, Query&
     BoxRay inner(enter(ray, *instance.scene, record));
     const bool done = visit_tree(inner, Bvh{instance.scene, record.object}, isect, query);
     ray.tmax = inner.tmax;
-    return done;
-}
-
-/// Calls `with(const P*)` for the primitive type of the object's records.
-template <class Visitor>
-RAYNEST_INLINE bool visit_record_type(const SceneView& scene, const ObjectRecord& object,
-                                      std::uint32_t first, std::uint32_t count, Visitor&& visitor) {
-    bool done = false;
-    for_each_record_type([&]<class P>(RecordType<P> type) {
-        if (object.record_type != type.id || done) return;
-        constexpr std::size_t stride = sizeof(P) + sizeof(std::uint32_t);
-        const std::byte* at = scene.records + object.first_record + stride * first;
-        for (std::uint32_t i = 0; i < count && !done; ++i, at += stride) {
-            std::uint32_t index;
-            __builtin_memcpy(&index, at + sizeof(P), sizeof index);
-            done = visitor(Record<P>{reinterpret_cast<const P*>(at), index, i == 0});
-        }
-    });
     return done;
 }
 

@@ -14,11 +14,11 @@ struct Box {
     Vec3 lower{std::numeric_limits<float>::infinity()};
     Vec3 upper{-std::numeric_limits<float>::infinity()};
 
-    void extend(const Vec3& p) {
+    RAYNEST_FN void extend(const Vec3& p) {
         lower = glm::min(lower, p);
         upper = glm::max(upper, p);
     }
-    void extend(const Box& b) {
+    RAYNEST_FN void extend(const Box& b) {
         lower = glm::min(lower, b.lower);
         upper = glm::max(upper, b.upper);
     }

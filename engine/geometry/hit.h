@@ -1,6 +1,8 @@
 // What a query answers per ray, before it becomes columns.
 #pragma once
 
+#include "engine/math/vec.h"
+
 #include <cstdint>
 #include <limits>
 
@@ -29,7 +31,7 @@ struct HitRecord {
 
     /// The total order of hits, CONTRACT.md §1: (t, path, geom, prim, k); the flat index orders
     /// (geom, prim).
-    [[nodiscard]] bool before(const HitRecord& other) const {
+    [[nodiscard]] RAYNEST_FN bool before(const HitRecord& other) const {
         if (t != other.t) return t < other.t;
         if (path != other.path) return path < other.path;
         if (triangle != other.triangle) return triangle < other.triangle;

@@ -6,7 +6,6 @@
 #include "engine/geometry/ray_view.h"
 #include "engine/math/lanes.h"
 
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 
@@ -47,8 +46,7 @@ struct Hits {
         t.store(ts);
         u.store(us);
         v.store(vs);
-        for (std::uint32_t rest = mask; rest != 0; rest &= rest - 1) {
-            const int lane = std::countr_zero(rest);
+        for_each_lane<N>(mask, [&](int lane) RAYNEST_INLINE_LAMBDA {
             const Surface surface{ts[lane],
                                   us[lane],
                                   vs[lane],
@@ -57,7 +55,7 @@ struct Hits {
                                   lane,
                                   (front >> lane & 1U) != 0};
             if (!keep(surface)) mask &= ~(1U << lane);
-        }
+        });
     }
 };
 
@@ -83,10 +81,9 @@ struct Spans {
         if (mask == 0) return;
         alignas(32) float nears[lane_count];
         near.store(nears);
-        for (std::uint32_t rest = mask; rest != 0; rest &= rest - 1) {
-            const int lane = std::countr_zero(rest);
+        for_each_lane<N>(mask, [&](int lane) RAYNEST_INLINE_LAMBDA {
             if (!keep(EnteredBox{boxes.box_of(lane), nears[lane]})) mask &= ~(1U << lane);
-        }
+        });
     }
 };
 

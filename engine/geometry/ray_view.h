@@ -30,11 +30,11 @@ struct RayView {
     std::uint32_t flags;         ///< TraceFlags
 
     /// A point on the ray in this level's space; `world_at` in the space of the request.
-    [[nodiscard]] Vec3 at(float t) const {
+    [[nodiscard]] RAYNEST_FN Vec3 at(float t) const {
         return {fused(t, direction.x, origin.x), fused(t, direction.y, origin.y),
                 fused(t, direction.z, origin.z)};
     }
-    [[nodiscard]] Vec3 world_at(float t) const {
+    [[nodiscard]] RAYNEST_FN Vec3 world_at(float t) const {
         return {fused(t, world->direction.x, world->origin.x),
                 fused(t, world->direction.y, world->origin.y),
                 fused(t, world->direction.z, world->origin.z)};
@@ -43,9 +43,9 @@ struct RayView {
 
 /// The view of a request's ray at the outermost level. A hit at infinity is no hit, so the search
 /// ends at the largest finite distance.
-[[nodiscard]] inline RayView outermost_view(const Ray& ray, const SceneView* scene,
-                                            std::uint32_t id, std::uint32_t mask,
-                                            std::uint32_t flags) {
+[[nodiscard]] RAYNEST_FN inline RayView outermost_view(const Ray& ray, const SceneView* scene,
+                                                       std::uint32_t id, std::uint32_t mask,
+                                                       std::uint32_t flags) {
     const float far =
         ray.tmax < std::numeric_limits<float>::max() ? ray.tmax : std::numeric_limits<float>::max();
     return {ray.origin, ray.direction, ray.tmin, far, &ray, scene, nullptr, 0, id, mask, flags};

@@ -33,7 +33,7 @@ struct ShearTerms {
 /// Of one ray.
 struct Shear : ShearTerms<float> {
     /// Of a ray that meets no triangle: with it none is hit.
-    Shear() : ShearTerms<float>{} {}
+    RAYNEST_FN Shear() : ShearTerms<float>{} {}
     RAYNEST_INLINE explicit Shear(const RayView& ray) {
         // The reciprocals of the box rule; the largest component is never limited.
         alignas(16) float reciprocal[4];

@@ -89,7 +89,7 @@ struct Slabs {
 
 private:
     /// Axes whose terms overflow constrain nothing.
-    void widen(std::uint32_t finite) {
+    RAYNEST_FN void widen(std::uint32_t finite) {
         for (int axis = 0; axis < 3; ++axis) {
             if ((finite >> axis & 1U) != 0) continue;
             near_scale[axis] = far_scale[axis] = std::copysign(0.0F, near_scale[axis]);

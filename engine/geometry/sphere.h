@@ -12,13 +12,13 @@ struct Sphere {
     float radius;
 };
 
-[[nodiscard]] inline Box bounds(const Sphere& sphere) {
+[[nodiscard]] RAYNEST_FN inline Box bounds(const Sphere& sphere) {
     // One part in 2^20 of slack: the quadratic below rounds.
     const float extent = std::abs(sphere.radius) * 1.000001F;
     return {sphere.center - Vec3(extent), sphere.center + Vec3(extent)};
 }
 
-[[nodiscard]] inline Vec3 normal(const Sphere& sphere, const Vec3& point) {
+[[nodiscard]] RAYNEST_FN inline Vec3 normal(const Sphere& sphere, const Vec3& point) {
     return point - sphere.center;
 }
 

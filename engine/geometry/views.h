@@ -62,10 +62,10 @@ struct GeometryRecord {
 struct Opacity {
     std::uint8_t least, largest;
 
-    [[nodiscard]] bool is_all_at_least(float alpha) const {
+    [[nodiscard]] RAYNEST_FN bool is_all_at_least(float alpha) const {
         return least != 0 && static_cast<float>(least) >= 255.0F * alpha;
     }
-    [[nodiscard]] bool is_all_below(float alpha) const {
+    [[nodiscard]] RAYNEST_FN bool is_all_below(float alpha) const {
         return largest != 255 && static_cast<float>(largest) < 255.0F * alpha;
     }
 };
@@ -109,7 +109,7 @@ struct ObjectRecord {
     std::uint32_t levels;      ///< BVHs on the longest path down, itself included
     std::uint32_t name;        ///< offset in `names`
 
-    [[nodiscard]] bool has_own_primitives() const { return triangle_count + record_count != 0; }
+    [[nodiscard]] RAYNEST_FN bool has_own_primitives() const { return triangle_count + record_count != 0; }
 };
 
 /// Bytes from one entry of `records` to the next: the record, zeros up to a multiple of 4, and its
@@ -155,12 +155,12 @@ struct SceneView {
     std::uint32_t masked_materials = 0;  ///< MASK or BLEND, in use or not
 
     template <class T>
-    [[nodiscard]] const T* attribute(std::uint64_t offset) const {
+    [[nodiscard]] RAYNEST_FN const T* attribute(std::uint64_t offset) const {
         return reinterpret_cast<const T*>(attributes + offset);
     }
 
     /// Of a triangle by its flat index in the object that the geometry belongs to.
-    [[nodiscard]] Opacity opacity_of(const GeometryRecord& geometry, std::uint32_t triangle) const {
+    [[nodiscard]] RAYNEST_FN Opacity opacity_of(const GeometryRecord& geometry, std::uint32_t triangle) const {
         if (geometry.opacity == no_offset) return {0, 255};
         return attribute<Opacity>(geometry.opacity)[triangle - geometry.first_triangle];
     }
@@ -177,8 +177,8 @@ struct SceneView {
     }
 
     /// The geometry that holds a flat triangle index of `object`; objects have few geometries.
-    [[nodiscard]] const GeometryRecord& geometry_of(const ObjectRecord& object,
-                                                    std::uint32_t triangle) const {
+    [[nodiscard]] RAYNEST_FN const GeometryRecord& geometry_of(const ObjectRecord& object,
+                                                               std::uint32_t triangle) const {
         const GeometryRecord* first = geometries + object.first_geometry;
         std::uint32_t count = object.geometry_count;
         while (count > 1) {

@@ -20,7 +20,9 @@ struct AlphaMask {
         param("cutoff", &Params::cutoff, 0.0F, 1.0F,
               "least alpha that is hit, for MASK materials; default: each material's own")};
 
-    AlphaMask(const SceneView& view, const Params& values) : scene(view), cutoff(values.cutoff) {}
+    RAYNEST_FN AlphaMask(const SceneView& view, const Params& values)
+        : scene(view),
+          cutoff(values.cutoff) {}
 
     RAYNEST_INLINE auto operator()(const auto& ray, const TriangleLike auto& triangle) {
         auto hits = intersect(ray, triangle);
@@ -33,8 +35,8 @@ struct AlphaMask {
 private:
     // Out of line, and only this: few candidates come so far, and the test for all triangles is to
     // stay in the traversal (measured in batches: 1.05 to 1.1).
-    [[nodiscard, gnu::noinline]] bool is_solid(const ObjectRecord& object,
-                                               const Surface& surface) const {
+    [[nodiscard]] RAYNEST_NOINLINE bool is_solid(const ObjectRecord& object,
+                                                 const Surface& surface) const {
         const GeometryRecord& geometry = scene.geometry_of(object, surface.prim);
         if (geometry.material == no_id) return true;
         const MaterialRecord& material = scene.materials[geometry.material];

@@ -7,16 +7,11 @@
 #pragma once
 
 #include "engine/bvh/ask.h"
+#include "engine/bvh/box_test.h"
 #include "engine/bvh/visit.h"
+#include "engine/intersectors/declared.h"
 
 namespace raynest {
-
-/// What a line of the list says that the intersector overrides.
-struct Declared {
-    bool boxes = false;
-    bool primitives = false;
-    bool instances = false;
-};
 
 template <class Isect>
 inline constexpr bool overrides_a_triangle = Overrides<Isect, RayView, TriangleRef>;
@@ -26,26 +21,6 @@ template <class Isect>
 inline constexpr bool overrides_a_box = Overrides<Isect, RayView, BoxRef>;
 template <class Isect>
 inline constexpr bool overrides_a_node = Overrides<Isect, BoxRay, Boxes8>;
-
-template <class Isect, class R, class P>
-constexpr bool returns_what_intersect_returns() {
-    if constexpr (Overrides<Isect, R, P>) {
-        using Plain = decltype(intersect(std::declval<const R&>(), std::declval<const P&>()));
-        using Own =
-            decltype(std::declval<Isect&>()(std::declval<const R&>(), std::declval<const P&>()));
-        return std::is_same_v<Plain, Own>;
-    } else {
-        return true;
-    }
-}
-
-template <class Isect>
-constexpr bool overrides_any_record() {
-    bool any = false;
-    for_each_record_type(
-        [&]<class P>(RecordType<P>) { any = any || Overrides<Isect, RayView, Record<P>>; });
-    return any;
-}
 
 template <class Isect, Declared declared>
 constexpr bool check_intersector() {

@@ -35,12 +35,12 @@ struct ProceduralMask {
             "on", &Params::on, targets,
             "materials that are cut: MASK and BLEND ones (all, when the scene has none), or all")};
 
-    ProceduralMask(const SceneView& view, const Params& values)
+    RAYNEST_FN ProceduralMask(const SceneView& view, const Params& values)
         : scene(view),
           p(values),
           everywhere(values.on == On::all || view.masked_materials == 0) {}
 
-    auto operator()(const auto& ray, const TriangleLike auto& triangle) {
+    RAYNEST_FN auto operator()(const auto& ray, const TriangleLike auto& triangle) {
         auto hits = intersect(ray, triangle);
         hits.keep_if([&](const Surface& surface) {
             return ray.object == nullptr || is_solid(*ray.object, surface);
@@ -49,7 +49,8 @@ struct ProceduralMask {
     }
 
 private:
-    [[nodiscard]] bool is_solid(const ObjectRecord& object, const Surface& surface) const {
+    [[nodiscard]] RAYNEST_FN bool is_solid(const ObjectRecord& object,
+                                           const Surface& surface) const {
         const GeometryRecord& geometry = scene.geometry_of(object, surface.prim);
         if (!everywhere && (geometry.material == no_id ||
                             scene.materials[geometry.material].alpha_mode == AlphaMode::opaque)) {
@@ -64,7 +65,7 @@ private:
     }
 
     // (x, y) in [0, 1): the place in the cell.
-    [[nodiscard]] bool inside_cell(float x, float y, float column, float row) const {
+    [[nodiscard]] RAYNEST_FN bool inside_cell(float x, float y, float column, float row) const {
         switch (p.pattern) {
             case Pattern::heart: {
                 // (a^2 + b^2 - 1)^3 < a^2 b^3, the usual heart curve, about 1.2 wide; t points down
@@ -94,7 +95,7 @@ private:
     }
 
     // A number in [0, 1) per cell. Columns and rows wrap at 2^20, so that no conversion overflows.
-    [[nodiscard]] float hash(float column, float row) const {
+    [[nodiscard]] RAYNEST_FN float hash(float column, float row) const {
         const auto wrap = [](float cell) {
             return static_cast<std::uint32_t>(cell - 1048576.0F * std::floor(cell / 1048576.0F));
         };

@@ -19,8 +19,9 @@ RAYNEST_INLINE float interpolate(float a, float b, float c, float u, float v) {
 }
 
 /// Texture coordinates of a point of a geometry's triangle; (u, v) where the set is missing.
-inline Vec2 texture_coordinates(const SceneView& scene, const GeometryRecord& geometry,
-                                std::uint32_t set, std::uint32_t triangle, float u, float v) {
+RAYNEST_FN inline Vec2 texture_coordinates(const SceneView& scene, const GeometryRecord& geometry,
+                                           std::uint32_t set, std::uint32_t triangle, float u,
+                                           float v) {
     if (set > 1 || geometry.texcoords[set] == no_offset) return {u, v};
     const auto* corner = scene.attribute<std::uint32_t>(geometry.indices) +
                          3 * static_cast<std::size_t>(triangle - geometry.first_triangle);
@@ -32,7 +33,7 @@ inline Vec2 texture_coordinates(const SceneView& scene, const GeometryRecord& ge
 }
 
 /// Maps a coordinate into one period: repeat and mirror to [0, 1), clamp to [0, 1]. NaN gives 0.
-inline float wrap_coordinate(float s, Wrap wrap) {
+RAYNEST_FN inline float wrap_coordinate(float s, Wrap wrap) {
     switch (wrap) {
         case Wrap::repeat:
             s = s - std::floor(s);
@@ -49,7 +50,7 @@ inline float wrap_coordinate(float s, Wrap wrap) {
 }
 
 /// A texel index one step outside the image, brought back.
-inline std::uint32_t wrap_texel(int x, std::uint32_t size, Wrap wrap) {
+RAYNEST_FN inline std::uint32_t wrap_texel(int x, std::uint32_t size, Wrap wrap) {
     const int last = static_cast<int>(size) - 1;
     if (x < 0) return static_cast<std::uint32_t>(wrap == Wrap::repeat ? last : 0);
     if (x > last) return static_cast<std::uint32_t>(wrap == Wrap::repeat ? 0 : last);

@@ -1,19 +1,29 @@
 // Vectors and affine 3x4 transforms: the one header through which the engine sees GLM.
 //
 // Matrices are 3x4, row-major, object-to-world, as CONTRACT.md §1 says. Transforms of points spell
-// out every fma in a fixed order: the traversal, the reference and the CUDA pack walk the same chain
-// of transforms and must get the same bits (CONTRACT.md §2).
+// out every fma in a fixed order: the traversal, the reference and the CUDA pack walk the same
+// chain of transforms and must get the same bits (CONTRACT.md §2).
 #pragma once
+
+#include <glm/glm.hpp>
 
 #include <array>
 #include <cmath>
 
-#include <glm/glm.hpp>
-
+// RAYNEST_FN: in front of functions that kernels call; nvcc compiles them for the GPU, too.
+// RAYNEST_NOINLINE: of what few rays need, so that the rest is short. On a GPU a call would move
+// the ray from registers to memory.
+#ifdef __CUDACC__
+#define RAYNEST_FN __host__ __device__
+#define RAYNEST_NOINLINE RAYNEST_FN
+#else
+#define RAYNEST_FN
+#define RAYNEST_NOINLINE [[gnu::noinline]]
+#endif
 /// For functions that kernels are made of: a call left over would cost more than its body.
-#define RAYNEST_INLINE [[gnu::always_inline]] inline
-/// The same of a lambda, behind its parameters. GCC stops inlining where a unit has grown by what it
-/// allows, and a pack's unit does: a call left over inside the triangle test took 2 to 20 %.
+#define RAYNEST_INLINE [[gnu::always_inline]] RAYNEST_FN inline
+/// The same of a lambda, behind its parameters. GCC stops inlining where a unit has grown by what
+/// it allows, and a pack's unit does: a call left over inside the triangle test took 2 to 20 %.
 #define RAYNEST_INLINE_LAMBDA __attribute__((always_inline))
 
 namespace raynest {
@@ -21,12 +31,15 @@ namespace raynest {
 using Vec2 = glm::vec2;
 using Vec3 = glm::vec3;
 using Vec4 = glm::vec4;
-static_assert(sizeof(Vec3) == 12 && sizeof(Vec2) == 8, "do not define GLM_FORCE_DEFAULT_ALIGNED_GENTYPES");
+static_assert(sizeof(Vec3) == 12 && sizeof(Vec2) == 8,
+              "do not define GLM_FORCE_DEFAULT_ALIGNED_GENTYPES");
 
 /// a*b + c with one rounding where the target has FMA; multiply-then-add on x86-64-v2, as Highway's
 /// MulAdd does there: v2 is its own reference (CONTRACT.md §2).
 RAYNEST_INLINE float fused(float a, float b, float c) {
-#ifdef __FMA__
+#if defined(__CUDA_ARCH__)
+    return __fmaf_rn(a, b, c);
+#elif defined(__FMA__)
     return __builtin_fmaf(a, b, c);
 #else
     return a * b + c;
@@ -38,21 +51,21 @@ struct Transform {
     std::array<float, 12> m{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
 
     /// Maps a point. Same bits on v3, v4 and CUDA.
-    [[gnu::always_inline]] Vec3 point(const Vec3& p) const {
+    RAYNEST_INLINE Vec3 point(const Vec3& p) const {
         return {fused(m[0], p.x, fused(m[1], p.y, fused(m[2], p.z, m[3]))),
                 fused(m[4], p.x, fused(m[5], p.y, fused(m[6], p.z, m[7]))),
                 fused(m[8], p.x, fused(m[9], p.y, fused(m[10], p.z, m[11])))};
     }
 
     /// Maps a direction: no translation, no renormalising, so t means the same at every level.
-    [[gnu::always_inline]] Vec3 direction(const Vec3& d) const {
+    RAYNEST_INLINE Vec3 direction(const Vec3& d) const {
         return {fused(m[0], d.x, fused(m[1], d.y, m[2] * d.z)),
                 fused(m[4], d.x, fused(m[5], d.y, m[6] * d.z)),
                 fused(m[8], d.x, fused(m[9], d.y, m[10] * d.z))};
     }
 
     /// Multiplies by the transposed 3x3: takes a normal to the world when *this is world-to-object.
-    [[gnu::always_inline]] Vec3 transposed_direction(const Vec3& n) const {
+    RAYNEST_INLINE Vec3 transposed_direction(const Vec3& n) const {
         return {fused(m[0], n.x, fused(m[4], n.y, m[8] * n.z)),
                 fused(m[1], n.x, fused(m[5], n.y, m[9] * n.z)),
                 fused(m[2], n.x, fused(m[6], n.y, m[10] * n.z))};

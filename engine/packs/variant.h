@@ -1,13 +1,14 @@
-// From an intersector's type to the C table of compiled functions: everything heavy is instantiated
-// here, once per (intersector, target).
+// The compiled functions of one intersector on a CPU: everything heavy is instantiated here, once
+// per (intersector, target).
 #pragma once
 
 #include "engine/bvh/batch.h"
 #include "engine/bvh/coherent.h"
 #include "engine/bvh/visit.h"
 #include "engine/intersectors/counting.h"
-#include "engine/intersectors/params.h"
 #include "engine/packs/abi.h"
+#include "engine/packs/describe.h"
+#include "engine/packs/feed.h"
 #include "engine/queries/queries.h"
 #include "engine/queries/reference.h"
 
@@ -22,75 +23,6 @@
 
 namespace raynest {
 
-// ---- Declarations of an intersector as C descriptors -------------------------------------------
-
-template <class Owner>
-constexpr PackParam describe(const Param<Owner, float>& p, const Owner& initial) {
-    return {p.name,
-            p.text,
-            value_f32,
-            0,
-            nullptr,
-            static_cast<double>(p.minimum),
-            static_cast<double>(p.maximum),
-            static_cast<double>(initial.*p.member)};
-}
-template <class Owner>
-constexpr PackParam describe(const Param<Owner, std::uint32_t>& p, const Owner& initial) {
-    return {p.name,
-            p.text,
-            value_u32,
-            0,
-            nullptr,
-            static_cast<double>(p.minimum),
-            static_cast<double>(p.maximum),
-            static_cast<double>(initial.*p.member)};
-}
-template <class Owner, class T, std::size_t N>
-constexpr PackParam describe(const Choice<Owner, T, N>& p, const Owner& initial) {
-    return {p.name,
-            p.text,
-            value_choice,
-            N,
-            p.choices.data(),
-            0.0,
-            static_cast<double>(N - 1),
-            static_cast<double>(initial.*p.member)};
-}
-template <class Owner>
-constexpr PackOutput describe(const Output<Owner, float>& o) {
-    return {o.name, o.text, value_f32};
-}
-template <class Owner>
-constexpr PackOutput describe(const Output<Owner, std::uint32_t>& o) {
-    return {o.name, o.text, value_u32};
-}
-
-template <class Isect>
-constexpr auto describe_params() {
-    if constexpr (requires { Isect::params; }) {
-        return std::apply(
-            [](const auto&... p) {
-                return std::array<PackParam, sizeof...(p)>{
-                    describe(p, typename Isect::Params{})...};
-            },
-            Isect::params);
-    } else {
-        return std::array<PackParam, 0>{};
-    }
-}
-
-template <class Isect>
-constexpr auto describe_outputs() {
-    if constexpr (requires { Isect::outputs; }) {
-        return std::apply(
-            [](const auto&... o) { return std::array<PackOutput, sizeof...(o)>{describe(o)...}; },
-            Isect::outputs);
-    } else {
-        return std::array<PackOutput, 0>{};
-    }
-}
-
 // ---- One chunk of rays
 // ---------------------------------------------------------------------------
 
@@ -98,42 +30,6 @@ constexpr auto describe_outputs() {
 /// stack and in L1, without an allocation. A batch is larger, because its last rays travel alone.
 template <Traversal traversal>
 inline constexpr std::uint32_t ray_group = traversal == traversal_batch ? 1024 : 64;
-
-template <class Isect>
-Isect make_intersector(const TraceCall& call) {
-    if constexpr (requires { typename Isect::Params; }) {
-        typename Isect::Params values;
-        if (call.params != nullptr) {
-            const double* from = call.params;
-            const auto assign = [&](const auto& p) {
-                auto& member = values.*p.member;
-                using T = std::remove_reference_t<decltype(member)>;
-                if constexpr (std::is_enum_v<T>) {
-                    member = static_cast<T>(static_cast<std::uint32_t>(*from++));
-                } else {
-                    member = static_cast<T>(*from++);
-                }
-            };
-            std::apply([&](const auto&... p) { (assign(p), ...); }, Isect::params);
-        }
-        return Isect(*call.scene, values);
-    } else {
-        return Isect{};
-    }
-}
-
-struct NoOutputs {};
-template <class Isect>
-struct OutputsOf {
-    using type = NoOutputs;
-};
-template <class Isect>
-requires requires {
-    typename Isect::Outputs;
-}
-struct OutputsOf<Isect> {
-    using type = typename Isect::Outputs;
-};
 
 /// Copies the outputs of rays [first, first + count) to the call's columns.
 template <class Isect>
@@ -150,51 +46,6 @@ void write_outputs(const TraceCall& call, std::uint32_t first, std::uint32_t cou
         std::apply([&](const auto&... o) { (copy(o), ...); }, Isect::outputs);
     }
 }
-
-/// What a traversal traces: rays [0, count) of a group, by number, and where their answers go.
-template <Query kind>
-struct Feed {
-    using Query = std::conditional_t<kind == query_closest, ClosestHit,
-                                     std::conditional_t<kind == query_any, AnyHit, MultiHit>>;
-    const TraceCall& call;
-    std::uint32_t first;  ///< of the group in the call
-
-    /// The ray as it enters the root; false when it is invalid and thereby answered.
-    [[nodiscard]] RAYNEST_INLINE bool begin(std::uint32_t i, RayView& view) const {
-        const Ray& ray = call.rays[first + i];
-        HitRecord& answer = *hits_of(i);
-        answer = HitRecord{};
-        if (!is_valid(ray)) {
-            answer.flags = hit_invalid_ray;
-            if constexpr (kind == query_multi) call.hit_counts[first + i] = 0;
-            return false;
-        }
-        view = outermost_view(ray, call.scene, i, call.mask, call.flags);
-        view.object = &call.scene->objects[call.scene->root];
-        return true;
-    }
-    [[nodiscard]] RAYNEST_INLINE Query query(std::uint32_t i) const {
-        if constexpr (kind == query_multi) {
-            return MultiHit{std::span(hits_of(i), call.hits_max)};
-        } else {
-            return {};
-        }
-    }
-    RAYNEST_INLINE void end(std::uint32_t i, const Query& query) const {
-        if constexpr (kind == query_closest) {
-            *hits_of(i) = query.best;
-        } else if constexpr (kind == query_any) {
-            hits_of(i)->hit = query.found ? 1 : 0;
-        } else {
-            call.hit_counts[first + i] = query.count;
-        }
-    }
-
-private:
-    [[nodiscard]] RAYNEST_INLINE HitRecord* hits_of(std::uint32_t i) const {
-        return call.hits + static_cast<std::size_t>(first + i) * call.hits_max;
-    }
-};
 
 /// One ray from the root; with `Everything` by the reference, which knows no tree.
 template <bool Everything, class Isect, class Query>
@@ -345,21 +196,8 @@ TraceStatus trace_all(const TraceCall* pointer) noexcept {
 /// What is compiled per intersector (CONTRACT.md §3): latency {closest, any, multi} x {plain,
 /// counting} and plain {all}, and the reference. A new traversal or precision is a line here.
 template <class Isect>
-inline constexpr auto described_params = describe_params<Isect>();
-template <class Isect>
-inline constexpr auto described_outputs = describe_outputs<Isect>();
-
-template <class Isect>
 constexpr PackVariant make_variant(const char* name) {
-    constexpr const auto& params = described_params<Isect>;
-    constexpr const auto& outputs = described_outputs<Isect>;
-    PackVariant v{};
-    v.name = name;
-    v.text = Isect::text;
-    v.params = params.data();
-    v.param_count = static_cast<std::uint32_t>(params.size());
-    v.outputs = outputs.data();
-    v.output_count = static_cast<std::uint32_t>(outputs.size());
+    PackVariant v = describe_variant<Isect>(name);
     auto& kernels = v.trace[precision_watertight];
     auto& latency = kernels[traversal_latency];
     latency[query_closest][0] = trace<Isect, query_closest, traversal_latency, false>;

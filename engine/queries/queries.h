@@ -11,7 +11,6 @@
 #include "engine/geometry/intersection.h"
 
 #include <algorithm>
-#include <bit>
 #include <cstdint>
 #include <span>
 
@@ -44,10 +43,9 @@ RAYNEST_INLINE void for_each_record(const RayView& ray, const Hits<P, N>& hits, 
     hits.t.store(t);
     hits.u.store(u);
     hits.v.store(v);
-    for (std::uint32_t rest = hits.mask; rest != 0; rest &= rest - 1) {
-        const int lane = std::countr_zero(rest);
+    for_each_lane<N>(hits.mask, [&](int lane) RAYNEST_INLINE_LAMBDA {
         f(lane, make_record(ray, hits, lane, t[lane], u[lane], v[lane]));
-    }
+    });
 }
 
 /// The nearest hit.
@@ -101,7 +99,7 @@ struct MultiHit {
     }
 
 private:
-    void insert(const HitRecord& record) {
+    RAYNEST_FN void insert(const HitRecord& record) {
         const bool full = count == nearest.size();
         if (full && !record.before(nearest[count - 1])) return;
         std::uint32_t at = count;

@@ -5,7 +5,7 @@
 // shares visit() of a single primitive with the traversal and nothing of the tree.
 #pragma once
 
-#include "engine/bvh/visit.h"
+#include "engine/bvh/visit_primitive.h"
 
 namespace raynest {
 

@@ -1,0 +1,122 @@
+// What lanes are made of on a CPU: a Highway vector of whatever target the pack is compiled for
+// (static mode: -march decides).
+#pragma once
+
+#ifndef HWY_DISABLE_PCLMUL_AES
+#error "define HWY_DISABLE_PCLMUL_AES: without it -march=x86-64-v2..v4 selects SSSE3 in Highway"
+#endif
+#ifndef HWY_COMPILE_ONLY_STATIC
+#define HWY_COMPILE_ONLY_STATIC
+#endif
+
+#include "engine/math/part.h"
+
+#include <hwy/highway.h>
+
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <type_traits>
+
+namespace raynest::part {
+
+namespace hn = hwy::HWY_NAMESPACE;
+template <class Vector>
+using Tag = hn::DFromV<Vector>;
+
+template <int N>
+requires(N == 4 || N == 8 || N == 16) struct PartOf<N> {
+    using type = hn::Vec<hn::CappedTag<float, static_cast<std::size_t>(N)>>;
+};
+template <class Part>
+requires(!std::is_same_v<Part, float>) inline constexpr std::size_t width<Part> =
+    hn::MaxLanes(Tag<Part>());
+
+template <class Vector>
+RAYNEST_INLINE void set(Vector& to, float value) {
+    to = hn::Set(Tag<Vector>(), value);
+}
+/// x, y, z and 1, from registers: through memory the vector would wait for three stores.
+template <class Vector>
+RAYNEST_INLINE Vector of(const Vec3& v) {
+    using Four [[gnu::vector_size(16)]] = float;
+    const Four four = {v.x, v.y, v.z, 1.0F};
+    return Vector{std::bit_cast<decltype(Vector::raw)>(four)};
+}
+template <class Vector>
+RAYNEST_INLINE void load(Vector& to, const float* from) {
+    to = hn::Load(Tag<Vector>(), from);
+}
+template <class Vector>
+RAYNEST_INLINE void load_unaligned(Vector& to, const float* from) {
+    to = hn::LoadU(Tag<Vector>(), from);
+}
+template <class Vector>
+RAYNEST_INLINE void store(Vector a, float* to) {
+    hn::Store(a, Tag<Vector>(), to);
+}
+template <class Vector>
+RAYNEST_INLINE Vector add(Vector a, Vector b) {
+    return a + b;
+}
+template <class Vector>
+RAYNEST_INLINE Vector subtract(Vector a, Vector b) {
+    return a - b;
+}
+template <class Vector>
+RAYNEST_INLINE Vector multiply(Vector a, Vector b) {
+    return a * b;
+}
+template <class Vector>
+RAYNEST_INLINE Vector divide(Vector a, Vector b) {
+    return a / b;
+}
+template <class Vector>
+RAYNEST_INLINE Vector minimum(Vector a, Vector b) {
+    return hn::Min(a, b);
+}
+template <class Vector>
+RAYNEST_INLINE Vector maximum(Vector a, Vector b) {
+    return hn::Max(a, b);
+}
+template <class Vector>
+RAYNEST_INLINE Vector flip_sign(Vector a, Vector b) {
+    return hn::Xor(a, hn::And(b, hn::SignBit(Tag<Vector>())));
+}
+template <class Vector>
+RAYNEST_INLINE Vector select(std::uint32_t mask, Vector a, Vector b) {
+    const std::uint8_t bytes[8] = {static_cast<std::uint8_t>(mask),
+                                   static_cast<std::uint8_t>(mask >> 8)};
+    return hn::IfThenElse(hn::LoadMaskBits(Tag<Vector>(), bytes), a, b);
+}
+template <class Vector>
+RAYNEST_INLINE float least(Vector a) {
+    return hn::GetLane(hn::MinOfLanes(Tag<Vector>(), a));
+}
+template <class Vector>
+RAYNEST_INLINE float most(Vector a) {
+    return hn::GetLane(hn::MaxOfLanes(Tag<Vector>(), a));
+}
+template <class Vector>
+RAYNEST_INLINE Vector fused(Vector a, Vector b, Vector c) {
+    return hn::MulAdd(a, b, c);
+}
+template <class Vector>
+RAYNEST_INLINE std::uint32_t bits(hn::Mask<Tag<Vector>> mask) {
+    std::uint8_t bytes[8] = {};
+    hn::StoreMaskBits(Tag<Vector>(), mask, bytes);
+    if constexpr (width<Vector> <= 8) return bytes[0];
+    std::uint16_t both;
+    __builtin_memcpy(&both, bytes, sizeof both);
+    return both;
+}
+template <class Vector>
+RAYNEST_INLINE std::uint32_t less(Vector a, Vector b) {
+    return bits<Vector>(a < b);
+}
+template <class Vector>
+RAYNEST_INLINE std::uint32_t less_equal(Vector a, Vector b) {
+    return bits<Vector>(a <= b);
+}
+
+}  // namespace raynest::part

@@ -1,0 +1,60 @@
+// What kernels trace: rays by number, and where their answers go.
+#pragma once
+
+#include "engine/geometry/ray_view.h"
+#include "engine/packs/abi.h"
+#include "engine/queries/queries.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <type_traits>
+
+namespace raynest {
+
+/// What a traversal traces: rays [0, count) of a group, by number, and where their answers go.
+template <Query kind>
+struct Feed {
+    using Query = std::conditional_t<kind == query_closest, ClosestHit,
+                                     std::conditional_t<kind == query_any, AnyHit, MultiHit>>;
+    const TraceCall& call;
+    std::uint32_t first;  ///< of the group in the call
+
+    /// The ray as it enters the root; false when it is invalid and thereby answered.
+    [[nodiscard]] RAYNEST_INLINE bool begin(std::uint32_t i, RayView& view) const {
+        const Ray& ray = call.rays[first + i];
+        HitRecord& answer = *hits_of(i);
+        answer = HitRecord{};
+        if (!is_valid(ray)) {
+            answer.flags = hit_invalid_ray;
+            if constexpr (kind == query_multi) call.hit_counts[first + i] = 0;
+            return false;
+        }
+        view = outermost_view(ray, call.scene, i, call.mask, call.flags);
+        view.object = &call.scene->objects[call.scene->root];
+        return true;
+    }
+    [[nodiscard]] RAYNEST_INLINE Query query(std::uint32_t i) const {
+        if constexpr (kind == query_multi) {
+            return MultiHit{std::span(hits_of(i), call.hits_max)};
+        } else {
+            return {};
+        }
+    }
+    RAYNEST_INLINE void end(std::uint32_t i, const Query& query) const {
+        if constexpr (kind == query_closest) {
+            *hits_of(i) = query.best;
+        } else if constexpr (kind == query_any) {
+            hits_of(i)->hit = query.found ? 1 : 0;
+        } else {
+            call.hit_counts[first + i] = query.count;
+        }
+    }
+
+private:
+    [[nodiscard]] RAYNEST_INLINE HitRecord* hits_of(std::uint32_t i) const {
+        return call.hits + static_cast<std::size_t>(first + i) * call.hits_max;
+    }
+};
+
+}  // namespace raynest
