@@ -28,7 +28,13 @@ enum Traversal : std::uint32_t {
 enum Precision : std::uint32_t { precision_fast, precision_watertight, precision_count };
 enum ValueType : std::uint32_t { value_f32, value_u32, value_choice };
 enum TraceFlags : std::uint32_t { trace_cull_back = 1 };
-enum TraceStatus : std::int32_t { trace_ok = 0, trace_bad_call = 1, trace_out_of_memory = 2 };
+enum TraceStatus : std::int32_t {
+    trace_ok = 0,
+    trace_bad_call = 1,
+    trace_out_of_memory = 2,
+    trace_too_deep = 3,  ///< the scene has more levels than the target takes; a CPU takes any
+    trace_no_device = 4  ///< no GPU, or it does not answer any more
+};
 
 inline constexpr std::uint32_t multi_hits_max = 256;
 inline constexpr std::uint32_t all_hits_max = 65536;

@@ -11,12 +11,18 @@
 # Internal cache entries: the function below is called from folders that do not see this file's scope.
 set(RAYNEST_PACK_SOURCE_DIR ${CMAKE_CURRENT_LIST_DIR} CACHE INTERNAL "")
 
+# What a target is: its name in the table, the flags and definitions that its code is compiled with, the
+# source of one variant, and the test whether this CPU runs it.
 set(_raynest_flags_v2 -march=x86-64-v2 CACHE INTERNAL "")
 set(_raynest_flags_v3 -march=x86-64-v3 CACHE INTERNAL "")
 set(_raynest_flags_v4 -march=x86-64-v4 -mprefer-vector-width=256 CACHE INTERNAL "")
-set(_raynest_highway_v2 HWY_SSE4 CACHE INTERNAL "")
-set(_raynest_highway_v3 HWY_AVX2 CACHE INTERNAL "")
-set(_raynest_highway_v4 HWY_AVX3 CACHE INTERNAL "")
+set(_raynest_definitions_v2 RAYNEST_HIGHWAY_TARGET=HWY_SSE4 CACHE INTERNAL "")
+set(_raynest_definitions_v3 RAYNEST_HIGHWAY_TARGET=HWY_AVX2 CACHE INTERNAL "")
+set(_raynest_definitions_v4 RAYNEST_HIGHWAY_TARGET=HWY_AVX3 CACHE INTERNAL "")
+foreach(target v2 v3 v4)
+    set(_raynest_name_${target} ${target} CACHE INTERNAL "")
+    set(_raynest_variant_${target} ${RAYNEST_PACK_SOURCE_DIR}/variant.cpp CACHE INTERNAL "")
+endforeach()
 set(_raynest_cpu_v2 "__builtin_cpu_supports(\"sse4.2\")&&__builtin_cpu_supports(\"popcnt\")" CACHE INTERNAL "")
 set(_raynest_cpu_v3 "__builtin_cpu_supports(\"avx2\")&&__builtin_cpu_supports(\"fma\")&&__builtin_cpu_supports(\"bmi2\")" CACHE INTERNAL "")
 set(_raynest_cpu_v4 "__builtin_cpu_supports(\"avx512f\")&&__builtin_cpu_supports(\"avx512vl\")&&__builtin_cpu_supports(\"avx512dq\")&&__builtin_cpu_supports(\"avx512bw\")&&__builtin_cpu_supports(\"avx512cd\")&&__builtin_cpu_supports(\"avx2\")&&__builtin_cpu_supports(\"fma\")&&__builtin_cpu_supports(\"bmi2\")" CACHE INTERNAL "")
@@ -35,7 +41,7 @@ endfunction()
 
 function(raynest_kernel_pack pack)
     cmake_parse_arguments(arg "" "TARGET;LIST;PRIMITIVES" "HEADERS" ${ARGN})
-    if(NOT arg_TARGET MATCHES "^v[234]$")
+    if(NOT DEFINED _raynest_name_${arg_TARGET})
         message(FATAL_ERROR "raynest_kernel_pack(${pack}): TARGET is v2, v3 or v4, not '${arg_TARGET}'")
     endif()
     set(builtin ${RAYNEST_PACK_SOURCE_DIR}/../..)
@@ -100,7 +106,7 @@ function(raynest_kernel_pack pack)
 
         find_file(header ${name}.h PATHS ${arg_HEADERS} NO_DEFAULT_PATH NO_CACHE REQUIRED)
         set(object ${pack}_${name})
-        add_library(${object} OBJECT ${RAYNEST_PACK_SOURCE_DIR}/variant.cpp)
+        add_library(${object} OBJECT ${_raynest_variant_${arg_TARGET}})
         target_link_libraries(${object} PRIVATE raynest::kernel)
         set_target_properties(${object} PROPERTIES POSITION_INDEPENDENT_CODE ON CXX_EXTENSIONS OFF)
         target_compile_options(${object} PRIVATE ${_raynest_flags_${arg_TARGET}})
@@ -110,7 +116,7 @@ function(raynest_kernel_pack pack)
             RAYNEST_INTERSECTOR_NAME="${name}"
             RAYNEST_INTERSECTOR_FUNCTION=raynest_variant_${name}
             "RAYNEST_INTERSECTOR_OVERRIDES=${ordered}"
-            RAYNEST_HIGHWAY_TARGET=${_raynest_highway_${arg_TARGET}}
+            ${_raynest_definitions_${arg_TARGET}}
             RAYNEST_RECORD_TYPES="${generated}/record_types.h")
         unset(header)
         list(APPEND objects $<TARGET_OBJECTS:${object}>)
@@ -122,10 +128,14 @@ function(raynest_kernel_pack pack)
     target_link_libraries(${pack} PRIVATE raynest::kernel)
     # The table itself must run on any CPU; sphere.h and the like need no more than SSE2 here.
     target_compile_definitions(${pack} PRIVATE
-        RAYNEST_TARGET_NAME="${arg_TARGET}"
-        "RAYNEST_CPU_TEST=(${_raynest_cpu_${arg_TARGET}})"
+        ${_raynest_definitions_${arg_TARGET}}
+        RAYNEST_TARGET_NAME="${_raynest_name_${arg_TARGET}}"
         RAYNEST_VARIANT_LIST="${generated}/variants.inc"
         RAYNEST_RECORD_TYPES="${generated}/record_types.h")
+    if(_raynest_cpu_${arg_TARGET})
+        target_compile_definitions(${pack} PRIVATE
+            "RAYNEST_CPU_TEST=(${_raynest_cpu_${arg_TARGET}})")
+    endif()
     set(exports ${RAYNEST_PACK_SOURCE_DIR}/pack.map)
     target_link_options(${pack} PRIVATE -Wl,--no-undefined -Wl,--version-script=${exports})
     set_target_properties(${pack} PROPERTIES PREFIX "" OUTPUT_NAME ${pack} LINK_DEPENDS ${exports}

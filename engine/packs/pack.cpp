@@ -40,12 +40,17 @@ constexpr PackPrimitive describe_primitive(const char* name) {
     return primitive;
 }
 
-bool cpu_supported() noexcept {
+}  // namespace
+
+#ifdef RAYNEST_CPU_TEST
+static bool is_supported() noexcept {
     __builtin_cpu_init();
     return RAYNEST_CPU_TEST;
 }
+#else
+bool is_supported() noexcept;  // of a target that is no CPU: it brings the test along
+#endif
 
-}  // namespace
 }  // namespace raynest
 
 extern "C" [[gnu::visibility("default")]] const raynest::Pack* raynest_pack() noexcept {
@@ -67,7 +72,7 @@ extern "C" [[gnu::visibility("default")]] const raynest::Pack* raynest_pack() no
         p.sizes[2] = sizeof(HitRecord);
         p.sizes[3] = sizeof(TraceCall);
         p.target = RAYNEST_TARGET_NAME;
-        p.supported = cpu_supported;
+        p.supported = is_supported;
         p.variants = variants.data();
         p.variant_count = static_cast<std::uint32_t>(variants.size());
         p.primitives = primitives.data();

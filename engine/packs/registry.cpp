@@ -20,6 +20,10 @@ std::size_t rank_of(std::string_view target) {
         targets_best_first.begin());
 }
 
+bool is_of_cpu(std::string_view target) {
+    return rank_of(target) != targets_best_first.size();
+}
+
 std::filesystem::path builtin_directory() {
     if (const char* set = std::getenv("RAYNEST_BUILTIN_PACKS"); set != nullptr && *set != '\0') {
         return set;
@@ -85,7 +89,8 @@ std::string join(const std::vector<std::string>& names) {
 }  // namespace
 
 Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
-    if (options.target != "auto" && rank_of(options.target) == targets_best_first.size()) {
+    const bool automatic = options.target == "auto";
+    if (!automatic && options.target != "cuda" && !is_of_cpu(options.target)) {
         return fail(ErrorCode::pack_invalid,
                     "unknown target '" + options.target + "': use auto, v2, v3 or v4");
     }
@@ -105,17 +110,19 @@ Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
     for (const auto& file : *files) {
         const auto pack = load_pack(file);
         if (!pack) return tl::unexpected(pack.error());
-        const bool wanted = options.target == "auto" || options.target == (*pack)->target;
+        // A GPU's packs run where they are asked for by name.
+        const bool wanted =
+            automatic ? is_of_cpu((*pack)->target) : options.target == (*pack)->target;
         target_seen = target_seen || options.target == (*pack)->target;
         if (wanted && (*pack)->supported()) registry->packs_.push_back(*pack);
     }
     if (registry->packs_.empty()) {
         return fail(
             ErrorCode::pack_invalid,
-            options.target == "auto" ? "no kernel pack for this CPU in " + dirs.front().string() +
-                                           ": build the target raynest_packs"
+            automatic ? "no kernel pack for this CPU in " + dirs.front().string() +
+                            ": build the target raynest_packs"
             : target_seen
-                ? "this CPU does not run target " + options.target + ": use --target auto"
+                ? "this machine does not run target " + options.target + ": use --target auto"
                 : "no kernel pack for target " + options.target + " in " + dirs.front().string());
     }
     std::stable_sort(

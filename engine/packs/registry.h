@@ -38,7 +38,7 @@ class Registry {
 public:
     struct Options {
         std::vector<std::filesystem::path> pack_dirs;  ///< beside the built-in directory
-        std::string target = "auto";                   ///< auto | v2 | v3 | v4
+        std::string target = "auto";                   ///< auto | v2 | v3 | v4 | cuda
     };
     /// Loads every pack of the built-in directory, `pack_dirs` and RAYNEST_PACK_PATH (colon
     /// separated). The built-in directory is RAYNEST_BUILTIN_PACKS, else <dir of the

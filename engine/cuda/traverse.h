@@ -1,0 +1,121 @@
+// One ray through all levels of a scene, with one explicit stack: the traversal for a GPU.
+//
+// A GPU has no cheap recursion (nvcc makes real calls of it, with spills at each level) and wants
+// few registers, so nesting is data: entering an instance pushes the children that still wait and a
+// mark, and saves the parent's ray; popping the mark restores it, with the best distance so far.
+// The saved ray is the one that was computed on the way down, so a level is left with the bits that
+// it was entered with; transforming back would not give them.
+//
+// `Trees` is CompressedTrees, or in tests a plain twin over the CPU's own nodes.
+#pragma once
+
+#include "engine/bvh/ask.h"
+#include "engine/bvh/node.h"
+#include "engine/bvh/visit_primitive.h"
+#include "engine/geometry/box_ray.h"
+
+#include <bit>
+#include <cstdint>
+
+namespace raynest::cuda {
+
+/// Limits of a scene that this traversal takes: BVHs on a path, and entries of the stack. Deeper
+/// scenes are the CPU's. cuda/compress.h computes what a scene needs.
+inline constexpr std::uint32_t levels_max = 8;
+inline constexpr std::uint32_t stack_max = 48;
+
+/// Children of a node that wait: bit k is the k-th that the ray meets.
+struct Waiting {
+    std::uint32_t node;
+    std::uint32_t children;
+};
+/// Of a mark: no node has so many children.
+inline constexpr std::uint32_t leave_instance = 0xFFFFFFFFU;
+
+/// What a ray is at the level that it returns to.
+struct Level {
+    Vec3 origin, direction;
+    const ObjectRecord* object;
+    std::uint64_t path;
+};
+
+/// Bit a: the ray runs down axis a, and meets the far slots of it first.
+[[nodiscard]] RAYNEST_INLINE std::uint32_t octant_of(const BoxRay& ray) {
+    const auto& backwards = ray.slabs.near_row;
+    return backwards[0] | backwards[1] << 1 | backwards[2] << 2;
+}
+
+/// Answers `query` for a ray at the root of its scene.
+template <class Trees, class Isect, class Query>
+RAYNEST_INLINE void traverse_levels(const RayView& outermost, const Trees& trees, Isect& isect,
+                                    Query& query) {
+    const SceneView& scene = *outermost.scene;
+    Waiting stack[stack_max];
+    std::uint32_t top = 0;
+    Level parents[levels_max - 1];
+    std::uint32_t depth = 0;
+
+    BoxRay ray(outermost);
+    auto tree = trees.of(*ray.object);
+    std::uint32_t octant = octant_of(ray);
+    const auto look_from = [&](const RayView& view) RAYNEST_INLINE_LAMBDA {
+        ray = BoxRay(view);
+        tree = trees.of(*ray.object);
+        octant = octant_of(ray);
+    };
+
+    Waiting waiting{0, 0};
+    std::uint32_t child = ray.object->root;
+    for (;;) {
+        if (child == child_empty) {
+            // Of an object that holds nothing.
+        } else if (!is_leaf(child)) {
+            if (waiting.children != 0) stack[top++] = waiting;
+            waiting = {child, tree.entered(child, ray, octant, isect)};
+        } else if (kind_of(child) == ChildKind::triangles) {
+            const auto visitor = [&](const auto& triangle) RAYNEST_INLINE_LAMBDA {
+                return visit(ray, triangle, isect, query);
+            };
+            if (tree.visit_triangles(child, visitor)) return;
+        } else if (kind_of(child) == ChildKind::records) {
+            const auto visitor = [&](const auto& record) RAYNEST_INLINE_LAMBDA {
+                return visit(ray, record, isect, query);
+            };
+            if (visit_record_type(scene, *ray.object, leaf_first(child), leaf_count(child),
+                                  visitor)) {
+                return;
+            }
+        } else {
+            const Instance instance{&scene, ray.object->first_instance + leaf_instance(child)};
+            const InstanceRecord& record = instance.record();
+            if ((record.mask & ray.mask) != 0 && enters(isect, ray, instance)) {
+                if (waiting.children != 0) stack[top++] = waiting;
+                stack[top++] = {0, leave_instance};
+                waiting.children = 0;
+                parents[depth++] = {ray.origin, ray.direction, ray.object, ray.path};
+                look_from(enter(ray, scene, record));
+                child = ray.object->root;
+                continue;
+            }
+        }
+
+        while (waiting.children == 0) {
+            if (top == 0) return;
+            waiting = stack[--top];
+            if (waiting.children != leave_instance) continue;
+            waiting.children = 0;
+            const Level& parent = parents[--depth];
+            RayView view = ray;
+            view.origin = parent.origin;
+            view.direction = parent.direction;
+            view.object = parent.object;
+            view.path = parent.path;
+            look_from(view);
+        }
+        const auto nearest = static_cast<std::uint32_t>(std::countr_zero(waiting.children));
+        waiting.children &= waiting.children - 1;
+        child = tree.child(waiting.node, nearest ^ octant);
+    }
+}
+
+}  // namespace raynest::cuda

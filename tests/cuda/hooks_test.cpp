@@ -1,0 +1,132 @@
+// The walk of a GPU asks an intersector about boxes, primitives and instances, at every level, for
+// every query, and what it refuses is not hit. conformance sees the intersectors of the list, none
+// of which looks at boxes.
+#include "engine/cuda/compress.h"
+#include "engine/cuda/traverse.h"
+#include "engine/queries/queries.h"
+#include "engine/queries/reference.h"
+#include "engine/scene/snapshot.h"
+#include "tests/conformance/scenes.h"
+#include "tests/cuda/plain_trees.h"
+
+#include <doctest/doctest.h>
+
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <vector>
+
+using namespace raynest;
+
+namespace {
+
+/// Cuts away what lies above a plane of the world; a ray that rises need not look into boxes that
+/// it enters above it. Refuses the way into every fifth instance.
+struct Section {
+    std::array<std::uint32_t, 4>& boxes_at;  ///< times asked, by instances on the way
+    std::uint32_t& primitives;
+    std::uint32_t& instances;
+
+    auto operator()(const auto& ray, const BoxLike auto& boxes) {
+        auto spans = intersect(ray, boxes);
+        ++boxes_at[level_of(ray)];
+        if (ray.world->direction.y > 0) {
+            spans.keep_if(
+                [&](const EnteredBox& box) { return ray.world_at(box.near).y <= height; });
+        }
+        return spans;
+    }
+    auto operator()(const auto& ray, const PrimitiveLike auto& primitive) {
+        auto hits = intersect(ray, primitive);
+        ++primitives;
+        hits.keep_if([&](const Surface& hit) { return ray.world_at(hit.t).y <= height; });
+        return hits;
+    }
+    bool operator()(const auto& /*ray*/, const InstanceLike auto& instance) {
+        ++instances;
+        return instance.index % 5 != 4;
+    }
+
+private:
+    static constexpr float height = 0.5F;
+    static std::uint32_t level_of(const auto& ray) {
+        const SceneView& scene = *ray.scene;
+        return scene.objects[scene.root].levels - ray.object->levels;
+    }
+};
+
+template <class Query>
+bool same(const Query& a, const Query& b) {
+    if constexpr (requires { a.best; }) {
+        return std::memcmp(&a.best, &b.best, sizeof a.best) == 0;
+    } else if constexpr (requires { a.found; }) {
+        return a.found == b.found;
+    } else {
+        return a.count == b.count &&
+               std::memcmp(a.nearest.data(), b.nearest.data(), a.count * sizeof(HitRecord)) == 0;
+    }
+}
+
+struct Tally {
+    std::array<std::uint32_t, 4> boxes_at{};
+    std::uint32_t primitives = 0;
+    std::uint32_t instances = 0;
+    std::uint32_t different = 0;
+    std::uint32_t hits = 0;
+};
+
+/// Rays through `trees` and through the reference; make(room) gives an empty query.
+template <class Trees, class Make>
+Tally compare(const SceneView& scene, const Trees& trees, const std::vector<Ray>& rays,
+              Make&& make) {
+    Tally tally;
+    Tally ignored;
+    Section isect{tally.boxes_at, tally.primitives, tally.instances};
+    Section oracle{ignored.boxes_at, ignored.primitives, ignored.instances};
+    std::array<HitRecord, 4> room, other_room;
+    for (const Ray& ray : rays) {
+        RayView view = outermost_view(ray, &scene, 0, 0xFFFFFFFFU, 0);
+        view.object = &scene.objects[scene.root];
+        auto query = make(room);
+        cuda::traverse_levels(view, trees, isect, query);
+        auto expected = make(other_room);
+        visit_everything(view, Bvh{&scene, scene.root}, oracle, expected);
+        tally.different += same(query, expected) ? 0U : 1U;
+        if constexpr (requires { query.found; }) tally.hits += query.found ? 1U : 0U;
+        if constexpr (requires { query.best; }) tally.hits += query.best.hit;
+        if constexpr (requires { query.count; }) tally.hits += query.count;
+    }
+    return tally;
+}
+
+}  // namespace
+
+TEST_CASE("hooks are called at every level by every query on both layouts") {
+    for (const std::uint32_t depth : {1U, 2U, 3U, 4U}) {
+        CAPTURE(depth);
+        const SceneDescription description = conformance::nested_scene(depth, 3);
+        const auto snapshot = Snapshot::bake(description);
+        REQUIRE(snapshot.has_value());
+        const SceneView& scene = (*snapshot)->view();
+        conformance::Random random(depth);
+        const std::vector<Ray> rays = conformance::edge_rays(description, 600, 8, random);
+        const auto trees = cuda::compress(scene);
+        REQUIRE(trees.has_value());
+        const auto check = [&](auto&& make) {
+            for (const Tally& tally : {compare(scene, trees->view(), rays, make),
+                                       compare(scene, cuda::PlainTrees{&scene}, rays, make)}) {
+                CHECK(tally.different == 0);
+                CHECK(tally.hits > 20);
+                CHECK(tally.primitives > 0);
+                CHECK((tally.instances > 0) == (depth > 1));
+                for (std::uint32_t level = 0; level < depth; ++level) {
+                    CHECK(tally.boxes_at[level] > 0);
+                }
+            }
+        };
+        using Room = std::array<HitRecord, 4>;
+        check([](Room&) { return ClosestHit{}; });
+        check([](Room&) { return AnyHit{}; });
+        check([](Room& room) { return MultiHit{room}; });
+    }
+}

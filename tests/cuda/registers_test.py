@@ -1,0 +1,93 @@
+#!/usr/bin/env python3
+"""What a GPU's kernels need: registers, frame and spills of every intersector x query, held to a table.
+
+  registers_test.py BUILD_DIR TABLE [--update]
+
+Compiles each variant once more for sm_90, as the build does otherwise, and reads what ptxas says. Fails on
+any spill, on a kernel that the table does not know or has no more, and where one needs more than the table
+allows: 8 registers are the step in which a GPU hands them out. --update writes the table anew. Exit code
+77 (skipped) where the build has no CUDA.
+"""
+import json
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+
+ARCHITECTURE = "sm_90"
+QUERIES = ["closest", "any", "multi"]
+REGISTERS_MORE = 8
+FRAME_MORE = 64  # bytes
+
+
+def variants(build):
+    """(intersector, command, folder) of every variant that the build compiles for GPUs."""
+    for entry in json.loads((build / "compile_commands.json").read_text()):
+        if entry["file"].endswith("engine/cuda/variant.cu"):
+            name = re.search(r"RAYNEST_INTERSECTOR_FUNCTION=raynest_variant_(\w+)", entry["command"])[1]
+            yield name, entry["command"], entry["directory"]
+
+
+def compile_for_report(command, folder, output):
+    """What ptxas says of one variant."""
+    command = re.sub(r'"?--generate-code=\S+', "", command)
+    command = re.sub(r" -o \S+", "", command)
+    command = re.sub(r" -M\S* | -MF \S+| -MT \S+", " ", command)
+    command += f" -arch={ARCHITECTURE} -cubin -Xptxas -v -o {output}"
+    done = subprocess.run(command.replace(" -c ", " "), shell=True, cwd=folder, capture_output=True, text=True,
+                          check=False)
+    if done.returncode:
+        sys.exit(f"FAILED: {command}\n{done.stdout}{done.stderr}")
+    return done.stdout + done.stderr
+
+
+def needs(report):
+    """{query: (registers, frame bytes, spilt bytes)}"""
+    found = {}
+    for kernel in re.split(r"Compiling entry function", report)[1:]:
+        query = re.search(r"trace_kernel\w*QueryE(\d)", kernel)
+        frame, stores, loads = map(int, re.search(
+            r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads", kernel).groups())
+        registers = int(re.search(r"Used (\d+) registers", kernel)[1])
+        found[QUERIES[int(query[1])]] = (registers, frame, stores + loads)
+    return found
+
+
+def read_table(path):
+    rows = (line.split() for line in path.read_text().splitlines() if line and line[0] != "#")
+    return {(row[0], row[1]): (int(row[2]), int(row[3])) for row in rows}
+
+
+def main():
+    build, path = map(pathlib.Path, sys.argv[1:3])
+    measured = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, command, directory in variants(build):
+            report = compile_for_report(command, directory, pathlib.Path(folder) / f"{name}.cubin")
+            for query, need in needs(report).items():
+                measured[name, query] = need
+    if not measured:
+        print("skipped: this build has no CUDA")
+        return 77
+    rows = [f"{name:16} {query:8} {registers:9} {frame:6}" for (name, query), (registers, frame, _) in measured.items()]
+    print(f"{ARCHITECTURE:16} query    registers  frame", *rows, sep="\n")
+    if "--update" in sys.argv:
+        head = [line for line in path.read_text().splitlines() if line.startswith("#")]
+        path.write_text("\n".join(head + rows) + "\n")
+    table = read_table(path)
+    failures = [f"{key} stands in the table and is compiled no more" for key in table.keys() - measured.keys()]
+    for key, (registers, frame, spilt) in measured.items():
+        if spilt:
+            failures.append(f"{key} spills {spilt} bytes")
+        if key not in table:
+            failures.append(f"{key} is not in the table: --update")
+        elif registers > table[key][0] + REGISTERS_MORE or frame > table[key][1] + FRAME_MORE:
+            failures.append(f"{key} needs {registers} registers and a frame of {frame} bytes, the table says {table[key]}")
+    print(*("FAILED: " + failure for failure in failures), sep="\n", end="\n" if failures else "")
+    print(f"{len(measured)} kernels, {len(failures)} failures")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
