@@ -34,7 +34,7 @@
 namespace raynest::conformance {
 namespace {
 
-constexpr std::uint32_t cuda_levels_max = 8;
+constexpr std::uint32_t cuda_levels_max = 8;  // CONTRACT.md §1
 
 struct Case {
     std::string name;
@@ -150,6 +150,7 @@ private:
     void check_refusal(const Case& test, const Settings& settings) {
         const auto function =
             find_function(variant_, query_closest, precision_fast, traversal_latency, false);
+        if (!function) return;
         std::vector<HitRecord> hits(test.rays.size());
         TraceCall call{};
         call.scene = &test.scene->view();

@@ -39,7 +39,8 @@ TEST_CASE("the cuda pack has a kernel for every intersector of the CPU's packs")
         for (const Precision precision : {precision_fast, precision_watertight}) {
             const auto& queries = variant.trace[precision][traversal_latency];
             for (const Query query : {query_closest, query_any, query_multi}) {
-                CHECK((queries[query][0] != nullptr));
+                // What an intersector puts out depends on the order of the traversal: the CPU's.
+                CHECK((queries[query][0] != nullptr) == (variant.output_count == 0));
                 CHECK((queries[query][1] == nullptr));  // counters are the CPU's
             }
         }

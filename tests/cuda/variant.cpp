@@ -73,9 +73,11 @@ void add_query(PackVariant& variant) {
 const PackVariant& RAYNEST_INTERSECTOR_FUNCTION() noexcept {
     static const PackVariant variant = [] {
         PackVariant v = describe_variant<Isect>(RAYNEST_INTERSECTOR_NAME);
-        add_query<query_closest>(v);
-        add_query<query_any>(v);
-        add_query<query_multi>(v);
+        if constexpr (cuda::runs_here<Isect>) {
+            add_query<query_closest>(v);
+            add_query<query_any>(v);
+            add_query<query_multi>(v);
+        }
         return v;
     }();
     return variant;
