@@ -73,7 +73,9 @@ Result<void> Driver::run(std::chrono::nanoseconds time, double rate, LoadTally& 
         client.finished = false;
         if (client.due >= end_) finish(client);
     }
-    for (Clock::time_point now = begin; unfinished_ != 0; now = Clock::now()) {
+    // An open loop lasts as long as its schedule, also where nothing more is due.
+    for (Clock::time_point now = begin; unfinished_ != 0 || (open_loop() && now < end_);
+         now = Clock::now()) {
         if (interrupted()) return fail(Exit::interrupted, "interrupted");
         if (now > cut_ + patience)
             return fail(Exit::failed,
@@ -107,7 +109,7 @@ void Driver::give_up(Clock::time_point now, LoadTally& tally) {
     bool late = false;
     for (Client& client : clients_) {
         if (client.waiting || client.finished) continue;
-        for (; client.due <= now; client.due += interval_) {
+        for (; client.due < end_; client.due += interval_) {
             ++tally.missed;
             tally.latencies.add(now - client.due);
             late = true;
@@ -148,6 +150,7 @@ Result<void> Driver::send_rest(Client& client) {
 Result<void> Driver::take_events(Clock::time_point now, LoadTally& tally) {
     // In an open loop the next request may be due before an answer comes.
     Clock::time_point until = now + nap_max;
+    if (open_loop() && now < end_) until = std::min(until, end_);
     if (open_loop())
         for (const Client& client : clients_)
             if (!client.waiting && !client.finished) until = std::min(until, client.due);
@@ -210,8 +213,7 @@ void Driver::ended(Client& client, const protocol::Frame& last, Clock::time_poin
         tally.latencies.add(now - client.due);
     }
     client.due = open_loop() ? client.due + interval_ : now;
-    // Of an open loop what is due by now is sent, late.
-    if (client.due >= end_ && (client.due > now || !open_loop())) finish(client);
+    if (client.due >= end_) finish(client);
 }
 
 }  // namespace raynest::client

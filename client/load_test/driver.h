@@ -43,9 +43,9 @@ public:
     Driver(std::vector<int> sockets, std::vector<std::span<const std::byte>> requests);
 
     /// Sends for `time`, then waits for what is under way; `rate` requests per second of all
-    /// clients together, 0: closed loop. A client of an open loop that is behind goes on, and so
-    /// does its schedule, until it has caught up or overtime_max has passed; the next run takes the
-    /// schedule up where this one left it. Fails when a connection ends or an answer does not come.
+    /// clients together, 0: closed loop. A client of an open loop that is behind goes on until what
+    /// was due within `time` is sent or overtime_max has passed; the next run takes the schedule up
+    /// where this one left it. Fails when a connection ends or an answer does not come.
     Result<void> run(std::chrono::nanoseconds time, double rate, LoadTally& tally);
 
     /// The bytes of the last answer to the first client.

@@ -100,7 +100,7 @@ Reply<Sensor> make_lidar(const Request& request) {
     const auto size = [](const auto* list) { return list != nullptr ? list->size() : 0U; };
     std::vector<LidarChannel> channels(size(m.elevations()));
     if (auto beams =
-            needs(!channels.empty() && m.azimuth_count() != 0, m, "elevations and azimuth_count");
+            needs(!channels.empty() && m.azimuth_count() != 0, m, "elevations and azimuths");
         !beams)
         return tl::unexpected(beams.error());
     for (std::uint32_t i = 0; i < channels.size(); ++i) {

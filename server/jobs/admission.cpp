@@ -12,8 +12,11 @@ Reply<Admission::Slot> Admission::enter(JobRecord record) {
         return refuse(Code::quota, principal + " has " + std::to_string(use.jobs) +
                                        " requests in flight, the limit is principal_jobs_max = " +
                                        std::to_string(limits_.principal_jobs_max));
-    if (record.rays > limits_.principal_rays_max ||
-        use.rays > limits_.principal_rays_max - record.rays)
+    if (record.rays > limits_.principal_rays_max)
+        return refuse(Code::limit_exceeded, "a request of " + std::to_string(record.rays) +
+                                                " rays, the limit is principal_rays_max = " +
+                                                std::to_string(limits_.principal_rays_max));
+    if (use.rays > limits_.principal_rays_max - record.rays)
         return refuse(Code::quota, principal + " has " + std::to_string(use.rays) +
                                        " rays in flight and asks for " +
                                        std::to_string(record.rays) +

@@ -60,6 +60,7 @@ class LoadTest(DaemonTest):
                                 "--seconds", "3")
         for side in ("daemon", "asio_echo", "blocking_echo"):
             self.assertTrue(2 <= told[side]["requests"] <= 4, told[side])
+            self.assertLess(told[side]["requests_per_second"], 2, told[side])
 
     def test_a_daemon_that_freezes_is_seen_to_be_late_for_all_that_was_due(self):
         daemon = Daemon(self.raynestd)
@@ -94,7 +95,7 @@ class LoadTest(DaemonTest):
         for side in sides:
             p50, *_, missed = side.split()[-8:]
             self.assertGreater(float(p50), 1e6, side)  # late by seconds, as long as it went on
-            self.assertGreater(int(missed), 10_000_000, side)
+            self.assertTrue(100_000 < int(missed) <= 1_000_000, side)  # a second's tenth is due
         self.assertRegex(verdict, r"; raynestd answered \d+ of 1e\+07 requests per second: lower")
 
     def test_over_a_unix_socket_and_with_other_kinds(self):

@@ -211,6 +211,24 @@ class Errors(WithDaemon):
         self.assertEqual(self.client.stats()["frames_received"], sent + 1)
         self.assertEqual(len(self.woods.trace(ray)["t"]), 1)
 
+    def test_a_forked_process_must_connect_again(self):
+        ray = [[0, 1000, 0, 0, -1, 0]]
+        child = os.fork()
+        if child == 0:
+            code = 1
+            try:
+                self.woods.trace(ray)
+            except raynest.UsageError:
+                code = 0
+            finally:
+                os._exit(code)
+        self.assertEqual(os.waitpid(child, 0)[1], 0)
+        self.woods.trace(ray)
+
+    def test_one_column_may_be_named_by_itself(self):
+        ray = [[0, 1000, 0, 0, -1, 0]]
+        self.assertEqual(list(self.woods.trace(ray, fields="prim")), ["prim"])
+
     def test_servers_that_are_none(self):
         for uri in ("127.0.0.1:31060", "tcp://127.0.0.1", "tcp://127.0.0.1:0",
                     "tcp://127.0.0.1:65536"):

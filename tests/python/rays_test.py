@@ -114,6 +114,9 @@ class Rays(WithDaemon):
         wall = self.client.mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
         ends = [[0, 0, -1], [0, 0, 0.5], [0, 0, 0], [5, 0, -1]]
         self.assertEqual(wall.occluded([0, 0, 1], ends).tolist(), [True, False, False, False])
+        for a, margin in (([0, 0, 1], 0.5), ([0, 0, 1], -1), ([0, 0, np.nan], 0), ([0, 0, np.inf], 0)):
+            with self.assertRaises(raynest.UsageError):
+                wall.occluded(a, ends, margin=margin)
 
     def test_options_reach_the_daemon(self):
         rays = rain(2000)

@@ -65,6 +65,7 @@ class Connection:
     def __init__(self, uri: Optional[str], token: Optional[str], window_bytes: int) -> None:
         self.uri = uri or os.environ.get("RAYNEST_SERVER") or "tcp://127.0.0.1:31060"
         self._window_bytes = window_bytes
+        self._process = os.getpid()
         self._turn = threading.Lock()
         self._owner = 0                     # thread whose turn it is
         self.interrupts = Interrupts()
@@ -102,6 +103,9 @@ class Connection:
         mine = False
         try:
             with self.interrupts:
+                if os.getpid() != self._process:  # two processes would read each other's answers
+                    raise errors.UsageError("this connection is of the process that was forked; "
+                                            "connect again in this one")
                 mine = self._take_turn()
                 if self.closed:
                     raise errors.ConnectError(f"the connection to {self.uri} is closed; "

@@ -69,7 +69,11 @@ def vector(what: str, value: Any) -> Array:
 
 def segments(a: Any, b: Any, margin: float) -> Array:
     """Rays (N, 8) from a to b in units of their distance, without `margin` at both ends."""
+    if not 0 <= margin < 0.5:
+        raise UsageError(f"margin of {margin!r}: it must be a share from 0 to less than 0.5")
     start, end = pair(a, b)
+    if not (np.isfinite(start).all() and np.isfinite(end).all()):
+        raise UsageError("a point is not finite: no line of sight begins or ends there")
     rows = np.empty((len(start), 8), np.result_type(start, end, np.float32))
     rows[:, :3], rows[:, 3], rows[:, 7] = start, margin, 1 - margin
     np.subtract(end, start, out=rows[:, 4:7])

@@ -43,17 +43,17 @@ class Scene:
 
     @overload
     def trace(self, rays: Any, directions: Any = None, *, kind: Optional[str] = None,
-              fields: Optional[Sequence[str]] = None, max_hits: Optional[int] = None,
+              fields: Union[str, Sequence[str], None] = None, max_hits: Optional[int] = None,
               reduce: str = "", origin: Any = None, progress: Progress = None,
               detach: Literal[False] = False, **job: Unpack[JobOptions]) -> Columns: ...
     @overload
     def trace(self, rays: Any, directions: Any = None, *, kind: Optional[str] = None,
-              fields: Optional[Sequence[str]] = None, max_hits: Optional[int] = None,
+              fields: Union[str, Sequence[str], None] = None, max_hits: Optional[int] = None,
               reduce: str = "", origin: Any = None, progress: Progress = None,
               detach: Literal[True], **job: Unpack[JobOptions]) -> Job: ...
 
     def trace(self, rays: Any, directions: Any = None, *, kind: Optional[str] = None,
-              fields: Optional[Sequence[str]] = None, max_hits: Optional[int] = None,
+              fields: Union[str, Sequence[str], None] = None, max_hits: Optional[int] = None,
               reduce: str = "", origin: Any = None, progress: Progress = None,
               detach: bool = False, **job: Unpack[JobOptions]) -> Union[Columns, Job]:
         """What rays hit, as a dict of arrays with one row per ray; with `detach` a Job that goes on
@@ -61,8 +61,8 @@ class Scene:
 
         `rays` is (N, 6) [ox oy oz dx dy dz] or (N, 8) [ox oy oz tmin dx dy dz tmax], or it holds
         origins (N, 3) and `directions` is (N, 3); either may be a single (3,). Directions need no
-        unit length: t is in units of it. float32 of shape (N, 8) is sent as it lies; all else is
-        converted on the way, after `origin` (three float64) was subtracted from the rays' origins.
+        unit length: t is in units of it. float32 of the first two forms is sent as it lies; all
+        else is converted on the way, after `origin` (three float64) was subtracted from the origins.
         Or it is made by raynest.generators: then the daemon makes the rays, and none travel.
 
         kind "closest", the default, gives the first hit, "any" only whether there is one (column
@@ -100,7 +100,7 @@ class Scene:
         return columns
 
     def stream(self, rays: Any, directions: Any = None, *, kind: Optional[str] = None,
-               fields: Optional[Sequence[str]] = None, max_hits: Optional[int] = None,
+               fields: Union[str, Sequence[str], None] = None, max_hits: Optional[int] = None,
                origin: Any = None,
                **job: Unpack[JobOptions]) -> Generator[tuple[int, Columns], None, None]:
         """As trace(), but yields (first_ray, columns) of some thousand rays as they are traced, in
@@ -141,10 +141,12 @@ class Scene:
         sent = Rays(rays, directions, origin)
         return Source(sent, sent.count)
 
-    def _query(self, source: Source, kind: Optional[str], fields: Optional[Sequence[str]],
+    def _query(self, source: Source, kind: Optional[str], fields: Union[str, Sequence[str], None],
                max_hits: Optional[int], job: JobOptions, reduce: str = "") -> Query:
         if kind is None:
             kind = "any" if reduce == "hit_fraction" else "closest"
+        if isinstance(fields, str):
+            fields = (fields,)
         if fields is None:
             fields = () if reduce else ("hit",) if kind == "any" else \
                 ("t", "prim", "geom", "path", "uv")

@@ -139,6 +139,7 @@ TEST_CASE("traversal auto looks at the rays, a named one does not") {
     const Variant& opaque = *registry->find("opaque");
     ObjectRecord root{};
     root.bounds = {Vec3(-10), Vec3(10)};
+    root.block_count = 1U << 14;  // trees of 5 MiB
     SceneView scene;
     scene.objects = &root;
     scene.object_count = 1;
@@ -162,6 +163,13 @@ TEST_CASE("traversal auto looks at the rays, a named one does not") {
     CHECK(any_way.choose(apart, scene) == traversal_batch);
     CHECK(any_way.choose(std::span(alike).first(63), scene) == traversal_latency);
     CHECK(any_way.choose(std::span(apart).first(63), scene) == traversal_latency);
+
+    ObjectRecord small_root = root;
+    small_root.block_count = 1U << 12;
+    SceneView small = scene;
+    small.objects = &small_root;
+    CHECK(any_way.choose(alike, small) == traversal_coherent);
+    CHECK(any_way.choose(apart, small) == traversal_latency);
 
     const Tracer named = make(query_closest, traversal_batch, false);
     CHECK(named.choose(alike, scene) == traversal_batch);
