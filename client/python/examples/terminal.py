@@ -34,6 +34,8 @@ def run(main):
         main()
     except raynest.Error as error:
         sys.exit(_fail(error, error.exit_code))
+    except ValueError as error:  # numpy's, of an argument or a file
+        sys.exit(_fail(error, 2))
     except OSError as error:
         sys.exit(_fail(f"{error.filename}: {error.strerror}", 1))
     except KeyboardInterrupt:

@@ -44,6 +44,8 @@ def main():
         scene = client.load(chosen.source)
         points = np.load(chosen.points) if chosen.points else \
             scatter(scene, chosen.random, chosen.height, chosen.seed)
+        if len(points) < 2:
+            raise raynest.UsageError("two points are needed, or nobody sees another")
         sees = who_sees_whom(scene, points, terminal.progress(chosen.quiet))
         np.save(chosen.output, sees)
         pairs = len(points) * (len(points) - 1) // 2
