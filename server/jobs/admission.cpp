@@ -15,7 +15,8 @@ Reply<Admission::Slot> Admission::enter(JobRecord record) {
     if (record.rays > limits_.principal_rays_max)
         return refuse(Code::limit_exceeded, "a request of " + std::to_string(record.rays) +
                                                 " rays, the limit is principal_rays_max = " +
-                                                std::to_string(limits_.principal_rays_max));
+                                                std::to_string(limits_.principal_rays_max) +
+                                                ": ask for less");
     if (use.rays > limits_.principal_rays_max - record.rays)
         return refuse(Code::quota, principal + " has " + std::to_string(use.rays) +
                                        " rays in flight and asks for " +

@@ -4,8 +4,10 @@
 // outside this tree goes through it too (--pack-dir). A difference is a difference of bytes. The
 // reference itself is held to what the contract says of any answer (promises.h).
 //
-//   conformance [--target v2|v3|v4|cuda]... [--pack-dir DIR]... [--intersector NAME] [--edge-rays
-//   N] conformance --kernels all        how many kernels each pack holds, and nothing else
+//   conformance [--target v2|v3|v4|cuda]... [--pack-dir DIR]... [--intersector NAME]
+//               [--edge-rays N]
+//
+//   conformance --kernels all        how many kernels each pack holds, and nothing else
 //
 // Prints one line per (target, intersector) and a closing line; exits 1 on any difference, 77 where
 // a target that was named does not run here.
