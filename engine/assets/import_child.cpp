@@ -4,12 +4,11 @@
 // bomb ends in an error message: limits on address space, processor time, files and output, a
 // watchdog in the parent, no inherited descriptors but the two memory files of import_wire.h, no
 // privileges to gain, and death together with the parent.
+#include "engine/assets/child_process.h"
 #include "engine/assets/import.h"
 #include "engine/assets/import_wire.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <spawn.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
@@ -18,12 +17,11 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <csignal>
 #include <cstring>
 #include <thread>
-
-extern char** environ;
 
 namespace raynest {
 namespace {
@@ -37,42 +35,6 @@ constexpr bool limits_address_space = false;
 #else
 constexpr bool limits_address_space = true;
 #endif
-
-/// posix_spawn's file actions, freed on every way out.
-class FileActions {
-public:
-    FileActions() { posix_spawn_file_actions_init(&actions_); }
-    FileActions(const FileActions&) = delete;
-    FileActions& operator=(const FileActions&) = delete;
-    ~FileActions() { posix_spawn_file_actions_destroy(&actions_); }
-    [[nodiscard]] posix_spawn_file_actions_t* get() { return &actions_; }
-
-private:
-    posix_spawn_file_actions_t actions_{};
-};
-
-Result<pid_t> spawn(std::span<const std::string> command, int request, int result) {
-    FileActions actions;
-    int failed = posix_spawn_file_actions_addopen(actions.get(), 0, "/dev/null", O_RDONLY, 0);
-    for (const int output : {1, 2}) {
-        failed |= posix_spawn_file_actions_addopen(actions.get(), output, "/dev/null", O_WRONLY, 0);
-    }
-    failed |= posix_spawn_file_actions_adddup2(actions.get(), request, wire::request_fd);
-    failed |= posix_spawn_file_actions_adddup2(actions.get(), result, wire::result_fd);
-    failed |= posix_spawn_file_actions_addclosefrom_np(actions.get(), wire::result_fd + 1);
-
-    std::vector<std::string> words(command.begin(), command.end());
-    std::vector<char*> arguments;
-    for (std::string& word : words) arguments.push_back(word.data());
-    arguments.push_back(nullptr);
-    pid_t pid = 0;
-    if (failed == 0)
-        failed =
-            posix_spawnp(&pid, arguments[0], actions.get(), nullptr, arguments.data(), environ);
-    if (failed == 0) return pid;
-    return fail(ErrorCode::io_failed, fmt::format("the import process '{}' does not start: {}",
-                                                  command[0], std::strerror(failed)));
-}
 
 /// Waits until the child has ended or the deadline has passed; then it is killed. Polling needs no
 /// kernel newer than the rest of the daemon and costs 1 ms of latency.
@@ -103,11 +65,9 @@ void limit(decltype(RLIMIT_AS) resource, rlim_t value) {
 
 /// Before the first hostile byte is looked at.
 void confine(const ImportLimits& limits) {
-    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
     ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
     ::prctl(PR_SET_DUMPABLE, 0);
     const auto threads = std::max(1U, std::thread::hardware_concurrency());
-    limit(RLIMIT_CORE, 0);
     limit(RLIMIT_NOFILE, child_files_max);
     limit(RLIMIT_FSIZE, limits.bytes_max);
     limit(RLIMIT_CPU, static_cast<rlim_t>(limits.time_max.count()) * threads);
@@ -126,15 +86,17 @@ Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& req
     const Clock::time_point deadline = Clock::now() + limits.time_max;
     if (child.empty())
         return fail(ErrorCode::internal, "import_in_child: no command for the child");
-    const auto request_file = wire::create_memory_file("raynest-import-request");
-    const auto result_file = wire::create_memory_file("raynest-import-result");
+    const auto request_file = create_memory_file("raynest-import-request");
+    const auto result_file = create_memory_file("raynest-import-result");
     if (!request_file) return tl::unexpected<Error>(request_file.error());
     if (!result_file) return tl::unexpected<Error>(result_file.error());
     if (auto done = wire::write_request(request_file->get(), request, limits); !done) {
         return tl::unexpected<Error>(done.error());
     }
-    const auto pid = spawn(child, request_file->get(), result_file->get());
-    if (!pid) return tl::unexpected<Error>(pid.error());
+    const auto pid = spawn_child(child, std::array{request_file->get(), result_file->get()});
+    if (!pid) {
+        return fail(pid.error().code, "the import process " + pid.error().message);
+    }
     bool timed_out = false;
     const auto status = wait_until(*pid, deadline, timed_out);
     if (!status) return tl::unexpected<Error>(status.error());
@@ -166,9 +128,8 @@ int import_child_main(const Registry& registry) {
     if (mapped == MAP_FAILED) return 2;
     const auto message = wire::parse_request({static_cast<const std::byte*>(mapped), size});
     if (!message) return 2;
+    if (!bind_to_parent(message->parent)) return 2;
     confine(message->limits);
-    // The parent may have ended before the death signal was set.
-    if (::getppid() != message->parent) return 2;
     const auto result = import_here(message->request, message->limits, registry);
     return wire::write_result(wire::result_fd, result) ? 0 : 3;
 }

@@ -1,11 +1,9 @@
 #include "engine/assets/import_wire.h"
 
-#include <fcntl.h>
-#include <fmt/format.h>
-#include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <cstring>
@@ -41,22 +39,6 @@ struct ResultHeader {
     double build_seconds = 0;
 };
 
-tl::unexpected<Error> system_error(const char* what) {
-    return fail(ErrorCode::io_failed, fmt::format("import: {}: {}", what, std::strerror(errno)));
-}
-
-Result<void> write_all(int fd, const void* bytes, std::size_t size) {
-    const auto* at = static_cast<const char*>(bytes);
-    while (size != 0) {
-        const ssize_t written = ::write(fd, at, std::min(size, std::size_t{1} << 30));
-        if (written < 0 && errno == EINTR) continue;
-        if (written <= 0) return system_error("writing to a memory file");
-        at += written;
-        size -= static_cast<std::size_t>(written);
-    }
-    return {};
-}
-
 Result<void> read_all(int fd, void* bytes, std::size_t size, off_t offset) {
     auto* at = static_cast<char*>(bytes);
     while (size != 0) {
@@ -87,18 +69,6 @@ private:
 };
 
 }  // namespace
-
-Fd::~Fd() {
-    if (fd_ >= 0) ::close(fd_);
-}
-
-Result<Fd> create_memory_file(const char* name) {
-    const Fd low(::memfd_create(name, MFD_CLOEXEC));
-    if (low.get() < 0) return system_error("creating a memory file");
-    Fd high(::fcntl(low.get(), F_DUPFD_CLOEXEC, 10));
-    if (high.get() < 0) return system_error("creating a memory file");
-    return high;
-}
 
 Result<void> write_request(int fd, const ImportRequest& request, const ImportLimits& limits) {
     RequestHeader header;

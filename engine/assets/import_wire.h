@@ -5,6 +5,7 @@
 // is not trusted: whoever owns the child may have written it.
 #pragma once
 
+#include "engine/assets/child_process.h"
 #include "engine/assets/import.h"
 
 #include <cstddef>
@@ -14,25 +15,8 @@
 
 namespace raynest::wire {
 
-inline constexpr int request_fd = 3;
-inline constexpr int result_fd = 4;
-
-/// A file descriptor that closes itself; -1 when empty.
-class Fd {
-public:
-    explicit Fd(int fd = -1) : fd_(fd) {}
-    Fd(Fd&& other) noexcept : fd_(other.fd_) { other.fd_ = -1; }
-    Fd& operator=(Fd&&) = delete;
-    Fd(const Fd&) = delete;
-    ~Fd();
-    [[nodiscard]] int get() const { return fd_; }
-
-private:
-    int fd_;
-};
-
-/// A memory file with close-on-exec, numbered 10 or higher so that the child's 0..4 are free.
-Result<Fd> create_memory_file(const char* name);
+inline constexpr int request_fd = first_inherited_fd;
+inline constexpr int result_fd = first_inherited_fd + 1;
 
 struct Message {
     ImportRequest request;  ///< points into the mapped message

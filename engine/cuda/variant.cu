@@ -1,11 +1,7 @@
-// One intersector compiled for GPUs: a kernel per query, and the host functions of the table that
-// launch them. packs/pack.cmake compiles this file once per line of the list, as it does
-// packs/variant.cpp.
-//
-// A watertight kernel is the fast one, as on the CPU; counters are the CPU's (CONTRACT.md §4).
+// One intersector compiled for GPUs. packs/pack.cmake compiles this file once per line of the list,
+// as it does packs/variant.cpp.
 #include "engine/cuda/check.h"
-#include "engine/cuda/launch.h"
-#include "engine/cuda/trace.h"
+#include "engine/cuda/variant.h"
 
 #include RAYNEST_INTERSECTOR_HEADER
 
@@ -27,29 +23,18 @@ __global__ void __launch_bounds__(cuda::block_rays)
     if (i < call.ray_count) cuda::trace_ray<Isect, kind>(call, trees, values, i);
 }
 
-template <Query kind>
-TraceStatus trace(const TraceCall* call) noexcept {
-    Values values = read_params<Isect>(*call);
-    return cuda::launch(*call, kind, reinterpret_cast<const void*>(&trace_kernel<kind>), &values);
-}
-
-template <Query kind>
-void add_query(PackVariant& variant) {
-    for (auto& traversals : variant.trace) traversals[traversal_latency][kind][0] = trace<kind>;
-}
+struct Kernels {
+    template <Query kind>
+    static const void* of() {
+        return reinterpret_cast<const void*>(&trace_kernel<kind>);
+    }
+};
 
 }  // namespace
 
 const PackVariant& RAYNEST_INTERSECTOR_FUNCTION() noexcept {
-    static const PackVariant variant = [] {
-        PackVariant v = describe_variant<Isect>(RAYNEST_INTERSECTOR_NAME);
-        if constexpr (cuda::runs_here<Isect>) {
-            add_query<query_closest>(v);
-            add_query<query_any>(v);
-            add_query<query_multi>(v);
-        }
-        return v;
-    }();
+    static const PackVariant variant =
+        cuda::make_variant<Isect, Kernels>(RAYNEST_INTERSECTOR_NAME);
     return variant;
 }
 

@@ -13,7 +13,7 @@
 
 namespace raynest {
 
-inline constexpr std::uint32_t pack_abi = 3;
+inline constexpr std::uint32_t pack_abi = 4;
 
 enum Query : std::uint32_t { query_closest, query_any, query_multi, query_all, query_count };
 /// `reference` walks every primitive with no BVH: the oracle, in the same pack and the same bits.
@@ -79,6 +79,8 @@ struct TraceCall {
     std::uint64_t hits_room = 0;         ///< at least 2 * hits_max
     std::uint8_t* ray_flags = nullptr;   ///< one per ray: HitFlags
     std::uint32_t* rays_done = nullptr;  ///< rays answered, from the first on
+
+    const void* device = nullptr;  ///< set behind the door of packs/device.h only
 };
 
 using TraceFunction = TraceStatus (*)(const TraceCall*) noexcept;

@@ -1,14 +1,16 @@
 // One intersector of the cuda target on the host: the functions that a GPU's threads run, in a loop
-// over the rays. A pack of these goes through the whole of conformance, so a machine without a GPU
-// knows that the walk, the compressed trees and the hooks are right, bit for bit; it does not know
-// that nvcc's arithmetic is g++'s. tests/cuda/CMakeLists.txt compiles this file as
+// over the rays, behind the cuda pack's own launch code and a fake of the CUDA runtime. A pack of these
+// goes through the whole of conformance, so a machine without a GPU knows that the walk, the
+// compressed trees, the hooks and the way to the device and back are right, bit for bit; it does not
+// know that nvcc's arithmetic is g++'s. tests/cuda/CMakeLists.txt compiles this file as
 // packs/variant.cpp is.
 //
 // `latency` stands for the compressed trees, `batch` for their plain twin.
 #include "engine/cuda/check.h"
 #include "engine/cuda/compress.h"
-#include "engine/cuda/trace.h"
+#include "engine/cuda/variant.h"
 #include "engine/queries/reference.h"
+#include "tests/cuda/fake_runtime/cuda_runtime_api.h"
 #include "tests/cuda/plain_trees.h"
 
 #include RAYNEST_INTERSECTOR_HEADER
@@ -21,26 +23,30 @@ namespace {
 using Isect = RAYNEST_INTERSECTOR_TYPE;
 static_assert(cuda::check_intersector<Isect, Declared{RAYNEST_INTERSECTOR_OVERRIDES}>());
 
-template <Query kind, class Trees>
-void trace_rays(const TraceCall& call, const Trees& trees) {
-    const auto values = read_params<Isect>(call);
-    for (std::uint32_t i = 0; i < call.ray_count; ++i) {
-        cuda::trace_ray<Isect, kind>(call, trees, values, i);
+template <Query kind>
+void trace_kernel(void** arguments, unsigned threads) {
+    const auto& call = *static_cast<const TraceCall*>(arguments[0]);
+    const auto& trees = *static_cast<const cuda::CompressedTrees*>(arguments[1]);
+    const auto& values = *static_cast<const ParamsOf<Isect>::type*>(arguments[2]);
+    for (std::uint32_t i = 0; i < threads; ++i) {
+        if (i < call.ray_count) cuda::trace_ray<Isect, kind>(call, trees, values, i);
     }
 }
 
-template <Query kind>
-TraceStatus trace_compressed(const TraceCall* call) noexcept {
-    const auto trees = cuda::compress(*call->scene);
-    if (!trees) return trace_too_deep;
-    trace_rays<kind>(*call, trees->view());
-    return trace_ok;
-}
+struct Kernels {
+    template <Query kind>
+    static const void* of() {
+        return reinterpret_cast<const void*>(static_cast<FakeKernel>(trace_kernel<kind>));
+    }
+};
 
 template <Query kind>
 TraceStatus trace_plain(const TraceCall* call) noexcept {
     if (!cuda::compress(*call->scene)) return trace_too_deep;
-    trace_rays<kind>(*call, cuda::PlainTrees{call->scene});
+    const auto values = read_params<Isect>(*call);
+    for (std::uint32_t i = 0; i < call->ray_count; ++i) {
+        cuda::trace_ray<Isect, kind>(*call, cuda::PlainTrees{call->scene}, values, i);
+    }
     return trace_ok;
 }
 
@@ -62,7 +68,6 @@ TraceStatus trace_everything(const TraceCall* call) noexcept {
 template <Query kind>
 void add_query(PackVariant& variant) {
     for (auto& traversals : variant.trace) {
-        traversals[traversal_latency][kind][0] = trace_compressed<kind>;
         traversals[traversal_batch][kind][0] = trace_plain<kind>;
         traversals[traversal_reference][kind][0] = trace_everything<kind>;
     }
@@ -72,7 +77,7 @@ void add_query(PackVariant& variant) {
 
 const PackVariant& RAYNEST_INTERSECTOR_FUNCTION() noexcept {
     static const PackVariant variant = [] {
-        PackVariant v = describe_variant<Isect>(RAYNEST_INTERSECTOR_NAME);
+        PackVariant v = cuda::make_variant<Isect, Kernels>(RAYNEST_INTERSECTOR_NAME);
         if constexpr (cuda::runs_here<Isect>) {
             add_query<query_closest>(v);
             add_query<query_any>(v);

@@ -1,0 +1,100 @@
+#include "engine/assets/child_process.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <spawn.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+#include <vector>
+
+extern char** environ;
+
+namespace raynest {
+namespace {
+
+/// posix_spawn's file actions, freed on every way out.
+class FileActions {
+public:
+    FileActions() { posix_spawn_file_actions_init(&actions_); }
+    FileActions(const FileActions&) = delete;
+    FileActions& operator=(const FileActions&) = delete;
+    ~FileActions() { posix_spawn_file_actions_destroy(&actions_); }
+    [[nodiscard]] posix_spawn_file_actions_t* get() { return &actions_; }
+
+private:
+    posix_spawn_file_actions_t actions_{};
+};
+
+}  // namespace
+
+Fd::~Fd() {
+    if (fd_ >= 0) ::close(fd_);
+}
+
+Fd out_of_the_way(Fd fd) {
+    return Fd(::fcntl(fd.get(), F_DUPFD_CLOEXEC, first_inherited_fd + inherited_max));
+}
+
+Result<Fd> create_memory_file(const char* name) {
+    Fd file = out_of_the_way(Fd(::memfd_create(name, MFD_CLOEXEC)));
+    if (file.get() >= 0) return file;
+    return fail(ErrorCode::io_failed,
+                fmt::format("creating a memory file: {}", std::strerror(errno)));
+}
+
+Result<void> write_all(int fd, const void* bytes, std::size_t size) {
+    const auto* at = static_cast<const char*>(bytes);
+    while (size != 0) {
+        const ssize_t written = ::write(fd, at, std::min(size, std::size_t{1} << 30));
+        if (written < 0 && errno == EINTR) continue;
+        if (written <= 0) {
+            return fail(ErrorCode::io_failed,
+                        fmt::format("writing to a memory file: {}", std::strerror(errno)));
+        }
+        at += written;
+        size -= static_cast<std::size_t>(written);
+    }
+    return {};
+}
+
+Result<pid_t> spawn_child(std::span<const std::string> command, std::span<const int> inherited) {
+    FileActions actions;
+    int failed = posix_spawn_file_actions_addopen(actions.get(), 0, "/dev/null", O_RDONLY, 0);
+    for (const int output : {1, 2}) {
+        failed |= posix_spawn_file_actions_addopen(actions.get(), output, "/dev/null", O_WRONLY, 0);
+    }
+    int next = first_inherited_fd;
+    for (const int fd : inherited) {
+        failed |= posix_spawn_file_actions_adddup2(actions.get(), fd, next++);
+    }
+    failed |= posix_spawn_file_actions_addclosefrom_np(actions.get(), next);
+
+    std::vector<std::string> words(command.begin(), command.end());
+    std::vector<char*> arguments;
+    for (std::string& word : words) arguments.push_back(word.data());
+    arguments.push_back(nullptr);
+    pid_t pid = 0;
+    if (failed == 0)
+        failed =
+            posix_spawnp(&pid, arguments[0], actions.get(), nullptr, arguments.data(), environ);
+    if (failed == 0) return pid;
+    return fail(ErrorCode::io_failed,
+                fmt::format("'{}' does not start: {}", command[0], std::strerror(failed)));
+}
+
+bool bind_to_parent(pid_t parent) {
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+    const rlimit none{0, 0};
+    static_cast<void>(::setrlimit(RLIMIT_CORE, &none));
+    // It may have ended before the death signal was set.
+    return ::getppid() == parent;
+}
+
+}  // namespace raynest

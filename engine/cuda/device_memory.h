@@ -1,0 +1,53 @@
+// Arrays in a GPU's memory, freed with their owner.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstdint>
+#include <vector>
+
+namespace raynest::cuda {
+
+/// Remembers the first thing that went wrong and does nothing from then on, so that a caller asks
+/// once, at the end.
+class DeviceMemory {
+public:
+    DeviceMemory() = default;
+    DeviceMemory(const DeviceMemory&) = delete;
+    DeviceMemory& operator=(const DeviceMemory&) = delete;
+    ~DeviceMemory() {
+        for (void* block : blocks_) cudaFree(block);
+    }
+
+    /// null where there is none, and for none.
+    template <class T>
+    [[nodiscard]] T* room(std::uint64_t count) {
+        if (count == 0 || error_ != cudaSuccess) return nullptr;
+        void* block = nullptr;
+        blocks_.reserve(blocks_.size() + 1);
+        error_ = cudaMalloc(&block, count * sizeof(T));
+        if (error_ != cudaSuccess) return nullptr;
+        blocks_.push_back(block);
+        bytes_ += count * sizeof(T);
+        return static_cast<T*>(block);
+    }
+    /// A copy, which may still be under way in the default stream.
+    template <class T>
+    [[nodiscard]] const T* copy(const T* from, std::uint64_t count) {
+        T* const to = room<T>(count);
+        if (to != nullptr) {
+            error_ = cudaMemcpy(to, from, count * sizeof(T), cudaMemcpyHostToDevice);
+        }
+        return to;
+    }
+
+    [[nodiscard]] cudaError_t error() const { return error_; }
+    [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
+
+private:
+    std::vector<void*> blocks_;
+    std::uint64_t bytes_ = 0;
+    cudaError_t error_ = cudaSuccess;
+};
+
+}  // namespace raynest::cuda

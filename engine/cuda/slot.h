@@ -1,0 +1,45 @@
+// Room on a GPU for the rays and answers of one call, and the stream that they go through.
+#pragma once
+
+#include "engine/cuda/device_memory.h"
+#include "engine/geometry/hit.h"
+#include "engine/geometry/pinhole.h"
+#include "engine/packs/device.h"
+
+#include <cstdint>
+#include <memory>
+
+namespace raynest {
+
+struct DeviceSlot {
+    DeviceSlot() = default;
+    DeviceSlot(const DeviceSlot&) = delete;
+    DeviceSlot& operator=(const DeviceSlot&) = delete;
+    ~DeviceSlot() {
+        if (stream != nullptr) cudaStreamDestroy(stream);
+    }
+
+    cudaStream_t stream = nullptr;
+    cuda::DeviceMemory memory;
+    std::uint64_t rays_max = 0;
+    std::uint64_t hits_max = 0;
+    Ray* rays = nullptr;
+    HitRecord* hits = nullptr;
+    std::uint32_t* hit_counts = nullptr;
+};
+
+namespace cuda {
+
+/// Throws std::bad_alloc.
+TraceStatus make_slot(std::uint64_t rays_max, std::uint64_t hits_max,
+                      std::unique_ptr<DeviceSlot>& made);
+
+/// Behind TraceCall::device: where the call goes.
+struct Target {
+    DeviceSlot& slot;
+    const DeviceScene& scene;
+    const PinholeRays* made;  ///< null: the call brings rays
+};
+
+}  // namespace cuda
+}  // namespace raynest

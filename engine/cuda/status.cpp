@@ -1,0 +1,25 @@
+#include "engine/cuda/status.h"
+
+#include <cstdio>
+
+namespace raynest::cuda {
+namespace {
+
+thread_local char error_text[256] = "";
+
+}  // namespace
+
+TraceStatus status_of(cudaError_t error) noexcept {
+    if (error == cudaSuccess) return trace_ok;
+    std::snprintf(error_text, sizeof error_text, "%s: %s", cudaGetErrorName(error),
+                  cudaGetErrorString(error));
+    // What is not sticky would else be the next call's.
+    (void)cudaGetLastError();
+    return error == cudaErrorMemoryAllocation ? trace_out_of_memory : trace_no_device;
+}
+
+const char* last_error() noexcept {
+    return error_text;
+}
+
+}  // namespace raynest::cuda

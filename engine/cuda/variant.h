@@ -1,0 +1,32 @@
+// The table of one intersector on GPUs: functions of the host that launch its kernels.
+//
+// A watertight kernel is the fast one, as on the CPU; counters are the CPU's (CONTRACT.md §4).
+#pragma once
+
+#include "engine/cuda/launch.h"
+#include "engine/cuda/trace.h"
+
+namespace raynest::cuda {
+
+/// `Kernels::of<kind>()` is the kernel of a query: kernel(TraceCall, CompressedTrees, values).
+template <class Isect, class Kernels, Query kind>
+TraceStatus trace(const TraceCall* call) noexcept {
+    auto values = read_params<Isect>(*call);
+    return launch(*call, kind, Kernels::template of<kind>(), &values);
+}
+
+template <class Isect, class Kernels>
+PackVariant make_variant(const char* name) {
+    PackVariant variant = describe_variant<Isect>(name);
+    if constexpr (runs_here<Isect>) {
+        for (auto& traversals : variant.trace) {
+            auto& queries = traversals[traversal_latency];
+            queries[query_closest][0] = trace<Isect, Kernels, query_closest>;
+            queries[query_any][0] = trace<Isect, Kernels, query_any>;
+            queries[query_multi][0] = trace<Isect, Kernels, query_multi>;
+        }
+    }
+    return variant;
+}
+
+}  // namespace raynest::cuda

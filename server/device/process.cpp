@@ -1,0 +1,131 @@
+#include "server/device/process.h"
+
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+#include <thread>
+
+namespace raynest::server::device {
+namespace {
+
+/// A killed process that its driver holds back is left behind after so many looks.
+constexpr int looks_max = 200;
+constexpr std::chrono::milliseconds look{5};
+
+}  // namespace
+
+Result<std::shared_ptr<Process>> Process::start(const Setup& setup) {
+    std::shared_ptr<Process> process(new Process(setup.shape));
+    if (const auto shared = process->share_memory(setup.slots); !shared)
+        return tl::unexpected(shared.error());
+    auto control = Channel::make_pair();
+    if (!control) return tl::unexpected(control.error());
+    const auto pid = spawn_child(setup.command, std::array{control->second.get()});
+    if (!pid) return tl::unexpected(pid.error());
+    process->pid_ = *pid;
+    {
+        // Ours of the child's end goes here, so that its end is heard.
+        const Channel theirs = std::move(control->second);
+    }
+    if (const auto greeted = process->greet(setup, std::move(control->first)); !greeted)
+        return tl::unexpected(greeted.error());
+    return process;
+}
+
+Result<void> Process::share_memory(std::uint32_t slots) {
+    auto file = create_memory_file("raynest-device-slots");
+    if (!file) return tl::unexpected(file.error());
+    memory_file_ = std::move(*file);
+    memory_bytes_ = slots * shape_.bytes();
+    void* at = MAP_FAILED;
+    if (::ftruncate(memory_file_.get(), static_cast<off_t>(memory_bytes_)) == 0)
+        at = ::mmap(nullptr, memory_bytes_, PROT_READ | PROT_WRITE, MAP_SHARED, memory_file_.get(),
+                    0);
+    if (at == MAP_FAILED)
+        return fail(ErrorCode::io_failed,
+                    std::string("no memory for the device's slots: ") + std::strerror(errno));
+    memory_ = static_cast<std::byte*>(at);
+    return {};
+}
+
+Result<void> Process::greet(const Setup& setup, Channel control) {
+    const auto ended = [&] {
+        return fail(ErrorCode::io_failed, "the worker " + reap() + " while it started");
+    };
+    std::vector<Channel> theirs;
+    std::vector<int> files = {memory_file_.get()};
+    for (std::uint32_t i = 0; i < setup.slots; ++i) {
+        auto pair = Channel::make_pair();
+        if (!pair) return tl::unexpected(pair.error());
+        slots_.push_back(std::move(pair->first));
+        theirs.push_back(std::move(pair->second));
+        files.push_back(theirs.back().get());
+    }
+    if (!control.send(Hello{::getpid(), setup.slots, shape_}, files)) return ended();
+    ready_ = std::make_unique<Ready>();
+    switch (control.receive(*ready_, setup.patience)) {
+        case Received::message:
+            break;
+        case Received::closed:
+            return ended();
+        case Received::nothing_in_time:
+            return fail(ErrorCode::io_failed, "the worker did not start within " +
+                                                  std::to_string(setup.patience.count()) + " ms");
+    }
+    if (!ready_->ok) return fail(ErrorCode::io_failed, std::string(ready_->text.view()));
+    control_.push_back(std::move(control));
+    return {};
+}
+
+Result<Outcome> Process::ask(std::uint32_t slot, const Request& request,
+                             std::chrono::milliseconds patience, std::span<const int> files) {
+    Channel& channel = slots_[slot];
+    Outcome outcome;
+    if (!channel.send(request, files)) return fail(ErrorCode::io_failed, "the worker " + reap());
+    switch (channel.receive(outcome, patience)) {
+        case Received::message:
+            return outcome;
+        case Received::nothing_in_time:
+            return fail(ErrorCode::io_failed,
+                        "no answer within " + std::to_string(patience.count()) + " ms");
+        case Received::closed:
+            break;
+    }
+    return fail(ErrorCode::io_failed, "the worker " + reap());
+}
+
+void Process::kill() {
+    if (pid_ > 0) ::kill(pid_, SIGKILL);
+}
+
+std::string Process::reap() {
+    for (int i = 0; i < looks_max; ++i) {
+        siginfo_t info{};
+        // Looked at and left: it is waited for where it is forgotten.
+        if (::waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOWAIT | WNOHANG) != 0)
+            break;
+        if (info.si_pid != 0) {
+            if (info.si_code == CLD_EXITED)
+                return "ended with exit code " + std::to_string(info.si_status);
+            return std::string("was ended by a signal (") + ::strsignal(info.si_status) + ")";
+        }
+        std::this_thread::sleep_for(look);
+    }
+    return "went away";
+}
+
+Process::~Process() {
+    if (pid_ > 0) {
+        kill();
+        for (int i = 0; i < looks_max && ::waitpid(pid_, nullptr, WNOHANG) == 0; ++i)
+            std::this_thread::sleep_for(look);
+    }
+    if (memory_ != nullptr) ::munmap(memory_, memory_bytes_);
+}
+
+}  // namespace raynest::server::device

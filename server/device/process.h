@@ -1,0 +1,59 @@
+// One life of the device worker, seen from the daemon.
+#pragma once
+
+#include "server/device/channel.h"
+#include "server/device/wire.h"
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace raynest::server::device {
+
+/// Killed, if it still lives, when the last one forgets it. Thread-safe but for one slot.
+class Process {
+public:
+    struct Setup {
+        std::vector<std::string> command;  ///< ends up in run_worker_process()
+        std::uint32_t slots = 1;           ///< at most slots_max
+        SlotShape shape;
+        std::chrono::milliseconds patience{};  ///< for its start
+    };
+    /// Blocking. The error says why there is no device, or no process.
+    static Result<std::shared_ptr<Process>> start(const Setup& setup);
+    ~Process();
+    Process(const Process&) = delete;
+
+    [[nodiscard]] const Ready& ready() const { return *ready_; }
+    [[nodiscard]] const SlotShape& shape() const { return shape_; }
+    [[nodiscard]] SlotMemory memory(std::uint32_t slot) const {
+        return {memory_, shape_, slot};
+    }
+
+    /// Blocking: what the worker answers to a slot's request. Fails where it ended or took too long.
+    Result<Outcome> ask(std::uint32_t slot, const Request& request,
+                        std::chrono::milliseconds patience, std::span<const int> files = {});
+
+    /// So that no thread waits for it any more.
+    void kill();
+
+private:
+    explicit Process(const SlotShape& shape) : shape_(shape) {}
+    Result<void> share_memory(std::uint32_t slots);
+    Result<void> greet(const Setup& setup, Channel control);
+    /// Waits a little for its end. Gives how it ended, in words.
+    std::string reap();
+
+    const SlotShape shape_;
+    Fd memory_file_;
+    std::byte* memory_ = nullptr;
+    std::size_t memory_bytes_ = 0;
+    pid_t pid_ = -1;
+    std::vector<Channel> control_;  ///< one, once started: closing it ends the worker
+    std::vector<Channel> slots_;
+    std::unique_ptr<Ready> ready_;
+};
+
+}  // namespace raynest::server::device

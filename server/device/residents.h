@@ -1,0 +1,73 @@
+// The scenes that a device holds, least recently used first to go. In the worker's process.
+#pragma once
+
+#include "engine/packs/device.h"
+
+#include <cstdint>
+#include <list>
+#include <mutex>
+#include <string>
+#include <string_view>
+
+namespace raynest::server::device {
+
+/// Thread-safe.
+class Residents {
+public:
+    /// Beyond `bytes_max` what is not in use goes, even where the device has room.
+    Residents(const Device& device, std::uint64_t bytes_max)
+        : device_(device),
+          bytes_max_(bytes_max) {}
+    Residents(const Residents&) = delete;
+
+    class Use;
+    /// Empty where the scene is not there.
+    [[nodiscard]] Use find(std::string_view hash);
+    /// Copies a scene to the device, unless it is there; makes room as far as scenes that are not in
+    /// use give it.
+    TraceStatus load(std::string_view hash, const SceneView& scene);
+
+private:
+    struct Resident {
+        std::string hash;
+        DeviceScene* scene = nullptr;
+        std::uint64_t bytes = 0;
+        unsigned users = 0;
+    };
+    using Residence = std::list<Resident>::iterator;
+
+    Residence find_locked(std::string_view hash);
+    /// False when all are in use.
+    bool evict_one();
+
+    const Device& device_;
+    const std::uint64_t bytes_max_;
+    std::mutex mutex_;
+    std::list<Resident> residents_;  ///< last used last
+    std::uint64_t bytes_ = 0;
+
+public:
+    /// While it lives, the scene stays. Move-only.
+    class Use {
+    public:
+        Use() = default;
+        Use(Use&& other) noexcept
+            : owner_(std::exchange(other.owner_, nullptr)),
+              resident_(other.resident_) {}
+        Use& operator=(Use&&) = delete;
+        Use(const Use&) = delete;
+        ~Use();
+        /// null when empty.
+        [[nodiscard]] const DeviceScene* scene() const {
+            return owner_ == nullptr ? nullptr : resident_->scene;
+        }
+
+    private:
+        friend class Residents;
+        Use(Residents* owner, Residence resident) : owner_(owner), resident_(resident) {}
+        Residents* owner_ = nullptr;
+        Residence resident_{};
+    };
+};
+
+}  // namespace raynest::server::device

@@ -1,0 +1,234 @@
+#include "server/device/worker_process.h"
+
+#include "engine/packs/device.h"
+#include "engine/scene/arena_check.h"
+#include "server/device/channel.h"
+#include "server/device/residents.h"
+#include "server/device/wire.h"
+
+#include <dlfcn.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <iterator>
+#include <new>
+#include <optional>
+#include <span>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace raynest::server::device {
+namespace {
+
+/// Of the device's memory; the rest is for slots, and for whoever else uses the device.
+constexpr double scenes_share = 0.8;
+
+/// A file's bytes, mapped while this lives.
+class Mapping {
+public:
+    Mapping(int file, int protection, int sharing) {
+        struct stat status {};
+        if (::fstat(file, &status) != 0 || status.st_size <= 0) return;
+        size_ = static_cast<std::size_t>(status.st_size);
+        void* const at = ::mmap(nullptr, size_, protection, sharing, file, 0);
+        if (at != MAP_FAILED) data_ = static_cast<std::byte*>(at);
+    }
+    Mapping(const Mapping&) = delete;
+    Mapping& operator=(const Mapping&) = delete;
+    ~Mapping() {
+        if (data_ != nullptr) ::munmap(data_, size_);
+    }
+    [[nodiscard]] std::byte* data() const { return data_; }  ///< null where it cannot be had
+    [[nodiscard]] std::size_t size() const { return size_; }
+
+private:
+    std::byte* data_ = nullptr;
+    std::size_t size_ = 0;
+};
+
+/// Both doors of a pack.
+struct DevicePack {
+    const Pack* pack = nullptr;
+    const Device* device = nullptr;
+};
+
+Result<DevicePack> open_pack(const char* path) {
+    void* const module = ::dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    if (module == nullptr) return fail(ErrorCode::pack_invalid, ::dlerror());
+    const auto pack = reinterpret_cast<PackEntry>(::dlsym(module, pack_symbol));
+    const auto device = reinterpret_cast<DeviceEntry>(::dlsym(module, device_symbol));
+    if (pack == nullptr || device == nullptr)
+        return fail(ErrorCode::pack_invalid, std::string(path) + " is no pack for a device");
+    const DevicePack opened{pack(), device()};
+    const std::uint32_t sizes[] = {sizeof(SceneView), sizeof(ObjectRecord), sizeof(HitRecord),
+                                   sizeof(TraceCall)};
+    if (opened.pack->abi != pack_abi || opened.device->abi != device_abi ||
+        !std::equal(std::begin(sizes), std::end(sizes), opened.pack->sizes))
+        return fail(ErrorCode::pack_invalid,
+                    std::string(path) + " was built against other engine headers: rebuild it");
+    return opened;
+}
+
+Ready describe(const DevicePack& from, const DeviceInfo& info) {
+    Ready ready;
+    ready.ok = true;
+    ready.text = Text<256>(info.name);
+    ready.memory_bytes = info.memory_bytes;
+    const auto variants = std::span(from.pack->variants, from.pack->variant_count);
+    for (const PackVariant& variant : variants.first(std::min<std::size_t>(variants.size(),
+                                                                           variants_max))) {
+        VariantInfo& to = ready.variants[ready.variant_count++];
+        to.name = Text<64>(variant.name);
+        to.param_count = variant.param_count;
+        for (std::uint32_t query = 0; query < query_count; ++query) {
+            const auto& functions = variant.trace[precision_watertight][traversal_latency];
+            if (functions[query][0] != nullptr) to.queries |= 1U << query;
+        }
+    }
+    return ready;
+}
+
+/// Answers the requests of one slot.
+class SlotServer {
+public:
+    SlotServer(const DevicePack& pack, Residents& residents, DeviceSlot* slot,
+               const SlotShape& shape, SlotMemory memory, Channel channel)
+        : pack_(pack),
+          residents_(residents),
+          slot_(slot),
+          shape_(shape),
+          memory_(memory),
+          channel_(std::move(channel)) {}
+
+    /// Until the daemon closes the channel, or the device is lost: that ends the process.
+    void serve() {
+        for (;;) {
+            Request request;
+            std::vector<Fd> files;
+            if (channel_.receive(request, Channel::for_ever, &files) != Received::message) return;
+            const Outcome outcome =
+                request.order == Order::load ? load(request, files) : trace(request);
+            channel_.send(outcome);
+            if (outcome.verdict == Verdict::lost) ::_exit(1);
+        }
+    }
+
+private:
+    Outcome load(const Request& request, const std::vector<Fd>& files) {
+        if (files.size() != 1) return refuse("a scene comes as one file");
+        const Mapping arena(files.front().get(), PROT_READ, MAP_PRIVATE);
+        if (arena.data() == nullptr) return refuse("the scene's memory cannot be mapped");
+        const auto scene = check_arena({arena.data(), arena.size()});
+        if (!scene) return refuse(scene.error().message);
+        return outcome_of(residents_.load(request.scene.view(), *scene));
+    }
+
+    Outcome trace(const Request& request) {
+        const TraceFunction kernel = kernel_of(request);
+        if (kernel == nullptr) return refuse("there is no such kernel");
+        const std::uint64_t hits = std::uint64_t{request.ray_count} * request.hits_max;
+        if (request.ray_count > shape_.rays_max || hits > shape_.hits_max)
+            return refuse("the call does not fit its slot");
+        const Residents::Use use = residents_.find(request.scene.view());
+        if (use.scene() == nullptr) return {Verdict::unknown_scene, {}};
+
+        TraceCall call{};
+        call.params = request.has_params ? request.params : nullptr;
+        call.rays = memory_.rays;
+        call.ray_count = request.ray_count;
+        call.hits_max = request.hits_max;
+        call.mask = request.mask;
+        call.flags = request.flags;
+        call.hits = memory_.hits;
+        call.hit_counts = memory_.hit_counts;
+        TraceStatus status = pack_.device->start(slot_, use.scene(), kernel, &call,
+                                                 request.has_made ? &request.made : nullptr);
+        if (status == trace_ok) status = pack_.device->finish(slot_);
+        return outcome_of(status);
+    }
+
+    [[nodiscard]] TraceFunction kernel_of(const Request& request) const {
+        const bool known = request.variant < pack_.pack->variant_count &&
+                           request.precision < precision_count && request.query < query_count;
+        if (!known) return nullptr;
+        const PackVariant& variant = pack_.pack->variants[request.variant];
+        if (variant.param_count > params_max) return nullptr;
+        return variant.trace[request.precision][traversal_latency][request.query][0];
+    }
+
+    static Outcome refuse(std::string_view why) { return {Verdict::refused, Text<256>(why)}; }
+
+    Outcome outcome_of(TraceStatus status) const {
+        switch (status) {
+            case trace_ok:
+                return {Verdict::done, {}};
+            case trace_out_of_memory:
+                return {Verdict::out_of_memory, Text<256>(pack_.device->error())};
+            case trace_too_deep:
+                return {Verdict::too_deep, {}};
+            case trace_no_device:
+                return {Verdict::lost, Text<256>(pack_.device->error())};
+            case trace_bad_call:
+                break;
+        }
+        return refuse("the kernel refused its call");
+    }
+
+    const DevicePack& pack_;
+    Residents& residents_;
+    DeviceSlot* const slot_;
+    const SlotShape shape_;
+    const SlotMemory memory_;
+    Channel channel_;
+};
+
+int end(Channel& control, std::string_view why) {
+    Ready ready;
+    ready.text = Text<256>(why);
+    control.send(ready);
+    return 1;
+}
+
+}  // namespace
+
+int run_worker_process(const char* path) {
+    Channel control{Fd(first_inherited_fd)};
+    Hello hello;
+    std::vector<Fd> files;
+    if (control.receive(hello, Channel::for_ever, &files) != Received::message) return 1;
+    if (!bind_to_parent(hello.parent)) return 1;
+    if (hello.slots > slots_max || files.size() != 1 + hello.slots) return 1;
+    const Mapping memory(files.front().get(), PROT_READ | PROT_WRITE, MAP_SHARED);
+    if (memory.size() != hello.slots * hello.shape.bytes() || memory.data() == nullptr)
+        return end(control, "the memory of the slots cannot be mapped");
+
+    const auto pack = open_pack(path);
+    if (!pack) return end(control, pack.error().message);
+    const Device& device = *pack->device;
+    DeviceInfo info{};
+    if (device.open(&info) != trace_ok || device.pin(memory.data(), memory.size()) != trace_ok)
+        return end(control, device.error());
+    Residents residents(device, static_cast<std::uint64_t>(
+                                    scenes_share * static_cast<double>(info.memory_bytes)));
+    std::vector<SlotServer> servers;
+    for (std::uint32_t i = 0; i < hello.slots; ++i) {
+        DeviceSlot* slot = nullptr;
+        if (device.make_slot(hello.shape.rays_max, hello.shape.hits_max, &slot) != trace_ok)
+            return end(control, device.error());
+        servers.emplace_back(*pack, residents, slot, hello.shape,
+                             SlotMemory(memory.data(), hello.shape, i),
+                             Channel(std::move(files[1 + i])));
+    }
+    if (!control.send(describe(*pack, info))) return 1;
+    std::vector<std::thread> threads;
+    for (SlotServer& server : servers) threads.emplace_back([&server] { server.serve(); });
+    Hello nothing;
+    (void)control.receive(nothing, Channel::for_ever);
+    // The daemon is gone or has given up on us: nobody waits for what the threads still do.
+    ::_exit(0);
+}
+
+}  // namespace raynest::server::device

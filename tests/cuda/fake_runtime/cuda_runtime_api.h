@@ -1,0 +1,62 @@
+// The few functions of the CUDA runtime that engine/cuda calls, on the host: memory is the heap's,
+// streams do at once what they are asked, a kernel is a function that loops over its threads.
+//
+// It is stricter than the runtime: copies and fills must stay within one allocation. And it fails
+// on demand, as fake_runtime.cpp says. Numbers are those of CUDA.
+#pragma once
+
+#include <cstddef>
+
+enum cudaError_t {
+    cudaSuccess = 0,
+    cudaErrorInvalidValue = 1,
+    cudaErrorMemoryAllocation = 2,
+    cudaErrorInsufficientDriver = 35,
+    cudaErrorNoDevice = 100,
+    cudaErrorIllegalAddress = 700,
+    cudaErrorLaunchFailure = 719
+};
+enum cudaMemcpyKind { cudaMemcpyHostToDevice = 1, cudaMemcpyDeviceToHost = 2 };
+enum : unsigned {
+    cudaStreamNonBlocking = 1,
+    cudaDeviceScheduleBlockingSync = 4,
+    cudaHostRegisterDefault = 0
+};
+
+struct FakeStream;
+using cudaStream_t = FakeStream*;
+
+struct dim3 {
+    unsigned x, y = 1, z = 1;
+    explicit dim3(unsigned width) : x(width) {}
+};
+
+struct cudaDeviceProp {
+    char name[256];
+    std::size_t totalGlobalMem;
+};
+
+/// What `cudaLaunchKernel` takes for a kernel.
+using FakeKernel = void (*)(void** arguments, unsigned threads);
+
+cudaError_t cudaGetDeviceCount(int* count);
+cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int device);
+cudaError_t cudaSetDevice(int device);
+cudaError_t cudaSetDeviceFlags(unsigned flags);
+cudaError_t cudaGetLastError();
+const char* cudaGetErrorName(cudaError_t error);
+const char* cudaGetErrorString(cudaError_t error);
+
+cudaError_t cudaHostRegister(void* memory, std::size_t bytes, unsigned flags);
+cudaError_t cudaMalloc(void** block, std::size_t bytes);
+cudaError_t cudaFree(void* block);
+cudaError_t cudaMemcpy(void* to, const void* from, std::size_t bytes, cudaMemcpyKind kind);
+
+cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned flags);
+cudaError_t cudaStreamDestroy(cudaStream_t stream);
+cudaError_t cudaStreamSynchronize(cudaStream_t stream);
+cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind kind,
+                            cudaStream_t stream);
+cudaError_t cudaMemsetAsync(void* block, int value, std::size_t bytes, cudaStream_t stream);
+cudaError_t cudaLaunchKernel(const void* kernel, dim3 blocks, dim3 threads, void** arguments,
+                             std::size_t shared_bytes, cudaStream_t stream);

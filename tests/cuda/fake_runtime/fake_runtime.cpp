@@ -1,0 +1,241 @@
+// RAYNEST_FAKE_CUDA="FUNCTION N WHAT;..." lets the N-th call of a function in a process end in
+//   a number   that error; from 700 on it is sticky, as in CUDA: all later calls give it, too
+//   kill       the end of the process
+//   hang       no answer for ever
+//   garbage    a copy from the device that brings something else
+// RAYNEST_FAKE_CUDA_ONCE=FILE: only while FILE does not exist; the first fault creates it, so that the
+// process that comes after works. RAYNEST_FAKE_CUDA_MEMORY=BYTES is what the device has.
+#include "tests/cuda/fake_runtime/cuda_runtime_api.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <csignal>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <map>
+#include <mutex>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace {
+
+constexpr int sticky_from = 700;
+
+struct Fault {
+    std::string function;
+    unsigned call = 0;
+    std::string what;
+};
+
+std::string environment(const char* name, const char* otherwise) {
+    const char* value = std::getenv(name);
+    return value != nullptr ? value : otherwise;
+}
+
+std::vector<Fault> read_faults() {
+    std::vector<Fault> faults;
+    std::istringstream list(environment("RAYNEST_FAKE_CUDA", ""));
+    for (std::string item; std::getline(list, item, ';');) {
+        Fault fault;
+        std::istringstream(item) >> fault.function >> fault.call >> fault.what;
+        faults.push_back(fault);
+    }
+    return faults;
+}
+
+bool may_inject() {
+    const std::string once = environment("RAYNEST_FAKE_CUDA_ONCE", "");
+    if (once.empty()) return true;
+    const int file = ::open(once.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0600);
+    if (file >= 0) ::close(file);
+    return file >= 0;
+}
+
+class Device {
+public:
+    static Device& get() {
+        static Device device;
+        return device;
+    }
+
+    /// A function begins: gives the word of its fault, or nothing.
+    std::string enter(const char* function) {
+        const std::lock_guard lock(mutex_);
+        const unsigned call = ++calls_[function];
+        for (const Fault& fault : faults_) {
+            if (fault.function != function || fault.call != call || !may_inject()) continue;
+            if (fault.what == "kill") std::raise(SIGKILL);
+            return fault.what;
+        }
+        return {};
+    }
+
+    cudaError_t fail(int error) {
+        const std::lock_guard lock(mutex_);
+        if (error >= sticky_from) sticky_ = static_cast<cudaError_t>(error);
+        return static_cast<cudaError_t>(error);
+    }
+    cudaError_t sticky() {
+        const std::lock_guard lock(mutex_);
+        return sticky_;
+    }
+
+    cudaError_t allocate(void** block, std::size_t bytes) {
+        const std::lock_guard lock(mutex_);
+        if (bytes > memory_ - used_) return cudaErrorMemoryAllocation;
+        *block = std::malloc(bytes);
+        blocks_[static_cast<std::byte*>(*block)] = bytes;
+        used_ += bytes;
+        return cudaSuccess;
+    }
+    cudaError_t release(void* block) {
+        const std::lock_guard lock(mutex_);
+        const auto found = blocks_.find(static_cast<std::byte*>(block));
+        if (found == blocks_.end()) return cudaErrorInvalidValue;
+        used_ -= found->second;
+        blocks_.erase(found);
+        std::free(block);
+        return cudaSuccess;
+    }
+    /// Do these bytes lie within one allocation?
+    bool owns(const void* at, std::size_t bytes) {
+        const std::lock_guard lock(mutex_);
+        const auto* first = static_cast<const std::byte*>(at);
+        auto found = blocks_.upper_bound(const_cast<std::byte*>(first));
+        if (found == blocks_.begin()) return false;
+        --found;
+        return first + bytes <= found->first + found->second;
+    }
+    [[nodiscard]] std::size_t memory() const { return memory_; }
+
+private:
+    std::mutex mutex_;
+    const std::vector<Fault> faults_ = read_faults();
+    std::map<std::string, unsigned> calls_;
+    cudaError_t sticky_ = cudaSuccess;
+    std::map<std::byte*, std::size_t> blocks_;
+    std::size_t used_ = 0;
+    const std::size_t memory_ =
+        std::stoull(environment("RAYNEST_FAKE_CUDA_MEMORY", "1000000000"));
+};
+
+/// What every function does first: `action(whether its data come out wrong)` if nothing is amiss.
+template <class Action>
+cudaError_t call(const char* function, Action action) {
+    Device& device = Device::get();
+    const std::string fault = device.enter(function);
+    if (fault == "hang") {
+        for (;;) ::pause();
+    }
+    if (!fault.empty() && fault != "garbage") return device.fail(std::stoi(fault));
+    if (device.sticky() != cudaSuccess) return device.sticky();
+    return action(fault == "garbage");
+}
+
+cudaError_t copy(void* to, const void* from, std::size_t bytes, cudaMemcpyKind kind, bool wrong) {
+    const void* on_device = kind == cudaMemcpyHostToDevice ? to : from;
+    if (!Device::get().owns(on_device, bytes)) return cudaErrorInvalidValue;
+    std::memcpy(to, from, bytes);
+    if (wrong) std::memset(to, 0x5A, bytes);
+    return cudaSuccess;
+}
+
+}  // namespace
+
+cudaError_t cudaGetDeviceCount(int* count) {
+    return call("cudaGetDeviceCount", [&](bool) {
+        *count = 1;
+        return cudaSuccess;
+    });
+}
+cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int device) {
+    return call("cudaGetDeviceProperties", [&](bool) {
+        if (device != 0) return cudaErrorInvalidValue;
+        *properties = {};
+        std::strcpy(properties->name, "a fake of the tests");
+        properties->totalGlobalMem = Device::get().memory();
+        return cudaSuccess;
+    });
+}
+cudaError_t cudaSetDevice(int device) {
+    return call("cudaSetDevice",
+                [&](bool) { return device == 0 ? cudaSuccess : cudaErrorInvalidValue; });
+}
+cudaError_t cudaSetDeviceFlags(unsigned) {
+    return call("cudaSetDeviceFlags", [](bool) { return cudaSuccess; });
+}
+cudaError_t cudaGetLastError() {
+    return Device::get().sticky();
+}
+const char* cudaGetErrorName(cudaError_t error) {
+    switch (error) {
+        case cudaErrorMemoryAllocation:
+            return "cudaErrorMemoryAllocation";
+        case cudaErrorInsufficientDriver:
+            return "cudaErrorInsufficientDriver";
+        case cudaErrorNoDevice:
+            return "cudaErrorNoDevice";
+        case cudaErrorIllegalAddress:
+            return "cudaErrorIllegalAddress";
+        case cudaErrorLaunchFailure:
+            return "cudaErrorLaunchFailure";
+        default:
+            return "cudaErrorUnknown";
+    }
+}
+const char* cudaGetErrorString(cudaError_t) {
+    return "said by the fake of the tests";
+}
+
+cudaError_t cudaHostRegister(void*, std::size_t, unsigned) {
+    return call("cudaHostRegister", [](bool) { return cudaSuccess; });
+}
+cudaError_t cudaMalloc(void** block, std::size_t bytes) {
+    return call("cudaMalloc", [&](bool) { return Device::get().allocate(block, bytes); });
+}
+cudaError_t cudaFree(void* block) {
+    return call("cudaFree", [&](bool) { return Device::get().release(block); });
+}
+cudaError_t cudaMemcpy(void* to, const void* from, std::size_t bytes, cudaMemcpyKind kind) {
+    return call("cudaMemcpy", [&](bool wrong) { return copy(to, from, bytes, kind, wrong); });
+}
+
+struct FakeStream {};
+
+cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned) {
+    return call("cudaStreamCreateWithFlags", [&](bool) {
+        *stream = new FakeStream;
+        return cudaSuccess;
+    });
+}
+cudaError_t cudaStreamDestroy(cudaStream_t stream) {
+    return call("cudaStreamDestroy", [&](bool) {
+        delete stream;
+        return cudaSuccess;
+    });
+}
+cudaError_t cudaStreamSynchronize(cudaStream_t) {
+    return call("cudaStreamSynchronize", [](bool) { return cudaSuccess; });
+}
+cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind kind,
+                            cudaStream_t) {
+    return call("cudaMemcpyAsync", [&](bool wrong) { return copy(to, from, bytes, kind, wrong); });
+}
+cudaError_t cudaMemsetAsync(void* block, int value, std::size_t bytes, cudaStream_t) {
+    return call("cudaMemsetAsync", [&](bool) {
+        if (!Device::get().owns(block, bytes)) return cudaErrorInvalidValue;
+        std::memset(block, value, bytes);
+        return cudaSuccess;
+    });
+}
+cudaError_t cudaLaunchKernel(const void* kernel, dim3 blocks, dim3 threads, void** arguments,
+                             std::size_t, cudaStream_t) {
+    return call("cudaLaunchKernel", [&](bool) {
+        reinterpret_cast<FakeKernel>(const_cast<void*>(kernel))(arguments, blocks.x * threads.x);
+        return cudaSuccess;
+    });
+}
