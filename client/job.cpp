@@ -56,6 +56,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.camera = protocol::text(started.camera());
         outcome.epoch = started.epoch();
         outcome.rays_announced = started.rays();
+        outcome.worker_reason = protocol::text(started.worker_reason());
         outcome.notes = protocol::strings(started.notes());
     } else if (is<wire::Detached>(frame)) {
         const auto opened = protocol::open<wire::Detached>(frame);
@@ -73,6 +74,9 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.seconds = done.seconds();
         outcome.queued_seconds = done.queued_seconds();
         outcome.traversal = protocol::word(done.traversal(), outcome.traversal);
+        outcome.worker = protocol::word(done.worker(), outcome.worker);
+        for (std::string& note : protocol::strings(done.notes()))
+            outcome.notes.push_back(std::move(note));
         if (const wire::HeatStatistics* heat = done.heat()) {
             outcome.heat.metric = protocol::text(heat->metric());
             outcome.heat.min = heat->min();
@@ -96,6 +100,8 @@ Json outcome_json(const Outcome& outcome) {
                 {"traversal", outcome.traversal},
                 {"precision", outcome.precision},
                 {"worker", outcome.worker},
+                {"worker_reason", outcome.worker_reason},
+                {"notes", outcome.notes},
                 {"rays", outcome.rays},
                 {"hits", outcome.hits},
                 {"misses", outcome.misses},

@@ -58,6 +58,15 @@ constexpr std::array table = {
               "time in which a request gets or gives something", true},
     LimitInfo{"drain_ms_max", &Limits::drain_ms_max, "time for what runs when the daemon ends",
               true},
+    LimitInfo{"cuda_call_ms_max", &Limits::cuda_call_ms_max, "time for a chunk of rays on a GPU",
+              true},
+    LimitInfo{"cuda_start_ms_max", &Limits::cuda_start_ms_max,
+              "time for a GPU to start, or to take a scene", true},
+    LimitInfo{"cuda_retry_ms", &Limits::cuda_retry_ms,
+              "time that a GPU is left alone after a fault, twice as long after each that follows",
+              true},
+    LimitInfo{"cuda_retry_ms_max", &Limits::cuda_retry_ms_max,
+              "but no longer; a GPU that was up for so long starts anew with cuda_retry_ms", true},
 };
 static_assert(sizeof(Limits) == table.size() * sizeof(std::uint64_t),
               "a limit is missing from the table");

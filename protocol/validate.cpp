@@ -392,6 +392,7 @@ Result<void> validate(const wire::Started& message, const Limits& limits) {
         .name("worker", message.worker())
         .name("camera", message.camera())
         .texts("notes", message.notes())
+        .text("worker_reason", message.worker_reason())
         .result();
 }
 
@@ -419,6 +420,8 @@ Result<void> validate(const wire::Done& message, const Limits& limits) {
         .finite("queued_seconds", message.queued_seconds())
         .name("traversal", message.traversal())
         .nested(message.heat(), check_heat)
+        .name("worker", message.worker())
+        .texts("notes", message.notes())
         .result();
 }
 

@@ -2,6 +2,7 @@
 
 #include "protocol/control.h"
 #include "server/handlers/handler.h"
+#include "server/handlers/tracing.h"
 #include "server/jobs/admission.h"
 #include "server/jobs/detached.h"
 #include "server/jobs/runner.h"
@@ -16,6 +17,7 @@
 
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <array>
 #include <csignal>
 #include <cstdio>
@@ -64,6 +66,7 @@ private:
     Services services_;
     Engine engine_;
     DetachedJobs detached_;
+    std::unique_ptr<device::Worker> cuda_;
     // Tasks use all of the above: workers end before it does.
     Workers compute_;
     Workers blocking_;
@@ -86,6 +89,27 @@ std::vector<std::string> import_command(const Options& options) {
     return command;
 }
 
+/// On a CPU that has not its bits a GPU would give other answers than the CPU that it falls back to
+/// (CONTRACT.md §2).
+std::unique_ptr<device::Worker> make_cuda(const Options& options, const Registry& registry,
+                                          Budget& budget, Metrics& metrics,
+                                          const protocol::Limits& limits) {
+    if (options.cuda_pack.empty()) return nullptr;
+    const bool bits = std::all_of(registry.variants().begin(), registry.variants().end(),
+                                  [](const Variant& variant) { return variant.target != "v2"; });
+    if (!bits) {
+        log(LogLevel::warn, "cuda_off",
+            {{"reason", "target v2 does not promise the answers of a GPU; it takes v3 or v4"}});
+        return nullptr;
+    }
+    device::Worker::Options of;
+    of.command = {std::filesystem::read_symlink("/proc/self/exe").string(),
+                  std::string(device_worker_flag), options.cuda_pack.string()};
+    of.slots = std::min(options.threads, device::slots_max);
+    of.shape = {limits.chunk_rays_max, hit_bytes_max / sizeof(HitRecord)};
+    return std::make_unique<device::Worker>(std::move(of), registry, budget, metrics, limits);
+}
+
 Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
     : options_(options),
       registry_(std::move(registry)),
@@ -102,18 +126,22 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
                 options.scene_root,
                 import_command(options),
                 admission_,
-                detached_},
+                detached_,
+                nullptr},
       engine_{compute_,   blocking_,
               admission_, metrics_,
               limits_,    [this](std::function<void()> done) { asio::post(io_, std::move(done)); },
               budget_,    brief_turn_,
               coalescer_},
       detached_(engine_, [this] { look_after_detached(); }),
+      cuda_(make_cuda(options, *registry_, budget_, metrics_, limits_)),
       compute_(options.threads),
       blocking_(imports_max),
       signals_(io_, SIGTERM, SIGINT),
       drain_timer_(io_),
-      detached_timer_(io_) {}
+      detached_timer_(io_) {
+    services_.cuda = cuda_.get();
+}
 
 Result<void> Daemon::listen() {
     for (const std::string& uri : options_.listen) {

@@ -31,12 +31,22 @@ std::string address_fault(const std::string& uri) {
 struct Words {
     std::string http = "off";
     std::string log_level = "info";
+    std::string cuda = "auto";
 };
 
 LogLevel to_log_level(const std::string& word) {
     if (word == "error") return LogLevel::error;
     if (word == "warn") return LogLevel::warn;
     return word == "debug" ? LogLevel::debug : LogLevel::info;
+}
+
+std::filesystem::path to_cuda_pack(const std::string& word) {
+    if (word == "off") return {};
+    if (word != "auto") return std::filesystem::absolute(word);
+    std::error_code error;
+    const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
+    const auto pack = self.parent_path().parent_path() / "lib/raynest-cuda/raynest-pack-cuda.so";
+    return std::filesystem::exists(pack, error) ? pack : std::filesystem::path();
 }
 
 void declare(CLI::App& app, Options& options, Words& words) {
@@ -63,6 +73,10 @@ void declare(CLI::App& app, Options& options, Words& words) {
     app.add_option("--target", options.target, "Kernel pack: auto, v2, v3 or v4")
         ->envname("RAYNEST_TARGET")
         ->check(CLI::IsMember({"auto", "v2", "v3", "v4"}))
+        ->capture_default_str();
+    app.add_option("--cuda", words.cuda,
+                   "CUDA worker: auto (where its kernel pack was built), off, or the pack's file")
+        ->check(CLI::IsMember({"auto", "off"}) | CLI::ExistingFile)
         ->capture_default_str();
     app.add_option("--ready-file", options.ready_file,
                    "Written once requests are served: {\"listen\":[...],\"http\":...,\"pid\":...}");
@@ -123,6 +137,7 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
         app.set_version_flag("--version", "raynestd " RAYNEST_VERSION);
         app.parse(argc, argv);
         options.log_level = to_log_level(words.log_level);
+        options.cuda_pack = to_cuda_pack(words.cuda);
         if (!print) return {options, 0};
         print_config(app);
         return {std::nullopt, 0};

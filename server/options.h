@@ -23,6 +23,7 @@ struct Options {
     unsigned threads = 0;      ///< compute threads, >= 1 once parsed
     std::uint64_t memory = 0;  ///< bytes for scenes, uploads and jobs, > 0 once parsed
     std::string target = "auto";
+    std::filesystem::path cuda_pack;  ///< for the CUDA worker; empty: none
     std::filesystem::path ready_file;
     LogLevel log_level = LogLevel::info;
     protocol::Limits limits;

@@ -36,7 +36,7 @@ bool Channel::send_bytes(std::span<const std::byte> bytes, std::span<const int> 
     if (!files.empty()) {
         message.msg_control = room.data();
         message.msg_controllen = CMSG_SPACE(files.size_bytes());
-        cmsghdr* const head = CMSG_FIRSTHDR(&message);
+        auto* const head = reinterpret_cast<cmsghdr*>(room.data());
         head->cmsg_level = SOL_SOCKET;
         head->cmsg_type = SCM_RIGHTS;
         head->cmsg_len = CMSG_LEN(files.size_bytes());

@@ -16,6 +16,7 @@ namespace {
 /// A killed process that its driver holds back is left behind after so many looks.
 constexpr int looks_max = 200;
 constexpr std::chrono::milliseconds look{5};
+constexpr std::chrono::milliseconds stop_look{50};
 
 }  // namespace
 
@@ -68,7 +69,12 @@ Result<void> Process::greet(const Setup& setup, Channel control) {
     }
     if (!control.send(Hello{::getpid(), setup.slots, shape_}, files)) return ended();
     ready_ = std::make_unique<Ready>();
-    switch (control.receive(*ready_, setup.patience)) {
+    const auto deadline = std::chrono::steady_clock::now() + setup.patience;
+    Received received = Received::nothing_in_time;
+    while (received == Received::nothing_in_time && !*setup.stop &&
+           std::chrono::steady_clock::now() < deadline)
+        received = control.receive(*ready_, stop_look);
+    switch (received) {
         case Received::message:
             break;
         case Received::closed:

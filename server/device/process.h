@@ -4,6 +4,7 @@
 #include "server/device/channel.h"
 #include "server/device/wire.h"
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <memory>
@@ -20,6 +21,7 @@ public:
         std::uint32_t slots = 1;           ///< at most slots_max
         SlotShape shape;
         std::chrono::milliseconds patience{};  ///< for its start
+        const std::atomic<bool>* stop;         ///< gives up the start
     };
     /// Blocking. The error says why there is no device, or no process.
     static Result<std::shared_ptr<Process>> start(const Setup& setup);

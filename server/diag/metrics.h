@@ -27,6 +27,10 @@ struct Metrics {
     Counter jobs_failed{0};
     Counter jobs_refused{0};
     Counter tasks_coalesced{0};
+    Counter cuda_starts{0};
+    Counter cuda_faults{0};
+    Counter cuda_calls{0};
+    Counter cuda_refusals{0};
     Counter rays{0};
     Counter scenes_loaded{0};
 };
@@ -53,6 +57,10 @@ inline constexpr std::array metric_table = {
     MetricInfo{"jobs_failed", &Metrics::jobs_failed},
     MetricInfo{"jobs_refused", &Metrics::jobs_refused},
     MetricInfo{"tasks_coalesced", &Metrics::tasks_coalesced},
+    MetricInfo{"cuda_starts", &Metrics::cuda_starts},
+    MetricInfo{"cuda_faults", &Metrics::cuda_faults},
+    MetricInfo{"cuda_calls", &Metrics::cuda_calls},
+    MetricInfo{"cuda_refusals", &Metrics::cuda_refusals},
     MetricInfo{"rays", &Metrics::rays},
     MetricInfo{"scenes_loaded", &Metrics::scenes_loaded},
 };

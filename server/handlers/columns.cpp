@@ -201,7 +201,7 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
     }
     if (plan.untraced) counts.misses = rays.size();
     counts.hits = many ? hit_count : rays.size() - counts.misses;
-    tally.add(buffers.traversal, counts);
+    tally.add(buffers, counts);
 
     wire::ChunkT chunk;
     chunk.first_ray = first_ray;

@@ -7,6 +7,7 @@
 #include "engine/assets/import.h"
 #include "engine/packs/registry.h"
 #include "protocol/control.h"
+#include "server/device/worker.h"
 #include "server/diag/metrics.h"
 #include "server/jobs/detached.h"
 #include "server/store/budget.h"
@@ -33,6 +34,7 @@ struct Services {
     std::vector<std::string> import_child;  ///< command line of the import process
     Admission& admission;
     DetachedJobs& detached;
+    device::Worker* cuda;  ///< null: none
 };
 
 /// Who asks.

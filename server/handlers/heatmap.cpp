@@ -125,6 +125,9 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
                                                "': use one of traversed, necessary");
     auto plan = make_plan(services, *message->job(), query_closest, true);
     if (!plan) return tl::unexpected(plan.error());
+    const std::uint64_t pixels = std::uint64_t{message->width()} * message->height();
+    if (auto chosen = choose_worker(services, pixels, *plan); !chosen)
+        return tl::unexpected(chosen.error());
     std::optional<Plan> first_pass;
     if (count == "necessary") {
         auto found = make_plan(services, *message->job(), query_closest, false);

@@ -26,7 +26,7 @@ wire::JobInfoT job_info(const JobRecord& record) {
     info.detail = record.detail;
     info.scene = record.scene;
     info.state = "running";
-    info.worker = "cpu";
+    info.worker = record.worker;
     info.detached = record.detached;
     info.age_ms = milliseconds(Clock::now() - record.started);
     info.left_ms = milliseconds_until(record.deadline);

@@ -129,11 +129,17 @@ Task PictureJob::trace_task() {
         const auto missed = std::count_if(buffers.hits.begin(), buffers.hits.end(),
                                           [](const HitRecord& hit) { return hit.hit == 0; });
         const auto misses = static_cast<std::uint64_t>(missed);
-        tally_.add(buffers.traversal, {count, count - misses, misses, 0});
+        tally_.add(buffers, {count, count - misses, misses, 0});
         services_.metrics.rays += count;
         return Frames{};
     };
     return task;
+}
+
+Reply<void> PictureJob::trace_camera(std::uint64_t first, std::span<const Ray> rays,
+                                     TraceBuffers& buffers) const {
+    const PinholeRays made{pinhole(order_.camera, {order_.width, order_.height}), first, true};
+    return trace(order_.plan, rays, buffers, &made);
 }
 
 Task PictureJob::encode_task() {

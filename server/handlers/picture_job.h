@@ -55,6 +55,9 @@ protected:
     virtual Reply<void> expose(std::uint64_t first, std::span<Ray> rays, TraceBuffers& buffers) = 0;
     /// Worker thread, after all chunks.
     virtual Reply<Payload> develop() = 0;
+    /// Worker thread: traces camera rays of expose().
+    Reply<void> trace_camera(std::uint64_t first, std::span<const Ray> rays,
+                             TraceBuffers& buffers) const;
     /// Adds to DONE what only this kind of picture knows.
     virtual void complete(wire::DoneT& /*done*/) const {}
 

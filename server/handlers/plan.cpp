@@ -25,15 +25,6 @@ Reply<Priority> parse_priority(std::string_view word) {
                   "unknown priority '" + std::string(word) + "': use one of low, normal, high");
 }
 
-Reply<void> check_worker(std::string_view word) {
-    if (word == "auto" || word == "cpu") return {};
-    if (word == "cuda")
-        return refuse(Code::unsupported,
-                      "this daemon has no CUDA worker; use --worker auto or cpu");
-    return refuse(Code::invalid_field,
-                  "unknown worker '" + std::string(word) + "': use one of auto, cpu, cuda");
-}
-
 Reply<Settings> read_settings(const Variant& variant, const protocol::StringList* list) {
     std::vector<std::pair<std::string, std::string>> assignments;
     for (const std::string& text : protocol::strings(list)) {
@@ -55,8 +46,6 @@ RecordNormal record_normal(std::uint32_t type, const void* registry) {
 Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query query, bool counting) {
     using protocol::text;
     using protocol::word;
-    if (const auto worker = check_worker(word(job.worker(), "auto")); !worker)
-        return tl::unexpected(worker.error());
     const auto priority = parse_priority(word(job.priority(), "normal"));
     if (!priority) return tl::unexpected(priority.error());
     const auto precision = parse_precision(word(job.precision(), "watertight"));
@@ -91,6 +80,7 @@ Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query quer
     if (!tracer) return refuse(tracer.error());
     plan.tracer = *tracer;
     plan.mask = job.mask();
+    plan.worker.asked = word(job.worker(), "auto");
     plan.priority = *priority;
     plan.deadline_ms = job.deadline_ms();
     plan.detach = job.detach();
@@ -139,6 +129,7 @@ Accepted accept(const Plan& plan, const char* kind, std::uint64_t rays) {
     accepted.priority = plan.priority;
     accepted.kind = kind;
     accepted.scene = plan.scene.name;
+    accepted.worker = plan.worker.name();
     accepted.rays = rays;
     accepted.detach = plan.detach;
     return accepted;
@@ -150,10 +141,11 @@ wire::StartedT started(const Plan& plan, const protocol::Limits& limits) {
     message.hash = plan.scene.snapshot().hash();
     message.epoch = plan.scene.epoch;
     message.intersector = clean_text(plan.variant->name, limits.name_bytes_max);
-    message.target = plan.variant->target;
+    message.target = plan.worker.cuda != nullptr ? "cuda" : plan.variant->target;
     message.traversal = plan.untraced ? "none" : traversal_name(plan.traversal);
     message.precision = plan.precision == precision_fast ? "fast" : "watertight";
-    message.worker = "cpu";
+    message.worker = plan.worker.name();
+    message.worker_reason = clean_text(plan.worker.reason, limits.text_bytes_max);
     message.notes = plan.notes;
     return message;
 }

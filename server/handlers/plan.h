@@ -5,6 +5,7 @@
 #include "engine/packs/tracer.h"
 #include "engine/queries/columns.h"
 #include "server/handlers/handler.h"
+#include "server/handlers/worker_choice.h"
 
 #include <optional>
 #include <string>
@@ -29,6 +30,7 @@ struct Plan {
     std::uint32_t deadline_ms = 0;
     bool detach = false;
     std::vector<std::string> notes;  ///< for the user, sent with STARTED
+    WorkerChoice worker;
 
     /// Has a ray any number of hits, so that answers need splits?
     [[nodiscard]] bool csr() const { return query == query_multi || query == query_all; }

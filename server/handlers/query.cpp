@@ -101,7 +101,7 @@ protected:
 
     [[nodiscard]] std::shared_ptr<const Question> question(const Piece& piece) override {
         const bool small = piece.count <= question_rays_max && !piece.sent.empty();
-        if (!small || source_.has_points() || !any_order() ||
+        if (!small || source_.has_points() || !any_order() || plan_.worker.cuda != nullptr ||
             plan_.traversal == traversal_reference)
             return nullptr;
         return std::make_shared<RaysQuestion>(*this, piece);
@@ -168,10 +168,7 @@ private:
                 return tl::unexpected(traced.error());
             return std::span<const Ray>(buffers.rays);
         }
-        const std::span<const Ray> rays = source_.rays_of(piece, buffers);
-        if (auto traced = trace(plan_, rays, buffers); !traced)
-            return tl::unexpected(traced.error());
-        return rays;
+        return source_.trace_rows(plan_, piece, buffers);
     }
 
     /// How many of the traced rays fit the promised answer; one always does.
@@ -256,6 +253,8 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     if (plan->hits_max == 0) plan->hits_max = kind->query == query_all ? all_hits : multi_hits;
     auto source = RaySource::make(*message.table, plan->scene.snapshot());
     if (!source) return tl::unexpected(source.error());
+    if (auto chosen = choose_worker(services, source->rays(), *plan); !chosen)
+        return tl::unexpected(chosen.error());
 
     Accepted accepted = accept(*plan, "query", source->rays());
     accepted.detail =

@@ -225,11 +225,27 @@ std::span<const Ray> RaySource::rays_of(const Piece& piece, TraceBuffers& buffer
     return buffers.rays;
 }
 
+std::optional<PinholeRays> RaySource::made(const Piece& piece, bool tiles) const {
+    const auto* sensor = std::get_if<Sensor>(&origin_);
+    const auto* camera = sensor != nullptr ? std::get_if<Pinhole>(sensor) : nullptr;
+    if (camera == nullptr) return std::nullopt;
+    return PinholeRays{*camera, piece.first, tiles};
+}
+
 bool RaySource::has_tiles(const Piece& piece) const {
     const auto* sensor = std::get_if<Sensor>(&origin_);
     const std::uint64_t band = sensor != nullptr ? tile_rows * ray_grid(*sensor).width : 0;
     const bool to_the_end = piece.first + piece.count == rays_;
     return band != 0 && piece.first % band == 0 && (piece.count % band == 0 || to_the_end);
+}
+
+Reply<std::span<const Ray>> RaySource::trace_rows(const Plan& plan, const Piece& piece,
+                                                  TraceBuffers& buffers) const {
+    const std::span<const Ray> rays = rays_of(piece, buffers);
+    const auto camera = made(piece, false);
+    if (auto traced = trace(plan, rays, buffers, camera ? &*camera : nullptr); !traced)
+        return tl::unexpected(traced.error());
+    return rays;
 }
 
 Reply<void> RaySource::trace_tiles(const Plan& plan, const Piece& piece,
@@ -238,7 +254,9 @@ Reply<void> RaySource::trace_tiles(const Plan& plan, const Piece& piece,
     const ImageSize size = ray_grid(sensor);
     buffers.rays.resize(piece.count);
     generate_tiles(sensor, piece.first, buffers.rays);
-    if (auto traced = trace(plan, buffers.rays, buffers); !traced) return traced;
+    const auto camera = made(piece, true);
+    if (auto traced = trace(plan, buffers.rays, buffers, camera ? &*camera : nullptr); !traced)
+        return traced;
     buffers.order.resize(piece.count);
     for_each_in_tiles(piece.first, piece.count, size.width, size.height,
                       [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {

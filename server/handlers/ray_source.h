@@ -79,6 +79,9 @@ public:
 
     /// Worker thread: the rays of a piece, as they lie in its frame or made in the buffers.
     [[nodiscard]] std::span<const Ray> rays_of(const Piece& piece, TraceBuffers& buffers) const;
+    /// Traces a piece in the order of its rays, and gives them.
+    Reply<std::span<const Ray>> trace_rows(const Plan& plan, const Piece& piece,
+                                           TraceBuffers& buffers) const;
 
     /// Neighbours in square tiles are traced faster. Traces the piece as tiles if it is whole bands
     /// of them; the answers come back in the order of rows.
@@ -86,6 +89,9 @@ public:
     Reply<void> trace_tiles(const Plan& plan, const Piece& piece, TraceBuffers& buffers) const;
 
 private:
+    /// A piece's rays as a camera that makes them, row by row or in tile order, where one does.
+    [[nodiscard]] std::optional<PinholeRays> made(const Piece& piece, bool tiles) const;
+
     struct Sent {};
     std::variant<Sent, Sensor, Hemisphere> origin_;
     std::uint64_t rays_ = 0;

@@ -64,7 +64,7 @@ protected:
 
     Reply<Frames> answer(const Piece& piece) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        if (const auto traced = trace(plan_, source_.rays_of(piece, buffers), buffers); !traced)
+        if (const auto traced = source_.trace_rows(plan_, piece, buffers); !traced)
             return tl::unexpected(traced.error());
         const std::uint64_t each = source_.rays_per_point();
         std::vector<std::uint32_t> hits(std::max<std::uint64_t>(1, piece.count / each));
@@ -72,7 +72,7 @@ protected:
         const bool whole = piece.count >= each || add_part(piece, hits.front());
         auto frames = whole ? fractions(piece.first / each, hits) : Reply<Frames>(Frames{});
         if (!frames) return frames;
-        tally_.add(buffers.traversal, count_hits(buffers));
+        tally_.add(buffers, count_hits(buffers));
         services_.metrics.rays += piece.count;
         return frames;
     }
@@ -148,10 +148,13 @@ protected:
 
     Reply<Frames> answer(const Piece& piece) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        const auto traced = source_.has_tiles(piece)
-                                ? source_.trace_tiles(plan_, piece, buffers)
-                                : trace(plan_, source_.rays_of(piece, buffers), buffers);
-        if (!traced) return tl::unexpected(traced.error());
+        if (source_.has_tiles(piece)) {
+            const auto traced = source_.trace_tiles(plan_, piece, buffers);
+            if (!traced) return tl::unexpected(traced.error());
+        } else {
+            const auto traced = source_.trace_rows(plan_, piece, buffers);
+            if (!traced) return tl::unexpected(traced.error());
+        }
         std::unordered_map<std::uint64_t, std::uint32_t> counts;
         for (const HitRecord& hit : buffers.hits)
             if (hit.hit != 0) ++counts[hit.path];
@@ -159,7 +162,7 @@ protected:
             const std::lock_guard lock(mutex_);
             for (const auto& [path, count] : counts) counts_[path] += count;
         }
-        tally_.add(buffers.traversal, count_hits(buffers));
+        tally_.add(buffers, count_hits(buffers));
         services_.metrics.rays += piece.count;
         return Frames{};
     }

@@ -36,7 +36,7 @@ public:
 
 protected:
     Reply<void> expose(std::uint64_t first, std::span<Ray> rays, TraceBuffers& buffers) override {
-        if (const auto traced = trace(order().plan, rays, buffers); !traced) return traced;
+        if (const auto traced = trace_camera(first, rays, buffers); !traced) return traced;
         ColumnSource source = order().plan.source(registry());
         source.rays = rays;
         source.hits = buffers.hits;
@@ -81,6 +81,9 @@ Reply<Answer> render(const Services& services, const Caller& caller,
                                              std::string(integrator) + "'; use primary");
     auto plan = make_plan(services, *message->job(), query_closest, false);
     if (!plan) return tl::unexpected(plan.error());
+    const std::uint64_t pixels = std::uint64_t{message->width()} * message->height();
+    if (auto chosen = choose_worker(services, pixels, *plan); !chosen)
+        return tl::unexpected(chosen.error());
     if (message->samples() > 1)
         plan->notes.push_back("primary traces one ray per pixel, whatever --spp says");
 

@@ -10,11 +10,30 @@ TraceBuffers& TraceBuffers::of_this_thread() {
     return buffers;
 }
 
-Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers) {
+namespace {
+
+/// Error: what the job ends with. True: the call is answered; else it is the CPU's.
+Reply<bool> trace_on_cuda(const Plan& plan, const TraceCall& call, const PinholeRays* made,
+                          TraceBuffers& buffers) {
+    if (plan.worker.cuda == nullptr) return false;
+    const device::Kernel kernel{plan.variant->name, plan.precision, plan.query};
+    const auto traced = plan.worker.cuda->trace(kernel, plan.scene.snapshot(), call, made);
+    if (traced) return true;
+    if (plan.worker.demanded()) return tl::unexpected(cuda_refused(traced.error()));
+    buffers.fallback = traced.error().reason;
+    return false;
+}
+
+}  // namespace
+
+Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers,
+                  const PinholeRays* made) {
     const bool all = plan.query == query_all;
     const std::size_t count = rays.size();
     buffers.answered = static_cast<std::uint32_t>(count);
     buffers.order.clear();
+    buffers.fallback.clear();
+    buffers.on_cuda = false;
     buffers.outputs.resize(plan.variant->outputs().size());
     if (plan.untraced) {
         buffers.hits.clear();
@@ -42,6 +61,11 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buf
     call.hits_room = plan.hits_room;
     call.ray_flags = buffers.flags.data();
     call.rays_done = &buffers.answered;
+    buffers.traversal = traversal_latency;  // of a GPU, one ray per thread
+    const auto traced = trace_on_cuda(plan, call, made, buffers);
+    if (!traced) return tl::unexpected(traced.error());
+    buffers.on_cuda = *traced;
+    if (buffers.on_cuda) return {};
     buffers.traversal = plan.tracer.choose(rays, *call.scene);
     return check(plan.tracer.function(buffers.traversal)(&call), plan);
 }
@@ -52,8 +76,14 @@ void Tally::begin() {
     first_.compare_exchange_strong(none, now);
 }
 
-void Tally::add(Traversal traversal, const Counts& counts) {
-    traversals_ |= 1U << traversal;
+void Tally::add(const TraceBuffers& buffers, const Counts& counts) {
+    traversals_ |= 1U << buffers.traversal;
+    ++(buffers.on_cuda ? cuda_chunks_ : cpu_chunks_);
+    if (!buffers.fallback.empty()) {
+        const std::lock_guard lock(mutex_);
+        ++fallen_back_;
+        if (fallback_.empty()) fallback_ = buffers.fallback;
+    }
     rays_ += counts.rays;
     hits_ += counts.hits;
     misses_ += counts.misses;
@@ -80,6 +110,15 @@ wire::DoneT Tally::done() const {
         message.traversal = std::has_single_bit(ran)
                                 ? traversal_name(static_cast<Traversal>(std::countr_zero(ran)))
                                 : "mixed";
+    }
+    message.worker = cuda_chunks_ == 0 ? "cpu" : cpu_chunks_ == 0 ? "cuda" : "mixed";
+    const std::lock_guard lock(mutex_);
+    if (fallen_back_ != 0) {
+        message.notes.push_back(std::to_string(fallen_back_) + " of " +
+                                std::to_string(cuda_chunks_ + cpu_chunks_) +
+                                " chunks fell back to the CPU, with the same answers; the CUDA "
+                                "worker: " +
+                                fallback_);
     }
     return message;
 }

@@ -6,7 +6,9 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <mutex>
 #include <span>
+#include <string>
 #include <vector>
 
 namespace raynest::server {
@@ -25,6 +27,8 @@ struct TraceBuffers {
     std::uint32_t answered = 0;                       ///< rays, from the first on; at least one
 
     Traversal traversal = traversal_latency;  ///< that gave the answers
+    bool on_cuda = false;                     ///< they came from there
+    std::string fallback;                     ///< why they did not, where they should have
 
     [[nodiscard]] static TraceBuffers& of_this_thread();
 };
@@ -33,8 +37,11 @@ struct TraceBuffers {
 inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
 
 /// Fills `buffers` (all but its rays) with the answers of `rays`: of all of them, but where the
-/// hits of `all` have no more room. Of a plan that traces nothing there are no hits.
-Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers);
+/// hits of `all` have no more room. Of a plan that traces nothing there are no hits. What a CUDA
+/// worker gives up runs on the CPU, unless the plan demands it there. `made`: a camera that makes
+/// these rays, where there is one.
+Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers,
+                  const PinholeRays* made = nullptr);
 
 /// What DONE tells about a job; written by its tasks on any thread.
 class Tally {
@@ -48,10 +55,10 @@ public:
         std::uint64_t misses = 0;     ///< rays without a hit
         std::uint64_t truncated = 0;  ///< rays with more hits than their budget
     };
-    void add(Traversal traversal, const Counts& counts);
+    void add(const TraceBuffers& buffers, const Counts& counts);
 
     [[nodiscard]] std::uint64_t rays() const { return rays_; }
-    /// Rays, hits, times and traversal of DONE.
+    /// Rays, hits, times, traversal, worker and notes of DONE.
     [[nodiscard]] wire::DoneT done() const;
 
 private:
@@ -64,6 +71,12 @@ private:
     std::atomic<std::uint32_t> traversals_{0};  ///< bit t: traversal t gave answers
     std::atomic<Ticks> first_{0};               ///< since accepted_; 0: nothing began yet
     std::atomic<Ticks> last_{0};
+    std::atomic<std::uint64_t> cuda_chunks_{0};
+    std::atomic<std::uint64_t> cpu_chunks_{0};
+
+    mutable std::mutex mutex_;
+    std::uint64_t fallen_back_ = 0;  ///< chunks
+    std::string fallback_;           ///< why the first one did
 };
 
 }  // namespace raynest::server

@@ -39,7 +39,8 @@ struct Described {
     std::size_t text_bytes = 0;
 };
 
-Described describe(const Variant& variant, const protocol::Limits& limits) {
+Described describe(const Variant& variant, const Services& services) {
+    const protocol::Limits& limits = services.limits;
     Described described;
     const auto name = [&](std::string_view text) {
         described.text_bytes += text.size() + 16;
@@ -54,6 +55,8 @@ Described describe(const Variant& variant, const protocol::Limits& limits) {
     to.text = prose(variant.text);
     to.target = name(variant.target);
     to.targets = variant.targets;
+    if (services.cuda != nullptr && services.cuda->has(variant.name))
+        to.targets.emplace_back("cuda");
     to.queries = compiled_queries(*variant.code);
     std::vector<PackParam> params(variant.params().begin(), variant.params().end());
     params.insert(params.end(), common_params().begin(), common_params().end());
@@ -92,7 +95,7 @@ Reply<Answer> variants(const Services& services, const Caller& caller,
     std::size_t tables = 0;
     std::size_t text_bytes = 0;
     for (std::size_t i = first; i < all.size(); ++i) {
-        Described described = describe(all[i], services.limits);
+        Described described = describe(all[i], services);
         tables += described.tables;
         text_bytes += described.text_bytes;
         const bool full = tables > page_tables || text_bytes > page_text_bytes;

@@ -24,6 +24,7 @@ struct JobRecord {
     std::string principal;
     std::string kind;
     std::string detail;
+    std::string worker;
     std::string scene;
     std::uint64_t rays = 0;  ///< that it was asked to trace
     bool detached = false;

@@ -94,6 +94,7 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
     record.principal = principal;
     record.kind = accepted.kind;
     record.detail = accepted.detail;
+    record.worker = accepted.worker;
     record.scene = accepted.scene;
     record.started = Clock::now();
     record.detached = true;

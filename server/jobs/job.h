@@ -126,6 +126,7 @@ struct Accepted {
     std::uint64_t input_bytes = 0;  ///< bulk bytes that the client will feed, at most
     std::string kind;               ///< for people: query, render, ...
     std::string detail;             ///< of a query: its kind
+    std::string worker = "cpu";
     std::string scene;
     bool detach = false;             ///< it outlives its connection
     std::uint64_t result_bytes = 0;  ///< of a detached one: room to reserve for its answer

@@ -55,6 +55,7 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
     record.principal = principal_;
     record.kind = std::move(accepted.kind);
     record.detail = std::move(accepted.detail);
+    record.worker = std::move(accepted.worker);
     record.scene = std::move(accepted.scene);
     record.rays = accepted.rays;
     record.detached = accepted.detach;

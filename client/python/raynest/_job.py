@@ -21,6 +21,7 @@ class JobOptions(TypedDict, total=False):
     epoch: int                      # of the scene; 0 is the current one
     deadline: float                 # seconds; 0 is none
     priority: str                   # "normal", "low" or "high"
+    worker: str                     # "auto", "cpu" or "cuda"
 
 
 class Outcome(dict[str, Any]):
@@ -29,7 +30,9 @@ class Outcome(dict[str, Any]):
 
     def take(self, name: str, message: Message) -> None:
         if name in ("Started", "Done"):
+            notes = [*self.get("notes", []), *message.get("notes", [])]
             self.update({key: value for key, value in message.items() if value not in ("", None)})
+            self["notes"] = notes
 
 
 def job_message(scene: str, options: JobOptions) -> Message:

@@ -1,58 +1,39 @@
-// RAYNEST_FAKE_CUDA="FUNCTION N WHAT;..." lets the N-th call of a function in a process end in
+// RAYNEST_FAKE_CUDA=FILE: "FUNCTION WHAT" in it lets the next call of that function end in
 //   a number   that error; from 700 on it is sticky, as in CUDA: all later calls give it, too
 //   kill       the end of the process
 //   hang       no answer for ever
-//   garbage    a copy from the device that brings something else
-// RAYNEST_FAKE_CUDA_ONCE=FILE: only while FILE does not exist; the first fault creates it, so that the
-// process that comes after works. RAYNEST_FAKE_CUDA_MEMORY=BYTES is what the device has.
+//   garbage    a copy that brings something else
+// and removes the file. Copies from the device are called "cudaMemcpyAsync(back)". RAYNEST_FAKE_CUDA_ALWAYS="FUNCTION WHAT" does so for every call.
+// RAYNEST_FAKE_CUDA_MEMORY=BYTES is what the device has.
 #include "tests/cuda/fake_runtime/cuda_runtime_api.h"
 
-#include <fcntl.h>
 #include <unistd.h>
 
-#include <atomic>
 #include <csignal>
-#include <cstdint>
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <fstream>
 #include <map>
 #include <mutex>
 #include <sstream>
 #include <string>
-#include <vector>
 
 namespace {
 
 constexpr int sticky_from = 700;
-
-struct Fault {
-    std::string function;
-    unsigned call = 0;
-    std::string what;
-};
 
 std::string environment(const char* name, const char* otherwise) {
     const char* value = std::getenv(name);
     return value != nullptr ? value : otherwise;
 }
 
-std::vector<Fault> read_faults() {
-    std::vector<Fault> faults;
-    std::istringstream list(environment("RAYNEST_FAKE_CUDA", ""));
-    for (std::string item; std::getline(list, item, ';');) {
-        Fault fault;
-        std::istringstream(item) >> fault.function >> fault.call >> fault.what;
-        faults.push_back(fault);
-    }
-    return faults;
-}
-
-bool may_inject() {
-    const std::string once = environment("RAYNEST_FAKE_CUDA_ONCE", "");
-    if (once.empty()) return true;
-    const int file = ::open(once.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0600);
-    if (file >= 0) ::close(file);
-    return file >= 0;
+/// The word of "FUNCTION WHAT", if that is the function.
+std::string fault_of(std::istream& order, const std::string& function) {
+    std::string named;
+    std::string what;
+    order >> named >> what;
+    return named == function ? what : std::string();
 }
 
 class Device {
@@ -64,14 +45,16 @@ public:
 
     /// A function begins: gives the word of its fault, or nothing.
     std::string enter(const char* function) {
-        const std::lock_guard lock(mutex_);
-        const unsigned call = ++calls_[function];
-        for (const Fault& fault : faults_) {
-            if (fault.function != function || fault.call != call || !may_inject()) continue;
-            if (fault.what == "kill") std::raise(SIGKILL);
-            return fault.what;
+        std::istringstream always(always_);
+        std::string what = fault_of(always, function);
+        if (what.empty() && !next_.empty()) {
+            std::ifstream next(next_);
+            what = fault_of(next, function);
+            // Of several threads one has it.
+            if (!what.empty() && std::remove(next_.c_str()) != 0) what.clear();
         }
-        return {};
+        if (what == "kill") std::raise(SIGKILL);
+        return what;
     }
 
     cudaError_t fail(int error) {
@@ -113,9 +96,9 @@ public:
     [[nodiscard]] std::size_t memory() const { return memory_; }
 
 private:
+    const std::string next_ = environment("RAYNEST_FAKE_CUDA", "");
+    const std::string always_ = environment("RAYNEST_FAKE_CUDA_ALWAYS", "");
     std::mutex mutex_;
-    const std::vector<Fault> faults_ = read_faults();
-    std::map<std::string, unsigned> calls_;
     cudaError_t sticky_ = cudaSuccess;
     std::map<std::byte*, std::size_t> blocks_;
     std::size_t used_ = 0;
@@ -123,7 +106,7 @@ private:
         std::stoull(environment("RAYNEST_FAKE_CUDA_MEMORY", "1000000000"));
 };
 
-/// What every function does first: `action(whether its data come out wrong)` if nothing is amiss.
+/// What every function does first, then `action(whether it does its work wrong)`.
 template <class Action>
 cudaError_t call(const char* function, Action action) {
     Device& device = Device::get();
@@ -223,7 +206,9 @@ cudaError_t cudaStreamSynchronize(cudaStream_t) {
 }
 cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaMemcpyKind kind,
                             cudaStream_t) {
-    return call("cudaMemcpyAsync", [&](bool wrong) { return copy(to, from, bytes, kind, wrong); });
+    const bool back = kind == cudaMemcpyDeviceToHost;
+    return call(back ? "cudaMemcpyAsync(back)" : "cudaMemcpyAsync",
+                [&](bool wrong) { return copy(to, from, bytes, kind, wrong); });
 }
 cudaError_t cudaMemsetAsync(void* block, int value, std::size_t bytes, cudaStream_t) {
     return call("cudaMemsetAsync", [&](bool) {

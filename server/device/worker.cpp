@@ -1,0 +1,321 @@
+#include "server/device/worker.h"
+
+#include "server/device/answers.h"
+#include "server/device/probe.h"
+#include "server/log.h"
+
+#include <algorithm>
+#include <cstring>
+#include <utility>
+
+namespace raynest::server::device {
+namespace {
+
+using std::chrono::milliseconds;
+
+/// A scene that found no room may find some later.
+constexpr std::chrono::seconds scene_pause{10};
+constexpr std::size_t refused_max = 1024;
+
+/// The variant's place in the worker's table, if it has such kernels.
+std::optional<std::uint32_t> find_kernel(const Ready& ready, const Kernel& kernel) {
+    for (std::uint32_t i = 0; i < ready.variant_count; ++i) {
+        const VariantInfo& variant = ready.variants[i];
+        if (variant.name.view() == kernel.variant)
+            return (variant.queries >> kernel.query & 1U) != 0 ? std::optional(i) : std::nullopt;
+    }
+    return std::nullopt;
+}
+
+Refusal later(std::string reason, std::uint32_t retry_after_ms) {
+    return {std::move(reason), protocol::Code::busy, retry_after_ms};
+}
+
+Refusal no_room(std::string reason) {
+    return {std::move(reason), protocol::Code::resource_exhausted, 1000};
+}
+
+Refusal lost(std::string_view reason) {
+    return {std::string(reason), protocol::Code::busy, 1000, true};
+}
+
+std::string no_kernel(const Kernel& kernel) {
+    constexpr const char* queries[query_count] = {"closest", "any", "multi", "all"};
+    return "it has no kernel for intersector '" + std::string(kernel.variant) + "' and query " +
+           queries[kernel.query];
+}
+
+}  // namespace
+
+class Worker::Lease {
+public:
+    Lease(Worker& worker, ProcessPointer process, std::uint32_t slot)
+        : worker_(&worker),
+          process_(std::move(process)),
+          slot_(slot) {}
+    Lease(Lease&& other) noexcept = default;
+    Lease& operator=(Lease&&) = delete;
+    ~Lease() {
+        if (process_ == nullptr) return;
+        const std::lock_guard lock(worker_->mutex_);
+        // Of a process that was lost meanwhile there is nothing to give back.
+        if (worker_->process_ == process_) worker_->free_.push_back(slot_);
+        worker_->changed_.notify_all();
+    }
+    [[nodiscard]] const ProcessPointer& process() const { return process_; }
+    [[nodiscard]] std::uint32_t slot() const { return slot_; }
+
+private:
+    Worker* worker_;
+    ProcessPointer process_;
+    std::uint32_t slot_;
+};
+
+Worker::Worker(Options options, const Registry& registry, Budget& budget, Metrics& metrics,
+               const protocol::Limits& limits)
+    : options_(std::move(options)),
+      registry_(registry),
+      budget_(budget),
+      metrics_(metrics),
+      limits_(limits),
+      thread_([this] { run(); }) {}
+
+Worker::~Worker() {
+    {
+        const std::lock_guard lock(mutex_);
+        stopping_ = true;
+        if (process_ != nullptr) process_->kill();
+    }
+    changed_.notify_all();
+    thread_.join();
+}
+
+// The one thread that starts processes: they die with the thread that started them.
+void Worker::run() {
+    const milliseconds pause_max(limits_.cuda_retry_ms_max);
+    std::unique_lock lock(mutex_);
+    while (!stopping_) {
+        state_ = State::starting;
+        lock.unlock();
+        auto begun = begin();
+        lock.lock();
+        if (stopping_) break;
+        if (begun) {
+            process_ = std::move(*begun);
+            free_.clear();
+            for (std::uint32_t slot = 0; slot < options_.slots; ++slot) free_.push_back(slot);
+            state_ = State::up;
+            since_ = Clock::now();
+            log(LogLevel::info, "cuda_up",
+                {{"device", std::string(process_->ready().text.view())}});
+            ++metrics_.cuda_starts;
+            logged_.clear();
+            changed_.wait(lock, [this] { return stopping_ || state_ == State::down; });
+            if (Clock::now() - since_ > pause_max) pause_ = milliseconds(0);
+        } else {
+            state_ = State::down;
+            reason_ = begun.error().message;
+        }
+        pause_ = std::max(milliseconds(limits_.cuda_retry_ms), std::min(2 * pause_, pause_max));
+        retry_at_ = Clock::now() + pause_;
+        // Of a machine without a GPU once is enough.
+        log(std::exchange(logged_, reason_) == reason_ ? LogLevel::debug : LogLevel::warn,
+            "cuda_down", {{"reason", reason_}, {"retry_ms", std::to_string(pause_.count())}});
+        changed_.wait_until(lock, retry_at_, [this] { return stopping_.load(); });
+    }
+}
+
+Result<Worker::ProcessPointer> Worker::begin() {
+    auto process = Process::start({options_.command, options_.slots, options_.shape,
+                                   milliseconds(limits_.cuda_start_ms_max), &stopping_});
+    if (!process) return process;
+    std::vector<const Variant*> variants;
+    for (const Variant& variant : registry_.variants())
+        if (const auto index = find_kernel((*process)->ready(), {variant.name})) {
+            if ((*process)->ready().variants[*index].param_count != variant.params().size())
+                return fail(ErrorCode::pack_invalid, "its pack is not of this daemon: rebuild it");
+            variants.push_back(&variant);
+        }
+    const auto probed = probe(
+        variants, [&](const Variant& variant, Query query, const Snapshot& scene,
+                      const TraceCall& call, const PinholeRays* made) -> Result<void> {
+            const auto traced = trace_on(**process, 0, {variant.name, precision_watertight, query},
+                                         scene, call, made);
+            if (!traced) return fail(ErrorCode::internal, traced.error().reason);
+            return {};
+        });
+    if (!probed) return tl::unexpected(probed.error());
+    return process;
+}
+
+Refusal Worker::refusal_locked() const {
+    if (state_ == State::starting) return later("it starts", 1000);
+    const auto left = std::chrono::ceil<milliseconds>(retry_at_ - Clock::now());
+    const auto wait = std::max<std::int64_t>(left.count(), 100);
+    return later(reason_ + "; it is tried again in " + std::to_string((wait + 999) / 1000) + " s",
+                 static_cast<std::uint32_t>(wait));
+}
+
+std::string Worker::name() {
+    const std::lock_guard lock(mutex_);
+    return state_ == State::up ? std::string(process_->ready().text.view()) : std::string();
+}
+
+bool Worker::has(std::string_view variant) {
+    const std::lock_guard lock(mutex_);
+    return state_ == State::up && find_kernel(process_->ready(), {variant}).has_value();
+}
+
+std::optional<Refusal> Worker::why_not(const Kernel& kernel, const Snapshot& scene) {
+    const std::lock_guard lock(mutex_);
+    if (state_ != State::up) return refusal_locked();
+    if (!find_kernel(process_->ready(), kernel)) return Refusal{no_kernel(kernel)};
+    const auto refused = refused_.find(scene.hash());
+    if (refused == refused_.end()) return std::nullopt;
+    if (Clock::now() < refused->second.until) return refused->second.refusal;
+    refused_.erase(refused);
+    return std::nullopt;
+}
+
+tl::expected<Worker::Lease, Refusal> Worker::take_slot() {
+    std::unique_lock lock(mutex_);
+    // Who has a slot gives it back soon: calls have a time limit.
+    changed_.wait(lock, [this] { return stopping_ || state_ != State::up || !free_.empty(); });
+    if (stopping_) return tl::unexpected(later("the daemon stops", 1000));
+    if (state_ != State::up) return tl::unexpected(refusal_locked());
+    const std::uint32_t slot = free_.back();
+    free_.pop_back();
+    return Lease(*this, process_, slot);
+}
+
+tl::expected<void, Refusal> Worker::trace(const Kernel& kernel, const Snapshot& scene,
+                                          const TraceCall& call, const PinholeRays* made) {
+    auto traced = trace_if_up(kernel, scene, call, made);
+    ++(traced ? metrics_.cuda_calls : metrics_.cuda_refusals);
+    return traced;
+}
+
+tl::expected<void, Refusal> Worker::trace_if_up(const Kernel& kernel, const Snapshot& scene,
+                                                const TraceCall& call, const PinholeRays* made) {
+    if (const auto refusal = why_not(kernel, scene)) return tl::unexpected(*refusal);
+    const auto lease = take_slot();
+    if (!lease) return tl::unexpected(lease.error());
+    auto traced = trace_on(*lease->process(), lease->slot(), kernel, scene, call, made);
+    if (!traced && traced.error().lost) lose(lease->process(), traced.error().reason);
+    return traced;
+}
+
+tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slot,
+                                             const Kernel& kernel, const Snapshot& scene,
+                                             const TraceCall& call, const PinholeRays* made) {
+    const auto variant = find_kernel(process.ready(), kernel);
+    if (!variant) return tl::unexpected(Refusal{no_kernel(kernel)});
+    const std::uint64_t hits = std::uint64_t{call.ray_count} * call.hits_max;
+    if (call.ray_count > process.shape().rays_max || hits > process.shape().hits_max)
+        return tl::unexpected(Refusal{"the call is larger than its slots"});
+
+    Request request;
+    request.scene = Text<64>(scene.hash());
+    request.variant = *variant;
+    request.precision = kernel.precision;
+    request.query = kernel.query;
+    request.ray_count = call.ray_count;
+    request.hits_max = call.hits_max;
+    request.mask = call.mask;
+    request.flags = call.flags;
+    request.has_params = call.params != nullptr;
+    if (request.has_params)
+        std::copy_n(call.params, process.ready().variants[*variant].param_count, request.params);
+    request.has_made = made != nullptr;
+    const SlotMemory memory = process.memory(slot);
+    if (made != nullptr)
+        request.made = *made;
+    else
+        std::copy_n(call.rays, call.ray_count, memory.rays);
+
+    const milliseconds patience(limits_.cuda_call_ms_max);
+    std::unique_lock loading(loading_, std::defer_lock);
+    Result<Outcome> outcome = process.ask(slot, request, patience);
+    if (outcome && outcome->verdict == Verdict::unknown_scene) {
+        // Another thread may have been loading it.
+        loading.lock();
+        outcome = process.ask(slot, request, patience);
+    }
+    if (outcome && outcome->verdict == Verdict::unknown_scene) {
+        auto loaded = load(process, slot, scene);
+        if (!loaded) return tl::unexpected(loaded.error());
+        outcome = *loaded;
+        if (loaded->verdict == Verdict::done) outcome = process.ask(slot, request, patience);
+    }
+    if (!outcome) return tl::unexpected(lost(outcome.error().message));
+    switch (outcome->verdict) {
+        case Verdict::done:
+            break;
+        case Verdict::unknown_scene:
+            return tl::unexpected(remember(scene, no_room("other scenes drove this one out at once")));
+        case Verdict::out_of_memory:
+            return tl::unexpected(remember(
+                scene,
+                no_room("out of device memory (" + std::string(outcome->text.view()) + ")")));
+        case Verdict::too_deep:
+            return tl::unexpected(
+                remember(scene, Refusal{"the scene is nested deeper than it takes"}));
+        case Verdict::refused:
+            return tl::unexpected(Refusal{std::string(outcome->text.view())});
+        case Verdict::lost:
+            return tl::unexpected(lost(outcome->text.view()));
+    }
+
+    TraceCall answered = call;
+    answered.scene = &scene.view();
+    answered.hits = memory.hits;
+    answered.hit_counts = memory.hit_counts;
+    if (!are_possible(answered, kernel.query))
+        return tl::unexpected(lost("it gave answers that cannot be"));
+    std::copy_n(memory.hits, hits, call.hits);
+    if (kernel.query == query_multi)
+        std::copy_n(memory.hit_counts, call.ray_count, call.hit_counts);
+    return {};
+}
+
+tl::expected<Outcome, Refusal> Worker::load(Process& process, std::uint32_t slot,
+                                            const Snapshot& scene) {
+    const auto bytes = scene.bytes();
+    const auto lease = budget_.reserve(bytes.size());
+    if (!lease)
+        return tl::unexpected(remember(
+            scene, no_room("handing the scene over needs more memory than --memory has left")));
+    const auto file = create_memory_file("raynest-device-scene");
+    if (!file) return tl::unexpected(Refusal{file.error().message});
+    if (const auto written = write_all(file->get(), bytes.data(), bytes.size()); !written)
+        return tl::unexpected(Refusal{written.error().message});
+    Request request;
+    request.order = Order::load;
+    request.scene = Text<64>(scene.hash());
+    const int files[] = {file->get()};
+    const auto outcome =
+        process.ask(slot, request, milliseconds(limits_.cuda_start_ms_max), files);
+    if (!outcome) return tl::unexpected(lost(outcome.error().message));
+    return *outcome;
+}
+
+Refusal Worker::remember(const Snapshot& scene, Refusal refusal) {
+    const std::lock_guard lock(mutex_);
+    if (refused_.size() >= refused_max) refused_.clear();
+    refused_[scene.hash()] = {refusal, Clock::now() + scene_pause};
+    return refusal;
+}
+
+void Worker::lose(const ProcessPointer& process, const std::string& reason) {
+    process->kill();
+    const std::lock_guard lock(mutex_);
+    if (process_ != process) return;  // found out by another thread
+    process_ = nullptr;
+    state_ = State::down;
+    reason_ = reason;
+    retry_at_ = Clock::now() + milliseconds(limits_.cuda_retry_ms);
+    ++metrics_.cuda_faults;
+    changed_.notify_all();
+}
+
+}  // namespace raynest::server::device

@@ -1,0 +1,129 @@
+// The CUDA worker as jobs see it: chunks of rays go there, or it says why not. Behind it is a process
+// that may die, and is started again.
+//
+//   starting ──its first answers are the CPU's──► up ──fault──► down ──after a while──► starting
+//
+// After a fault the worker is left alone for cuda_retry_ms, twice as long after each fault that
+// follows, up to cuda_retry_ms_max; one that was up for so long counts as the first. Nothing waits
+// for a start: meanwhile jobs run on the CPU, with the same answers.
+#pragma once
+
+#include "engine/packs/registry.h"
+#include "engine/scene/snapshot.h"
+#include "protocol/errors.h"
+#include "protocol/limits.h"
+#include "server/device/process.h"
+#include "server/diag/metrics.h"
+#include "server/store/budget.h"
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <vector>
+
+namespace raynest::server::device {
+
+/// Of what a device is asked.
+struct Kernel {
+    std::string_view variant;
+    Precision precision = precision_watertight;
+    Query query = query_closest;
+};
+
+/// Why the device does not do something.
+struct Refusal {
+    std::string reason;
+    protocol::Code code = protocol::Code::unsupported;  ///< for who demanded it
+    std::uint32_t retry_after_ms = 0;
+    bool lost = false;  ///< the process is no good any more
+};
+
+/// Thread-safe.
+class Worker {
+public:
+    struct Options {
+        std::vector<std::string> command;  ///< ends up in run_worker_process()
+        std::uint32_t slots = 1;           ///< calls at a time
+        SlotShape shape;                   ///< of a call
+    };
+    /// The registry's CPU target must be one that promises the device's bits (CONTRACT.md §2).
+    Worker(Options options, const Registry& registry, Budget& budget, Metrics& metrics,
+           const protocol::Limits& limits);
+    /// Ends the process; no call may be under way.
+    ~Worker();
+    Worker(const Worker&) = delete;
+
+    /// Nothing where it takes such calls now.
+    [[nodiscard]] std::optional<Refusal> why_not(const Kernel& kernel, const Snapshot& scene);
+
+    /// The device's name; empty while it is not up.
+    [[nodiscard]] std::string name();
+    /// Has it kernels of this variant? Not while it is not up.
+    [[nodiscard]] bool has(std::string_view variant);
+
+    /// Blocking: fills in the hits and hit counts of `call`, whose scene is that of `scene`, and which
+    /// fits the shape. With `made`, which are the call's rays, the device makes them itself. What is
+    /// refused has to be traced elsewhere.
+    tl::expected<void, Refusal> trace(const Kernel& kernel, const Snapshot& scene,
+                                      const TraceCall& call, const PinholeRays* made);
+
+private:
+    using Clock = std::chrono::steady_clock;
+    using ProcessPointer = std::shared_ptr<Process>;
+    enum class State { starting, up, down };
+
+    /// A slot of a process, given back at its end.
+    class Lease;
+
+    void run();
+    /// Starts a process and probes it (probe.h).
+    Result<ProcessPointer> begin();
+    [[nodiscard]] Refusal refusal_locked() const;
+    tl::expected<Lease, Refusal> take_slot();
+    tl::expected<void, Refusal> trace_if_up(const Kernel& kernel, const Snapshot& scene,
+                                            const TraceCall& call, const PinholeRays* made);
+    tl::expected<Outcome, Refusal> load(Process& process, std::uint32_t slot,
+                                        const Snapshot& scene);
+    /// The rays of `call` on a slot that is the caller's: its answers lie there.
+    tl::expected<void, Refusal> trace_on(Process& process, std::uint32_t slot,
+                                         const Kernel& kernel, const Snapshot& scene,
+                                         const TraceCall& call, const PinholeRays* made);
+    Refusal remember(const Snapshot& scene, Refusal refusal);
+    void lose(const ProcessPointer& process, const std::string& reason);
+
+    const Options options_;
+    const Registry& registry_;
+    Budget& budget_;
+    Metrics& metrics_;
+    const protocol::Limits& limits_;
+
+    std::mutex mutex_;
+    std::condition_variable changed_;
+    State state_ = State::starting;
+    std::atomic<bool> stopping_{false};
+    ProcessPointer process_;            ///< of State::up
+    std::vector<std::uint32_t> free_;   ///< slots of it
+    std::string reason_ = "it starts";  ///< why it is not up
+    std::string logged_;                ///< the last reason in the log
+    Clock::time_point since_;           ///< of State::up
+    Clock::time_point retry_at_;        ///< of State::down
+    std::chrono::milliseconds pause_{};
+    struct Refused {
+        Refusal refusal;
+        Clock::time_point until;
+    };
+    std::map<std::string, Refused> refused_;  ///< scenes, by hash
+
+    std::mutex loading_;  ///< one scene at a time goes to the device
+    std::thread thread_;  ///< run(); starts last
+};
+
+}  // namespace raynest::server::device
