@@ -4,12 +4,12 @@
 // that nvcc's arithmetic is g++'s. tests/cuda/CMakeLists.txt compiles this file as
 // packs/variant.cpp is.
 //
-// `latency` stands for the compressed trees, `batch` for their plain twin.
+// `latency` stands for the compressed trees, `batch` for their binary twin.
 #include "engine/cuda/check.h"
 #include "engine/cuda/compress.h"
 #include "engine/cuda/trace.h"
 #include "engine/queries/reference.h"
-#include "tests/cuda/plain_trees.h"
+#include "tests/cuda/binary_trees.h"
 
 #include RAYNEST_INTERSECTOR_HEADER
 
@@ -38,9 +38,9 @@ TraceStatus trace_compressed(const TraceCall* call) noexcept {
 }
 
 template <Query kind>
-TraceStatus trace_plain(const TraceCall* call) noexcept {
+TraceStatus trace_binary(const TraceCall* call) noexcept {
     if (!cuda::compress(*call->scene)) return trace_too_deep;
-    trace_rays<kind>(*call, cuda::PlainTrees{call->scene});
+    trace_rays<kind>(*call, cuda::BinaryTrees(*call->scene));
     return trace_ok;
 }
 
@@ -63,7 +63,7 @@ template <Query kind>
 void add_query(PackVariant& variant) {
     for (auto& traversals : variant.trace) {
         traversals[traversal_latency][kind][0] = trace_compressed<kind>;
-        traversals[traversal_batch][kind][0] = trace_plain<kind>;
+        traversals[traversal_batch][kind][0] = trace_binary<kind>;
         traversals[traversal_reference][kind][0] = trace_everything<kind>;
     }
 }
