@@ -1,6 +1,7 @@
 #include "engine/cuda/compress.h"
 
-#include "engine/cuda/traverse.h"
+#include "engine/cuda/limits.h"
+#include "engine/geometry/intersect_triangle.h"
 
 #include <algorithm>
 #include <array>

@@ -21,15 +21,13 @@
 #include "engine/bvh/ask.h"
 #include "engine/bvh/node.h"
 #include "engine/bvh/visit_primitive.h"
+#include "engine/cuda/limits.h"
 #include "engine/geometry/box_ray.h"
 
 #include <bit>
 #include <cstdint>
 
 namespace raynest::cuda {
-
-/// BVHs on a path of a scene that this traversal takes. Deeper scenes are the CPU's.
-inline constexpr std::uint32_t levels_max = 8;
 
 /// Children of a node that wait: bit k is the k-th that the ray meets.
 struct Waiting {
