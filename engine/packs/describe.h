@@ -12,22 +12,15 @@
 
 namespace raynest {
 
-template <class Owner>
-constexpr PackParam describe(const Param<Owner, float>& p, const Owner& initial) {
+/// Of a parameter or output: param() and output() take no third type.
+template <class T>
+inline constexpr ValueType value_type = std::is_same_v<T, float> ? value_f32 : value_u32;
+
+template <class Owner, class T>
+constexpr PackParam describe(const Param<Owner, T>& p, const Owner& initial) {
     return {p.name,
             p.text,
-            value_f32,
-            0,
-            nullptr,
-            static_cast<double>(p.minimum),
-            static_cast<double>(p.maximum),
-            static_cast<double>(initial.*p.member)};
-}
-template <class Owner>
-constexpr PackParam describe(const Param<Owner, std::uint32_t>& p, const Owner& initial) {
-    return {p.name,
-            p.text,
-            value_u32,
+            value_type<T>,
             0,
             nullptr,
             static_cast<double>(p.minimum),
@@ -45,13 +38,9 @@ constexpr PackParam describe(const Choice<Owner, T, N>& p, const Owner& initial)
             static_cast<double>(N - 1),
             static_cast<double>(initial.*p.member)};
 }
-template <class Owner>
-constexpr PackOutput describe(const Output<Owner, float>& o) {
-    return {o.name, o.text, value_f32};
-}
-template <class Owner>
-constexpr PackOutput describe(const Output<Owner, std::uint32_t>& o) {
-    return {o.name, o.text, value_u32};
+template <class Owner, class T>
+constexpr PackOutput describe(const Output<Owner, T>& o) {
+    return {o.name, o.text, value_type<T>};
 }
 
 template <class Isect>
