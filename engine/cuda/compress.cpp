@@ -1,6 +1,7 @@
 #include "engine/cuda/compress.h"
 
-#include "engine/cuda/traverse.h"
+#include "engine/cuda/limits.h"
+#include "engine/geometry/intersect_triangle.h"
 
 #include <algorithm>
 #include <array>
@@ -165,10 +166,10 @@ Result<void> check_limits(const SceneView& scene) {
                                                    std::to_string(levels_max) + ": use the CPU");
     }
     const std::uint32_t need = StackNeed(scene).of_root();
-    if (need > stack_max) {
-        return fail(ErrorCode::limit_exceeded, "a ray may need " + std::to_string(need) +
-                                                   " entries of stack, the GPU has " +
-                                                   std::to_string(stack_max) + ": use the CPU");
+    if (need > CompressedTrees::stack_max) {
+        return fail(ErrorCode::limit_exceeded,
+                    "a ray may need " + std::to_string(need) + " entries of stack, the GPU has " +
+                        std::to_string(CompressedTrees::stack_max) + ": use the CPU");
     }
     return {};
 }

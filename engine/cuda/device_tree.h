@@ -147,6 +147,9 @@ struct CompressedTrees {
     const CompressedNode* nodes;
     const DeviceTriangle* triangles;  ///< eight places for each block
 
+    /// Entries of the traversal's stack. cuda/compress.h computes what a scene needs.
+    static constexpr std::uint32_t stack_max = 48;
+
     /// The tree of one object.
     struct Tree {
         const CompressedNode* nodes;

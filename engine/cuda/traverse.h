@@ -6,10 +6,11 @@
 // The saved ray is the one that was computed on the way down, so a level is left with the bits that
 // it was entered with; transforming back would not give them.
 //
-// `Trees` is CompressedTrees, or in tests a plain twin over the CPU's own nodes.
+// `Trees` is CompressedTrees, or in tests their plain twin of binary nodes. Trees::stack_max is the
+// room for what waits.
 //
 // Known without a GPU: compiled by g++ and looped over rays, every intersector and query on both
-// kinds of trees gives the bytes of the reference and of pack v3 (708 comparisons, 1.7 million
+// kinds of trees gives the bytes of the reference and of pack v3 (708 comparisons, 5.0 million
 // rays, levels 1 to 8; tests/cuda). By nvcc 13.0 for sm_90 the nine kernels take 80 to 96
 // registers, which is five or six blocks of 128 threads per multiprocessor, and a frame of 720
 // bytes; none spills. Not known: anything that takes a GPU, its bits and its speed. To be tried
@@ -20,17 +21,13 @@
 #include "engine/bvh/ask.h"
 #include "engine/bvh/node.h"
 #include "engine/bvh/visit_primitive.h"
+#include "engine/cuda/limits.h"
 #include "engine/geometry/box_ray.h"
 
 #include <bit>
 #include <cstdint>
 
 namespace raynest::cuda {
-
-/// Limits of a scene that this traversal takes: BVHs on a path, and entries of the stack. Deeper
-/// scenes are the CPU's. cuda/compress.h computes what a scene needs.
-inline constexpr std::uint32_t levels_max = 8;
-inline constexpr std::uint32_t stack_max = 48;
 
 /// Children of a node that wait: bit k is the k-th that the ray meets.
 struct Waiting {
@@ -58,7 +55,7 @@ template <class Trees, class Isect, class Query>
 RAYNEST_INLINE void traverse_levels(const RayView& outermost, const Trees& trees, Isect& isect,
                                     Query& query) {
     const SceneView& scene = *outermost.scene;
-    Waiting stack[stack_max];
+    Waiting stack[Trees::stack_max];
     std::uint32_t top = 0;
     Level parents[levels_max - 1];
     std::uint32_t depth = 0;

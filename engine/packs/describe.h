@@ -12,14 +12,15 @@
 
 namespace raynest {
 
+/// Of a parameter or output: param() and output() take no third type.
 template <class T>
-inline constexpr ValueType value_type_of = std::is_same_v<T, float> ? value_f32 : value_u32;
+inline constexpr ValueType value_type = std::is_same_v<T, float> ? value_f32 : value_u32;
 
 template <class Owner, class T>
 constexpr PackParam describe(const Param<Owner, T>& p, const Owner& initial) {
     return {p.name,
             p.text,
-            value_type_of<T>,
+            value_type<T>,
             0,
             nullptr,
             static_cast<double>(p.minimum),
@@ -39,7 +40,7 @@ constexpr PackParam describe(const Choice<Owner, T, N>& p, const Owner& initial)
 }
 template <class Owner, class T>
 constexpr PackOutput describe(const Output<Owner, T>& o) {
-    return {o.name, o.text, value_type_of<T>};
+    return {o.name, o.text, value_type<T>};
 }
 
 template <class Isect>

@@ -11,6 +11,7 @@
 //
 // Prints one line per (target, intersector) and a closing line; exits 1 on any difference, 77 where
 // a target that was named does not run here.
+#include "engine/cuda/limits.h"
 #include "engine/packs/registry.h"
 #include "engine/scene/snapshot.h"
 #include "tests/conformance/answers.h"
@@ -35,8 +36,6 @@
 
 namespace raynest::conformance {
 namespace {
-
-constexpr std::uint32_t cuda_levels_max = 8;  // CONTRACT.md §1
 
 struct Case {
     std::string name;
@@ -118,7 +117,7 @@ public:
           golden_(golden) {}
 
     void check(const Case& test, const Settings& settings) {
-        if (variant_.target == "cuda" && test.depth > cuda_levels_max) {
+        if (variant_.target == "cuda" && test.depth > cuda::levels_max) {
             check_refusal(test, settings);
             return;
         }

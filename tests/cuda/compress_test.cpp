@@ -1,13 +1,17 @@
 #include "engine/cuda/compress.h"
 
 #include "engine/cuda/traverse.h"
+#include "engine/geometry/triangle.h"
+#include "engine/queries/queries.h"
 #include "tests/conformance/scenes.h"
+#include "tests/cuda/binary_trees.h"
 
 #include <doctest/doctest.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -55,16 +59,57 @@ float slack(const Node& node, const cuda::CompressedNode& compressed) {
     return most;
 }
 
-/// A tree that is a rope: every node holds a leaf without triangles and the next node.
+/// A child in each corner, whose number is its word.
+template <class CornerOf>
+Node corners(CornerOf&& corner_of) {
+    Node node{};
+    node.order[0] = 0xFF000000U;
+    for (std::uint32_t c = 0; c < 8; ++c) {
+        node.child[c] = corner_of(c);
+        for (std::uint32_t axis = 0; axis < 3; ++axis) {
+            const float at = (corner_of(c) >> axis & 1U) != 0 ? 3.0F : -3.0F;
+            node.lower[axis][c] = at - 1;
+            node.upper[axis][c] = at + 1;
+        }
+    }
+    return node;
+}
+
+/// A tree that is a rope: in the first corner of every node lies the next one, in the others the
+/// same leaf.
 std::vector<Node> rope(std::uint32_t length) {
-    std::vector<Node> nodes(length);
+    std::vector<Node> nodes(length, corners(std::identity{}));
     for (std::uint32_t n = 0; n < length; ++n) {
-        nodes[n].order[0] = 0x03000000U;
-        std::fill(nodes[n].child, nodes[n].child + 8, child_empty);
-        nodes[n].child[0] = make_leaf(ChildKind::records, 0, 1);
-        nodes[n].child[1] = n + 1 < length ? n + 1 : make_leaf(ChildKind::records, 0, 1);
+        std::fill(nodes[n].child, nodes[n].child + 8, make_leaf(ChildKind::triangles, 0, 1));
+        if (n + 1 < length) nodes[n].child[0] = n + 1;
     }
     return nodes;
+}
+
+/// Enters every box, and counts them.
+struct EveryBox {
+    std::uint32_t asked = 0;
+
+    auto operator()(const auto& ray, const BoxLike auto& boxes) {
+        ++asked;
+        auto spans = intersect(ray, boxes);
+        spans.mask = boxes.valid();
+        return spans;
+    }
+};
+
+/// By a ray that meets the first corner first.
+template <class Trees>
+std::uint32_t boxes_asked(const SceneView& scene, const Trees& trees) {
+    Ray ray;
+    ray.origin = Vec3(-9);
+    ray.direction = Vec3(1);
+    RayView view = outermost_view(ray, &scene, 0, 0xFFFFFFFFU, 0);
+    view.object = scene.objects;
+    EveryBox isect;
+    ClosestHit query;
+    cuda::traverse_levels(view, trees, isect, query);
+    return isect.asked;
 }
 
 }  // namespace
@@ -110,36 +155,36 @@ TEST_CASE("an axis that fits no grid constrains nothing") {
 }
 
 TEST_CASE("children lie in the slots in which a ray expects them") {
-    // One child in each corner, in an order of its own.
-    Node node{};
-    node.order[0] = 0xFF000000U;
-    for (std::uint32_t c = 0; c < 8; ++c) {
-        const std::uint32_t corner = (5 * c + 3) % 8;
-        node.child[c] = corner;
-        for (std::uint32_t axis = 0; axis < 3; ++axis) {
-            const float at = (corner >> axis & 1U) != 0 ? 3.0F : -3.0F;
-            node.lower[axis][c] = at - 1;
-            node.upper[axis][c] = at + 1;
-        }
-    }
-    const cuda::CompressedNode compressed = cuda::compress(node);
+    const auto corner_of = [](std::uint32_t c) { return (5 * c + 3) % 8; };
+    const cuda::CompressedNode compressed = cuda::compress(corners(corner_of));
     for (std::uint32_t slot = 0; slot < 8; ++slot) CHECK(compressed.child[slot] == slot);
 }
 
 TEST_CASE("a scene that needs more stack than there is belongs to the CPU") {
-    for (const std::uint32_t length : {cuda::stack_max + 1, cuda::stack_max + 2}) {
+    TriangleBlock block{};
+    std::fill(block.triangle, block.triangle + 8, no_id);
+    // Nothing waits beside the first node.
+    constexpr std::uint32_t longest = cuda::CompressedTrees::stack_max + 1;
+    for (const std::uint32_t length : {longest, longest + 1}) {
         const std::vector<Node> nodes = rope(length);
         ObjectRecord object{};
         object.levels = 1;
-        object.root = 0;
+        object.origin_error = 1;
         object.node_count = length;
+        object.block_count = 1;
         SceneView scene;
         scene.nodes = nodes.data();
+        scene.blocks = &block;
         scene.objects = &object;
         scene.object_count = 1;
-        // Nothing waits beside the first node.
         const auto trees = cuda::compress(scene);
-        CHECK(trees.has_value() == (length <= cuda::stack_max + 1));
-        if (!trees) CHECK(trees.error().code == ErrorCode::limit_exceeded);
+        CHECK(trees.has_value() == (length <= longest));
+        if (!trees) {
+            CHECK(trees.error().code == ErrorCode::limit_exceeded);
+            continue;
+        }
+        // The walks fill their stacks, and come to the end of the rope and back.
+        CHECK(boxes_asked(scene, trees->view()) == 8 * length);
+        CHECK(boxes_asked(scene, cuda::BinaryTrees(scene)) == 14 * length);
     }
 }

@@ -7,7 +7,7 @@
 #include "engine/queries/reference.h"
 #include "engine/scene/snapshot.h"
 #include "tests/conformance/scenes.h"
-#include "tests/cuda/plain_trees.h"
+#include "tests/cuda/binary_trees.h"
 
 #include <doctest/doctest.h>
 
@@ -114,7 +114,7 @@ TEST_CASE("hooks are called at every level by every query on both layouts") {
         REQUIRE(trees.has_value());
         const auto check = [&](auto&& make) {
             for (const Tally& tally : {compare(scene, trees->view(), rays, make),
-                                       compare(scene, cuda::PlainTrees{&scene}, rays, make)}) {
+                                       compare(scene, cuda::BinaryTrees(scene), rays, make)}) {
                 CHECK(tally.different == 0);
                 CHECK(tally.hits > 20);
                 CHECK(tally.primitives > 0);

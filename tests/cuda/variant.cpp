@@ -5,13 +5,13 @@
 // know that nvcc's arithmetic is g++'s. tests/cuda/CMakeLists.txt compiles this file as
 // packs/variant.cpp is.
 //
-// `latency` stands for the compressed trees, `batch` for their plain twin.
+// `latency` stands for the compressed trees, `batch` for their binary twin.
 #include "engine/cuda/check.h"
 #include "engine/cuda/compress.h"
 #include "engine/cuda/variant.h"
 #include "engine/queries/reference.h"
+#include "tests/cuda/binary_trees.h"
 #include "tests/cuda/fake_runtime/cuda_runtime_api.h"
-#include "tests/cuda/plain_trees.h"
 
 #include RAYNEST_INTERSECTOR_HEADER
 
@@ -41,11 +41,12 @@ struct Kernels {
 };
 
 template <Query kind>
-TraceStatus trace_plain(const TraceCall* call) noexcept {
+TraceStatus trace_binary(const TraceCall* call) noexcept {
     if (!cuda::compress(*call->scene)) return trace_too_deep;
+    const cuda::BinaryTrees trees(*call->scene);
     const auto values = read_params<Isect>(*call);
     for (std::uint32_t i = 0; i < call->ray_count; ++i) {
-        cuda::trace_ray<Isect, kind>(*call, cuda::PlainTrees{call->scene}, values, i);
+        cuda::trace_ray<Isect, kind>(*call, trees, values, i);
     }
     return trace_ok;
 }
@@ -68,7 +69,7 @@ TraceStatus trace_everything(const TraceCall* call) noexcept {
 template <Query kind>
 void add_query(PackVariant& variant) {
     for (auto& traversals : variant.trace) {
-        traversals[traversal_batch][kind][0] = trace_plain<kind>;
+        traversals[traversal_batch][kind][0] = trace_binary<kind>;
         traversals[traversal_reference][kind][0] = trace_everything<kind>;
     }
 }
