@@ -6,3 +6,4 @@ set(CMAKE_CXX_FLAGS "-fsanitize=address,undefined -fno-sanitize=vptr -fno-saniti
 -fno-omit-frame-pointer" CACHE STRING "")
 set(RAYNEST_TARGETS v3 CACHE STRING "")
 set(RAYNEST_BENCH OFF CACHE BOOL "")
+set(RAYNEST_TEST_SECONDS 3600 CACHE STRING "")

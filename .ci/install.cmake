@@ -1,6 +1,6 @@
 # What `cmake --install` lays down. Two components:
 #   runtime      bin/raynestd, bin/raynest, lib/raynest/ (the kernel packs and, in images/, the
-#                image module; found relative to bin/)
+#                image module) and lib/raynest-cuda/; all found relative to bin/
 #   development  the engine's headers and the pack sources in their own folders under
 #                include/raynest/, so that find_package(raynest) gives raynest_kernel_pack()
 include(CMakePackageConfigHelpers)
@@ -8,6 +8,9 @@ include(CMakePackageConfigHelpers)
 install(TARGETS ${RAYNEST_PACKS} LIBRARY DESTINATION lib/raynest COMPONENT runtime)
 if(TARGET raynest_images)
     install(TARGETS raynest_images LIBRARY DESTINATION lib/raynest/images COMPONENT runtime)
+endif()
+if(TARGET pack_cuda)
+    install(TARGETS pack_cuda LIBRARY DESTINATION lib/raynest-cuda COMPONENT runtime)
 endif()
 install(TARGETS raynestd raynest RUNTIME DESTINATION bin COMPONENT runtime)
 

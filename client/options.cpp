@@ -120,7 +120,7 @@ void add_job(CLI::App& app, JobOptions& job) {
         },
         "only instances with one of these bits, hexadecimal (FFFFFFFF)");
     add_epoch(app, job.epoch);
-    app.add_option("--worker", job.worker, "auto | cpu");
+    app.add_option("--worker", job.worker, "auto | cpu | cuda");
     add_number(app, "--deadline", job.deadline, 0.001, 4.0e6,
                "a number of seconds from 0.001 to 4000000", "give up after so many seconds");
     app.add_option("--priority", job.priority, "low | normal | high");

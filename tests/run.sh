@@ -49,7 +49,7 @@ fi
 # The first report ends a program, and with it its test. Not run: what looks at the build, at speed or
 # at other compilers' work.
 export UBSAN_OPTIONS=print_stacktrace=1
-export RAYNEST_PATIENCE=180
+export RAYNEST_PATIENCE=600
 export TSAN_OPTIONS="halt_on_error=1 suppressions='$root/.ci/tsan.supp'"
 plain=$build status=0
 for config in asan tsan; do

@@ -30,10 +30,12 @@ using Clock = std::chrono::steady_clock;
 
 constexpr rlim_t child_files_max = 64;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-/// Sanitizers reserve terabytes of address space for their shadow.
+/// Sanitizers reserve terabytes of address space for their shadow, and take their time.
 constexpr bool limits_address_space = false;
+constexpr int slowdown = 10;
 #else
 constexpr bool limits_address_space = true;
+constexpr int slowdown = 1;
 #endif
 
 /// Waits until the child has ended or the deadline has passed; then it is killed. Polling needs no
@@ -70,7 +72,7 @@ void confine(const ImportLimits& limits) {
     const auto threads = std::max(1U, std::thread::hardware_concurrency());
     limit(RLIMIT_NOFILE, child_files_max);
     limit(RLIMIT_FSIZE, limits.bytes_max);
-    limit(RLIMIT_CPU, static_cast<rlim_t>(limits.time_max.count()) * threads);
+    limit(RLIMIT_CPU, static_cast<rlim_t>(limits.time_max.count() * slowdown) * threads);
     if (limits_address_space) limit(RLIMIT_AS, limits.bytes_max);
 }
 
@@ -83,7 +85,7 @@ std::string_view file_name(const std::string& source) {
 Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& request,
                                                         const ImportLimits& limits,
                                                         std::span<const std::string> child) {
-    const Clock::time_point deadline = Clock::now() + limits.time_max;
+    const Clock::time_point deadline = Clock::now() + limits.time_max * slowdown;
     if (child.empty())
         return fail(ErrorCode::internal, "import_in_child: no command for the child");
     const auto request_file = create_memory_file("raynest-import-request");

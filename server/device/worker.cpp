@@ -152,8 +152,7 @@ Refusal Worker::refusal_locked() const {
     if (state_ == State::starting) return later("it starts", 1000);
     const auto left = std::chrono::ceil<milliseconds>(retry_at_ - Clock::now());
     const auto wait = std::max<std::int64_t>(left.count(), 100);
-    return later(reason_ + "; it is tried again in " + std::to_string((wait + 999) / 1000) + " s",
-                 static_cast<std::uint32_t>(wait));
+    return later(reason_, static_cast<std::uint32_t>(wait));
 }
 
 std::string Worker::name() {

@@ -23,7 +23,10 @@ def is_sanitized(program):
 
 class Daemon:
     def __init__(self, program, *arguments, under=()):
-        """`under` is a command that runs the daemon in its place, such as prlimit."""
+        """`under` is a command that runs the daemon in its place, such as prlimit. Without a GPU, if the
+        machine has one, unless told otherwise."""
+        if "--cuda" not in arguments:
+            arguments = ("--cuda", "off", *arguments)
         self.folder = tempfile.TemporaryDirectory(prefix="raynest-test-")
         ready = pathlib.Path(self.folder.name) / "ready.json"
         with open(pathlib.Path(self.folder.name) / "log", "wb") as log:

@@ -54,7 +54,7 @@ class Queries(DaemonTest):
     def query(self, scene, *arguments, code=0, says=""):
         file = self.out / "answer.npz"
         file.unlink(missing_ok=True)
-        done = self.client.run("query", scene, *arguments, "-o", file)
+        done = self.client.run("--quiet", "query", scene, *arguments, "-o", file)
         self.assertEqual(done.returncode, code, done.stderr)
         if code != 0:
             self.assertEqual(done.stderr.count("\n"), 1, done.stderr)

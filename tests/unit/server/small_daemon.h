@@ -64,7 +64,7 @@ public:
     std::vector<protocol::Frame> sent;
     std::deque<std::function<void()>> posted;
     server::Services services{*registry, scenes, budget, metrics,   limits,
-                              {},        {},     {},     admission, detached};
+                              {},        {},     {},     admission, detached, nullptr};
     server::Workers compute{0};
     server::Workers blocking{0};
     server::Engine engine{
