@@ -21,7 +21,8 @@ namespace raynest::client {
 
 /// STARTED and DONE in one: filled as their frames come.
 struct Outcome {
-    std::string scene, hash, intersector, target, traversal, precision, worker, worker_reason, camera;
+    std::string scene, hash, intersector, target, traversal, precision, worker, worker_reason,
+        camera;
     std::uint64_t epoch = 0;
     std::vector<std::string> notes;
     std::uint64_t rays_announced = 0;  ///< of a query, by STARTED

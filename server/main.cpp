@@ -1,5 +1,5 @@
-// raynestd: one program, three lives: the daemon, the short-lived process that imports one scene, and
-// the one that has the GPU.
+// raynestd: one program, three lives: the daemon, the short-lived process that imports one scene,
+// and the one that has the GPU.
 #include "engine/assets/import.h"
 #include "server/daemon.h"
 #include "server/device/worker_process.h"

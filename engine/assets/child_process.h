@@ -1,5 +1,5 @@
-// Processes of our own: a program with a few descriptors, null streams and nothing else of ours, that
-// ends when we do. What they are told and tell goes through memory files and sockets.
+// Processes of our own: a program with a few descriptors, null streams and nothing else of ours,
+// that ends when we do. What they are told and tell goes through memory files and sockets.
 #pragma once
 
 #include "engine/result.h"
@@ -46,8 +46,8 @@ Result<void> write_all(int fd, const void* bytes, std::size_t size);
 /// out of the way, and at most inherited_max.
 Result<pid_t> spawn_child(std::span<const std::string> command, std::span<const int> inherited);
 
-/// In the child: it dies with its parent and leaves no core. False where the parent, of that process
-/// id, has ended already.
+/// In the child: it dies with its parent and leaves no core. False where the parent, of that
+/// process id, has ended already.
 [[nodiscard]] bool bind_to_parent(pid_t parent);
 
 }  // namespace raynest

@@ -90,9 +90,9 @@ bool is_supported() noexcept {
 
 extern "C" [[gnu::visibility("default")]] const raynest::Device* raynest_device() noexcept {
     namespace cuda = raynest::cuda;
-    static constexpr raynest::Device device{
-        raynest::device_abi, cuda::open,     cuda::last_error, cuda::pin,
-        cuda::load_scene,    cuda::unload,   cuda::bytes_of,   cuda::new_slot,
-        cuda::free_slot,     cuda::start,    cuda::finish};
+    static constexpr raynest::Device device{raynest::device_abi, cuda::open,       cuda::last_error,
+                                            cuda::pin,           cuda::load_scene, cuda::unload,
+                                            cuda::bytes_of,      cuda::new_slot,   cuda::free_slot,
+                                            cuda::start,         cuda::finish};
     return &device;
 }

@@ -51,9 +51,8 @@ TraceStatus queue(const Target& target, const TraceCall& call, Query kind, const
     if (target.made != nullptr) {
         PinholeRays made = *target.made;
         void* made_arguments[] = {&made, &slot.rays, &device.ray_count};
-        steps.then([&] {
-            return run(make_rays_kernel(), call.ray_count, made_arguments, slot.stream);
-        });
+        steps.then(
+            [&] { return run(make_rays_kernel(), call.ray_count, made_arguments, slot.stream); });
     } else {
         steps.then([&] {
             return cudaMemcpyAsync(slot.rays, call.rays, call.ray_count * sizeof(Ray),

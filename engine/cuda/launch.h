@@ -10,7 +10,8 @@ namespace raynest::cuda {
 /// Threads of a block, one ray each.
 inline constexpr std::uint32_t block_rays = 128;
 
-/// Runs `kernel(TraceCall, CompressedTrees, *values)` over the rays of `call` on the current device.
+/// Runs `kernel(TraceCall, CompressedTrees, *values)` over the rays of `call` on the current
+/// device.
 ///
 /// Where the call names a target (cuda/slot.h) it is queued there. Else it stands alone: it carries
 /// the scene, the rays and the answers over, waits, keeps nothing, and is as slow as that.

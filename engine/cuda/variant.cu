@@ -33,8 +33,7 @@ struct Kernels {
 }  // namespace
 
 const PackVariant& RAYNEST_INTERSECTOR_FUNCTION() noexcept {
-    static const PackVariant variant =
-        cuda::make_variant<Isect, Kernels>(RAYNEST_INTERSECTOR_NAME);
+    static const PackVariant variant = cuda::make_variant<Isect, Kernels>(RAYNEST_INTERSECTOR_NAME);
     return variant;
 }
 

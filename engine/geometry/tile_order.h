@@ -13,7 +13,7 @@ namespace raynest {
 /// the right and at the bottom comes column by column. Gives the pixel, row by row with y down,
 /// that comes `place`-th in a picture of width x height.
 [[nodiscard]] RAYNEST_FN inline std::uint64_t tile_order(std::uint64_t place, std::uint64_t width,
-                                              std::uint64_t height) {
+                                                         std::uint64_t height) {
     const std::uint64_t band = place / (8 * width);
     const std::uint64_t within = place % (8 * width);
     const std::uint64_t rows = std::min<std::uint64_t>(8, height - 8 * band);

@@ -46,9 +46,9 @@ struct Device {
     /// Room for so many rays and hits of a call.
     TraceStatus (*make_slot)(std::uint64_t rays_max, std::uint64_t hits_max, DeviceSlot**) noexcept;
     void (*free_slot)(DeviceSlot*) noexcept;
-    /// Queues a call: copies in, kernel, copies out. `kernel` is of the pack's own table. The call's
-    /// scene is not looked at; its rays and answers are where pin() said, and stay untouched until
-    /// finish(). With `made` the device makes the rays itself, and the call has none.
+    /// Queues a call: copies in, kernel, copies out. `kernel` is of the pack's own table. The
+    /// call's scene is not looked at; its rays and answers are where pin() said, and stay untouched
+    /// until finish(). With `made` the device makes the rays itself, and the call has none.
     TraceStatus (*start)(DeviceSlot*, const DeviceScene*, TraceFunction kernel, const TraceCall*,
                          const PinholeRays* made) noexcept;
     /// Waits for it.

@@ -7,7 +7,8 @@
 
 namespace raynest::server::device {
 
-/// Can these be answers to the call, whose `scene` is set? Says nothing about whether they are right.
+/// Can these be answers to the call, whose `scene` is set? Says nothing about whether they are
+/// right.
 [[nodiscard]] bool are_possible(const TraceCall& call, Query query);
 
 }  // namespace raynest::server::device

@@ -80,8 +80,8 @@ Result<void> probe(std::span<const Variant* const> variants, const ProbeTrace& t
                 call.mask = 0xFFFFFFFFU;
                 Answers ours(call.hits_max);
                 Answers theirs(call.hits_max);
-                const auto function = find_function(*variant, query, precision_watertight,
-                                                    traversal_latency, false);
+                const auto function =
+                    find_function(*variant, query, precision_watertight, traversal_latency, false);
                 if (!function) return tl::unexpected(function.error());
                 call.hits = ours.hits.data();
                 call.hit_counts = ours.counts.data();
@@ -89,7 +89,8 @@ Result<void> probe(std::span<const Variant* const> variants, const ProbeTrace& t
                     return fail(ErrorCode::internal, "the probe was refused by the CPU");
                 call.hits = theirs.hits.data();
                 call.hit_counts = theirs.counts.data();
-                if (auto done = trace(*variant, query, **scene, call, camera_rays ? &made : nullptr);
+                if (auto done =
+                        trace(*variant, query, **scene, call, camera_rays ? &made : nullptr);
                     !done)
                     return done;
                 if (!ours.same_as(theirs, call.hits_max, query == query_multi))

@@ -83,7 +83,7 @@ Result<void> Process::greet(const Setup& setup, Channel control) {
             return fail(ErrorCode::io_failed, "the worker did not start within " +
                                                   std::to_string(setup.patience.count()) + " ms");
     }
-    if (!ready_->ok) return fail(ErrorCode::io_failed, std::string(ready_->text.view()));
+    if (!ready_->ok) return fail(ErrorCode::io_failed, ready_->text.printable());
     control_.push_back(std::move(control));
     return {};
 }

@@ -30,11 +30,10 @@ public:
 
     [[nodiscard]] const Ready& ready() const { return *ready_; }
     [[nodiscard]] const SlotShape& shape() const { return shape_; }
-    [[nodiscard]] SlotMemory memory(std::uint32_t slot) const {
-        return {memory_, shape_, slot};
-    }
+    [[nodiscard]] SlotMemory memory(std::uint32_t slot) const { return {memory_, shape_, slot}; }
 
-    /// Blocking: what the worker answers to a slot's request. Fails where it ended or took too long.
+    /// Blocking: what the worker answers to a slot's request. Fails where it ended or took too
+    /// long.
     Result<Outcome> ask(std::uint32_t slot, const Request& request,
                         std::chrono::milliseconds patience, std::span<const int> files = {});
 

@@ -26,29 +26,42 @@ Residents::Use::~Use() {
 }
 
 bool Residents::evict_one() {
-    const auto idle = std::find_if(residents_.begin(), residents_.end(),
-                                   [](const Resident& resident) { return resident.users == 0; });
-    if (idle == residents_.end()) return false;
-    device_.unload(idle->scene);
-    bytes_ -= idle->bytes;
-    residents_.erase(idle);
+    std::list<Resident> evicted;
+    {
+        const std::lock_guard lock(mutex_);
+        const auto idle =
+            std::find_if(residents_.begin(), residents_.end(),
+                         [](const Resident& resident) { return resident.users == 0; });
+        if (idle == residents_.end()) return false;
+        bytes_ -= idle->bytes;
+        evicted.splice(evicted.end(), residents_, idle);
+    }
+    device_.unload(evicted.front().scene);
     return true;
 }
 
 TraceStatus Residents::load(std::string_view hash, const SceneView& scene) {
-    const std::lock_guard lock(mutex_);
-    if (find_locked(hash) != residents_.end()) return trace_ok;
-    Resident resident{std::string(hash)};
+    if (find(hash).scene() != nullptr) return trace_ok;
+    std::list<Resident> loaded(1);
+    Resident& resident = loaded.front();
+    resident.hash = hash;
+    // Calls of other scenes go on meanwhile: a large scene takes seconds.
     TraceStatus status = device_.load(&scene, &resident.scene);
     while (status == trace_out_of_memory && evict_one())
         status = device_.load(&scene, &resident.scene);
     if (status != trace_ok) return status;
     resident.bytes = device_.bytes_of(resident.scene);
-    bytes_ += resident.bytes;
-    while (bytes_ > bytes_max_ && evict_one()) {
+    while (would_exceed(resident.bytes) && evict_one()) {
     }
-    residents_.push_back(std::move(resident));
+    const std::lock_guard lock(mutex_);
+    bytes_ += resident.bytes;
+    residents_.splice(residents_.end(), loaded);
     return trace_ok;
+}
+
+bool Residents::would_exceed(std::uint64_t bytes) {
+    const std::lock_guard lock(mutex_);
+    return bytes_ + bytes > bytes_max_;
 }
 
 }  // namespace raynest::server::device

@@ -1,4 +1,5 @@
-// The scenes that a device holds, least recently used first to go. In the worker's process.
+// The scenes that a device holds, in the worker's process. They stay until room is needed, unloaded
+// or not; then the least recently used goes first.
 #pragma once
 
 #include "engine/packs/device.h"
@@ -12,7 +13,7 @@
 
 namespace raynest::server::device {
 
-/// Thread-safe.
+/// Thread-safe, but for loads among themselves.
 class Residents {
 public:
     /// Beyond `bytes_max` what is not in use goes, even where the device has room.
@@ -24,8 +25,8 @@ public:
     class Use;
     /// Empty where the scene is not there.
     [[nodiscard]] Use find(std::string_view hash);
-    /// Copies a scene to the device, unless it is there; makes room as far as scenes that are not in
-    /// use give it.
+    /// Copies a scene to the device, unless it is there; makes room as far as scenes that are not
+    /// in use give it.
     TraceStatus load(std::string_view hash, const SceneView& scene);
 
 private:
@@ -40,6 +41,7 @@ private:
     Residence find_locked(std::string_view hash);
     /// False when all are in use.
     bool evict_one();
+    bool would_exceed(std::uint64_t bytes);
 
     const Device& device_;
     const std::uint64_t bytes_max_;

@@ -1,5 +1,5 @@
-// What the daemon and its device worker say to each other: messages of fixed size, one at a time per
-// socket. Both are the same program, so there is no version.
+// What the daemon and its device worker say to each other: messages of fixed size, one at a time
+// per socket. Both are the same program, so there is no version.
 //
 //   control:    Hello, memory and a socket per slot ──►   ◄── Ready
 //   each slot:  Request (with a memory file, to load) ──►   ◄── Outcome
@@ -15,6 +15,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <string>
 #include <string_view>
 #include <type_traits>
 
@@ -34,6 +35,13 @@ struct Text {
         std::memcpy(chars, text.data(), text.size() < N ? text.size() : N - 1);
     }
     [[nodiscard]] std::string_view view() const { return {chars, strnlen(chars, N)}; }
+    /// For people and messages, whatever a driver says.
+    [[nodiscard]] std::string printable() const {
+        std::string text(view());
+        for (char& c : text)
+            if (c < ' ' || c > '~') c = '?';
+        return text;
+    }
 };
 
 struct SlotShape {
@@ -113,7 +121,7 @@ enum class Verdict : std::uint32_t {
     out_of_memory,
     too_deep,  ///< kernels do not take the scene
     refused,   ///< the request makes no sense
-    lost       ///< the device cannot be trusted any more: the worker ends
+    lost       ///< the device cannot be trusted any more
 };
 
 struct Outcome {

@@ -5,7 +5,7 @@
 #include "server/log.h"
 
 #include <algorithm>
-#include <cstring>
+#include <new>
 #include <utility>
 
 namespace raynest::server::device {
@@ -35,8 +35,8 @@ Refusal no_room(std::string reason) {
     return {std::move(reason), protocol::Code::resource_exhausted, 1000};
 }
 
-Refusal lost(std::string_view reason) {
-    return {std::string(reason), protocol::Code::busy, 1000, true};
+Refusal lost(std::string reason) {
+    return {std::move(reason), protocol::Code::busy, 1000, true};
 }
 
 std::string no_kernel(const Kernel& kernel) {
@@ -97,7 +97,7 @@ void Worker::run() {
     while (!stopping_) {
         state_ = State::starting;
         lock.unlock();
-        auto begun = begin();
+        auto begun = begin_without_throwing();
         lock.lock();
         if (stopping_) break;
         if (begun) {
@@ -106,11 +106,11 @@ void Worker::run() {
             for (std::uint32_t slot = 0; slot < options_.slots; ++slot) free_.push_back(slot);
             state_ = State::up;
             since_ = Clock::now();
-            log(LogLevel::info, "cuda_up",
-                {{"device", std::string(process_->ready().text.view())}});
+            log(LogLevel::info, "cuda_up", {{"device", process_->ready().text.printable()}});
             ++metrics_.cuda_starts;
             logged_.clear();
             changed_.wait(lock, [this] { return stopping_ || state_ == State::down; });
+            if (stopping_) break;
             if (Clock::now() - since_ > pause_max) pause_ = milliseconds(0);
         } else {
             state_ = State::down;
@@ -125,6 +125,14 @@ void Worker::run() {
     }
 }
 
+Result<Worker::ProcessPointer> Worker::begin_without_throwing() {
+    try {
+        return begin();
+    } catch (const std::bad_alloc&) {
+        return fail(ErrorCode::limit_exceeded, "the daemon has no memory for its start");
+    }
+}
+
 Result<Worker::ProcessPointer> Worker::begin() {
     auto process = Process::start({options_.command, options_.slots, options_.shape,
                                    milliseconds(limits_.cuda_start_ms_max), &stopping_});
@@ -136,14 +144,15 @@ Result<Worker::ProcessPointer> Worker::begin() {
                 return fail(ErrorCode::pack_invalid, "its pack is not of this daemon: rebuild it");
             variants.push_back(&variant);
         }
-    const auto probed = probe(
-        variants, [&](const Variant& variant, Query query, const Snapshot& scene,
-                      const TraceCall& call, const PinholeRays* made) -> Result<void> {
-            const auto traced = trace_on(**process, 0, {variant.name, precision_watertight, query},
-                                         scene, call, made);
-            if (!traced) return fail(ErrorCode::internal, traced.error().reason);
-            return {};
-        });
+    const auto probed =
+        probe(variants,
+              [&](const Variant& variant, Query query, const Snapshot& scene, const TraceCall& call,
+                  const PinholeRays* made) -> Result<void> {
+                  const auto traced = trace_on(
+                      **process, 0, {variant.name, precision_watertight, query}, scene, call, made);
+                  if (!traced) return fail(ErrorCode::internal, traced.error().reason);
+                  return {};
+              });
     if (!probed) return tl::unexpected(probed.error());
     return process;
 }
@@ -153,11 +162,6 @@ Refusal Worker::refusal_locked() const {
     const auto left = std::chrono::ceil<milliseconds>(retry_at_ - Clock::now());
     const auto wait = std::max<std::int64_t>(left.count(), 100);
     return later(reason_, static_cast<std::uint32_t>(wait));
-}
-
-std::string Worker::name() {
-    const std::lock_guard lock(mutex_);
-    return state_ == State::up ? std::string(process_->ready().text.view()) : std::string();
 }
 
 bool Worker::has(std::string_view variant) {
@@ -200,7 +204,8 @@ tl::expected<void, Refusal> Worker::trace_if_up(const Kernel& kernel, const Snap
     const auto lease = take_slot();
     if (!lease) return tl::unexpected(lease.error());
     auto traced = trace_on(*lease->process(), lease->slot(), kernel, scene, call, made);
-    if (!traced && traced.error().lost) lose(lease->process(), traced.error().reason);
+    if (!traced && traced.error().lost)
+        return tl::unexpected(lose(lease->process(), std::move(traced.error())));
     return traced;
 }
 
@@ -236,8 +241,9 @@ tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slo
     std::unique_lock loading(loading_, std::defer_lock);
     Result<Outcome> outcome = process.ask(slot, request, patience);
     if (outcome && outcome->verdict == Verdict::unknown_scene) {
-        // Another thread may have been loading it.
-        loading.lock();
+        // Another thread may be loading it, or another scene.
+        if (!loading.try_lock_for(patience))
+            return tl::unexpected(later("other scenes are on their way to it", 1000));
         outcome = process.ask(slot, request, patience);
     }
     if (outcome && outcome->verdict == Verdict::unknown_scene) {
@@ -251,18 +257,18 @@ tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slo
         case Verdict::done:
             break;
         case Verdict::unknown_scene:
-            return tl::unexpected(remember(scene, no_room("other scenes drove this one out at once")));
+            return tl::unexpected(
+                remember(scene, no_room("other scenes drove this one out at once")));
         case Verdict::out_of_memory:
             return tl::unexpected(remember(
-                scene,
-                no_room("out of device memory (" + std::string(outcome->text.view()) + ")")));
+                scene, no_room("out of device memory (" + outcome->text.printable() + ")")));
         case Verdict::too_deep:
             return tl::unexpected(
                 remember(scene, Refusal{"the scene is nested deeper than it takes"}));
         case Verdict::refused:
-            return tl::unexpected(Refusal{std::string(outcome->text.view())});
+            return tl::unexpected(Refusal{outcome->text.printable()});
         case Verdict::lost:
-            return tl::unexpected(lost(outcome->text.view()));
+            return tl::unexpected(lost(outcome->text.printable()));
     }
 
     TraceCall answered = call;
@@ -292,8 +298,7 @@ tl::expected<Outcome, Refusal> Worker::load(Process& process, std::uint32_t slot
     request.order = Order::load;
     request.scene = Text<64>(scene.hash());
     const int files[] = {file->get()};
-    const auto outcome =
-        process.ask(slot, request, milliseconds(limits_.cuda_start_ms_max), files);
+    const auto outcome = process.ask(slot, request, milliseconds(limits_.cuda_start_ms_max), files);
     if (!outcome) return tl::unexpected(lost(outcome.error().message));
     return *outcome;
 }
@@ -305,16 +310,21 @@ Refusal Worker::remember(const Snapshot& scene, Refusal refusal) {
     return refusal;
 }
 
-void Worker::lose(const ProcessPointer& process, const std::string& reason) {
-    process->kill();
+Refusal Worker::lose(const ProcessPointer& process, Refusal refusal) {
     const std::lock_guard lock(mutex_);
-    if (process_ != process) return;  // found out by another thread
+    if (process_ != process) {
+        // Another thread found out before, and why: what this one saw may be the end that follows.
+        if (state_ != State::up) refusal.reason = reason_;
+        return refusal;
+    }
     process_ = nullptr;
     state_ = State::down;
-    reason_ = reason;
+    reason_ = refusal.reason;
     retry_at_ = Clock::now() + milliseconds(limits_.cuda_retry_ms);
     ++metrics_.cuda_faults;
+    process->kill();
     changed_.notify_all();
+    return refusal;
 }
 
 }  // namespace raynest::server::device

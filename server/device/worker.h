@@ -1,5 +1,5 @@
-// The CUDA worker as jobs see it: chunks of rays go there, or it says why not. Behind it is a process
-// that may die, and is started again.
+// The CUDA worker as jobs see it: chunks of rays go there, or it says why not. Behind it is a
+// process that may die, and is started again.
 //
 //   starting ──its first answers are the CPU's──► up ──fault──► down ──after a while──► starting
 //
@@ -64,14 +64,12 @@ public:
     /// Nothing where it takes such calls now.
     [[nodiscard]] std::optional<Refusal> why_not(const Kernel& kernel, const Snapshot& scene);
 
-    /// The device's name; empty while it is not up.
-    [[nodiscard]] std::string name();
     /// Has it kernels of this variant? Not while it is not up.
     [[nodiscard]] bool has(std::string_view variant);
 
-    /// Blocking: fills in the hits and hit counts of `call`, whose scene is that of `scene`, and which
-    /// fits the shape. With `made`, which are the call's rays, the device makes them itself. What is
-    /// refused has to be traced elsewhere.
+    /// Blocking: fills in the hits and hit counts of `call`, whose scene is that of `scene`, and
+    /// which fits the shape. With `made`, which are the call's rays, the device makes them itself.
+    /// What is refused has to be traced elsewhere.
     tl::expected<void, Refusal> trace(const Kernel& kernel, const Snapshot& scene,
                                       const TraceCall& call, const PinholeRays* made);
 
@@ -86,6 +84,7 @@ private:
     void run();
     /// Starts a process and probes it (probe.h).
     Result<ProcessPointer> begin();
+    Result<ProcessPointer> begin_without_throwing();
     [[nodiscard]] Refusal refusal_locked() const;
     tl::expected<Lease, Refusal> take_slot();
     tl::expected<void, Refusal> trace_if_up(const Kernel& kernel, const Snapshot& scene,
@@ -93,11 +92,12 @@ private:
     tl::expected<Outcome, Refusal> load(Process& process, std::uint32_t slot,
                                         const Snapshot& scene);
     /// The rays of `call` on a slot that is the caller's: its answers lie there.
-    tl::expected<void, Refusal> trace_on(Process& process, std::uint32_t slot,
-                                         const Kernel& kernel, const Snapshot& scene,
-                                         const TraceCall& call, const PinholeRays* made);
+    tl::expected<void, Refusal> trace_on(Process& process, std::uint32_t slot, const Kernel& kernel,
+                                         const Snapshot& scene, const TraceCall& call,
+                                         const PinholeRays* made);
     Refusal remember(const Snapshot& scene, Refusal refusal);
-    void lose(const ProcessPointer& process, const std::string& reason);
+    /// The process is no good any more. Gives the refusal with the reason that was found first.
+    Refusal lose(const ProcessPointer& process, Refusal refusal);
 
     const Options options_;
     const Registry& registry_;
@@ -122,8 +122,8 @@ private:
     };
     std::map<std::string, Refused> refused_;  ///< scenes, by hash
 
-    std::mutex loading_;  ///< one scene at a time goes to the device
-    std::thread thread_;  ///< run(); starts last
+    std::timed_mutex loading_;  ///< one scene at a time goes to the device
+    std::thread thread_;        ///< run(); starts last
 };
 
 }  // namespace raynest::server::device

@@ -78,8 +78,8 @@ Ready describe(const DevicePack& from, const DeviceInfo& info) {
     ready.text = Text<256>(info.name);
     ready.memory_bytes = info.memory_bytes;
     const auto variants = std::span(from.pack->variants, from.pack->variant_count);
-    for (const PackVariant& variant : variants.first(std::min<std::size_t>(variants.size(),
-                                                                           variants_max))) {
+    for (const PackVariant& variant :
+         variants.first(std::min<std::size_t>(variants.size(), variants_max))) {
         VariantInfo& to = ready.variants[ready.variant_count++];
         to.name = Text<64>(variant.name);
         to.param_count = variant.param_count;
@@ -103,7 +103,8 @@ public:
           memory_(memory),
           channel_(std::move(channel)) {}
 
-    /// Until the daemon closes the channel, or the device is lost: that ends the process.
+    /// Until the daemon closes the channel. Once the device is lost it answers that to everything;
+    /// the daemon, which then knows why, ends the process.
     void serve() {
         for (;;) {
             Request request;
@@ -112,7 +113,6 @@ public:
             const Outcome outcome =
                 request.order == Order::load ? load(request, files) : trace(request);
             channel_.send(outcome);
-            if (outcome.verdict == Verdict::lost) ::_exit(1);
         }
     }
 
@@ -211,8 +211,8 @@ int run_worker_process(const char* path) {
     DeviceInfo info{};
     if (device.open(&info) != trace_ok || device.pin(memory.data(), memory.size()) != trace_ok)
         return end(control, device.error());
-    Residents residents(device, static_cast<std::uint64_t>(
-                                    scenes_share * static_cast<double>(info.memory_bytes)));
+    Residents residents(
+        device, static_cast<std::uint64_t>(scenes_share * static_cast<double>(info.memory_bytes)));
     std::vector<SlotServer> servers;
     for (std::uint32_t i = 0; i < hello.slots; ++i) {
         DeviceSlot* slot = nullptr;

@@ -40,8 +40,7 @@ Reply<void> choose_worker(const Services& services, std::uint64_t rays, Plan& pl
         return {};
     }
     plan.worker.cuda = services.cuda;
-    if (!demanded)
-        plan.worker.reason = "cuda: at least " + std::to_string(cuda_rays_min) + " rays";
+    if (!demanded) plan.worker.reason = "cuda: at least " + std::to_string(cuda_rays_min) + " rays";
     return {};
 }
 

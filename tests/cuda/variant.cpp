@@ -1,14 +1,15 @@
 // One intersector of the cuda target on the host: the functions that a GPU's threads run, in a loop
-// over the rays, behind the cuda pack's own launch code and a fake of the CUDA runtime. A pack of these
-// goes through the whole of conformance, so a machine without a GPU knows that the walk, the
-// compressed trees, the hooks and the way to the device and back are right, bit for bit; it does not
-// know that nvcc's arithmetic is g++'s. tests/cuda/CMakeLists.txt compiles this file as
+// over the rays, behind the cuda pack's own launch code and a fake of the CUDA runtime. A pack of
+// these goes through the whole of conformance, so a machine without a GPU knows that the walk, the
+// compressed trees, the hooks and the way to the device and back are right, bit for bit; it does
+// not know that nvcc's arithmetic is g++'s. tests/cuda/CMakeLists.txt compiles this file as
 // packs/variant.cpp is.
 //
 // `latency` stands for the compressed trees, `batch` for their binary twin.
+#include "engine/cuda/variant.h"
+
 #include "engine/cuda/check.h"
 #include "engine/cuda/compress.h"
-#include "engine/cuda/variant.h"
 #include "engine/queries/reference.h"
 #include "tests/cuda/binary_trees.h"
 #include "tests/cuda/fake_runtime/cuda_runtime_api.h"

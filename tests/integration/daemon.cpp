@@ -81,8 +81,8 @@ TemporaryFolder::~TemporaryFolder() {
 
 Daemon::Daemon(const std::vector<std::string>& arguments, std::size_t descriptors_max) {
     const std::filesystem::path ready = folder() / "ready.json";
-    std::vector<std::string> all = {"--cuda", "off", "--listen", "tcp://127.0.0.1:0", "--ready-file",
-                                    ready.string()};
+    std::vector<std::string> all = {"--cuda",       "off",         "--listen", "tcp://127.0.0.1:0",
+                                    "--ready-file", ready.string()};
     all.insert(all.end(), arguments.begin(), arguments.end());
     const int log = open((folder() / "log").c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
     pid_ = spawn(all, log, descriptors_max);

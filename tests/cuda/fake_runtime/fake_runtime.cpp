@@ -3,8 +3,9 @@
 //   kill       the end of the process
 //   hang       no answer for ever
 //   garbage    a copy that brings something else
-// and removes the file. Copies from the device are called "cudaMemcpyAsync(back)". RAYNEST_FAKE_CUDA_ALWAYS="FUNCTION WHAT" does so for every call.
-// RAYNEST_FAKE_CUDA_MEMORY=BYTES is what the device has.
+// and removes the file. Copies from the device are called "cudaMemcpyAsync(back)".
+// RAYNEST_FAKE_CUDA_ALWAYS="FUNCTION WHAT" does so for every call. RAYNEST_FAKE_CUDA_MEMORY=BYTES
+// is what the device has.
 #include "tests/cuda/fake_runtime/cuda_runtime_api.h"
 
 #include <unistd.h>
@@ -102,8 +103,7 @@ private:
     cudaError_t sticky_ = cudaSuccess;
     std::map<std::byte*, std::size_t> blocks_;
     std::size_t used_ = 0;
-    const std::size_t memory_ =
-        std::stoull(environment("RAYNEST_FAKE_CUDA_MEMORY", "1000000000"));
+    const std::size_t memory_ = std::stoull(environment("RAYNEST_FAKE_CUDA_MEMORY", "1000000000"));
 };
 
 /// What every function does first, then `action(whether it does its work wrong)`.

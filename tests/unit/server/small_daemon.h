@@ -63,8 +63,8 @@ public:
     std::size_t handlers_failed = 0;
     std::vector<protocol::Frame> sent;
     std::deque<std::function<void()>> posted;
-    server::Services services{*registry, scenes, budget, metrics,   limits,
-                              {},        {},     {},     admission, detached, nullptr};
+    server::Services services{*registry, scenes, budget,    metrics,  limits, {},
+                              {},        {},     admission, detached, nullptr};
     server::Workers compute{0};
     server::Workers blocking{0};
     server::Engine engine{
