@@ -3,14 +3,15 @@
 //   kill       the end of the process
 //   hang       no answer for ever
 //   garbage    a copy from the device that brings something else
-// RAYNEST_FAKE_CUDA_ONCE=FILE: only while FILE does not exist; the first fault creates it, so that the
-// process that comes after works. RAYNEST_FAKE_CUDA_MEMORY=BYTES is what the device has.
+// RAYNEST_FAKE_CUDA_ONCE=FILE: only while FILE does not exist; the first fault creates it, so that
+// the process that comes after works. RAYNEST_FAKE_CUDA_MEMORY=BYTES is what the device has.
 #include "tests/cuda/fake_runtime/cuda_runtime_api.h"
 
 #include <fcntl.h>
 #include <unistd.h>
 
 #include <atomic>
+#include <chrono>
 #include <csignal>
 #include <cstdint>
 #include <cstdlib>
@@ -119,8 +120,7 @@ private:
     cudaError_t sticky_ = cudaSuccess;
     std::map<std::byte*, std::size_t> blocks_;
     std::size_t used_ = 0;
-    const std::size_t memory_ =
-        std::stoull(environment("RAYNEST_FAKE_CUDA_MEMORY", "1000000000"));
+    const std::size_t memory_ = std::stoull(environment("RAYNEST_FAKE_CUDA_MEMORY", "1000000000"));
 };
 
 /// What every function does first: `action(whether its data come out wrong)` if nothing is amiss.
@@ -236,6 +236,35 @@ cudaError_t cudaLaunchKernel(const void* kernel, dim3 blocks, dim3 threads, void
                              std::size_t, cudaStream_t) {
     return call("cudaLaunchKernel", [&](bool) {
         reinterpret_cast<FakeKernel>(const_cast<void*>(kernel))(arguments, blocks.x * threads.x);
+        return cudaSuccess;
+    });
+}
+
+struct FakeEvent {
+    std::chrono::steady_clock::time_point at{};
+};
+
+cudaError_t cudaEventCreate(cudaEvent_t* event) {
+    return call("cudaEventCreate", [&](bool) {
+        *event = new FakeEvent;
+        return cudaSuccess;
+    });
+}
+cudaError_t cudaEventDestroy(cudaEvent_t event) {
+    return call("cudaEventDestroy", [&](bool) {
+        delete event;
+        return cudaSuccess;
+    });
+}
+cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t) {
+    return call("cudaEventRecord", [&](bool) {
+        event->at = std::chrono::steady_clock::now();
+        return cudaSuccess;
+    });
+}
+cudaError_t cudaEventElapsedTime(float* milliseconds, cudaEvent_t begin, cudaEvent_t end) {
+    return call("cudaEventElapsedTime", [&](bool) {
+        *milliseconds = std::chrono::duration<float, std::milli>(end->at - begin->at).count();
         return cudaSuccess;
     });
 }
