@@ -1,7 +1,8 @@
 // raynest-bench-bake: a scene of raynest-bench as the arena that a worker maps, and rays for it.
 //
 //   raynest-bench-bake builtin:forest forest.arena --rays primary=forest.rays --count 65536
-#include "engine/packs/tracer.h"
+#include "engine/assets/builtin.h"
+#include "engine/packs/registry.h"
 #include "tests/bench/rays.h"
 #include "tests/bench/workload.h"
 
@@ -17,9 +18,12 @@
 namespace raynest::bench {
 namespace {
 
+constexpr std::uint64_t flat_triangles_max = 4'000'000;
+
 struct Options {
     std::string source, arena;
     std::vector<std::string> rays;  ///< KIND=FILE
+    std::uint32_t levels = 0;       ///< merged until there are so many; 0: as described
     std::uint32_t count = 1U << 16;
 };
 
@@ -42,7 +46,12 @@ std::ofstream create(const std::string& path) {
 
 void run(const Options& options) {
     const auto registry = value_of(Registry::load({}));
-    const Workload workload = value_of(load_workload(options.source, *registry));
+    Workload workload = value_of(load_workload(options.source, *registry));
+    if (options.levels != 0) {
+        const auto flat = flatten_levels(workload.description, options.levels, flat_triangles_max);
+        if (!flat) throw std::runtime_error(flat.error().message);
+        workload.scene = value_of(Snapshot::bake(workload.description));
+    }
     std::ofstream arena = create(options.arena);
     write(arena, workload.scene->bytes());
     arena.flush();
@@ -73,6 +82,7 @@ int main(int argc, char** argv) {
     CLI::App app{"A scene as a baked arena, and files of rays for it."};
     app.add_option("SCENE", options.source, "as raynest-bench --scene")->required();
     app.add_option("ARENA", options.arena, "the file to write")->required();
+    app.add_option("--levels", options.levels, "merge instances until so many levels are left");
     app.add_option("--rays", options.rays, "KIND=FILE; several by commas")->delimiter(',');
     app.add_option("--count", options.count, "rays of a file")->check(CLI::Range(1024U, 1U << 24));
     CLI11_PARSE(app, argc, argv);

@@ -21,7 +21,7 @@ inline constexpr Question questions[] = {
     {"closest", query_closest, 1}, {"any", query_any, 1}, {"multi", query_multi, 8}};
 inline constexpr std::uint32_t most_hits = 8;  ///< of a ray, in any question
 
-/// Never freed by halves: pinned memory lives as long as the process.
+/// Once pinned it stays so: use the device no more when it is gone.
 class Batch {
 public:
     /// `count` rays: those of `from`, over and over.

@@ -4,11 +4,13 @@
 //   raynest-bench-cuda time  --pack CUDA.so --arena F.arena --rays F.rays
 //
 // For a bare machine: it needs the packs and a driver, no library of others, and reads arenas that
-// raynest-bench-bake wrote. Exit codes: 0; 1 something failed; 2 there is no GPU, or a wrong
-// argument; 9 answers differ.
+// raynest-bench-bake wrote. Exit codes: 0; 1 something failed; 2 a wrong argument; 9 answers
+// differ; 77 there is no GPU.
 #include "engine/bvh/pages.h"
+#include "engine/math/random.h"
 #include "engine/scene/arena_check.h"
 #include "tests/bench/files.h"
+#include "tests/bench/rays.h"
 #include "tests/cuda/gpu/measure.h"
 
 #include <CLI/CLI.hpp>
@@ -23,12 +25,12 @@ namespace raynest::bench {
 namespace {
 
 constexpr int exit_failed = 1;
-constexpr int exit_no_device = 2;
 constexpr int exit_differs = 9;
+constexpr int exit_no_device = 77;
 
 struct Options {
     bool timing = false;
-    std::string pack, cpu_pack, no_hooks_pack, arena, rays;
+    std::string pack, cpu_pack, arena, rays;
     std::uint32_t count = 0;  ///< 0: as many as the file has
     std::uint32_t chunk = 1U << 17;
     std::uint32_t rounds = 11;
@@ -48,11 +50,19 @@ Pages read_arena(const std::string& path) {
     return arena;
 }
 
+std::vector<Ray> make_rays(const Options& options, const Box& bounds) {
+    if (options.rays == "random") {
+        Random random(17);
+        return random_rays(bounds, options.count, random);
+    }
+    return value_of(read_rays(options.rays));
+}
+
 int run(const Options& options) {
     const Pages arena = read_arena(options.arena);
     const SceneView scene = value_of(check_arena({arena.data(), arena.size()}));
-    const std::vector<Ray> rays = value_of(read_rays(options.rays));
-    if (rays.empty()) throw std::runtime_error(options.rays + " holds no rays");
+    const std::vector<Ray> rays = make_rays(options, scene.objects[scene.root].bounds);
+    if (rays.empty()) throw std::runtime_error(options.rays + " rays: none; say --count");
     const DevicePack device(options.pack);
 
     Work work{scene, rays, options.count, options.chunk, {}};
@@ -67,9 +77,7 @@ int run(const Options& options) {
         std::cout << row.dump() << std::endl;
     };
     if (!options.timing) return check(device, open_pack(options.cpu_pack), work) ? 0 : exit_differs;
-    std::optional<DevicePack> no_hooks;
-    if (!options.no_hooks_pack.empty()) no_hooks.emplace(options.no_hooks_pack);
-    time(device, no_hooks, work, options.rounds);
+    time(device, work, options.rounds);
     return 0;
 }
 
@@ -86,14 +94,13 @@ int main(int argc, char** argv) {
     for (CLI::App* const command : {&check, &time}) {
         command->add_option("--pack", options.pack, "the device's pack")->required();
         command->add_option("--arena", options.arena, "a baked scene")->required();
-        command->add_option("--rays", options.rays, "a .rays file")->required();
-        command->add_option("--count", options.count, "rays, those of the file over and over")
+        command->add_option("--rays", options.rays, "a .rays file, or random")->required();
+        command->add_option("--count", options.count, "those of a file are taken over and over")
             ->check(CLI::Range(0U, 1U << 24));
         command->add_option("--chunk", options.chunk, "rays of a slot")
             ->check(CLI::Range(64U, 1U << 24));
     }
     check.add_option("--cpu-pack", options.cpu_pack, "whose bytes are expected")->required();
-    time.add_option("--no-hooks-pack", options.no_hooks_pack, "compiled without intersectors");
     time.add_option("--rounds", options.rounds, "")->check(CLI::Range(1U, 1000U));
     try {
         app.parse(argc, argv);

@@ -41,7 +41,7 @@ DevicePack::DevicePack(const std::string& path)
       device_(find_symbol<DeviceEntry>(path, device_symbol)()) {
     if (device_->abi != device_abi)
         throw std::runtime_error(path + " was built against other engine headers: rebuild it");
-    expect_ok(device_->open(&info_), "opening the device");
+    if (device_->open(&info_) != trace_ok) throw NoDevice(device_->error());
 }
 
 DevicePack::Scene DevicePack::load(const SceneView& view) const {
@@ -78,9 +78,7 @@ double DevicePack::finish(const Slot& slot) const {
 void DevicePack::expect_ok(TraceStatus status, const std::string& step) const {
     if (status == trace_ok) return;
     if (status == trace_bad_call) throw std::runtime_error(step + ": the pack refuses the call");
-    const std::string text = step + ": " + device_->error();
-    if (status == trace_no_device) throw NoDevice(text);
-    throw std::runtime_error(text);
+    throw std::runtime_error(step + ": " + device_->error());
 }
 
 }  // namespace raynest::bench

@@ -12,7 +12,7 @@
 
 namespace raynest::bench {
 
-/// There is none, or it is lost.
+/// None can be opened.
 struct NoDevice : std::runtime_error {
     using std::runtime_error::runtime_error;
 };

@@ -10,7 +10,6 @@
 
 #include <cstdint>
 #include <functional>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -32,9 +31,6 @@ bool check(const DevicePack& device, const Pack& cpu, const Work& work);
 ///   kernel   all rays in one call, by the device's clock, without copies
 ///   pinned   pinned rays to pinned answers, `chunk` rays per slot, 1, 2 and 4 slots in flight
 ///   bus      the same through a scene of nothing: what copying alone allows
-/// and `opaque` of `no_hooks`, a pack compiled without any call of an intersector, where it is
-/// given.
-void time(const DevicePack& device, const std::optional<DevicePack>& no_hooks, const Work& work,
-          std::uint32_t rounds);
+void time(const DevicePack& device, const Work& work, std::uint32_t rounds);
 
 }  // namespace raynest::bench

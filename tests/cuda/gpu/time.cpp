@@ -28,21 +28,6 @@ struct Nothing {
     }
 };
 
-/// A pack with the scene resident, and slots of both shapes.
-struct Ready {
-    const DevicePack& device;
-    DevicePack::Scene scene;
-    std::vector<DevicePack::Slot> whole, chunks;
-
-    Ready(const DevicePack& from, const Work& work) : device(from), scene(from.load(work.scene)) {
-        whole.push_back(make_slot(work.count));
-        for (std::uint32_t i = 0; i < slots_max; ++i) chunks.push_back(make_slot(work.chunk));
-    }
-    [[nodiscard]] DevicePack::Slot make_slot(std::uint32_t rays) const {
-        return device.make_slot(rays, std::uint64_t{rays} * most_hits);
-    }
-};
-
 /// Seconds per round of every way to answer one question; all take turns.
 class Race {
 public:
@@ -117,51 +102,50 @@ nlohmann::ordered_json row_of(const Race& race, const std::string& variant) {
 
 }  // namespace
 
-void time(const DevicePack& device, const std::optional<DevicePack>& no_hooks, const Work& work,
-          std::uint32_t rounds) {
+void time(const DevicePack& device, const Work& work, std::uint32_t rounds) {
     Batch batch(work.rays, work.count);
     batch.pin(device);
-    const Ready ready(device, work);
-    std::optional<Ready> ready_no_hooks;
-    if (no_hooks) ready_no_hooks.emplace(*no_hooks, work);
+    const DevicePack::Scene scene = device.load(work.scene);
     const Nothing nothing;
     const DevicePack::Scene no_scene = device.load(nothing.view);
-    const std::span variants(device.pack().variants, device.pack().variant_count);
-    const auto add_slots = [&](Race& race, const std::string& name, const DevicePack::Scene& scene,
-                               TraceFunction kernel) {
-        for (const std::uint32_t slots : slot_counts) {
-            race.add(in_flight(name, slots),
-                     {&device, &scene, kernel, std::span(ready.chunks).first(slots), work.chunk});
+    const auto make_slots = [&](std::uint32_t slots, std::uint32_t rays) {
+        std::vector<DevicePack::Slot> made;
+        while (made.size() < slots) {
+            made.push_back(device.make_slot(rays, std::uint64_t{rays} * most_hits));
         }
+        return made;
     };
+    const auto whole = make_slots(1, work.count);
+    const auto chunks = make_slots(slots_max, work.chunk);
 
+    const std::span variants(device.pack().variants, device.pack().variant_count);
+    const PackVariant* const opaque = find_variant(device.pack(), "opaque");
+    if (opaque == nullptr) throw std::runtime_error("the device's pack has no opaque");
     for (const Question& question : questions) {
         Race race(question, batch);
+        const auto add_slots = [&](const std::string& name, const DevicePack::Scene& through,
+                                   TraceFunction kernel) {
+            for (const std::uint32_t slots : slot_counts) {
+                race.add(in_flight(name, slots),
+                         {&device, &through, kernel, std::span(chunks).first(slots), work.chunk});
+            }
+        };
         std::vector<std::string> names;
         for (const PackVariant& variant : variants) {
             const TraceFunction kernel = kernel_of(variant, question);
             if (kernel == nullptr) continue;
             names.emplace_back(variant.name);
-            race.add(variant.name, {&device, &ready.scene, kernel, ready.whole, work.count});
-            add_slots(race, variant.name, ready.scene, kernel);
+            race.add(variant.name, {&device, &scene, kernel, whole, work.count});
+            add_slots(variant.name, scene, kernel);
         }
-        const PackVariant* const opaque = find_variant(device.pack(), "opaque");
-        if (opaque == nullptr) throw std::runtime_error("the device's pack has no opaque");
-        add_slots(race, "bus", no_scene, kernel_of(*opaque, question));
-        if (ready_no_hooks) {
-            const PackVariant* const plain = find_variant(no_hooks->pack(), "opaque");
-            if (plain == nullptr) throw std::runtime_error("the pack without hooks has no opaque");
-            race.add("no hooks", {&*no_hooks, &ready_no_hooks->scene, kernel_of(*plain, question),
-                                  ready_no_hooks->whole, work.count});
-        }
+        add_slots("bus", no_scene, kernel_of(*opaque, question));
         race.run(rounds);
         for (const std::string& name : names) {
-            nlohmann::ordered_json row{
-                {"query", question.name}, {"variant", name}, {"rounds", rounds}};
-            row["chunk"] = work.chunk;
+            nlohmann::ordered_json row{{"query", question.name},
+                                       {"variant", name},
+                                       {"rounds", rounds},
+                                       {"chunk", work.chunk}};
             row.update(row_of(race, name));
-            if (ready_no_hooks && name == "opaque")
-                row["kernel_over_no_hooks"] = race.kernel_ratio(name, "no hooks");
             work.print(std::move(row));
         }
     }
