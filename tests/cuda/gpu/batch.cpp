@@ -12,9 +12,10 @@ Batch::Batch(std::span<const Ray> from, std::uint32_t count)
       rays_(count * sizeof(Ray)),
       hits_(std::size_t{count} * most_hits * sizeof(HitRecord)),
       hit_counts_(count * sizeof(std::uint32_t)) {
-    for (std::size_t first = 0; first < count; first += from.size()) {
-        const auto part = from.first(std::min(from.size(), count - first));
-        std::memcpy(rays_.data() + first * sizeof(Ray), part.data(), part.size_bytes());
+    const std::size_t stride = std::max<std::size_t>(1, from.size() / count);
+    for (std::size_t i = 0; i < count; ++i) {
+        const Ray& ray = from[i * stride % from.size()];
+        std::memcpy(rays_.data() + i * sizeof(Ray), &ray, sizeof ray);
     }
     forget_answers();
 }

@@ -24,7 +24,7 @@ inline constexpr std::uint32_t most_hits = 8;  ///< of a ray, in any question
 /// Once pinned it stays so: use the device no more when it is gone.
 class Batch {
 public:
-    /// `count` rays: those of `from`, over and over.
+    /// `count` rays: those of `from` over and over, or an even share of more.
     Batch(std::span<const Ray> from, std::uint32_t count);
     void pin(const DevicePack& device);
 

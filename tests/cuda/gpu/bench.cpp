@@ -95,7 +95,7 @@ int main(int argc, char** argv) {
         command->add_option("--pack", options.pack, "the device's pack")->required();
         command->add_option("--arena", options.arena, "a baked scene")->required();
         command->add_option("--rays", options.rays, "a .rays file, or random")->required();
-        command->add_option("--count", options.count, "those of a file are taken over and over")
+        command->add_option("--count", options.count, "those of a file over and over, or a share")
             ->check(CLI::Range(0U, 1U << 24));
         command->add_option("--chunk", options.chunk, "rays of a slot")
             ->check(CLI::Range(64U, 1U << 24));

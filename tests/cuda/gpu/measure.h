@@ -18,7 +18,7 @@ namespace raynest::bench {
 struct Work {
     const SceneView& scene;
     const std::vector<Ray>& rays;
-    std::uint32_t count;  ///< rays of a pass: those of the file, over and over
+    std::uint32_t count;  ///< rays of a pass (Batch says which)
     std::uint32_t chunk;  ///< rays of a slot
     std::function<void(nlohmann::ordered_json)> print;
 };
