@@ -78,6 +78,14 @@ TraceStatus finish(DeviceSlot* slot) noexcept {
     return status_of(cudaStreamSynchronize(slot->stream));
 }
 
+TraceStatus kernel_seconds(const DeviceSlot* slot, double* seconds) noexcept {
+    float milliseconds = 0;
+    const cudaError_t error =
+        cudaEventElapsedTime(&milliseconds, slot->kernel_begin, slot->kernel_end);
+    *seconds = 1e-3 * static_cast<double>(milliseconds);
+    return status_of(error);
+}
+
 }  // namespace
 }  // namespace cuda
 
@@ -90,9 +98,9 @@ bool is_supported() noexcept {
 
 extern "C" [[gnu::visibility("default")]] const raynest::Device* raynest_device() noexcept {
     namespace cuda = raynest::cuda;
-    static constexpr raynest::Device device{raynest::device_abi, cuda::open,       cuda::last_error,
-                                            cuda::pin,           cuda::load_scene, cuda::unload,
-                                            cuda::bytes_of,      cuda::new_slot,   cuda::free_slot,
-                                            cuda::start,         cuda::finish};
+    static constexpr raynest::Device device{
+        raynest::device_abi, cuda::open,   cuda::last_error, cuda::pin,
+        cuda::load_scene,    cuda::unload, cuda::bytes_of,   cuda::new_slot,
+        cuda::free_slot,     cuda::start,  cuda::finish,     cuda::kernel_seconds};
     return &device;
 }

@@ -65,7 +65,9 @@ TraceStatus queue(const Target& target, const TraceCall& call, Query kind, const
             return cudaMemsetAsync(slot.hits, 0, hit_count * sizeof(HitRecord), slot.stream);
         });
     }
-    steps.then([&] { return run(kernel, call.ray_count, arguments, slot.stream); });
+    steps.then([&] { return cudaEventRecord(slot.kernel_begin, slot.stream); })
+        .then([&] { return run(kernel, call.ray_count, arguments, slot.stream); })
+        .then([&] { return cudaEventRecord(slot.kernel_end, slot.stream); });
     steps.then([&] {
         return cudaMemcpyAsync(call.hits, slot.hits, hit_count * sizeof(HitRecord),
                                cudaMemcpyDeviceToHost, slot.stream);
@@ -100,8 +102,11 @@ TraceStatus make_slot(std::uint64_t rays_max, std::uint64_t hits_max,
     auto slot = std::make_unique<DeviceSlot>();
     slot->rays_max = rays_max;
     slot->hits_max = hits_max;
-    const cudaError_t error = cudaStreamCreateWithFlags(&slot->stream, cudaStreamNonBlocking);
-    if (error != cudaSuccess) return status_of(error);
+    Steps steps;
+    steps.then([&] { return cudaStreamCreateWithFlags(&slot->stream, cudaStreamNonBlocking); })
+        .then([&] { return cudaEventCreate(&slot->kernel_begin); })
+        .then([&] { return cudaEventCreate(&slot->kernel_end); });
+    if (steps.error() != cudaSuccess) return status_of(steps.error());
     slot->rays = slot->memory.room<Ray>(rays_max);
     slot->hits = slot->memory.room<HitRecord>(hits_max);
     slot->hit_counts = slot->memory.room<std::uint32_t>(rays_max);

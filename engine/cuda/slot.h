@@ -16,10 +16,15 @@ struct DeviceSlot {
     DeviceSlot(const DeviceSlot&) = delete;
     DeviceSlot& operator=(const DeviceSlot&) = delete;
     ~DeviceSlot() {
+        for (const cudaEvent_t event : {kernel_begin, kernel_end}) {
+            if (event != nullptr) cudaEventDestroy(event);
+        }
         if (stream != nullptr) cudaStreamDestroy(stream);
     }
 
     cudaStream_t stream = nullptr;
+    cudaEvent_t kernel_begin = nullptr;
+    cudaEvent_t kernel_end = nullptr;
     cuda::DeviceMemory memory;
     std::uint64_t rays_max = 0;
     std::uint64_t hits_max = 0;

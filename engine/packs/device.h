@@ -53,6 +53,8 @@ struct Device {
                          const PinholeRays* made) noexcept;
     /// Waits for it.
     TraceStatus (*finish)(DeviceSlot*) noexcept;
+    /// How long the kernel of the slot's last finished call took, by the device's clock.
+    TraceStatus (*kernel_seconds)(const DeviceSlot*, double* seconds) noexcept;
 };
 
 inline constexpr const char* device_symbol = "raynest_device";

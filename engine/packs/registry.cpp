@@ -1,7 +1,7 @@
-// Loading packs: dlopen, check the ABI, keep what this CPU runs, best target first.
+// Which packs there are: all that load, of them what this CPU runs, best target first.
 #include "engine/packs/registry.h"
 
-#include <dlfcn.h>
+#include "engine/packs/load.h"
 
 #include <algorithm>
 #include <array>
@@ -52,32 +52,6 @@ Result<std::vector<std::filesystem::path>> find_packs(
         found.insert(found.end(), here.begin(), here.end());
     }
     return found;
-}
-
-Result<const Pack*> load_pack(const std::filesystem::path& path) {
-    // RTLD_LOCAL: packs hold templates of the same names compiled for different CPUs. Never closed:
-    // the functions are in use for the life of the process.
-    void* module = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
-    if (module == nullptr) {
-        const char* why = dlerror();
-        return fail(ErrorCode::pack_invalid, "cannot load the kernel pack " + path.string() + ": " +
-                                                 (why != nullptr ? why : "unknown reason"));
-    }
-    const auto entry = reinterpret_cast<PackEntry>(dlsym(module, pack_symbol));
-    if (entry == nullptr) {
-        return fail(ErrorCode::pack_invalid,
-                    path.string() + " is no kernel pack: it does not export " + pack_symbol);
-    }
-    const Pack* pack = entry();
-    const std::array<std::uint32_t, 4> sizes{sizeof(SceneView), sizeof(ObjectRecord),
-                                             sizeof(HitRecord), sizeof(TraceCall)};
-    if (pack->abi != pack_abi || !std::equal(sizes.begin(), sizes.end(), pack->sizes)) {
-        return fail(ErrorCode::pack_invalid, path.string() +
-                                                 " was built against other engine headers (ABI " +
-                                                 std::to_string(pack->abi) + ", this build has " +
-                                                 std::to_string(pack_abi) + "): rebuild the pack");
-    }
-    return pack;
 }
 
 std::string join(const std::vector<std::string>& names) {

@@ -1,20 +1,17 @@
 #include "server/device/worker_process.h"
 
-#include "engine/packs/device.h"
+#include "engine/packs/load.h"
 #include "engine/scene/arena_check.h"
 #include "server/device/channel.h"
 #include "server/device/residents.h"
 #include "server/device/wire.h"
 
-#include <dlfcn.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <iterator>
 #include <new>
-#include <optional>
 #include <span>
 #include <string>
 #include <thread>
@@ -48,29 +45,6 @@ private:
     std::byte* data_ = nullptr;
     std::size_t size_ = 0;
 };
-
-/// Both doors of a pack.
-struct DevicePack {
-    const Pack* pack = nullptr;
-    const Device* device = nullptr;
-};
-
-Result<DevicePack> open_pack(const char* path) {
-    void* const module = ::dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    if (module == nullptr) return fail(ErrorCode::pack_invalid, ::dlerror());
-    const auto pack = reinterpret_cast<PackEntry>(::dlsym(module, pack_symbol));
-    const auto device = reinterpret_cast<DeviceEntry>(::dlsym(module, device_symbol));
-    if (pack == nullptr || device == nullptr)
-        return fail(ErrorCode::pack_invalid, std::string(path) + " is no pack for a device");
-    const DevicePack opened{pack(), device()};
-    const std::uint32_t sizes[] = {sizeof(SceneView), sizeof(ObjectRecord), sizeof(HitRecord),
-                                   sizeof(TraceCall)};
-    if (opened.pack->abi != pack_abi || opened.device->abi != device_abi ||
-        !std::equal(std::begin(sizes), std::end(sizes), opened.pack->sizes))
-        return fail(ErrorCode::pack_invalid,
-                    std::string(path) + " was built against other engine headers: rebuild it");
-    return opened;
-}
 
 Ready describe(const DevicePack& from, const DeviceInfo& info) {
     Ready ready;
@@ -205,7 +179,7 @@ int run_worker_process(const char* path) {
     if (memory.size() != hello.slots * hello.shape.bytes() || memory.data() == nullptr)
         return end(control, "the memory of the slots cannot be mapped");
 
-    const auto pack = open_pack(path);
+    const auto pack = load_device_pack(path);
     if (!pack) return end(control, pack.error().message);
     const Device& device = *pack->device;
     DeviceInfo info{};

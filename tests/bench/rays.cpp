@@ -101,20 +101,6 @@ Ray shadow_ray(const Point& from, const Light& light, Random& random) {
     return {from.position, 0, glm::normalize(way), 0.999F * glm::length(way)};
 }
 
-std::vector<Ray> random_rays(const Box& box, std::uint32_t count, Random& random) {
-    std::vector<Ray> rays(count);
-    for (Ray& ray : rays) {
-        for (int axis = 0; axis < 3; ++axis) {
-            ray.origin[axis] = random.uniform(box.lower[axis], box.upper[axis]);
-        }
-        do {
-            for (int axis = 0; axis < 3; ++axis) ray.direction[axis] = random.uniform(-1, 1);
-        } while (glm::length(ray.direction) > 1 || glm::length(ray.direction) < 0.01F);
-        ray.direction = glm::normalize(ray.direction);
-    }
-    return rays;
-}
-
 }  // namespace
 
 Result<RayKind> parse_ray_kind(const std::string& name) {
@@ -154,6 +140,20 @@ std::vector<Ray> make_rays(const Workload& workload, RayKind kind, std::uint32_t
         if (kind == RayKind::ao) ray.tmax = 0.05F * reach;
     }
     return sample_runs(std::move(rays), count);
+}
+
+std::vector<Ray> random_rays(const Box& box, std::uint32_t count, Random& random) {
+    std::vector<Ray> rays(count);
+    for (Ray& ray : rays) {
+        for (int axis = 0; axis < 3; ++axis) {
+            ray.origin[axis] = random.uniform(box.lower[axis], box.upper[axis]);
+        }
+        do {
+            for (int axis = 0; axis < 3; ++axis) ray.direction[axis] = random.uniform(-1, 1);
+        } while (glm::length(ray.direction) > 1 || glm::length(ray.direction) < 0.01F);
+        ray.direction = glm::normalize(ray.direction);
+    }
+    return rays;
 }
 
 }  // namespace raynest::bench

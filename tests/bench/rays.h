@@ -2,6 +2,7 @@
 #pragma once
 
 #include "engine/geometry/ray.h"
+#include "engine/math/random.h"
 #include "engine/packs/abi.h"
 #include "tests/bench/workload.h"
 
@@ -27,5 +28,8 @@ Query natural_query(RayKind kind);
 /// primary hits; it is the opaque one, so that masked and opaque rows have the same rays.
 std::vector<Ray> make_rays(const Workload& workload, RayKind kind, std::uint32_t count,
                            TraceFunction trace);
+
+/// Of RayKind::random.
+std::vector<Ray> random_rays(const Box& box, std::uint32_t count, Random& random);
 
 }  // namespace raynest::bench

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""The CUDA worker of a real daemon, over a fake of the CUDA runtime: same answers, and what happens when
-something is amiss.
+"""The CUDA worker of a real daemon: same answers, and what happens when something is amiss.
 
-  worker_test.py RAYNESTD RAYNEST PACK
-
-PACK is the cuda pack over tests/cuda/fake_runtime, whose faults it injects.
+  worker_test.py RAYNESTD RAYNEST PACK          PACK is the cuda pack over tests/cuda/fake_runtime, which
+                                                fails on demand
+  worker_test.py RAYNESTD RAYNEST PACK gpu      PACK is the real one: same answers only, for 10^7 rays;
+                                                exit code 77 (skipped) where its GPU does not start
 """
 import array
 import os
@@ -20,7 +20,8 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "integration"))
 from daemon import PATIENCE, Client, Daemon  # noqa: E402
 
-RAYS = 70_000  # more than the 65,536 from which on auto takes a GPU
+RAYS = 70_000  # of a query: more than the 65,536 from which on auto takes a GPU
+RAYS_ON_GPU = 1_250_000  # of each of eight
 RAYNESTD = RAYNEST = PACK = None
 
 
@@ -364,7 +365,24 @@ class WrongPack(unittest.TestCase):
         self.assertEqual(daemon.stop(), 0)
 
 
+def gpu_starts():
+    """Says how it went; a first start translates kernels, which takes its time."""
+    daemon = Daemon(RAYNESTD, "--cuda", PACK)
+    end = time.monotonic() + 120
+    while not any(word in daemon.log() for word in ("cuda_up", "cuda_down")) and time.monotonic() < end:
+        time.sleep(0.1)
+    print(*(line for line in daemon.log().splitlines() if "cuda_" in line), sep="\n")
+    up = "cuda_up" in daemon.log()
+    daemon.stop()
+    return up
+
+
 if __name__ == "__main__":
     RAYNESTD, RAYNEST, PACK = sys.argv[1:4]
-    del sys.argv[1:4]
-    unittest.main()
+    on_gpu = sys.argv[4:5] == ["gpu"]
+    del sys.argv[1:5 if on_gpu else 4]
+    if on_gpu:
+        RAYS = RAYS_ON_GPU
+        if not gpu_starts():
+            sys.exit(77)
+    unittest.main(defaultTest="SameAnswers" if on_gpu else None)

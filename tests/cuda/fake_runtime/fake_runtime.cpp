@@ -1,4 +1,5 @@
-// RAYNEST_FAKE_CUDA=FILE: "FUNCTION WHAT" in it lets the next call of that function end in
+// RAYNEST_FAKE_CUDA=FILE: "FUNCTION WHAT [N]" in it lets the next call of that function, from the
+// process's N-th on, end in
 //   a number   that error; from 700 on it is sticky, as in CUDA: all later calls give it, too
 //   kill       the end of the process
 //   hang       no answer for ever
@@ -10,6 +11,7 @@
 
 #include <unistd.h>
 
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -29,12 +31,14 @@ std::string environment(const char* name, const char* otherwise) {
     return value != nullptr ? value : otherwise;
 }
 
-/// The word of "FUNCTION WHAT", if that is the function.
-std::string fault_of(std::istream& order, const std::string& function) {
+/// The word of "FUNCTION WHAT [N]", if that is the function and this its N-th call.
+std::string fault_of(std::istream& order, const std::string& function, unsigned call) {
     std::string named;
     std::string what;
+    unsigned from = 1;
     order >> named >> what;
-    return named == function ? what : std::string();
+    if (unsigned n = 0; order >> n) from = n;
+    return named == function && call >= from ? what : std::string();
 }
 
 class Device {
@@ -46,11 +50,12 @@ public:
 
     /// A function begins: gives the word of its fault, or nothing.
     std::string enter(const char* function) {
+        const unsigned call = count(function);
         std::istringstream always(always_);
-        std::string what = fault_of(always, function);
+        std::string what = fault_of(always, function, call);
         if (what.empty() && !next_.empty()) {
             std::ifstream next(next_);
-            what = fault_of(next, function);
+            what = fault_of(next, function, call);
             // Of several threads one has it.
             if (!what.empty() && std::remove(next_.c_str()) != 0) what.clear();
         }
@@ -58,6 +63,10 @@ public:
         return what;
     }
 
+    unsigned count(const char* function) {
+        const std::lock_guard lock(mutex_);
+        return ++calls_[function];
+    }
     cudaError_t fail(int error) {
         const std::lock_guard lock(mutex_);
         if (error >= sticky_from) sticky_ = static_cast<cudaError_t>(error);
@@ -100,6 +109,7 @@ private:
     const std::string next_ = environment("RAYNEST_FAKE_CUDA", "");
     const std::string always_ = environment("RAYNEST_FAKE_CUDA_ALWAYS", "");
     std::mutex mutex_;
+    std::map<std::string, unsigned> calls_;
     cudaError_t sticky_ = cudaSuccess;
     std::map<std::byte*, std::size_t> blocks_;
     std::size_t used_ = 0;
@@ -221,6 +231,35 @@ cudaError_t cudaLaunchKernel(const void* kernel, dim3 blocks, dim3 threads, void
                              std::size_t, cudaStream_t) {
     return call("cudaLaunchKernel", [&](bool) {
         reinterpret_cast<FakeKernel>(const_cast<void*>(kernel))(arguments, blocks.x * threads.x);
+        return cudaSuccess;
+    });
+}
+
+struct FakeEvent {
+    std::chrono::steady_clock::time_point at{};
+};
+
+cudaError_t cudaEventCreate(cudaEvent_t* event) {
+    return call("cudaEventCreate", [&](bool) {
+        *event = new FakeEvent;
+        return cudaSuccess;
+    });
+}
+cudaError_t cudaEventDestroy(cudaEvent_t event) {
+    return call("cudaEventDestroy", [&](bool) {
+        delete event;
+        return cudaSuccess;
+    });
+}
+cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t) {
+    return call("cudaEventRecord", [&](bool) {
+        event->at = std::chrono::steady_clock::now();
+        return cudaSuccess;
+    });
+}
+cudaError_t cudaEventElapsedTime(float* milliseconds, cudaEvent_t begin, cudaEvent_t end) {
+    return call("cudaEventElapsedTime", [&](bool) {
+        *milliseconds = std::chrono::duration<float, std::milli>(end->at - begin->at).count();
         return cudaSuccess;
     });
 }

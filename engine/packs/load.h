@@ -1,0 +1,22 @@
+// Opening the module of a pack: it has the doors that are looked for, and they are of this tree.
+#pragma once
+
+#include "engine/packs/device.h"
+#include "engine/result.h"
+
+#include <filesystem>
+
+namespace raynest {
+
+/// Stays loaded: its functions are in use for the life of the process. pack_invalid, with what to
+/// do, where it is no pack of this tree; says nothing about whether this machine runs it.
+Result<const Pack*> load_pack(const std::filesystem::path& path);
+
+/// Both doors of a pack for a device.
+struct DevicePack {
+    const Pack* pack = nullptr;
+    const Device* device = nullptr;
+};
+Result<DevicePack> load_device_pack(const std::filesystem::path& path);
+
+}  // namespace raynest

@@ -1,0 +1,95 @@
+// raynest-bench-bake: a scene of raynest-bench as the arena that a worker maps, and rays for it.
+//
+//   raynest-bench-bake builtin:forest forest.arena --rays primary=forest.rays --count 65536
+#include "engine/assets/builtin.h"
+#include "engine/packs/registry.h"
+#include "tests/bench/rays.h"
+#include "tests/bench/workload.h"
+
+#include <CLI/CLI.hpp>
+
+#include <exception>
+#include <fstream>
+#include <iostream>
+#include <span>
+#include <stdexcept>
+#include <vector>
+
+namespace raynest::bench {
+namespace {
+
+constexpr std::uint64_t flat_triangles_max = 4'000'000;
+
+struct Options {
+    std::string source, arena;
+    std::vector<std::string> rays;  ///< KIND=FILE
+    std::uint32_t levels = 0;       ///< merged until there are so many; 0: as described
+    std::uint32_t count = 1U << 16;
+};
+
+template <class T>
+T value_of(Result<T> result) {
+    if (!result) throw std::runtime_error(result.error().message);
+    return std::move(*result);
+}
+
+void write(std::ofstream& file, std::span<const std::byte> bytes) {
+    file.write(reinterpret_cast<const char*>(bytes.data()),
+               static_cast<std::streamsize>(bytes.size()));
+}
+
+std::ofstream create(const std::string& path) {
+    std::ofstream file(path, std::ios::binary);
+    file.exceptions(std::ios::failbit | std::ios::badbit);
+    return file;
+}
+
+void run(const Options& options) {
+    const auto registry = value_of(Registry::load({}));
+    Workload workload = value_of(load_workload(options.source, *registry));
+    if (options.levels != 0) {
+        const auto flat = flatten_levels(workload.description, options.levels, flat_triangles_max);
+        if (!flat) throw std::runtime_error(flat.error().message);
+        workload.scene = value_of(Snapshot::bake(workload.description));
+    }
+    std::ofstream arena = create(options.arena);
+    write(arena, workload.scene->bytes());
+    arena.flush();
+
+    // Diffuse and other second rays start where opaque ones ended.
+    const Variant* const opaque = value_of(registry->choose("opaque", workload.scene->view()));
+    const TraceFunction trace =
+        value_of(find_function(*opaque, query_closest, precision_fast, traversal_latency, false));
+    for (const std::string& wanted : options.rays) {
+        const std::size_t equals = wanted.find('=');
+        if (equals == std::string::npos)
+            throw std::runtime_error("--rays takes KIND=FILE, not '" + wanted + "'");
+        const RayKind kind = value_of(parse_ray_kind(wanted.substr(0, equals)));
+        const std::vector<Ray> rays = make_rays(workload, kind, options.count, trace);
+        const auto count = static_cast<std::uint32_t>(rays.size());
+        std::ofstream file = create(wanted.substr(equals + 1));
+        write(file, std::as_bytes(std::span(&count, 1)));
+        write(file, std::as_bytes(std::span(rays)));
+        file.flush();
+    }
+}
+
+}  // namespace
+}  // namespace raynest::bench
+
+int main(int argc, char** argv) {
+    raynest::bench::Options options;
+    CLI::App app{"A scene as a baked arena, and files of rays for it."};
+    app.add_option("SCENE", options.source, "as raynest-bench --scene")->required();
+    app.add_option("ARENA", options.arena, "the file to write")->required();
+    app.add_option("--levels", options.levels, "merge instances until so many levels are left");
+    app.add_option("--rays", options.rays, "KIND=FILE; several by commas")->delimiter(',');
+    app.add_option("--count", options.count, "rays of a file")->check(CLI::Range(1024U, 1U << 24));
+    CLI11_PARSE(app, argc, argv);
+    try {
+        raynest::bench::run(options);
+    } catch (const std::exception& error) {
+        std::cerr << "raynest-bench-bake: " << error.what() << "\n";
+        return 1;
+    }
+}

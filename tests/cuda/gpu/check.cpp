@@ -1,0 +1,70 @@
+#include "tests/cuda/gpu/batch.h"
+#include "tests/cuda/gpu/measure.h"
+
+#include <nlohmann/json.hpp>
+
+#include <cstring>
+
+namespace raynest::bench {
+namespace {
+
+/// Rays that differ in a byte, and what they met: a comparison of misses says little.
+struct Tally {
+    std::uint32_t differing = 0;
+    std::uint32_t hitting = 0;
+};
+
+Tally compare(const Question& question, const Batch& a, const Batch& b) {
+    Tally tally;
+    for (std::uint32_t ray = 0; ray < a.count(); ++ray) {
+        const auto got = a.answer(question, ray);
+        const auto expected = b.answer(question, ray);
+        if (got.size() != expected.size() ||
+            std::memcmp(got.data(), expected.data(), expected.size_bytes()) != 0)
+            ++tally.differing;
+        if (!expected.empty() && expected.front().hit != 0) ++tally.hitting;
+    }
+    return tally;
+}
+
+}  // namespace
+
+bool check(const OpenDevice& device, const Pack& cpu, const Work& work) {
+    Batch answers(work.rays, work.count);
+    Batch expected(work.rays, work.count);
+    answers.pin(device);
+    const OpenDevice::Scene scene = device.load(work.scene);
+    std::vector<OpenDevice::Slot> slots;
+    for (int i = 0; i < 2; ++i) {
+        slots.push_back(device.make_slot(work.chunk, std::uint64_t{work.chunk} * most_hits));
+    }
+
+    bool equal = true;
+    for (const PackVariant& variant :
+         std::span(device.pack().variants, device.pack().variant_count)) {
+        const PackVariant* const other = find_variant(cpu, variant.name);
+        for (const Question& question : questions) {
+            const auto of = [&](const PackVariant& from) {
+                return from.trace[precision_fast][traversal_latency][question.query][0];
+            };
+            if (of(variant) == nullptr) continue;
+            if (other == nullptr || of(*other) == nullptr)
+                throw std::runtime_error(std::string("the CPU's pack has no ") + variant.name);
+            answers.forget_answers();
+            run_pass({&device, &scene, of(variant), slots, work.chunk}, question, answers);
+            TraceCall call = expected.call(question, 0, work.count);
+            call.scene = &work.scene;
+            if (of(*other)(&call) != trace_ok)
+                throw std::runtime_error("the CPU's pack refuses the call");
+            const Tally tally = compare(question, answers, expected);
+            equal = equal && tally.differing == 0;
+            work.print({{"query", question.name},
+                        {"variant", variant.name},
+                        {"hitting", tally.hitting},
+                        {"differing", tally.differing}});
+        }
+    }
+    return equal;
+}
+
+}  // namespace raynest::bench

@@ -1,0 +1,190 @@
+#!/usr/bin/env python3
+"""Checks and timings on a GPU, in the folder that gather.sh made. One JSON object per line, the last is the verdict.
+
+  driver.py [OPTION...] [STAGE...]      default: all stages, in this order
+
+  check        does it run, is it equal: every variant and question against the CPU's bytes
+  sanitize     compute-sanitizer over a small check, where the machine has it
+  conformance  the matrix of tests/conformance on the GPU: every variant, question and depth
+  time         kernels alone, and from pinned memory to pinned memory: medians of interleaved rounds
+
+Needs Python's standard library and a driver, nothing else of CUDA. Leaves the device's settings as they are.
+Exit codes: 0; 1 an answer differs, a program fails or compute-sanitizer finds something; 2 there is no GPU. A
+goal of time that is missed stands in the verdict and is no failure: it means nothing without the device's name.
+"""
+import argparse
+import json
+import os
+import pathlib
+import platform
+import shutil
+import statistics
+import subprocess
+import sys
+
+HERE = pathlib.Path(__file__).resolve().parent
+DIFFERS, SKIPPED, FOUND = 9, 77, 99  # exit codes of the programs
+SECONDS_MAX = 500  # of one program
+RANDOM_RAYS = 1 << 18  # per scene of check; with those of files 2 * 10^7 answers are compared
+TIMED_RAYS = 1 << 20  # enough to fill a GPU several times
+SMALL_SCENE, SMALL_COUNT = "trees", 2048
+
+MASKS = "procedural_mask", "alpha_mask"
+# What the rows of time are held to: variants, field, bound, and whether values lie below or above it.
+GOALS = [(MASKS[:1], "kernel_over_opaque", "at most", 1.1), (MASKS[1:], "kernel_over_opaque", "at most", 1.3),
+         (("opaque", *MASKS), "pinned_over_limit", "at least", 0.8)]
+NOT_MEASURED = ["opaque over a kernel without intersectors: their machine code is the same (ctest cuda_zero_cost)",
+                "over Visionaray's CUDA traversal: no peer is gathered"]
+
+
+class Failed(Exception):
+    """A program did not do what it was started for."""
+
+
+class NoGpu(Failed):
+    """There was none to begin with."""
+
+
+def emit(row):
+    print(json.dumps(row), flush=True)
+
+
+def run(command, **environment):
+    try:
+        return subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False,
+                              timeout=SECONDS_MAX, env={**os.environ, **environment})
+    except subprocess.TimeoutExpired as error:
+        raise Failed(f"{command[0]} takes longer than {SECONDS_MAX} s") from error
+    except OSError as error:
+        raise Failed(f"{command[0]}: {error.strerror}") from error
+
+
+def last_line(*texts):
+    return next((text.strip().splitlines()[-1] for text in texts if text.strip()), "it says nothing")
+
+
+def bench(options, what, scene, rays, count, *more, under=()):
+    """Rows of raynest-bench-cuda."""
+    command = [*under, HERE / "bin/raynest-bench-cuda", what, "--pack", options.pack, "--rays", rays,
+               "--arena", HERE / "scenes" / f"{scene}.arena", "--count", count, *more]
+    if what == "check":
+        command += ["--cpu-pack", HERE / "lib/raynest/raynest-pack-v3.so"]
+    done = run(command)
+    if done.returncode == SKIPPED:
+        raise NoGpu(last_line(done.stderr))
+    if done.returncode not in (0, DIFFERS):
+        raise Failed(f"exit code {done.returncode}: {last_line(done.stderr, done.stdout)}")
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+
+
+def inputs(random_count, file_count):
+    """(scene, rays, how many): every scene with its files, those of its instanced form where it is flat, and with
+    random rays. 0 is as many as the file holds."""
+    for arena in sorted((HERE / "scenes").glob("*.arena")):
+        for rays in sorted((HERE / "scenes").glob(f"{arena.stem.removesuffix('-flat')}-*.rays")):
+            yield arena.stem, rays, file_count
+        yield arena.stem, "random", random_count
+
+
+def check(options):
+    for scene, rays, count in inputs(options.count or RANDOM_RAYS, options.count or 0):
+        yield from bench(options, "check", scene, rays, count)
+
+
+def sanitize(options):
+    tool = shutil.which("compute-sanitizer", path=f"{os.environ.get('PATH', '')}:/usr/local/cuda/bin")
+    if tool is None:
+        yield {"what": "sanitize", "skipped": "no compute-sanitizer here"}
+        return
+    for check_of in ("memcheck", "initcheck"):
+        under = [tool, "--tool", check_of, "--error-exitcode", FOUND]
+        rows = bench(options, "check", SMALL_SCENE, "random", SMALL_COUNT, under=under)
+        yield {"what": "sanitize", "tool": check_of, "kernels": len(rows),
+               "differing": sum(row["differing"] for row in rows)}
+
+
+def conformance(options):
+    done = run([HERE / "bin/conformance", "--target", "cuda", "--target", "v3", "--pack-dir", options.pack.parent],
+               LD_LIBRARY_PATH=f"{HERE / 'lib'}:{os.environ.get('LD_LIBRARY_PATH', '')}")
+    row = {"what": "conformance", "said": last_line(done.stdout, done.stderr)}
+    if done.returncode == SKIPPED:
+        row["skipped"] = "this machine runs not both targets"
+    elif done.returncode:
+        raise Failed(f"exit code {done.returncode}: {row['said']}")
+    yield row
+
+
+def time(options):
+    count = options.count or TIMED_RAYS
+    for scene, rays, _ in inputs(count, count):
+        yield from bench(options, "time", scene, rays, count, "--rounds", options.rounds)
+
+
+STAGES = {stage.__name__: stage for stage in (check, sanitize, conformance, time)}
+
+
+def machine(options):
+    """Ends with NoGpu where there is none."""
+    row = {"what": "machine", "device": bench(options, "check", SMALL_SCENE, "random", 64)[0]["device"],
+           "cores": os.cpu_count(), "libc": " ".join(platform.libc_ver())}
+    if shutil.which("nvidia-smi"):
+        asked = run(["nvidia-smi", "--query-gpu=name,driver_version,memory.total,power.limit,pcie.link.gen.max",
+                     "--format=csv,noheader"])
+        row["nvidia_smi"] = last_line(asked.stdout, asked.stderr)
+    return row
+
+
+def judge(rows):
+    """The goals that can be told from the rows."""
+    for variants, field, relation, bound in GOALS:
+        values = {" ".join((row["scene"], row["rays"], row["query"], row["variant"])): row[field]
+                  for row in rows if row["what"] == "time" and row["variant"] in variants}
+        if not values:
+            continue
+        worst = (max if relation == "at most" else min)(values, key=values.get)
+        met = values[worst] <= bound if relation == "at most" else values[worst] >= bound
+        yield {"goal": f"{field} of {', '.join(variants)} {relation} {bound}", "met": met, "worst": values[worst],
+               "at": worst, "median": statistics.median(values.values()), "of": len(values)}
+
+
+def verdict(device, stages, rows, failures):
+    compared = [row for row in rows if row["what"] == "check"]
+    differing = sum(row.get("differing", 0) for row in rows)
+    skipped = [row["what"] for row in rows if "skipped" in row]
+    return {"what": "verdict", "passed": not failures and differing == 0, "device": device, "stages": stages,
+            "compared": sum(row["count"] for row in compared), "hitting": sum(row["hitting"] for row in compared),
+            "differing": differing, "skipped": skipped,
+            "failures": failures, "goals": list(judge(rows)), "not_measured": NOT_MEASURED}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("stages", nargs="*", metavar="STAGE", help=", ".join(STAGES))
+    parser.add_argument("--pack", type=pathlib.Path, default=HERE / "lib/raynest-cuda/raynest-pack-cuda.so")
+    parser.add_argument("--count", type=int, help="rays of every check and timing")
+    parser.add_argument("--rounds", type=int, default=11)
+    options = parser.parse_args()
+    unknown = set(options.stages) - STAGES.keys()
+    if unknown:
+        parser.error(f"there is no stage {', '.join(unknown)}; there are {', '.join(STAGES)}")
+    stages, rows, failures = options.stages or list(STAGES), [], []
+    try:
+        first = machine(options)
+    except Failed as error:
+        print(f"driver.py: {error}", file=sys.stderr)
+        return 2 if isinstance(error, NoGpu) else 1
+    emit(first)
+    for stage in stages:
+        try:
+            for row in STAGES[stage](options):
+                emit(row)
+                rows.append(row)
+        except Failed as error:
+            failures.append(f"{stage}: {error}")
+    row = verdict(first["device"], stages, rows, failures)
+    emit(row)
+    return 0 if row["passed"] else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,50 @@
+#!/usr/bin/env bash
+# Gathers what a bare GPU machine without network needs to run driver.py: programs, packs, baked scenes
+# and rays, under 64 MB.
+#   gather.sh OUT_DIR          then, there: python3 OUT_DIR/driver.py
+# RAYNEST_BUILD names the build folder (default: build beside the sources), which has to be configured
+# with nvcc, RAYNEST_TESTS and RAYNEST_BENCH; what is not built in it is. Its
+# RAYNEST_CUDA_ARCHITECTURES says for which GPUs, for example -DRAYNEST_CUDA_ARCHITECTURES=90-real.
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../.." && pwd)
+build=${RAYNEST_BUILD:-$root/build}
+bytes_max=$((64 * 1000 * 1000))
+rays=65536
+
+fail() { printf 'error: %s\n' "$1" >&2; exit 1; }
+
+(($# == 1)) || fail "usage: gather.sh OUT_DIR"
+out=$1
+[[ ! -e $out || -z $(ls -A "$out") ]] || fail "$out is not empty: name a folder that is, or a new one"
+[[ -f $build/CMakeCache.txt ]] || fail "$build is no build folder: configure one, or set RAYNEST_BUILD"
+cmake --build "$build" --target help | grep -w pack_cuda >/dev/null ||
+    fail "$build was configured without CUDA: 'CUDA: off, ...' in the configure output says why"
+cmake --build "$build" --target pack_cuda pack_v3 conformance raynest-bench-cuda raynest-bench-bake
+
+mkdir -p "$out"/{bin,lib/raynest,lib/raynest-cuda,scenes}
+cp "$root/tests/cuda/gpu/driver.py" "$out"
+cp "$build"/bin/{raynest-bench-cuda,conformance} "$out/bin"
+cp "$build/lib/raynest/raynest-pack-v3.so" "$out/lib/raynest"
+cp "$build/lib/raynest-cuda/raynest-pack-cuda.so" "$out/lib/raynest-cuda"
+# Of what conformance is linked to, a bare machine has all but this.
+tbb=$(ldd "$build/bin/conformance" | awk '$1 ~ /^libtbb/ { print $3 }')
+cp -L "$tbb" "$out/lib"
+
+# bake NAME SOURCE [KIND...]: scenes/NAME.arena and scenes/NAME-KIND.rays.
+export RAYNEST_BUILTIN_PACKS=$build/lib/raynest
+bake() {
+    local name=$1 source=$2 kinds=()
+    shift 2
+    for kind; do kinds+=(--rays "$kind=$out/scenes/$name-$kind.rays"); done
+    "$build/bin/raynest-bench-bake" "$source" "$out/scenes/$name.arena" --count "$rays" "${kinds[@]}"
+}
+bake forest builtin:forest primary diffuse
+bake trees 'gen:forest1?scale=0.01' primary diffuse
+"$build/bin/raynest-bench-bake" 'gen:forest1?scale=0.01' "$out/scenes/trees-flat.arena" --levels 1
+bake cards 'gen:cards?scale=0.1' primary diffuse
+bake terrain 'gen:terrain?scale=0.05' primary diffuse
+
+total=$(du --summarize --bytes "$out" | cut -f1)
+printf '%s: %d MB for GPUs of %s\n' "$out" $((total / 1000000)) \
+    "$(sed -n 's/^RAYNEST_CUDA_ARCHITECTURES:[A-Z]*=//p' "$build/CMakeCache.txt")"
+((total < bytes_max)) || fail "$out holds $total bytes, at most $bytes_max are wanted"

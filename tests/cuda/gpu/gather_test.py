@@ -1,0 +1,134 @@
+#!/usr/bin/env python3
+"""gather.sh and driver.py, as far as a machine without a GPU can try them: on the tests' fake of the CUDA runtime.
+
+  gather_test.py BUILD_DIR FAKE_PACK HAS_CUDA(0|1)
+
+Exit code 77 (skipped) where the build has no CUDA.
+"""
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import driver
+
+BUILD, FAKE = "", ""
+BYTES_MAX = 64_000_000
+
+
+def start(*command, **environment):
+    return subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=300, check=False,
+                          env={**os.environ, **environment})
+
+
+class Gathered(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(cls.folder.cleanup)
+        cls.out = pathlib.Path(cls.folder.name) / "to the GPU"
+        cls.gathered = cls.gather()
+
+    @classmethod
+    def gather(cls):
+        return start("bash", pathlib.Path(__file__).parent / "gather.sh", cls.out, RAYNEST_BUILD=BUILD)
+
+    def drive(self, *arguments, **environment):
+        """(exit code, rows, what stderr says)"""
+        done = start(sys.executable, self.out / "driver.py", *arguments, **environment)
+        return done.returncode, [json.loads(line) for line in done.stdout.splitlines()], done.stderr
+
+    def drive_fake(self, *arguments, **environment):
+        return self.drive("--pack", FAKE, *arguments, **environment)
+
+    def test_what_is_gathered_is_small_and_only_into_an_empty_folder(self):
+        self.assertEqual(self.gathered.returncode, 0, self.gathered.stdout + self.gathered.stderr)
+        files = [file for file in self.out.rglob("*") if file.is_file()]
+        self.assertLess(sum(file.stat().st_size for file in files), BYTES_MAX)
+        again = self.gather()
+        self.assertEqual(again.returncode, 1)
+        self.assertIn("is not empty", again.stderr)
+
+    def test_without_a_gpu_one_line_says_so(self):
+        code, rows, said = self.drive(CUDA_VISIBLE_DEVICES="")
+        self.assertEqual((code, rows), (2, []))
+        self.assertRegex(said, r"\Adriver\.py: raynest-bench-cuda: no GPU: cudaError\w+: .+\n\Z")
+
+    def test_the_answers_of_all_variants_are_compared(self):
+        code, rows, said = self.drive_fake("--count", "512", "check")
+        self.assertEqual((code, said), (0, ""))
+        asked = {(row["scene"], row["variant"], row["query"]) for row in rows if row["what"] == "check"}
+        scenes = {arena.stem for arena in (self.out / "scenes").glob("*.arena")}
+        self.assertEqual(scenes, {"forest", "trees", "trees-flat", "cards", "terrain"})
+        self.assertEqual(len(asked), len(scenes) * 3 * 3)
+        verdict = rows[-1]
+        self.assertTrue(verdict["passed"])
+        self.assertEqual((verdict["differing"], verdict["failures"]), (0, []))
+        self.assertEqual(verdict["compared"], 512 * sum(row["what"] == "check" for row in rows))
+        self.assertGreater(verdict["hitting"], verdict["compared"] / 3)
+
+    def test_a_copy_that_brings_garbage_is_seen(self):
+        code, rows, _ = self.drive_fake("--count", "512", "check", RAYNEST_FAKE_CUDA_ALWAYS="cudaMemcpyAsync(back) garbage")
+        self.assertEqual(code, 1)
+        self.assertFalse(rows[-1]["passed"])
+        self.assertGreater(rows[-1]["differing"], 0)
+
+    def test_a_kernel_that_fails_ends_its_stage_and_not_the_next(self):
+        fault = self.out.parent / "fault"
+        fault.write_text("cudaLaunchKernel 719 30")
+        code, rows, _ = self.drive_fake("--count", "64", "--rounds", "1", "time", "check",
+                                        RAYNEST_FAKE_CUDA=str(fault))
+        self.assertEqual(code, 1)
+        self.assertFalse(rows[-1]["passed"])
+        [failure] = rows[-1]["failures"]
+        self.assertRegex(failure, "time: .*starting a call: cudaErrorLaunchFailure")
+        self.assertGreater(rows[-1]["compared"], 0)
+
+    def test_times_are_told_for_every_variant(self):
+        code, rows, said = self.drive_fake("--count", "256", "--rounds", "2", "time")
+        self.assertEqual((code, said), (0, ""))
+        times = [row for row in rows if row["what"] == "time"]
+        for row in times:
+            self.assertEqual(row["device"], "a fake of the tests")
+            for number in (row["kernel_mrays"], row["kernel_over_opaque"], row["pinned_over_limit"],
+                           *row["pinned_mrays"].values(), *row["bus_mrays"].values()):
+                self.assertGreater(number, 0)
+            if row["variant"] == "opaque":
+                self.assertEqual(row["kernel_over_opaque"], 1)
+        goals = rows[-1]["goals"]
+        self.assertEqual([goal["of"] for goal in goals], [len(times) // 3, len(times) // 3, len(times)])
+
+    def test_a_goal_is_met_by_the_worst_row(self):
+        def judged(*masks):
+            rows = [{"what": "time", "scene": "s", "rays": "r", "query": f"q{i}", "variant": "alpha_mask",
+                     "kernel_over_opaque": over, "pinned_over_limit": pinned} for i, (over, pinned) in enumerate(masks)]
+            return {goal["goal"].split()[0]: (goal["met"], goal["worst"], goal["at"]) for goal in driver.judge(rows)}
+        self.assertEqual(judged((1.2, 0.9), (1.3, 0.8)),
+                         {"kernel_over_opaque": (True, 1.3, "s r q1 alpha_mask"),
+                          "pinned_over_limit": (True, 0.8, "s r q1 alpha_mask")})
+        self.assertEqual(judged((1.2, 0.7), (1.4, 0.9)),
+                         {"kernel_over_opaque": (False, 1.4, "s r q1 alpha_mask"),
+                          "pinned_over_limit": (False, 0.7, "s r q0 alpha_mask")})
+        self.assertEqual(judged(), {})
+
+    def test_what_the_machine_lacks_is_skipped_in_words(self):
+        code, rows, _ = self.drive_fake("sanitize", PATH=os.defpath)
+        skipped = [row for row in rows if "skipped" in row and row["what"] == "sanitize"]
+        self.assertEqual(code, 0)
+        self.assertEqual(rows[-1]["skipped"], [row["what"] for row in skipped])
+
+    def test_an_unknown_stage_is_refused(self):
+        code, _, said = self.drive_fake("profile")
+        self.assertEqual(code, 2)
+        self.assertIn("there is no stage profile; there are check, sanitize, conformance, time", said)
+
+
+if __name__ == "__main__":
+    BUILD, FAKE = sys.argv[1:3]
+    if sys.argv[3] == "0":
+        print("skipped: this build has no CUDA, so there is nothing to gather")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1])

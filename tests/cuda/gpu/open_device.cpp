@@ -1,0 +1,71 @@
+#include "tests/cuda/gpu/open_device.h"
+
+#include "engine/packs/load.h"
+
+#include <span>
+
+namespace raynest::bench {
+namespace {
+
+template <class T>
+T expect(Result<T> result) {
+    if (!result) throw std::runtime_error(result.error().message);
+    return *result;
+}
+
+}  // namespace
+
+const Pack& open_pack(const std::string& path) {
+    return *expect(load_pack(path));
+}
+
+const PackVariant* find_variant(const Pack& pack, const std::string& name) {
+    for (const PackVariant& variant : std::span(pack.variants, pack.variant_count)) {
+        if (variant.name == name) return &variant;
+    }
+    return nullptr;
+}
+
+OpenDevice::OpenDevice(const std::string& path) : doors_(expect(load_device_pack(path))) {
+    if (doors_.device->open(&info_) != trace_ok) throw NoDevice(doors_.device->error());
+}
+
+OpenDevice::Scene OpenDevice::load(const SceneView& view) const {
+    DeviceScene* scene = nullptr;
+    const TraceStatus status = doors_.device->load(&view, &scene);
+    if (status == trace_too_deep)
+        throw std::runtime_error("the scene has more levels than the device's kernels take");
+    expect_ok(status, "copying the scene");
+    return {scene, doors_.device->unload};
+}
+
+OpenDevice::Slot OpenDevice::make_slot(std::uint64_t rays, std::uint64_t hits) const {
+    DeviceSlot* slot = nullptr;
+    expect_ok(doors_.device->make_slot(rays, hits, &slot), "making a slot");
+    return {slot, doors_.device->free_slot};
+}
+
+void OpenDevice::pin(void* memory, std::uint64_t bytes) const {
+    expect_ok(doors_.device->pin(memory, bytes), "pinning memory");
+}
+
+void OpenDevice::start(const Slot& slot, const Scene& scene, TraceFunction kernel,
+                       const TraceCall& call) const {
+    expect_ok(doors_.device->start(slot.get(), scene.get(), kernel, &call, nullptr),
+              "starting a call");
+}
+
+double OpenDevice::finish(const Slot& slot) const {
+    double seconds = 0;
+    expect_ok(doors_.device->finish(slot.get()), "finishing a call");
+    expect_ok(doors_.device->kernel_seconds(slot.get(), &seconds), "timing a kernel");
+    return seconds;
+}
+
+void OpenDevice::expect_ok(TraceStatus status, const std::string& step) const {
+    if (status == trace_ok) return;
+    if (status == trace_bad_call) throw std::runtime_error(step + ": the pack refuses the call");
+    throw std::runtime_error(step + ": " + doors_.device->error());
+}
+
+}  // namespace raynest::bench
