@@ -50,7 +50,7 @@ fi
 # at other compilers' work.
 export UBSAN_OPTIONS=print_stacktrace=1
 export RAYNEST_PATIENCE=600
-export TSAN_OPTIONS="halt_on_error=1 suppressions='$root/.ci/tsan.supp'"
+export TSAN_OPTIONS=halt_on_error=1
 plain=$build status=0
 for config in asan tsan; do
     build=$plain/$config

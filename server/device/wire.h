@@ -87,7 +87,6 @@ struct VariantInfo {
 struct Ready {
     bool ok = false;
     Text<256> text;  ///< the device's name, or why there is none
-    std::uint64_t memory_bytes = 0;
     std::uint32_t variant_count = 0;
     VariantInfo variants[variants_max];
 };

@@ -144,15 +144,18 @@ Result<Worker::ProcessPointer> Worker::begin() {
                 return fail(ErrorCode::pack_invalid, "its pack is not of this daemon: rebuild it");
             variants.push_back(&variant);
         }
-    const auto probed =
-        probe(variants,
-              [&](const Variant& variant, Query query, const Snapshot& scene, const TraceCall& call,
-                  const PinholeRays* made) -> Result<void> {
-                  const auto traced = trace_on(
-                      **process, 0, {variant.name, precision_watertight, query}, scene, call, made);
-                  if (!traced) return fail(ErrorCode::internal, traced.error().reason);
-                  return {};
-              });
+    const auto probed = probe(variants,
+                              [&](const Variant& variant, Query query, const Snapshot& scene,
+                                  const TraceCall& call, const PinholeRays* made) -> Result<void> {
+                                  // Kernels for other GPUs than those compiled for are translated
+                                  // by their first call, which takes seconds.
+                                  const auto traced = trace_on(
+                                      **process, 0, {variant.name, precision_watertight, query},
+                                      scene, call, made, milliseconds(limits_.cuda_start_ms_max));
+                                  if (!traced)
+                                      return fail(ErrorCode::internal, traced.error().reason);
+                                  return {};
+                              });
     if (!probed) return tl::unexpected(probed.error());
     return process;
 }
@@ -203,7 +206,8 @@ tl::expected<void, Refusal> Worker::trace_if_up(const Kernel& kernel, const Snap
     if (const auto refusal = why_not(kernel, scene)) return tl::unexpected(*refusal);
     const auto lease = take_slot();
     if (!lease) return tl::unexpected(lease.error());
-    auto traced = trace_on(*lease->process(), lease->slot(), kernel, scene, call, made);
+    auto traced = trace_on(*lease->process(), lease->slot(), kernel, scene, call, made,
+                           milliseconds(limits_.cuda_call_ms_max));
     if (!traced && traced.error().lost)
         return tl::unexpected(lose(lease->process(), std::move(traced.error())));
     return traced;
@@ -211,7 +215,8 @@ tl::expected<void, Refusal> Worker::trace_if_up(const Kernel& kernel, const Snap
 
 tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slot,
                                              const Kernel& kernel, const Snapshot& scene,
-                                             const TraceCall& call, const PinholeRays* made) {
+                                             const TraceCall& call, const PinholeRays* made,
+                                             milliseconds patience) {
     const auto variant = find_kernel(process.ready(), kernel);
     if (!variant) return tl::unexpected(Refusal{no_kernel(kernel)});
     const std::uint64_t hits = std::uint64_t{call.ray_count} * call.hits_max;
@@ -237,7 +242,6 @@ tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slo
     else
         std::copy_n(call.rays, call.ray_count, memory.rays);
 
-    const milliseconds patience(limits_.cuda_call_ms_max);
     std::unique_lock loading(loading_, std::defer_lock);
     Result<Outcome> outcome = process.ask(slot, request, patience);
     if (outcome && outcome->verdict == Verdict::unknown_scene) {

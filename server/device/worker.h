@@ -94,7 +94,8 @@ private:
     /// The rays of `call` on a slot that is the caller's: its answers lie there.
     tl::expected<void, Refusal> trace_on(Process& process, std::uint32_t slot, const Kernel& kernel,
                                          const Snapshot& scene, const TraceCall& call,
-                                         const PinholeRays* made);
+                                         const PinholeRays* made,
+                                         std::chrono::milliseconds patience);
     Refusal remember(const Snapshot& scene, Refusal refusal);
     /// The process is no good any more. Gives the refusal with the reason that was found first.
     Refusal lose(const ProcessPointer& process, Refusal refusal);

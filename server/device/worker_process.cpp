@@ -46,11 +46,10 @@ private:
     std::size_t size_ = 0;
 };
 
-Ready describe(const DevicePack& from, const DeviceInfo& info) {
+Ready describe(const DevicePack& from, std::string_view name) {
     Ready ready;
     ready.ok = true;
-    ready.text = Text<256>(info.name);
-    ready.memory_bytes = info.memory_bytes;
+    ready.text = Text<256>(name);
     const auto variants = std::span(from.pack->variants, from.pack->variant_count);
     for (const PackVariant& variant :
          variants.first(std::min<std::size_t>(variants.size(), variants_max))) {
@@ -183,8 +182,11 @@ int run_worker_process(const char* path) {
     if (!pack) return end(control, pack.error().message);
     const Device& device = *pack->device;
     DeviceInfo info{};
-    if (device.open(&info) != trace_ok || device.pin(memory.data(), memory.size()) != trace_ok)
-        return end(control, device.error());
+    if (device.open(&info) != trace_ok) return end(control, device.error());
+    // Without it copies are slower, and right.
+    std::string name(info.name);
+    if (device.pin(memory.data(), memory.size()) != trace_ok)
+        name += std::string(" (memory not pinned: ") + device.error() + ")";
     Residents residents(
         device, static_cast<std::uint64_t>(scenes_share * static_cast<double>(info.memory_bytes)));
     std::vector<SlotServer> servers;
@@ -196,7 +198,7 @@ int run_worker_process(const char* path) {
                              SlotMemory(memory.data(), hello.shape, i),
                              Channel(std::move(files[1 + i])));
     }
-    if (!control.send(describe(*pack, info))) return 1;
+    if (!control.send(describe(*pack, name))) return 1;
     std::vector<std::thread> threads;
     for (SlotServer& server : servers) threads.emplace_back([&server] { server.serve(); });
     Hello nothing;

@@ -4,12 +4,6 @@
 #include <bit>
 
 namespace raynest::server {
-
-TraceBuffers& TraceBuffers::of_this_thread() {
-    thread_local TraceBuffers buffers;
-    return buffers;
-}
-
 namespace {
 
 /// Error: what the job ends with. True: the call is answered; else it is the CPU's.
@@ -25,6 +19,11 @@ Reply<bool> trace_on_cuda(const Plan& plan, const TraceCall& call, const Pinhole
 }
 
 }  // namespace
+
+TraceBuffers& TraceBuffers::of_this_thread() {
+    thread_local TraceBuffers buffers;
+    return buffers;
+}
 
 Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers,
                   const PinholeRays* made) {

@@ -7,8 +7,6 @@
 namespace raynest::server {
 namespace {
 
-using Code = protocol::Code;
-
 /// Nothing where the plan runs on a GPU.
 std::optional<device::Refusal> why_not(const Services& services, const Plan& plan) {
     if (services.cuda == nullptr) return device::Refusal{"this daemon has no CUDA worker"};

@@ -267,6 +267,16 @@ class Faults(CudaTest):
             self.fault.unlink()
 
 
+class NotPinned(CudaTest):
+    environment = {"RAYNEST_FAKE_CUDA_ALWAYS": "cudaHostRegister 1"}
+
+    def test_it_works_and_says_so(self):
+        self.wait_until_up()
+        self.assertIn("memory not pinned: cudaErrorUnknown", self.daemon.log())
+        told, _ = self.query("cuda")
+        self.assertEqual(told["worker"], "cuda")
+
+
 class LittleMemory(CudaTest):
     """Room for the slots, the probe's scene and one of the two forests, not both."""
     scenes = (("builtin:forest?trees=20", "woods"), ("builtin:forest?trees=20&seed=2", "park"),
