@@ -75,6 +75,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.queued_seconds = done.queued_seconds();
         outcome.traversal = protocol::word(done.traversal(), outcome.traversal);
         outcome.worker = protocol::word(done.worker(), outcome.worker);
+        outcome.target = protocol::word(done.target(), outcome.target);
         for (std::string& note : protocol::strings(done.notes()))
             outcome.notes.push_back(std::move(note));
         if (const wire::HeatStatistics* heat = done.heat()) {

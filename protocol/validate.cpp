@@ -422,6 +422,7 @@ Result<void> validate(const wire::Done& message, const Limits& limits) {
         .nested(message.heat(), check_heat)
         .name("worker", message.worker())
         .texts("notes", message.notes())
+        .name("target", message.target())
         .result();
 }
 

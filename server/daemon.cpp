@@ -35,6 +35,9 @@ namespace {
 
 /// Imports at once; each is a process of its own with limits of its own.
 constexpr unsigned imports_max = 2;
+/// Chunks on a GPU at once: one's copies run beside another's kernel.
+constexpr unsigned cuda_calls_max = 4;
+static_assert(cuda_calls_max <= device::slots_max);
 constexpr std::chrono::milliseconds drain_look{20};
 constexpr int exit_forced = 3;
 
@@ -70,6 +73,7 @@ private:
     // Tasks use all of the above: workers end before it does.
     Workers compute_;
     Workers blocking_;
+    Workers device_;
     asio::signal_set signals_;
     asio::steady_timer drain_timer_;
     asio::steady_timer detached_timer_;
@@ -105,7 +109,7 @@ std::unique_ptr<device::Worker> make_cuda(const Options& options, const Registry
     device::Worker::Options of;
     of.command = {std::filesystem::read_symlink("/proc/self/exe").string(),
                   std::string(device_worker_flag), options.cuda_pack.string()};
-    of.slots = std::min(options.threads, device::slots_max);
+    of.slots = cuda_calls_max;
     of.shape = {limits.chunk_rays_max, hit_bytes_max / sizeof(HitRecord)};
     return std::make_unique<device::Worker>(std::move(of), registry, budget, metrics, limits);
 }
@@ -128,7 +132,7 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
                 admission_,
                 detached_,
                 nullptr},
-      engine_{compute_,   blocking_,
+      engine_{compute_,   blocking_, device_,
               admission_, metrics_,
               limits_,    [this](std::function<void()> done) { asio::post(io_, std::move(done)); },
               budget_,    brief_turn_,
@@ -137,6 +141,7 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       cuda_(make_cuda(options, *registry_, budget_, metrics_, limits_)),
       compute_(options.threads),
       blocking_(imports_max),
+      device_(cuda_ != nullptr ? cuda_calls_max : 0),
       signals_(io_, SIGTERM, SIGINT),
       drain_timer_(io_),
       detached_timer_(io_) {

@@ -19,6 +19,23 @@ extern char** environ;
 namespace raynest {
 namespace {
 
+/// A process group of its own: what a terminal sends to ours, we handle.
+class Attributes {
+public:
+    Attributes() {
+        posix_spawnattr_init(&attributes_);
+        posix_spawnattr_setflags(&attributes_, POSIX_SPAWN_SETPGROUP);
+        posix_spawnattr_setpgroup(&attributes_, 0);
+    }
+    Attributes(const Attributes&) = delete;
+    Attributes& operator=(const Attributes&) = delete;
+    ~Attributes() { posix_spawnattr_destroy(&attributes_); }
+    [[nodiscard]] const posix_spawnattr_t* get() const { return &attributes_; }
+
+private:
+    posix_spawnattr_t attributes_{};
+};
+
 /// posix_spawn's file actions, freed on every way out.
 class FileActions {
 public:
@@ -82,8 +99,8 @@ Result<pid_t> spawn_child(std::span<const std::string> command, std::span<const 
     arguments.push_back(nullptr);
     pid_t pid = 0;
     if (failed == 0)
-        failed =
-            posix_spawnp(&pid, arguments[0], actions.get(), nullptr, arguments.data(), environ);
+        failed = posix_spawnp(&pid, arguments[0], actions.get(), Attributes().get(),
+                              arguments.data(), environ);
     if (failed == 0) return pid;
     return fail(ErrorCode::io_failed,
                 fmt::format("'{}' does not start: {}", command[0], std::strerror(failed)));

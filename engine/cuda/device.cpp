@@ -32,7 +32,6 @@ TraceStatus pin(void* memory, std::uint64_t bytes) noexcept {
     return status_of(cudaHostRegister(memory, bytes, cudaHostRegisterDefault));
 }
 
-/// Out of memory of the host is said as of the device.
 template <class T, class Make>
 TraceStatus give(T** to, Make make) noexcept {
     try {
@@ -42,7 +41,7 @@ TraceStatus give(T** to, Make make) noexcept {
         return status;
     } catch (const std::bad_alloc&) {
         *to = nullptr;
-        return trace_out_of_memory;
+        return out_of_host_memory();
     }
 }
 

@@ -128,7 +128,7 @@ TraceStatus launch(const TraceCall& call, Query kind, const void* kernel, void* 
     try {
         return run_alone(call, kind, kernel, values);
     } catch (const std::bad_alloc&) {
-        return trace_out_of_memory;  // of the host: said as of the device
+        return out_of_host_memory();
     }
 }
 

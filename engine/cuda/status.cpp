@@ -18,6 +18,11 @@ TraceStatus status_of(cudaError_t error) noexcept {
     return error == cudaErrorMemoryAllocation ? trace_out_of_memory : trace_no_device;
 }
 
+TraceStatus out_of_host_memory() noexcept {
+    std::snprintf(error_text, sizeof error_text, "the host has no memory left");
+    return trace_out_of_memory;
+}
+
 const char* last_error() noexcept {
     return error_text;
 }

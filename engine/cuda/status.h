@@ -11,6 +11,9 @@ namespace raynest::cuda {
 /// as it was for certain, so all are trace_no_device.
 TraceStatus status_of(cudaError_t error) noexcept;
 
+/// trace_out_of_memory, of the host.
+TraceStatus out_of_host_memory() noexcept;
+
 /// Name and text of what status_of() last saw fail on this thread.
 [[nodiscard]] const char* last_error() noexcept;
 

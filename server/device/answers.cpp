@@ -30,8 +30,7 @@ bool is_any_hit(const HitRecord& record) {
 
 }  // namespace
 
-bool are_possible(const TraceCall& call, Query query) {
-    const SceneView& scene = *call.scene;
+bool are_possible(const TraceCall& call, const SceneView& scene, Query query) {
     for (std::uint32_t i = 0; i < call.ray_count; ++i) {
         const HitRecord* const records = call.hits + std::size_t{i} * call.hits_max;
         if (query == query_multi) {

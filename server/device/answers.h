@@ -7,8 +7,8 @@
 
 namespace raynest::server::device {
 
-/// Can these be answers to the call, whose `scene` is set? Says nothing about whether they are
+/// Can the call's hits and counts be answers about the scene? Says nothing about whether they are
 /// right.
-[[nodiscard]] bool are_possible(const TraceCall& call, Query query);
+[[nodiscard]] bool are_possible(const TraceCall& call, const SceneView& scene, Query query);
 
 }  // namespace raynest::server::device

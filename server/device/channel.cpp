@@ -3,6 +3,7 @@
 #include <poll.h>
 #include <sys/socket.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
@@ -11,6 +12,7 @@ namespace raynest::server::device {
 namespace {
 
 constexpr std::size_t files_max = 16;
+constexpr std::chrono::milliseconds poll_max = std::chrono::hours(1);
 
 }  // namespace
 
@@ -60,10 +62,11 @@ Received Channel::receive_bytes(std::span<std::byte> bytes, std::chrono::millise
             left = std::chrono::ceil<std::chrono::milliseconds>(deadline - Clock::now());
             left = std::max(left, left.zero());
         }
-        const int ready = ::poll(&waiting, 1, static_cast<int>(left.count()));
-        if (ready < 0 && errno == EINTR) continue;
-        if (ready == 0) return Received::nothing_in_time;
-        break;
+        const auto slice = static_cast<int>(std::min(left, poll_max).count());
+        const int ready = ::poll(&waiting, 1, slice);
+        if (ready > 0 || (ready < 0 && errno != EINTR)) break;
+        if (ready == 0 && left <= poll_max && patience >= patience.zero())
+            return Received::nothing_in_time;
     }
     iovec piece{bytes.data(), bytes.size()};
     alignas(cmsghdr) std::array<char, CMSG_SPACE(files_max * sizeof(int))> room{};

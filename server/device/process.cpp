@@ -8,15 +8,25 @@
 #include <cerrno>
 #include <csignal>
 #include <cstring>
+#include <system_error>
 #include <thread>
 
 namespace raynest::server::device {
 namespace {
 
-/// A killed process that its driver holds back is left behind after so many looks.
+/// For the end of a process that is as good as ended.
 constexpr int looks_max = 200;
 constexpr std::chrono::milliseconds look{5};
 constexpr std::chrono::milliseconds stop_look{50};
+
+/// For a killed process that its driver holds back. Where there is no thread left it stays a
+/// zombie.
+void wait_elsewhere(pid_t pid) noexcept {
+    try {
+        std::thread([pid] { ::waitpid(pid, nullptr, 0); }).detach();
+    } catch (const std::system_error&) {
+    }
+}
 
 }  // namespace
 
@@ -109,17 +119,19 @@ void Process::kill() {
     if (pid_ > 0) ::kill(pid_, SIGKILL);
 }
 
-std::string Process::reap() {
+std::optional<std::string> Process::end() const {
+    siginfo_t info{};
+    // Looked at and left: it is waited for where it is forgotten.
+    if (::waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOWAIT | WNOHANG) != 0)
+        return "went away";
+    if (info.si_pid == 0) return std::nullopt;
+    if (info.si_code == CLD_EXITED) return "ended with exit code " + std::to_string(info.si_status);
+    return std::string("was ended by a signal (") + ::strsignal(info.si_status) + ")";
+}
+
+std::string Process::reap() const {
     for (int i = 0; i < looks_max; ++i) {
-        siginfo_t info{};
-        // Looked at and left: it is waited for where it is forgotten.
-        if (::waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOWAIT | WNOHANG) != 0)
-            break;
-        if (info.si_pid != 0) {
-            if (info.si_code == CLD_EXITED)
-                return "ended with exit code " + std::to_string(info.si_status);
-            return std::string("was ended by a signal (") + ::strsignal(info.si_status) + ")";
-        }
+        if (auto ended = end()) return *ended;
         std::this_thread::sleep_for(look);
     }
     return "went away";
@@ -128,8 +140,12 @@ std::string Process::reap() {
 Process::~Process() {
     if (pid_ > 0) {
         kill();
-        for (int i = 0; i < looks_max && ::waitpid(pid_, nullptr, WNOHANG) == 0; ++i)
+        int looks = 0;
+        while (looks < looks_max && ::waitpid(pid_, nullptr, WNOHANG) == 0) {
             std::this_thread::sleep_for(look);
+            ++looks;
+        }
+        if (looks == looks_max) wait_elsewhere(pid_);
     }
     if (memory_ != nullptr) ::munmap(memory_, memory_bytes_);
 }

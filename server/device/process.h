@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -39,13 +40,15 @@ public:
 
     /// So that no thread waits for it any more.
     void kill();
+    /// How it ended, in words; nothing while it lives.
+    [[nodiscard]] std::optional<std::string> end() const;
 
 private:
     explicit Process(const SlotShape& shape) : shape_(shape) {}
     Result<void> share_memory(std::uint32_t slots);
     Result<void> greet(const Setup& setup, Channel control);
     /// Waits a little for its end. Gives how it ended, in words.
-    std::string reap();
+    std::string reap() const;
 
     const SlotShape shape_;
     Fd memory_file_;

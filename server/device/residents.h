@@ -28,6 +28,8 @@ public:
     /// Copies a scene to the device, unless it is there; makes room as far as scenes that are not
     /// in use give it.
     TraceStatus load(std::string_view hash, const SceneView& scene);
+    /// The least recently used goes; false when all are in use.
+    bool evict_one();
 
 private:
     struct Resident {
@@ -39,8 +41,6 @@ private:
     using Residence = std::list<Resident>::iterator;
 
     Residence find_locked(std::string_view hash);
-    /// False when all are in use.
-    bool evict_one();
     bool would_exceed(std::uint64_t bytes);
 
     const Device& device_;

@@ -9,12 +9,14 @@
 
 #include "engine/geometry/hit.h"
 #include "engine/geometry/pinhole.h"
+#include "engine/packs/abi.h"
 
 #include <sys/types.h>
 
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <span>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -24,6 +26,7 @@ namespace raynest::server::device {
 inline constexpr std::uint32_t slots_max = 8;
 inline constexpr std::uint32_t variants_max = 64;
 inline constexpr std::uint32_t params_max = 32;
+inline constexpr std::uint32_t record_types_max = 32;
 
 /// Text that ends with a zero, shortened where it is too long.
 template <std::size_t N>
@@ -57,6 +60,21 @@ struct SlotShape {
     }
 };
 
+/// Of parameters as a variant declares them: equal where a call's values mean the same.
+[[nodiscard]] inline std::uint64_t fingerprint(std::span<const PackParam> params) {
+    std::uint64_t hash = 14695981039346656037ULL;  // FNV-1a
+    const auto add = [&hash](std::string_view bytes) {
+        for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ULL;
+        hash = (hash ^ 0xFFU) * 1099511628211ULL;
+    };
+    for (const PackParam& param : params) {
+        add(param.name);
+        add(std::to_string(param.type));
+        for (std::uint32_t i = 0; i < param.choice_count; ++i) add(param.choices[i]);
+    }
+    return hash;
+}
+
 /// A slot's piece of the shared memory.
 struct SlotMemory {
     Ray* rays;
@@ -81,7 +99,7 @@ struct Hello {
 struct VariantInfo {
     Text<64> name;
     std::uint32_t queries = 0;  ///< bit q: Query q
-    std::uint32_t param_count = 0;
+    std::uint64_t params = 0;   ///< fingerprint()
 };
 
 struct Ready {
@@ -89,6 +107,8 @@ struct Ready {
     Text<256> text;  ///< the device's name, or why there is none
     std::uint32_t variant_count = 0;
     VariantInfo variants[variants_max];
+    std::uint32_t record_type_count = 0;
+    std::uint32_t record_types[record_types_max] = {};
 };
 
 enum class Order : std::uint32_t {

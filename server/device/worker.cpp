@@ -15,6 +15,11 @@ using std::chrono::milliseconds;
 
 /// A scene that found no room may find some later.
 constexpr std::chrono::seconds scene_pause{10};
+/// One that ends processes is left alone for longer, from the third time on: two may be chance.
+constexpr std::chrono::seconds loss_pause{300};
+constexpr unsigned losses_max = 3;
+/// At whether the process lives.
+constexpr milliseconds look{500};
 constexpr std::size_t refused_max = 1024;
 
 /// The variant's place in the worker's table, if it has such kernels.
@@ -37,6 +42,16 @@ Refusal no_room(std::string reason) {
 
 Refusal lost(std::string reason) {
     return {std::move(reason), protocol::Code::busy, 1000, true};
+}
+
+/// Is the device's variant compiled from the same parameters, and for all records that the CPU's
+/// meets?
+bool matches(const Ready& ready, const VariantInfo& theirs, const Variant& ours) {
+    const std::span<const std::uint32_t> types(ready.record_types, ready.record_type_count);
+    return theirs.params == fingerprint(ours.params()) && ours.params().size() <= params_max &&
+           std::all_of(ours.record_types.begin(), ours.record_types.end(), [&](std::uint32_t type) {
+               return std::find(types.begin(), types.end(), type) != types.end();
+           });
 }
 
 std::string no_kernel(const Kernel& kernel) {
@@ -84,7 +99,8 @@ Worker::~Worker() {
     {
         const std::lock_guard lock(mutex_);
         stopping_ = true;
-        if (process_ != nullptr) process_->kill();
+        for (const ProcessPointer& process : {process_, starting_})
+            if (process != nullptr) process->kill();
     }
     changed_.notify_all();
     thread_.join();
@@ -109,7 +125,11 @@ void Worker::run() {
             log(LogLevel::info, "cuda_up", {{"device", process_->ready().text.printable()}});
             ++metrics_.cuda_starts;
             logged_.clear();
-            changed_.wait(lock, [this] { return stopping_ || state_ == State::down; });
+            watch(lock);
+            // Forgotten here, where waiting for its end keeps nobody.
+            lock.unlock();
+            lost_ = nullptr;
+            lock.lock();
             if (stopping_) break;
             if (Clock::now() - since_ > pause_max) pause_ = milliseconds(0);
         } else {
@@ -125,6 +145,13 @@ void Worker::run() {
     }
 }
 
+void Worker::watch(std::unique_lock<std::mutex>& lock) {
+    const auto over = [this] { return stopping_ || state_ == State::down; };
+    while (!changed_.wait_for(lock, look, over)) {
+        if (const auto end = process_->end()) lose_locked("the worker " + *end);
+    }
+}
+
 Result<Worker::ProcessPointer> Worker::begin_without_throwing() {
     try {
         return begin();
@@ -137,27 +164,38 @@ Result<Worker::ProcessPointer> Worker::begin() {
     auto process = Process::start({options_.command, options_.slots, options_.shape,
                                    milliseconds(limits_.cuda_start_ms_max), &stopping_});
     if (!process) return process;
-    std::vector<const Variant*> variants;
-    for (const Variant& variant : registry_.variants())
-        if (const auto index = find_kernel((*process)->ready(), {variant.name})) {
-            if ((*process)->ready().variants[*index].param_count != variant.params().size())
-                return fail(ErrorCode::pack_invalid, "its pack is not of this daemon: rebuild it");
-            variants.push_back(&variant);
-        }
-    const auto probed = probe(variants,
-                              [&](const Variant& variant, Query query, const Snapshot& scene,
-                                  const TraceCall& call, const PinholeRays* made) -> Result<void> {
-                                  // Kernels for other GPUs than those compiled for are translated
-                                  // by their first call, which takes seconds.
-                                  const auto traced = trace_on(
-                                      **process, 0, {variant.name, precision_watertight, query},
-                                      scene, call, made, milliseconds(limits_.cuda_start_ms_max));
-                                  if (!traced)
-                                      return fail(ErrorCode::internal, traced.error().reason);
-                                  return {};
-                              });
+    {
+        const std::lock_guard lock(mutex_);
+        starting_ = *process;
+        if (stopping_) (*process)->kill();
+    }
+    const auto probed = probe_process(**process);
+    const std::lock_guard lock(mutex_);
+    starting_ = nullptr;
     if (!probed) return tl::unexpected(probed.error());
     return process;
+}
+
+Result<void> Worker::probe_process(Process& process) {
+    std::vector<const Variant*> variants;
+    for (const Variant& variant : registry_.variants()) {
+        const auto index = find_kernel(process.ready(), {variant.name});
+        if (!index) continue;
+        if (!matches(process.ready(), process.ready().variants[*index], variant))
+            return fail(ErrorCode::pack_invalid, "its pack is not of this daemon: rebuild it");
+        variants.push_back(&variant);
+    }
+    return probe(variants,
+                 [&](const Variant& variant, Query query, const Snapshot& scene,
+                     const TraceCall& call, const PinholeRays* made) -> Result<void> {
+                     // Kernels for other GPUs than those compiled for are translated by their first
+                     // call, which takes seconds.
+                     const auto traced =
+                         trace_on(process, 0, {variant.name, precision_watertight, query}, scene,
+                                  call, made, milliseconds(limits_.cuda_start_ms_max));
+                     if (!traced) return fail(ErrorCode::internal, traced.error().reason);
+                     return {};
+                 });
 }
 
 Refusal Worker::refusal_locked() const {
@@ -179,7 +217,6 @@ std::optional<Refusal> Worker::why_not(const Kernel& kernel, const Snapshot& sce
     const auto refused = refused_.find(scene.hash());
     if (refused == refused_.end()) return std::nullopt;
     if (Clock::now() < refused->second.until) return refused->second.refusal;
-    refused_.erase(refused);
     return std::nullopt;
 }
 
@@ -208,8 +245,10 @@ tl::expected<void, Refusal> Worker::trace_if_up(const Kernel& kernel, const Snap
     if (!lease) return tl::unexpected(lease.error());
     auto traced = trace_on(*lease->process(), lease->slot(), kernel, scene, call, made,
                            milliseconds(limits_.cuda_call_ms_max));
-    if (!traced && traced.error().lost)
-        return tl::unexpected(lose(lease->process(), std::move(traced.error())));
+    if (traced)
+        forget(scene);
+    else if (traced.error().lost)
+        return tl::unexpected(lose(lease->process(), scene, std::move(traced.error())));
     return traced;
 }
 
@@ -233,8 +272,7 @@ tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slo
     request.mask = call.mask;
     request.flags = call.flags;
     request.has_params = call.params != nullptr;
-    if (request.has_params)
-        std::copy_n(call.params, process.ready().variants[*variant].param_count, request.params);
+    if (request.has_params) std::copy_n(call.params, kernel.param_count, request.params);
     request.has_made = made != nullptr;
     const SlotMemory memory = process.memory(slot);
     if (made != nullptr)
@@ -246,8 +284,7 @@ tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slo
     Result<Outcome> outcome = process.ask(slot, request, patience);
     if (outcome && outcome->verdict == Verdict::unknown_scene) {
         // Another thread may be loading it, or another scene.
-        if (!loading.try_lock_for(patience))
-            return tl::unexpected(later("other scenes are on their way to it", 1000));
+        loading.lock();
         outcome = process.ask(slot, request, patience);
     }
     if (outcome && outcome->verdict == Verdict::unknown_scene) {
@@ -267,23 +304,20 @@ tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slo
             return tl::unexpected(remember(
                 scene, no_room("out of device memory (" + outcome->text.printable() + ")")));
         case Verdict::too_deep:
-            return tl::unexpected(
-                remember(scene, Refusal{"the scene is nested deeper than it takes"}));
+            return tl::unexpected(remember(
+                scene, Refusal{"its kernels do not take the scene: it is nested too deep"}));
         case Verdict::refused:
             return tl::unexpected(Refusal{outcome->text.printable()});
         case Verdict::lost:
             return tl::unexpected(lost(outcome->text.printable()));
     }
 
-    TraceCall answered = call;
-    answered.scene = &scene.view();
-    answered.hits = memory.hits;
-    answered.hit_counts = memory.hit_counts;
-    if (!are_possible(answered, kernel.query))
-        return tl::unexpected(lost("it gave answers that cannot be"));
     std::copy_n(memory.hits, hits, call.hits);
     if (kernel.query == query_multi)
         std::copy_n(memory.hit_counts, call.ray_count, call.hit_counts);
+    // What was copied, so that nobody writes to it meanwhile.
+    if (!are_possible(call, scene.view(), kernel.query))
+        return tl::unexpected(lost("it gave answers that cannot be"));
     return {};
 }
 
@@ -307,28 +341,48 @@ tl::expected<Outcome, Refusal> Worker::load(Process& process, std::uint32_t slot
     return *outcome;
 }
 
+Worker::Refused& Worker::refused_locked(const Snapshot& scene) {
+    if (refused_.size() >= refused_max) refused_.clear();
+    return refused_[scene.hash()];
+}
+
 Refusal Worker::remember(const Snapshot& scene, Refusal refusal) {
     const std::lock_guard lock(mutex_);
-    if (refused_.size() >= refused_max) refused_.clear();
-    refused_[scene.hash()] = {refusal, Clock::now() + scene_pause};
+    Refused& refused = refused_locked(scene);
+    refused.refusal = refusal;
+    refused.until = Clock::now() + scene_pause;
     return refusal;
 }
 
-Refusal Worker::lose(const ProcessPointer& process, Refusal refusal) {
+void Worker::forget(const Snapshot& scene) {
+    const std::lock_guard lock(mutex_);
+    if (!refused_.empty()) refused_.erase(scene.hash());
+}
+
+Refusal Worker::lose(const ProcessPointer& process, const Snapshot& scene, Refusal refusal) {
     const std::lock_guard lock(mutex_);
     if (process_ != process) {
         // Another thread found out before, and why: what this one saw may be the end that follows.
         if (state_ != State::up) refusal.reason = reason_;
         return refusal;
     }
-    process_ = nullptr;
+    Refused& refused = refused_locked(scene);
+    if (++refused.losses >= losses_max) {
+        refused.refusal = refusal;
+        refused.until = Clock::now() + loss_pause;
+    }
+    lose_locked(refusal.reason);
+    return refusal;
+}
+
+void Worker::lose_locked(std::string reason) {
+    process_->kill();
+    lost_ = std::exchange(process_, nullptr);
     state_ = State::down;
-    reason_ = refusal.reason;
+    reason_ = std::move(reason);
     retry_at_ = Clock::now() + milliseconds(limits_.cuda_retry_ms);
     ++metrics_.cuda_faults;
-    process->kill();
     changed_.notify_all();
-    return refusal;
 }
 
 }  // namespace raynest::server::device

@@ -36,6 +36,7 @@ struct Kernel {
     std::string_view variant;
     Precision precision = precision_watertight;
     Query query = query_closest;
+    std::size_t param_count = 0;
 };
 
 /// Why the device does not do something.
@@ -67,9 +68,9 @@ public:
     /// Has it kernels of this variant? Not while it is not up.
     [[nodiscard]] bool has(std::string_view variant);
 
-    /// Blocking: fills in the hits and hit counts of `call`, whose scene is that of `scene`, and
-    /// which fits the shape. With `made`, which are the call's rays, the device makes them itself.
-    /// What is refused has to be traced elsewhere.
+    /// Blocking, for as long as a scene may take to get there: fills in the hits and hit counts of
+    /// `call`, whose scene is that of `scene`, and which fits the shape. With `made`, which are the
+    /// call's rays, the device makes them itself. What is refused has to be traced elsewhere.
     tl::expected<void, Refusal> trace(const Kernel& kernel, const Snapshot& scene,
                                       const TraceCall& call, const PinholeRays* made);
 
@@ -81,10 +82,18 @@ private:
     /// A slot of a process, given back at its end.
     class Lease;
 
+    struct Refused {
+        Refusal refusal;
+        unsigned losses = 0;  ///< of processes, by this scene, one after the other
+        Clock::time_point until;
+    };
+    Refused& refused_locked(const Snapshot& scene);
+
     void run();
     /// Starts a process and probes it (probe.h).
     Result<ProcessPointer> begin();
     Result<ProcessPointer> begin_without_throwing();
+    Result<void> probe_process(Process& process);
     [[nodiscard]] Refusal refusal_locked() const;
     tl::expected<Lease, Refusal> take_slot();
     tl::expected<void, Refusal> trace_if_up(const Kernel& kernel, const Snapshot& scene,
@@ -97,8 +106,13 @@ private:
                                          const PinholeRays* made,
                                          std::chrono::milliseconds patience);
     Refusal remember(const Snapshot& scene, Refusal refusal);
-    /// The process is no good any more. Gives the refusal with the reason that was found first.
-    Refusal lose(const ProcessPointer& process, Refusal refusal);
+    void forget(const Snapshot& scene);
+    /// The process is no good any more, found with this scene. Gives the refusal with the reason
+    /// that was found first.
+    Refusal lose(const ProcessPointer& process, const Snapshot& scene, Refusal refusal);
+    void lose_locked(std::string reason);
+    /// Until it is lost, or the daemon ends: an end that no call sees, this does.
+    void watch(std::unique_lock<std::mutex>& lock);
 
     const Options options_;
     const Registry& registry_;
@@ -111,19 +125,17 @@ private:
     State state_ = State::starting;
     std::atomic<bool> stopping_{false};
     ProcessPointer process_;            ///< of State::up
+    ProcessPointer lost_;               ///< the one before
+    ProcessPointer starting_;           ///< of State::starting, while it is probed
     std::vector<std::uint32_t> free_;   ///< slots of it
     std::string reason_ = "it starts";  ///< why it is not up
     std::string logged_;                ///< the last reason in the log
     Clock::time_point since_;           ///< of State::up
     Clock::time_point retry_at_;        ///< of State::down
     std::chrono::milliseconds pause_{};
-    struct Refused {
-        Refusal refusal;
-        Clock::time_point until;
-    };
     std::map<std::string, Refused> refused_;  ///< scenes, by hash
 
-    std::timed_mutex loading_;  ///< one scene at a time goes to the device
+    std::mutex loading_;  ///< one scene at a time goes to the device
     std::thread thread_;        ///< run(); starts last
 };
 

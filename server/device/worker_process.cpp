@@ -55,11 +55,16 @@ Ready describe(const DevicePack& from, std::string_view name) {
          variants.first(std::min<std::size_t>(variants.size(), variants_max))) {
         VariantInfo& to = ready.variants[ready.variant_count++];
         to.name = Text<64>(variant.name);
-        to.param_count = variant.param_count;
+        to.params = fingerprint({variant.params, variant.param_count});
         for (std::uint32_t query = 0; query < query_count; ++query) {
             const auto& functions = variant.trace[precision_watertight][traversal_latency];
             if (functions[query][0] != nullptr) to.queries |= 1U << query;
         }
+    }
+    for (const PackPrimitive& primitive :
+         std::span(from.pack->primitives, from.pack->primitive_count)) {
+        if (ready.record_type_count < record_types_max)
+            ready.record_types[ready.record_type_count++] = primitive_type(primitive.name);
     }
     return ready;
 }
@@ -117,9 +122,13 @@ private:
         call.flags = request.flags;
         call.hits = memory_.hits;
         call.hit_counts = memory_.hit_counts;
-        TraceStatus status = pack_.device->start(slot_, use.scene(), kernel, &call,
-                                                 request.has_made ? &request.made : nullptr);
-        if (status == trace_ok) status = pack_.device->finish(slot_);
+        const auto run = [&] {
+            const TraceStatus status = pack_.device->start(
+                slot_, use.scene(), kernel, &call, request.has_made ? &request.made : nullptr);
+            return status == trace_ok ? pack_.device->finish(slot_) : status;
+        };
+        TraceStatus status = run();
+        while (status == trace_out_of_memory && residents_.evict_one()) status = run();
         return outcome_of(status);
     }
 

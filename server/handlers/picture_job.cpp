@@ -100,7 +100,7 @@ bool PictureJob::finished() const {
 }
 
 Frames PictureJob::farewell() {
-    wire::DoneT done = tally_.done();
+    wire::DoneT done = tally_.done(order_.plan);
     complete(done);
     Frames frames;
     frames.push_back(*protocol::encode(id_, done));
@@ -119,6 +119,7 @@ Task PictureJob::trace_task() {
     next_pixel_ += count;
     ++chunks_running_;
     Task task;
+    task.lane = order_.plan.worker.lane();
     task.run = [this, first, count](const StopFlag&) -> Reply<Frames> {
         tally_.begin();
         TraceBuffers& buffers = TraceBuffers::of_this_thread();

@@ -81,6 +81,7 @@ std::optional<Task> QueryJob::next() {
     if (source_.rays() * plan_.hits_max <= brief_hits_max &&
         plan_.traversal != traversal_reference && plan_.worker.cuda == nullptr)
         task.brief_hits = piece.count * plan_.hits_max;
+    task.lane = plan_.worker.lane();
     task.question = question(piece);
     task.run = [this, piece = std::move(piece)](const StopFlag&) {
         tally_.begin();
@@ -94,7 +95,7 @@ bool QueryJob::needs_input() const {
 }
 
 Frames QueryJob::farewell() {
-    wire::DoneT done = tally_.done();
+    wire::DoneT done = tally_.done(plan_);
     done.rows = rows();
     if (plan_.untraced) done.traversal = "none";
     Frames frames;

@@ -10,7 +10,8 @@ namespace {
 Reply<bool> trace_on_cuda(const Plan& plan, const TraceCall& call, const PinholeRays* made,
                           TraceBuffers& buffers) {
     if (plan.worker.cuda == nullptr) return false;
-    const device::Kernel kernel{plan.variant->name, plan.precision, plan.query};
+    const device::Kernel kernel{plan.variant->name, plan.precision, plan.query,
+                                plan.settings.params.size()};
     const auto traced = plan.worker.cuda->trace(kernel, plan.scene.snapshot(), call, made);
     if (traced) return true;
     if (plan.worker.demanded()) return tl::unexpected(cuda_refused(traced.error()));
@@ -93,7 +94,7 @@ void Tally::add(const TraceBuffers& buffers, const Counts& counts) {
     }
 }
 
-wire::DoneT Tally::done() const {
+wire::DoneT Tally::done(const Plan& plan) const {
     const auto seconds = [](Ticks ticks) {
         return std::chrono::duration<double>(Clock::duration(ticks)).count();
     };
@@ -111,6 +112,7 @@ wire::DoneT Tally::done() const {
                                 : "mixed";
     }
     message.worker = cuda_chunks_ == 0 ? "cpu" : cpu_chunks_ == 0 ? "cuda" : "mixed";
+    message.target = cuda_chunks_ == 0 ? plan.variant->target : message.worker;
     const std::lock_guard lock(mutex_);
     if (fallen_back_ != 0) {
         message.notes.push_back(std::to_string(fallen_back_) + " of " +

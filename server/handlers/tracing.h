@@ -58,8 +58,8 @@ public:
     void add(const TraceBuffers& buffers, const Counts& counts);
 
     [[nodiscard]] std::uint64_t rays() const { return rays_; }
-    /// Rays, hits, times, traversal, worker and notes of DONE.
-    [[nodiscard]] wire::DoneT done() const;
+    /// Rays, hits, times, target, traversal, worker and notes of DONE.
+    [[nodiscard]] wire::DoneT done(const Plan& plan) const;
 
 private:
     using Ticks = Clock::duration::rep;

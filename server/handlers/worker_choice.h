@@ -3,6 +3,7 @@
 
 #include "server/device/worker.h"
 #include "server/errors.h"
+#include "server/jobs/job.h"
 
 #include <cstdint>
 #include <string>
@@ -18,6 +19,7 @@ struct WorkerChoice {
     std::string reason;              ///< of auto: why this one; empty where there is no choice
 
     [[nodiscard]] bool demanded() const { return asked == "cuda"; }
+    [[nodiscard]] Lane lane() const { return cuda != nullptr ? Lane::device : Lane::compute; }
     [[nodiscard]] const char* name() const { return cuda != nullptr ? "cuda" : "cpu"; }
 };
 

@@ -45,8 +45,9 @@ private:
 
 using Frames = std::vector<protocol::Frame>;
 
-/// `compute` threads trace and encode; `blocking` ones wait for import processes and disks.
-enum class Lane { compute, blocking };
+/// `compute` threads trace and encode; `blocking` ones wait for import processes and disks, `device`
+/// ones for a GPU, so that what it takes its time for holds up nobody else.
+enum class Lane { compute, blocking, device };
 
 /// What a task of few rays asks, where others may ask the same: their rays then go through one
 /// call.

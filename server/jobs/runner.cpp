@@ -160,13 +160,12 @@ void Runner::pump() {
 }
 
 void Runner::pump(const ActivePointer& active) {
-    // One more than there are threads, so that none waits for the io thread.
-    const std::size_t running_max = engine_.compute.threads() + 1;
     guarded(*active, [&] {
-        while (sink_ != nullptr && !active->error && active->running < running_max) {
+        while (sink_ != nullptr && !active->error) {
             if (!active->parked) active->parked = active->job->next();
-            if (!active->parked || !credit_allows(*active, *active->parked) ||
-                !window_allows(*active->parked))
+            // One more than there are threads, so that none waits for the io thread.
+            if (!active->parked || active->running > workers_of(*active->parked).threads() ||
+                !credit_allows(*active, *active->parked) || !window_allows(*active->parked))
                 break;
             Task task = *std::exchange(active->parked, std::nullopt);
             if (task.brief_hits != 0 && active->running == 0 &&
@@ -199,10 +198,22 @@ bool Runner::blocked() const {
     });
 }
 
+Workers& Runner::workers_of(const Task& task) const {
+    switch (task.lane) {
+        case Lane::compute:
+            break;
+        case Lane::blocking:
+            return engine_.blocking;
+        case Lane::device:
+            return engine_.device;
+    }
+    return engine_.compute;
+}
+
 void Runner::submit(const ActivePointer& active, Task task) {
     const std::uint64_t reserved = task.reply_bytes_max;
     const std::uint64_t input = task.input_bytes;
-    Workers& workers = task.lane == Lane::compute ? engine_.compute : engine_.blocking;
+    Workers& workers = workers_of(task);
     const auto reply = std::make_shared<Reply<Frames>>();
     Errand errand{{active, &active->stop},
                   std::move(task),

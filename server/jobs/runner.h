@@ -37,6 +37,7 @@ protected:
 struct Engine {
     Workers& compute;
     Workers& blocking;
+    Workers& device;
     Admission& admission;
     Metrics& metrics;
     const protocol::Limits& limits;
@@ -119,6 +120,7 @@ private:
     template <class Step>
     void guarded(Active& active, Step step);
     void pump(const ActivePointer& active);
+    [[nodiscard]] Workers& workers_of(const Task& task) const;
     [[nodiscard]] bool window_allows(const Task& task) const;
     [[nodiscard]] static bool credit_allows(const Active& active, const Task& task);
     void submit(const ActivePointer& active, Task task);

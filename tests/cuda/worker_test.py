@@ -194,6 +194,8 @@ class Faults(CudaTest):
 
     def setUp(self):
         self.wait_until_up()
+        told, _ = self.query("cuda")  # so that the scene counts as one that does no harm
+        self.assertEqual(told["worker"], "cuda")
 
     def inject(self, fault):
         # In one step, so that it is never read half.
@@ -237,10 +239,10 @@ class Faults(CudaTest):
         workers = children(self.daemon.process.pid)
         self.assertEqual(len(workers), 1)
         os.kill(workers[0], signal.SIGKILL)
-        told, answer = self.query("auto")
+        _, answer = self.query("auto")
         self.assertEqual(answer, expected)
-        self.assertIn("was ended by a signal", " ".join(told["notes"]))
         self.wait_until_up()
+        self.assertIn("was ended by a signal", self.daemon.log())
         self.assertEqual(len(children(self.daemon.process.pid)), 1)
 
     def test_a_worker_that_does_not_start_is_started_again(self):
@@ -249,6 +251,20 @@ class Faults(CudaTest):
         self.query("auto")
         self.wait_until_up()
         self.assertIn("cudaErrorInsufficientDriver", self.daemon.log())
+
+    def test_a_scene_that_ends_one_process_after_the_other_is_left_to_the_cpu(self):
+        self.client.json("load", "builtin:forest?trees=21", "--name", "bad")
+        for _ in range(3):
+            self.wait_until_up()
+            self.inject("cudaLaunchKernel 719")
+            self.query("auto", scene="bad")
+            self.assertFalse(self.fault.exists(), "the fault was not met")
+        self.wait_until_up()
+        told, _ = self.query("auto", scene="bad")
+        self.assertEqual(told["worker"], "cpu")
+        self.assertIn("cudaErrorLaunchFailure", told["worker_reason"])
+        told, _ = self.query("cuda")  # others go on
+        self.assertEqual(told["worker"], "cuda")
 
     def test_many_clients_and_a_fault(self):
         _, expected = self.query("cpu")
@@ -267,6 +283,46 @@ class Faults(CudaTest):
             self.fault.unlink()
 
 
+class OthersMeanwhile(CudaTest):
+    """What the device takes its time for holds up nobody else."""
+    arguments = ("--cuda_retry_ms", "200", "--cuda_retry_ms_max", "200",
+                 "--cuda_call_ms_max", "4000" if PATIENCE <= 30 else "60000")
+
+    def setUp(self):
+        self.wait_until_up()
+
+    def test_a_job_of_the_cpu_does_not_wait_for_a_worker_that_stands_still(self):
+        os.kill(children(self.daemon.process.pid)[0], signal.SIGSTOP)
+        waiting = self.client.start("query", "woods", "--rays", self.rays, "-o", self.out / "x.npz")
+        for _ in range(5):
+            self.client.json("render", "woods", "--size", "64x64", "-o", self.out / "x.png",
+                             "--worker", "cpu")
+        self.assertIsNone(waiting.poll(), "the job on the device was to wait")
+        _, errors = waiting.communicate(timeout=PATIENCE)
+        self.assertEqual(waiting.returncode, 0, errors)
+        self.assertIn("no answer within", errors)
+
+    def test_a_worker_that_ends_while_it_has_nothing_to_do_is_missed(self):
+        faults = self.metric("cuda_faults")
+        os.kill(children(self.daemon.process.pid)[0], signal.SIGKILL)
+        end = time.monotonic() + PATIENCE
+        while self.metric("cuda_faults") == faults:
+            self.assertLess(time.monotonic(), end)
+            time.sleep(0.05)
+        self.wait_until_up()
+        told, _ = self.query("cuda")
+        self.assertEqual(told["worker"], "cuda")
+
+
+class HangingStart(CudaTest):
+    """That the daemon ends in time nevertheless, tearDownClass sees."""
+    environment = {"RAYNEST_FAKE_CUDA_ALWAYS": "cudaMemcpy hang"}
+
+    def test_jobs_do_not_wait_for_it(self):
+        told, _ = self.query("auto")
+        self.assertEqual((told["worker"], told["worker_reason"]), ("cpu", "cpu: it starts"))
+
+
 class NotPinned(CudaTest):
     environment = {"RAYNEST_FAKE_CUDA_ALWAYS": "cudaHostRegister 1"}
 
@@ -281,7 +337,7 @@ class LittleMemory(CudaTest):
     """Room for the slots, the probe's scene and one of the two forests, not both."""
     scenes = (("builtin:forest?trees=20", "woods"), ("builtin:forest?trees=20&seed=2", "park"),
               ("builtin:terrain?size=512", "hills"))
-    environment = {"RAYNEST_FAKE_CUDA_MEMORY": 46_000_000}
+    environment = {"RAYNEST_FAKE_CUDA_MEMORY": 64_000_000}
 
     def test_scenes_take_turns_and_what_never_fits_runs_on_the_cpu(self):
         self.wait_until_up()
@@ -313,8 +369,8 @@ class DeepScene(CudaTest):
         _, expected = self.query("cpu", scene="flake")
         told, answer = self.query("auto", scene="flake")
         self.assertEqual((told["worker"], answer), ("cpu", expected))
-        self.assertIn("nested deeper than it takes", told["notes"][0])
-        self.refused(5, "nested deeper", "render", "flake", "-o", self.out / "x.png",
+        self.assertIn("do not take the scene: it is nested too deep", told["notes"][0])
+        self.refused(5, "nested too deep", "render", "flake", "-o", self.out / "x.png",
                      "--worker", "cuda")
 
 

@@ -76,10 +76,12 @@ private:
     std::deque<std::function<void()>> posted_;
     Workers compute_{2};
     Workers blocking_{1};
+    Workers device_{1};
 
 public:
     Engine engine{compute_,
                   blocking_,
+                  device_,
                   admission,
                   metrics,
                   limits,

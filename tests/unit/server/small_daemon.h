@@ -67,12 +67,17 @@ public:
                               {},        {},     admission, detached, nullptr};
     server::Workers compute{0};
     server::Workers blocking{0};
-    server::Engine engine{
-        compute,   blocking,
-        admission, metrics,
-        limits,    [this](std::function<void()> done) { posted.push_back(std::move(done)); },
-        budget,    brief_turn,
-        coalescer};
+    server::Workers device{0};
+    server::Engine engine{compute,
+                          blocking,
+                          device,
+                          admission,
+                          metrics,
+                          limits,
+                          [this](std::function<void()> done) { posted.push_back(std::move(done)); },
+                          budget,
+                          brief_turn,
+                          coalescer};
     server::DetachedJobs detached{engine, [] {}};
 };
 
