@@ -4,9 +4,9 @@
 #include "engine/assets/builtin.h"
 #include "engine/packs/registry.h"
 #include "tests/bench/rays.h"
+#include "tests/bench/value_of.h"
 #include "tests/bench/workload.h"
-
-#include <CLI/CLI.hpp>
+#include "tests/cuda/gpu/options.h"
 
 #include <exception>
 #include <fstream>
@@ -20,19 +20,6 @@ namespace {
 
 constexpr std::uint64_t flat_triangles_max = 4'000'000;
 
-struct Options {
-    std::string source, arena;
-    std::vector<std::string> rays;  ///< KIND=FILE
-    std::uint32_t levels = 0;       ///< merged until there are so many; 0: as described
-    std::uint32_t count = 1U << 16;
-};
-
-template <class T>
-T value_of(Result<T> result) {
-    if (!result) throw std::runtime_error(result.error().message);
-    return std::move(*result);
-}
-
 void write(std::ofstream& file, std::span<const std::byte> bytes) {
     file.write(reinterpret_cast<const char*>(bytes.data()),
                static_cast<std::streamsize>(bytes.size()));
@@ -44,7 +31,7 @@ std::ofstream create(const std::string& path) {
     return file;
 }
 
-void run(const Options& options) {
+void run(const BakeOptions& options) {
     const auto registry = value_of(Registry::load({}));
     Workload workload = value_of(load_workload(options.source, *registry));
     if (options.levels != 0) {
@@ -78,16 +65,10 @@ void run(const Options& options) {
 }  // namespace raynest::bench
 
 int main(int argc, char** argv) {
-    raynest::bench::Options options;
-    CLI::App app{"A scene as a baked arena, and files of rays for it."};
-    app.add_option("SCENE", options.source, "as raynest-bench --scene")->required();
-    app.add_option("ARENA", options.arena, "the file to write")->required();
-    app.add_option("--levels", options.levels, "merge instances until so many levels are left");
-    app.add_option("--rays", options.rays, "KIND=FILE; several by commas")->delimiter(',');
-    app.add_option("--count", options.count, "rays of a file")->check(CLI::Range(1024U, 1U << 24));
-    CLI11_PARSE(app, argc, argv);
+    const auto parsed = raynest::bench::parse_bake_options(argc, argv);
+    if (!parsed.options) return parsed.exit_code;
     try {
-        raynest::bench::run(options);
+        raynest::bench::run(*parsed.options);
     } catch (const std::exception& error) {
         std::cerr << "raynest-bench-bake: " << error.what() << "\n";
         return 1;

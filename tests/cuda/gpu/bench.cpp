@@ -11,9 +11,10 @@
 #include "engine/scene/arena_check.h"
 #include "tests/bench/files.h"
 #include "tests/bench/rays.h"
+#include "tests/bench/value_of.h"
 #include "tests/cuda/gpu/measure.h"
+#include "tests/cuda/gpu/options.h"
 
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include <cstring>
@@ -28,20 +29,6 @@ constexpr int exit_failed = 1;
 constexpr int exit_differs = 9;
 constexpr int exit_no_device = 77;
 
-struct Options {
-    bool timing = false;
-    std::string pack, cpu_pack, arena, rays;
-    std::uint32_t count = 0;  ///< 0: as many as the file has
-    std::uint32_t chunk = 1U << 17;
-    std::uint32_t rounds = 11;
-};
-
-template <class T>
-T value_of(Result<T> result) {
-    if (!result) throw std::runtime_error(result.error().message);
-    return std::move(*result);
-}
-
 /// Aligned as a view needs it.
 Pages read_arena(const std::string& path) {
     const std::vector<std::byte> bytes = value_of(read_file(path));
@@ -50,7 +37,7 @@ Pages read_arena(const std::string& path) {
     return arena;
 }
 
-std::vector<Ray> make_rays(const Options& options, const Box& bounds) {
+std::vector<Ray> make_rays(const CudaOptions& options, const Box& bounds) {
     if (options.rays == "random") {
         Random random(17);
         return random_rays(bounds, options.count, random);
@@ -58,7 +45,7 @@ std::vector<Ray> make_rays(const Options& options, const Box& bounds) {
     return value_of(read_rays(options.rays));
 }
 
-int run(const Options& options) {
+int run(const CudaOptions& options) {
     const Pages arena = read_arena(options.arena);
     const SceneView scene = value_of(check_arena({arena.data(), arena.size()}));
     const std::vector<Ray> rays = make_rays(options, scene.objects[scene.root].bounds);
@@ -86,28 +73,10 @@ int run(const Options& options) {
 
 int main(int argc, char** argv) {
     using namespace raynest::bench;
-    Options options;
-    CLI::App app{"One scene and one file of rays on a GPU: equal to the CPU, and how fast."};
-    app.require_subcommand(1);
-    CLI::App& check = *app.add_subcommand("check", "every variant against a CPU's pack");
-    CLI::App& time = *app.add_subcommand("time", "kernels alone, and between pinned memory");
-    for (CLI::App* const command : {&check, &time}) {
-        command->add_option("--pack", options.pack, "the device's pack")->required();
-        command->add_option("--arena", options.arena, "a baked scene")->required();
-        command->add_option("--rays", options.rays, "a .rays file, or random")->required();
-        command->add_option("--count", options.count, "those of a file over and over, or a share")
-            ->check(CLI::Range(0U, 1U << 24));
-        command->add_option("--chunk", options.chunk, "rays of a slot")
-            ->check(CLI::Range(64U, 1U << 24));
-    }
-    check.add_option("--cpu-pack", options.cpu_pack, "whose bytes are expected")->required();
-    time.add_option("--rounds", options.rounds, "")->check(CLI::Range(1U, 1000U));
+    const auto parsed = parse_cuda_options(argc, argv);
+    if (!parsed.options) return parsed.exit_code;
     try {
-        app.parse(argc, argv);
-        options.timing = time.parsed();
-        return run(options);
-    } catch (const CLI::ParseError& error) {
-        return app.exit(error) == 0 ? 0 : 2;
+        return run(*parsed.options);
     } catch (const NoDevice& error) {
         std::cerr << "raynest-bench-cuda: no GPU: " << error.what() << "\n";
         return exit_no_device;

@@ -1,22 +1,12 @@
 #include "tests/cuda/gpu/open_device.h"
 
-#include "engine/packs/load.h"
+#include "tests/bench/value_of.h"
 
 #include <span>
 
 namespace raynest::bench {
-namespace {
-
-template <class T>
-T expect(Result<T> result) {
-    if (!result) throw std::runtime_error(result.error().message);
-    return *result;
-}
-
-}  // namespace
-
 const Pack& open_pack(const std::string& path) {
-    return *expect(load_pack(path));
+    return *value_of(load_pack(path));
 }
 
 const PackVariant* find_variant(const Pack& pack, const std::string& name) {
@@ -26,7 +16,7 @@ const PackVariant* find_variant(const Pack& pack, const std::string& name) {
     return nullptr;
 }
 
-OpenDevice::OpenDevice(const std::string& path) : doors_(expect(load_device_pack(path))) {
+OpenDevice::OpenDevice(const std::string& path) : doors_(value_of(load_device_pack(path))) {
     if (doors_.device->open(&info_) != trace_ok) throw NoDevice(doors_.device->error());
 }
 
