@@ -91,7 +91,7 @@ protected:
 
     Reply<Frames> answer(const Piece& piece) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        auto rays = trace_piece(piece, buffers);
+        auto rays = source_.trace(plan_, piece, buffers, any_order());
         if (!rays) return tl::unexpected(rays.error());
         const std::size_t count = fitting(buffers);
         auto frames = encode(piece.first, rays->first(count), buffers);
@@ -159,16 +159,6 @@ private:
     [[nodiscard]] bool any_order() const {
         return !plan_.csr() && !plan_.counting && !plan_.untraced &&
                plan_.variant->outputs().empty();
-    }
-
-    /// Gives the rays, which lie in the piece or in the buffers.
-    Reply<std::span<const Ray>> trace_piece(const Piece& piece, TraceBuffers& buffers) const {
-        if (any_order() && source_.has_tiles(piece)) {
-            if (auto traced = source_.trace_tiles(plan_, piece, buffers); !traced)
-                return tl::unexpected(traced.error());
-            return std::span<const Ray>(buffers.rays);
-        }
-        return source_.trace_rows(plan_, piece, buffers);
     }
 
     /// How many of the traced rays fit the promised answer; one always does.

@@ -239,31 +239,33 @@ bool RaySource::has_tiles(const Piece& piece) const {
     return band != 0 && piece.first % band == 0 && (piece.count % band == 0 || to_the_end);
 }
 
-Reply<std::span<const Ray>> RaySource::trace_rows(const Plan& plan, const Piece& piece,
-                                                  TraceBuffers& buffers) const {
+Reply<std::span<const Ray>> RaySource::trace(const Plan& plan, const Piece& piece,
+                                             TraceBuffers& buffers, bool any_order) const {
+    if (any_order && has_tiles(piece)) return trace_tiles(plan, piece, buffers);
     const std::span<const Ray> rays = rays_of(piece, buffers);
     const auto camera = made(piece, false);
-    if (auto traced = trace(plan, rays, buffers, camera ? &*camera : nullptr); !traced)
+    if (auto traced = server::trace(plan, rays, buffers, camera ? &*camera : nullptr); !traced)
         return tl::unexpected(traced.error());
     return rays;
 }
 
-Reply<void> RaySource::trace_tiles(const Plan& plan, const Piece& piece,
-                                   TraceBuffers& buffers) const {
+Reply<std::span<const Ray>> RaySource::trace_tiles(const Plan& plan, const Piece& piece,
+                                                   TraceBuffers& buffers) const {
     const Sensor& sensor = std::get<Sensor>(origin_);
     const ImageSize size = ray_grid(sensor);
     buffers.rays.resize(piece.count);
     generate_tiles(sensor, piece.first, buffers.rays);
     const auto camera = made(piece, true);
-    if (auto traced = trace(plan, buffers.rays, buffers, camera ? &*camera : nullptr); !traced)
-        return traced;
+    if (auto traced = server::trace(plan, buffers.rays, buffers, camera ? &*camera : nullptr);
+        !traced)
+        return tl::unexpected(traced.error());
     buffers.order.resize(piece.count);
     for_each_in_tiles(piece.first, piece.count, size.width, size.height,
                       [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {
                           buffers.order[y * size.width + x - piece.first] =
                               static_cast<std::uint32_t>(i);
                       });
-    return {};
+    return buffers.rays;
 }
 
 }  // namespace raynest::server

@@ -77,18 +77,18 @@ public:
     /// As many rays as a task should take: whole bands of tiles, if `most` allows.
     [[nodiscard]] std::uint64_t chunk_rays(std::uint64_t most) const;
 
-    /// Worker thread: the rays of a piece, as they lie in its frame or made in the buffers.
-    [[nodiscard]] std::span<const Ray> rays_of(const Piece& piece, TraceBuffers& buffers) const;
-    /// Traces a piece in the order of its rays, and gives them.
-    Reply<std::span<const Ray>> trace_rows(const Plan& plan, const Piece& piece,
-                                           TraceBuffers& buffers) const;
-
-    /// Neighbours in square tiles are traced faster. Traces the piece as tiles if it is whole bands
-    /// of them; the answers come back in the order of rows.
-    [[nodiscard]] bool has_tiles(const Piece& piece) const;
-    Reply<void> trace_tiles(const Plan& plan, const Piece& piece, TraceBuffers& buffers) const;
+    /// Worker thread: traces a piece and gives its rays, which lie in its frame or in the buffers;
+    /// the answers are in their order (TraceBuffers::order). With `any_order` rays may be traced
+    /// among others: neighbours in square tiles are traced faster.
+    Reply<std::span<const Ray>> trace(const Plan& plan, const Piece& piece, TraceBuffers& buffers,
+                                      bool any_order) const;
 
 private:
+    [[nodiscard]] std::span<const Ray> rays_of(const Piece& piece, TraceBuffers& buffers) const;
+    /// Is it whole bands of tiles?
+    [[nodiscard]] bool has_tiles(const Piece& piece) const;
+    Reply<std::span<const Ray>> trace_tiles(const Plan& plan, const Piece& piece,
+                                            TraceBuffers& buffers) const;
     /// A piece's rays as a camera that makes them, row by row or in tile order, where one does.
     [[nodiscard]] std::optional<PinholeRays> made(const Piece& piece, bool tiles) const;
 

@@ -64,7 +64,7 @@ protected:
 
     Reply<Frames> answer(const Piece& piece) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        if (const auto traced = source_.trace_rows(plan_, piece, buffers); !traced)
+        if (const auto traced = source_.trace(plan_, piece, buffers, false); !traced)
             return tl::unexpected(traced.error());
         const std::uint64_t each = source_.rays_per_point();
         std::vector<std::uint32_t> hits(std::max<std::uint64_t>(1, piece.count / each));
@@ -148,13 +148,8 @@ protected:
 
     Reply<Frames> answer(const Piece& piece) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        if (source_.has_tiles(piece)) {
-            const auto traced = source_.trace_tiles(plan_, piece, buffers);
-            if (!traced) return tl::unexpected(traced.error());
-        } else {
-            const auto traced = source_.trace_rows(plan_, piece, buffers);
-            if (!traced) return tl::unexpected(traced.error());
-        }
+        if (const auto traced = source_.trace(plan_, piece, buffers, true); !traced)
+            return tl::unexpected(traced.error());
         std::unordered_map<std::uint64_t, std::uint32_t> counts;
         for (const HitRecord& hit : buffers.hits)
             if (hit.hit != 0) ++counts[hit.path];
