@@ -6,6 +6,7 @@
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -53,6 +54,20 @@ private:
 
 Fd::~Fd() {
     if (fd_ >= 0) ::close(fd_);
+}
+
+Mapping::Mapping(const Fd& file, Access access) {
+    struct stat status {};
+    if (::fstat(file.get(), &status) != 0 || status.st_size <= 0) return;
+    const auto size = static_cast<std::size_t>(status.st_size);
+    const bool shared = access == Access::share;
+    void* const at = ::mmap(nullptr, size, shared ? PROT_READ | PROT_WRITE : PROT_READ,
+                            shared ? MAP_SHARED : MAP_PRIVATE, file.get(), 0);
+    if (at != MAP_FAILED) bytes_ = {static_cast<std::byte*>(at), size};
+}
+
+Mapping::~Mapping() {
+    if (!bytes_.empty()) ::munmap(bytes_.data(), bytes_.size());
 }
 
 Fd out_of_the_way(Fd fd) {

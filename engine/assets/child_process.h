@@ -6,6 +6,7 @@
 
 #include <sys/types.h>
 
+#include <cstddef>
 #include <span>
 #include <string>
 #include <utility>
@@ -27,6 +28,29 @@ public:
 
 private:
     int fd_;
+};
+
+/// A file's bytes, mapped while this lives; move-only.
+class Mapping {
+public:
+    enum class Access {
+        read,
+        share  ///< to read and write, together with others who map the file
+    };
+    Mapping() = default;
+    /// None where the file is empty or cannot be mapped.
+    Mapping(const Fd& file, Access access);
+    Mapping(Mapping&& other) noexcept : bytes_(std::exchange(other.bytes_, {})) {}
+    Mapping& operator=(Mapping&& other) noexcept {
+        std::swap(bytes_, other.bytes_);
+        return *this;
+    }
+    Mapping(const Mapping&) = delete;
+    ~Mapping();
+    [[nodiscard]] std::span<std::byte> bytes() const { return bytes_; }
+
+private:
+    std::span<std::byte> bytes_;
 };
 
 /// What a child's first inherited descriptor is.

@@ -9,10 +9,8 @@
 #include "engine/assets/import_wire.h"
 
 #include <fmt/format.h>
-#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
-#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -123,12 +121,9 @@ Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& req
 }
 
 int import_child_main(const Registry& registry) {
-    struct stat status = {};
-    if (::fstat(wire::request_fd, &status) != 0 || status.st_size <= 0) return 2;
-    const auto size = static_cast<std::size_t>(status.st_size);
-    void* mapped = ::mmap(nullptr, size, PROT_READ, MAP_PRIVATE, wire::request_fd, 0);
-    if (mapped == MAP_FAILED) return 2;
-    const auto message = wire::parse_request({static_cast<const std::byte*>(mapped), size});
+    const Mapping mapped(Fd(wire::request_fd), Mapping::Access::read);
+    if (mapped.bytes().empty()) return 2;
+    const auto message = wire::parse_request(mapped.bytes());
     if (!message) return 2;
     if (!bind_to_parent(message->parent)) return 2;
     confine(message->limits);

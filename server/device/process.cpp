@@ -1,6 +1,5 @@
 #include "server/device/process.h"
 
-#include <sys/mman.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -52,16 +51,11 @@ Result<void> Process::share_memory(std::uint32_t slots) {
     auto file = create_memory_file("raynest-device-slots");
     if (!file) return tl::unexpected(file.error());
     memory_file_ = std::move(*file);
-    memory_bytes_ = slots * shape_.bytes();
-    void* at = MAP_FAILED;
-    if (::ftruncate(memory_file_.get(), static_cast<off_t>(memory_bytes_)) == 0)
-        at = ::mmap(nullptr, memory_bytes_, PROT_READ | PROT_WRITE, MAP_SHARED, memory_file_.get(),
-                    0);
-    if (at == MAP_FAILED)
-        return fail(ErrorCode::io_failed,
-                    std::string("no memory for the device's slots: ") + std::strerror(errno));
-    memory_ = static_cast<std::byte*>(at);
-    return {};
+    if (::ftruncate(memory_file_.get(), static_cast<off_t>(slots * shape_.bytes())) == 0)
+        memory_ = Mapping(memory_file_, Mapping::Access::share);
+    if (!memory_.bytes().empty()) return {};
+    return fail(ErrorCode::io_failed,
+                std::string("no memory for the device's slots: ") + std::strerror(errno));
 }
 
 Result<void> Process::greet(const Setup& setup, Channel control) {
@@ -94,7 +88,7 @@ Result<void> Process::greet(const Setup& setup, Channel control) {
                                                   std::to_string(setup.patience.count()) + " ms");
     }
     if (!ready_->ok) return fail(ErrorCode::io_failed, ready_->text.printable());
-    control_.push_back(std::move(control));
+    control_ = std::move(control);
     return {};
 }
 
@@ -138,16 +132,14 @@ std::string Process::reap() const {
 }
 
 Process::~Process() {
-    if (pid_ > 0) {
-        kill();
-        int looks = 0;
-        while (looks < looks_max && ::waitpid(pid_, nullptr, WNOHANG) == 0) {
-            std::this_thread::sleep_for(look);
-            ++looks;
-        }
-        if (looks == looks_max) wait_elsewhere(pid_);
+    if (pid_ <= 0) return;
+    kill();
+    int looks = 0;
+    while (looks < looks_max && ::waitpid(pid_, nullptr, WNOHANG) == 0) {
+        std::this_thread::sleep_for(look);
+        ++looks;
     }
-    if (memory_ != nullptr) ::munmap(memory_, memory_bytes_);
+    if (looks == looks_max) wait_elsewhere(pid_);
 }
 
 }  // namespace raynest::server::device

@@ -31,7 +31,9 @@ public:
 
     [[nodiscard]] const Ready& ready() const { return *ready_; }
     [[nodiscard]] const SlotShape& shape() const { return shape_; }
-    [[nodiscard]] SlotMemory memory(std::uint32_t slot) const { return {memory_, shape_, slot}; }
+    [[nodiscard]] SlotMemory memory(std::uint32_t slot) const {
+        return {memory_.bytes().data(), shape_, slot};
+    }
 
     /// Blocking: what the worker answers to a slot's request. Fails where it ended or took too
     /// long.
@@ -52,10 +54,9 @@ private:
 
     const SlotShape shape_;
     Fd memory_file_;
-    std::byte* memory_ = nullptr;
-    std::size_t memory_bytes_ = 0;
+    Mapping memory_;
     pid_t pid_ = -1;
-    std::vector<Channel> control_;  ///< one, once started: closing it ends the worker
+    std::optional<Channel> control_;  ///< once started: closing it ends the worker
     std::vector<Channel> slots_;
     std::unique_ptr<Ready> ready_;
 };

@@ -6,8 +6,6 @@
 #include "server/device/residents.h"
 #include "server/device/wire.h"
 
-#include <sys/mman.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -22,29 +20,6 @@ namespace {
 
 /// Of the device's memory; the rest is for slots, and for whoever else uses the device.
 constexpr double scenes_share = 0.8;
-
-/// A file's bytes, mapped while this lives.
-class Mapping {
-public:
-    Mapping(int file, int protection, int sharing) {
-        struct stat status {};
-        if (::fstat(file, &status) != 0 || status.st_size <= 0) return;
-        size_ = static_cast<std::size_t>(status.st_size);
-        void* const at = ::mmap(nullptr, size_, protection, sharing, file, 0);
-        if (at != MAP_FAILED) data_ = static_cast<std::byte*>(at);
-    }
-    Mapping(const Mapping&) = delete;
-    Mapping& operator=(const Mapping&) = delete;
-    ~Mapping() {
-        if (data_ != nullptr) ::munmap(data_, size_);
-    }
-    [[nodiscard]] std::byte* data() const { return data_; }  ///< null where it cannot be had
-    [[nodiscard]] std::size_t size() const { return size_; }
-
-private:
-    std::byte* data_ = nullptr;
-    std::size_t size_ = 0;
-};
 
 Ready describe(const DevicePack& from, std::string_view name) {
     Ready ready;
@@ -97,9 +72,9 @@ public:
 private:
     Outcome load(const Request& request, const std::vector<Fd>& files) {
         if (files.size() != 1) return refuse("a scene comes as one file");
-        const Mapping arena(files.front().get(), PROT_READ, MAP_PRIVATE);
-        if (arena.data() == nullptr) return refuse("the scene's memory cannot be mapped");
-        const auto scene = check_arena({arena.data(), arena.size()});
+        const Mapping arena(files.front(), Mapping::Access::read);
+        if (arena.bytes().empty()) return refuse("the scene's memory cannot be mapped");
+        const auto scene = check_arena(arena.bytes());
         if (!scene) return refuse(scene.error().message);
         return outcome_of(residents_.load(request.scene.view(), *scene));
     }
@@ -183,8 +158,8 @@ int run_worker_process(const char* path) {
     if (control.receive(hello, Channel::for_ever, &files) != Received::message) return 1;
     if (!bind_to_parent(hello.parent)) return 1;
     if (hello.slots > slots_max || files.size() != 1 + hello.slots) return 1;
-    const Mapping memory(files.front().get(), PROT_READ | PROT_WRITE, MAP_SHARED);
-    if (memory.size() != hello.slots * hello.shape.bytes() || memory.data() == nullptr)
+    const Mapping memory(files.front(), Mapping::Access::share);
+    if (memory.bytes().size() != hello.slots * hello.shape.bytes())
         return end(control, "the memory of the slots cannot be mapped");
 
     const auto pack = load_device_pack(path);
@@ -194,7 +169,7 @@ int run_worker_process(const char* path) {
     if (device.open(&info) != trace_ok) return end(control, device.error());
     // Without it copies are slower, and right.
     std::string name(info.name);
-    if (device.pin(memory.data(), memory.size()) != trace_ok)
+    if (device.pin(memory.bytes().data(), memory.bytes().size()) != trace_ok)
         name += std::string(" (memory not pinned: ") + device.error() + ")";
     Residents residents(
         device, static_cast<std::uint64_t>(scenes_share * static_cast<double>(info.memory_bytes)));
@@ -204,7 +179,7 @@ int run_worker_process(const char* path) {
         if (device.make_slot(hello.shape.rays_max, hello.shape.hits_max, &slot) != trace_ok)
             return end(control, device.error());
         servers.emplace_back(*pack, residents, slot, hello.shape,
-                             SlotMemory(memory.data(), hello.shape, i),
+                             SlotMemory(memory.bytes().data(), hello.shape, i),
                              Channel(std::move(files[1 + i])));
     }
     if (!control.send(describe(*pack, name))) return 1;
