@@ -1,5 +1,6 @@
 // What the daemon and its device worker say to each other: messages of fixed size, one at a time
-// per socket. Both are the same program, so there is no version.
+// per socket. Both are the same program, so there is no version; who gets a message of another size
+// takes the other end for gone.
 //
 //   control:    Hello, memory and a socket per slot ──►   ◄── Ready
 //   each slot:  Request (with a memory file, to load) ──►   ◄── Outcome
@@ -10,6 +11,7 @@
 #include "engine/geometry/hit.h"
 #include "engine/geometry/pinhole.h"
 #include "engine/packs/abi.h"
+#include "protocol/hash.h"
 
 #include <sys/types.h>
 
@@ -62,17 +64,14 @@ struct SlotShape {
 
 /// Of parameters as a variant declares them: equal where a call's values mean the same.
 [[nodiscard]] inline std::uint64_t fingerprint(std::span<const PackParam> params) {
-    std::uint64_t hash = 14695981039346656037ULL;  // FNV-1a
-    const auto add = [&hash](std::string_view bytes) {
-        for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ULL;
-        hash = (hash ^ 0xFFU) * 1099511628211ULL;
-    };
+    std::string text;
     for (const PackParam& param : params) {
-        add(param.name);
-        add(std::to_string(param.type));
-        for (std::uint32_t i = 0; i < param.choice_count; ++i) add(param.choices[i]);
+        text += std::string(param.name) + ' ' + std::to_string(param.type);
+        for (std::uint32_t i = 0; i < param.choice_count; ++i)
+            text += std::string(" ") + param.choices[i];
+        text += '\n';
     }
-    return hash;
+    return protocol::content_hash(std::as_bytes(std::span(text)));
 }
 
 /// A slot's piece of the shared memory.

@@ -5,6 +5,7 @@
 #include "server/log.h"
 
 #include <algorithm>
+#include <limits>
 #include <new>
 #include <utility>
 
@@ -201,7 +202,8 @@ Result<void> Worker::probe_process(Process& process) {
 Refusal Worker::refusal_locked() const {
     if (state_ == State::starting) return later("it starts", 1000);
     const auto left = std::chrono::ceil<milliseconds>(retry_at_ - Clock::now());
-    const auto wait = std::max<std::int64_t>(left.count(), 100);
+    constexpr std::int64_t most = std::numeric_limits<std::uint32_t>::max();
+    const auto wait = std::clamp<std::int64_t>(left.count(), 100, most);
     return later(reason_, static_cast<std::uint32_t>(wait));
 }
 
@@ -222,7 +224,7 @@ std::optional<Refusal> Worker::why_not(const Kernel& kernel, const Snapshot& sce
 
 tl::expected<Worker::Lease, Refusal> Worker::take_slot() {
     std::unique_lock lock(mutex_);
-    // Who has a slot gives it back soon: calls have a time limit.
+    // Who has one gives it back: calls and loads have time limits.
     changed_.wait(lock, [this] { return stopping_ || state_ != State::up || !free_.empty(); });
     if (stopping_) return tl::unexpected(later("the daemon stops", 1000));
     if (state_ != State::up) return tl::unexpected(refusal_locked());

@@ -136,7 +136,7 @@ private:
     std::map<std::string, Refused> refused_;  ///< scenes, by hash
 
     std::mutex loading_;  ///< one scene at a time goes to the device
-    std::thread thread_;        ///< run(); starts last
+    std::thread thread_;  ///< run(); starts last
 };
 
 }  // namespace raynest::server::device
