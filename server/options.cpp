@@ -1,5 +1,6 @@
 #include "server/options.h"
 
+#include "engine/packs/registry.h"
 #include "server/address.h"
 
 #include <CLI/CLI.hpp>
@@ -44,8 +45,8 @@ std::filesystem::path to_cuda_pack(const std::string& word) {
     if (word == "off") return {};
     if (word != "auto") return std::filesystem::absolute(word);
     std::error_code error;
-    const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
-    const auto pack = self.parent_path().parent_path() / "lib/raynest-cuda/raynest-pack-cuda.so";
+    const auto pack =
+        builtin_pack_directory().parent_path() / "raynest-cuda" / "raynest-pack-cuda.so";
     return std::filesystem::exists(pack, error) ? pack : std::filesystem::path();
 }
 

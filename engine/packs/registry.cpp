@@ -24,16 +24,6 @@ bool is_of_cpu(std::string_view target) {
     return rank_of(target) != targets_best_first.size();
 }
 
-std::filesystem::path builtin_directory() {
-    if (const char* set = std::getenv("RAYNEST_BUILTIN_PACKS"); set != nullptr && *set != '\0') {
-        return set;
-    }
-    std::error_code error;
-    const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
-    return error ? std::filesystem::path("raynest")
-                 : self.parent_path().parent_path() / "lib" / "raynest";
-}
-
 Result<std::vector<std::filesystem::path>> find_packs(
     const std::vector<std::filesystem::path>& dirs) {
     std::vector<std::filesystem::path> found;
@@ -62,13 +52,23 @@ std::string join(const std::vector<std::string>& names) {
 
 }  // namespace
 
+std::filesystem::path builtin_pack_directory() {
+    if (const char* set = std::getenv("RAYNEST_BUILTIN_PACKS"); set != nullptr && *set != '\0') {
+        return set;
+    }
+    std::error_code error;
+    const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
+    return error ? std::filesystem::path("raynest")
+                 : self.parent_path().parent_path() / "lib" / "raynest";
+}
+
 Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
     const bool automatic = options.target == "auto";
     if (!automatic && options.target != "cuda" && !is_of_cpu(options.target)) {
         return fail(ErrorCode::pack_invalid,
                     "unknown target '" + options.target + "': use auto, v2, v3 or v4");
     }
-    std::vector<std::filesystem::path> dirs{builtin_directory()};
+    std::vector<std::filesystem::path> dirs{builtin_pack_directory()};
     dirs.insert(dirs.end(), options.pack_dirs.begin(), options.pack_dirs.end());
     if (const char* more = std::getenv("RAYNEST_PACK_PATH"); more != nullptr) {
         std::stringstream list(more);

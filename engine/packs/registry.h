@@ -33,6 +33,10 @@ struct Variant {
 /// One value per PackParam of the variant, in order.
 using ParamValues = std::vector<double>;
 
+/// RAYNEST_BUILTIN_PACKS, else <dir of the binary>/../lib/raynest. A pack for GPUs lies beside it,
+/// in raynest-cuda: who loads that one talks to a driver.
+std::filesystem::path builtin_pack_directory();
+
 /// Immutable after load; safe to share between threads. Packs stay loaded for its lifetime.
 class Registry {
 public:
@@ -40,11 +44,9 @@ public:
         std::vector<std::filesystem::path> pack_dirs;  ///< beside the built-in directory
         std::string target = "auto";                   ///< auto | v2 | v3 | v4 | cuda
     };
-    /// Loads every pack of the built-in directory, `pack_dirs` and RAYNEST_PACK_PATH (colon
-    /// separated). The built-in directory is RAYNEST_BUILTIN_PACKS, else <dir of the
-    /// binary>/../lib/raynest. Fails when a pack does not load, when two packs of one target share
-    /// a variant's name, when no variant is left, or when the forced target is unknown or not
-    /// runnable here.
+    /// Loads every pack of builtin_pack_directory(), `pack_dirs` and RAYNEST_PACK_PATH (colon
+    /// separated). Fails when a pack does not load, when two packs of one target share a variant's
+    /// name, when no variant is left, or when the forced target is unknown or not runnable here.
     static Result<std::shared_ptr<const Registry>> load(const Options& options);
 
     [[nodiscard]] std::span<const Variant> variants() const { return variants_; }

@@ -52,7 +52,7 @@ protected:
 
     Reply<Payload> develop() override {
         const std::span<const std::uint32_t> counts(counts_.get(), order().pixels());
-        const std::uint64_t misses = tally().done(order().plan).misses;
+        const std::uint64_t misses = tally().misses();
         const auto statistics = heat_statistics(counts, misses, options_);
         if (!statistics) return refuse(statistics.error());
         statistics_ = *statistics;
