@@ -6,6 +6,10 @@
 // and stored as a whole; a ray is appended to every list and only the counters say to which).
 // Measured 1.05 to 2.3 times the latency traversal on incoherent rays, 0.8 to 1.0 on coherent ones.
 //
+// All rays push the children of their nodes before the first of them pops what it looks at next. A
+// pop waits for the end of the ray's box test; done at once, it and its prefetches fill the CPU's
+// schedulers, and the tests of the next rays start late (measured: 1.05 to 1.1 times as fast).
+//
 // Levels: entering an instance saves the parent's ray and pushes a sentinel; popping the sentinel
 // restores it. Depth costs memory, never recursion.
 #pragma once
@@ -19,6 +23,7 @@
 #include <cstdint>
 #include <limits>
 #include <new>
+#include <utility>
 
 namespace raynest {
 
@@ -57,10 +62,12 @@ public:
     bool trace(std::uint32_t count) {
         const std::size_t levels = root_.record().levels;
         const std::size_t stack = stack_of_level * levels + 8;
-        const std::size_t each =
-            (sizeof(BoxRay) * levels + (sizeof(std::uint32_t) + sizeof(float)) * stack + 63) / 64 *
-            64;
-        constexpr std::align_val_t alignment{64};
+        const std::size_t bytes =
+            sizeof(BoxRay) * levels + (sizeof(std::uint32_t) + sizeof(float)) * stack;
+        // An odd number of cache lines: all rays' stacks begin in cache sets of their own.
+        constexpr std::size_t line = 64;
+        const std::size_t each = ((bytes + line - 1) / line | 1) * line;
+        constexpr std::align_val_t alignment{line};
         void* memory = ::operator new(each* batch_width, alignment, std::nothrow);
         if (memory == nullptr) return false;
         auto* at = static_cast<std::byte*>(memory);
@@ -82,20 +89,24 @@ private:
         inner_count_ = leaf_count_ = 0;
         for (Ray& flight : flights_) {
             if (!launch(flight)) break;
-            classify(flight);
+            advance(flight);
         }
-        constexpr std::uint32_t few = batch_width / 4;
+        constexpr std::uint32_t few = batch_width / 2;
         while (inner_count_ + leaf_count_ != 0) {
-            while (inner_count_ != 0 && leaf_count_ < few) step_all();
-            const std::uint32_t waiting = leaf_count_;
-            leaf_count_ = 0;
-            for (std::uint32_t i = 0; i < waiting; ++i) {
-                Ray& flight = *leaf_[i];
-                if (answer_leaf(flight)) {
-                    feed_.end(flight.index, flight.query);
-                    if (!launch(flight)) continue;
+            if (inner_count_ != 0 && leaf_count_ < few) {
+                const std::uint32_t standing = std::exchange(inner_count_, 0);
+                for (std::uint32_t i = 0; i < standing; ++i) step(*inner_[i]);
+                for (std::uint32_t i = 0; i < standing; ++i) advance(*inner_[i]);
+            } else {
+                const std::uint32_t standing = std::exchange(leaf_count_, 0);
+                for (std::uint32_t i = 0; i < standing; ++i) {
+                    Ray& flight = *leaf_[i];
+                    if (answer_leaf(flight)) {
+                        feed_.end(flight.index, flight.query);
+                        if (!launch(flight)) continue;
+                    }
+                    advance(flight);
                 }
-                classify(flight);
             }
         }
     }
@@ -115,14 +126,15 @@ private:
         return false;
     }
 
-    /// Starts at the root of the ray's object, on top of a sentinel.
+    /// The root of the ray's object is what it looks at next; beneath it lies a sentinel.
     static void enter_tree(Ray& flight) {
         use_object(flight);
-        flight.child = flight.ray->object->root;
-        if (flight.child == child_empty) return;  // as if the sentinel had been popped
-        flight.children[flight.top] = child_empty;
+        push(flight, child_empty);
+        if (flight.ray->object->root != child_empty) push(flight, flight.ray->object->root);
+    }
+    static void push(Ray& flight, std::uint32_t child) {
+        flight.children[flight.top] = child;
         flight.nears[flight.top++] = -std::numeric_limits<float>::infinity();
-        flight.arrays.prefetch(flight.child);
     }
 
     static void use_object(Ray& flight) {
@@ -130,55 +142,43 @@ private:
         flight.arrays = TreeArrays(*ray.scene, *ray.object);
         flight.far_first = far_first(ray);
     }
-    void classify(Ray& flight) {
-        const std::uint32_t leaf = flight.child >> 31;
+
+    /// Pushes the children of the node that the ray stands at.
+    RAYNEST_INLINE void step(Ray& flight) {
+        const Node& node = flight.arrays.node(flight.child);
+        const auto spans = ask(isect_, *flight.ray, Boxes8{&node});
+        const std::uint32_t top = flight.top;
+        if constexpr (Query::ordered) {
+            flight.top =
+                top + pack_ordered(spans.near, node.child, spans.mask, node.order, flight.far_first,
+                                   flight.nears + top, flight.children + top);
+        } else {
+            flight.top = top + pack_words(node.child, spans.mask, flight.children + top);
+        }
+    }
+
+    /// Pops what the ray looks at next, and appends it to the rays that stand at the same kind.
+    ///
+    /// The sentinel is never behind the best hit, so the stack needs no test for its end. The first
+    /// hit ends a query that is not ordered: nothing of its stack is ever behind.
+    RAYNEST_INLINE void advance(Ray& flight) {
+        std::uint32_t top = flight.top - 1;
+        if constexpr (Query::ordered) {
+            while (flight.nears[top] > flight.ray->tmax) --top;
+        }
+        flight.top = top;
+        const TreeArrays arrays = flight.arrays;
+        const std::uint32_t child = flight.children[top];
+        flight.child = child;
+        arrays.prefetch(child);
+        const std::uint32_t leaf = child >> 31;
         inner_[inner_count_] = &flight;
         inner_count_ += 1 - leaf;
         leaf_[leaf_count_] = &flight;
         leaf_count_ += leaf;
     }
 
-    /// One node of every ray that stands at one.
-    void step_all() {
-        const std::uint32_t count = inner_count_;
-        inner_count_ = 0;
-        for (std::uint32_t i = 0; i < count; ++i) {
-            Ray& flight = *inner_[i];
-            const Node& node = flight.arrays.node(flight.child);
-            const auto spans = ask(isect_, *flight.ray, Boxes8{&node});
-            if constexpr (Query::ordered) {
-                flight.top +=
-                    pack_ordered(spans.near, node.child, spans.mask, node.order, flight.far_first,
-                                 flight.nears + flight.top, flight.children + flight.top);
-                pop(flight);
-            } else {
-                // What would be popped, from where it was before it was pushed: reading back what
-                // has just been stored takes longer (measured: 1 %).
-                const std::uint32_t waiting = flight.children[flight.top - 1];
-                const std::uint32_t last =
-                    node.child[static_cast<std::uint32_t>(std::bit_width(spans.mask | 1U)) - 1];
-                const std::uint32_t none = 0U - static_cast<std::uint32_t>(spans.mask == 0);
-                flight.child = last ^ ((last ^ waiting) & none);
-                flight.top += pack_words(node.child, spans.mask, flight.children + flight.top) - 1;
-                flight.arrays.prefetch(flight.child);
-            }
-            classify(flight);
-        }
-    }
-
-    /// The sentinel is never behind the best hit, so the stack needs no test for its end. The first
-    /// hit ends a query that is not ordered: nothing of its stack is ever behind.
-    static void pop(Ray& flight) {
-        std::uint32_t top = flight.top - 1;
-        if constexpr (Query::ordered) {
-            while (flight.nears[top] > flight.ray->tmax) --top;
-        }
-        flight.top = top;
-        flight.child = flight.children[top];
-        flight.arrays.prefetch(flight.child);
-    }
-
-    /// Answers what the ray stands at and pops the next; true when the ray's query is answered.
+    /// Answers what the ray stands at; true when the ray's query is answered.
     bool answer_leaf(Ray& flight) {
         const std::uint32_t child = flight.child;
         if (child == child_empty) {
@@ -187,7 +187,6 @@ private:
             --flight.ray;
             flight.ray->tmax = tmax;
             use_object(flight);
-            pop(flight);
             return false;
         }
         switch (kind_of(child)) {
@@ -199,17 +198,15 @@ private:
                     if (visit(*flight.ray, Triangles8{block, first}, isect_, flight.query))
                         return true;
                 }
-                break;
+                return false;
             }
             case ChildKind::records: {
                 const auto& ray = *flight.ray;
-                if (visit_record_type(*ray.scene, *ray.object, leaf_first(child), leaf_count(child),
-                                      [&](const auto& record) {
-                                          return visit(*flight.ray, record, isect_, flight.query);
-                                      })) {
-                    return true;
-                }
-                break;
+                return visit_record_type(*ray.scene, *ray.object, leaf_first(child),
+                                         leaf_count(child), [&](const auto& record) {
+                                             return visit(*flight.ray, record, isect_,
+                                                          flight.query);
+                                         });
             }
             case ChildKind::instance: {
                 const SceneView& scene = *flight.ray->scene;
@@ -217,13 +214,12 @@ private:
                                         flight.ray->object->first_instance + leaf_instance(child)};
                 const InstanceRecord& record = instance.record();
                 if ((record.mask & flight.ray->mask) == 0 || !enters(isect_, *flight.ray, instance))
-                    break;
+                    return false;
                 flight.ray = new (flight.ray + 1) BoxRay(enter(*flight.ray, scene, record));
                 enter_tree(flight);
                 return false;
             }
         }
-        pop(flight);
         return false;
     }
 

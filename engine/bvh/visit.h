@@ -39,8 +39,7 @@ RAYNEST_INLINE bool visit(R& ray, const Instance& instance, Isect& isect, Query&
 
 /// Shift of Node::order that sorts a node's children for the ray, farthest first.
 [[nodiscard]] RAYNEST_INLINE std::uint32_t far_first(const BoxRay& ray) {
-    const auto& rows = ray.slabs.near_row;
-    return 3 * ((rows[0] | rows[1] << 1 | rows[2] << 2) ^ 7U);
+    return 3 * (ray.slabs.octant ^ 7U);
 }
 
 /// The latency traversal of one tree.

@@ -105,7 +105,7 @@ struct CompressedBox {
     for (int axis = 0; axis < 3; ++axis) {
         const float lower = box.plane(box.boxes->lower, axis);
         const float upper = box.plane(box.boxes->upper, axis);
-        const bool backwards = slabs.near_row[axis] != 0;
+        const bool backwards = slabs.is_backwards(axis);
         const auto first = Lanes<1>::splat(backwards ? upper : lower);
         const auto last = Lanes<1>::splat(backwards ? lower : upper);
         near = std::fmax(near, slabs.near_plane(axis, first).lane[0]);
@@ -159,16 +159,15 @@ struct CompressedTrees {
                                                          std::uint32_t slot) const {
             return nodes[node].child[slot];
         }
-        /// Bit s ^ octant of the answer: the ray enters slot s.
+        /// Bit s ^ octant of the answer, with the ray's octant: the ray enters slot s.
         template <class Isect>
         [[nodiscard]] RAYNEST_INLINE std::uint32_t entered(std::uint32_t node, const BoxRay& ray,
-                                                           std::uint32_t octant,
                                                            Isect& isect) const {
             const CompressedBoxes boxes = load(&nodes[node].boxes);
             std::uint32_t mask = 0;
             for (std::uint32_t slot = 0; slot < 8; ++slot) {
                 const std::uint32_t hit = ask(isect, ray, CompressedBox{&boxes, slot}).mask;
-                mask |= (hit & boxes.valid >> slot) << (slot ^ octant);
+                mask |= (hit & boxes.valid >> slot) << (slot ^ ray.slabs.octant);
             }
             return mask;
         }

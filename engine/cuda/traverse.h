@@ -44,12 +44,6 @@ struct Level {
     std::uint64_t path;
 };
 
-/// Bit a: the ray runs down axis a, and meets the far slots of it first.
-[[nodiscard]] RAYNEST_INLINE std::uint32_t octant_of(const BoxRay& ray) {
-    const auto& backwards = ray.slabs.near_row;
-    return backwards[0] | backwards[1] << 1 | backwards[2] << 2;
-}
-
 /// Answers `query` for a ray at the root of its scene.
 template <class Trees, class Isect, class Query>
 RAYNEST_INLINE void traverse_levels(const RayView& outermost, const Trees& trees, Isect& isect,
@@ -62,11 +56,9 @@ RAYNEST_INLINE void traverse_levels(const RayView& outermost, const Trees& trees
 
     BoxRay ray(outermost);
     auto tree = trees.of(*ray.object);
-    std::uint32_t octant = octant_of(ray);
     const auto look_from = [&](const RayView& view) RAYNEST_INLINE_LAMBDA {
         ray = BoxRay(view);
         tree = trees.of(*ray.object);
-        octant = octant_of(ray);
     };
 
     Waiting waiting{0, 0};
@@ -76,7 +68,7 @@ RAYNEST_INLINE void traverse_levels(const RayView& outermost, const Trees& trees
             // Of an object that holds nothing.
         } else if (!is_leaf(child)) {
             if (waiting.children != 0) stack[top++] = waiting;
-            waiting = {child, tree.entered(child, ray, octant, isect)};
+            waiting = {child, tree.entered(child, ray, isect)};
         } else if (kind_of(child) == ChildKind::triangles) {
             const auto visitor = [&](const auto& triangle) RAYNEST_INLINE_LAMBDA {
                 return visit(ray, triangle, isect, query);
@@ -119,7 +111,7 @@ RAYNEST_INLINE void traverse_levels(const RayView& outermost, const Trees& trees
         }
         const auto nearest = static_cast<std::uint32_t>(std::countr_zero(waiting.children));
         waiting.children &= waiting.children - 1;
-        child = tree.child(waiting.node, nearest ^ octant);
+        child = tree.child(waiting.node, nearest ^ ray.slabs.octant);
     }
 }
 

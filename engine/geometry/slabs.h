@@ -56,7 +56,9 @@ struct Slabs {
     float near_offset[4];
     float far_scale[4];
     float far_offset[4];
-    std::uint32_t near_row[3];  ///< 0: the ray meets the lower plane first, 1: the upper one
+    std::uint32_t octant;  ///< bit a: the ray runs down axis a
+    /// Of each axis' plane that the ray meets first, among lower x, y, z, upper x, y, z.
+    std::uint32_t near_row[3];
 
     RAYNEST_INLINE explicit Slabs(const RayView& ray) {
         using F = Lanes<4>;
@@ -69,12 +71,21 @@ struct Slabs {
         ((m - e) * F::splat(box_near_factor)).store(near_offset);
         (r * F::splat(box_far_factor)).store(far_scale);
         ((m + e) * F::splat(box_far_factor)).store(far_offset);
-        const std::uint32_t backwards = less(r, F::splat(0));
-        for (std::uint32_t axis = 0; axis < 3; ++axis) near_row[axis] = backwards >> axis & 1U;
+        octant = less(r, F::splat(0)) & 7U;
+        for (std::uint32_t axis = 0; axis < 3; ++axis) {
+            near_row[axis] = axis + 3 * (octant >> axis & 1U);
+        }
         const std::uint32_t finite = less((flip_sign(m, m) + e) * F::splat(box_far_factor),
                                           F::splat(std::numeric_limits<float>::max()));
         if ((finite & 7U) != 7U) [[unlikely]]
             widen(finite);
+    }
+
+    /// Whether the ray runs down the axis.
+    [[nodiscard]] RAYNEST_INLINE bool is_backwards(int axis) const { return near_row[axis] >= 3; }
+    /// The row of the plane that the ray meets last.
+    [[nodiscard]] RAYNEST_INLINE std::uint32_t far_row(int axis) const {
+        return static_cast<std::uint32_t>(2 * axis + 3) - near_row[axis];
     }
 
     /// t of the plane where the slab of an axis begins and ends.
@@ -144,14 +155,14 @@ template <int N, class S, class T>
 
 /// Where the ray passes one box.
 [[nodiscard]] RAYNEST_INLINE Interval<1> own_interval(const Slabs& slabs, const Box& box) {
-    const auto plane = [&](std::uint32_t row, int axis) RAYNEST_INLINE_LAMBDA {
-        return Lanes<1>::splat(row == 0 ? box.lower[axis] : box.upper[axis]);
+    const auto plane = [&](bool upper, int axis) RAYNEST_INLINE_LAMBDA {
+        return Lanes<1>::splat(upper ? box.upper[axis] : box.lower[axis]);
     };
     const auto near = [&](int axis) RAYNEST_INLINE_LAMBDA {
-        return slabs.near_plane(axis, plane(slabs.near_row[axis], axis));
+        return slabs.near_plane(axis, plane(slabs.is_backwards(axis), axis));
     };
     const auto far = [&](int axis) RAYNEST_INLINE_LAMBDA {
-        return slabs.far_plane(axis, plane(slabs.near_row[axis] ^ 1U, axis));
+        return slabs.far_plane(axis, plane(!slabs.is_backwards(axis), axis));
     };
     return Interval<1>::of({near(0), near(1), near(2)}, {far(0), far(1), far(2)});
 }

@@ -51,13 +51,13 @@ public:
         }
         template <class Isect>
         [[nodiscard]] std::uint32_t entered(std::uint32_t node, const BoxRay& ray,
-                                            std::uint32_t octant, Isect& isect) const {
+                                            Isect& isect) const {
             const BinaryNode& from = nodes[node];
             std::uint32_t mask = 0;
             for (const std::uint32_t side : {0U, 1U}) {
                 if (from.child[side] == child_empty) continue;
                 const std::uint32_t hit = ask(isect, ray, BoxRef{&from.box[side]}).mask;
-                mask |= hit << (side << from.axis ^ octant);
+                mask |= hit << (side << from.axis ^ ray.slabs.octant);
             }
             return mask;
         }
