@@ -88,7 +88,7 @@ void add_scene(CLI::App& app, std::string& scene) {
 }
 
 void add_epoch(CLI::App& app, std::uint64_t& epoch) {
-    add_whole(app, "--epoch", epoch, std::uint64_t{0}, any_whole,
+    add_whole(app, "--epoch", epoch, std::uint64_t{1}, any_whole,
               "that epoch of the scene (the current one)");
 }
 
@@ -182,6 +182,10 @@ void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
                    "closest | any | multi | all | null (canonical misses, nothing is traced)");
     add_whole(app, "--max-hits", max_hits, 1U, 65536U,
               "hits per ray: of multi (8, at most 256), of all the nearest are kept (4096)");
+    app.parse_complete_callback([&kind, &max_hits] {
+        if (max_hits != 0 && kind != "multi" && kind != "all")
+            throw CLI::ValidationError("--max-hits", "is of --kind multi and of --kind all");
+    });
     add_parsed(
         app, "--fields",
         [&fields](const std::string& text) -> std::string {
@@ -201,20 +205,18 @@ void add_detach(CLI::App& app, JobOptions& job, const std::string* required_outp
     app.add_flag("--detach", job.detach,
                  "print a job's number and end; the daemon goes on (see: raynest fetch). -o then "
                  "says what fetch is to write");
+    if (required_output == nullptr) return;
     app.parse_complete_callback([&job, required_output] {
-        if (required_output != nullptr && required_output->empty() && !job.detach)
-            throw CLI::RequiredError("--output");
+        if (required_output->empty() && !job.detach) throw CLI::RequiredError("--output");
     });
 }
 
 void declare(CLI::App& app, LoadOptions& load) {
     app.add_option("SOURCE", load.source,
                    "FILE.glb, FILE.gltf, FILE.npy, builtin:NAME[?key=value&...] or root:PATH")
-        ->required()
-        ->check(CLI::Validator(complain_if_empty, ""));
+        ->required();
     app.add_option("--name", load.name,
-                   "name of the scene (the file's stem; forest for builtin:forest?trees=5)")
-        ->check(CLI::Validator(complain_if_empty, ""));
+                   "name of the scene (the file's stem; forest for builtin:forest?trees=5)");
     app.add_flag("--replace", load.replace, "a new epoch of a name that is taken");
     app.add_option("--build", load.build, "fast | medium | high");
     app.add_option("--primitive", load.primitive,
@@ -389,6 +391,8 @@ private:
         CLI::App* sub = app_.add_subcommand(name, text);
         const auto command = std::make_shared<Command>();
         declare(*sub, *command);
+        for (CLI::Option* option : sub->get_options())
+            option->check(CLI::Validator(complain_if_empty, ""));
         sub->fallthrough();
         sub->final_callback([this, command] { options_.command = *command; });
         examples_[sub] = example;

@@ -24,8 +24,9 @@ def options():
     parser = terminal.parser(__doc__, "bench.py builtin:forest --raynest build/bin/raynest")
     parser.add_argument("--raynest", default="raynest", metavar="PROGRAM",
                         help="the C++ client (%(default)s)")
-    parser.add_argument("--rays", type=int, default=1_000_000, help="(%(default)s)")
-    parser.add_argument("--rounds", type=int, default=5, help="the best of so many (%(default)s)")
+    parser.add_argument("--rays", type=terminal.count, default=1_000_000, help="(%(default)s)")
+    parser.add_argument("--rounds", type=terminal.count, default=5,
+                        help="the best of so many (%(default)s)")
     return parser.parse_args()
 
 

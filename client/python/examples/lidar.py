@@ -18,9 +18,10 @@ def options():
                         help="where it stands (over the middle of the scene)")
     parser.add_argument("--height", type=float, default=1.8,
                         help="metres over the ground there (%(default)s)")
-    parser.add_argument("--channels", type=int, default=64, help="beams above each other "
+    parser.add_argument("--channels", type=terminal.count, default=64, help="beams above each other "
                         "(%(default)s)")
-    parser.add_argument("--azimuths", type=int, default=2048, help="of one turn (%(default)s)")
+    parser.add_argument("--azimuths", type=terminal.count, default=2048,
+                        help="of one turn (%(default)s)")
     parser.add_argument("--elevations", type=float, nargs=2, default=[-25, 15],
                         metavar=("LOW", "HIGH"),
                         help="degrees of the lowest and the highest channel (-25 15)")

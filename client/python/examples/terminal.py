@@ -17,6 +17,13 @@ def parser(description, example):
     return made
 
 
+def count(text):
+    """A whole number of at least 1, as the type of an option."""
+    if not (text.isascii() and text.isdigit()) or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 1")
+    return int(text)
+
+
 def progress(quiet):
     """Rewrites one line of a terminal; nothing where stderr is none."""
     if quiet or not sys.stderr.isatty():

@@ -11,7 +11,7 @@ def options():
     parser.add_argument("-o", "--output", default="sees.npy",
                         help=".npy of the matrix, (N, N) bool (%(default)s)")
     parser.add_argument("--points", metavar="FILE.npy", help="(N, 3) points")
-    parser.add_argument("--random", type=int, default=200, metavar="N",
+    parser.add_argument("--random", type=terminal.count, default=200, metavar="N",
                         help="without --points: so many, scattered over the scene (%(default)s)")
     parser.add_argument("--height", type=float, default=1.7,
                         help="of eyes over the ground, metres (%(default)s)")

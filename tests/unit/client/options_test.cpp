@@ -116,6 +116,9 @@ TEST_CASE("mistakes are usage errors in one line") {
                                             "query f --ray 1,2,3,4,5,6,",
                                             "query f --rays a --ray 1,2,3,4,5,6",
                                             "query f --ray 1,2,3,4,5,6 --max-hits 0",
+                                            "query f --ray 1,2,3,4,5,6 --max-hits 4",
+                                            "query f --ray 1,2,3,4,5,6 --kind any --max-hits 4",
+                                            "query f --ray 1,2,3,4,5,6 --epoch 0",
                                             "query f --ray 1,2,3,4,5,6 -o hits.txt",
                                             "render f",
                                             "render f -o x.gif",
@@ -136,6 +139,11 @@ TEST_CASE("mistakes are usage errors in one line") {
     for (const std::string& line : lines) {
         CAPTURE(line);
         CHECK(complaint(words_of(line)).find('\n') == std::string::npos);
+    }
+    for (const char* option : {"--metric", "--range", "--worker", "--intersector"}) {
+        CAPTURE(option);
+        CHECK(complaint({"heatmap", "f", "-o", "x.png", option, ""}).find("must not be empty") !=
+              std::string::npos);
     }
 }
 
