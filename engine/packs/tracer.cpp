@@ -13,10 +13,10 @@ constexpr std::size_t group_rays = 64;  // what the coherent traversal takes at 
 constexpr std::size_t sample_groups = 8;
 
 /// Batches hide cache misses: where a scene's trees are hardly larger than a core's own cache there
-/// is little to hide, and single rays are faster. Measured with 1 MiB of it, batch over latency, for
-/// ambient occlusion, diffuse and random rays: terrain of 0.4 MB 0.86, 0.96, 0.98; of 1.6 MB 0.94,
-/// 0.94, 1.12; of 6.4 MB 1.03, 1.03, 1.36; of 26 MB 1.14, 1.12, 1.96; the built-in forest, 2 MB
-/// under many instances, 0.62, 0.92, 0.93.
+/// is little to hide, and single rays are faster. Measured with 1 MiB of it, batch over latency,
+/// for ambient occlusion, diffuse and random rays: terrain of 1.0 MB 0.99, 0.97, 1.11; of 1.8 MB
+/// 1.03, 1.00, 1.16; of 4.6 MB 1.08, 1.05, 1.24; of 9.6 MB 1.15, 1.12, 1.42; the built-in forest,
+/// 2.3 MB under many instances, 0.68, 0.90, 1.00.
 constexpr std::uint64_t batch_tree_bytes = 4ULL << 20;
 
 /// Of nodes and leaf blocks, which objects share out between them, in order.
