@@ -1,5 +1,6 @@
 #include "server/device/worker.h"
 
+#include "engine/cuda/limits.h"
 #include "server/device/answers.h"
 #include "server/device/probe.h"
 #include "server/log.h"
@@ -7,6 +8,7 @@
 #include <algorithm>
 #include <limits>
 #include <new>
+#include <string>
 #include <utility>
 
 namespace raynest::server::device {
@@ -216,6 +218,11 @@ std::optional<Refusal> Worker::why_not(const Kernel& kernel, const Snapshot& sce
     const std::lock_guard lock(mutex_);
     if (state_ != State::up) return refusal_locked();
     if (!find_kernel(process_->ready(), kernel)) return Refusal{no_kernel(kernel)};
+    const SceneView& view = scene.view();
+    const std::uint32_t levels = view.objects[view.root].levels;
+    if (levels > cuda::levels_max)
+        return Refusal{"the scene is nested too deep for it: " + std::to_string(levels) +
+                       " levels, at most " + std::to_string(cuda::levels_max)};
     const auto refused = refused_.find(scene.hash());
     if (refused == refused_.end()) return std::nullopt;
     if (Clock::now() < refused->second.until) return refused->second.refusal;

@@ -369,7 +369,8 @@ class DeepScene(CudaTest):
         _, expected = self.query("cpu", scene="flake")
         told, answer = self.query("auto", scene="flake")
         self.assertEqual((told["worker"], answer), ("cpu", expected))
-        self.assertIn("do not take the scene: it is nested too deep", told["notes"][0])
+        self.assertIn("nested too deep for it: 12 levels, at most 8", told["worker_reason"])
+        self.assertEqual(told["notes"], [])  # the scene was not even handed over
         self.refused(5, "nested too deep", "render", "flake", "-o", self.out / "x.png",
                      "--worker", "cuda")
 
