@@ -175,7 +175,7 @@ CLI::Option* add_output(CLI::App& app, std::string& output, const std::vector<st
         text);
 }
 
-/// What is asked of each ray.
+/// What is asked of each ray. CLI11 keeps one callback per command: this is it.
 void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
               std::vector<std::string>& fields) {
     app.add_option("--kind", kind,
@@ -200,7 +200,8 @@ void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
         "columns, separated by commas");
 }
 
-/// --detach, with which a file is not written now and need not be named.
+/// --detach, with which a file that is else required need not be named; where one is, its callback
+/// is the command's.
 void add_detach(CLI::App& app, JobOptions& job, const std::string* required_output) {
     app.add_flag("--detach", job.detach,
                  "print a job's number and end; the daemon goes on (see: raynest fetch). -o then "

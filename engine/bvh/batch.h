@@ -19,7 +19,6 @@
 #include "engine/bvh/visit.h"
 #include "engine/math/compact.h"
 
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <limits>

@@ -81,7 +81,7 @@ struct Slabs {
             widen(finite);
     }
 
-    /// Whether the ray runs down the axis.
+    /// Whether the ray runs down the axis. Told by the row: by the octant a kernel for GPUs spills.
     [[nodiscard]] RAYNEST_INLINE bool is_backwards(int axis) const { return near_row[axis] >= 3; }
     /// The row of the plane that the ray meets last.
     [[nodiscard]] RAYNEST_INLINE std::uint32_t far_row(int axis) const {
