@@ -15,6 +15,7 @@
 // restores it. Depth costs memory, never recursion.
 #pragma once
 
+#include "engine/bvh/cancellation.h"
 #include "engine/bvh/tree_arrays.h"
 #include "engine/bvh/visit.h"
 #include "engine/math/compact.h"
@@ -92,7 +93,7 @@ private:
             advance(flight);
         }
         constexpr std::uint32_t few = batch_width / 2;
-        while (inner_count_ + leaf_count_ != 0) {
+        while (inner_count_ + leaf_count_ != 0 && !is_cancelled(feed_.cancellation)) {
             if (inner_count_ != 0 && leaf_count_ < few) {
                 const std::uint32_t standing = std::exchange(inner_count_, 0);
                 for (std::uint32_t i = 0; i < standing; ++i) step(*inner_[i]);

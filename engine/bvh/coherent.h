@@ -37,6 +37,7 @@ public:
 
     template <class Feed>
     void trace(const Bvh& root, std::uint32_t count, const Feed& feed) {
+        cancellation_ = feed.cancellation;
         PacketLevel level;
         RaySet rays = 0;
         for (std::uint32_t i = 0; i < packet_rays; ++i) {
@@ -322,6 +323,10 @@ private:
 
     void visit_leaf(const Place& place, const PacketLevel& level, const Bounds& bounds,
                     std::uint32_t leaf, RaySet rays) {
+        if (is_cancelled(cancellation_)) {
+            live_ = 0;
+            return;
+        }
         const SceneView& scene = *place.scene;
         const ObjectRecord& object = *place.object;
         switch (kind_of(leaf)) {
@@ -440,6 +445,7 @@ private:
     RaySet live_ = 0;         ///< rays whose query is not answered yet
     std::uint32_t mask_ = 0;  ///< of the call, as in RayView
     std::uint32_t flags_ = 0;
+    Cancellation* cancellation_ = nullptr;
     const Ray* world_[packet_rays];
     Query queries_[packet_rays];
 };

@@ -12,6 +12,7 @@
 
 #include "engine/bvh/ask.h"
 #include "engine/bvh/box_test.h"
+#include "engine/bvh/cancellation.h"
 #include "engine/bvh/node.h"
 #include "engine/bvh/tree_arrays.h"
 #include "engine/bvh/visit_primitive.h"
@@ -31,6 +32,7 @@ RAYNEST_INLINE bool visit(R& ray, const Instance& instance, Isect& isect, Query&
     const InstanceRecord& record = instance.record();
     if ((record.mask & ray.mask) == 0) return false;
     if (!enters(isect, ray, instance)) return false;
+    if (is_cancelled(query.cancellation)) return true;
     BoxRay inner(enter(ray, *instance.scene, record));
     const bool done = visit_tree(inner, Bvh{instance.scene, record.object}, isect, query);
     ray.tmax = inner.tmax;

@@ -13,7 +13,7 @@
 
 namespace raynest {
 
-inline constexpr std::uint32_t pack_abi = 4;
+inline constexpr std::uint32_t pack_abi = 5;
 
 enum Query : std::uint32_t { query_closest, query_any, query_multi, query_all, query_count };
 /// `reference` walks every primitive with no BVH: the oracle, in the same pack and the same bits.
@@ -33,7 +33,8 @@ enum TraceStatus : std::int32_t {
     trace_bad_call = 1,
     trace_out_of_memory = 2,
     trace_too_deep = 3,  ///< the scene has more levels than the target takes; a CPU takes any
-    trace_no_device = 4  ///< no GPU, or it does not answer any more
+    trace_no_device = 4,  ///< no GPU, or it does not answer any more
+    trace_cancelled = 5   ///< by TraceCall::cancelled; what was written means nothing
 };
 
 inline constexpr std::uint32_t multi_hits_max = 256;
@@ -79,6 +80,11 @@ struct TraceCall {
     std::uint64_t hits_room = 0;         ///< at least 2 * hits_max
     std::uint8_t* ray_flags = nullptr;   ///< one per ray: HitFlags
     std::uint32_t* rays_done = nullptr;  ///< rays answered, from the first on
+
+    /// On a CPU asked every so often, also within a ray; once it is true the call ends soon. May be
+    /// null.
+    bool (*cancelled)(const void* context) noexcept = nullptr;
+    const void* cancelled_context = nullptr;
 
     const void* device = nullptr;  ///< set behind the door of packs/device.h only
 };

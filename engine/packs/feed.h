@@ -18,7 +18,8 @@ struct Feed {
     using Query = std::conditional_t<kind == query_closest, ClosestHit,
                                      std::conditional_t<kind == query_any, AnyHit, MultiHit>>;
     const TraceCall& call;
-    std::uint32_t first;  ///< of the group in the call
+    std::uint32_t first;                   ///< of the group in the call
+    Cancellation* cancellation = nullptr;  ///< of the call
 
     /// The ray as it enters the root; false when it is invalid and thereby answered.
     [[nodiscard]] RAYNEST_INLINE bool begin(std::uint32_t i, RayView& view) const {
@@ -36,9 +37,9 @@ struct Feed {
     }
     [[nodiscard]] RAYNEST_INLINE Query query(std::uint32_t i) const {
         if constexpr (kind == query_multi) {
-            return MultiHit{std::span(hits_of(i), call.hits_max)};
+            return {std::span(hits_of(i), call.hits_max), 0, cancellation};
         } else {
-            return {};
+            return {{}, cancellation};
         }
     }
     RAYNEST_INLINE void end(std::uint32_t i, const Query& query) const {

@@ -76,7 +76,7 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
         // rays 4 %; 64 rays are as good as 16).
         constexpr std::uint32_t ahead = 16;
         alignas(BoxRay) std::byte memory[ahead][sizeof(BoxRay)];
-        for (std::uint32_t i = 0; i < count;) {
+        for (std::uint32_t i = 0; i < count && !feed.cancellation->look();) {
             std::uint32_t ready = 0;
             for (; i < count && ready < ahead; ++i) {
                 RayView view;
@@ -129,12 +129,13 @@ TraceStatus trace(const TraceCall* pointer) noexcept {
 
     Isect isect = make_intersector<Isect>(call);
     const Bvh root{call.scene, call.scene->root};
+    Cancellation cancellation(call.cancelled, call.cancelled_context);
     using Outputs = typename OutputsOf<Isect>::type;
     constexpr std::uint32_t group = ray_group<traversal>;
     for (std::uint32_t first = 0; first < call.ray_count; first += group) {
         const std::uint32_t rest = call.ray_count - first;
         const std::uint32_t count = rest < group ? rest : group;
-        const Feed<kind> feed{call, first};
+        const Feed<kind> feed{call, first, &cancellation};
         std::array<Outputs, group> states{};
         if constexpr (requires { isect.state = states.data(); }) isect.state = states.data();
         TraceStatus status = trace_ok;
@@ -146,6 +147,7 @@ TraceStatus trace(const TraceCall* pointer) noexcept {
         } else {
             status = trace_group<traversal>(root, count, isect, feed);
         }
+        if (cancellation.was_seen()) return trace_cancelled;
         if (status != trace_ok) return status;
         write_outputs<Isect>(call, first, count, states.data());
     }
@@ -164,19 +166,23 @@ TraceStatus trace_all(const TraceCall* pointer) noexcept {
 
     Isect isect = make_intersector<Isect>(call);
     const Bvh root{call.scene, call.scene->root};
+    Cancellation cancellation(call.cancelled, call.cancelled_context);
     std::span<HitRecord> room(call.hits, call.hits_room);
     std::uint32_t done = 0;
     for (; done < call.ray_count; ++done) {
         const Ray& ray = call.rays[done];
         const std::size_t most = std::min(room.size(), std::size_t{2} * call.hits_max);
         AllHits query{room.first(most), call.hits_max};
+        query.cancellation = &cancellation;
         std::uint8_t flags = hit_invalid_ray;
         typename OutputsOf<Isect>::type state{};
         if constexpr (requires { isect.state = &state; }) isect.state = &state;
+        if (is_cancelled(&cancellation)) return trace_cancelled;
         if (is_valid(ray)) {
             RayView view = outermost_view(ray, call.scene, 0, call.mask, call.flags);
             view.object = &call.scene->objects[call.scene->root];
             trace_one<traversal == traversal_reference>(view, root, isect, query);
+            if (cancellation.was_seen()) return trace_cancelled;
             if (!query.fits) break;
             query.finish();
             flags = query.truncated ? std::uint8_t{hit_truncated} : std::uint8_t{0};

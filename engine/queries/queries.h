@@ -4,8 +4,12 @@
 // ray.tmax to the farthest distance that can still matter and returns true when nothing can. Hits
 // are ordered by (t, path, geom, prim, k), CONTRACT.md §1: of equal t the smaller key wins,
 // whatever the order of traversal, so answers do not depend on the tree.
+//
+// A query also carries the word of its caller, where there is one, that it is wanted no more: the
+// search ends as if it were answered.
 #pragma once
 
+#include "engine/bvh/cancellation.h"
 #include "engine/geometry/concepts.h"
 #include "engine/geometry/hit.h"
 #include "engine/geometry/intersection.h"
@@ -52,6 +56,7 @@ RAYNEST_INLINE void for_each_record(const RayView& ray, const Hits<P, N>& hits, 
 struct ClosestHit {
     static constexpr bool ordered = true;  ///< visiting near children first pays
     HitRecord best;
+    Cancellation* cancellation = nullptr;
 
     template <class R, class P, int N>
     RAYNEST_INLINE bool take(R& ray, const Hits<P, N>& hits) {
@@ -72,6 +77,7 @@ struct ClosestHit {
 struct AnyHit {
     static constexpr bool ordered = false;
     bool found = false;
+    Cancellation* cancellation = nullptr;
 
     template <class R, class P, int N>
     RAYNEST_INLINE bool take(R& /*ray*/, const Hits<P, N>& hits) {
@@ -90,6 +96,7 @@ struct MultiHit {
     static constexpr bool ordered = true;
     std::span<HitRecord> nearest;  ///< capacity >= 1; the first `count` are filled
     std::uint32_t count = 0;
+    Cancellation* cancellation = nullptr;
 
     template <class R, class P, int N>
     RAYNEST_INLINE bool take(R& ray, const Hits<P, N>& hits) {
@@ -125,6 +132,7 @@ struct AllHits {
     std::uint32_t count = 0;
     bool truncated = false;  ///< there are more hits than the budget
     bool fits = true;        ///< false: the room was too small, and the rest means nothing
+    Cancellation* cancellation = nullptr;
 
     template <class R, class P, int N>
     RAYNEST_INLINE bool take(R& ray, const Hits<P, N>& hits) {

@@ -129,6 +129,7 @@ private:
             case trace_no_device:
                 return {Verdict::lost, Text<256>(pack_.device->error())};
             case trace_bad_call:
+            case trace_cancelled:  // by nobody: its calls end by themselves, or with the process
                 break;
         }
         return refuse("the kernel refused its call");

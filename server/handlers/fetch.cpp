@@ -30,7 +30,7 @@ public:
         const protocol::Frame& frame = source_->answer()[next_++];
         Task task;
         task.reply_bytes_max = frame.header.bulk_bytes;
-        task.run = [id = id_, &frame](const StopFlag&) {
+        task.run = [id = id_, &frame](const Stop&) {
             Frames frames(1);
             frames[0].header = frame.header;
             frames[0].header.request_id = id;

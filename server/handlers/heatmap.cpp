@@ -32,14 +32,16 @@ public:
           counts_(blank<std::uint32_t>()) {}
 
 protected:
-    Reply<void> expose(std::uint64_t first, std::span<Ray> rays, TraceBuffers& buffers) override {
+    Reply<void> expose(std::uint64_t first, std::span<Ray> rays, const Stop& stop,
+                       TraceBuffers& buffers) override {
         // Necessary work is what lies before the hit: with tmax there, order no longer matters.
         if (first_pass_) {
-            if (const auto traced = trace(*first_pass_, rays, buffers); !traced) return traced;
+            if (const auto traced = trace(*first_pass_, rays, stop, buffers); !traced)
+                return traced;
             for (std::size_t i = 0; i < rays.size(); ++i)
                 if (buffers.hits[i].hit != 0) rays[i].tmax = buffers.hits[i].t;
         }
-        if (const auto traced = trace(order().plan, rays, buffers); !traced) return traced;
+        if (const auto traced = trace(order().plan, rays, stop, buffers); !traced) return traced;
         ColumnSource source = order().plan.source(registry());
         source.rays = rays;
         source.hits = buffers.hits;

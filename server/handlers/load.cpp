@@ -107,7 +107,7 @@ public:
         import_started_ = true;
         Task task;
         task.lane = Lane::blocking;
-        task.run = [this](const StopFlag& stop) -> Reply<Frames> {
+        task.run = [this](const Stop& stop) -> Reply<Frames> {
             auto snapshot = import(stop.deadline());
             if (!snapshot) return tl::unexpected(snapshot.error());
             snapshot_ = std::move(*snapshot);

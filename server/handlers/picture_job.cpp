@@ -120,12 +120,12 @@ Task PictureJob::trace_task() {
     ++chunks_running_;
     Task task;
     task.lane = order_.plan.worker.lane();
-    task.run = [this, first, count](const StopFlag&) -> Reply<Frames> {
+    task.run = [this, first, count](const Stop& stop) -> Reply<Frames> {
         tally_.begin();
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
         buffers.rays.resize(count);
         generate_tiles(pinhole(order_.camera, {order_.width, order_.height}), first, buffers.rays);
-        if (const auto exposed = expose(first, buffers.rays, buffers); !exposed)
+        if (const auto exposed = expose(first, buffers.rays, stop, buffers); !exposed)
             return tl::unexpected(exposed.error());
         const auto missed = std::count_if(buffers.hits.begin(), buffers.hits.end(),
                                           [](const HitRecord& hit) { return hit.hit == 0; });
@@ -138,15 +138,15 @@ Task PictureJob::trace_task() {
 }
 
 Reply<void> PictureJob::trace_camera(std::uint64_t first, std::span<const Ray> rays,
-                                     TraceBuffers& buffers) const {
+                                     const Stop& stop, TraceBuffers& buffers) const {
     const PinholeRays made{pinhole(order_.camera, {order_.width, order_.height}), first, true};
-    return trace(order_.plan, rays, buffers, &made);
+    return trace(order_.plan, rays, stop, buffers, &made);
 }
 
 Task PictureJob::encode_task() {
     encode_started_ = true;
     Task task;
-    task.run = [this](const StopFlag&) -> Reply<Frames> {
+    task.run = [this](const Stop&) -> Reply<Frames> {
         auto payload = develop();
         if (!payload) return tl::unexpected(payload.error());
         payload_ = std::move(*payload);
@@ -163,7 +163,7 @@ Task PictureJob::send_task() {
     piece_running_ = true;
     Task task;
     task.reply_bytes_max = protocol::padded(count);
-    task.run = [this, offset, count](const StopFlag&) -> Reply<Frames> {
+    task.run = [this, offset, count](const Stop&) -> Reply<Frames> {
         protocol::Bulk bulk;
         bulk.add("data", wire::Dtype::u8, 1, count);
         bulk.allocate();

@@ -52,11 +52,12 @@ public:
 protected:
     /// Worker thread: traces `rays`, those from place `first` of the tile order on
     /// (integrators/camera.h), and keeps what the picture needs.
-    virtual Reply<void> expose(std::uint64_t first, std::span<Ray> rays, TraceBuffers& buffers) = 0;
+    virtual Reply<void> expose(std::uint64_t first, std::span<Ray> rays, const Stop& stop,
+                               TraceBuffers& buffers) = 0;
     /// Worker thread, after all chunks.
     virtual Reply<Payload> develop() = 0;
     /// Worker thread: traces camera rays of expose().
-    Reply<void> trace_camera(std::uint64_t first, std::span<const Ray> rays,
+    Reply<void> trace_camera(std::uint64_t first, std::span<const Ray> rays, const Stop& stop,
                              TraceBuffers& buffers) const;
     /// Adds to DONE what only this kind of picture knows.
     virtual void complete(wire::DoneT& /*done*/) const {}

@@ -83,6 +83,7 @@ Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query quer
     plan.worker.asked = word(job.worker(), "auto");
     plan.priority = *priority;
     plan.deadline_ms = job.deadline_ms();
+    plan.chunk_time_max = std::chrono::milliseconds(services.limits.chunk_ms_max);
     plan.detach = job.detach();
     return plan;
 }

@@ -7,6 +7,7 @@
 #include "server/handlers/handler.h"
 #include "server/handlers/worker_choice.h"
 
+#include <chrono>
 #include <optional>
 #include <string>
 #include <vector>
@@ -28,6 +29,7 @@ struct Plan {
     std::uint64_t hits_room = 0;  ///< of `all`: records that one call of the kernel may fill
     Priority priority = Priority::normal;
     std::uint32_t deadline_ms = 0;
+    std::chrono::milliseconds chunk_time_max{};
     bool detach = false;
     std::vector<std::string> notes;  ///< for the user, sent with STARTED
     WorkerChoice worker;

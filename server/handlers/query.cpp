@@ -89,9 +89,9 @@ protected:
                                                     (cost_.fixed + answer_head_bytes_max);
     }
 
-    Reply<Frames> answer(const Piece& piece) override {
+    Reply<Frames> answer(const Piece& piece, const Stop& stop) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        auto rays = source_.trace(plan_, piece, buffers, any_order());
+        auto rays = source_.trace(plan_, piece, stop, buffers, any_order());
         if (!rays) return tl::unexpected(rays.error());
         const std::size_t count = fitting(buffers);
         auto frames = encode(piece.first, rays->first(count), buffers);
@@ -117,7 +117,8 @@ private:
             const auto* question = dynamic_cast<const RaysQuestion*>(&other);
             return question != nullptr && job_.plan_.same_call(question->job_.plan_);
         }
-        [[nodiscard]] Reply<void> trace(std::span<const Question* const> all) const override {
+        [[nodiscard]] Reply<void> trace(std::span<const Question* const> all,
+                                        const Stop& stop) const override {
             TraceBuffers& buffers = TraceBuffers::of_this_thread();
             buffers.rays.clear();
             for (const Question* each : all) {
@@ -128,7 +129,7 @@ private:
                     piece.sent.rays(piece.first - piece.sent_first, piece.count, buffers.sent);
                 buffers.rays.insert(buffers.rays.end(), rays.begin(), rays.end());
             }
-            return server::trace(job_.plan_, buffers.rays, buffers);
+            return server::trace(job_.plan_, buffers.rays, stop, buffers);
         }
         [[nodiscard]] Reply<Frames> answer(std::uint64_t first_row) const override {
             TraceBuffers& traced = TraceBuffers::of_this_thread();

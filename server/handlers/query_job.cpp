@@ -83,9 +83,9 @@ std::optional<Task> QueryJob::next() {
         task.brief_hits = piece.count * plan_.hits_max;
     task.lane = plan_.worker.lane();
     task.question = question(piece);
-    task.run = [this, piece = std::move(piece)](const StopFlag&) {
+    task.run = [this, piece = std::move(piece)](const Stop& stop) {
         tally_.begin();
-        return answer(piece);
+        return answer(piece, stop);
     };
     return task;
 }

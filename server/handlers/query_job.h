@@ -38,7 +38,7 @@ protected:
     QueryJob(const Services& services, const Caller& caller, Plan plan, RaySource source);
 
     /// Worker thread: the frames that answer a piece. Adds to the tally what it answered.
-    virtual Reply<Frames> answer(const Piece& piece) = 0;
+    virtual Reply<Frames> answer(const Piece& piece, const Stop& stop) = 0;
     /// What a piece asks, where that may be asked together with others; else null.
     [[nodiscard]] virtual std::shared_ptr<const Question> question(const Piece& /*piece*/) {
         return nullptr;

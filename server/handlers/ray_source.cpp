@@ -239,24 +239,25 @@ bool RaySource::has_tiles(const Piece& piece) const {
     return band != 0 && piece.first % band == 0 && (piece.count % band == 0 || to_the_end);
 }
 
-Reply<std::span<const Ray>> RaySource::trace(const Plan& plan, const Piece& piece,
+Reply<std::span<const Ray>> RaySource::trace(const Plan& plan, const Piece& piece, const Stop& stop,
                                              TraceBuffers& buffers, bool any_order) const {
-    if (any_order && has_tiles(piece)) return trace_tiles(plan, piece, buffers);
+    if (any_order && has_tiles(piece)) return trace_tiles(plan, piece, stop, buffers);
     const std::span<const Ray> rays = rays_of(piece, buffers);
     const auto camera = made(piece, false);
-    if (auto traced = server::trace(plan, rays, buffers, camera ? &*camera : nullptr); !traced)
+    if (auto traced = server::trace(plan, rays, stop, buffers, camera ? &*camera : nullptr);
+        !traced)
         return tl::unexpected(traced.error());
     return rays;
 }
 
 Reply<std::span<const Ray>> RaySource::trace_tiles(const Plan& plan, const Piece& piece,
-                                                   TraceBuffers& buffers) const {
+                                                   const Stop& stop, TraceBuffers& buffers) const {
     const Sensor& sensor = std::get<Sensor>(origin_);
     const ImageSize size = ray_grid(sensor);
     buffers.rays.resize(piece.count);
     generate_tiles(sensor, piece.first, buffers.rays);
     const auto camera = made(piece, true);
-    if (auto traced = server::trace(plan, buffers.rays, buffers, camera ? &*camera : nullptr);
+    if (auto traced = server::trace(plan, buffers.rays, stop, buffers, camera ? &*camera : nullptr);
         !traced)
         return tl::unexpected(traced.error());
     buffers.order.resize(piece.count);

@@ -80,14 +80,14 @@ public:
     /// Worker thread: traces a piece and gives its rays, which lie in its frame or in the buffers;
     /// the answers are in their order (TraceBuffers::order). With `any_order` rays may be traced
     /// among others: neighbours in square tiles are traced faster.
-    Reply<std::span<const Ray>> trace(const Plan& plan, const Piece& piece, TraceBuffers& buffers,
-                                      bool any_order) const;
+    Reply<std::span<const Ray>> trace(const Plan& plan, const Piece& piece, const Stop& stop,
+                                      TraceBuffers& buffers, bool any_order) const;
 
 private:
     [[nodiscard]] std::span<const Ray> rays_of(const Piece& piece, TraceBuffers& buffers) const;
     /// Is it whole bands of tiles?
     [[nodiscard]] bool has_tiles(const Piece& piece) const;
-    Reply<std::span<const Ray>> trace_tiles(const Plan& plan, const Piece& piece,
+    Reply<std::span<const Ray>> trace_tiles(const Plan& plan, const Piece& piece, const Stop& stop,
                                             TraceBuffers& buffers) const;
     /// A piece's rays as a camera that makes them, row by row or in tile order, where one does.
     [[nodiscard]] std::optional<PinholeRays> made(const Piece& piece, bool tiles) const;

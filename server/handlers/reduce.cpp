@@ -62,9 +62,9 @@ protected:
                (rows() / task_points_ + 1) * (protocol::alignment + answer_head_bytes_max);
     }
 
-    Reply<Frames> answer(const Piece& piece) override {
+    Reply<Frames> answer(const Piece& piece, const Stop& stop) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        if (const auto traced = source_.trace(plan_, piece, buffers, false); !traced)
+        if (const auto traced = source_.trace(plan_, piece, stop, buffers, false); !traced)
             return tl::unexpected(traced.error());
         const std::uint64_t each = source_.rays_per_point();
         std::vector<std::uint32_t> hits(std::max<std::uint64_t>(1, piece.count / each));
@@ -146,9 +146,9 @@ protected:
         return paths_max_ * row_bytes + frames * (2 * protocol::alignment + answer_head_bytes_max);
     }
 
-    Reply<Frames> answer(const Piece& piece) override {
+    Reply<Frames> answer(const Piece& piece, const Stop& stop) override {
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        if (const auto traced = source_.trace(plan_, piece, buffers, true); !traced)
+        if (const auto traced = source_.trace(plan_, piece, stop, buffers, true); !traced)
             return tl::unexpected(traced.error());
         std::unordered_map<std::uint64_t, std::uint32_t> counts;
         for (const HitRecord& hit : buffers.hits)
@@ -169,7 +169,7 @@ private:
     Task sort_task() {
         sorting_ = true;
         Task task;
-        task.run = [this](const StopFlag&) -> Reply<Frames> {
+        task.run = [this](const Stop&) -> Reply<Frames> {
             table_.assign(counts_.begin(), counts_.end());
             std::sort(table_.begin(), table_.end());
             sorted_ = true;
@@ -184,7 +184,7 @@ private:
         sent_ += count;
         Task task;
         task.reply_bytes_max = count * row_bytes + 2 * protocol::alignment;
-        task.run = [this, first, count](const StopFlag&) -> Reply<Frames> {
+        task.run = [this, first, count](const Stop&) -> Reply<Frames> {
             protocol::Bulk bulk;
             bulk.add("path", wire::Dtype::u64, 1, count);
             bulk.add("pixels", wire::Dtype::u32, 1, count);

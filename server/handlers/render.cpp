@@ -35,8 +35,9 @@ public:
           pixels_(blank<Vec4>()) {}
 
 protected:
-    Reply<void> expose(std::uint64_t first, std::span<Ray> rays, TraceBuffers& buffers) override {
-        if (const auto traced = trace_camera(first, rays, buffers); !traced) return traced;
+    Reply<void> expose(std::uint64_t first, std::span<Ray> rays, const Stop& stop,
+                       TraceBuffers& buffers) override {
+        if (const auto traced = trace_camera(first, rays, stop, buffers); !traced) return traced;
         ColumnSource source = order().plan.source(registry());
         source.rays = rays;
         source.hits = buffers.hits;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <chrono>
 
 namespace raynest::server {
 namespace {
@@ -19,6 +20,40 @@ Reply<bool> trace_on_cuda(const Plan& plan, const TraceCall& call, const Pinhole
     return false;
 }
 
+/// Of one chunk: stops it with its job, and at the end of its own time. A thread is not for ever.
+class ChunkStop final : public Stop {
+public:
+    ChunkStop(const Stop& job, std::chrono::milliseconds time)
+        : job_(job),
+          end_(Clock::now() + time) {}
+    [[nodiscard]] bool requested() const noexcept override {
+        if (job_.requested()) return true;
+        // A clock costs more than the steps between two questions.
+        constexpr unsigned questions_per_look = 64;
+        return ++questions_ % questions_per_look == 0 && Clock::now() >= end_;
+    }
+
+private:
+    const Stop& job_;
+    const Clock::time_point end_;
+    mutable unsigned questions_ = 0;
+};
+
+bool is_requested(const void* chunk) noexcept {
+    return static_cast<const ChunkStop*>(chunk)->requested();
+}
+
+/// Why a call was cancelled.
+protocol::Error cut_short(const Plan& plan, const Stop& stop) {
+    if (stop.requested()) return {Code::cancelled, "", 0};
+    return {Code::limit_exceeded,
+            "a chunk of rays took longer than chunk_ms_max = " +
+                std::to_string(plan.chunk_time_max.count()) +
+                ": rays from very far away, or with directions too short to divide by, meet all "
+                "that a scene holds; look at the rays, or raise the daemon's limit",
+            0};
+}
+
 }  // namespace
 
 TraceBuffers& TraceBuffers::of_this_thread() {
@@ -26,8 +61,8 @@ TraceBuffers& TraceBuffers::of_this_thread() {
     return buffers;
 }
 
-Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers,
-                  const PinholeRays* made) {
+Reply<void> trace(const Plan& plan, std::span<const Ray> rays, const Stop& stop,
+                  TraceBuffers& buffers, const PinholeRays* made) {
     const bool all = plan.query == query_all;
     const std::size_t count = rays.size();
     buffers.answered = static_cast<std::uint32_t>(count);
@@ -67,7 +102,12 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buf
     buffers.on_cuda = *traced;
     if (buffers.on_cuda) return {};
     buffers.traversal = plan.tracer.choose(rays, *call.scene);
-    return check(plan.tracer.function(buffers.traversal)(&call), plan);
+    const ChunkStop chunk(stop, plan.chunk_time_max);
+    call.cancelled = is_requested;
+    call.cancelled_context = &chunk;
+    const TraceStatus status = plan.tracer.function(buffers.traversal)(&call);
+    if (status == trace_cancelled) return tl::unexpected(cut_short(plan, stop));
+    return check(status, plan);
 }
 
 void Tally::begin() {

@@ -40,8 +40,9 @@ inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
 /// hits of `all` have no more room. Of a plan that traces nothing there are no hits. What a CUDA
 /// worker gives up runs on the CPU, unless the plan demands it there. `made`: a camera that makes
 /// these rays, where there is one.
-Reply<void> trace(const Plan& plan, std::span<const Ray> rays, TraceBuffers& buffers,
-                  const PinholeRays* made = nullptr);
+/// CANCELLED where `stop` is requested meanwhile, within a ray too; on a GPU after the call.
+Reply<void> trace(const Plan& plan, std::span<const Ray> rays, const Stop& stop,
+                  TraceBuffers& buffers, const PinholeRays* made = nullptr);
 
 /// What DONE tells about a job; written by its tasks on any thread.
 class Tally {

@@ -2,8 +2,12 @@
 //
 // One small request is answered soonest where it was read. Of many that come at once, those beyond
 // a turn's share go to the workers, where they run at the same time and keep no connection waiting.
+// So does what takes longer than its few rays made expect.
 #pragma once
 
+#include "server/jobs/job.h"
+
+#include <chrono>
 #include <cstdint>
 #include <functional>
 
@@ -11,6 +15,18 @@ namespace raynest::server {
 
 /// A request of so few rays and hits is answered sooner than a worker would wake up for it.
 inline constexpr std::uint64_t brief_hits_max = 64;
+/// Twenty times what they usually take.
+inline constexpr std::chrono::milliseconds brief_time_max{1};
+
+/// Of one task on the io thread, where nobody else can stop it.
+class BriefStop final : public Stop {
+public:
+    [[nodiscard]] bool requested() const noexcept override { return Clock::now() >= end_; }
+    [[nodiscard]] Clock::time_point deadline() const override { return end_; }
+
+private:
+    const Clock::time_point end_ = Clock::now() + brief_time_max;
+};
 
 /// Io thread only; must outlive what it posts.
 class BriefTurn {
@@ -26,6 +42,9 @@ public:
         taken_ += hits;
         return true;
     }
+
+    /// Nothing more in this turn.
+    void end() { taken_ = brief_hits_max; }
 
 private:
     std::uint64_t taken_ = 0;

@@ -14,13 +14,26 @@ namespace {
 /// Enough to fill a traversal's lanes many times; few enough to leave work for other threads.
 constexpr std::uint64_t group_rays_max = 1024;
 
+/// Of several jobs: one that must end keeps no other waiting, each then runs alone.
+class StopOfAny final : public Stop {
+public:
+    explicit StopOfAny(std::span<const Errand> errands) : errands_(errands) {}
+    [[nodiscard]] bool requested() const noexcept override {
+        return std::any_of(errands_.begin(), errands_.end(),
+                           [](const Errand& errand) { return errand.stop->requested(); });
+    }
+
+private:
+    const std::span<const Errand> errands_;
+};
+
 /// Traces the rays of all at once; false, and nothing has happened, when that fails.
 bool trace_together(std::span<const Errand> errands) noexcept {
     if (errands.size() < 2) return false;
     try {
         std::vector<const Question*> questions;
         for (const Errand& errand : errands) questions.push_back(errand.task.question.get());
-        return questions.front()->trace(questions).has_value();
+        return questions.front()->trace(questions, StopOfAny(errands)).has_value();
     } catch (...) {
         return false;  // each alone: what is wrong fails its own job only
     }
@@ -66,7 +79,7 @@ void Coalescer::end_turn(const Way& way) {
 }
 
 void Coalescer::run(const Group& group, Metrics& metrics) noexcept {
-    // Those that must end are refused in their turn, and traced with the rest at worst.
+    // Those that must end are refused in their turn.
     const bool together = trace_together(group.errands);
     std::uint64_t row = 0;
     for (const Errand& errand : group.errands) {

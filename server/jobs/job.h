@@ -27,16 +27,30 @@ namespace raynest::server {
 
 using Clock = std::chrono::steady_clock;
 
-/// Shared by a job and its tasks; may be asked from any thread.
-class StopFlag {
+/// Whether work is to be given up. Thread-safe, and asked often while the work goes on.
+class Stop {
+public:
+    Stop() = default;
+    Stop(const Stop&) = delete;
+    [[nodiscard]] virtual bool requested() const noexcept = 0;
+    /// When it will be, at the latest.
+    [[nodiscard]] virtual Clock::time_point deadline() const { return Clock::time_point::max(); }
+
+protected:
+    ~Stop() = default;
+};
+
+/// Shared by a job and its tasks. At the deadline the io thread requests it, so that tasks need no
+/// clock.
+class StopFlag final : public Stop {
 public:
     explicit StopFlag(Clock::time_point deadline) : deadline_(deadline) {}
     void request() { requested_.store(true, std::memory_order_relaxed); }
-    [[nodiscard]] bool requested() const { return requested_.load(std::memory_order_relaxed); }
+    [[nodiscard]] bool requested() const noexcept override {
+        return requested_.load(std::memory_order_relaxed);
+    }
     [[nodiscard]] bool expired() const { return Clock::now() >= deadline_; }
-    /// Asked between pieces of work.
-    [[nodiscard]] bool must_end() const { return requested() || expired(); }
-    [[nodiscard]] Clock::time_point deadline() const { return deadline_; }
+    [[nodiscard]] Clock::time_point deadline() const override { return deadline_; }
 
 private:
     std::atomic<bool> requested_{false};
@@ -45,8 +59,8 @@ private:
 
 using Frames = std::vector<protocol::Frame>;
 
-/// `compute` threads trace and encode; `blocking` ones wait for import processes and disks, `device`
-/// ones for a GPU, so that what it takes its time for holds up nobody else.
+/// `compute` threads trace and encode; `blocking` ones wait for import processes and disks,
+/// `device` ones for a GPU, so that what it takes its time for holds up nobody else.
 enum class Lane { compute, blocking, device };
 
 /// What a task of few rays asks, where others may ask the same: their rays then go through one
@@ -62,14 +76,16 @@ public:
     /// The same of the same scene?
     [[nodiscard]] virtual bool same_as(const Question& other) const = 0;
     /// Worker thread: traces the rays of all, which ask the same as this one.
-    [[nodiscard]] virtual Reply<void> trace(std::span<const Question* const> all) const = 0;
+    [[nodiscard]] virtual Reply<void> trace(std::span<const Question* const> all,
+                                            const Stop& stop) const = 0;
     /// The same thread, next: what the task would have given, out of the traced rays from
     /// `first_row` on.
     [[nodiscard]] virtual Reply<Frames> answer(std::uint64_t first_row) const = 0;
 };
 
 struct Task {
-    std::function<Reply<Frames>(const StopFlag&)> run;
+    /// What it gives once `stop` is requested is dropped. It may be run again after it failed.
+    std::function<Reply<Frames>(const Stop& stop)> run;
     std::uint64_t reply_bytes_max =
         0;                          ///< bulk bytes of the answer at most: reserved before it runs
     std::uint64_t input_bytes = 0;  ///< bulk bytes of fed frames that are free once it ended

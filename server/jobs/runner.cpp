@@ -168,17 +168,24 @@ void Runner::pump(const ActivePointer& active) {
                 !credit_allows(*active, *active->parked) || !window_allows(*active->parked))
                 break;
             Task task = *std::exchange(active->parked, std::nullopt);
-            if (task.brief_hits != 0 && active->running == 0 &&
-                engine_.brief_turn.enter(task.brief_hits, engine_.post))
-                take_answer(*active,
-                            run_guarded(active->stop, [&] { return task.run(active->stop); }),
-                            task.input_bytes);
-            else
+            if (task.brief_hits == 0 || active->running != 0 || !run_briefly(*active, task))
                 submit(active, std::move(task));
         }
     });
     const bool done = active->error || (!active->parked && active->job->finished());
     if (active->running == 0 && done) finish(active);
+}
+
+bool Runner::run_briefly(Active& active, const Task& task) {
+    if (!engine_.brief_turn.enter(task.brief_hits, engine_.post)) return false;
+    const BriefStop stop;
+    auto reply = run_guarded(active.stop, [&] { return task.run(stop); });
+    if (!reply && reply.error().code == Code::cancelled) {
+        engine_.brief_turn.end();
+        return false;
+    }
+    take_answer(active, std::move(reply), task.input_bytes);
+    return true;
 }
 
 bool Runner::credit_allows(const Active& active, const Task& task) {

@@ -123,6 +123,8 @@ private:
     [[nodiscard]] Workers& workers_of(const Task& task) const;
     [[nodiscard]] bool window_allows(const Task& task) const;
     [[nodiscard]] static bool credit_allows(const Active& active, const Task& task);
+    /// On the io thread; false where its turn is over, or ends before the task does.
+    bool run_briefly(Active& active, const Task& task);
     void submit(const ActivePointer& active, Task task);
     void take_answer(Active& active, Reply<Frames> reply, std::uint64_t input_bytes);
     void task_ended(const ActivePointer& active, Reply<Frames> reply, std::uint64_t reserved,

@@ -107,7 +107,7 @@ inline protocol::Frame chunk_of(std::uint64_t bytes) {
 class ScriptedJob final : public Job {
 public:
     ScriptedJob(std::size_t tasks, std::uint64_t bytes,
-                std::function<Reply<void>(const StopFlag&)> work = {})
+                std::function<Reply<void>(const Stop&)> work = {})
         : tasks_(tasks),
           bytes_(bytes),
           work_(std::move(work)) {}
@@ -117,7 +117,7 @@ public:
         ++given_;
         Task task;
         task.reply_bytes_max = protocol::padded(bytes_);
-        task.run = [this](const StopFlag& stop) -> Reply<Frames> {
+        task.run = [this](const Stop& stop) -> Reply<Frames> {
             if (work_)
                 if (const auto worked = work_(stop); !worked) return tl::unexpected(worked.error());
             Frames frames;
@@ -136,7 +136,7 @@ public:
 private:
     const std::size_t tasks_;
     const std::uint64_t bytes_;
-    const std::function<Reply<void>(const StopFlag&)> work_;
+    const std::function<Reply<void>(const Stop&)> work_;
     std::size_t given_ = 0;
 };
 

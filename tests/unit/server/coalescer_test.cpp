@@ -4,6 +4,7 @@
 #include <doctest/doctest.h>
 
 #include <deque>
+#include <functional>
 #include <memory>
 #include <new>
 #include <string>
@@ -20,6 +21,8 @@ struct Script {
     std::vector<std::string> alone;   ///< scenes of tasks that ran by themselves
     bool refuses = false;
     bool throws = false;
+    std::function<void()> on_trace = {};
+    std::function<void()> on_answer = {};
 };
 
 class ScriptedQuestion final : public Question {
@@ -32,7 +35,10 @@ public:
     [[nodiscard]] bool same_as(const Question& other) const override {
         return scene_ == dynamic_cast<const ScriptedQuestion&>(other).scene_;
     }
-    [[nodiscard]] Reply<void> trace(std::span<const Question* const> all) const override {
+    [[nodiscard]] Reply<void> trace(std::span<const Question* const> all,
+                                    const Stop& stop) const override {
+        if (script_.on_trace) script_.on_trace();
+        if (stop.requested()) return refuse(Code::cancelled, "");
         if (script_.throws) throw std::bad_alloc();
         if (script_.refuses) return refuse(Code::internal, "no");
         script_.traced.push_back(all.size());
@@ -40,6 +46,7 @@ public:
     }
     [[nodiscard]] Reply<Frames> answer(std::uint64_t first_row) const override {
         script_.rows.push_back(first_row);
+        if (script_.on_answer) script_.on_answer();
         return Frames{};
     }
 
@@ -56,7 +63,7 @@ struct Turn {
                                        Priority priority = Priority::normal) {
         Errand errand;
         errand.stop = stop = std::make_shared<StopFlag>(Clock::time_point::max());
-        errand.task.run = [this, scene](const StopFlag&) -> Reply<Frames> {
+        errand.task.run = [this, scene](const Stop&) -> Reply<Frames> {
             script.alone.push_back(scene);
             return Frames{};
         };
@@ -150,18 +157,34 @@ TEST_CASE("when the common call fails each runs alone") {
     CHECK(turn.metrics.tasks_coalesced == 0);
 }
 
-TEST_CASE("a cancelled one is refused, and the others are answered from their own rows") {
+TEST_CASE("a cancelled one is refused, and the others are answered") {
     Turn turn;
     const auto first = turn.add("woods", 4);
     const auto cancelled = turn.add("woods", 4);
-    turn.stop->request();
+    const std::shared_ptr<StopFlag> stop = turn.stop;
     const auto last = turn.add("woods", 4);
-    turn.end();
+    SUBCASE("before its turn: each of the others runs alone") {
+        stop->request();
+        turn.end();
+        CHECK(turn.script.alone.size() == 2);
+        CHECK(turn.script.rows.empty());
+    }
+    SUBCASE("while all are traced: the same") {
+        turn.script.on_trace = [&] { stop->request(); };
+        turn.end();
+        CHECK(turn.script.alone.size() == 2);
+        CHECK(turn.script.rows.empty());
+    }
+    SUBCASE("once they are traced: the others are answered from their own rows") {
+        turn.script.on_answer = [&] { stop->request(); };
+        turn.end();
+        CHECK(turn.script.alone.empty());
+        CHECK(turn.script.rows == std::vector<std::uint64_t>{0, 8});
+    }
     CHECK(first->has_value());
     REQUIRE_FALSE(cancelled->has_value());
     CHECK(cancelled->error().code == Code::cancelled);
     CHECK(last->has_value());
-    CHECK(turn.script.rows == std::vector<std::uint64_t>{0, 8});
 }
 
 }  // namespace

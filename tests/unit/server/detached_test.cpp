@@ -21,7 +21,7 @@ struct Store {
 
     Reply<DetachedJobs::Pointer> start(const std::string& principal, std::size_t tasks,
                                        std::uint64_t bytes,
-                                       std::function<Reply<void>(const StopFlag&)> work = {}) {
+                                       std::function<Reply<void>(const Stop&)> work = {}) {
         Accepted accepted = accept(std::make_unique<ScriptedJob>(tasks, bytes, std::move(work)));
         accepted.detach = true;
         accepted.result_bytes = room;
@@ -128,7 +128,7 @@ TEST_CASE("only the owner finds a job") {
 
 TEST_CASE("a failed job keeps its error and no bytes") {
     Store store;
-    const auto job = store.start("me", 9, 1000, [](const StopFlag&) -> Reply<void> {
+    const auto job = store.start("me", 9, 1000, [](const Stop&) -> Reply<void> {
         return refuse(Code::scene_invalid, "no");
     });
     REQUIRE(store.bench.run_until([&] { return (*job)->ended(); }));
@@ -172,7 +172,7 @@ TEST_CASE("an answer beyond what its owner may keep ends the job, and who feeds 
 TEST_CASE("cancelling stops what runs, drops what is kept, and gives all memory back") {
     Store store;
     std::atomic<bool> running{false};
-    const auto work = [&](const StopFlag& stop) -> Reply<void> {
+    const auto work = [&](const Stop& stop) -> Reply<void> {
         running = true;
         while (!stop.requested()) std::this_thread::yield();
         return {};

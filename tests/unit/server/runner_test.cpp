@@ -35,7 +35,7 @@ public:
         --tasks_;
         Task task;
         task.brief_hits = hits_;
-        task.run = [this](const StopFlag&) {
+        task.run = [this](const Stop&) {
             ran_.push_back(std::this_thread::get_id());
             return Reply<Frames>();
         };
@@ -83,6 +83,51 @@ TEST_CASE("of many small requests that come at once, the io thread answers a tur
     CHECK(first == std::vector<std::thread::id>{here, here});
 }
 
+/// A task that takes for ever on the io thread, and nothing at a worker.
+class SlowerThanItLooks final : public Job {
+public:
+    explicit SlowerThanItLooks(std::vector<std::thread::id>& ran) : ran_(ran) {}
+    std::optional<Task> next() override {
+        if (std::exchange(given_, true)) return std::nullopt;
+        Task task;
+        task.brief_hits = 1;
+        task.run = [this, io = std::this_thread::get_id()](const Stop& stop) -> Reply<Frames> {
+            ran_.push_back(std::this_thread::get_id());
+            if (ran_.back() != io) return Frames{};
+            while (!stop.requested()) std::this_thread::yield();
+            return refuse(Code::cancelled, "");
+        };
+        return task;
+    }
+    [[nodiscard]] bool finished() const override { return given_; }
+    Frames farewell() override { return {}; }
+
+private:
+    bool given_ = false;
+    std::vector<std::thread::id>& ran_;
+};
+
+TEST_CASE("a brief task that takes long goes to a worker, and the rest of the turn with it") {
+    Bench bench;
+    const std::thread::id here = std::this_thread::get_id();
+    std::vector<std::thread::id> slow;
+    std::vector<std::thread::id> next;
+    REQUIRE(bench.runner->start(1, accept(std::make_unique<SlowerThanItLooks>(slow))));
+    REQUIRE(bench.runner->start(2, accept(std::make_unique<BriefJob>(1, 1, next))));
+    REQUIRE(bench.run_until_idle());
+    REQUIRE(slow.size() == 2);
+    CHECK(slow[0] == here);
+    CHECK(slow[1] != here);
+    REQUIRE(next.size() == 1);
+    CHECK(next[0] != here);
+    CHECK_FALSE(bench.error().has_value());
+    CHECK(bench.metrics.jobs_ended == 2);
+
+    next.clear();
+    REQUIRE(bench.runner->start(3, accept(std::make_unique<BriefJob>(1, 1, next))));
+    CHECK(next == std::vector<std::thread::id>{here});
+}
+
 TEST_CASE("never more bytes than the client's credit, and every grant is used") {
     Bench bench;
     constexpr std::uint64_t bytes = 400 << 10;
@@ -110,11 +155,11 @@ TEST_CASE("a full connection parks its jobs until bytes leave") {
 }
 
 TEST_CASE("whatever a task throws fails its job alone") {
-    const std::pair<std::function<Reply<void>(const StopFlag&)>, Code> cases[] = {
-        {[](const StopFlag&) -> Reply<void> { throw std::runtime_error("x"); }, Code::internal},
-        {[](const StopFlag&) -> Reply<void> { throw std::bad_alloc(); }, Code::resource_exhausted},
-        {[](const StopFlag&) -> Reply<void> { throw 7; }, Code::internal},
-        {[](const StopFlag&) -> Reply<void> { return refuse(Code::scene_invalid, "x"); },
+    const std::pair<std::function<Reply<void>(const Stop&)>, Code> cases[] = {
+        {[](const Stop&) -> Reply<void> { throw std::runtime_error("x"); }, Code::internal},
+        {[](const Stop&) -> Reply<void> { throw std::bad_alloc(); }, Code::resource_exhausted},
+        {[](const Stop&) -> Reply<void> { throw 7; }, Code::internal},
+        {[](const Stop&) -> Reply<void> { return refuse(Code::scene_invalid, "x"); },
          Code::scene_invalid},
     };
     for (const auto& [work, code] : cases) {
@@ -133,7 +178,7 @@ TEST_CASE("a cancelled job keeps its place until its task has stopped") {
     Bench bench;
     std::atomic<bool> running{false};
     std::atomic<bool> may_stop{false};
-    const auto work = [&](const StopFlag& stop) -> Reply<void> {
+    const auto work = [&](const Stop& stop) -> Reply<void> {
         running = true;
         while (!stop.requested() || !may_stop) std::this_thread::yield();
         return {};
@@ -153,7 +198,7 @@ TEST_CASE("an expired job in the queue is never run") {
     Bench bench;
     std::atomic<int> ran{0};
     bench.waiting = bench.limits.window_bytes;
-    const auto work = [&](const StopFlag&) -> Reply<void> {
+    const auto work = [&](const Stop&) -> Reply<void> {
         ++ran;
         return {};
     };
@@ -203,7 +248,7 @@ TEST_CASE("a full daemon says BUSY and when to come back, a greedy connection ge
 TEST_CASE("an abandoned runner is silent, and its jobs still end") {
     Bench bench;
     std::atomic<bool> running{false};
-    const auto work = [&](const StopFlag& stop) -> Reply<void> {
+    const auto work = [&](const Stop& stop) -> Reply<void> {
         running = true;
         while (!stop.requested()) std::this_thread::yield();
         return {};

@@ -1,0 +1,124 @@
+#!/usr/bin/env python3
+"""Rays that never end: through 9^16 spheres, with directions too short to tell a box from another.
+Whoever waits for them may stop to, and nobody else waits with him.
+
+  endless_test.py RAYNESTD RAYNEST
+"""
+import signal
+import struct
+import sys
+import time
+import unittest
+
+from daemon import Client, Daemon, DaemonTest, PATIENCE
+
+ENDLESS = "5,5,5,-1e-45,-1e-45,-1e-45"
+SHORT = "5,5,5,-1,-1,-1"
+INFINITY = float("inf")
+
+
+def save_rays(path, count):
+    """A .npy file of so many endless rays."""
+    header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': ({count}, 8)}}"
+    header = header.ljust(64 * ((len(header) + 74) // 64) - 11).encode() + b"\n"
+    ray = struct.pack("<8f", 5, 5, 5, 0, -1e-45, -1e-45, -1e-45, INFINITY)
+    path.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + ray * count)
+    return path
+
+
+def running_jobs(client):
+    stats = client.json("stats")
+    return stats["jobs_started"] - stats["jobs_ended"]
+
+
+class Endless(DaemonTest):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.client.json("load", "builtin:flake?depth=16", "--name", "flake")
+        cls.many = save_rays(cls.out / "rays.npy", 66000)
+
+    def begin(self, *arguments):
+        process = self.client.start("query", "flake", *arguments, "-o", self.out / "answer.npz")
+        self.addCleanup(process.communicate)
+        self.addCleanup(process.kill)
+        return process
+
+    def wait_for_jobs(self, count, client=None):
+        end = time.monotonic() + PATIENCE
+        while (running := running_jobs(client or self.client)) != count:
+            self.assertLess(time.monotonic(), end, f"{running} jobs run, not {count}")
+            time.sleep(0.02)
+
+    def test_a_deadline_is_seen_within_a_ray(self):
+        for traversal in ("auto", "latency", "batch", "coherent", "reference"):
+            for kind in ("closest", "any", "multi", "all"):
+                if kind in ("multi", "all") and traversal in ("batch", "coherent"):
+                    continue
+                for rays in (("--ray", ENDLESS), ("--rays", self.many)):
+                    with self.subTest(traversal=traversal, kind=kind, rays=rays[0]):
+                        done = self.client.run("query", "flake", *rays, "--kind", kind, "--traversal",
+                                               traversal, "--deadline", "0.1", "-o",
+                                               self.out / "answer.npz")
+                        self.assertEqual(done.returncode, 7, done.stderr)
+                        self.assertIn("deadline", done.stderr)
+        self.wait_for_jobs(0)
+
+    def test_interrupting_the_client_ends_the_work(self):
+        for rays in (("--ray", ENDLESS), ("--rays", self.many)):
+            for how, code in ((signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)):
+                with self.subTest(rays=rays[0], how=how):
+                    process = self.begin(*rays)
+                    self.wait_for_jobs(1)
+                    process.send_signal(how)
+                    self.assertEqual(process.wait(PATIENCE), code)
+                    self.wait_for_jobs(0)
+
+    def test_others_are_served_meanwhile(self):
+        # More of them than the daemon has threads; each was first tried by the io thread.
+        endless = [self.begin("--ray", ENDLESS) for _ in range(4)]
+        self.wait_for_jobs(4)
+        answer = self.client.run("query", "flake", "--ray", SHORT)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        for process in endless:
+            self.assertIsNone(process.poll())
+            process.send_signal(signal.SIGINT)
+        for process in endless:
+            self.assertEqual(process.wait(PATIENCE), 130)
+        self.wait_for_jobs(0)
+
+    def test_a_detached_one_is_cancelled(self):
+        job = self.client.json("query", "flake", "--rays", self.many, "--detach")["job"]
+        self.wait_for_jobs(1)
+        self.assertEqual(self.client.run("cancel", str(job)).returncode, 0)
+        self.wait_for_jobs(0)
+
+    def test_a_daemon_whose_clients_are_gone_ends_at_once(self):
+        daemon = Daemon(self.raynestd)
+        try:
+            client = Client(self.raynest, daemon.uri)
+            client.json("load", "builtin:flake?depth=16", "--name", "flake")
+            process = client.start("query", "flake", "--rays", self.many, "-o", self.out / "gone.npz")
+            self.wait_for_jobs(1, client)
+            process.kill()
+            process.communicate()
+        finally:
+            self.assertEqual(daemon.stop(), 0)
+
+    def test_nobody_holds_a_thread_for_ever(self):
+        daemon = Daemon(self.raynestd, "--chunk_ms_max", "200")
+        try:
+            client = Client(self.raynest, daemon.uri)
+            client.json("load", "builtin:flake?depth=16", "--name", "flake")
+            for rays in (("--ray", ENDLESS), ("--rays", self.many)):
+                done = client.run("query", "flake", *rays, "-o", self.out / "held.npz")
+                self.assertEqual(done.returncode, 5, done.stderr)
+                self.assertIn("chunk_ms_max = 200", done.stderr)
+                self.assertEqual(done.stderr.strip().count("\n"), 0, done.stderr)
+        finally:
+            self.assertEqual(daemon.stop(), 0)
+
+
+if __name__ == "__main__":
+    DaemonTest.raynestd, DaemonTest.raynest = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1])
