@@ -74,7 +74,12 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.seconds = done.seconds();
         outcome.queued_seconds = done.queued_seconds();
         outcome.traversal = protocol::word(done.traversal(), outcome.traversal);
-        outcome.worker = protocol::word(done.worker(), outcome.worker);
+        // Why another one was chosen explains nothing: what came in between, the notes tell.
+        if (const std::string ran(protocol::word(done.worker(), outcome.worker));
+            ran != outcome.worker) {
+            outcome.worker = ran;
+            outcome.worker_reason.clear();
+        }
         outcome.target = protocol::word(done.target(), outcome.target);
         for (std::string& note : protocol::strings(done.notes()))
             outcome.notes.push_back(std::move(note));

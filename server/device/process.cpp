@@ -87,7 +87,9 @@ Result<void> Process::greet(const Setup& setup, Channel control) {
             return fail(ErrorCode::io_failed, "the worker did not start within " +
                                                   std::to_string(setup.patience.count()) + " ms");
     }
-    if (!ready_->ok) return fail(ErrorCode::io_failed, ready_->text.printable());
+    if (!ready_->ok)
+        return fail(ready_->absent ? ErrorCode::pack_invalid : ErrorCode::io_failed,
+                    ready_->text.printable());
     control_ = std::move(control);
     return {};
 }

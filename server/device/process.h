@@ -24,7 +24,7 @@ public:
         std::chrono::milliseconds patience{};  ///< for its start
         const std::atomic<bool>* stop;         ///< gives up the start
     };
-    /// Blocking. The error says why there is no device, or no process.
+    /// Blocking. The error says why there is no device (pack_invalid), or no process.
     static Result<std::shared_ptr<Process>> start(const Setup& setup);
     ~Process();
     Process(const Process&) = delete;

@@ -103,7 +103,8 @@ struct VariantInfo {
 
 struct Ready {
     bool ok = false;
-    Text<256> text;  ///< the device's name, or why there is none
+    bool absent = false;  ///< not ok for good: there is no device, or no pack for it
+    Text<256> text;       ///< the device's name, or why it is not ok
     std::uint32_t variant_count = 0;
     VariantInfo variants[variants_max];
     std::uint32_t record_type_count = 0;

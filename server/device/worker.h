@@ -5,7 +5,8 @@
 //
 // After a fault the worker is left alone for cuda_retry_ms, twice as long after each fault that
 // follows, up to cuda_retry_ms_max; one that was up for so long counts as the first. Nothing waits
-// for a start: meanwhile jobs run on the CPU, with the same answers.
+// for a start: meanwhile jobs run on the CPU, with the same answers. Where a start finds no device,
+// who demands one is told that there is none, not when to try again.
 #pragma once
 
 #include "engine/packs/registry.h"
@@ -129,6 +130,7 @@ private:
     ProcessPointer starting_;           ///< of State::starting, while it is probed
     std::vector<std::uint32_t> free_;   ///< slots of it
     std::string reason_ = "it starts";  ///< why it is not up
+    bool absent_ = false;               ///< the last start found no device, or no pack for it
     std::string logged_;                ///< the last reason in the log
     Clock::time_point since_;           ///< of State::up
     Clock::time_point retry_at_;        ///< of State::down

@@ -143,8 +143,9 @@ private:
     Channel channel_;
 };
 
-int end(Channel& control, std::string_view why) {
+int end(Channel& control, std::string_view why, bool absent = false) {
     Ready ready;
+    ready.absent = absent;
     ready.text = Text<256>(why);
     control.send(ready);
     return 1;
@@ -164,10 +165,10 @@ int run_worker_process(const char* path) {
         return end(control, "the memory of the slots cannot be mapped");
 
     const auto pack = load_device_pack(path);
-    if (!pack) return end(control, pack.error().message);
+    if (!pack) return end(control, pack.error().message, true);
     const Device& device = *pack->device;
     DeviceInfo info{};
-    if (device.open(&info) != trace_ok) return end(control, device.error());
+    if (device.open(&info) != trace_ok) return end(control, device.error(), true);
     // Without it copies are slower, and right.
     std::string name(info.name);
     if (device.pin(memory.bytes().data(), memory.bytes().size()) != trace_ok)

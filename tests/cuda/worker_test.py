@@ -214,6 +214,7 @@ class Faults(CudaTest):
                 self.assertFalse(self.fault.exists(), "the fault was not met")
                 self.assertEqual(answer, expected)
                 self.assertIn(told["worker"], ("mixed", "cpu"))
+                self.assertEqual(told["worker_reason"], "")
                 self.assertEqual(len(told["notes"]), 1)
                 self.assertIn("fell back to the CPU, with the same answers", told["notes"][0])
                 self.assertIn(says, told["notes"][0])
@@ -379,6 +380,7 @@ class NeverUp(CudaTest):
     """A device that no process can use: jobs run on the CPU and say why, cuda demanded is refused."""
     environment = {"RAYNEST_FAKE_CUDA_ALWAYS": "cudaSetDeviceFlags 35"}
     reason = "cudaErrorInsufficientDriver"
+    code = 5  # not to be tried again
 
     def test_jobs_run_on_the_cpu(self):
         end = time.monotonic() + PATIENCE
@@ -388,7 +390,7 @@ class NeverUp(CudaTest):
         told, _ = self.query("auto")
         self.assertEqual((told["worker"], told["notes"]), ("cpu", []))
         self.assertRegex(told["worker_reason"], f"cpu: .*({self.reason}|it starts)")
-        self.refused(6, "the CUDA worker: ", "render", "woods", "-o", self.out / "x.png",
+        self.refused(self.code, "the CUDA worker: ", "render", "woods", "-o", self.out / "x.png",
                      "--worker", "cuda")
         self.assertEqual(self.metric("cuda_starts"), 0)
         # Said once, however often it is tried.
@@ -398,12 +400,14 @@ class NeverUp(CudaTest):
 class NoSlots(NeverUp):
     environment = {"RAYNEST_FAKE_CUDA_MEMORY": 1000}
     reason = "cudaErrorMemoryAllocation"
+    code = 6
 
 
 class WrongAnswers(NeverUp):
     """Its answers are possible, but not the CPU's: rays do not arrive."""
     environment = {"RAYNEST_FAKE_CUDA_ALWAYS": "cudaMemcpyAsync garbage"}
     reason = "are not those of the CPU"
+    code = 6
 
 
 class WrongPack(unittest.TestCase):
