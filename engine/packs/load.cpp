@@ -4,13 +4,20 @@
 
 #include <algorithm>
 #include <array>
+#include <filesystem>
 #include <string>
+#include <system_error>
 
 namespace raynest {
 namespace {
 
 template <class Entry>
 Result<Entry> find_door(const std::filesystem::path& path, const char* symbol) {
+    // A pipe would keep dlopen waiting for ever.
+    std::error_code unreadable;
+    if (!std::filesystem::is_regular_file(path, unreadable))
+        return fail(ErrorCode::pack_invalid,
+                    "cannot load the kernel pack " + path.string() + ": it is no regular file");
     // RTLD_LOCAL: packs hold templates of the same names compiled for different CPUs.
     void* const module = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
     if (module == nullptr) {

@@ -425,6 +425,19 @@ class WrongPack(unittest.TestCase):
             self.assertIn("pack.so", daemon.log())
             self.assertEqual(daemon.stop(), 0)
 
+    def test_a_pipe_is_no_pack(self):
+        with tempfile.TemporaryDirectory() as folder:
+            pipe = pathlib.Path(folder) / "pack.so"
+            os.mkfifo(pipe)
+            daemon = Daemon(RAYNESTD, "--cuda", pipe, "--cuda_start_ms_max", "1000000")
+            client = Client(RAYNEST, daemon.uri)
+            client.json("load", "builtin:terrain?size=16", "--name", "hills")
+            end = time.monotonic() + PATIENCE
+            while "cuda_down" not in daemon.log() and time.monotonic() < end:
+                time.sleep(0.05)
+            self.assertIn("pack.so: it is no regular file", daemon.log())
+            self.assertEqual(daemon.stop(), 0)
+
     def test_off_is_off(self):
         daemon = Daemon(RAYNESTD, "--cuda", "off")
         client = Client(RAYNEST, daemon.uri)
