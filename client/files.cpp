@@ -7,8 +7,10 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <filesystem>
 #include <new>
 #include <string_view>
+#include <system_error>
 #include <utility>
 
 namespace raynest::client {
@@ -66,6 +68,20 @@ Result<protocol::Buffer> read_all(const Descriptor& file, const std::string& nam
     }
 }
 
+/// Where a path leads: a link stays one, and its end is written.
+struct Target {
+    explicit Target(const std::string& name) : path(name) {
+        struct stat status = {};
+        if (::stat(name.c_str(), &status) != 0) return;
+        whole = S_ISREG(status.st_mode);
+        std::error_code unknown;
+        const auto end = std::filesystem::canonical(name, unknown);
+        if (!unknown) path = end.string();
+    }
+    std::string path;
+    bool whole = true;  ///< replaced as a whole: no pipe and no device
+};
+
 }  // namespace
 
 Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_max) {
@@ -97,15 +113,16 @@ Result<protocol::Buffer> read_file_beneath(const std::string& folder, const std:
 }
 
 Result<void> write_file(const std::string& path, std::span<const std::byte> bytes) {
-    const std::string temporary = path + ".part";
+    const Target target(path);
+    const std::string temporary = target.whole ? target.path + ".part" : target.path;
     const auto give_up = [&] {
         const std::string why = std::strerror(errno);
-        ::unlink(temporary.c_str());
+        if (target.whole) ::unlink(temporary.c_str());
         return fail(Exit::failed, "cannot write " + path + ": " + why);
     };
     {
-        const Descriptor file(
-            ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666));
+        const int create = target.whole ? O_CREAT | O_TRUNC : 0;
+        const Descriptor file(::open(temporary.c_str(), O_WRONLY | create | O_CLOEXEC, 0666));
         if (!file) return give_up();
         while (!bytes.empty()) {
             const ssize_t count = ::write(file.get(), bytes.data(), bytes.size());
@@ -114,7 +131,7 @@ Result<void> write_file(const std::string& path, std::span<const std::byte> byte
             bytes = bytes.subspan(static_cast<std::size_t>(count));
         }
     }
-    if (std::rename(temporary.c_str(), path.c_str()) != 0) return give_up();
+    if (target.whole && std::rename(temporary.c_str(), target.path.c_str()) != 0) return give_up();
     return {};
 }
 
@@ -122,10 +139,12 @@ Result<void> check_writable(const std::string& path) {
     struct stat status = {};
     if (::stat(path.c_str(), &status) == 0 && S_ISDIR(status.st_mode))
         return fail(Exit::failed, "cannot write " + path + ": it is a directory");
-    const std::size_t slash = path.rfind('/');
-    const std::string folder = slash == std::string::npos ? "." : path.substr(0, slash + 1);
-    if (::access(folder.c_str(), W_OK | X_OK) != 0)
-        return fail(Exit::failed, "cannot write " + path + ": " + std::strerror(errno));
+    const Target target(path);
+    const std::size_t slash = target.path.rfind('/');
+    const std::string folder = slash == std::string::npos ? "." : target.path.substr(0, slash + 1);
+    const bool writable = target.whole ? ::access(folder.c_str(), W_OK | X_OK) == 0
+                                       : ::access(target.path.c_str(), W_OK) == 0;
+    if (!writable) return fail(Exit::failed, "cannot write " + path + ": " + std::strerror(errno));
     return {};
 }
 

@@ -24,7 +24,7 @@ Result<protocol::Buffer> read_file_beneath(const std::string& folder, const std:
 /// Whether write_file has a chance: asked before work of minutes, whose result would be lost.
 Result<void> check_writable(const std::string& path);
 /// Writes a whole file, or leaves none behind: a new file takes the place of the old one at the
-/// end.
+/// end. Of a link the end is written; what is no regular file is written to.
 Result<void> write_file(const std::string& path, std::span<const std::byte> bytes);
 
 }  // namespace raynest::client

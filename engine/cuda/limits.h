@@ -1,5 +1,5 @@
-// How deep a scene may be for a GPU to take it. Apart from the traversal, so that who knows nothing
-// of kernels can ask.
+// What a GPU takes: how deep a scene, how long a ray. Apart from the traversal, so that who knows
+// nothing of kernels can ask.
 #pragma once
 
 #include <cstdint>
@@ -8,5 +8,10 @@ namespace raynest::cuda {
 
 /// BVHs on a path. Deeper scenes are the CPU's.
 inline constexpr std::uint32_t levels_max = 8;
+
+/// Steps of a ray's search, a hundred times what the longest take that are meant to hit something.
+/// A kernel cannot be stopped but with its process; a ray that meets all that a scene holds ends
+/// here, and its call is the CPU's.
+inline constexpr std::uint32_t ray_steps_max = 1U << 18;
 
 }  // namespace raynest::cuda

@@ -25,8 +25,10 @@ RAYNEST_INLINE void trace_ray(const TraceCall& call, const Trees& trees,
     if (!feed.begin(i, view)) return;
     Isect isect = make_intersector<Isect>(*call.scene, values);
     auto query = feed.query(i);
-    traverse_levels(view, trees, isect, query);
-    feed.end(i, query);
+    if (traverse_levels(view, trees, isect, query))
+        feed.end(i, query);
+    else
+        feed.give_up(i);
 }
 
 }  // namespace raynest::cuda

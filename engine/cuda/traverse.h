@@ -44,10 +44,11 @@ struct Level {
     std::uint64_t path;
 };
 
-/// Answers `query` for a ray at the root of its scene.
+/// Answers `query` for a ray at the root of its scene; false where that takes more steps than
+/// ray_steps_max, and the query holds no answer.
 template <class Trees, class Isect, class Query>
-RAYNEST_INLINE void traverse_levels(const RayView& outermost, const Trees& trees, Isect& isect,
-                                    Query& query) {
+[[nodiscard]] RAYNEST_INLINE bool traverse_levels(const RayView& outermost, const Trees& trees,
+                                                  Isect& isect, Query& query) {
     const SceneView& scene = *outermost.scene;
     Waiting stack[Trees::stack_max];
     std::uint32_t top = 0;
@@ -63,7 +64,7 @@ RAYNEST_INLINE void traverse_levels(const RayView& outermost, const Trees& trees
 
     Waiting waiting{0, 0};
     std::uint32_t child = ray.object->root;
-    for (;;) {
+    for (std::uint32_t step = 0; step < ray_steps_max; ++step) {
         if (child == child_empty) {
             // Of an object that holds nothing.
         } else if (!is_leaf(child)) {
@@ -73,14 +74,14 @@ RAYNEST_INLINE void traverse_levels(const RayView& outermost, const Trees& trees
             const auto visitor = [&](const auto& triangle) RAYNEST_INLINE_LAMBDA {
                 return visit(ray, triangle, isect, query);
             };
-            if (tree.visit_triangles(child, visitor)) return;
+            if (tree.visit_triangles(child, visitor)) return true;
         } else if (kind_of(child) == ChildKind::records) {
             const auto visitor = [&](const auto& record) RAYNEST_INLINE_LAMBDA {
                 return visit(ray, record, isect, query);
             };
             if (visit_record_type(scene, *ray.object, leaf_first(child), leaf_count(child),
                                   visitor)) {
-                return;
+                return true;
             }
         } else {
             const Instance instance{&scene, ray.object->first_instance + leaf_instance(child)};
@@ -97,7 +98,7 @@ RAYNEST_INLINE void traverse_levels(const RayView& outermost, const Trees& trees
         }
 
         while (waiting.children == 0) {
-            if (top == 0) return;
+            if (top == 0) return true;
             waiting = stack[--top];
             if (waiting.children != leave_instance) continue;
             waiting.children = 0;
@@ -113,6 +114,7 @@ RAYNEST_INLINE void traverse_levels(const RayView& outermost, const Trees& trees
         waiting.children &= waiting.children - 1;
         child = tree.child(waiting.node, nearest ^ ray.slabs.octant);
     }
+    return false;
 }
 
 }  // namespace raynest::cuda

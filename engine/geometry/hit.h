@@ -11,7 +11,11 @@ namespace raynest {
 inline constexpr std::uint32_t no_id = 0xFFFFFFFFU;
 inline constexpr std::uint64_t no_path = 0xFFFFFFFFFFFFFFFFULL;
 
-enum HitFlags : std::uint8_t { hit_invalid_ray = 1, hit_truncated = 2 };
+enum HitFlags : std::uint8_t {
+    hit_invalid_ray = 1,
+    hit_truncated = 2,
+    hit_given_up = 128  ///< by a GPU, for a CPU to answer: no client sees it
+};
 
 /// 32 bytes at any nesting depth. `triangle` is the index among all primitives of the object in
 /// declaration order (the geometries' triangles one after the other, or the index of a record);

@@ -52,6 +52,13 @@ struct Feed {
         }
     }
 
+    /// Instead of end(): there is no answer.
+    RAYNEST_INLINE void give_up(std::uint32_t i) const {
+        *hits_of(i) = HitRecord{};
+        hits_of(i)->flags = hit_given_up;
+        if constexpr (kind == query_multi) call.hit_counts[first + i] = 0;
+    }
+
 private:
     [[nodiscard]] RAYNEST_INLINE HitRecord* hits_of(std::uint32_t i) const {
         return call.hits + static_cast<std::size_t>(first + i) * call.hits_max;

@@ -1,6 +1,8 @@
 #include "server/device/answers.h"
 
+#include <algorithm>
 #include <cstring>
+#include <span>
 
 namespace raynest::server::device {
 namespace {
@@ -28,22 +30,41 @@ bool is_any_hit(const HitRecord& record) {
     return std::memcmp(&hit, &record, sizeof hit) == 0;
 }
 
+bool is_given_up(const HitRecord& record) {
+    HitRecord given_up;
+    given_up.flags = hit_given_up;
+    return std::memcmp(&given_up, &record, sizeof given_up) == 0;
+}
+
+/// `records` and `count` of one ray: how many of them are its hits, for a multi query.
+bool are_possible(const SceneView& scene, Query query, std::span<const HitRecord> records,
+                  std::uint32_t count) {
+    const HitRecord& first = records.front();
+    switch (query) {
+        case query_multi:
+            return count <= records.size() &&
+                   std::all_of(records.begin(), records.begin() + count,
+                               [&](const HitRecord& record) { return is_hit(scene, record); });
+        case query_any:
+            return is_miss(first) || is_any_hit(first);
+        default:
+            return is_miss(first) || is_hit(scene, first);
+    }
+}
+
 }  // namespace
 
-bool are_possible(const TraceCall& call, const SceneView& scene, Query query) {
+Answers look_at_answers(const TraceCall& call, const SceneView& scene, Query query) {
+    bool given_up = false;
     for (std::uint32_t i = 0; i < call.ray_count; ++i) {
-        const HitRecord* const records = call.hits + std::size_t{i} * call.hits_max;
-        if (query == query_multi) {
-            if (call.hit_counts[i] > call.hits_max) return false;
-            for (std::uint32_t k = 0; k < call.hit_counts[i]; ++k)
-                if (!is_hit(scene, records[k])) return false;
-        } else if (query == query_any) {
-            if (!is_miss(*records) && !is_any_hit(*records)) return false;
-        } else if (!is_miss(*records) && !is_hit(scene, *records)) {
-            return false;
-        }
+        const std::span records(call.hits + std::size_t{i} * call.hits_max, call.hits_max);
+        const std::uint32_t count = query == query_multi ? call.hit_counts[i] : 1;
+        if (is_given_up(records.front()))
+            given_up = true;
+        else if (!are_possible(scene, query, records, count))
+            return Answers::impossible;
     }
-    return true;
+    return given_up ? Answers::given_up : Answers::possible;
 }
 
 }  // namespace raynest::server::device

@@ -7,8 +7,14 @@
 
 namespace raynest::server::device {
 
-/// Can the call's hits and counts be answers about the scene? Says nothing about whether they are
-/// right.
-[[nodiscard]] bool are_possible(const TraceCall& call, const SceneView& scene, Query query);
+enum class Answers {
+    possible,
+    given_up,   ///< some rays have none, because they took too long
+    impossible  ///< no rays of this scene have such
+};
+
+/// What the call's hits and counts are, as answers about the scene. Says nothing about whether they
+/// are right.
+[[nodiscard]] Answers look_at_answers(const TraceCall& call, const SceneView& scene, Query query);
 
 }  // namespace raynest::server::device

@@ -328,8 +328,14 @@ tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slo
     if (kernel.query == query_multi)
         std::copy_n(memory.hit_counts, call.ray_count, call.hit_counts);
     // What was copied, so that nobody writes to it meanwhile.
-    if (!are_possible(call, scene.view(), kernel.query))
-        return tl::unexpected(lost("it gave answers that cannot be"));
+    switch (look_at_answers(call, scene.view(), kernel.query)) {
+        case Answers::possible:
+            break;
+        case Answers::given_up:
+            return tl::unexpected(Refusal{"rays meet too much of the scene for it"});
+        case Answers::impossible:
+            return tl::unexpected(lost("it gave answers that cannot be"));
+    }
     return {};
 }
 

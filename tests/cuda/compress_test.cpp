@@ -108,7 +108,7 @@ std::uint32_t boxes_asked(const SceneView& scene, const Trees& trees) {
     view.object = scene.objects;
     EveryBox isect;
     ClosestHit query;
-    cuda::traverse_levels(view, trees, isect, query);
+    CHECK(cuda::traverse_levels(view, trees, isect, query));
     return isect.asked;
 }
 

@@ -1,8 +1,10 @@
 // The walk of a GPU asks an intersector about boxes, primitives and instances, at every level, for
 // every query, and what it refuses is not hit. conformance sees the intersectors of the list, none
 // of which looks at boxes.
+#include "engine/assets/import.h"
 #include "engine/cuda/compress.h"
 #include "engine/cuda/traverse.h"
+#include "engine/intersectors/opaque.h"
 #include "engine/queries/queries.h"
 #include "engine/queries/reference.h"
 #include "engine/scene/snapshot.h"
@@ -88,7 +90,7 @@ Tally compare(const SceneView& scene, const Trees& trees, const std::vector<Ray>
         RayView view = outermost_view(ray, &scene, 0, 0xFFFFFFFFU, 0);
         view.object = &scene.objects[scene.root];
         auto query = make(room);
-        cuda::traverse_levels(view, trees, isect, query);
+        CHECK(cuda::traverse_levels(view, trees, isect, query));
         auto expected = make(other_room);
         visit_everything(view, Bvh{&scene, scene.root}, oracle, expected);
         tally.different += same(query, expected) ? 0U : 1U;
@@ -129,4 +131,28 @@ TEST_CASE("hooks are called at every level by every query on both layouts") {
         check([](Room&) { return AnyHit{}; });
         check([](Room& room) { return MultiHit{room}; });
     }
+}
+
+TEST_CASE("a ray that meets all of a scene is given up, one that hits something is not") {
+    const auto flake = Snapshot::bake(*describe_builtin("builtin:flake?depth=8"));
+    REQUIRE(flake.has_value());
+    const SceneView& scene = (*flake)->view();
+    const auto trees = cuda::compress(scene);
+    REQUIRE(trees.has_value());
+    const auto is_answered = [&](const Vec3& direction, auto query) {
+        Ray ray;
+        ray.origin = Vec3(5);
+        ray.direction = direction;
+        RayView view = outermost_view(ray, &scene, 0, 0xFFFFFFFFU, 0);
+        view.object = &scene.objects[scene.root];
+        Opaque isect;
+        return cuda::traverse_levels(view, trees->view(), isect, query);
+    };
+    std::array<HitRecord, 4> room;
+    CHECK_FALSE(is_answered(Vec3(-1e-45F), ClosestHit{}));
+    CHECK_FALSE(is_answered(Vec3(-1e-45F), AnyHit{}));
+    CHECK_FALSE(is_answered(Vec3(-1e-45F), MultiHit{room}));
+    CHECK(is_answered(Vec3(-1), ClosestHit{}));
+    CHECK(is_answered(Vec3(-1), AnyHit{}));
+    CHECK(is_answered(Vec3(-1), MultiHit{room}));
 }

@@ -25,12 +25,16 @@ RAYS_ON_GPU = 1_250_000  # of each of eight
 RAYNESTD = RAYNEST = PACK = None
 
 
-def write_rays(path, seed=1):
-    """Rays from above the built-in forest, of all directions downward, as a .npy of RAYS x 6."""
+def write_rays(path, seed=1, endless_every=None):
+    """Rays from above the built-in forest, of all directions downward, as a .npy of RAYS x 6. Of the endless ones
+    the directions are too short to tell a box from another."""
     chance = random.Random(seed)
     header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': ({RAYS}, 6), }}".ljust(117) + "\n"
     values = array.array("f")
-    for _ in range(RAYS):
+    for number in range(RAYS):
+        if endless_every and number % endless_every == 0:
+            values.extend((5, 5, 5, -1e-45, -1e-45, -1e-45))
+            continue
         values.extend((chance.uniform(-20, 20), 30, chance.uniform(-20, 20),
                        chance.gauss(0, 0.4), -1, chance.gauss(0, 0.4)))
     path.write_bytes(b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() +
@@ -358,6 +362,28 @@ class LittleMemory(CudaTest):
         # That was no fault of the device.
         self.assertEqual(self.metric("cuda_faults"), 0)
         told, _ = self.query("cuda", scene="woods")
+        self.assertEqual(told["worker"], "cuda")
+
+
+class LongRays(CudaTest):
+    """Rays that meet all 9^7 spheres of a scene."""
+    scenes = (("builtin:flake?depth=7", "flake"),)
+
+    def test_they_are_the_cpus_and_no_fault_of_the_device(self):
+        self.wait_until_up()
+        write_rays(self.rays, endless_every=16384)
+        for options in ((), ("--kind", "any"), ("--kind", "multi", "--max-hits", "3")):
+            with self.subTest(options=options):
+                _, expected = self.query("cpu", *options, scene="flake")
+                told, answer = self.query("auto", *options, scene="flake")
+                self.assertEqual(answer, expected)
+                self.assertEqual(told["worker"], "cpu")
+                self.assertIn("rays meet too much of the scene for it", told["notes"][0])
+        self.refused(5, "rays meet too much of the scene for it", "query", "flake", "--rays",
+                     self.rays, "-o", self.out / "x.npz", "--worker", "cuda")
+        self.assertEqual(self.metric("cuda_faults"), 0)
+        write_rays(self.rays)
+        told, _ = self.query("auto", scene="flake")
         self.assertEqual(told["worker"], "cuda")
 
 

@@ -80,3 +80,28 @@ TEST_CASE("a file is written whole or not at all") {
     CHECK(!std::filesystem::exists(folder.path() + "/taken.part"));
     CHECK(!client::write_file(folder.path() + "/no/such/folder", std::as_bytes(std::span(text))));
 }
+
+TEST_CASE("a link stays a link, and a pipe a pipe") {
+    const TemporaryFolder folder;
+    folder.write("far", "old");
+    const std::string link = folder.path() + "/link";
+    std::filesystem::create_symlink("far", link);
+    const std::string text = "new";
+    const auto bytes = std::as_bytes(std::span(text));
+    REQUIRE(client::check_writable(link));
+    REQUIRE(client::write_file(link, bytes));
+    CHECK(std::filesystem::is_symlink(link));
+    CHECK(text_of(client::read_file(folder.path() + "/far", 100).value()) == "new");
+
+    const std::string pipe = folder.path() + "/pipe";
+    REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
+    const int reader = ::open(pipe.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+    REQUIRE(reader >= 0);
+    REQUIRE(client::check_writable(pipe));
+    REQUIRE(client::write_file(pipe, bytes));
+    char read[8] = {};
+    CHECK(::read(reader, read, sizeof read) == 3);
+    CHECK(std::string(read) == "new");
+    ::close(reader);
+    CHECK(std::filesystem::is_fifo(pipe));
+}
