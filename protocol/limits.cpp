@@ -59,7 +59,7 @@ constexpr std::array table = {
     LimitInfo{"drain_ms_max", &Limits::drain_ms_max, "time for what runs when the daemon ends",
               true},
     LimitInfo{"chunk_ms_max", &Limits::chunk_ms_max,
-              "time that a CPU thread spends on a chunk of rays", true},
+              "time for a chunk of rays on a CPU", true},
     LimitInfo{"cuda_call_ms_max", &Limits::cuda_call_ms_max, "time for a chunk of rays on a GPU",
               true},
     LimitInfo{"cuda_start_ms_max", &Limits::cuda_start_ms_max,

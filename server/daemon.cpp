@@ -39,6 +39,8 @@ constexpr unsigned imports_max = 2;
 constexpr unsigned cuda_calls_max = 4;
 static_assert(cuda_calls_max <= device::slots_max);
 constexpr std::chrono::milliseconds drain_look{20};
+/// For clients to hear that their jobs are given up.
+constexpr std::chrono::milliseconds last_words_time{1000};
 constexpr int exit_forced = 3;
 
 class Daemon {
@@ -81,6 +83,7 @@ private:
     std::unordered_set<std::shared_ptr<Session>> sessions_;
     std::map<std::string, std::size_t> connections_;  ///< of each principal
     Clock::time_point drain_deadline_ = Clock::time_point::max();
+    bool cut_short_ = false;  ///< the drain took too long
 };
 
 /// This program again, as main.cpp understands it: the packs decide which primitives a file may
@@ -263,10 +266,16 @@ void Daemon::drain() {
 
 void Daemon::look_drained() {
     // Jobs of closed connections count too: their tasks still use what the daemon owns.
-    if (sessions_.empty() && admission_.active() == 0) return io_.stop();
-    if (Clock::now() >= drain_deadline_) {
+    const bool drained = sessions_.empty() && admission_.active() == 0;
+    if (drained && !cut_short_) return io_.stop();
+    const bool late = Clock::now() >= drain_deadline_;
+    if (drained || (late && cut_short_)) std::_Exit(exit_forced);
+    if (late) {
         log(LogLevel::warn, "drain_took_too_long", {{"jobs", std::to_string(admission_.active())}});
-        std::_Exit(exit_forced);
+        cut_short_ = true;
+        drain_deadline_ = Clock::now() + last_words_time;
+        const std::unordered_set<std::shared_ptr<Session>> sessions = sessions_;
+        for (const auto& session : sessions) session->give_up();
     }
     drain_timer_.expires_after(drain_look);
     drain_timer_.async_wait([this](const SystemError& error) {

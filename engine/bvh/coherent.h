@@ -251,8 +251,10 @@ private:
             }
         }
         const Bvh bvh{place.scene, static_cast<std::uint32_t>(place.object - place.scene->objects)};
-        one_by_one(place, level, alone & live_,
-                   [&](BoxRay& ray, Query& query) { return visit_tree(ray, bvh, isect_, query); });
+        one_by_one(place, level, alone & live_, [&](BoxRay& ray, Query& query) {
+            return is_cancelled(cancellation_, work_in(*place.object)) ||
+                   visit_tree(ray, bvh, isect_, query);
+        });
     }
 
     /// Whether an interval around the rays of a set is worth a walk: they look the same way from
@@ -323,7 +325,7 @@ private:
 
     void visit_leaf(const Place& place, const PacketLevel& level, const Bounds& bounds,
                     std::uint32_t leaf, RaySet rays) {
-        if (is_cancelled(cancellation_)) {
+        if (is_cancelled(cancellation_, packet_rays)) {
             live_ = 0;
             return;
         }

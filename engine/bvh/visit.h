@@ -32,7 +32,8 @@ RAYNEST_INLINE bool visit(R& ray, const Instance& instance, Isect& isect, Query&
     const InstanceRecord& record = instance.record();
     if ((record.mask & ray.mask) == 0) return false;
     if (!enters(isect, ray, instance)) return false;
-    if (is_cancelled(query.cancellation)) return true;
+    const ObjectRecord& object = instance.scene->objects[record.object];
+    if (is_cancelled(query.cancellation, work_in(object))) return true;
     BoxRay inner(enter(ray, *instance.scene, record));
     const bool done = visit_tree(inner, Bvh{instance.scene, record.object}, isect, query);
     ray.tmax = inner.tmax;

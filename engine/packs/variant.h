@@ -74,9 +74,18 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
         // Some rays are set up before the first of them is traced: a CPU works on the divisions of
         // several at once, but not behind the mispredicted end of a search (measured: 2 %, of short
         // rays 4 %; 64 rays are as good as 16).
-        constexpr std::uint32_t ahead = 16;
-        alignas(BoxRay) std::byte memory[ahead][sizeof(BoxRay)];
-        for (std::uint32_t i = 0; i < count && !feed.cancellation->look();) {
+        constexpr std::uint32_t ahead_max = 16;
+        alignas(BoxRay) std::byte memory[ahead_max][sizeof(BoxRay)];
+        // Who may cancel is asked before each lot: asked before each ray it costs 2 %. Of trees
+        // that take a ray long, above 2 million triangles, lots are smaller; a call of so few rays
+        // as an io thread traces has none.
+        constexpr std::int64_t work_max = 1 << 22;
+        const std::int64_t work = work_in(root.record());
+        const auto ahead = static_cast<std::uint32_t>(
+            feed.call.ray_count <= ray_group<traversal_latency>
+                ? 1
+                : std::clamp<std::int64_t>(work_max / work, 1, ahead_max));
+        for (std::uint32_t i = 0; i < count && !is_cancelled(feed.cancellation, ahead * work);) {
             std::uint32_t ready = 0;
             for (; i < count && ready < ahead; ++i) {
                 RayView view;
@@ -177,7 +186,7 @@ TraceStatus trace_all(const TraceCall* pointer) noexcept {
         std::uint8_t flags = hit_invalid_ray;
         typename OutputsOf<Isect>::type state{};
         if constexpr (requires { isect.state = &state; }) isect.state = &state;
-        if (is_cancelled(&cancellation)) return trace_cancelled;
+        if (is_cancelled(&cancellation, work_in(root.record()))) return trace_cancelled;
         if (is_valid(ray)) {
             RayView view = outermost_view(ray, call.scene, 0, call.mask, call.flags);
             view.object = &call.scene->objects[call.scene->root];

@@ -16,7 +16,7 @@ bool visit_everything(RayView& ray, const Bvh& bvh, Isect& isect, Query& query) 
     const ObjectRecord& object = bvh.record();
     const TriangleBlock* blocks = scene.blocks + object.first_block;
     for (std::uint32_t b = 0; b < object.block_count; ++b) {
-        if (is_cancelled(query.cancellation)) return true;
+        if (is_cancelled(query.cancellation, 4)) return true;
         for (int lane = 0; lane < 8; ++lane) {
             if (blocks[b].triangle[lane] == no_id) continue;
             if (visit(ray, TriangleRef(blocks[b], lane), isect, query)) return true;
@@ -24,12 +24,12 @@ bool visit_everything(RayView& ray, const Bvh& bvh, Isect& isect, Query& query) 
     }
     if (object.record_count != 0 &&
         visit_record_type(scene, object, 0, object.record_count, [&](const auto& record) {
-            return is_cancelled(query.cancellation) || visit(ray, record, isect, query);
+            return is_cancelled(query.cancellation, 1) || visit(ray, record, isect, query);
         })) {
         return true;
     }
     for (std::uint32_t i = 0; i < object.instance_count; ++i) {
-        if (is_cancelled(query.cancellation)) return true;
+        if (is_cancelled(query.cancellation, 64)) return true;
         const Instance instance{&scene, object.first_instance + i};
         if ((instance.record().mask & ray.mask) == 0) continue;
         if (!enters(isect, ray, instance)) continue;

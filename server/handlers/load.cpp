@@ -56,6 +56,7 @@ struct LoadOrder {
     std::string principal;
     BuildQuality build = BuildQuality::medium;
     bool replace = false;
+    Clock::time_point deadline = Clock::time_point::max();
     std::vector<UploadFile> files;
     Budget::Lease lease;  ///< of the files
 };
@@ -107,8 +108,8 @@ public:
         import_started_ = true;
         Task task;
         task.lane = Lane::blocking;
-        task.run = [this](const Stop& stop) -> Reply<Frames> {
-            auto snapshot = import(stop.deadline());
+        task.run = [this](const Stop&) -> Reply<Frames> {
+            auto snapshot = import();
             if (!snapshot) return tl::unexpected(snapshot.error());
             snapshot_ = std::move(*snapshot);
             return Frames{};
@@ -161,7 +162,7 @@ private:
     }
 
     /// Worker thread; the io thread leaves the order alone meanwhile.
-    Reply<std::shared_ptr<const Snapshot>> import(Clock::time_point deadline) const {
+    Reply<std::shared_ptr<const Snapshot>> import() const {
         ImportRequest request;
         request.source = order_.source;
         request.primitive = order_.primitive;
@@ -189,9 +190,10 @@ private:
         limits.bytes_max =
             std::min(limits.bytes_max, import_base_bytes + import_growth * limits.scene_bytes_max);
         const Clock::time_point now = Clock::now();
-        if (deadline < now + limits.time_max)
-            limits.time_max = std::max(std::chrono::ceil<std::chrono::seconds>(deadline - now),
-                                       std::chrono::seconds(1));
+        if (order_.deadline < now + limits.time_max)
+            limits.time_max =
+                std::max(std::chrono::ceil<std::chrono::seconds>(order_.deadline - now),
+                         std::chrono::seconds(1));
         auto snapshot = import_in_child(request, limits, services_.import_child);
         if (!snapshot) return refuse(snapshot.error());
         return std::move(*snapshot);
@@ -269,6 +271,8 @@ Reply<Answer> load(const Services& services, const Caller& caller,
     accepted.kind = "load";
     accepted.scene = order.name;
     accepted.deadline_ms = message->deadline_ms();
+    if (accepted.deadline_ms != 0)
+        order.deadline = Clock::now() + std::chrono::milliseconds(accepted.deadline_ms);
     for (const UploadFile& file : order.files) accepted.input_bytes += file.bytes.size();
     accepted.job = std::make_unique<LoadJob>(services, caller, std::move(order));
     return Answer{std::move(accepted)};

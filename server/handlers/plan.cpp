@@ -1,5 +1,6 @@
 #include "server/handlers/plan.h"
 
+#include "engine/geometry/triangle.h"
 #include "server/handlers/scene_info.h"
 
 #include <algorithm>
@@ -11,6 +12,10 @@ namespace {
 
 /// A chunk of the brute-force reference must stay short enough for deadlines and cancels.
 constexpr std::uint64_t reference_rays_max = 64;
+
+/// Half a million triangles, or records of as many bytes as their blocks have.
+constexpr std::uint64_t small_trees_blocks = 1 << 16;
+constexpr std::uint64_t small_trees_record_bytes = small_trees_blocks * sizeof(TriangleBlock);
 
 /// The engine reports unknown words as parameters; on the wire they are fields of the request.
 tl::unexpected<protocol::Error> refuse_word(Error error) {
@@ -108,6 +113,13 @@ bool Plan::same_call(const Plan& other) const {
 std::uint64_t Plan::chunk_rays_max(const protocol::Limits& limits) const {
     return traversal == traversal_reference ? std::min(reference_rays_max, limits.chunk_rays_max)
                                             : limits.chunk_rays_max;
+}
+
+bool Plan::has_small_trees() const {
+    const SceneView& view = scene.snapshot().view();
+    const ObjectRecord& last = view.objects[view.object_count - 1];
+    return last.first_block + last.block_count <= small_trees_blocks &&
+           last.first_record + records_bytes(last) <= small_trees_record_bytes;
 }
 
 ColumnSource Plan::source(const Registry& registry) const {

@@ -40,6 +40,9 @@ struct Plan {
     [[nodiscard]] TraceCall call() const;
     /// Does it make the same call, so that one of it may serve both?
     [[nodiscard]] bool same_call(const Plan& other) const;
+    /// May the io thread trace a ray? None is interrupted within a tree, and of one that is not small
+    /// it takes milliseconds to meet all.
+    [[nodiscard]] bool has_small_trees() const;
     /// Rays that one task may trace at most: a chunk, or few where a ray walks the whole scene.
     [[nodiscard]] std::uint64_t chunk_rays_max(const protocol::Limits& limits) const;
     /// Where columns come from; the caller adds rays and hits.

@@ -78,7 +78,7 @@ std::optional<Task> QueryJob::next() {
     Task task;
     task.reply_bytes_max = reply_bytes(piece.count);
     task.input_bytes = std::exchange(piece.input_bytes, 0);
-    if (source_.rays() * plan_.hits_max <= brief_hits_max &&
+    if (source_.rays() * plan_.hits_max <= brief_hits_max && plan_.has_small_trees() &&
         plan_.traversal != traversal_reference && plan_.worker.cuda == nullptr)
         task.brief_hits = piece.count * plan_.hits_max;
     task.lane = plan_.worker.lane();

@@ -22,7 +22,6 @@ inline constexpr std::chrono::milliseconds brief_time_max{1};
 class BriefStop final : public Stop {
 public:
     [[nodiscard]] bool requested() const noexcept override { return Clock::now() >= end_; }
-    [[nodiscard]] Clock::time_point deadline() const override { return end_; }
 
 private:
     const Clock::time_point end_ = Clock::now() + brief_time_max;

@@ -3,8 +3,12 @@
 #include "server/log.h"
 
 #include <algorithm>
+#include <chrono>
 #include <exception>
+#include <functional>
+#include <map>
 #include <new>
+#include <optional>
 #include <span>
 #include <utility>
 
@@ -14,92 +18,165 @@ namespace {
 /// Enough to fill a traversal's lanes many times; few enough to leave work for other threads.
 constexpr std::uint64_t group_rays_max = 1024;
 
-/// Of several jobs: one that must end keeps no other waiting, each then runs alone.
-class StopOfAny final : public Stop {
+/// Of a common call; a hundred times what it usually takes.
+constexpr std::chrono::milliseconds group_time_max{20};
+
+/// Of several jobs: none waits for another one that must end, or that takes long.
+class CommonStop final : public Stop {
 public:
-    explicit StopOfAny(std::span<const Errand> errands) : errands_(errands) {}
+    explicit CommonStop(std::span<const Errand> errands) : errands_(errands) {}
     [[nodiscard]] bool requested() const noexcept override {
-        return std::any_of(errands_.begin(), errands_.end(),
+        return Clock::now() >= end_ ||
+               std::any_of(errands_.begin(), errands_.end(),
                            [](const Errand& errand) { return errand.stop->requested(); });
     }
 
 private:
     const std::span<const Errand> errands_;
+    const Clock::time_point end_ = Clock::now() + group_time_max;
 };
 
 /// Traces the rays of all at once; false, and nothing has happened, when that fails.
 bool trace_together(std::span<const Errand> errands) noexcept {
-    if (errands.size() < 2) return false;
     try {
         std::vector<const Question*> questions;
         for (const Errand& errand : errands) questions.push_back(errand.task.question.get());
-        return questions.front()->trace(questions, StopOfAny(errands)).has_value();
+        return questions.front()->trace(questions, CommonStop(errands)).has_value();
     } catch (...) {
         return false;  // each alone: what is wrong fails its own job only
     }
 }
 
+void finish(const Errand& errand) {
+    try {
+        errand.done();
+    } catch (const std::exception& error) {
+        log(LogLevel::error, "handler_failed", {{"reason", error.what()}});
+    }
+}
+
+/// Of an errand, whatever becomes of it.
+using Identity = const Reply<Frames>*;
+
 }  // namespace
 
-void Coalescer::add(const Way& way, const std::string& principal, Priority priority,
-                    Errand errand) {
+/// A worker has it from when its task is begun until that is done, else the io thread.
+struct Coalescer::Group {
+    const Way way;
+    const std::string principal;
+    const Priority priority;
+    std::vector<Errand> errands;
+    std::uint64_t rays = 0;
+    std::optional<std::uint64_t> task = {};        ///< number of its task, once it has one
+    bool together = false;                         ///< its task answered all
+    std::map<Identity, std::uint64_t> alone = {};  ///< numbers of their own tasks, once they have
+
+    void run() noexcept {
+        if (errands.size() == 1) {
+            errands.front().run();
+            together = true;
+            return;
+        }
+        together = trace_together(errands);
+        std::uint64_t row = 0;
+        for (const Errand& errand : errands) {
+            if (!together) break;
+            const Question& question = *errand.task.question;
+            *errand.reply = run_guarded(*errand.stop, [&] { return question.answer(row); });
+            row += question.rays();
+            ++way.metrics.tasks_coalesced;
+        }
+    }
+
+    /// Its task is done.
+    void end() {
+        std::vector<Errand> members = std::move(errands);
+        errands.clear();
+        for (Errand& errand : members) {
+            if (!together && !errand.stop->requested() && send_alone(errand)) continue;
+            if (!together) errand.run();  // is refused
+            finish(errand);
+        }
+    }
+
+    bool withdraw(Identity identity) {
+        const auto separate = alone.find(identity);
+        if (separate != alone.end())
+            return way.workers.change(principal, separate->second, [] { return false; });
+        std::optional<Errand> withdrawn;
+        const auto remove = [&] {
+            const auto member =
+                std::find_if(errands.begin(), errands.end(),
+                             [&](const Errand& errand) { return errand.reply.get() == identity; });
+            if (member != errands.end()) {
+                withdrawn = std::move(*member);
+                errands.erase(member);
+            }
+            return !errands.empty();
+        };
+        if (task)
+            way.workers.change(principal, *task, std::cref(remove));
+        else
+            remove();
+        return withdrawn.has_value();
+    }
+
+private:
+    /// False, and it is still here, without memory for its task.
+    bool send_alone(Errand& errand) {
+        std::shared_ptr<Errand> moved;
+        try {
+            const auto place = alone.emplace(errand.reply.get(), 0).first;
+            moved = std::make_shared<Errand>(std::move(errand));
+            place->second = way.workers.submit(principal, priority, [moved, &post = way.post] {
+                moved->run();
+                post_surely(post, moved->done);
+            });
+            return true;
+        } catch (const std::bad_alloc&) {
+            if (moved != nullptr) errand = std::move(*moved);
+            return false;
+        }
+    }
+};
+
+Withdraw Coalescer::add(const Way& way, const std::string& principal, Priority priority,
+                        Errand errand) {
     const Question& question = *errand.task.question;
     const auto fits = [&](const std::shared_ptr<Group>& group) {
-        return group->principal == principal && group->priority == priority &&
-               group->rays + question.rays() <= group_rays_max &&
+        return !group->errands.empty() && group->principal == principal &&
+               group->priority == priority && group->rays + question.rays() <= group_rays_max &&
                group->errands.front().task.question->same_as(question);
     };
     auto group = std::find_if(groups_.begin(), groups_.end(), fits);
     if (group == groups_.end()) {
-        if (groups_.empty()) way.post([this, way] { end_turn(way); });
-        auto fresh = std::make_shared<Group>(Group{principal, priority, {}, 0});
+        auto fresh = std::make_shared<Group>(Group{way, principal, priority, {}});
         fresh->errands.reserve(4);
+        if (groups_.empty()) way.post([this] { end_turn(); });
         group = groups_.insert(groups_.end(), std::move(fresh));
     }
-    (*group)->errands.push_back(std::move(errand));
+    Withdraw withdraw = [group = *group, identity = errand.reply.get()] {
+        return group->withdraw(identity);
+    };
     (*group)->rays += question.rays();
+    (*group)->errands.push_back(std::move(errand));
+    return withdraw;
 }
 
-void Coalescer::end_turn(const Way& way) {
+void Coalescer::end_turn() {
     const std::vector<std::shared_ptr<Group>> groups = std::exchange(groups_, {});
     for (const std::shared_ptr<Group>& group : groups) {
+        if (group->errands.empty()) continue;
         try {
-            std::function<void()> done = [group] { finish(*group); };
-            way.workers.submit(
-                group->principal, group->priority,
-                [group, done = std::move(done), &post = way.post, &metrics = way.metrics] {
-                    run(*group, metrics);
-                    post_surely(post, done);
-                });
+            std::function<void()> done = [group] { group->end(); };
+            group->task = group->way.workers.submit(group->principal, group->priority,
+                                                    [group, done = std::move(done)] {
+                                                        group->run();
+                                                        post_surely(group->way.post, done);
+                                                    });
         } catch (const std::bad_alloc&) {
-            run(*group, way.metrics);
-            finish(*group);
-        }
-    }
-}
-
-void Coalescer::run(const Group& group, Metrics& metrics) noexcept {
-    // Those that must end are refused in their turn.
-    const bool together = trace_together(group.errands);
-    std::uint64_t row = 0;
-    for (const Errand& errand : group.errands) {
-        if (!together) {
-            errand.run();
-            continue;
-        }
-        const Question& question = *errand.task.question;
-        *errand.reply = run_guarded(*errand.stop, [&] { return question.answer(row); });
-        row += question.rays();
-        ++metrics.tasks_coalesced;
-    }
-}
-
-void Coalescer::finish(const Group& group) {
-    for (const Errand& errand : group.errands) {
-        try {
-            errand.done();
-        } catch (const std::exception& error) {
-            log(LogLevel::error, "handler_failed", {{"reason", error.what()}});
+            group->run();
+            group->end();
         }
     }
 }

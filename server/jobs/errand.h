@@ -37,6 +37,9 @@ Reply<Frames> run_guarded(const StopFlag& stop, Work&& work) noexcept {
     }
 }
 
+/// Takes a task back; false once it was begun. Needs no memory.
+using Withdraw = std::function<bool()>;
+
 /// What the way back needs is allocated before a task leaves, where a lack of memory fails its job
 /// and not the worker.
 struct Errand {

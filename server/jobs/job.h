@@ -33,8 +33,6 @@ public:
     Stop() = default;
     Stop(const Stop&) = delete;
     [[nodiscard]] virtual bool requested() const noexcept = 0;
-    /// When it will be, at the latest.
-    [[nodiscard]] virtual Clock::time_point deadline() const { return Clock::time_point::max(); }
 
 protected:
     ~Stop() = default;
@@ -50,7 +48,7 @@ public:
         return requested_.load(std::memory_order_relaxed);
     }
     [[nodiscard]] bool expired() const { return Clock::now() >= deadline_; }
-    [[nodiscard]] Clock::time_point deadline() const override { return deadline_; }
+    [[nodiscard]] Clock::time_point deadline() const { return deadline_; }
 
 private:
     std::atomic<bool> requested_{false};

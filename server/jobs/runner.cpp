@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <exception>
+#include <iterator>
 #include <new>
 #include <thread>
 #include <utility>
@@ -164,16 +165,16 @@ void Runner::pump(const ActivePointer& active) {
         while (sink_ != nullptr && !active->error) {
             if (!active->parked) active->parked = active->job->next();
             // One more than there are threads, so that none waits for the io thread.
-            if (!active->parked || active->running > workers_of(*active->parked).threads() ||
+            if (!active->parked || active->tasks.size() > workers_of(*active->parked).threads() ||
                 !credit_allows(*active, *active->parked) || !window_allows(*active->parked))
                 break;
             Task task = *std::exchange(active->parked, std::nullopt);
-            if (task.brief_hits == 0 || active->running != 0 || !run_briefly(*active, task))
+            if (task.brief_hits == 0 || !active->tasks.empty() || !run_briefly(*active, task))
                 submit(active, std::move(task));
         }
     });
     const bool done = active->error || (!active->parked && active->job->finished());
-    if (active->running == 0 && done) finish(active);
+    if (active->tasks.empty() && done) finish(active);
 }
 
 bool Runner::run_briefly(Active& active, const Task& task) {
@@ -218,38 +219,50 @@ Workers& Runner::workers_of(const Task& task) const {
 }
 
 void Runner::submit(const ActivePointer& active, Task task) {
-    const std::uint64_t reserved = task.reply_bytes_max;
-    const std::uint64_t input = task.input_bytes;
+    std::list<Outstanding> submitted(1);
+    const auto place = submitted.begin();
+    place->reserved = task.reply_bytes_max;
+    place->input_bytes = task.input_bytes;
     Workers& workers = workers_of(task);
     const auto reply = std::make_shared<Reply<Frames>>();
     Errand errand{{active, &active->stop},
                   std::move(task),
                   reply,
-                  [self = shared_from_this(), active, reply, reserved, input] {
-                      self->task_ended(active, std::move(*reply), reserved, input);
+                  [self = shared_from_this(), active, place, reply] {
+                      self->task_ended(active, place, std::move(*reply));
                   }};
-    if (errand.task.question != nullptr)
-        engine_.coalescer.add({workers, engine_.post, engine_.metrics}, principal_,
-                              active->priority, std::move(errand));
-    else
-        workers.submit(principal_, active->priority,
-                       [errand = std::move(errand), &post = engine_.post] {
-                           errand.run();
-                           post_surely(post, errand.done);
-                       });
-    ++active->running;
-    active->reserved += reserved;
-    in_flight_bytes_ += reserved;
+    if (errand.task.question != nullptr) {
+        place->withdraw = engine_.coalescer.add({workers, engine_.post, engine_.metrics},
+                                                principal_, active->priority, std::move(errand));
+    } else {
+        const auto number = std::make_shared<std::uint64_t>();
+        place->withdraw = [&workers, principal = principal_, number] {
+            return workers.change(principal, *number, [] { return false; });
+        };
+        *number = workers.submit(principal_, active->priority,
+                                 [errand = std::move(errand), &post = engine_.post] {
+                                     errand.run();
+                                     post_surely(post, errand.done);
+                                 });
+    }
+    active->reserved += place->reserved;
+    in_flight_bytes_ += place->reserved;
+    active->tasks.splice(active->tasks.end(), submitted);
 }
 
-void Runner::task_ended(const ActivePointer& active, Reply<Frames> reply, std::uint64_t reserved,
-                        std::uint64_t input_bytes) {
-    --active->running;
-    active->reserved -= reserved;
-    in_flight_bytes_ -= reserved;
+void Runner::task_ended(const ActivePointer& active, std::list<Outstanding>::iterator task,
+                        Reply<Frames> reply) {
+    const std::uint64_t input_bytes = task->input_bytes;
+    forget(*active, task);
     if (sink_ == nullptr) return finish(active);
     take_answer(*active, std::move(reply), input_bytes);
     pump(active);
+}
+
+void Runner::forget(Active& active, std::list<Outstanding>::iterator task) {
+    active.reserved -= task->reserved;
+    in_flight_bytes_ -= task->reserved;
+    active.tasks.erase(task);
 }
 
 void Runner::take_answer(Active& active, Reply<Frames> reply, std::uint64_t input_bytes) {
@@ -282,10 +295,16 @@ void Runner::stop(Active& active, protocol::Error error) {
     if (!active.error) active.error = std::move(error);
     active.parked.reset();
     active.stop.request();
+    // What no worker has begun holds up nobody: neither the client nor its place.
+    for (auto task = active.tasks.begin(); task != active.tasks.end();) {
+        const auto next = std::next(task);
+        if (task->withdraw()) forget(active, task);
+        task = next;
+    }
 }
 
 void Runner::finish(const ActivePointer& active) {
-    if (active->running != 0) return;
+    if (!active->tasks.empty()) return;
     jobs_.remove(active);
     ++engine_.metrics.jobs_ended;
     engine_.admission.record(Clock::now() - active->started);
@@ -309,7 +328,7 @@ void Runner::tick(Clock::time_point now) {
         if (!active->error && now >= active->stop.deadline()) {
             stop(*active, deadline_error());
             pump(active);
-        } else if (!active->error && active->running == 0 && !active->job->patient() &&
+        } else if (!active->error && active->tasks.empty() && !active->job->patient() &&
                    now - active->last_activity > milliseconds(engine_.limits.idle_ms_max)) {
             // A job that neither gets rays nor may send answers must not keep its place for ever.
             stop(*active, {Code::deadline,

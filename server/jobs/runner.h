@@ -91,6 +91,12 @@ public:
     void abandon();
 
 private:
+    /// A task that was submitted.
+    struct Outstanding {
+        std::uint64_t reserved = 0;     ///< of its job's credit
+        std::uint64_t input_bytes = 0;  ///< free once it ended
+        Withdraw withdraw = {};
+    };
     struct Active {
         Active(std::uint64_t request_id, std::unique_ptr<Job> work, Clock::time_point deadline)
             : id(request_id),
@@ -107,11 +113,11 @@ private:
         Clock::time_point next_progress;
         std::optional<protocol::Error> error;  ///< why the job ends early
         std::optional<Task> parked;            ///< taken from the job, waits for room
-        unsigned running = 0;
-        std::uint64_t credit = 0;        ///< what we may still send
-        std::uint64_t reserved = 0;      ///< of it, promised to running tasks
-        std::uint64_t input_credit = 0;  ///< what the client may still send
-        std::uint64_t returned = 0;      ///< input bytes that are free but not yet granted again
+        std::list<Outstanding> tasks;          ///< that wait for a worker or run
+        std::uint64_t credit = 0;              ///< what we may still send
+        std::uint64_t reserved = 0;            ///< of it, promised to running tasks
+        std::uint64_t input_credit = 0;        ///< what the client may still send
+        std::uint64_t returned = 0;  ///< input bytes that are free but not yet granted again
     };
     using ActivePointer = std::shared_ptr<Active>;
 
@@ -127,8 +133,10 @@ private:
     bool run_briefly(Active& active, const Task& task);
     void submit(const ActivePointer& active, Task task);
     void take_answer(Active& active, Reply<Frames> reply, std::uint64_t input_bytes);
-    void task_ended(const ActivePointer& active, Reply<Frames> reply, std::uint64_t reserved,
-                    std::uint64_t input_bytes);
+    void task_ended(const ActivePointer& active, std::list<Outstanding>::iterator task,
+                    Reply<Frames> reply);
+    /// A submitted task that runs no more.
+    void forget(Active& active, std::list<Outstanding>::iterator task);
     void return_input(Active& active, std::uint64_t bytes);
     void stop(Active& active, protocol::Error error);
     void finish(const ActivePointer& active);

@@ -41,7 +41,9 @@ bool Workers::later(const Waiting& a, const Waiting& b) {
     return a.priority != b.priority ? a.priority < b.priority : a.number > b.number;
 }
 
-void Workers::submit(const std::string& principal, Priority priority, std::function<void()> task) {
+std::uint64_t Workers::submit(const std::string& principal, Priority priority,
+                              std::function<void()> task) {
+    std::uint64_t number = 0;
     {
         const std::lock_guard lock(mutex_);
         const auto account = accounts_.try_emplace(principal).first;
@@ -50,10 +52,31 @@ void Workers::submit(const std::string& principal, Priority priority, std::funct
         // without a turn.
         if (queue.size() == queue.capacity()) queue.reserve(2 * queue.size() + 1);
         if (queue.empty()) turns_.push_back(account);
-        queue.push_back({priority, submitted_++, std::move(task)});
+        number = submitted_++;
+        queue.push_back({priority, number, std::move(task)});
         std::push_heap(queue.begin(), queue.end(), later);
     }
     wake_.notify_one();
+    return number;
+}
+
+bool Workers::change(const std::string& principal, std::uint64_t number,
+                     const std::function<bool()>& change) {
+    std::function<void()> dropped;  // goes after the lock
+    const std::lock_guard lock(mutex_);
+    const auto account = accounts_.find(principal);
+    if (account == accounts_.end()) return false;
+    std::vector<Waiting>& queue = account->second.queue;
+    const auto task = std::find_if(queue.begin(), queue.end(), [&](const Waiting& waiting) {
+        return waiting.number == number;
+    });
+    if (task == queue.end()) return false;
+    if (change()) return true;
+    dropped = std::move(task->task);
+    queue.erase(task);
+    std::make_heap(queue.begin(), queue.end(), later);
+    if (queue.empty()) turns_.remove(account);
+    return true;
 }
 
 bool Workers::run_one() noexcept {

@@ -36,8 +36,15 @@ public:
     ~Workers();
     Workers(const Workers&) = delete;
 
-    /// The task must not throw. Unbounded by itself: callers bound what they have in flight.
-    void submit(const std::string& principal, Priority priority, std::function<void()> task);
+    /// The task must not throw. Unbounded by itself: callers bound what they have in flight. Gives
+    /// the number by which it can be changed.
+    std::uint64_t submit(const std::string& principal, Priority priority,
+                         std::function<void()> task);
+
+    /// While a task waits nobody runs it: `change` then says whether there is anything left of it
+    /// to do, and without it is dropped. False, and nothing happens, once it was begun.
+    bool change(const std::string& principal, std::uint64_t number,
+                const std::function<bool()>& change);
 
     /// Runs the next task here; false when none waits.
     bool run_one() noexcept;

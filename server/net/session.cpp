@@ -105,6 +105,13 @@ void Session::drain() {
     settle();
 }
 
+void Session::give_up() {
+    if (!open_) return;
+    conversation_.give_up({Code::draining, "", 0});
+    wake_.cancel();
+    settle();
+}
+
 void Session::stop() {
     if (!std::exchange(open_, false)) return;
     conversation_.abandon();

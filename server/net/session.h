@@ -32,6 +32,8 @@ public:
     void start();
     /// No new jobs; closes when the running ones ended.
     void drain();
+    /// Ends what runs, and says so.
+    void give_up();
     /// Closes at once. Idempotent.
     void stop();
 

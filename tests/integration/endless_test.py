@@ -87,6 +87,26 @@ class Endless(DaemonTest):
             self.assertEqual(process.wait(PATIENCE), 130)
         self.wait_for_jobs(0)
 
+    def test_who_waits_for_a_thread_need_not_wait_for_it_to_be_told(self):
+        few = save_rays(self.out / "few.npy", 200)
+        endless = [self.begin("--rays", self.many) for _ in range(2)]  # hold all threads
+        self.wait_for_jobs(2)
+        for rays in (few, self.many):
+            with self.subTest(rays=rays.name):
+                done = self.client.run("query", "flake", "--rays", rays, "--deadline", "0.1", "-o",
+                                       self.out / "answer.npz")
+                self.assertEqual(done.returncode, 7, done.stderr)
+                self.assertIn("the request's deadline passed", done.stderr)  # the daemon says it
+                job = self.client.json("query", "flake", "--rays", rays, "--detach")["job"]
+                self.assertEqual(self.client.run("cancel", str(job)).returncode, 0)
+                process = self.begin("--rays", rays)
+                self.wait_for_jobs(3)
+                process.send_signal(signal.SIGINT)
+                self.assertEqual(process.wait(PATIENCE), 130)
+                self.wait_for_jobs(2)
+        for process in endless:
+            self.assertIsNone(process.poll())
+
     def test_a_detached_one_is_cancelled(self):
         job = self.client.json("query", "flake", "--rays", self.many, "--detach")["job"]
         self.wait_for_jobs(1)
@@ -104,6 +124,21 @@ class Endless(DaemonTest):
             process.communicate()
         finally:
             self.assertEqual(daemon.stop(), 0)
+
+    def test_who_waits_for_a_daemon_that_ends_is_told(self):
+        daemon = Daemon(self.raynestd, "--drain_ms_max", "300")
+        self.addCleanup(daemon.folder.cleanup)
+        client = Client(self.raynest, daemon.uri)
+        client.json("load", "builtin:flake?depth=16", "--name", "flake")
+        waiting = [client.start("query", "flake", "--rays", self.many, "-o", self.out / "told.npz")
+                   for _ in range(2)]
+        self.wait_for_jobs(2, client)
+        daemon.process.send_signal(signal.SIGTERM)
+        self.assertEqual(daemon.process.wait(PATIENCE), 3, daemon.log())
+        for process in waiting:
+            _, errors = process.communicate(timeout=PATIENCE)
+            self.assertEqual(process.returncode, 6, errors)
+            self.assertIn("shutting down", errors)
 
     def test_nobody_holds_a_thread_for_ever(self):
         daemon = Daemon(self.raynestd, "--chunk_ms_max", "200")

@@ -3,11 +3,13 @@
 
 #include <doctest/doctest.h>
 
+#include <chrono>
 #include <deque>
 #include <functional>
 #include <memory>
 #include <new>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -71,11 +73,16 @@ struct Turn {
         errand.reply = std::make_shared<Reply<Frames>>(refuse(Code::internal, "never ran"));
         errand.done = [this] { ++done; };
         auto reply = errand.reply;
-        coalescer.add({workers, post, metrics}, principal, priority, std::move(errand));
+        withdraw =
+            coalescer.add({workers, post, metrics}, principal, priority, std::move(errand));
         return reply;
+    }
+    void run_posted() {
+        for (auto next = std::exchange(posted, {}); !next.empty(); next.pop_front()) next.front()();
     }
     /// The end of the turn, the workers, the way back.
     void end() {
+        while (workers.run_one()) ++tasks;
         while (!posted.empty()) {
             const std::function<void()> next = std::move(posted.front());
             posted.pop_front();
@@ -90,6 +97,7 @@ struct Turn {
     std::deque<std::function<void()>> posted;
     const Post post = [this](std::function<void()> f) { posted.push_back(std::move(f)); };
     std::shared_ptr<StopFlag> stop;  ///< of the last one
+    Withdraw withdraw;               ///< of the last one
     int tasks = 0;
     int done = 0;
     Coalescer coalescer;
@@ -155,6 +163,67 @@ TEST_CASE("when the common call fails each runs alone") {
     CHECK(second->has_value());
     CHECK(turn.done == 2);
     CHECK(turn.metrics.tasks_coalesced == 0);
+}
+
+TEST_CASE("when the common call fails each has a task of its own") {
+    Turn turn;
+    turn.script.refuses = true;
+    turn.add("woods", 1);
+    turn.add("woods", 1);
+    turn.add("woods", 1);
+    const Withdraw withdraw = turn.withdraw;
+    turn.run_posted();
+    CHECK(turn.workers.run_one());  // the common call
+    CHECK(turn.script.alone.empty());
+    CHECK_FALSE(withdraw());  // done, but its end is still on its way
+    turn.run_posted();
+    CHECK(turn.workers.run_one());
+    turn.run_posted();
+    CHECK(turn.done == 1);  // and not when all are
+    CHECK(withdraw());
+    CHECK_FALSE(withdraw());
+    CHECK(turn.workers.run_one());
+    CHECK_FALSE(turn.workers.run_one());
+    turn.run_posted();
+    CHECK(turn.done == 2);
+    CHECK(turn.script.alone.size() == 2);
+}
+
+TEST_CASE("one is taken back while it waits, alone or among others, and never runs") {
+    Turn turn;
+    turn.add("woods", 1);
+    const Withdraw first = turn.withdraw;
+    turn.add("hills", 1);
+    const Withdraw only = turn.withdraw;
+    turn.add("woods", 1);
+    turn.add("woods", 1);
+    const Withdraw last = turn.withdraw;
+    SUBCASE("before the end of the turn") {}
+    SUBCASE("in the workers' queue") {
+        turn.run_posted();
+    }
+    CHECK(first());
+    CHECK_FALSE(first());
+    CHECK(only());
+    CHECK(last());
+    turn.end();
+    CHECK(turn.tasks == 1);
+    CHECK(turn.script.traced.empty());
+    CHECK(turn.script.alone == std::vector<std::string>{"woods"});
+    CHECK(turn.done == 1);
+    CHECK_FALSE(first());
+}
+
+TEST_CASE("nobody waits for a member that takes long") {
+    Turn turn;
+    // As long as it is wanted.
+    turn.script.on_trace = [] { std::this_thread::sleep_for(std::chrono::milliseconds(50)); };
+    turn.add("woods", 4);
+    turn.add("woods", 4);
+    turn.end();
+    CHECK(turn.script.traced.empty());
+    CHECK(turn.script.alone.size() == 2);
+    CHECK(turn.done == 2);
 }
 
 TEST_CASE("a cancelled one is refused, and the others are answered") {

@@ -194,6 +194,36 @@ TEST_CASE("a cancelled job keeps its place until its task has stopped") {
     CHECK(bench.count(wire::Message::Chunk) == 0);
 }
 
+TEST_CASE("a job whose task waits for a worker ends without it") {
+    Bench bench;
+    std::atomic<int> running{0};
+    std::atomic<bool> release{false};
+    const auto hold = [&](const Stop&) -> Reply<void> {
+        ++running;
+        while (!release) std::this_thread::yield();
+        return {};
+    };
+    std::atomic<int> ran{0};
+    const auto work = [&](const Stop&) -> Reply<void> {
+        ++ran;
+        return {};
+    };
+    for (std::uint64_t id : {1U, 2U})
+        REQUIRE(bench.runner->start(id, accept(std::make_unique<ScriptedJob>(1, 10, hold))));
+    while (running != 2) std::this_thread::yield();
+    REQUIRE(bench.runner->start(3, accept(std::make_unique<ScriptedJob>(3, 10, work), 1000)));
+    REQUIRE(bench.runner->start(4, accept(std::make_unique<ScriptedJob>(3, 10, work))));
+    bench.runner->tick(Clock::now() + seconds(2));
+    CHECK(bench.error() == Code::deadline);
+    bench.runner->cancel(4);
+    CHECK(bench.runner->size() == 2);
+    CHECK(bench.admission.active() == 2);
+    release = true;
+    REQUIRE(bench.run_until_idle());
+    CHECK(ran == 0);
+    CHECK(bench.count(wire::Message::Chunk) == 2);
+}
+
 TEST_CASE("an expired job in the queue is never run") {
     Bench bench;
     std::atomic<int> ran{0};

@@ -102,6 +102,36 @@ TEST_CASE("without threads each task waits to be run here") {
     CHECK(ran == 2);
 }
 
+TEST_CASE("a task that waits can be changed or dropped, one that was begun cannot") {
+    Workers workers(0);
+    std::string ran;
+    const auto add = [&](const std::string& principal, char name) {
+        return workers.submit(principal, Priority::normal, [&ran, name] { ran += name; });
+    };
+    const auto drop = [] { return false; };
+    const std::uint64_t a = add("me", 'a');
+    const std::uint64_t b = add("me", 'b');
+    const std::uint64_t c = add("me", 'c');
+    const std::uint64_t d = add("you", 'd');
+    bool changed = false;
+    CHECK(workers.change("me", a, [&] { return changed = true; }));
+    CHECK(changed);
+    CHECK(workers.change("me", b, drop));
+    CHECK_FALSE(workers.change("me", b, drop));
+    CHECK_FALSE(workers.change("me", d, drop));  // another one's
+    CHECK(workers.change("you", d, drop));       // the only one of its account
+    CHECK_FALSE(workers.change("nobody", a, drop));
+    CHECK(workers.run_one());
+    CHECK_FALSE(workers.change("me", a, drop));
+    CHECK(workers.run_one());
+    CHECK_FALSE(workers.run_one());
+    CHECK(ran == "ac");
+    CHECK_FALSE(workers.change("me", c, drop));
+    add("you", 'e');
+    CHECK(workers.run_one());
+    CHECK(ran == "ace");
+}
+
 TEST_CASE("workers run at the same time") {
     Workers workers(2);
     std::promise<void> a;

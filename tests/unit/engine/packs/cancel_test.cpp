@@ -109,7 +109,7 @@ TEST_CASE("a ray that would never end is cancelled, by every function of every t
                 CAPTURE(target);
                 CAPTURE(variant);
                 CAPTURE(name);
-                for (const std::uint64_t patience : {0U, 1U, 1000U}) {
+                for (const std::uint64_t patience : {0U, 1U, 20U}) {
                     Caller caller{patience};
                     CHECK(trace(function, query, **endless, rays, &caller).status ==
                           trace_cancelled);
@@ -130,17 +130,17 @@ TEST_CASE("a caller that is asked and never cancels gets what one gets who is no
         ray.direction = random.direction();
     }
     const auto registry = Registry::load({{}, "auto"}).value();
-    for_each_function(*registry->find("opaque"), [&](const std::string& name,
-                                                     TraceFunction function, Query query) {
-        CAPTURE(name);
-        Caller caller{~0ULL};
-        const Outcome asked = trace(function, query, **scene, rays, &caller);
-        const Outcome alone = trace(function, query, **scene, rays, nullptr);
-        CHECK(asked.status == trace_ok);
-        CHECK(alone.status == trace_ok);
-        CHECK(caller.asked > 5);
-        CHECK(asked.counts == alone.counts);
-        CHECK(std::memcmp(asked.hits.data(), alone.hits.data(),
-                          asked.hits.size() * sizeof(HitRecord)) == 0);
-    });
+    for_each_function(*registry->find("opaque"),
+                      [&](const std::string& name, TraceFunction function, Query query) {
+                          CAPTURE(name);
+                          Caller caller{~0ULL};
+                          const Outcome asked = trace(function, query, **scene, rays, &caller);
+                          const Outcome alone = trace(function, query, **scene, rays, nullptr);
+                          CHECK(asked.status == trace_ok);
+                          CHECK(alone.status == trace_ok);
+                          CHECK(caller.asked > 0);
+                          CHECK(asked.counts == alone.counts);
+                          CHECK(std::memcmp(asked.hits.data(), alone.hits.data(),
+                                            asked.hits.size() * sizeof(HitRecord)) == 0);
+                      });
 }
