@@ -15,8 +15,8 @@
 
 namespace raynest {
 
-/// Of one call of a kernel, on one thread. Work is counted in leaf blocks: up to 100 ns each, of large
-/// trees (measured: 8.4 million triangles met by one ray in 70 to 130 ms).
+/// Of one call of a kernel, on one thread. Work is counted in leaf blocks: up to 100 ns each, of
+/// large trees (measured: 8.4 million triangles met by one ray in 70 to 130 ms).
 class Cancellation {
 public:
     using Asked = bool (*)(const void* context) noexcept;
@@ -48,8 +48,8 @@ private:
     bool seen_ = false;
 };
 
-/// Of a ray in one tree: all of its blocks and records, or so many steps that 32 small trees are
-/// worth a question.
+/// Of a ray in one tree: all of its blocks and records. The least is more, what it takes to get
+/// there; 32 small trees are worth a question.
 [[nodiscard]] RAYNEST_INLINE std::int64_t work_in(const ObjectRecord& object) {
     constexpr std::int64_t small = 1 << 12;
     return small + object.block_count + object.record_count;

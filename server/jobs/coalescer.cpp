@@ -55,6 +55,13 @@ void finish(const Errand& errand) {
     }
 }
 
+/// Without a task: its job must end, or there is no memory for one.
+void finish_unanswered(const Errand& errand) {
+    const bool stopped = errand.stop->requested();
+    *errand.reply = refuse(stopped ? Code::cancelled : Code::resource_exhausted, "");
+    finish(errand);
+}
+
 /// Of an errand, whatever becomes of it.
 using Identity = const Reply<Frames>*;
 
@@ -93,9 +100,10 @@ struct Coalescer::Group {
         std::vector<Errand> members = std::move(errands);
         errands.clear();
         for (Errand& errand : members) {
-            if (!together && !errand.stop->requested() && send_alone(errand)) continue;
-            if (!together) errand.run();  // is refused
-            finish(errand);
+            if (together)
+                finish(errand);
+            else if (errand.stop->requested() || !send_alone(errand))
+                finish_unanswered(errand);
         }
     }
 
@@ -175,8 +183,10 @@ void Coalescer::end_turn() {
                                                         post_surely(group->way.post, done);
                                                     });
         } catch (const std::bad_alloc&) {
-            group->run();
-            group->end();
+            // Out of the group, where a job that ends would look for its others.
+            const std::vector<Errand> members = std::move(group->errands);
+            group->errands.clear();
+            for (const Errand& errand : members) finish_unanswered(errand);
         }
     }
 }
