@@ -93,8 +93,8 @@ private:
             advance(flight);
         }
         constexpr std::uint32_t few = batch_width / 2;
-        while (inner_count_ + leaf_count_ != 0 &&
-               !is_cancelled(feed_.cancellation, 8 * batch_width)) {
+        constexpr std::uint32_t round_work = 8 * batch_width;  // of leaves, which are not counted
+        while (inner_count_ + leaf_count_ != 0 && !is_cancelled(feed_.cancellation, round_work)) {
             if (inner_count_ != 0 && leaf_count_ < few) {
                 const std::uint32_t standing = std::exchange(inner_count_, 0);
                 for (std::uint32_t i = 0; i < standing; ++i) step(*inner_[i]);

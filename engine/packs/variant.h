@@ -77,8 +77,8 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
         constexpr std::uint32_t ahead_max = 16;
         alignas(BoxRay) std::byte memory[ahead_max][sizeof(BoxRay)];
         // Who may cancel is asked before each lot: asked before each ray it costs 2 %. Of trees
-        // that take a ray long, above 2 million triangles, lots are smaller; a call of so few rays
-        // as an io thread traces has none.
+        // that take a ray long, above 2 million triangles, lots are smaller; of so few rays as an
+        // io thread traces each is one.
         constexpr std::int64_t work_max = 1 << 22;
         const std::int64_t work = work_in(root.record());
         const auto ahead = static_cast<std::uint32_t>(

@@ -10,7 +10,7 @@
 namespace raynest::server {
 namespace {
 
-/// A chunk of the brute-force reference must stay short enough for deadlines and cancels.
+/// A chunk of the brute-force reference must stay short: others wait for its thread.
 constexpr std::uint64_t reference_rays_max = 64;
 
 /// Half a million triangles, or records of as many bytes as their blocks have.

@@ -27,7 +27,7 @@ namespace raynest::server {
 
 using Clock = std::chrono::steady_clock;
 
-/// Whether work is to be given up. Thread-safe, and asked often while the work goes on.
+/// Whether work is to be given up. Asked often, by the thread that works.
 class Stop {
 public:
     Stop() = default;
@@ -38,8 +38,8 @@ protected:
     ~Stop() = default;
 };
 
-/// Shared by a job and its tasks. At the deadline the io thread requests it, so that tasks need no
-/// clock.
+/// Shared by a job and its tasks; thread-safe. At the deadline the io thread requests it, so that
+/// tasks need no clock.
 class StopFlag final : public Stop {
 public:
     explicit StopFlag(Clock::time_point deadline) : deadline_(deadline) {}
