@@ -3,6 +3,7 @@
 #include "engine/scene/description_check.h"
 #include "engine/scene/graph.h"
 #include "engine/scene/opacity.h"
+#include "engine/scene/placed_box.h"
 
 #include <tbb/parallel_for.h>
 
@@ -25,39 +26,6 @@ constexpr float origin_error_max = 1e30F;
 /// uniform scales have condition 1: 32 of them add up, they do not multiply.
 float placement_error(const Transform& to_parent, float child_error) {
     return std::min(condition(to_parent) * (1 + child_error), origin_error_max);
-}
-
-/// The child's box as the parent's tree has to see it. The box test covers the error that comes
-/// from the ray's origin; the padding covers the rest, which grows with the coordinates of the
-/// instance itself: its box, and the translation that the transform subtracts again.
-Box placed_bounds(const Box& child, const Transform& to_parent, float error) {
-    if (child.is_empty()) return {};
-    constexpr double unit_error = 0x1p-22;
-    double lower[3];
-    double upper[3];
-    double reach = 0;
-    for (std::size_t row = 0; row < 3; ++row) {
-        const auto moved = static_cast<double>(to_parent.m[4 * row + 3]);
-        lower[row] = upper[row] = moved;
-        for (int k = 0; k < 3; ++k) {
-            const auto m = static_cast<double>(to_parent.m[4 * row + static_cast<std::size_t>(k)]);
-            const double a = m * static_cast<double>(child.lower[k]);
-            const double b = m * static_cast<double>(child.upper[k]);
-            lower[row] += std::min(a, b);
-            upper[row] += std::max(a, b);
-        }
-        reach = std::max({reach, std::abs(moved), std::abs(lower[row]), std::abs(upper[row])});
-    }
-
-    const double pad = unit_error * static_cast<double>(error) * reach;
-    constexpr float infinity = std::numeric_limits<float>::infinity();
-    Box box;
-    for (std::size_t row = 0; row < 3; ++row) {
-        const int axis = static_cast<int>(row);
-        box.lower[axis] = std::nextafter(static_cast<float>(lower[row] - pad), -infinity);
-        box.upper[axis] = std::nextafter(static_cast<float>(upper[row] + pad), infinity);
-    }
-    return box;
 }
 
 bool in_range(const Box& box) {
@@ -243,14 +211,19 @@ private:
         const ObjectDescription& source = description_.objects[node.source];
         object.first_instance = static_cast<std::uint32_t>(content_.instances.size());
         object.instance_count = static_cast<std::uint32_t>(node.instances.size());
+        const std::size_t first = boxes.size();
+        boxes.resize(first + node.instances.size());
+        std::vector<float> errors(node.instances.size());
+        tbb::parallel_for(std::size_t{0}, node.instances.size(), [&](std::size_t i) {
+            const Transform& to_parent = source.instances[node.declared_as[i]].transform;
+            const std::uint32_t child = node.instances[i].object;
+            errors[i] = placement_error(to_parent, content_.objects[child].origin_error);
+            boxes[first + i] = placed_box(content_.trees[child], to_parent, errors[i]);
+        });
         for (std::size_t i = 0; i < node.instances.size(); ++i) {
-            const InstanceRecord& record = node.instances[i];
             const InstanceDescription& declared = source.instances[node.declared_as[i]];
-            const ObjectRecord& child = content_.objects[record.object];
-            const float error = placement_error(declared.transform, child.origin_error);
-            object.origin_error = std::max(object.origin_error, error);
-            boxes.push_back(placed_bounds(child.bounds, declared.transform, error));
-            content_.instances.push_back(record);
+            object.origin_error = std::max(object.origin_error, errors[i]);
+            content_.instances.push_back(node.instances[i]);
             content_.instance_infos.push_back(
                 {declared.transform, declared.uid, content_.names.add(declared.name)});
         }

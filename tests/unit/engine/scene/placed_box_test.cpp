@@ -1,0 +1,168 @@
+// Boxes of instances: tight, and never so tight that a ray misses what lies at their sides.
+#include "engine/scene/placed_box.h"
+
+#include "engine/bvh/build.h"
+#include "engine/packs/registry.h"
+#include "engine/scene/snapshot.h"
+#include "tests/conformance/answers.h"
+#include "tests/conformance/scenes.h"
+#include "tests/unit/engine/small_scenes.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <numbers>
+#include <vector>
+
+using namespace raynest;
+using conformance::Random;
+using test::bake;
+using test::place;
+using test::rotation;
+
+namespace {
+
+/// Rotated, stretched and moved, by up to `far`.
+Transform random_transform(Random& random, float far) {
+    Vec3 x = random.direction();
+    const Vec3 y = glm::normalize(glm::cross(x, random.direction()));
+    Vec3 z = glm::cross(x, y);
+    x *= random.between(0.5F, 2);
+    z *= random.between(0.5F, 2);
+    const Vec3 at = random.in_box(far);
+    return {{x.x, y.x, z.x, at.x, x.y, y.y, z.y, at.y, x.z, y.z, z.z, at.z}};
+}
+
+/// Object 0 holds triangles; each of the next `levels` places the one before it a few times.
+SceneDescription nested(std::uint32_t levels, float far, Random& random) {
+    SceneDescription scene;
+    scene.objects.resize(levels + 1);
+    GeometryDescription& mesh = scene.objects[0].geometries.emplace_back();
+    for (std::uint32_t i = 0; i < 3 * 60; ++i) {
+        mesh.positions.push_back(random.direction() * random.unit());
+        mesh.indices.push_back(i);
+    }
+    for (std::uint32_t level = 1; level <= levels; ++level) {
+        for (int i = 0; i < 3; ++i) {
+            scene.objects[level].instances.push_back(
+                place(level - 1, random_transform(random, far)));
+        }
+    }
+    scene.root = levels;
+    return scene;
+}
+
+std::vector<Vec3> vertices_of(const SceneDescription& scene, std::uint32_t object) {
+    if (object == 0) return scene.objects[0].geometries[0].positions;
+    std::vector<Vec3> all;
+    for (const InstanceDescription& instance : scene.objects[object].instances) {
+        for (const Vec3& p : vertices_of(scene, instance.object)) {
+            all.push_back(instance.transform.point(p));
+        }
+    }
+    return all;
+}
+
+/// Through the outermost vertex of an instance along an axis of its parent, nearly along the side
+/// of its box.
+Ray side_ray(const SceneDescription& scene, const std::vector<std::vector<Vec3>>& vertices,
+             Random& random) {
+    const auto instance_of = [&](std::uint32_t object) -> const Transform& {
+        const auto& instances = scene.objects[object].instances;
+        return instances[random.below(static_cast<std::uint32_t>(instances.size()))].transform;
+    };
+    std::uint32_t parent = 1 + random.below(scene.root);
+    const Transform& to_parent = instance_of(parent);
+    const int axis = static_cast<int>(random.below(3));
+    const float sign = random.below(2) == 0 ? 1.0F : -1.0F;
+    Vec3 outermost(0);
+    float most = -INFINITY;
+    for (const Vec3& vertex : vertices[parent - 1]) {
+        const Vec3 p = to_parent.point(vertex);
+        if (sign * p[axis] > most) {
+            most = sign * p[axis];
+            outermost = p;
+        }
+    }
+    Vec3 direction = random.direction();
+    direction[axis] =
+        std::pow(10.0F, random.between(-9, -2)) * (random.below(2) == 0 ? 1.0F : -1.0F);
+    Vec3 origin = outermost - std::pow(10.0F, random.between(-1, 2)) * direction;
+    while (parent != scene.root) {
+        const Transform& up = instance_of(++parent);
+        origin = up.point(origin);
+        direction = up.direction(direction);
+    }
+    Ray ray;
+    ray.origin = origin;
+    ray.direction = direction;
+    return ray;
+}
+
+}  // namespace
+
+TEST_CASE("a turned disc gets the box of a disc") {
+    SceneDescription scene;
+    scene.objects.resize(2);
+    GeometryDescription& disc = scene.objects[0].geometries.emplace_back();
+    constexpr std::uint32_t corners = 256;
+    disc.positions.emplace_back(0, 0, 0);
+    for (std::uint32_t i = 0; i < corners; ++i) {
+        const float angle = 2 * std::numbers::pi_v<float> * static_cast<float>(i) / corners;
+        disc.positions.emplace_back(std::cos(angle), 0, std::sin(angle));
+        const std::uint32_t triangle[] = {0, 1 + i, 1 + (i + 1) % corners};
+        disc.indices.insert(disc.indices.end(), std::begin(triangle), std::end(triangle));
+    }
+    scene.objects[1].instances = {place(0, rotation(std::numbers::pi_v<float> / 4))};
+    scene.root = 1;
+    const Box box = bake(scene)->bounds();
+    for (const int axis : {0, 2}) {  // the turned square reaches 1.41, the boxes of leaves 1.18
+        CHECK(box.upper[axis] >= 0.999F);
+        CHECK(box.upper[axis] < 1.2F);
+        CHECK(box.lower[axis] <= -0.999F);
+        CHECK(box.lower[axis] > -1.2F);
+    }
+}
+
+TEST_CASE("what an empty tree holds has no box") {
+    CHECK(placed_box(Tree{}, Transform{}, 1).is_empty());
+}
+
+TEST_CASE("rays along the sides of instances' boxes meet what brute force meets") {
+    const auto registry = Registry::load({{}, "auto"});
+    REQUIRE(registry.has_value());
+    const Variant& opaque = *(*registry)->find("opaque");
+    const auto function = [&](Traversal traversal) {
+        const auto found = find_function(opaque, query_closest, precision_fast, traversal, false);
+        REQUIRE(found.has_value());
+        return *found;
+    };
+    Random random(21);
+    std::size_t hits = 0;
+    for (int round = 0; round < 60; ++round) {
+        CAPTURE(round);
+        const std::uint32_t levels = 1 + random.below(4);
+        const float far = std::pow(10.0F, random.between(-1, 4));
+        const SceneDescription description = nested(levels, far, random);
+        const auto scene = bake(description);
+        std::vector<std::vector<Vec3>> vertices;
+        for (std::uint32_t object = 0; object < levels; ++object) {
+            vertices.push_back(vertices_of(description, object));
+        }
+        std::vector<Ray> rays(1000);
+        for (Ray& ray : rays) ray = side_ray(description, vertices, random);
+        const conformance::Question closest{query_closest, 1};
+        const auto expected = conformance::ask(opaque, function(traversal_reference), scene->view(),
+                                               rays, closest, {});
+        const auto answer =
+            conformance::ask(opaque, function(traversal_latency), scene->view(), rays, closest, {});
+        CHECK(conformance::differing_rays(answer, expected).rays == 0);
+        hits += static_cast<std::size_t>(
+            std::count_if(expected.hits.begin(), expected.hits.end(),
+                          [](const HitRecord& hit) { return hit.hit != 0; }));
+    }
+    CHECK(hits > 60 * 1000 / 10);  // half of them pass the vertex outside, or beside the triangle
+}
