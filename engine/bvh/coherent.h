@@ -3,15 +3,18 @@
 // A node is tested once for all of them, with the interval of their origins and reciprocal
 // directions (Reshetov, Soupikov, Hurley, "Multi-level ray tracing algorithm", 2005; the width of
 // 64 is the win: packets of 16 only equal Embree's). In a leaf sixteen rays meet one triangle at a
-// time. Rays that turn out not to be coherent go on one by one: those with other direction signs
-// than their neighbours, those that meet a leaf nearly alone, and all of an intersector that looks
-// at primitives itself, which is asked ray by ray as by the latency traversal.
+// time, of those that they may meet at all (bvh/frustum.h). Rays that turn out not to be coherent
+// go on one by one: those with other direction signs than their neighbours, those that meet a leaf
+// nearly alone, and all of an intersector that looks at primitives itself, which is asked ray by
+// ray as by the latency traversal.
 //
 // The interval contains what each ray's own box rule (geometry/slabs.h) answers, so no hit is lost
 // and the answers are those of the other traversals, bit for bit.
 #pragma once
 
+#include "engine/bvh/frustum.h"
 #include "engine/bvh/packet.h"
+#include "engine/bvh/packet_bounds.h"
 #include "engine/bvh/tree_arrays.h"
 #include "engine/geometry/coherence.h"
 
@@ -21,6 +24,8 @@
 #include <cstdint>
 #include <limits>
 #include <new>
+#include <optional>
+#include <type_traits>
 #include <utility>
 
 namespace raynest {
@@ -38,25 +43,30 @@ public:
     template <class Feed>
     void trace(const Bvh& root, std::uint32_t count, const Feed& feed) {
         cancellation_ = feed.cancellation;
+        world_ = feed.rays();
+        mask_ = feed.call.mask;
+        flags_ = feed.call.flags;
         PacketLevel level;
-        RaySet rays = 0;
         for (std::uint32_t i = 0; i < packet_rays; ++i) {
             // Any valid ray fills the other lanes; it is never looked at.
-            RayView view{Vec3(0), Vec3(1), 0, 0, nullptr, nullptr, nullptr, 0, i, mask_, flags_};
-            if (i < count && feed.begin(i, view)) {
-                rays |= RaySet{1} << i;
-                queries_[i] = feed.query(i);
-                mask_ = view.mask;
-                flags_ = view.flags;
-            }
-            world_[i] = view.world;
+            const Ray ray = i < count ? world_[i] : Ray{Vec3(0), 0, Vec3(1), 0};
             for (int axis = 0; axis < 3; ++axis) {
-                level.origin[axis].of[i] = view.origin[axis];
-                level.direction[axis].of[i] = view.direction[axis];
+                level.origin[axis].of[i] = ray.origin[axis];
+                level.direction[axis].of[i] = ray.direction[axis];
             }
-            range_.tmin.of[i] = view.tmin;
-            range_.tmax.of[i] = view.tmax;
+            range_.tmin.of[i] = ray.tmin;
+            range_.tmax.of[i] = ray.tmax;
         }
+        RaySet rays = valid_rays(level, range_);
+        for (std::uint32_t i = 0; i < count; ++i) {
+            if ((rays >> i & 1U) != 0) {
+                new (&queries_[i]) Query(feed.query(i));
+                range_.tmax.of[i] = search_end(world_[i]);
+            } else {
+                feed.refuse(i);
+            }
+        }
+        if (count < packet_rays) rays &= (RaySet{1} << count) - 1;
         if (rays == 0) return;
         live_ = rays;
         visit_level({root.scene, &root.record(), 0}, level, rays);
@@ -83,99 +93,38 @@ private:
         float near;
     };
 
-    /// What the rays of a set have in common, widened so that it contains each one's own box test.
-    ///
-    /// Per axis, near = min over rays of (plane - origin) / direction. The box rule of one ray may
-    /// be lower than the exact value by twice its error term and a few roundings; three times the
-    /// largest term and 2^-20 of the slope contain all of it.
-    struct Bounds {
-        float near_origin[3], far_origin[3];
-        float least_slope[3], most_slope[3];
-        std::uint32_t near_row[3];
-        float tmin;
+    /// A set of rays on its way through the tree of one object.
+    struct Walk {
+        const Place& place;
+        const PacketLevel& level;
+        const PacketBounds bounds;
+        std::optional<Frustum> frustum;  ///< of rays that have one
 
-        Bounds(const PacketLevel& level, const PacketRange& range, float origin_error, RaySet rays,
-               std::uint32_t octant) {
-            constexpr float slack = 0x1p-20F;
-            float extent = 0;
-            float lower[3], upper[3];
+        Walk(const Place& in, const PacketLevel& rays_there, const PacketRange& range, RaySet rays,
+             std::uint32_t octant)
+            : place(in),
+              level(rays_there),
+              bounds(level, range, place.object->origin_error, rays, octant) {
+            if (!bounds.has_one_origin() || asks_primitives) return;
             for (std::uint32_t axis = 0; axis < 3; ++axis) {
-                lower[axis] = least_of(level.origin[axis], rays);
-                upper[axis] = most_of(level.origin[axis], rays);
-                least_slope[axis] = least_of(level.reciprocal[axis], rays);
-                most_slope[axis] = most_of(level.reciprocal[axis], rays);
-                extent = std::max({extent, std::abs(lower[axis]), std::abs(upper[axis])});
-            }
-            tmin = least_of(range.tmin, rays);
-            extent *= 3 * origin_error * box_origin_error;
-            for (int axis = 0; axis < 3; ++axis) {
-                near_row[axis] = octant >> axis & 1U;
-                const bool backwards = near_row[axis] != 0;
-                near_origin[axis] = backwards ? lower[axis] - extent : upper[axis] + extent;
-                far_origin[axis] = backwards ? upper[axis] + extent : lower[axis] - extent;
-                least_slope[axis] *= backwards ? 1 + slack : 1 - slack;
-                most_slope[axis] *= backwards ? 1 - slack : 1 + slack;
+                if ((rays & ~level.largest[axis]) == 0) frustum.emplace(level, rays, axis);
             }
         }
     };
 
-    RAYNEST_INLINE static std::uint32_t enter_boxes(const Bounds& bounds, const Node& node,
-                                                    float tmax, F8& near_out) {
-        const float(*rows)[3][8] = &node.lower;
-        const auto plane = [&](std::uint32_t row, int axis)
-                               RAYNEST_INLINE_LAMBDA { return F8::load(rows[row][axis]); };
-        return enter(bounds, plane, tmax, near_out) & node.valid();
-    }
-
-    /// Triangles of a block whose own boxes the set may enter: those of a leaf lie side by side,
-    /// and a packet is often smaller than they are (measured: 1.25 times on
-    /// alpha cards).
-    RAYNEST_INLINE static std::uint32_t enter_triangles(const Bounds& bounds,
-                                                        const TriangleBlock& block, float tmax) {
-        const auto plane = [&](std::uint32_t row, int axis) RAYNEST_INLINE_LAMBDA {
-            const F8 a = F8::load(block.vertex[0][axis]);
-            const F8 b = F8::load(block.vertex[1][axis]);
-            const F8 c = F8::load(block.vertex[2][axis]);
-            return row == 0 ? minimum(a, minimum(b, c)) : maximum(a, maximum(b, c));
-        };
-        F8 near;
-        return enter(bounds, plane, tmax, near) & Triangles8{&block, false}.valid();
-    }
-
-    /// Boxes whose interval with the whole set is not empty; `plane(row, axis)` are their lower
-    /// (row 0) or upper sides.
-    template <class Plane>
-    RAYNEST_INLINE static std::uint32_t enter(const Bounds& bounds, const Plane& plane, float tmax,
-                                              F8& near_out) {
-        const auto least = [&](int axis) RAYNEST_INLINE_LAMBDA {
-            const F8 a = plane(bounds.near_row[axis], axis) - F8::splat(bounds.near_origin[axis]);
-            return minimum(a * F8::splat(bounds.least_slope[axis]),
-                           a * F8::splat(bounds.most_slope[axis]));
-        };
-        const auto most = [&](int axis) RAYNEST_INLINE_LAMBDA {
-            const F8 a =
-                plane(bounds.near_row[axis] ^ 1U, axis) - F8::splat(bounds.far_origin[axis]);
-            return maximum(a * F8::splat(bounds.least_slope[axis]),
-                           a * F8::splat(bounds.most_slope[axis]));
-        };
-        near_out = maximum(maximum(least(0), least(1)), maximum(least(2), F8::splat(bounds.tmin)));
-        const F8 far = minimum(minimum(most(0), most(1)), minimum(most(2), F8::splat(tmax)));
-        return less_equal(near_out, far);
-    }
-
     /// Rays of a group that enter one child's box, by each ray's own rule.
-    RAYNEST_INLINE std::uint32_t enter_box(const PacketLevel& level, const Bounds& bounds,
+    RAYNEST_INLINE std::uint32_t enter_box(const PacketLevel& level, const PacketBounds& bounds,
                                            const Node& node, std::uint32_t slot,
                                            std::uint32_t g) const {
         const RayGroup::Slabs slabs{level, g};
         const float(*rows)[3][8] = &node.lower;
         const auto near = [&](int axis) RAYNEST_INLINE_LAMBDA {
             return slabs.near_plane(axis,
-                                    PacketLanes::splat(rows[bounds.near_row[axis]][axis][slot]));
+                                    PacketLanes::splat(rows[bounds.near_row(axis)][axis][slot]));
         };
         const auto far = [&](int axis) RAYNEST_INLINE_LAMBDA {
             return slabs.far_plane(
-                axis, PacketLanes::splat(rows[bounds.near_row[axis] ^ 1U][axis][slot]));
+                axis, PacketLanes::splat(rows[bounds.near_row(axis) ^ 1U][axis][slot]));
         };
         const auto span =
             Interval<packet_lanes>::of({near(0), near(1), near(2)}, {far(0), far(1), far(2)});
@@ -184,7 +133,7 @@ private:
     }
 
     /// Rays of `rays` that enter the child, by each ray's own rule.
-    RaySet enter_child(const PacketLevel& level, const Bounds& bounds, const Entry& entry,
+    RaySet enter_child(const PacketLevel& level, const PacketBounds& bounds, const Entry& entry,
                        RaySet rays) const {
         RaySet inside = 0;
         for (std::uint32_t g = 0; g < packet_groups; ++g) {
@@ -208,7 +157,7 @@ private:
                 at(level.direction),
                 range_.tmin.of[i],
                 range_.tmax.of[i],
-                world_[i],
+                world_ + i,
                 place.scene,
                 place.object,
                 place.path,
@@ -278,11 +227,11 @@ private:
     [[gnu::noinline]] void walk(const Place& place, const PacketLevel& level, RaySet rays,
                                 std::uint32_t octant) {
         const ObjectRecord& object = *place.object;
-        const TreeArrays arrays(*place.scene, object);
-        const Bounds bounds(level, range_, object.origin_error, rays, octant);
         if (object.root == child_empty) return;
+        const TreeArrays arrays(*place.scene, object);
+        const Walk walk(place, level, range_, rays, octant);
         if (is_leaf(object.root)) {
-            visit_leaf(place, level, bounds, object.root, rays & live_);
+            visit_leaf(walk, object.root, rays & live_);
             return;
         }
 
@@ -292,7 +241,7 @@ private:
         const Node* node = &arrays.node(object.root);
         for (;;) {
             F8 spans;
-            const std::uint32_t mask = enter_boxes(bounds, *node, tmax, spans);
+            const std::uint32_t mask = walk.bounds.enter_boxes(*node, tmax, spans);
             alignas(32) float near[8];
             spans.store(near);
             Entry* const base = top;
@@ -314,97 +263,128 @@ private:
                     node = &arrays.node(child);
                     break;
                 }
-                const RaySet inside = enter_child(level, bounds, *top, rays & live_);
+                const RaySet inside = enter_child(level, walk.bounds, *top, rays & live_);
                 if (inside == 0) continue;
-                visit_leaf(place, level, bounds, child, inside);
+                visit_leaf(walk, child, inside);
                 if ((rays & live_) == 0) return;
                 tmax = farthest(rays & live_);
             }
         }
     }
 
-    void visit_leaf(const Place& place, const PacketLevel& level, const Bounds& bounds,
-                    std::uint32_t leaf, RaySet rays) {
+    void visit_leaf(const Walk& walk, std::uint32_t leaf, RaySet rays) {
         if (is_cancelled(cancellation_, packet_rays)) {
             live_ = 0;
             return;
         }
-        const SceneView& scene = *place.scene;
-        const ObjectRecord& object = *place.object;
+        const SceneView& scene = *walk.place.scene;
+        const ObjectRecord& object = *walk.place.object;
         switch (kind_of(leaf)) {
             case ChildKind::triangles: {
                 const TriangleBlock* blocks = scene.blocks + object.first_block + leaf_first(leaf);
                 for (std::uint32_t b = 0; b < leaf_count(leaf); ++b) {
-                    visit_block(place, level, bounds, Triangles8{blocks + b, b == 0}, rays & live_);
+                    visit_block(walk, Triangles8{blocks + b, b == 0}, rays & live_);
                 }
                 break;
             }
             case ChildKind::records:
-                one_by_one(place, level, rays, [&](BoxRay& ray, Query& query) {
+                one_by_one(walk.place, walk.level, rays, [&](BoxRay& ray, Query& query) {
                     return visit_record_type(
                         scene, object, leaf_first(leaf), leaf_count(leaf),
                         [&](const auto& record) { return visit(ray, record, isect_, query); });
                 });
                 break;
             case ChildKind::instance:
-                visit_instance(place, level,
+                visit_instance(walk.place, walk.level,
                                Instance{&scene, object.first_instance + leaf_instance(leaf)}, rays);
                 break;
         }
     }
 
-    void visit_block(const Place& place, const PacketLevel& level, const Bounds& bounds,
-                     const Triangles8& block, RaySet rays) {
+    void visit_block(const Walk& walk, const Triangles8& block, RaySet rays) {
+        // Few rays meet all triangles one by one: finding out which they may meet takes as long.
+        constexpr int few_rays = 10;
         RaySet alone = rays;
-        if (!asks_primitives && flags_ == 0) {
-            alone = 0;
-            const std::uint32_t triangles = enter_triangles(bounds, *block.block, farthest(rays));
-            if (triangles == 0) return;
-            for (std::uint32_t g = 0; g < packet_groups; ++g) {
-                const RaySet members = rays & (RaySet{group_bits} << (packet_lanes * g));
-                if (members == 0) continue;
-                std::uint32_t z = 0;
-                while (z < 3 && (members & ~level.largest[z]) != 0) ++z;
-                // One by one where that is fewer tests, or hardly more: a ray meets all triangles
-                // of a block at once, a group one of them, and looks at each of its hits (measured
-                // on small triangles: 1.15 times, and 1.05 for the half; twice as many cost 15 % on
-                // large ones).
-                if (z == 3 || 2 * std::popcount(members) <= 3 * std::popcount(triangles)) {
-                    alone |= members;
-                } else {
-                    visit_block_by_group(place, level, *block.block, triangles,
-                                         members >> (packet_lanes * g), g, z);
-                }
-            }
+        if (!asks_primitives && flags_ == 0 && std::popcount(rays) > few_rays) {
+            alone = walk.frustum ? visit_block_by_frustum(walk, *walk.frustum, block, rays)
+                                 : visit_block_by_box(walk, block, rays);
+        }
+        if (!asks_primitives && walk.frustum) {
+            alone = walk.frustum->between_edges(walk.level, block, alone);
         }
         for (; alone != 0; alone &= alone - 1) {
             const auto i = static_cast<std::uint32_t>(std::countr_zero(alone));
-            PacketRay ray(single(place, level, i), level, i);
+            PacketRay ray(single(walk.place, walk.level, i), walk.level, i);
             if (visit(ray, block, isect_, queries_[i])) live_ &= ~(RaySet{1} << i);
             range_.tmax.of[i] = ray.tmax;
         }
     }
 
+    /// Returns the rays that are left for one by one.
+    RaySet visit_block_by_frustum(const Walk& walk, const Frustum& frustum, const Triangles8& block,
+                                  RaySet rays) {
+        RaySet alone = 0;
+        const std::uint32_t valid = block.valid();
+        const Frustum::Edges edges = frustum.edges_of(*block.block);
+        for (std::uint32_t g = 0; g < packet_groups; ++g) {
+            const RaySet members = rays & (RaySet{group_bits} << (packet_lanes * g));
+            if (members == 0) continue;
+            const std::uint32_t triangles = valid & frustum.may_meet(edges, g);
+            if (triangles == 0) continue;
+            if (are_better_alone(members, triangles)) {
+                alone |= members;
+            } else {
+                visit_block_by_group(walk, *block.block, triangles, members, g, frustum.axis);
+            }
+        }
+        return alone;
+    }
+    RaySet visit_block_by_box(const Walk& walk, const Triangles8& block, RaySet rays) {
+        RaySet alone = 0;
+        const std::uint32_t triangles = walk.bounds.enter_triangles(*block.block, farthest(rays));
+        if (triangles == 0) return 0;
+        for (std::uint32_t g = 0; g < packet_groups; ++g) {
+            const RaySet members = rays & (RaySet{group_bits} << (packet_lanes * g));
+            if (members == 0) continue;
+            std::uint32_t axis = 0;
+            while (axis < 3 && (members & ~walk.level.largest[axis]) != 0) ++axis;
+            if (axis == 3 || are_better_alone(members, triangles)) {
+                alone |= members;
+            } else {
+                visit_block_by_group(walk, *block.block, triangles, members, g, axis);
+            }
+        }
+        return alone;
+    }
+
+    /// One by one where that is fewer tests, or hardly more: a ray meets all triangles of a block
+    /// at once, a group one of them, and looks at each of its hits (measured on small
+    /// triangles: 1.15 times, and 1.05 for the half; twice as many cost 15 % on large ones).
+    static bool are_better_alone(RaySet rays, std::uint32_t triangles) {
+        return 2 * std::popcount(rays) <= 3 * std::popcount(triangles);
+    }
+
     /// Sixteen rays against one triangle after the other.
-    void visit_block_by_group(const Place& place, const PacketLevel& level,
-                              const TriangleBlock& block, std::uint32_t triangles, RaySet members,
-                              std::uint32_t g, std::uint32_t z) {
-        RayGroup group(level, range_, g, z);
+    [[gnu::noinline]] void visit_block_by_group(const Walk& walk, const TriangleBlock& block,
+                                                std::uint32_t triangles, RaySet rays,
+                                                std::uint32_t g, std::uint32_t axis) {
+        RayGroup group(walk.level, range_, g, axis);
         const std::uint32_t first = packet_lanes * g;
+        std::uint32_t members = members_of(rays, g);
         for (; triangles != 0; triangles &= triangles - 1) {
             const auto lane = static_cast<std::uint32_t>(std::countr_zero(triangles));
             auto hits = intersect(group, SharedTriangle{&block, lane});
-            hits.mask &= static_cast<std::uint32_t>(members);
+            hits.mask &= members;
             if (hits.mask == 0) continue;
             RayView at{};
-            at.scene = place.scene;
-            at.object = place.object;
-            at.path = place.path;
+            at.scene = walk.place.scene;
+            at.object = walk.place.object;
+            at.path = walk.place.path;
             for_each_record(at, hits, [&](int ray, const HitRecord& record) {
                 const std::uint32_t i = first + static_cast<std::uint32_t>(ray);
                 if (queries_[i].add(record, range_.tmax.of[i])) {
                     live_ &= ~(RaySet{1} << i);
-                    members &= ~(RaySet{1} << ray);
+                    members &= ~(1U << ray);
                 }
             });
             group.tmax = range_.tmax.group(g);
@@ -448,8 +428,12 @@ private:
     std::uint32_t mask_ = 0;  ///< of the call, as in RayView
     std::uint32_t flags_ = 0;
     Cancellation* cancellation_ = nullptr;
-    const Ray* world_[packet_rays];
-    Query queries_[packet_rays];
+    const Ray* world_ = nullptr;
+    // Those of valid rays; not made for all of them first (measured: 1.04 times).
+    static_assert(std::is_trivially_destructible_v<Query>);
+    union {
+        Query queries_[packet_rays];
+    };
 };
 
 }  // namespace raynest

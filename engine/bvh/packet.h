@@ -21,6 +21,11 @@ using PacketLanes = Lanes<packet_lanes>;
 /// One bit per ray of a packet.
 using RaySet = std::uint64_t;
 
+/// Those of a set that are in group g, one bit per lane.
+[[nodiscard]] RAYNEST_INLINE std::uint32_t members_of(RaySet rays, std::uint32_t g) {
+    return static_cast<std::uint32_t>(rays >> (packet_lanes * g) & group_bits);
+}
+
 struct alignas(64) PacketRow {
     float of[packet_rays];
 
@@ -36,16 +41,14 @@ struct alignas(64) PacketRow {
 [[nodiscard]] RAYNEST_INLINE float least_of(const PacketRow& row, RaySet rays) {
     auto r = PacketLanes::splat(std::numeric_limits<float>::infinity());
     for (std::uint32_t g = 0; g < packet_groups; ++g) {
-        const auto members = static_cast<std::uint32_t>(rays >> (packet_lanes * g) & group_bits);
-        r = minimum(r, select(members, row.group(g), r));
+        r = minimum(r, select(members_of(rays, g), row.group(g), r));
     }
     return least(r);
 }
 [[nodiscard]] RAYNEST_INLINE float most_of(const PacketRow& row, RaySet rays) {
     auto r = PacketLanes::splat(-std::numeric_limits<float>::infinity());
     for (std::uint32_t g = 0; g < packet_groups; ++g) {
-        const auto members = static_cast<std::uint32_t>(rays >> (packet_lanes * g) & group_bits);
-        r = maximum(r, select(members, row.group(g), r));
+        r = maximum(r, select(members_of(rays, g), row.group(g), r));
     }
     return most(r);
 }
@@ -126,6 +129,30 @@ private:
         }
     }
 };
+
+/// is_valid() of every ray, of the rows of what requests gave.
+[[nodiscard]] RAYNEST_INLINE RaySet valid_rays(const PacketLevel& level, const PacketRange& range) {
+    using F = PacketLanes;
+    RaySet valid = 0;
+    for (std::uint32_t g = 0; g < packet_groups; ++g) {
+        const auto is_finite = [&](const PacketRow& row) RAYNEST_INLINE_LAMBDA {
+            const F a = row.group(g);
+            return less_equal(flip_sign(a, a), F::splat(std::numeric_limits<float>::max()));
+        };
+        const F zero = F::splat(0);
+        const F tmin = range.tmin.group(g);
+        std::uint32_t all =
+            is_finite(range.tmin) & less_equal(zero, tmin) & less_equal(tmin, range.tmax.group(g));
+        std::uint32_t directed = 0;
+        for (int axis = 0; axis < 3; ++axis) {
+            all &= is_finite(level.origin[axis]) & is_finite(level.direction[axis]);
+            const F d = level.direction[axis].group(g);
+            directed |= less(zero, flip_sign(d, d));
+        }
+        valid |= RaySet{all & directed} << (packet_lanes * g);
+    }
+    return valid;
+}
 
 /// Sixteen rays of a packet against one triangle: what geometry/intersect_triangle.h is asked with.
 struct RayGroup {

@@ -41,14 +41,18 @@ struct RayView {
     }
 };
 
-/// The view of a request's ray at the outermost level. A hit at infinity is no hit, so the search
-/// ends at the largest finite distance.
+/// A hit at infinity is no hit, so the search ends at the largest finite distance.
+[[nodiscard]] RAYNEST_FN inline float search_end(const Ray& ray) {
+    constexpr float farthest = std::numeric_limits<float>::max();
+    return ray.tmax < farthest ? ray.tmax : farthest;
+}
+
+/// The view of a request's ray at the outermost level.
 [[nodiscard]] RAYNEST_FN inline RayView outermost_view(const Ray& ray, const SceneView* scene,
                                                        std::uint32_t id, std::uint32_t mask,
                                                        std::uint32_t flags) {
-    const float far =
-        ray.tmax < std::numeric_limits<float>::max() ? ray.tmax : std::numeric_limits<float>::max();
-    return {ray.origin, ray.direction, ray.tmin, far, &ray, scene, nullptr, 0, id, mask, flags};
+    return {ray.origin, ray.direction, ray.tmin, search_end(ray), &ray, scene, nullptr, 0,
+            id,         mask,          flags};
 }
 
 }  // namespace raynest

@@ -21,14 +21,12 @@ struct Feed {
     std::uint32_t first;                   ///< of the group in the call
     Cancellation* cancellation = nullptr;  ///< of the call
 
+    [[nodiscard]] RAYNEST_INLINE const Ray* rays() const { return call.rays + first; }
     /// The ray as it enters the root; false when it is invalid and thereby answered.
     [[nodiscard]] RAYNEST_INLINE bool begin(std::uint32_t i, RayView& view) const {
-        const Ray& ray = call.rays[first + i];
-        HitRecord& answer = *hits_of(i);
-        answer = HitRecord{};
+        const Ray& ray = rays()[i];
         if (!is_valid(ray)) {
-            answer.flags = hit_invalid_ray;
-            if constexpr (kind == query_multi) call.hit_counts[first + i] = 0;
+            refuse(i);
             return false;
         }
         view = outermost_view(ray, call.scene, i, call.mask, call.flags);
@@ -46,20 +44,27 @@ struct Feed {
         if constexpr (kind == query_closest) {
             *hits_of(i) = query.best;
         } else if constexpr (kind == query_any) {
-            hits_of(i)->hit = query.found ? 1 : 0;
+            HitRecord answer;
+            answer.hit = query.found ? 1 : 0;
+            *hits_of(i) = answer;
         } else {
             call.hit_counts[first + i] = query.count;
+            if (query.count == 0) *hits_of(i) = HitRecord{};
         }
     }
 
+    /// Instead of begin(): the ray is invalid.
+    RAYNEST_INLINE void refuse(std::uint32_t i) const { end_without_hit(i, hit_invalid_ray); }
     /// Instead of end(): there is no answer.
-    RAYNEST_INLINE void give_up(std::uint32_t i) const {
-        *hits_of(i) = HitRecord{};
-        hits_of(i)->flags = hit_given_up;
-        if constexpr (kind == query_multi) call.hit_counts[first + i] = 0;
-    }
+    RAYNEST_INLINE void give_up(std::uint32_t i) const { end_without_hit(i, hit_given_up); }
 
 private:
+    RAYNEST_INLINE void end_without_hit(std::uint32_t i, HitFlags flag) const {
+        HitRecord answer;
+        answer.flags = flag;
+        *hits_of(i) = answer;
+        if constexpr (kind == query_multi) call.hit_counts[first + i] = 0;
+    }
     [[nodiscard]] RAYNEST_INLINE HitRecord* hits_of(std::uint32_t i) const {
         return call.hits + static_cast<std::size_t>(first + i) * call.hits_max;
     }

@@ -76,13 +76,15 @@ std::vector<Case> make_cases(std::uint32_t edge_ray_count) {
                          std::uint32_t rays_whole, float half) {
         const std::uint32_t rays_each = test::sanitized_share(rays_whole, 10U);
         Case test{name, depth, baked(name, scene), {}};
-        for (const auto& more : {random_rays(rays_each, half, random),
-                                 scene.objects[scene.root].geometries.empty()
-                                     ? std::vector<Ray>{}
-                                     : edge_rays(scene, rays_each, half, random),
-                                 odd_rays(rays_each / 2, half, random)}) {
+        const auto append = [&](const std::vector<Ray>& more) {
             test.rays.insert(test.rays.end(), more.begin(), more.end());
+        };
+        if (!scene.objects[scene.root].geometries.empty()) {
+            append(pinhole_rays(scene, rays_each, random));  // first, so that packets stay whole
+            append(edge_rays(scene, rays_each, half, random));
         }
+        append(random_rays(rays_each, half, random));
+        append(odd_rays(rays_each / 2, half, random));
         cases.push_back(std::move(test));
     };
     for (const std::uint32_t depth : {1U, 2U, 3U, 4U, 8U}) {
@@ -91,6 +93,10 @@ std::vector<Case> make_cases(std::uint32_t edge_ray_count) {
     add("spheres-1", 1, sphere_scene(5), 1500, 8);
     add("nested-32", 32, nested_scene(32, 1), 1500, 8);
     for (BadInput& bad : bad_inputs(test::sanitized_share(512U, 8U), random)) {
+        if (!bad.scene.objects[bad.scene.root].geometries.empty()) {
+            const auto rays = pinhole_rays(bad.scene, test::sanitized_share(512U, 8U), random);
+            bad.rays.insert(bad.rays.end(), rays.begin(), rays.end());
+        }
         cases.push_back({bad.name, bad.depth, baked(bad.name, bad.scene), std::move(bad.rays)});
     }
 
@@ -99,7 +105,9 @@ std::vector<Case> make_cases(std::uint32_t edge_ray_count) {
         const SceneDescription sheet = sheet_scene(128, depth, 3);
         const std::string name = "edges-" + std::to_string(depth);
         const std::uint32_t count = depth == 1 ? edge_ray_count : edge_ray_count / 8;
-        cases.push_back({name, depth, baked(name, sheet), edge_rays(sheet, count, 6, random)});
+        cases.push_back({name, depth, baked(name, sheet), pinhole_rays(sheet, count / 4, random)});
+        const auto rays = edge_rays(sheet, count, 6, random);
+        cases.back().rays.insert(cases.back().rays.end(), rays.begin(), rays.end());
     }
     return cases;
 }

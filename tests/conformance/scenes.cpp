@@ -1,5 +1,6 @@
 #include "tests/conformance/scenes.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>
@@ -227,7 +228,7 @@ SceneDescription sheet_scene(std::uint32_t triangles, std::uint32_t depth, std::
     return scene;
 }
 
-Vec3 random_edge_point(const SceneDescription& scene, Random& random) {
+std::array<Vec3, 3> random_triangle(const SceneDescription& scene, Random& random) {
     // A random walk down to a triangle, then the chain of transforms back up.
     std::vector<const Transform*> chain;
     const ObjectDescription* object = &scene.objects[scene.root];
@@ -244,12 +245,19 @@ Vec3 random_edge_point(const SceneDescription& scene, Random& random) {
     const auto& g =
         object->geometries[random.below(static_cast<std::uint32_t>(object->geometries.size()))];
     const std::uint32_t triangle = random.below(static_cast<std::uint32_t>(g.indices.size() / 3));
-    const std::uint32_t corner = random.below(3);
-    const Vec3 a = g.positions[g.indices[3 * triangle + corner]];
-    const Vec3 b = g.positions[g.indices[3 * triangle + (corner + 1) % 3]];
-    Vec3 p = random.below(4) == 0 ? a : a + random.unit() * (b - a);
-    for (auto it = chain.rbegin(); it != chain.rend(); ++it) p = (*it)->point(p);
-    return p;
+    const std::uint32_t first = random.below(3);
+    std::array<Vec3, 3> corners;
+    for (std::uint32_t k = 0; k < 3; ++k) {
+        Vec3 p = g.positions[g.indices[3 * triangle + (first + k) % 3]];
+        for (auto it = chain.rbegin(); it != chain.rend(); ++it) p = (*it)->point(p);
+        corners[k] = p;
+    }
+    return corners;
+}
+
+Vec3 random_edge_point(const SceneDescription& scene, Random& random) {
+    const auto [a, b, c] = random_triangle(scene, random);
+    return random.below(4) == 0 ? a : a + random.unit() * (b - a);
 }
 
 std::vector<Ray> random_rays(std::uint32_t count, float half, Random& random) {
@@ -278,6 +286,51 @@ std::vector<Ray> edge_rays(const SceneDescription& scene, std::uint32_t count, f
             ray.origin[axis] += random.below(2) == 0 ? half : -half;
         }
         ray.direction = target - ray.origin;
+    }
+    return rays;
+}
+
+std::vector<Ray> pinhole_rays(const SceneDescription& scene, std::uint32_t count, Random& random) {
+    constexpr std::uint32_t packet = 64;
+    const auto power = [&](float least, float most) {
+        return std::pow(10.0F, random.between(least, most));
+    };
+    std::vector<Ray> rays;
+    while (rays.size() < count) {
+        const auto [a, b, c] = random_triangle(scene, random);
+        const float size = std::max({glm::length(b - a), glm::length(c - b), glm::length(a - c)});
+        Vec3 from = random.direction();
+        if (random.below(4) == 0) {  // two directions as large, or only one that is not zero
+            const int axis = static_cast<int>(random.below(3));
+            from = Vec3(0);
+            from[axis] = 1;
+            if (random.below(2) == 0) from[(axis + 1) % 3] = -1;
+        }
+        const Vec3 eye = a + size * power(0.5F, 4) * from;
+        const float scatter = random.below(2) == 0 ? 0 : size * power(-7, 0);
+        const bool mixed = random.below(8) == 0;
+        for (std::uint32_t i = 0; i < packet; ++i) {
+            const Vec3 on_edge = random.below(8) == 0 ? a : a + random.unit() * (b - a);
+            const Vec3 target =
+                random.below(4) == 0 ? on_edge + random.unit() * (c - on_edge) : on_edge;
+            Ray& ray = rays.emplace_back();
+            ray.origin = eye;
+            ray.direction = (target + scatter * random.direction()) - eye;
+            if (!mixed) continue;
+            switch (random.below(8)) {
+                case 0:
+                    ray.direction = random.direction();
+                    break;
+                case 1:
+                    ray.tmax = random.between(0, 2);
+                    break;
+                case 2:
+                    ray.tmin = -1;
+                    break;
+                default:
+                    break;
+            }
+        }
     }
     return rays;
 }

@@ -4,6 +4,7 @@
 #include "engine/geometry/ray.h"
 #include "engine/scene/description.h"
 
+#include <array>
 #include <bit>
 #include <cstdint>
 #include <string>
@@ -46,6 +47,8 @@ SceneDescription sphere_scene(std::uint64_t seed);
 /// One mesh of `triangles` connected triangles (a bent sheet): many shared edges and vertices.
 SceneDescription sheet_scene(std::uint32_t triangles, std::uint32_t depth, std::uint64_t seed);
 
+/// The corners, in the world, of a random triangle anywhere in the scene.
+std::array<Vec3, 3> random_triangle(const SceneDescription& scene, Random& random);
 /// A world-space point on a random edge or vertex of a random triangle, anywhere in the scene.
 Vec3 random_edge_point(const SceneDescription& scene, Random& random);
 
@@ -54,6 +57,9 @@ std::vector<Ray> random_rays(std::uint32_t count, float half, Random& random);
 /// Through edges and vertices.
 std::vector<Ray> edge_rays(const SceneDescription& scene, std::uint32_t count, float half,
                            Random& random);
+/// Packets of 64 from one point each, through the edges of one triangle and close to them; of some
+/// packets a few rays look elsewhere, are short or invalid.
+std::vector<Ray> pinhole_rays(const SceneDescription& scene, std::uint32_t count, Random& random);
 /// Axis-parallel, zero, non-finite, denormal, reversed, enormous and tiny ones.
 std::vector<Ray> odd_rays(std::uint32_t count, float half, Random& random);
 
