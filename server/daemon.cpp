@@ -33,6 +33,11 @@
 namespace raynest::server {
 namespace {
 
+/// For tasks that wait while long ones hold all threads: the chunks that three requests have under
+/// way, and some for others.
+constexpr unsigned spare_threads(unsigned threads) {
+    return 2 * threads + 16;
+}
 /// Imports at once; each is a process of its own with limits of its own.
 constexpr unsigned imports_max = 2;
 /// Chunks on a GPU at once: one's copies run beside another's kernel.
@@ -142,7 +147,7 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
               coalescer_},
       detached_(engine_, [this] { look_after_detached(); }),
       cuda_(make_cuda(options, *registry_, budget_, metrics_, limits_)),
-      compute_(options.threads),
+      compute_(options.threads, spare_threads(options.threads)),
       blocking_(imports_max),
       device_(cuda_ != nullptr ? cuda_calls_max : 0),
       signals_(io_, SIGTERM, SIGINT),

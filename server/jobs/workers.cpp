@@ -3,6 +3,7 @@
 #include <time.h>
 
 #include <algorithm>
+#include <exception>
 #include <utility>
 
 namespace raynest::server {
@@ -20,9 +21,10 @@ std::chrono::nanoseconds thread_time() {
 
 }  // namespace
 
-Workers::Workers(unsigned threads) {
+Workers::Workers(unsigned threads, unsigned spares) : spares_max_(spares) {
     threads_.reserve(threads);
     for (unsigned i = 0; i < threads; ++i) threads_.emplace_back([this] { run(); });
+    if (spares != 0) watch_ = std::thread([this] { watch(); });
 }
 
 Workers::~Workers() {
@@ -34,7 +36,10 @@ Workers::~Workers() {
         dropped.swap(accounts_);
     }
     wake_.notify_all();
+    alarm_.notify_one();
+    if (watch_.joinable()) watch_.join();  // first: it starts others
     for (std::thread& thread : threads_) thread.join();
+    spares_.clear();
 }
 
 bool Workers::later(const Waiting& a, const Waiting& b) {
@@ -51,10 +56,14 @@ std::uint64_t Workers::submit(const std::string& principal, Priority priority,
         // Memory first: where it lacks, there must be neither a turn without a task nor a task
         // without a turn.
         if (queue.size() == queue.capacity()) queue.reserve(2 * queue.size() + 1);
-        if (queue.empty()) turns_.push_back(account);
+        if (queue.empty()) {
+            if (turns_.empty()) waiting_since_ = Clock::now();
+            turns_.push_back(account);
+        }
         number = submitted_++;
         queue.push_back({priority, number, std::move(task)});
         std::push_heap(queue.begin(), queue.end(), later);
+        if (std::exchange(resting_, false)) alarm_.notify_one();
     }
     wake_.notify_one();
     return number;
@@ -84,29 +93,42 @@ bool Workers::run_one() noexcept {
     {
         const std::lock_guard lock(mutex_);
         if (turns_.empty()) return false;
-        taken = take();
+        taken = take(next_in_turn());
     }
     run_taken(std::move(taken));
     return true;
 }
 
-Workers::Taken Workers::take() {
+Workers::Turns::iterator Workers::next_in_turn() {
     // Without others nobody is kept waiting: nothing is owed.
     if (turns_.size() == 1) turns_.front()->second.debt = 0;
     while (turns_.front()->second.debt > 0) {
         --turns_.front()->second.debt;
         turns_.splice(turns_.end(), turns_, turns_.begin());
     }
-    const Accounts::iterator account = turns_.front();
+    return turns_.begin();
+}
+
+Workers::Turns::iterator Workers::least_served() {
+    const auto least = std::min_element(turns_.begin(), turns_.end(), [](auto a, auto b) {
+        return a->second.running < b->second.running;
+    });
+    const std::size_t most = threads_.size() + spares_max_ / 2;
+    return least != turns_.end() && (*least)->second.running < most ? least : turns_.end();
+}
+
+Workers::Taken Workers::take(Turns::iterator turn) {
+    const Accounts::iterator account = *turn;
     std::vector<Waiting>& queue = account->second.queue;
     std::pop_heap(queue.begin(), queue.end(), later);
     Taken taken{account, std::move(queue.back().task)};
     queue.pop_back();
     ++account->second.running;
     if (queue.empty())
-        turns_.pop_front();
+        turns_.erase(turn);
     else
-        turns_.splice(turns_.end(), turns_, turns_.begin());
+        turns_.splice(turns_.end(), turns_, turn);
+    waiting_since_ = Clock::now();
     return taken;
 }
 
@@ -134,10 +156,49 @@ void Workers::run() {
             std::unique_lock lock(mutex_);
             wake_.wait(lock, [this] { return stopping_ || !turns_.empty(); });
             if (stopping_) return;
-            taken = take();
+            taken = take(next_in_turn());
+            ++taken_;
         }
         run_taken(std::move(taken));
     }
+}
+
+void Workers::watch() {
+    std::unique_lock lock(mutex_);
+    while (!stopping_) {
+        const std::uint64_t before = submitted_;
+        alarm_.wait_for(lock, patience, [this] { return stopping_; });
+        std::erase_if(spares_, [](const Spare& spare) { return spare.over; });
+        if (Clock::now() >= waiting_since_ + patience && least_served() != turns_.end())
+            start_spare();
+        if (submitted_ != before || !turns_.empty() || !spares_.empty()) continue;
+        resting_ = true;
+        alarm_.wait(lock, [this] { return stopping_ || !resting_; });
+    }
+}
+
+void Workers::start_spare() {
+    if (spares_.size() == spares_max_) return;
+    try {
+        Spare& spare = spares_.emplace_back();
+        spare.thread = std::jthread([this, &spare] { run_spare(spare); });
+    } catch (const std::exception&) {  // no memory, or no thread: later, perhaps
+        std::erase_if(spares_, [](const Spare& spare) { return !spare.thread.joinable(); });
+    }
+}
+
+void Workers::run_spare(Spare& self) {
+    std::unique_lock lock(mutex_);
+    const std::uint64_t before = taken_;
+    while (!stopping_ && taken_ == before) {
+        const auto turn = least_served();
+        if (turn == turns_.end()) break;
+        Taken taken = take(turn);
+        lock.unlock();
+        run_taken(std::move(taken));
+        lock.lock();
+    }
+    self.over = true;
 }
 
 }  // namespace raynest::server

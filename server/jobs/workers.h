@@ -8,6 +8,10 @@
 // waits for one task of each other, never for all of them. Who had a long task sits out a turn for
 // each slice of time that it took, while others wait: the share is of time, not of tasks. Jobs hold
 // no thread: a job submits one chunk at a time and is asked again when it ended.
+//
+// A task may take much longer than its kind usually does: rays that meet all that a scene holds.
+// While such tasks hold all threads, spare ones run what waits, and the system shares the processor
+// among them all. Half of the spare threads are out of reach for any one principal.
 #pragma once
 
 #include "server/jobs/job.h"
@@ -30,8 +34,8 @@ namespace raynest::server {
 class Workers {
 public:
     /// Throws std::system_error when the system has no threads left. With 0 of them tasks wait for
-    /// run_one().
-    explicit Workers(unsigned threads);
+    /// run_one(). Up to `spares` threads more, while those are all held.
+    explicit Workers(unsigned threads, unsigned spares = 0);
     /// Drops what has not started, waits for what runs.
     ~Workers();
     Workers(const Workers&) = delete;
@@ -51,6 +55,8 @@ public:
 
     /// So much time is one turn: the time of a usual chunk.
     static constexpr std::chrono::milliseconds slice{4};
+    /// For so long, and at most twice as long, tasks wait before a spare thread runs the next one.
+    static constexpr std::chrono::milliseconds patience{250};
 
     [[nodiscard]] std::size_t threads() const { return threads_.size(); }
 
@@ -66,22 +72,42 @@ private:
         std::int64_t debt = 0;  ///< turns to sit out
     };
     using Accounts = std::map<std::string, Account>;
+    using Turns = std::list<Accounts::iterator>;
     struct Taken {
         Accounts::iterator account;
         std::function<void()> task;
     };
     static bool later(const Waiting& a, const Waiting& b);
     void run();
-    Taken take();
+    /// Who is to give the next task to one of the threads; `turns_` must not be empty.
+    Turns::iterator next_in_turn();
+    /// The same for a spare thread: of whom least runs, if that is little enough; else the end.
+    Turns::iterator least_served();
+    Taken take(Turns::iterator turn);
     void run_taken(Taken taken);
+    struct Spare {
+        bool over = false;
+        std::jthread thread = {};  ///< goes first, and joins
+    };
+    void watch();
+    void start_spare();
+    void run_spare(Spare& self);
 
     std::mutex mutex_;
     std::condition_variable wake_;
-    Accounts accounts_;                    ///< of principals with tasks that wait or run, or debt
-    std::list<Accounts::iterator> turns_;  ///< those with tasks that wait, each once
+    Accounts accounts_;  ///< of principals with tasks that wait or run, or debt
+    Turns turns_;        ///< those with tasks that wait, each once
     std::uint64_t submitted_ = 0;
+    std::uint64_t taken_ = 0;          ///< tasks, by `threads_`
+    Clock::time_point waiting_since_;  ///< nobody took a task although some wait
     bool stopping_ = false;
     std::vector<std::thread> threads_;
+
+    const std::size_t spares_max_;
+    std::list<Spare> spares_;
+    std::condition_variable alarm_;  ///< wakes the thread that watches
+    bool resting_ = false;           ///< nothing to watch until the next task comes
+    std::thread watch_;
 };
 
 }  // namespace raynest::server

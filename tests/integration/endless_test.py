@@ -17,12 +17,13 @@ SHORT = "5,5,5,-1,-1,-1"
 INFINITY = float("inf")
 
 
-def save_rays(path, count):
-    """A .npy file of so many endless rays."""
+def save_rays(path, count, ray=ENDLESS):
+    """A .npy file of so many rays."""
     header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': ({count}, 8)}}"
     header = header.ljust(64 * ((len(header) + 74) // 64) - 11).encode() + b"\n"
-    ray = struct.pack("<8f", 5, 5, 5, 0, -1e-45, -1e-45, -1e-45, INFINITY)
-    path.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + ray * count)
+    x, y, z, *direction = map(float, ray.split(","))
+    data = struct.pack("<8f", x, y, z, 0, *direction, INFINITY)
+    path.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + data * count)
     return path
 
 
@@ -86,6 +87,16 @@ class Endless(DaemonTest):
         for process in endless:
             self.assertEqual(process.wait(PATIENCE), 130)
         self.wait_for_jobs(0)
+
+    def test_others_are_served_while_whole_chunks_never_end(self):
+        usual = {count: save_rays(self.out / f"{count}.npy", count, SHORT) for count in (200, 66000)}
+        endless = [self.begin("--rays", self.many) for _ in range(2)]  # hold all threads
+        self.wait_for_jobs(2)
+        for count, rays in usual.items():
+            told = self.client.json("query", "flake", "--rays", rays, "-o", self.out / "usual.npz")
+            self.assertEqual(told["rays"], count)
+        for process in endless:
+            self.assertIsNone(process.poll())
 
     def test_who_waits_for_a_thread_need_not_wait_for_it_to_be_told(self):
         few = save_rays(self.out / "few.npy", 200)

@@ -5,6 +5,9 @@
 #include <atomic>
 #include <ctime>
 #include <future>
+#include <memory>
+#include <string>
+#include <thread>
 
 namespace raynest::server {
 namespace {
@@ -167,6 +170,52 @@ TEST_CASE("ending waits for what runs and drops what does not") {
     ending.join();
     CHECK(ran >= 1);
     CHECK(ran <= 11);
+}
+
+/// Tasks that hold their threads until the end of a test.
+class Hold {
+public:
+    Hold(Workers& workers, const std::string& principal, int count) {
+        for (int i = 0; i < count; ++i)
+            workers.submit(principal, Priority::normal, [begun = begun_, end = end_] {
+                ++*begun;
+                end.wait();
+            });
+    }
+    ~Hold() { release_.set_value(); }
+    [[nodiscard]] int begun() const { return *begun_; }
+
+private:
+    std::promise<void> release_;
+    const std::shared_future<void> end_ = release_.get_future();
+    const std::shared_ptr<std::atomic<int>> begun_ = std::make_shared<std::atomic<int>>(0);
+};
+
+TEST_CASE("while long tasks hold all threads, spare ones run what waits") {
+    Workers workers(2, 2);
+    const Hold hold(workers, "heavy", 2);
+    for (const char* who : {"heavy", "light"}) {
+        for (int i = 0; i < 3; ++i) {
+            std::promise<void> done;
+            workers.submit(who, Priority::normal, [&] { done.set_value(); });
+            done.get_future().wait();
+        }
+    }
+    CHECK(hold.begun() == 2);
+}
+
+TEST_CASE("half of the spare threads are out of reach for one principal") {
+    Workers workers(1, 4);
+    const Hold heavy(workers, "heavy", 10);
+    while (heavy.begun() < 3) std::this_thread::yield();
+    std::promise<void> done;
+    workers.submit("light", Priority::low, [&] { done.set_value(); });
+    done.get_future().wait();
+    const Hold light(workers, "light", 10);
+    while (light.begun() < 2) std::this_thread::yield();
+    std::this_thread::sleep_for(3 * Workers::patience);
+    CHECK(heavy.begun() == 3);  // the thread and half of the spare ones
+    CHECK(light.begun() == 2);
 }
 
 }  // namespace
