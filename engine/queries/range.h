@@ -28,12 +28,16 @@ template <class Iterator, class Isect, class Query>
 void trace_range(const Ray& ray, Iterator first, Iterator last, Isect& isect, Query& query) {
     if (!is_valid(ray)) return;
     RayView view = outermost_view(ray, nullptr, 0, 0xFFFFFFFFU, 0);
+    std::uint64_t path = 0;
     for (; first != last; ++first) {
+        view.path = path;
+        // The way into an instance adds what comes before it in its own object, not in the list.
+        if constexpr (InstanceLike<decltype(*first)>) view.path -= first->record().path_base;
         if (visit(view, *first, isect, query)) return;
         if constexpr (requires { first->leaves(); }) {
-            view.path += first->leaves();
+            path += first->leaves();
         } else {
-            view.path += 1;
+            path += 1;
         }
     }
 }

@@ -113,7 +113,8 @@ Ray towards(float x, float y) {
     return ray;
 }
 
-std::shared_ptr<const Snapshot> quads_under_instances(int levels) {
+// Each level lifts by 1/8, each further copy by another.
+std::shared_ptr<const Snapshot> quads_under_instances(int levels, int copies = 1) {
     SceneDescription scene;
     ObjectDescription mesh;
     GeometryDescription geometry;
@@ -131,8 +132,10 @@ std::shared_ptr<const Snapshot> quads_under_instances(int levels) {
         ObjectDescription outer;
         InstanceDescription instance;
         instance.object = static_cast<std::uint32_t>(level);
-        instance.transform.m[11] = 0.125F;  // each level lifts by 1/8
-        outer.instances.push_back(instance);
+        for (int copy = 0; copy < copies; ++copy) {
+            instance.transform.m[11] += 0.125F;
+            outer.instances.push_back(instance);
+        }
         scene.objects.push_back(outer);
     }
     scene.root = static_cast<std::uint32_t>(levels);
@@ -227,4 +230,16 @@ TEST_CASE(
     CHECK(all.count == 4);
     CHECK(all.hits[0].path == 1);
     CHECK(all.hits[1].path == 0);
+}
+
+TEST_CASE("instances in a list count from where the list begins") {
+    const auto scene = quads_under_instances(1, 2);
+    const Instance low{&scene->view(), 0};
+    const Instance high{&scene->view(), 1};
+    const auto path_of = [](const std::vector<Instance>& list) {
+        return closest_hit(towards(0.3F, 0.2F), list.begin(), list.end()).path;
+    };
+    CHECK(path_of({high}) == 0);
+    CHECK(path_of({low, high}) == 1);
+    CHECK(path_of({high, low}) == 0);
 }
