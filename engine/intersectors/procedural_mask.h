@@ -94,10 +94,12 @@ private:
         return true;
     }
 
-    // A number in [0, 1) per cell. Columns and rows wrap at 2^20, so that no conversion overflows.
+    // A number in [0, 1) per cell. Columns and rows wrap at 2^20, so that no conversion overflows;
+    // infinite ones, of coordinates near the end of what floats hold, are the first.
     [[nodiscard]] RAYNEST_FN float hash(float column, float row) const {
         const auto wrap = [](float cell) {
-            return static_cast<std::uint32_t>(cell - 1048576.0F * std::floor(cell / 1048576.0F));
+            const float wrapped = cell - 1048576.0F * std::floor(cell / 1048576.0F);
+            return wrapped >= 0.0F ? static_cast<std::uint32_t>(wrapped) : 0U;
         };
         std::uint32_t h = wrap(column) * 0x9E3779B1U ^ wrap(row) * 0x85EBCA77U ^ p.seed;
         h = (h ^ h >> 15) * 0x2C1B3C6DU;

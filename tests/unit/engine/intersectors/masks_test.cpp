@@ -4,6 +4,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <string>
 #include <utility>
 #include <vector>
@@ -158,4 +159,19 @@ TEST_CASE("procedural_mask cuts its pattern into masked materials, or all of the
     Assignments everywhere = discs;
     everywhere.emplace_back("on", "all");
     CHECK_FALSE(is_hit(mixed, 0.05F, 0.05F, "procedural_mask", everywhere));
+}
+
+TEST_CASE("what lies infinitely far in a pattern lies in its first cell") {
+    auto far = quad(material(AlphaMode::mask), alphas(255, 255, 255, 255), false);
+    auto first = far;
+    std::fill_n(far.objects[0].geometries[0].texcoords[0].begin(), 4, Vec2(3e38F, -3e38F));
+    std::fill_n(first.objects[0].geometries[0].texcoords[0].begin(), 4, Vec2(0, 0));
+    for (int seed = 0; seed < 8; ++seed) {
+        const Assignments noise{{"pattern", "noise"},
+                                {"scale", "1000000"},
+                                {"fill", "0.5"},
+                                {"seed", std::to_string(seed)}};
+        CHECK(is_hit(far, 0.3F, 0.3F, "procedural_mask", noise) ==
+              is_hit(first, 0.3F, 0.3F, "procedural_mask", noise));
+    }
 }
