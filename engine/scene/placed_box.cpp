@@ -1,5 +1,7 @@
 #include "engine/scene/placed_box.h"
 
+#include "engine/scene/snapshot.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -113,10 +115,17 @@ Box placed_box(const Tree& child, const Transform& to_parent, float error) {
     constexpr double unit_error = 0x1p-22;
     const double pad = unit_error * static_cast<double>(error) * size;
     constexpr float infinity = std::numeric_limits<float>::infinity();
+    // Through a nearly singular placement the error may exceed all the room that a scene has.
+    const auto inside = [](float padded, double side) {
+        const auto room = static_cast<float>(std::max(std::abs(side), double{coordinate_max}));
+        return std::clamp(padded, -room, room);
+    };
     Box box;
     for (int axis = 0; axis < 3; ++axis) {
-        box.lower[axis] = std::nextafter(static_cast<float>(lower[axis] - pad), -infinity);
-        box.upper[axis] = std::nextafter(static_cast<float>(upper[axis] + pad), infinity);
+        const auto least = static_cast<float>(lower[axis] - pad);
+        const auto most = static_cast<float>(upper[axis] + pad);
+        box.lower[axis] = inside(std::nextafter(least, -infinity), lower[axis]);
+        box.upper[axis] = inside(std::nextafter(most, infinity), upper[axis]);
     }
     return box;
 }

@@ -3,6 +3,7 @@
 
 #include "engine/bvh/build.h"
 #include "engine/packs/registry.h"
+#include "engine/queries/range.h"
 #include "engine/scene/snapshot.h"
 #include "tests/conformance/answers.h"
 #include "tests/conformance/scenes.h"
@@ -129,6 +130,23 @@ TEST_CASE("a turned disc gets the box of a disc") {
 
 TEST_CASE("what an empty tree holds has no box") {
     CHECK(placed_box(Tree{}, Transform{}, 1).is_empty());
+}
+
+TEST_CASE("a nearly singular placement is a scene's, and is hit") {
+    SceneDescription scene;
+    scene.objects.resize(2);
+    GeometryDescription& geometry = scene.objects[0].geometries.emplace_back();
+    geometry.positions = {{-2, -2, 0}, {2, -2, 0}, {0, 2, 0}};
+    geometry.indices = {0, 1, 2};
+    scene.objects[1].instances = {place(0, Transform{{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1e-21F, 0}})};
+    scene.root = 1;
+    const auto snapshot = bake(scene);
+    CHECK(snapshot->bounds().upper.x <= coordinate_max);
+    const std::vector<Bvh> roots{{&snapshot->view(), 1}};
+    Ray ray;
+    ray.origin = {0, 0, 5};
+    ray.direction = {0, 0, -1};
+    CHECK(closest_hit(ray, roots.begin(), roots.end()).t == doctest::Approx(5));
 }
 
 TEST_CASE("rays along the sides of instances' boxes meet what brute force meets") {
