@@ -104,6 +104,16 @@ Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
         [](const Pack* a, const Pack* b) { return rank_of(a->target) < rank_of(b->target); });
 
     for (const Pack* pack : registry->packs_) {
+        // Kernels step over records by the size that their own pack knows.
+        for (std::uint32_t i = 0; i < pack->primitive_count; ++i) {
+            const PackPrimitive& primitive = pack->primitives[i];
+            const PackPrimitive* first = registry->find_primitive(primitive.name);
+            if (first->record_size == primitive.record_size) continue;
+            return fail(ErrorCode::pack_invalid,
+                        std::string("two kernel packs have a primitive named '") + primitive.name +
+                            "', of " + std::to_string(first->record_size) + " and of " +
+                            std::to_string(primitive.record_size) + " bytes: rename one of them");
+        }
         for (std::uint32_t i = 0; i < pack->variant_count; ++i) {
             const PackVariant& code = pack->variants[i];
             Variant* known = nullptr;

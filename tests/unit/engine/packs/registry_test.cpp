@@ -62,6 +62,13 @@ TEST_CASE("two packs of one target with the same intersector refuse to load") {
     CHECK(twice.error().message.find("have an intersector named") != std::string::npos);
 }
 
+TEST_CASE("two packs with primitives of one name and two sizes refuse to load") {
+    const auto odd = Registry::load({{RAYNEST_TEST_ODD_PACK}, "auto"});
+    REQUIRE(!odd);
+    CHECK(odd.error().code == ErrorCode::pack_invalid);
+    CHECK(odd.error().message.find("a primitive named 'sphere'") != std::string::npos);
+}
+
 TEST_CASE("parameters are checked by name, type, range and choice") {
     const auto registry = registry_for("auto");
     const Variant& mask = *registry->find("procedural_mask");
