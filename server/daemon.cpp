@@ -147,9 +147,9 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
               coalescer_},
       detached_(engine_, [this] { look_after_detached(); }),
       cuda_(make_cuda(options, *registry_, budget_, metrics_, limits_)),
-      compute_(options.threads, spare_threads(options.threads)),
-      blocking_(imports_max),
-      device_(cuda_ != nullptr ? cuda_calls_max : 0),
+      compute_(options.threads, Workers::Time::processor, spare_threads(options.threads)),
+      blocking_(imports_max, Workers::Time::clock),
+      device_(cuda_ != nullptr ? cuda_calls_max : 0, Workers::Time::clock),
       signals_(io_, SIGTERM, SIGINT),
       drain_timer_(io_),
       detached_timer_(io_) {

@@ -12,16 +12,18 @@ namespace {
 /// Some seconds: a task that hung must not cost its principal the rest of the day.
 constexpr std::int64_t debt_max = 1000;
 
-/// Of the processor: what the rest of the machine does is nobody's debt.
-std::chrono::nanoseconds thread_time() {
+std::chrono::nanoseconds now_by(Workers::Time time) {
     timespec now{};
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    clock_gettime(time == Workers::Time::processor ? CLOCK_THREAD_CPUTIME_ID : CLOCK_MONOTONIC,
+                  &now);
     return std::chrono::seconds(now.tv_sec) + std::chrono::nanoseconds(now.tv_nsec);
 }
 
 }  // namespace
 
-Workers::Workers(unsigned threads, unsigned spares) : spares_max_(spares) {
+Workers::Workers(unsigned threads, Time charged, unsigned spares)
+    : charged_(charged),
+      spares_max_(spares) {
     threads_.reserve(threads);
     for (unsigned i = 0; i < threads; ++i) threads_.emplace_back([this] { run(); });
     if (spares != 0) watch_ = std::thread([this] { watch(); });
@@ -133,10 +135,10 @@ Workers::Taken Workers::take(Turns::iterator turn) {
 }
 
 void Workers::run_taken(Taken taken) {
-    const auto start = thread_time();
+    const auto start = now_by(charged_);
     taken.task();
     taken.task = {};  // what it holds goes before the next one is taken
-    const auto turns = (thread_time() - start) / slice;
+    const auto turns = (now_by(charged_) - start) / slice;
 
     const std::lock_guard lock(mutex_);
     if (stopping_) return;  // the accounts are gone

@@ -33,9 +33,13 @@ namespace raynest::server {
 /// Thread-safe.
 class Workers {
 public:
+    /// What a task costs its principal: of the processor, where what the rest of the machine does
+    /// is nobody's debt; or by the clock, where tasks wait for something else.
+    enum class Time { processor, clock };
+
     /// Throws std::system_error when the system has no threads left. With 0 of them tasks wait for
     /// run_one(). Up to `spares` threads more, while those are all held.
-    explicit Workers(unsigned threads, unsigned spares = 0);
+    explicit Workers(unsigned threads, Time charged = Time::processor, unsigned spares = 0);
     /// Drops what has not started, waits for what runs.
     ~Workers();
     Workers(const Workers&) = delete;
@@ -103,6 +107,7 @@ private:
     bool stopping_ = false;
     std::vector<std::thread> threads_;
 
+    const Time charged_;
     const std::size_t spares_max_;
     std::list<Spare> spares_;
     std::condition_variable alarm_;  ///< wakes the thread that watches

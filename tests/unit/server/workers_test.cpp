@@ -84,6 +84,20 @@ TEST_CASE("who had a long task sits out turns while others wait") {
     CHECK(order.back() == 'H');
 }
 
+TEST_CASE("where tasks wait for something else, waiting is what they cost") {
+    Workers workers(0, Workers::Time::clock);
+    std::string order;
+    for (int i = 0; i < 2; ++i)
+        workers.submit("heavy", Priority::normal, [&] {
+            std::this_thread::sleep_for(6 * Workers::slice);
+            order += 'H';
+        });
+    for (int i = 0; i < 5; ++i) workers.submit("light", Priority::normal, [&] { order += 'l'; });
+    while (workers.run_one()) {
+    }
+    CHECK(order == "HlllllH");
+}
+
 TEST_CASE("priority orders the tasks of one principal, and takes nothing from another") {
     Notebook notebook;
     notebook.add("a", Priority::low, "a low");
@@ -192,7 +206,7 @@ private:
 };
 
 TEST_CASE("while long tasks hold all threads, spare ones run what waits") {
-    Workers workers(2, 2);
+    Workers workers(2, Workers::Time::processor, 2);
     const Hold hold(workers, "heavy", 2);
     for (const char* who : {"heavy", "light"}) {
         for (int i = 0; i < 3; ++i) {
@@ -205,7 +219,7 @@ TEST_CASE("while long tasks hold all threads, spare ones run what waits") {
 }
 
 TEST_CASE("half of the spare threads are out of reach for one principal") {
-    Workers workers(1, 4);
+    Workers workers(1, Workers::Time::processor, 4);
     const Hold heavy(workers, "heavy", 10);
     while (heavy.begun() < 3) std::this_thread::yield();
     std::promise<void> done;
