@@ -37,7 +37,7 @@ struct TreeInput {
     std::uint32_t record_count = 0;
     std::uint32_t instance_count = 0;  ///< boxes.size() is the sum of the three
     BuildQuality quality = BuildQuality::medium;
-    /// One per triangle for a high build, which is a medium one without them. A high build may name
+    /// One per triangle for a high build of triangles alone; any other is a medium one. It may name
     /// a triangle in several leaves; at most every second one on average.
     std::span<const Corners> corners = {};
 };

@@ -52,7 +52,7 @@ enum class ChildKind : std::uint32_t { triangles = 0, instance = 1, records = 2 
 [[nodiscard]] constexpr std::uint32_t leaf_instance(std::uint32_t leaf) {
     return leaf & 0x1FFFFFFFU;
 }
-/// Largest block, record or node index that a child word can name.
+/// Largest block, or place of a record, that a leaf can name.
 inline constexpr std::uint32_t leaf_first_max = (1U << 26) - 1;
 inline constexpr std::uint32_t leaf_instance_max = (1U << 29) - 2;
 

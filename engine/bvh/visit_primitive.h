@@ -84,7 +84,8 @@ RAYNEST_INLINE bool visit(R& ray, const P& primitive, Isect& isect, Query& query
             ray.flags};
 }
 
-/// Calls `with(const P*)` for the primitive type of the object's records.
+/// visitor(Record<P>) for `count` records of the object from `first` on, with its own type of
+/// primitive for P, until one call returns true; then so does this.
 template <class Visitor>
 RAYNEST_INLINE bool visit_record_type(const SceneView& scene, const ObjectRecord& object,
                                       std::uint32_t first, std::uint32_t count, Visitor&& visitor) {

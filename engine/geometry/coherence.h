@@ -4,8 +4,6 @@
 #include "engine/geometry/box.h"
 #include "engine/geometry/ray.h"
 
-#include <algorithm>
-#include <cmath>
 #include <span>
 
 namespace raynest {
@@ -25,11 +23,9 @@ inline constexpr float coherent_shift = 0.0625F;
         origins.extend(ray.origin);
         directions.extend(ray.direction);
     }
-    const auto largest = [](const Vec3& v) {
-        return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
-    };
-    return largest(directions.size()) <= coherent_turn * largest(rays.front().direction) &&
-           largest(origins.size()) <= coherent_shift * largest(bounds.size());
+    return largest_component(directions.size()) <=
+               coherent_turn * largest_component(rays.front().direction) &&
+           largest_component(origins.size()) <= coherent_shift * largest_component(bounds.size());
 }
 
 }  // namespace raynest

@@ -31,13 +31,10 @@ struct RayView {
 
     /// A point on the ray in this level's space; `world_at` in the space of the request.
     [[nodiscard]] RAYNEST_FN Vec3 at(float t) const {
-        return {fused(t, direction.x, origin.x), fused(t, direction.y, origin.y),
-                fused(t, direction.z, origin.z)};
+        return point_along(origin, direction, t);
     }
     [[nodiscard]] RAYNEST_FN Vec3 world_at(float t) const {
-        return {fused(t, world->direction.x, world->origin.x),
-                fused(t, world->direction.y, world->origin.y),
-                fused(t, world->direction.z, world->origin.z)};
+        return point_along(world->origin, world->direction, t);
     }
 };
 

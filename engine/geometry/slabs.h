@@ -19,7 +19,7 @@
 // The rule is monotone, bit for bit: a box inside another one has a near that is not smaller and a
 // far that is not larger, whatever the rounding. So a hit whose t lies between near and far of its
 // own primitive's box can never be culled by a box around it: primitives hold their hits to that
-// (clamp_to_own_box), and traversal and reference agree by construction. Grazing rays need it:
+// (own_interval), and traversal and reference agree by construction. Grazing rays need it:
 // there the rounding of t is divided by the sine of the angle, and no fixed padding is enough.
 #pragma once
 
@@ -38,10 +38,6 @@ inline constexpr float box_far_factor = 1.0000004F;
 inline constexpr float box_near_factor = 2.0F - box_far_factor;
 inline constexpr float box_origin_error = 0x1p-21F;
 inline constexpr float direction_min_relative = 1e-18F;
-
-[[nodiscard]] RAYNEST_INLINE float largest_component(const Vec3& v) {
-    return std::max(std::max(std::abs(v.x), std::abs(v.y)), std::abs(v.z));
-}
 
 /// 1 / direction of the rule, in the first three lanes.
 [[nodiscard]] RAYNEST_INLINE Lanes<4> limited_reciprocal(const Vec3& direction) {

@@ -106,7 +106,7 @@ struct InstanceInfo {
 /// Never triangles and records together: a hit names either by one flat index.
 struct ObjectRecord {
     Box bounds;
-    float origin_error;        ///< >= 1: how much rounding of the ray the box test must absorb, see bvh/box_test
+    float origin_error;        ///< >= 1: how much rounding of the ray the box test must absorb, see geometry/slabs.h
     std::uint32_t root;        ///< child word of the tree (bvh/node.h)
     std::uint64_t first_node;
     std::uint64_t first_block;

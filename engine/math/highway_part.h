@@ -48,10 +48,6 @@ RAYNEST_INLINE void load(Vector& to, const float* from) {
     to = hn::Load(Tag<Vector>(), from);
 }
 template <class Vector>
-RAYNEST_INLINE void load_unaligned(Vector& to, const float* from) {
-    to = hn::LoadU(Tag<Vector>(), from);
-}
-template <class Vector>
 RAYNEST_INLINE void store(Vector a, float* to) {
     hn::Store(a, Tag<Vector>(), to);
 }

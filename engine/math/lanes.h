@@ -50,12 +50,6 @@ struct Lanes {
         for (std::size_t i = 0; i < parts; ++i) part::load(r.lane[i], from + i * width);
         return r;
     }
-    /// The same from any address.
-    RAYNEST_INLINE static Lanes load_unaligned(const float* from) {
-        Lanes r;
-        for (std::size_t i = 0; i < parts; ++i) part::load_unaligned(r.lane[i], from + i * width);
-        return r;
-    }
     /// `to` is aligned to the N floats.
     RAYNEST_INLINE void store(float* to) const {
         for (std::size_t i = 0; i < parts; ++i) part::store(lane[i], to + i * width);

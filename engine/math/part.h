@@ -25,9 +25,6 @@ RAYNEST_INLINE void set(float& to, float value) {
 RAYNEST_INLINE void load(float& to, const float* from) {
     to = *from;
 }
-RAYNEST_INLINE void load_unaligned(float& to, const float* from) {
-    to = *from;
-}
 RAYNEST_INLINE void store(float a, float* to) {
     *to = a;
 }

@@ -7,6 +7,7 @@
 
 #include <glm/glm.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -46,6 +47,17 @@ RAYNEST_INLINE float fused(float a, float b, float c) {
 #endif
 }
 
+/// origin + t * direction.
+RAYNEST_INLINE Vec3 point_along(const Vec3& origin, const Vec3& direction, float t) {
+    return {fused(t, direction.x, origin.x), fused(t, direction.y, origin.y),
+            fused(t, direction.z, origin.z)};
+}
+
+/// The largest absolute value of three.
+RAYNEST_INLINE float largest_component(const Vec3& v) {
+    return std::max(std::max(std::abs(v.x), std::abs(v.y)), std::abs(v.z));
+}
+
 /// Rows of a 3x4 affine map; row r is (m[4r], m[4r+1], m[4r+2] | m[4r+3]).
 struct Transform {
     std::array<float, 12> m{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
@@ -62,13 +74,6 @@ struct Transform {
         return {fused(m[0], d.x, fused(m[1], d.y, m[2] * d.z)),
                 fused(m[4], d.x, fused(m[5], d.y, m[6] * d.z)),
                 fused(m[8], d.x, fused(m[9], d.y, m[10] * d.z))};
-    }
-
-    /// Multiplies by the transposed 3x3: takes a normal to the world when *this is world-to-object.
-    RAYNEST_INLINE Vec3 transposed_direction(const Vec3& n) const {
-        return {fused(m[0], n.x, fused(m[4], n.y, m[8] * n.z)),
-                fused(m[1], n.x, fused(m[5], n.y, m[9] * n.z)),
-                fused(m[2], n.x, fused(m[6], n.y, m[10] * n.z))};
     }
 
     bool operator==(const Transform&) const = default;

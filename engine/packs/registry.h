@@ -88,5 +88,7 @@ Result<Query> parse_query(std::string_view name);          ///< closest | any | 
 Result<Precision> parse_precision(std::string_view name);  ///< fast | watertight
 /// auto | latency | batch | coherent | reference
 Result<Traversal> parse_traversal(std::string_view name);
+/// The word of the above.
+[[nodiscard]] const char* traversal_name(Traversal traversal);
 
 }  // namespace raynest

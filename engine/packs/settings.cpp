@@ -1,6 +1,7 @@
 // Names and values of a request -> what a pack takes.
 #include "engine/packs/registry.h"
 
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <sstream>
@@ -44,13 +45,19 @@ Result<double> parse_value(const PackParam& param, const std::string& text) {
                                               param.name + "': use " + describe_range(param));
 }
 
+constexpr std::array<const char*, query_count> query_names = {"closest", "any", "multi", "all"};
+constexpr std::array<const char*, precision_count> precision_names = {"fast", "watertight"};
+constexpr std::array<const char*, traversal_count + 1> traversal_names = {
+    "latency", "batch", "coherent", "reference", "auto"};
+
+/// The value whose name stands at its place.
 template <class T, std::size_t N>
 Result<T> parse_name(std::string_view what, std::string_view name,
-                     const std::pair<std::string_view, T> (&known)[N]) {
+                     const std::array<const char*, N>& known) {
     std::string names;
-    for (const auto& [text, value] : known) {
-        if (text == name) return value;
-        names += (names.empty() ? "" : ", ") + std::string(text);
+    for (std::size_t value = 0; value < N; ++value) {
+        if (known[value] == name) return static_cast<T>(value);
+        names += (names.empty() ? "" : ", ") + std::string(known[value]);
     }
     return fail(ErrorCode::param_invalid, "unknown " + std::string(what) + " '" +
                                               std::string(name) + "': use one of " + names);
@@ -101,36 +108,27 @@ Result<TraceFunction> find_function(const Variant& variant, Query query, Precisi
     const TraceFunction function =
         variant.code->trace[precision][traversal][query][counting ? 1 : 0];
     if (function != nullptr) return function;
-    static constexpr const char* queries[] = {"closest", "any", "multi", "all"};
-    static constexpr const char* precisions[] = {"fast", "watertight"};
-    static constexpr const char* traversals[] = {"latency", "batch", "coherent", "reference"};
     return fail(ErrorCode::variant_unknown,
                 "intersector '" + variant.name + "' on target " + variant.target +
-                    " was not compiled for query " + queries[query] + ", precision " +
-                    precisions[precision] + ", traversal " + traversals[traversal] +
+                    " was not compiled for query " + query_names[query] + ", precision " +
+                    precision_names[precision] + ", traversal " + traversal_name(traversal) +
                     (counting ? ", counters" : "") + ": try traversal auto");
 }
 
 Result<Query> parse_query(std::string_view name) {
-    static constexpr std::pair<std::string_view, Query> known[] = {
-        {"closest", query_closest}, {"any", query_any}, {"multi", query_multi}, {"all", query_all}};
-    return parse_name("query kind", name, known);
+    return parse_name<Query>("query kind", name, query_names);
 }
 
 Result<Precision> parse_precision(std::string_view name) {
-    static constexpr std::pair<std::string_view, Precision> known[] = {
-        {"fast", precision_fast}, {"watertight", precision_watertight}};
-    return parse_name("precision", name, known);
+    return parse_name<Precision>("precision", name, precision_names);
 }
 
 Result<Traversal> parse_traversal(std::string_view name) {
-    static constexpr std::pair<std::string_view, Traversal> known[] = {
-        {"auto", traversal_auto},
-        {"latency", traversal_latency},
-        {"batch", traversal_batch},
-        {"coherent", traversal_coherent},
-        {"reference", traversal_reference}};
-    return parse_name("traversal", name, known);
+    return parse_name<Traversal>("traversal", name, traversal_names);
+}
+
+const char* traversal_name(Traversal traversal) {
+    return traversal_names[traversal];
 }
 
 }  // namespace raynest

@@ -56,8 +56,7 @@ Ends ends_of(const SceneView& scene, std::uint64_t path) {
 }
 
 Vec3 world_position(const Ray& ray, float t) {
-    return {fused(t, ray.direction.x, ray.origin.x), fused(t, ray.direction.y, ray.origin.y),
-            fused(t, ray.direction.z, ray.origin.z)};
+    return point_along(ray.origin, ray.direction, t);
 }
 
 /// Object-space e1 x e2, in double so that the edges of tiny triangles do not underflow.
@@ -246,23 +245,17 @@ void write_column(Field field, const ColumnSource& source, std::byte* out) {
     }
 }
 
-Placement locate(const SceneView& scene, std::uint64_t path) {
-    Placement placement;
+Transform world_to_object(const SceneView& scene, std::uint64_t path) {
+    Transform all;
     walk_path(scene, path, [&](std::uint32_t index) {
-        const InstanceRecord& instance = scene.instances[index];
-        if (placement.outermost == no_id) {
-            placement.outermost = index - scene.objects[scene.root].first_instance;
-        }
-        placement.to_object = compose(instance.to_object, placement.to_object);
-        placement.uid = scene.instance_infos[index].uid;
-        ++placement.levels;
+        all = compose(scene.instances[index].to_object, all);
     });
-    return placement;
+    return all;
 }
 
 Vec3 world_normal(const ColumnSource& source, const Ray& ray, const HitRecord& hit) {
     const SceneView& scene = *source.scene;
-    const Transform to_object = locate(scene, hit.path).to_object;
+    const Transform to_object = world_to_object(scene, hit.path);
     const GeometryRecord* geometry = geometry_of(source, hit);
     const glm::dvec3 n =
         geometry == nullptr

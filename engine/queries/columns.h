@@ -57,14 +57,8 @@ struct ColumnSource {
 /// Writes an element of field_bytes(field) per hit (counters: per ray), canonical for misses.
 void write_column(Field field, const ColumnSource& source, std::byte* out);
 
-/// Object-space-to-world facts of one hit, for integrators.
-struct Placement {
-    Transform to_object;      ///< world to the leaf object, composed; for display and normals
-    std::uint32_t outermost = no_id;  ///< declaration index in the root
-    std::uint32_t uid = no_id;        ///< of the innermost instance; no_id when there is none
-    std::uint32_t levels = 1;
-};
-[[nodiscard]] Placement locate(const SceneView& scene, std::uint64_t path);
+/// From the world to the object of a placement, rounded once per level: for normals, and to show.
+[[nodiscard]] Transform world_to_object(const SceneView& scene, std::uint64_t path);
 /// Unit world normal, as column `ng`.
 [[nodiscard]] Vec3 world_normal(const ColumnSource& source, const Ray& ray, const HitRecord& hit);
 

@@ -13,7 +13,7 @@ namespace raynest {
 class TreeChecker {
 public:
     /// Every node, block, record and instance that the child words name lies within the object and
-    /// is named at most once, nodes and blocks exactly once; no path is longer than
+    /// is named at most once, all but instances exactly once; no path is longer than
     /// tree_height_max; blocks name triangles of the object, and padding lanes cannot be hit. The
     /// object's ranges must have been checked.
     Result<void> check(const SceneView& scene, const ObjectRecord& object);

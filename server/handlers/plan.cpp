@@ -130,12 +130,6 @@ ColumnSource Plan::source(const Registry& registry) const {
     return source;
 }
 
-const char* traversal_name(Traversal traversal) {
-    constexpr std::array<const char*, traversal_count + 1> names = {"latency", "batch", "coherent",
-                                                                    "reference", "auto"};
-    return names[traversal];
-}
-
 Accepted accept(const Plan& plan, const char* kind, std::uint64_t rays) {
     Accepted accepted;
     accepted.deadline_ms = plan.deadline_ms;

@@ -59,9 +59,6 @@ Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query quer
 /// STARTED, as far as the plan knows it.
 [[nodiscard]] wire::StartedT started(const Plan& plan, const protocol::Limits& limits);
 
-/// The traversal's word; "auto" for traversal_auto.
-[[nodiscard]] const char* traversal_name(Traversal traversal);
-
 /// What a kernel gave back, as an error of the job.
 Reply<void> check(TraceStatus status, const Plan& plan);
 

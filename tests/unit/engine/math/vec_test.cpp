@@ -82,16 +82,3 @@ TEST_CASE("the condition number is the ratio of the axes, whatever the rotation"
           doctest::Approx(1e6F).epsilon(1e-3));
     CHECK(condition(scaling(0, 1, 1)) == std::numeric_limits<float>::infinity());
 }
-
-TEST_CASE("the inverse transpose keeps normals perpendicular under shear and mirroring") {
-    std::mt19937 random(2);
-    for (int i = 0; i < 100; ++i) {
-        const Transform t = random_transform(random);
-        Transform inverse;
-        REQUIRE(invert(t, inverse));
-        const Vec3 normal = inverse.transposed_direction({0, 0, 1});
-        const Vec3 tangent = t.direction({1, 0, 0});
-        const float scale = glm::length(normal) * glm::length(tangent);
-        CHECK(std::abs(glm::dot(normal, tangent)) < 1e-5F * condition(t) * scale);
-    }
-}

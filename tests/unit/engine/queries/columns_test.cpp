@@ -248,11 +248,8 @@ TEST_CASE(
     CHECK(column<Vec3>(Field::direction, source, 2)[1] == Vec3(0, 10, 0));
 }
 
-TEST_CASE("locate gives the way from the world to the leaf object") {
+TEST_CASE("a path gives the way from the world to its object") {
     const auto scene = test::bake(test::tree_scene());
-    const Placement leaf = locate(scene->view(), 5);  // second twig at x = 10, second leaf at y = 4
-    CHECK(leaf.to_object.point({10, 4, 0}) == Vec3(0, 0, 0));
-    CHECK(leaf.outermost == 1);
-    CHECK(leaf.uid == 12);
-    CHECK(leaf.levels == 3);
+    // Second twig at x = 10, second leaf at y = 4.
+    CHECK(world_to_object(scene->view(), 5).point({10, 4, 0}) == Vec3(0, 0, 0));
 }
