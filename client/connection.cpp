@@ -3,12 +3,10 @@
 #include "client/interrupt.h"
 
 #include <boost/asio/buffer.hpp>
-#include <boost/asio/connect.hpp>
 #include <boost/asio/generic/stream_protocol.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/local/stream_protocol.hpp>
-#include <boost/asio/write.hpp>
 #include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/socket.h>
@@ -19,6 +17,7 @@
 #include <charconv>
 #include <cstdint>
 #include <cstring>
+#include <iterator>
 #include <utility>  // before Asio: Boost 1.74 needs std::exchange in C++20
 #include <vector>
 
@@ -27,12 +26,17 @@ namespace raynest::client {
 namespace asio = boost::asio;
 using boost::system::error_code;
 using protocol::Frame;
+using Clock = std::chrono::steady_clock;
 
 namespace {
 
 constexpr std::chrono::seconds greeting_time{5};
 /// The daemon answers DEADLINE itself; beyond this the connection is taken for dead.
 constexpr std::chrono::seconds grace{5};
+/// While it waits, Ctrl-C and the clock are looked at this often.
+constexpr int look_ms = 200;
+/// A daemon that has too many callers to accept is called again after this time.
+constexpr int call_again_ms = 20;
 /// For what is not bulk: headers and control parts.
 constexpr std::size_t staging_bytes = 4 << 10;
 
@@ -55,17 +59,33 @@ std::optional<std::pair<std::string, std::string>> split_authority(const std::st
     return std::pair{host, authority.substr(colon + 1)};
 }
 
-/// The outcome of a connect() that was begun on a non-blocking socket.
-error_code finish_connect(int socket) {
-    pollfd waiting{socket, POLLOUT, 0};
-    const std::chrono::milliseconds patience = greeting_time;
-    const int ready = ::poll(&waiting, 1, static_cast<int>(patience.count()));
-    if (ready < 0) return {errno, boost::system::system_category()};
-    if (ready == 0) return asio::error::timed_out;
-    int outcome = 0;
-    socklen_t size = sizeof outcome;
-    getsockopt(socket, SOL_SOCKET, SO_ERROR, &outcome, &size);
-    return {outcome, boost::system::system_category()};
+/// Connects a non-blocking socket until `end` or a Ctrl-C.
+error_code connect_until(int socket, const asio::generic::stream_protocol::endpoint& endpoint,
+                         Clock::time_point end) {
+    while (true) {
+        const auto size = static_cast<socklen_t>(endpoint.size());
+        if (::connect(socket, endpoint.data(), size) == 0 || errno == EISCONN) return {};
+        // What a Unix socket says while too many others wait there: no poll() tells when they have
+        // gone.
+        const bool full = errno == EAGAIN;
+        if (!full && errno != EINPROGRESS && errno != EALREADY && errno != EINTR)
+            return {errno, boost::system::system_category()};
+        if (interrupted()) return asio::error::operation_aborted;
+        if (Clock::now() >= end) return asio::error::timed_out;
+        pollfd waiting{socket, POLLOUT, 0};
+        (void)::poll(&waiting, full ? 0 : 1, full ? call_again_ms : look_ms);
+    }
+}
+
+/// Nobody greets us. What the daemon itself says, and a Ctrl-C, stay what they are.
+Failure unanswered(const Failure& why) {
+    if (why.exit == Exit::deadline)
+        return failure(Exit::cannot_connect, "no RayNest daemon answers within " +
+                                                 std::to_string(greeting_time.count()) +
+                                                 " s; is it raynestd that listens there?");
+    if (why.exit == Exit::failed)
+        return failure(Exit::cannot_connect, "no RayNest daemon answers: " + why.message);
+    return why;
 }
 
 }  // namespace
@@ -74,34 +94,34 @@ struct Connection::Socket {
     asio::io_context io;
     asio::generic::stream_protocol::socket stream{io};
 
-    /// Connects to the first endpoint that answers.
+    /// Connects to the first endpoint that answers; each has its share of the time until `end`.
     template <class Endpoints>
-    error_code connect(const Endpoints& endpoints) {
+    error_code connect(const Endpoints& endpoints, Clock::time_point end) {
         error_code error = asio::error::host_not_found;
+        std::ptrdiff_t left = std::ssize(endpoints);
         for (const auto& endpoint : endpoints) {
+            const Clock::time_point now = Clock::now();
+            const Clock::time_point turn = now + (end - now) / left--;
             stream.close(error);
             const asio::generic::stream_protocol::endpoint generic(endpoint);
             stream.open(generic.protocol(), error);
             if (error) continue;
             stream.non_blocking(true);
-            stream.connect(generic, error);
-            if (error == asio::error::in_progress || error == asio::error::would_block)
-                error = finish_connect(stream.native_handle());
-            if (error) continue;
-            stream.non_blocking(false);
-            return error;
+            error = connect_until(stream.native_handle(), generic, turn);
+            if (!error || error == asio::error::operation_aborted) return error;
         }
         return error;
     }
 
-    error_code connect_tcp(const std::string& host, const std::string& port) {
+    error_code connect_tcp(const std::string& host, const std::string& port,
+                           Clock::time_point end) {
         error_code error;
         asio::ip::tcp::resolver resolver(io);
         const auto found = resolver.resolve(host, port, error);
         if (error) return error;
         std::vector<asio::ip::tcp::endpoint> endpoints;
         for (const auto& entry : found) endpoints.push_back(entry.endpoint());
-        error = connect(endpoints);
+        error = connect(endpoints, end);
         if (error) return error;
         const int on = 1;
         setsockopt(stream.native_handle(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
@@ -118,6 +138,7 @@ Connection::~Connection() = default;
 
 Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
                                                      const std::string& token) {
+    const Clock::time_point end = Clock::now() + greeting_time;
     auto socket = std::make_unique<Socket>();
     error_code error;
     try {
@@ -126,10 +147,10 @@ Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
             if (!authority)
                 return fail(Exit::usage,
                             "'" + uri + "' is not tcp://HOST:PORT with a port from 1 to 65535");
-            error = socket->connect_tcp(authority->first, authority->second);
+            error = socket->connect_tcp(authority->first, authority->second, end);
         } else if (uri.rfind("unix:", 0) == 0) {
             const std::array endpoints = {asio::local::stream_protocol::endpoint(uri.substr(5))};
-            error = socket->connect(endpoints);
+            error = socket->connect(endpoints, end);
         } else {
             return fail(Exit::usage,
                         "'" + uri + "' is no server: use tcp://HOST:PORT or unix:PATH");
@@ -137,13 +158,15 @@ Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
     } catch (const boost::system::system_error& thrown) {  // a path too long for a socket
         error = thrown.code();
     }
+    if (error == asio::error::operation_aborted) return fail(Exit::interrupted, "interrupted");
     if (error)
         return fail(Exit::cannot_connect, "cannot connect to " + uri + ": " + error.message() +
                                               "; is raynestd running there?");
 
     std::unique_ptr<Connection> connection(new Connection(std::move(socket)));
+    connection->give_up_ = end;
     if (auto greeted = connection->greet(token); !greeted)
-        return tl::unexpected<Failure>(greeted.error());
+        return tl::unexpected<Failure>(unanswered(greeted.error()));
     return connection;
 }
 
@@ -154,15 +177,11 @@ Result<void> Connection::greet(const std::string& token) {
     hello.client = "raynest " RAYNEST_VERSION;
     hello.token = token;
     hello.window_bytes = limits_.window_bytes;
-    give_up_ = Clock::now() + greeting_time;
     if (auto sent = send(protocol::encode(0, hello)); !sent) return sent;
     auto frame = next();
-    if (!frame && frame.error().exit == Exit::failed)
-        return fail(Exit::cannot_connect, "no RayNest daemon answers: " + frame.error().message);
     if (!frame) return tl::unexpected<Failure>(frame.error());
     const auto welcome = protocol::open<wire::Welcome>(*frame);
-    if (!welcome)
-        return fail(Exit::cannot_connect, "no RayNest daemon answers: " + welcome.error().message);
+    if (!welcome) return tl::unexpected<Failure>(failure(welcome.error()));
     daemon_ = {std::string(protocol::text((*welcome)->server())), (*welcome)->version(),
                (*welcome)->window_bytes(), (*welcome)->frame_bytes_max(),
                (*welcome)->chunk_rays_max()};
@@ -171,7 +190,7 @@ Result<void> Connection::greet(const std::string& token) {
     daemon_.frame_bytes_max = std::min(daemon_.frame_bytes_max, limits_.frame_bytes_max);
     daemon_.window_bytes = std::min(daemon_.window_bytes, limits_.window_bytes_max);
     if (daemon_.chunk_rays_max == 0 || bulk_bytes_max() < protocol::alignment)
-        return fail(Exit::failed, "the daemon takes no data: its limits are too small");
+        return fail(Exit::cannot_connect, "the daemon takes no data: its limits are too small");
     return {};
 }
 
@@ -193,24 +212,41 @@ Result<void> Connection::send(protocol::Result<Frame> frame, std::span<const std
     std::array<std::byte, protocol::header_bytes> header;
     protocol::write_header(frame->header, header);
     if (bulk.empty()) bulk = frame->bulk.span();
-    const std::array<asio::const_buffer, 4> parts = {
+    std::array<asio::const_buffer, 4> parts = {
         asio::buffer(header), asio::buffer(frame->control.data(), frame->control.size()),
         asio::buffer(bulk.data(), bulk.size()),
         asio::buffer(padding, frame->header.bulk_bytes - bulk.size())};
-    error_code error;
-    asio::write(socket_->stream, parts, error);
-    if (!error) return {};
-    // A daemon that closes has usually said why: that is the better message.
+    const std::size_t frame_bytes = asio::buffer_size(parts);
+    for (std::size_t left = frame_bytes; left != 0;) {
+        error_code error;
+        std::size_t count = socket_->stream.write_some(parts, error);
+        left -= count;
+        for (asio::const_buffer& part : parts) {
+            const std::size_t taken = std::min(count, part.size());
+            part += taken;
+            count -= taken;
+        }
+        if (error == asio::error::would_block) {
+            if (auto ready = wait(POLLOUT); !ready) return leave(ready.error(), left < frame_bytes);
+        } else if (error && error != asio::error::interrupted) {
+            return last_words(error.message());
+        }
+    }
+    return {};
+}
+
+Result<void> Connection::last_words(const std::string& reason) {
     while (true) {
         auto last = read_frame();
-        if (!last) break;
+        if (!last && last.error().exit != Exit::failed)
+            return tl::unexpected<Failure>(last.error());
+        if (!last) return fail(Exit::failed, "the connection broke: " + reason);
         if (!is<wire::Error>(*last)) continue;
         if (const auto said = protocol::open<wire::Error>(*last))
             return tl::unexpected<Failure>(
                 failure({static_cast<protocol::Code>((*said)->code()),
                          std::string(protocol::text((*said)->message())), 0}));
     }
-    return fail(Exit::failed, "the connection broke: " + error.message());
 }
 
 Result<void> Connection::grant(std::uint64_t bytes) {
@@ -219,9 +255,9 @@ Result<void> Connection::grant(std::uint64_t bytes) {
     return send(protocol::encode(id_, credit));
 }
 
-void Connection::cancel(const char* reason) {
+tl::unexpected<Failure> Connection::leave(const Failure& why, bool within_frame) {
     wire::CancelT message;
-    message.reason = reason;
+    message.reason = why.exit == Exit::interrupted ? "interrupted" : "deadline";
     const auto frame = protocol::encode(id_, message);
     std::vector<std::byte> bytes(protocol::header_bytes + frame->control.size());
     protocol::write_header(frame->header, std::span<std::byte, protocol::header_bytes>(
@@ -229,7 +265,10 @@ void Connection::cancel(const char* reason) {
     std::memcpy(bytes.data() + protocol::header_bytes, frame->control.data(),
                 frame->control.size());
     error_code error;
-    asio::write(socket_->stream, asio::buffer(bytes), error);  // closing cancels as well
+    // Where it cannot be said at once, the end of the connection says it as well.
+    if (within_frame || socket_->stream.write_some(asio::buffer(bytes), error) != bytes.size())
+        socket_->stream.shutdown(socket_->stream.shutdown_both, error);
+    return tl::unexpected<Failure>(why);
 }
 
 Result<Frame> Connection::next() {
@@ -272,13 +311,13 @@ Result<Frame> Connection::read_frame() {
         staged_begin_ += *taken;
         if (decoder_.complete()) return decoder_.take();
 
-        if (auto ready = wait_readable(); !ready) return tl::unexpected<Failure>(ready.error());
+        if (auto ready = wait(POLLIN); !ready) return leave(ready.error(), false);
         const std::span<std::byte> room = decoder_.room();
         const std::array<asio::mutable_buffer, 2> parts = {
             asio::buffer(room.data(), room.size()), asio::buffer(staging_.get(), staging_bytes)};
         error_code error;
         const std::size_t count = socket_->stream.receive(parts, 0, error);
-        if (error == asio::error::interrupted) continue;
+        if (error == asio::error::interrupted || error == asio::error::would_block) continue;
         if (error)
             return fail(Exit::failed, error == asio::error::eof
                                           ? "the daemon closed the connection"
@@ -290,22 +329,17 @@ Result<Frame> Connection::read_frame() {
     }
 }
 
-Result<void> Connection::wait_readable() {
+Result<void> Connection::wait(short events) {
     while (true) {
         // The short wait bounds the moment between this test and poll() in which a signal is
         // missed.
-        if (interrupted()) {
-            cancel("interrupted");
-            return fail(Exit::interrupted, "interrupted; the request was cancelled");
-        }
-        if (give_up_ && Clock::now() > *give_up_) {
-            cancel("deadline");
+        if (interrupted()) return fail(Exit::interrupted, "interrupted; the request was cancelled");
+        if (give_up_ && Clock::now() > *give_up_)
             return fail(Exit::deadline,
                         "no answer from the daemon within the deadline; " +
                             std::string(protocol::error_info(protocol::Code::deadline).remedy));
-        }
-        pollfd waiting{socket_->stream.native_handle(), POLLIN, 0};
-        const int ready = ::poll(&waiting, 1, 200);
+        pollfd waiting{socket_->stream.native_handle(), events, 0};
+        const int ready = ::poll(&waiting, 1, look_ms);
         if (ready > 0) return {};
         if (ready < 0 && errno != EINTR)
             return fail(Exit::failed, std::string("the connection broke: ") + std::strerror(errno));

@@ -84,9 +84,14 @@ private:
     Result<void> send(protocol::Result<protocol::Frame> frame,
                       std::span<const std::byte> bulk = {});
     Result<void> grant(std::uint64_t bytes);
+    /// A daemon that closes has usually said why: that is a better message than `reason`.
+    Result<void> last_words(const std::string& reason);
     Result<protocol::Frame> read_frame();
-    Result<void> wait_readable();
-    void cancel(const char* reason);
+    /// Until the socket is ready for these poll() events; a Ctrl-C and the deadline end it.
+    Result<void> wait(short events);
+    /// Ends the request at the daemon as well. Within a frame of ours there is no way back: that
+    /// closes the connection.
+    tl::unexpected<Failure> leave(const Failure& why, bool within_frame);
 
     using Clock = std::chrono::steady_clock;
 

@@ -4,12 +4,22 @@
 #include "tests/unit/client/fake_daemon.h"
 
 #include <doctest/doctest.h>
+#include <fcntl.h>
+#include <poll.h>
 #include <signal.h>
+#include <sys/socket.h>
+#include <sys/un.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
+#include <chrono>
 #include <cstring>
+#include <memory>
 #include <string>
+#include <thread>
+#include <vector>
 
 using namespace raynest;
 using client::Connection;
@@ -23,6 +33,28 @@ wire::InfoT info_request() {
     wire::InfoT request;
     request.scene = "forest";
     return request;
+}
+
+constexpr std::byte filling{0x5a};
+constexpr std::uint64_t large = 8U << 20;  // more than a socket takes unread
+
+/// A request, and behind it a frame that the daemon does not read.
+client::Result<void> send_much(Connection& connection, std::chrono::milliseconds deadline = {}) {
+    if (auto started = connection.start(info_request(), deadline); !started) return started;
+    protocol::Bulk bulk;
+    bulk.add("data", wire::Dtype::u8, 1, large);
+    bulk.allocate();
+    std::fill_n(bulk.block(0).data(), large, filling);
+    return connection.send_bulk(wire::UploadT{}, std::move(bulk));
+}
+
+/// What is still to be read until the end of the stream.
+std::vector<std::byte> rest_of(int socket) {
+    std::vector<std::byte> bytes;
+    std::array<std::byte, 4096> part{};
+    for (ssize_t count = 0; (count = ::recv(socket, part.data(), part.size(), 0)) > 0;)
+        bytes.insert(bytes.end(), part.begin(), part.begin() + count);
+    return bytes;
 }
 
 Exit exit_of_open(const std::string& uri) {
@@ -156,6 +188,100 @@ TEST_CASE("consumed bulk is granted again before the window is used up") {
     }
     CHECK(granted >= 6 * piece);
     CHECK(granted <= 8 * piece);
+}
+
+TEST_CASE("a server that says nothing is none, within the time of a greeting") {
+    FakeDaemon daemon([](Peer& peer) {
+        while (peer.receive().header.type != 0) {
+        }
+    });
+    const auto connection = Connection::open(daemon.uri(), "");
+    REQUIRE(!connection);
+    CHECK(connection.error().exit == Exit::cannot_connect);
+    CHECK(connection.error().message.find("--deadline") == std::string::npos);
+}
+
+TEST_CASE("a server that hangs up on the greeting is none") {
+    const auto [listener, path] = client::listen_somewhere();
+    std::thread hanging_up([listener = listener] { ::close(client::accept_one(listener)); });
+    CHECK(exit_of_open("unix:" + path) == Exit::cannot_connect);
+    hanging_up.join();
+    ::close(listener);
+    ::unlink(path.c_str());
+}
+
+TEST_CASE("where too many wait for a Unix socket's daemon, the client waits too") {
+    const auto [listener, path] = client::listen_somewhere();
+    sockaddr_un address = {};
+    address.sun_family = AF_UNIX;
+    std::memcpy(address.sun_path, path.c_str(), path.size() + 1);
+    std::vector<int> crowd;
+    int full = 0;
+    while (full == 0) {
+        crowd.push_back(::socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
+        full = ::connect(crowd.back(), reinterpret_cast<const sockaddr*>(&address), sizeof address);
+    }
+    REQUIRE(errno == EAGAIN);
+    std::thread daemon([listener = listener, waiting = crowd.size() - 1] {
+        // For the client to find the socket full; it is served in any case.
+        std::this_thread::sleep_for(std::chrono::milliseconds(50));
+        for (std::size_t i = 0; i < waiting; ++i) ::close(client::accept_one(listener));
+        Peer(client::accept_one(listener)).welcome();
+    });
+    CHECK(Connection::open("unix:" + path, ""));
+    daemon.join();
+    for (const int socket : crowd) ::close(socket);
+    ::close(listener);
+    ::unlink(path.c_str());
+}
+
+TEST_CASE("the deadline is seen while a daemon takes nothing") {
+    const auto [listener, path] = client::listen_somewhere();
+    std::unique_ptr<Peer> peer;
+    std::thread daemon([&peer, listener = listener] {
+        peer = std::make_unique<Peer>(client::accept_one(listener));
+        peer->welcome();
+    });
+    const auto connection = Connection::open("unix:" + path, "");
+    daemon.join();
+    REQUIRE(connection);
+    const auto sent = send_much(**connection, std::chrono::milliseconds(1));
+    REQUIRE(!sent);
+    CHECK(sent.error().exit == Exit::deadline);
+    ::close(listener);
+    ::unlink(path.c_str());
+}
+
+TEST_CASE("Ctrl-C within a frame exits with 130 and puts nothing into it") {
+    const auto [listener, path] = client::listen_somewhere();
+    const pid_t child = ::fork();
+    REQUIRE(child >= 0);
+    if (child == 0) {
+        client::catch_interrupts();
+        const auto connection = Connection::open("unix:" + path, "");
+        if (!connection) _exit(1);
+        const auto sent = send_much(**connection);
+        _exit(sent ? 0 : static_cast<int>(sent.error().exit));
+    }
+    const int socket = client::accept_one(listener);
+    Peer peer(socket);
+    peer.welcome();
+    peer.receive();
+    // A part of the next frame is here: the child is in the middle of it.
+    pollfd waiting{socket, POLLIN, 0};
+    REQUIRE(::poll(&waiting, 1, -1) == 1);
+    ::kill(child, SIGINT);
+    int status = 0;
+    ::waitpid(child, &status, 0);
+    CHECK(WIFEXITED(status));
+    CHECK(WEXITSTATUS(status) == 130);
+    const std::vector<std::byte> bytes = rest_of(socket);
+    REQUIRE(bytes.size() > 4096);
+    CHECK(bytes.size() < large);
+    CHECK(std::all_of(bytes.begin() + 4096, bytes.end(),
+                      [](std::byte byte) { return byte == filling; }));
+    ::close(listener);
+    ::unlink(path.c_str());
 }
 
 TEST_CASE("Ctrl-C cancels the request at the daemon and exits with 130") {
