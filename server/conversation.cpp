@@ -24,16 +24,17 @@ Conversation::Conversation(const Services& services, const Engine& engine, Sink&
 }
 
 Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
+    if (!protocol::message_known(header.type)) return false;
     std::uint64_t most = 0;
     if (header.type == static_cast<std::uint16_t>(wire::Message::Upload))
         most = services_.limits.window_bytes;
     if (header.type == static_cast<std::uint16_t>(wire::Message::QueryRays))
         most = services_.limits.chunk_rays_max * sizeof(Ray);
-    if (header.bulk_bytes > most)
-        return refuse(Code::limit_exceeded, protocol::message_name(header.type) + " announces " +
-                                                std::to_string(header.bulk_bytes) +
-                                                " bulk bytes, at most " + std::to_string(most) +
-                                                " are allowed");
+    if (most == 0 && header.bulk_bytes != 0)
+        return refuse(Code::limit_exceeded,
+                      protocol::message_name(header.type) + " brings no bulk part; " +
+                          std::to_string(header.bulk_bytes) + " bytes are announced");
+    if (header.bulk_bytes > most) return false;
     const auto fed = feeding_.find(header.request_id);
     const Runner& runner = fed == feeding_.end() ? *runner_ : fed->second->runner();
     return runner.expects(header.request_id, header.bulk_bytes);

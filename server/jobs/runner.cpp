@@ -107,11 +107,17 @@ void Runner::feed(protocol::Frame frame) {
     const ActivePointer active = find(frame.header.request_id);
     if (active == nullptr || active->error) return;
     const std::uint64_t bytes = frame.header.bulk_bytes;
-    // Its bulk passed unread when there was no credit for it, whatever was granted since.
+    // Its bulk passed unread when it was too large or there was no credit for it, whatever was
+    // granted since.
     if (bytes > active->input_credit || frame.bulk.size() < bytes) {
         stop(*active, {Code::limit_exceeded,
-                       "the request sent more than its credit of window_bytes = " +
-                           std::to_string(engine_.limits.window_bytes),
+                       "a frame of " + std::to_string(bytes) +
+                           " bulk bytes is more than the request may send: a credit of "
+                           "window_bytes = " +
+                           std::to_string(engine_.limits.window_bytes) +
+                           ", rays in frames of chunk_rays_max = " +
+                           std::to_string(engine_.limits.chunk_rays_max) +
+                           "; wait for credit and send smaller frames",
                        0});
         return pump(active);
     }

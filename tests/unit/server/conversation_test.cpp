@@ -7,7 +7,11 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <array>
+#include <memory>
+#include <utility>
+#include <vector>
 
 namespace raynest::server {
 namespace {
@@ -17,6 +21,23 @@ using test::SmallDaemon;
 template <class Native>
 protocol::Frame frame_of(std::uint64_t id, const Native& message) {
     return protocol::encode(id, message).value();
+}
+
+wire::QueryT query_of(std::uint64_t rays) {
+    wire::QueryT query;
+    query.job = std::make_unique<wire::JobT>();
+    query.job->scene = "forest";
+    query.ray_count = rays;
+    return query;
+}
+
+/// The codes of what was answered with an error, in order.
+std::vector<Code> errors_of(const SmallDaemon& daemon) {
+    std::vector<Code> codes;
+    for (const protocol::Frame& frame : daemon.sent)
+        if (const auto error = protocol::open<wire::Error>(frame))
+            codes.push_back(static_cast<Code>((*error)->code()));
+    return codes;
 }
 
 TEST_CASE("nothing but a greeting opens a conversation") {
@@ -92,6 +113,58 @@ TEST_CASE(
     CHECK(job.ended());
     CHECK_FALSE(job.error());
     CHECK(job.answer().front().header.type == static_cast<std::uint16_t>(wire::Message::Started));
+}
+
+TEST_CASE("data that is too large, and bulk of an unknown type, cost their request alone") {
+    SmallDaemon daemon;
+    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    conversation.receive(frame_of(0, wire::HelloT{}));
+    protocol::FrameDecoder decoder(daemon.limits);
+    decoder.set_admission(
+        [&](const protocol::FrameHeader& header) { return conversation.admit(header); });
+    const auto say = [&](const protocol::Frame& frame) {
+        const std::vector<std::byte> bytes = golden::wire_bytes(frame);
+        REQUIRE(decoder.feed(bytes) == bytes.size());
+        REQUIRE(decoder.complete());
+        conversation.receive(decoder.take());
+    };
+    const auto rays_of = [](std::uint32_t stride) {
+        protocol::Bulk bulk;
+        bulk.add("rays", wire::Dtype::f32, stride / sizeof(float), (16U << 10) + 1);
+        bulk.allocate();
+        std::fill_n(bulk.block(0).data(), bulk.block(0).size(), std::byte{0});
+        return protocol::encode(1, wire::QueryRaysT{}, std::move(bulk)).value();
+    };
+    const auto piece_of = [](std::uint64_t bytes) {
+        protocol::Bulk bulk;
+        bulk.add("data", wire::Dtype::u8, 1, bytes);
+        bulk.allocate();
+        std::fill_n(bulk.block(0).data(), bytes, std::byte{0});
+        return protocol::encode(1, wire::UploadT{}, std::move(bulk)).value();
+    };
+    protocol::Frame unknown = piece_of(1000);
+    unknown.header.type = 99;
+    REQUIRE_FALSE(protocol::message_known(99));
+    const std::array<std::pair<protocol::Frame, Code>, 4> cases = {
+        {{rays_of(32), Code::limit_exceeded},
+         {rays_of(24), Code::invalid_field},
+         {piece_of((8U << 20) + 1), Code::limit_exceeded},
+         {std::move(unknown), Code::unknown_type}}};
+    for (const auto& [frame, code] : cases) {
+        CAPTURE(frame.header.type);
+        conversation.receive(frame_of(1, query_of(1U << 20)));
+        daemon.sent.clear();
+        say(frame);
+        CHECK(errors_of(daemon) == std::vector{code});
+        CHECK_FALSE(conversation.closing());
+        conversation.receive(frame_of(1, wire::CancelT{}));
+    }
+    // What no request of any version brings bulk with.
+    protocol::Frame query = piece_of(1000);
+    query.header.type = static_cast<std::uint16_t>(wire::Message::Query);
+    const auto refused = conversation.admit(query.header);
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == Code::limit_exceeded);
 }
 
 TEST_CASE("a detached query that goes wrong while its rays come tells its client") {
