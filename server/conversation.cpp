@@ -144,6 +144,16 @@ void Conversation::request(const protocol::Frame& frame) {
         for (protocol::Frame& reply : *frames) sink_.send(std::move(reply));
         return;
     }
+    if (const std::size_t under_way = runner_->size() + feeding_.size();
+        under_way >= services_.limits.jobs_max) {
+        ++services_.metrics.jobs_refused;
+        return refuse_request(id, {Code::quota,
+                                   "this connection has " + std::to_string(under_way) +
+                                       " requests in flight, the limit is jobs_max = " +
+                                       std::to_string(services_.limits.jobs_max) +
+                                       "; wait for one of them, or open another connection",
+                                   0});
+    }
     if (draining_) return refuse_request(id, {Code::draining, "", 0});
     Accepted accepted = std::move(std::get<Accepted>(*answer));
     if (accepted.detach) {
@@ -163,7 +173,7 @@ void Conversation::feed(protocol::Frame frame) {
 }
 
 Reply<void> Conversation::detach(std::uint64_t id, Accepted accepted) {
-    const auto job = services_.detached.start(caller_.principal, id, std::move(accepted));
+    const auto job = services_.detached.start(caller_.principal, id, std::move(accepted), &sink_);
     if (!job) return tl::unexpected(job.error());
     feeding_.emplace(id, *job);
     (*job)->set_feeder(&sink_);

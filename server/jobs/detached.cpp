@@ -76,7 +76,8 @@ void DetachedJob::end(std::optional<protocol::Error> error) {
 }
 
 Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
-                                                 std::uint64_t request_id, Accepted accepted) {
+                                                 std::uint64_t request_id, Accepted accepted,
+                                                 Sink* feeder) {
     const auto kept = [&] {
         return std::count_if(jobs_.begin(), jobs_.end(), [&](const auto& job) {
             return job.second->record().principal == principal;
@@ -101,7 +102,9 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
     auto job = std::make_shared<DetachedJob>(
         engine_, std::move(record), std::move(*room),
         [this, principal](std::uint64_t bytes) { return make_room(principal, bytes); });
+    job->set_feeder(feeder);
     const auto number = job->runner().start(request_id, std::move(accepted));
+    job->set_feeder(nullptr);
     if (!number) return tl::unexpected(number.error());
     job->record_.number = *number;
     jobs_.emplace(*number, job);

@@ -78,8 +78,10 @@ public:
 
     /// Starts a job whose frames carry `request_id`. Room for its answer is made by dropping what
     /// was fetched, the oldest first: QUOTA when the principal keeps too much, RESOURCE_EXHAUSTED
-    /// when --memory is short.
-    Reply<Pointer> start(const std::string& principal, std::uint64_t request_id, Accepted accepted);
+    /// when --memory is short. `feeder` hears what happens in here, it may be null; afterwards the
+    /// caller sets one.
+    Reply<Pointer> start(const std::string& principal, std::uint64_t request_id, Accepted accepted,
+                         Sink* feeder = nullptr);
 
     /// JOB_UNKNOWN, or NOT_ALLOWED to who does not own it.
     [[nodiscard]] Reply<Pointer> find(std::uint64_t number, const std::string& principal) const;

@@ -42,12 +42,6 @@ bool Runner::knows(std::uint64_t id) const {
 }
 
 Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
-    if (jobs_.size() >= engine_.limits.jobs_max) {
-        ++engine_.metrics.jobs_refused;
-        return refuse(Code::quota, "this connection has " + std::to_string(jobs_.size()) +
-                                       " requests in flight, the limit is jobs_max = " +
-                                       std::to_string(engine_.limits.jobs_max));
-    }
     const Clock::time_point now = Clock::now();
     const Clock::time_point deadline = accepted.deadline_ms == 0
                                            ? Clock::time_point::max()

@@ -62,8 +62,9 @@ public:
     [[nodiscard]] bool knows(std::uint64_t id) const;
     [[nodiscard]] std::size_t size() const { return jobs_.size(); }
 
-    /// Starts a job, with memory for what its client may send before it is taken; QUOTA, BUSY or
-    /// RESOURCE_EXHAUSTED when it may not.
+    /// Starts a job, with memory for what its client may send before it is taken; QUOTA (of the
+    /// principal; jobs_max is the connection's to count), BUSY or RESOURCE_EXHAUSTED when it may
+    /// not.
     /// Gives the job's number among all of the daemon's.
     Reply<std::uint64_t> start(std::uint64_t id, Accepted accepted);
     /// Is there memory for so many bulk bytes to a job? Not to one that has ended, and not beyond

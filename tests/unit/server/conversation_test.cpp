@@ -115,6 +115,24 @@ TEST_CASE(
     CHECK(job.answer().front().header.type == static_cast<std::uint16_t>(wire::Message::Started));
 }
 
+TEST_CASE("a connection has so many requests in flight, those included that are to be detached") {
+    SmallDaemon daemon;
+    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    conversation.receive(frame_of(0, wire::HelloT{}));
+    wire::QueryT detached = query_of(2);
+    detached.job->detach = true;
+    const std::uint64_t most = daemon.limits.jobs_max;
+    for (std::uint64_t id = 1; id <= most; ++id)
+        conversation.receive(id % 2 == 0 ? frame_of(id, query_of(2)) : frame_of(id, detached));
+    CHECK(errors_of(daemon).empty());
+    conversation.receive(frame_of(most + 1, query_of(2)));
+    conversation.receive(frame_of(most + 1, detached));
+    CHECK(errors_of(daemon) == std::vector{Code::quota, Code::quota});
+    conversation.receive(frame_of(1, wire::CancelT{}));
+    conversation.receive(frame_of(most + 1, detached));
+    CHECK(errors_of(daemon) == std::vector{Code::quota, Code::quota, Code::cancelled});
+}
+
 TEST_CASE("data that is too large, and bulk of an unknown type, cost their request alone") {
     SmallDaemon daemon;
     Conversation conversation(daemon.services, daemon.engine, daemon, "me");

@@ -7,6 +7,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <new>
 #include <thread>
 
 namespace raynest::server {
@@ -211,6 +212,23 @@ TEST_CASE("who sends a job's data hears of its credit and of its failure") {
     CHECK(feeder.types ==
           std::vector<std::uint16_t>{static_cast<std::uint16_t>(wire::Message::Credit),
                                      static_cast<std::uint16_t>(wire::Message::Error)});
+}
+
+TEST_CASE("who sends a job's data hears of a failure at its very start") {
+    class Failing final : public Job {
+        std::optional<Task> next() override { throw std::bad_alloc(); }
+        [[nodiscard]] bool finished() const override { return false; }
+        Frames farewell() override { return {}; }
+    };
+    Store store;
+    Feeder feeder;
+    Accepted accepted = accept(std::make_unique<Failing>());
+    accepted.detach = true;
+    const auto job = store.jobs.start("me", 1, std::move(accepted), &feeder).value();
+    REQUIRE(job->error());
+    CHECK(job->error()->code == Code::resource_exhausted);
+    CHECK(feeder.types ==
+          std::vector<std::uint16_t>{static_cast<std::uint16_t>(wire::Message::Error)});
 }
 
 }  // namespace
