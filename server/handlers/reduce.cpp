@@ -213,6 +213,8 @@ private:
 
 constexpr std::string_view fraction_name = "hit_fraction";
 constexpr std::string_view visible_name = "visible_pixels";
+/// One path may be met by all of them, and its count travels as u32.
+constexpr std::uint64_t visible_rays_max = ~std::uint32_t{0};
 
 tl::unexpected<protocol::Error> refuse_use(std::string_view reduce, const char* why) {
     return refuse(Code::invalid_field, "reduce " + std::string(reduce) + " " + why);
@@ -244,6 +246,11 @@ Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Call
     }
     if (plan.query != query_closest)
         return refuse_use(reduce, "asks what is seen first; use kind closest");
+    if (source.rays() > visible_rays_max)
+        return refuse(Code::limit_exceeded,
+                      "reduce visible_pixels counts at most " + std::to_string(visible_rays_max) +
+                          " rays, these are " + std::to_string(source.rays()) +
+                          "; ask for fewer samples or points");
     const SceneView& scene = plan.scene.snapshot().view();
     const std::uint64_t paths = std::min(source.rays(), scene.objects[scene.root].leaves);
     auto lease = services.budget.reserve(paths * VisibleJob::path_bytes);

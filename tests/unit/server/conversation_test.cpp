@@ -185,6 +185,22 @@ TEST_CASE("data that is too large, and bulk of an unknown type, cost their reque
     CHECK(refused.error().code == Code::limit_exceeded);
 }
 
+TEST_CASE("visible_pixels counts no more rays than its counters hold") {
+    SmallDaemon daemon;
+    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    conversation.receive(frame_of(0, wire::HelloT{}));
+    for (const std::uint64_t points : {65535U, 65536U}) {
+        wire::QueryT query = query_of(points);
+        query.reduce = "visible_pixels";
+        query.generator = std::make_unique<wire::GeneratorT>();
+        query.generator->kind = "hemisphere";
+        query.generator->samples = 65536;
+        conversation.receive(frame_of(points, query));
+    }
+    CHECK(daemon.said(wire::Message::Started));
+    CHECK(errors_of(daemon) == std::vector{Code::limit_exceeded});
+}
+
 TEST_CASE("a detached query that goes wrong while its rays come tells its client") {
     SmallDaemon daemon;
     Conversation conversation(daemon.services, daemon.engine, daemon, "me");
