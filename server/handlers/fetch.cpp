@@ -76,10 +76,11 @@ Reply<Answer> fetch(const Services& services, const Caller& caller,
             retry_ms});
     if (job.error()) return tl::unexpected(*job.error());
     for (const protocol::Frame& frame : job.answer())
-        if (frame.header.bulk_bytes > caller.window_bytes)
-            return refuse(Code::invalid_field, name + " has frames of " +
-                                                   std::to_string(frame.header.bulk_bytes) +
-                                                   " bytes: say Hello with a larger window_bytes");
+        // Credit for more than half of a window need never come back.
+        if (frame.header.bulk_bytes > caller.window_bytes / 2)
+            return refuse(Code::invalid_field,
+                          name + " has frames of " + std::to_string(frame.header.bulk_bytes) +
+                              " bytes: say Hello with window_bytes of twice as much");
     Accepted accepted;
     accepted.kind = "fetch";
     accepted.scene = job.record().scene;

@@ -201,6 +201,39 @@ TEST_CASE("visible_pixels counts no more rays than its counters hold") {
     CHECK(errors_of(daemon) == std::vector{Code::limit_exceeded});
 }
 
+TEST_CASE("an answer is fetched where half of the window holds its frames") {
+    SmallDaemon daemon;
+    Conversation asking(daemon.services, daemon.engine, daemon, "me");
+    asking.receive(frame_of(0, wire::HelloT{}));
+    wire::QueryT query = query_of(0);
+    query.job->detach = true;
+    query.generator = std::make_unique<wire::GeneratorT>();
+    query.generator->kind = "pinhole";
+    query.generator->width = query.generator->height = 128;
+    query.generator->fx = query.generator->fy = 64;
+    asking.receive(frame_of(1, query));
+    daemon.settle();
+    const auto& [number, job] = *daemon.detached.all().begin();
+    REQUIRE(job->ended());
+    std::uint64_t largest = 0;
+    for (const protocol::Frame& frame : job->answer())
+        largest = std::max(largest, frame.header.bulk_bytes);
+    REQUIRE(largest >= 64 << 10);
+    wire::FetchT fetch;
+    fetch.job = number;
+    for (const std::uint64_t window : {2 * largest - 64, 2 * largest}) {
+        daemon.sent.clear();
+        Conversation fetching(daemon.services, daemon.engine, daemon, "me");
+        wire::HelloT hello;
+        hello.window_bytes = window;
+        fetching.receive(frame_of(0, hello));
+        fetching.receive(frame_of(1, fetch));
+        daemon.settle();
+        CHECK(daemon.said(wire::Message::Error) == (window < 2 * largest));
+        CHECK(daemon.said(wire::Message::Started) == (window == 2 * largest));
+    }
+}
+
 TEST_CASE("a detached query that goes wrong while its rays come tells its client") {
     SmallDaemon daemon;
     Conversation conversation(daemon.services, daemon.engine, daemon, "me");
