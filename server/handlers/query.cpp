@@ -175,6 +175,7 @@ private:
 
     /// `count` rays of the piece fitted an answer.
     void give_back_behind(Piece piece, std::uint64_t count) {
+        free_input(piece, count);
         piece.split(count);
         if (piece.count != 0) {
             fitting_ = count;

@@ -59,7 +59,7 @@ Reply<std::uint64_t> QueryJob::feed(protocol::Frame frame) {
     piece.first = received_ * each;
     piece.count = block->count * each;
     piece.input_bytes = frame.header.bulk_bytes;
-    piece.frame = std::make_shared<const protocol::Frame>(std::move(frame));
+    piece.frame.reset(new SentFrame{std::move(frame), piece.count});
     received_ += block->count;
     pieces_.push_back(std::move(piece));
     return std::uint64_t{0};
@@ -77,7 +77,8 @@ std::optional<Task> QueryJob::next() {
     if (pieces_.front().count == 0) pieces_.pop_front();
     Task task;
     task.reply_bytes_max = reply_bytes(piece.count);
-    task.input_bytes = std::exchange(piece.input_bytes, 0);
+    // What is given back in part keeps its frame for longer: free_input().
+    if (plan_.query != query_all) task.input_bytes = std::exchange(piece.input_bytes, 0);
     if (source_.rays() * plan_.hits_max <= brief_hits_max && plan_.has_small_trees() &&
         plan_.traversal != traversal_reference && plan_.worker.cuda == nullptr)
         task.brief_hits = piece.count * plan_.hits_max;
@@ -105,6 +106,11 @@ Frames QueryJob::farewell() {
 
 std::optional<Progress> QueryJob::progress() const {
     return Progress{tally_.rays(), source_.rays(), "tracing"};
+}
+
+void QueryJob::free_input(const Piece& piece, std::uint64_t count) {
+    if (piece.frame == nullptr || (piece.frame->unanswered -= count) != 0) return;
+    freed_input_ += piece.frame->frame.header.bulk_bytes;
 }
 
 void QueryJob::give_back(Piece rest) {

@@ -32,6 +32,7 @@ public:
     [[nodiscard]] bool needs_input() const override;
     [[nodiscard]] bool finished() const override { return all_answered(); }
     Frames farewell() override;
+    std::uint64_t take_freed_input() override { return freed_input_.exchange(0); }
     [[nodiscard]] std::optional<Progress> progress() const override;
 
 protected:
@@ -52,6 +53,8 @@ protected:
 
     /// Worker thread: the rest of a piece goes to another task.
     void give_back(Piece rest);
+    /// Worker thread: so many rays are answered of a piece that may be given back in part.
+    void free_input(const Piece& piece, std::uint64_t count);
     [[nodiscard]] bool all_answered() const { return tally_.rays() == source_.rays(); }
 
     const Services& services_;
@@ -65,6 +68,7 @@ private:
 
     std::deque<Piece> pieces_;  ///< without an answer and not under way
     std::uint64_t received_ = 0;
+    std::atomic<std::uint64_t> freed_input_{0};
     std::mutex mutex_;
     std::vector<Piece> given_back_;
 };

@@ -8,6 +8,7 @@
 #include "server/errors.h"
 #include "server/handlers/tracing.h"
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -40,14 +41,20 @@ private:
     bool short_ = false;
 };
 
+/// A frame of rays, or of points.
+struct SentFrame {
+    const protocol::Frame frame;
+    std::atomic<std::uint64_t> unanswered;  ///< rays
+};
+
 /// A run of a query's rays.
 struct Piece {
     std::uint64_t first = 0;
     std::uint64_t count = 0;
-    std::shared_ptr<const protocol::Frame> frame = {};  ///< that holds what follows
-    SentRays sent = {};                                 ///< rays, or the points they start from
-    std::uint64_t sent_first = 0;                       ///< of them in the query
-    std::uint64_t input_bytes = 0;                      ///< of the frame: due when all is answered
+    std::shared_ptr<SentFrame> frame = {};  ///< that holds what follows
+    SentRays sent = {};                     ///< rays, or the points they start from
+    std::uint64_t sent_first = 0;           ///< of them in the query
+    std::uint64_t input_bytes = 0;          ///< of the frame: due when all is answered
 
     /// Cuts off the first `rays`.
     Piece split(std::uint64_t rays) {

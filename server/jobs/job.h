@@ -126,6 +126,9 @@ public:
     [[nodiscard]] virtual bool patient() const { return false; }
     /// Bulk data for this job; gives the bytes that are free again at once.
     virtual Reply<std::uint64_t> feed(protocol::Frame frame);
+    /// Bulk bytes of fed frames that became free since it was last asked, beside those that tasks
+    /// name.
+    virtual std::uint64_t take_freed_input() { return 0; }
     [[nodiscard]] virtual std::optional<Progress> progress() const { return std::nullopt; }
 };
 

@@ -273,7 +273,7 @@ void Runner::take_answer(Active& active, Reply<Frames> reply, std::uint64_t inpu
                 active.credit -= std::min(active.credit, frame.header.bulk_bytes);
                 sink_->send(std::move(frame));
             }
-            return_input(active, input_bytes);
+            return_input(active, input_bytes + active.job->take_freed_input());
             if (const Reply<void> taken = active.job->ended(); !taken) stop(active, taken.error());
         } else if (!reply) {
             stop(active, reply.error());

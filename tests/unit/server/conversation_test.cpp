@@ -185,6 +185,49 @@ TEST_CASE("data that is too large, and bulk of an unknown type, cost their reque
     CHECK(refused.error().code == Code::limit_exceeded);
 }
 
+TEST_CASE(
+    "credit for the rays of an all-hits query comes back once their whole frame is answered") {
+    constexpr std::uint64_t frame_rays = 16U << 10;
+    SmallDaemon daemon;
+    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    wire::HelloT hello;
+    hello.window_bytes = 64 << 10;  // for answers of fewer rays than a frame has
+    conversation.receive(frame_of(0, hello));
+    wire::QueryT query = query_of(5 * frame_rays);
+    query.kind = "all";
+    query.max_hits = 8;
+    conversation.receive(frame_of(1, query));
+    for (std::uint64_t frame = 0; frame < 5; ++frame) {
+        protocol::Bulk bulk;
+        bulk.add("rays", wire::Dtype::f32, 8, frame_rays);
+        bulk.allocate();
+        std::fill_n(bulk.block(0).data(), bulk.block(0).size(), std::byte{0});
+        wire::QueryRaysT message;
+        message.first_ray = frame * frame_rays;
+        conversation.receive(protocol::encode(1, std::move(message), std::move(bulk)).value());
+    }
+    std::uint64_t answered = 0;
+    std::uint64_t chunks = 0;
+    std::uint64_t granted = 0;
+    while (daemon.step()) {
+        for (const protocol::Frame& frame : std::exchange(daemon.sent, {})) {
+            if (const auto chunk = protocol::open<wire::Chunk>(frame)) {
+                answered += (*chunk)->count();
+                ++chunks;
+            }
+            if (const auto credit = protocol::open<wire::Credit>(frame))
+                granted += (*credit)->bytes();
+        }
+        CHECK(granted <= answered / frame_rays * frame_rays * sizeof(Ray));
+        wire::CreditT credit;
+        credit.bytes = hello.window_bytes;
+        conversation.receive(frame_of(1, credit));
+    }
+    CHECK(answered == 5 * frame_rays);
+    CHECK(chunks > 5);
+    CHECK(granted >= daemon.limits.window_bytes / 4);
+}
+
 TEST_CASE("visible_pixels counts no more rays than its counters hold") {
     SmallDaemon daemon;
     Conversation conversation(daemon.services, daemon.engine, daemon, "me");
