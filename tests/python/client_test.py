@@ -101,6 +101,12 @@ class Scenes(WithDaemon):
         with self.assertRaises(raynest.InvalidError):
             self.client.scene(c.name)
 
+    def test_a_mesh_that_is_built_otherwise_is_another_scene(self):
+        a, b = (self.client.mesh(np.eye(3), [[0, 1, 2]], build=build)
+                for build in ("medium", "high"))
+        self.assertNotEqual(a.name, b.name)
+        self.assertEqual([a.info["build"], b.info["build"]], ["medium", "high"])
+
     def test_a_taken_name_needs_replace_and_is_a_new_epoch(self):
         corners = np.eye(3)
         first = self.client.mesh(corners, [[0, 1, 2]], "taken")

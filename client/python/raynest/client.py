@@ -79,11 +79,12 @@ class Client:
 
         float64 vertices become float32 after `origin` was subtracted; rays of this scene are
         shifted alike, and of all columns only position tells. Without a name it is called after its
-        content: the same mesh is built only once.
+        content and `build`: the same mesh is built only once.
         """
         shift = None if origin is None else vector("origin", origin)
         data = mesh_glb(vertices, faces, shift)
-        upload = Upload("mesh.glb", name or f"mesh-{content_hash(data):016x}",
+        built = "" if build == "medium" else f"-{build}"
+        upload = Upload("mesh.glb", name or f"mesh-{content_hash(data):016x}{built}",
                         (File("mesh.glb", data),))
         message = {**upload.message(), "replace": replace, "build": build}
         scene = self._load(upload, message, progress)
