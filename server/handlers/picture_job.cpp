@@ -38,7 +38,8 @@ Reply<PictureOrder> make_order(const Services& services, Plan plan, const wire::
     // No camera of that name: a fault of the request, not of the scene.
     if (!chosen) return refuse(Code::invalid_field, chosen.error().message);
     order.camera = std::move(*chosen);
-    const bool asked = camera != nullptr && (camera->look_at() || camera->name() != nullptr);
+    const bool asked =
+        camera != nullptr && (camera->look_at() || !protocol::text(camera->name()).empty());
     if (!asked && plan.scene.snapshot().view().camera_count == 0)
         plan.notes.push_back("the scene has no camera: this one frames its bounding box");
 

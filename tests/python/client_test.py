@@ -136,6 +136,12 @@ class Pictures(WithDaemon):
         self.assertEqual(self.woods.render(size=(64, 36), encode="png"),
                          (self.out / "r.png").read_bytes())
 
+    def test_a_scene_without_a_camera_is_framed_and_the_notes_say_so(self):
+        self.client.mesh(np.eye(3), [[0, 1, 2]], "bare").render(size=(8, 8))
+        self.assertIn("no camera", str(self.client.outcome["notes"]))
+        self.woods.render(size=(8, 8))
+        self.assertNotIn("no camera", str(self.client.outcome["notes"]))
+
     def test_raw_pixels_are_an_array(self):
         pixels = self.woods.render(size=(80, 45), camera=1)
         self.assertEqual((pixels.shape, pixels.dtype), ((45, 80, 4), np.uint8))
