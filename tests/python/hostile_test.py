@@ -424,6 +424,12 @@ class Waits(WithFake):
             scene.trace(np.ones((10, 8)), deadline=0.1)
         self.assertLess(time.monotonic() - begin, PATIENCE)
 
+    def test_a_server_that_does_not_greet_is_none(self):
+        raynest._connection.GREETING_SECONDS, before = 0.5, raynest._connection.GREETING_SECONDS
+        self.addCleanup(setattr, raynest._connection, "GREETING_SECONDS", before)
+        with self.assertRaisesRegex(raynest.ConnectError, "no RayNest daemon answers within"):
+            raynest.connect(self.fake(lambda peer: peer.until("Bye"), welcome=None))
+
     def test_a_daemon_that_does_not_cancel_loses_the_connection(self):
         def script(peer):
             peer.until("QueryRays")

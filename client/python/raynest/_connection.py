@@ -177,7 +177,10 @@ class Connection:
         try:
             with self.interrupts:
                 name, welcome = self._next(anywhere)
-        except (errors.FailedError, errors.DeadlineError) as error:
+        except errors.DeadlineError:
+            raise errors.ConnectError(f"no RayNest daemon answers within {GREETING_SECONDS:g} s; "
+                                      "is it raynestd that listens there?") from None
+        except errors.FailedError as error:
             raise errors.ConnectError(f"no RayNest daemon answers: {error}") from None
         if name != "Welcome":
             raise errors.ConnectError(f"no RayNest daemon answers: it says {name}")
