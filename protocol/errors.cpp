@@ -32,7 +32,7 @@ constexpr std::array table = {
               "pass a longer --deadline, or ask for less"},
     ErrorInfo{Code::cancelled, "CANCELLED", Exit::interrupted, "the request was cancelled"},
     ErrorInfo{Code::not_allowed, "NOT_ALLOWED", Exit::not_allowed,
-              "use a token or an address that the daemon accepts"},
+              "it belongs to another principal; ask as its owner"},
     ErrorInfo{Code::draining, "DRAINING", Exit::busy,
               "the daemon is shutting down; try again when it is back"},
     ErrorInfo{Code::slow_consumer, "SLOW_CONSUMER", Exit::failed,

@@ -22,8 +22,8 @@ from .scene import Scene
 def connect(uri: Optional[str] = None, *, token: Optional[str] = None,
             window_bytes: int = _limits.window_bytes) -> Client:
     """A client of the daemon at tcp://HOST:PORT or unix:PATH; by default where RAYNEST_SERVER says,
-    else at tcp://127.0.0.1:31060. `token` is RAYNEST_TOKEN by default. The daemon sends at most
-    `window_bytes` ahead of what was received."""
+    else at tcp://127.0.0.1:31060. `token`, RAYNEST_TOKEN by default, is reserved: this version's
+    daemon asks for none. The daemon sends at most `window_bytes` ahead of what was received."""
     return Client(uri, token, window_bytes)
 
 

@@ -5,7 +5,7 @@
     │   └── ProtocolError    1    the other end does not speak the protocol
     ├── UsageError           2    a field or parameter is wrong; also a ValueError
     ├── ConnectError         3    nobody answers there; also a ConnectionError
-    ├── NotAllowedError      4    token or address is not accepted; also a PermissionError
+    ├── NotAllowedError      4    it belongs to another principal; also a PermissionError
     ├── InvalidError         5    scene, file, variant or job is unknown; also a LookupError
     ├── BusyError            6    full, or over a quota: try again after `retry_after` seconds
     ├── DeadlineError        7    the deadline passed; also a TimeoutError
