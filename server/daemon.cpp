@@ -213,9 +213,9 @@ void Daemon::accept(Socket socket) {
             0,
             {Code::busy,
              full ? "the daemon has all the connections it takes, connections_max = " +
-                        std::to_string(limits_.connections_max)
+                        std::to_string(limits_.connections_max) + "; try again later"
                   : principal + " has all the connections it may, principal_connections_max = " +
-                        std::to_string(limits_.principal_connections_max),
+                        std::to_string(limits_.principal_connections_max) + "; close one of them",
              1000},
             true);
         std::array<std::byte, protocol::header_bytes> header{};
