@@ -92,10 +92,13 @@ Result<void> clear_path(const UnixAddress& address, const sockaddr_un& name) {
     const auto probe = make_socket(address, AF_UNIX);
     if (!probe) return tl::unexpected(probe.error());
     const int answer = connect(*probe, reinterpret_cast<const sockaddr*>(&name), sizeof name);
-    const bool dead = answer != 0 && errno == ECONNREFUSED;
+    const int why = answer == 0 ? 0 : errno;
     close(*probe);
-    if (dead && unlink(address.path.c_str()) == 0) return {};
-    return refused(address, "another daemon listens there");
+    // A full backlog is somebody's too.
+    if (why == 0 || why == EAGAIN) return refused(address, "another daemon listens there");
+    if (why != ECONNREFUSED) return refused(address, std::string("connect: ") + std::strerror(why));
+    if (unlink(address.path.c_str()) != 0) return failed(address, "unlink");
+    return {};
 }
 
 Result<Bound> bind_unix(const UnixAddress& address) {
