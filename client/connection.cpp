@@ -182,9 +182,8 @@ Result<void> Connection::greet(const std::string& token) {
     if (!frame) return tl::unexpected<Failure>(frame.error());
     const auto welcome = protocol::open<wire::Welcome>(*frame);
     if (!welcome) return tl::unexpected<Failure>(failure(welcome.error()));
-    daemon_ = {std::string(protocol::text((*welcome)->server())), (*welcome)->version(),
-               (*welcome)->window_bytes(), (*welcome)->frame_bytes_max(),
-               (*welcome)->chunk_rays_max()};
+    daemon_ = {std::string(protocol::text((*welcome)->server())), (*welcome)->window_bytes(),
+               (*welcome)->frame_bytes_max(), (*welcome)->chunk_rays_max()};
     // A daemon may be configured to take less than we could send, never more.
     daemon_.chunk_rays_max = std::min(daemon_.chunk_rays_max, limits_.chunk_rays_max);
     daemon_.frame_bytes_max = std::min(daemon_.frame_bytes_max, limits_.frame_bytes_max);

@@ -25,7 +25,6 @@ inline constexpr const char* default_uri = "tcp://127.0.0.1:31060";
 /// What the daemon said of itself.
 struct Daemon {
     std::string name;
-    std::uint16_t version = 0;
     std::uint64_t window_bytes = 0;
     std::uint64_t frame_bytes_max = 0;
     std::uint64_t chunk_rays_max = 0;

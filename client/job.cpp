@@ -47,13 +47,11 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
         const wire::Started& started = *opened->table;
         outcome.scene = protocol::text(started.scene());
-        outcome.hash = protocol::text(started.hash());
         outcome.intersector = protocol::text(started.intersector());
         outcome.target = protocol::text(started.target());
         outcome.traversal = protocol::text(started.traversal());
         outcome.precision = protocol::text(started.precision());
         outcome.worker = protocol::text(started.worker());
-        outcome.camera = protocol::text(started.camera());
         outcome.epoch = started.epoch();
         outcome.rays_announced = started.rays();
         outcome.worker_reason = protocol::text(started.worker_reason());
@@ -72,7 +70,6 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.truncated = done.truncated();
         outcome.rows = done.rows();
         outcome.seconds = done.seconds();
-        outcome.queued_seconds = done.queued_seconds();
         outcome.traversal = protocol::word(done.traversal(), outcome.traversal);
         // Why another one was chosen explains nothing: what came in between, the notes tell.
         if (const std::string ran(protocol::word(done.worker(), outcome.worker));

@@ -21,14 +21,13 @@ namespace raynest::client {
 
 /// STARTED and DONE in one: filled as their frames come.
 struct Outcome {
-    std::string scene, hash, intersector, target, traversal, precision, worker, worker_reason,
-        camera;
+    std::string scene, intersector, target, traversal, precision, worker, worker_reason;
     std::uint64_t epoch = 0;
     std::vector<std::string> notes;
     std::uint64_t rays_announced = 0;  ///< of a query, by STARTED
     std::uint64_t rays = 0, hits = 0, misses = 0, truncated = 0;
     std::optional<std::uint64_t> rows;  ///< of a query, by DONE
-    double seconds = 0, queued_seconds = 0;
+    double seconds = 0;
     wire::HeatStatisticsT heat;  ///< of a heat map
     std::uint64_t detached = 0;  ///< number of the job that goes on without us; 0: it has ended
 };

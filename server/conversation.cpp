@@ -81,8 +81,7 @@ void Conversation::greet(const protocol::Frame& frame) {
         return give_up({Code::invalid_field,
                         "window_bytes must be 0 or at least " + std::to_string(window_bytes_min),
                         0});
-    caller_.window_bytes = window == 0 ? services_.limits.window_bytes
-                                       : std::min(window, services_.limits.window_bytes_max);
+    caller_.window_bytes = window == 0 ? services_.limits.window_bytes : window;
     runner_->set_window(caller_.window_bytes);
     greeted_ = true;
 
@@ -144,6 +143,7 @@ void Conversation::request(const protocol::Frame& frame) {
         for (protocol::Frame& reply : *frames) sink_.send(std::move(reply));
         return;
     }
+    if (draining_) return refuse_request(id, {Code::draining, "", 0});
     if (const std::size_t under_way = runner_->size() + feeding_.size();
         under_way >= services_.limits.jobs_max) {
         ++services_.metrics.jobs_refused;
@@ -154,7 +154,6 @@ void Conversation::request(const protocol::Frame& frame) {
                                        "; wait for one of them, or open another connection",
                                    0});
     }
-    if (draining_) return refuse_request(id, {Code::draining, "", 0});
     Accepted accepted = std::move(std::get<Accepted>(*answer));
     if (accepted.detach) {
         if (const auto detached = detach(id, std::move(accepted)); !detached)

@@ -20,6 +20,7 @@ Reply<Answer> verified(const Services& services, const Caller& caller,
 template <class Table, Typed<Table> handle>
 constexpr Handler line{protocol::message_of<Table>, verified<Table, handle>};
 
+/// THE LIST of requests.
 constexpr std::array table = {
     line<wire::Load, load>,     line<wire::Scenes, scenes>,
     line<wire::Info, info>,     line<wire::Path, path>,
@@ -31,10 +32,6 @@ constexpr std::array table = {
 };
 
 }  // namespace
-
-std::span<const Handler> handlers() {
-    return table;
-}
 
 const Handler* find_handler(std::uint16_t type) {
     const auto found = std::find_if(table.begin(), table.end(), [&](const Handler& handler) {

@@ -15,7 +15,6 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <span>
 #include <string>
 #include <variant>
 #include <vector>
@@ -66,8 +65,6 @@ struct Handler {
     Reply<Answer> (*answer)(const Services&, const Caller&, const protocol::Frame&);
 };
 
-/// THE LIST of requests.
-[[nodiscard]] std::span<const Handler> handlers();
 /// null for what is no request.
 [[nodiscard]] const Handler* find_handler(std::uint16_t type);
 
