@@ -58,36 +58,41 @@ Reply<Mount> mount_of(const Request& request) {
     return mount;
 }
 
-Reply<Sensor> make_camera(const Request& request) {
+SensorPointer ready(Sensor sensor) {
+    const ImageSize grid = ray_grid(sensor);
+    return std::make_shared<LateSensor>(grid, [sensor = std::move(sensor)] { return sensor; });
+}
+
+Reply<SensorPointer> make_camera(const Request& request) {
     auto camera = camera_of(request);
     if (!camera) return tl::unexpected(camera.error());
     Pinhole sensor = pinhole(*camera, request.size);
     sensor.mount.tmin = request.mount.tmin;
     sensor.mount.tmax = request.mount.tmax;
-    return Sensor{sensor};
+    return ready(sensor);
 }
 
-Reply<Sensor> make_pinhole(const Request& request) {
+Reply<SensorPointer> make_pinhole(const Request& request) {
     const wire::Generator& m = request.message;
     if (auto focal = needs(m.fx() > 0 && m.fy() > 0, m, "fx and fy above 0"); !focal)
         return tl::unexpected(focal.error());
-    return Sensor{Pinhole{request.mount, request.size, static_cast<double>(m.cx()),
-                          static_cast<double>(m.cy()), 1 / static_cast<double>(m.fx()),
-                          1 / static_cast<double>(m.fy())}};
+    return ready(Pinhole{request.mount, request.size, static_cast<double>(m.cx()),
+                         static_cast<double>(m.cy()), 1 / static_cast<double>(m.fx()),
+                         1 / static_cast<double>(m.fy())});
 }
 
-Reply<Sensor> make_orthographic(const Request& request) {
+Reply<SensorPointer> make_orthographic(const Request& request) {
     const wire::Generator& m = request.message;
     if (auto window = needs(m.window_width() > 0 && m.window_height() > 0, m,
                             "window_width and window_height above 0");
         !window)
         return tl::unexpected(window.error());
-    return Sensor{Orthographic{request.mount, request.size, static_cast<double>(m.window_width()),
-                               static_cast<double>(m.window_height())}};
+    return ready(Orthographic{request.mount, request.size, static_cast<double>(m.window_width()),
+                              static_cast<double>(m.window_height())});
 }
 
-Reply<Sensor> make_equirectangular(const Request& request) {
-    return Sensor{Equirectangular(request.mount, request.size)};
+Reply<SensorPointer> make_equirectangular(const Request& request) {
+    return ready(Equirectangular(request.mount, request.size));
 }
 
 /// Where a camera looks is ahead of a lidar, whose x is the camera's -z, its y the -x, its z the y.
@@ -95,7 +100,7 @@ Pose lidar_pose(const Pose& camera) {
     return {-camera.z, -camera.x, camera.y, camera.origin};
 }
 
-Reply<Sensor> make_lidar(const Request& request) {
+Reply<SensorPointer> make_lidar(const Request& request) {
     const wire::Generator& m = request.message;
     const auto size = [](const auto* list) { return list != nullptr ? list->size() : 0U; };
     std::vector<LidarChannel> channels(size(m.elevations()));
@@ -112,14 +117,18 @@ Reply<Sensor> make_lidar(const Request& request) {
     }
     Mount mount = request.mount;
     if (size(m.pose()) == 0) mount.pose = lidar_pose(mount.pose);
-    return Sensor{Lidar(mount, channels, static_cast<double>(m.azimuth_start()),
-                        static_cast<double>(m.azimuth_stop()), m.azimuth_count())};
+    const ImageSize grid{m.azimuth_count(), static_cast<std::uint32_t>(channels.size())};
+    return std::make_shared<LateSensor>(
+        grid, [=, start = static_cast<double>(m.azimuth_start()),
+               stop = static_cast<double>(m.azimuth_stop()), channels = std::move(channels)] {
+            return Sensor{Lidar(mount, channels, start, stop, grid.width)};
+        });
 }
 
 struct Kind {
     std::string_view name;
     bool image;  ///< needs width and height
-    Reply<Sensor> (*make)(const Request&);
+    Reply<SensorPointer> (*make)(const Request&);
 };
 /// THE LIST of sensors. What starts from points is no sensor: hemisphere.
 constexpr std::array kinds = {
@@ -127,7 +136,7 @@ constexpr std::array kinds = {
     Kind{"orthographic", true, make_orthographic},
     Kind{"equirectangular", true, make_equirectangular}, Kind{"lidar", false, make_lidar}};
 
-Reply<Sensor> make_sensor(const wire::Generator& message, const Snapshot& scene) {
+Reply<SensorPointer> make_sensor(const wire::Generator& message, const Snapshot& scene) {
     const std::string_view name = protocol::text(message.kind());
     const auto* kind = std::find_if(kinds.begin(), kinds.end(),
                                     [&](const Kind& each) { return each.name == name; });
@@ -192,7 +201,7 @@ Reply<RaySource> RaySource::make(const wire::Query& query, const Snapshot& scene
     }
     auto sensor = make_sensor(*generator, scene);
     if (!sensor) return tl::unexpected(sensor.error());
-    source.rays_ = ray_count(*sensor);
+    source.rays_ = (*sensor)->grid().pixels();
     source.origin_ = std::move(*sensor);
     return source;
 }
@@ -203,8 +212,8 @@ std::uint64_t RaySource::rays_per_point() const {
 }
 
 std::uint64_t RaySource::chunk_rays(std::uint64_t most) const {
-    const auto* sensor = std::get_if<Sensor>(&origin_);
-    const std::uint64_t band = sensor != nullptr ? tile_rows * ray_grid(*sensor).width : 0;
+    const auto* sensor = std::get_if<SensorPointer>(&origin_);
+    const std::uint64_t band = sensor != nullptr ? tile_rows * (*sensor)->grid().width : 0;
     return band == 0 || band > most ? most : most / band * band;
 }
 
@@ -212,8 +221,8 @@ std::span<const Ray> RaySource::rays_of(const Piece& piece, TraceBuffers& buffer
     if (std::holds_alternative<Sent>(origin_))
         return piece.sent.rays(piece.first - piece.sent_first, piece.count, buffers.sent);
     buffers.rays.resize(piece.count);
-    if (const auto* sensor = std::get_if<Sensor>(&origin_)) {
-        generate_rays(*sensor, piece.first, buffers.rays);
+    if (const auto* sensor = std::get_if<SensorPointer>(&origin_)) {
+        generate_rays((*sensor)->get(), piece.first, buffers.rays);
     } else {
         const Hemisphere& hemisphere = std::get<Hemisphere>(origin_);
         const std::uint64_t first = piece.first / hemisphere.samples;
@@ -226,15 +235,15 @@ std::span<const Ray> RaySource::rays_of(const Piece& piece, TraceBuffers& buffer
 }
 
 std::optional<PinholeRays> RaySource::made(const Piece& piece, bool tiles) const {
-    const auto* sensor = std::get_if<Sensor>(&origin_);
-    const auto* camera = sensor != nullptr ? std::get_if<Pinhole>(sensor) : nullptr;
+    const auto* sensor = std::get_if<SensorPointer>(&origin_);
+    const auto* camera = sensor != nullptr ? std::get_if<Pinhole>(&(*sensor)->get()) : nullptr;
     if (camera == nullptr) return std::nullopt;
     return PinholeRays{*camera, piece.first, tiles};
 }
 
 bool RaySource::has_tiles(const Piece& piece) const {
-    const auto* sensor = std::get_if<Sensor>(&origin_);
-    const std::uint64_t band = sensor != nullptr ? tile_rows * ray_grid(*sensor).width : 0;
+    const auto* sensor = std::get_if<SensorPointer>(&origin_);
+    const std::uint64_t band = sensor != nullptr ? tile_rows * (*sensor)->grid().width : 0;
     const bool to_the_end = piece.first + piece.count == rays_;
     return band != 0 && piece.first % band == 0 && (piece.count % band == 0 || to_the_end);
 }
@@ -252,7 +261,7 @@ Reply<std::span<const Ray>> RaySource::trace(const Plan& plan, const Piece& piec
 
 Reply<std::span<const Ray>> RaySource::trace_tiles(const Plan& plan, const Piece& piece,
                                                    const Stop& stop, TraceBuffers& buffers) const {
-    const Sensor& sensor = std::get<Sensor>(origin_);
+    const Sensor& sensor = std::get<SensorPointer>(origin_)->get();
     const ImageSize size = ray_grid(sensor);
     buffers.rays.resize(piece.count);
     generate_tiles(sensor, piece.first, buffers.rays);

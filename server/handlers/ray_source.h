@@ -11,7 +11,10 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <mutex>
+#include <optional>
 #include <span>
 #include <utility>
 #include <variant>
@@ -70,6 +73,28 @@ struct Piece {
 /// A camera of the scene, or a look-at, as a request describes it.
 [[nodiscard]] CameraRequest camera_request(const wire::Camera* camera);
 
+/// A sensor that is made when a task first asks for it: the tables of a lidar are too much work for
+/// the io thread.
+class LateSensor {
+public:
+    LateSensor(ImageSize grid, std::function<Sensor()> make)
+        : grid_(grid),
+          make_(std::move(make)) {}
+    [[nodiscard]] const ImageSize& grid() const { return grid_; }
+    /// Thread-safe.
+    [[nodiscard]] const Sensor& get() {
+        std::call_once(once_, [this] { sensor_ = make_(); });
+        return *sensor_;
+    }
+
+private:
+    const ImageSize grid_;
+    const std::function<Sensor()> make_;
+    std::once_flag once_;
+    std::optional<Sensor> sensor_;
+};
+using SensorPointer = std::shared_ptr<LateSensor>;
+
 class RaySource {
 public:
     /// INVALID_FIELD names what a generator lacks.
@@ -80,7 +105,7 @@ public:
     [[nodiscard]] std::uint64_t rays_per_point() const;
     [[nodiscard]] bool has_points() const { return std::holds_alternative<Hemisphere>(origin_); }
     /// Does the client send anything? Then a frame of it is this piece.
-    [[nodiscard]] bool sends() const { return !std::holds_alternative<Sensor>(origin_); }
+    [[nodiscard]] bool sends() const { return !std::holds_alternative<SensorPointer>(origin_); }
     /// As many rays as a task should take: whole bands of tiles, if `most` allows.
     [[nodiscard]] std::uint64_t chunk_rays(std::uint64_t most) const;
 
@@ -100,7 +125,7 @@ private:
     [[nodiscard]] std::optional<PinholeRays> made(const Piece& piece, bool tiles) const;
 
     struct Sent {};
-    std::variant<Sent, Sensor, Hemisphere> origin_;
+    std::variant<Sent, SensorPointer, Hemisphere> origin_;
     std::uint64_t rays_ = 0;
 };
 

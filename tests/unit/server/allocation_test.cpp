@@ -8,6 +8,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdlib>
@@ -22,9 +23,12 @@ namespace {
 constexpr long never = -1;
 /// Allocations of this thread before the one that fails; it is only one.
 thread_local long until_failure = never;
+/// Of the allocations of this thread since a test set it to 0.
+thread_local std::size_t largest_bytes = 0;
 
 void* allocate(std::size_t size, std::size_t alignment) {
     if (until_failure != never && until_failure-- == 0) throw std::bad_alloc();
+    largest_bytes = std::max(largest_bytes, size);
     const std::size_t rounded = (size + alignment) / alignment * alignment;
     if (void* memory = std::aligned_alloc(alignment, rounded)) return memory;
     throw std::bad_alloc();
@@ -234,6 +238,26 @@ TEST_CASE("an allocation that fails at any moment fails one request or one conne
     CHECK(failures > 400 / stride);
     std::cout << "tally: allocations that fail: " << failures
               << ": one request or connection each\n";
+}
+
+TEST_CASE("the tables of a lidar are left to its tasks") {
+    SmallDaemon daemon;
+    server::Conversation conversation(daemon.services, daemon.engine, daemon, principal);
+    conversation.receive(frame_of(0, wire::HelloT{}));
+    wire::QueryT query;
+    query.job = forest_job();
+    query.generator = std::make_unique<wire::GeneratorT>();
+    query.generator->kind = "lidar";
+    query.generator->elevations = {-1};
+    query.generator->azimuth_count = 65536;
+    query.generator->azimuth_stop = 360;
+    constexpr std::size_t table_bytes = 65536 * 2 * sizeof(double);
+    largest_bytes = 0;
+    conversation.receive(frame_of(1, query));
+    CHECK(daemon.said(wire::Message::Started));
+    CHECK(largest_bytes < table_bytes);
+    daemon.settle();
+    CHECK(largest_bytes >= table_bytes);
 }
 
 }  // namespace
