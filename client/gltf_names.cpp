@@ -1,5 +1,6 @@
 #include "client/gltf_names.h"
 
+#include "protocol/text.h"
 #include "protocol/validate.h"
 
 #include <nlohmann/json.hpp>
@@ -107,13 +108,6 @@ Result<std::span<const std::byte>> glb_json(std::span<const std::byte> file) {
     return found;
 }
 
-int hex_digit(char c) {
-    if (c >= '0' && c <= '9') return c - '0';
-    if (c >= 'a' && c <= 'f') return c - 'a' + 10;
-    if (c >= 'A' && c <= 'F') return c - 'A' + 10;
-    return -1;
-}
-
 }  // namespace
 
 Result<std::span<const std::byte>> gltf_json(std::span<const std::byte> file) {
@@ -141,12 +135,10 @@ Result<std::string> decode_uri(const std::string& uri) {
             name += uri[i];
             continue;
         }
-        const int high = i + 1 < uri.size() ? hex_digit(uri[i + 1]) : -1;
-        const int low = i + 2 < uri.size() ? hex_digit(uri[i + 2]) : -1;
-        if (high < 0 || low < 0) return refuse("is wrongly percent-encoded");
-        const char letter = static_cast<char>(high * 16 + low);
-        if (letter == '.' || letter == '/') return refuse("hides a dot or a slash");
-        name += letter;
+        const auto letter = protocol::percent_code(std::string_view(uri).substr(i));
+        if (!letter) return refuse("is wrongly percent-encoded");
+        if (*letter == '.' || *letter == '/') return refuse("hides a dot or a slash");
+        name += *letter;
         i += 2;
     }
     if (name.size() > 1024 || !protocol::printable(name)) return refuse("is not printable");

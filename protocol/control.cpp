@@ -1,28 +1,10 @@
 #include "protocol/control.h"
 
+#include "protocol/text.h"
+
 #include <cstring>
 
 namespace raynest::protocol {
-namespace {
-
-/// The text as validate() accepts it: on one line, cut to `bytes_max` between two letters.
-std::string presentable(std::string_view text, std::size_t bytes_max) {
-    std::string clean(text.substr(0, bytes_max));
-    for (char& c : clean)
-        if ((c >= 0 && c < 0x20) || c == 0x7F) c = ' ';
-    // A cut may halve a letter of up to four bytes; what is foreign beyond that is shown as '?'.
-    for (int halves = 0;
-         halves < 3 && clean.size() == bytes_max - static_cast<std::size_t>(halves) &&
-         !printable(clean);
-         ++halves)
-        clean.pop_back();
-    if (!printable(clean))
-        for (char& c : clean)
-            if (c < 0) c = '?';
-    return clean;
-}
-
-}  // namespace
 
 bool message_known(std::uint16_t type) {
     return type <= static_cast<std::uint16_t>(wire::Message::MAX) && type != 0 &&
@@ -67,7 +49,7 @@ Frame encode_error(std::uint64_t request_id, const Error& error, bool closing) {
     message.code = static_cast<std::uint32_t>(info.code);
     message.name = info.name;
     message.message =
-        presentable(error.message.empty() ? info.remedy : error.message, Limits{}.text_bytes_max);
+        clean_text(error.message.empty() ? info.remedy : error.message, Limits{}.text_bytes_max);
     message.retry_after_ms = error.retry_after_ms;
     message.closing = closing;
     return *encode(request_id, message);

@@ -40,17 +40,6 @@ void note_missing(wire::SceneInfoT& info, std::size_t shown, std::size_t total, 
 
 }  // namespace
 
-std::string clean_text(std::string_view text, std::size_t bytes_max) {
-    std::string clean(text.substr(0, bytes_max));
-    // A cut inside a character leaves up to three bytes of it.
-    for (int i = 0; i < 3 && text.size() > bytes_max && !protocol::printable(clean); ++i)
-        clean.pop_back();
-    if (!protocol::printable(clean))
-        std::replace_if(
-            clean.begin(), clean.end(), [](char c) { return c < 0x20 || c > 0x7E; }, '?');
-    return clean;
-}
-
 wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& limits) {
     const Snapshot& snapshot = scene.snapshot();
     const SceneStatistics& statistics = snapshot.statistics();

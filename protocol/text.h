@@ -1,0 +1,18 @@
+// Texts from outside, made into what may be sent and named.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace raynest::protocol {
+
+/// `text` as validate() accepts it: UTF-8 on one line, cut to `bytes_max` bytes between two
+/// letters. Blanks stand for ends of lines and tabs, '?' for what cannot be printed.
+[[nodiscard]] std::string clean_text(std::string_view text, std::size_t bytes_max);
+
+/// The byte that a "%XX" at the beginning of `text` stands for; none where there is no such code.
+[[nodiscard]] std::optional<char> percent_code(std::string_view text);
+
+}  // namespace raynest::protocol
