@@ -44,8 +44,8 @@ public:
     /// The greeted socket, for who speaks frames without this class; stays the connection's.
     [[nodiscard]] int socket() const;
 
-    /// Begins a request; frames of earlier ones are skipped from now on. With a deadline, next()
-    /// gives up a little after it, should the daemon itself not answer any more.
+    /// Begins a request; frames of earlier ones are skipped from now on. With a deadline, sending
+    /// and next() give up a little after it, should the daemon itself not answer any more.
     template <class Native>
     Result<void> start(const Native& request, std::chrono::milliseconds deadline = {}) {
         begin(deadline);
