@@ -1,7 +1,8 @@
 // Materials, and the pictures that their base colours need: nothing else is decoded.
 //
 // A texture that is missing or damaged does not stop a scene: the material stays without it, the
-// count and the reason are reported. (A picture whose bytes lie outside their buffer was refused
+// count and the reason are reported. Lack of memory does: else a busy machine would make another
+// scene of the same file. (A picture whose bytes lie outside their buffer was refused
 // when the bufferViews were checked.)
 #include "engine/assets/gltf_model.h"
 #include "engine/assets/gltf_names.h"
@@ -27,7 +28,7 @@ public:
           read_(model.images.size(), not_read) {}
 
     /// Index of the decoded picture in the scene, or no_id when there is none to be had.
-    std::uint32_t read(std::uint32_t image) {
+    Result<std::uint32_t> read(std::uint32_t image) {
         if (image == no_id) return missing("a texture without a picture");
         if (read_[image] != not_read) return read_[image];
         const Image& from = model_.images[image];
@@ -36,6 +37,8 @@ public:
             return read_[image] = missing(name + " did not come with the scene");
         auto picture = decode_image(from.bytes, limits_.image_side_max,
                                     std::min(limits_.image_bytes_max, bytes_left_));
+        if (!picture && picture.error().code == ErrorCode::out_of_memory)
+            return blame(name + ':', picture.error());
         if (!picture) return read_[image] = missing(name + ": " + picture.error().message);
         bytes_left_ -= picture->rgba.size();
         scene_.images.push_back(std::move(*picture));
@@ -69,7 +72,9 @@ Result<void> read_materials(const Model& model, const ImportLimits& limits,
         if (from.texture != no_id && !texture_read[from.texture]) {
             texture_read[from.texture] = true;
             TextureDescription texture = model.textures[from.texture];
-            texture.image = pictures.read(texture.image);
+            const auto image = pictures.read(texture.image);
+            if (!image) return error_of(image);
+            texture.image = *image;
             if (texture.image != no_id) {
                 texture_of[from.texture] = static_cast<std::uint32_t>(scene.textures.size());
                 scene.textures.push_back(texture);

@@ -3,13 +3,28 @@
 
 #include <dlfcn.h>
 #include <fmt/format.h>
+#include <sys/mman.h>
 
 namespace raynest {
 namespace {
 
+/// Address space for the module and its libraries: about 400 MiB on Debian 12.
+constexpr std::size_t module_bytes = 512U << 20;
+
+bool is_room(std::size_t bytes) {
+    void* const at = ::mmap(nullptr, bytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (at == MAP_FAILED) return false;
+    ::munmap(at, bytes);
+    return true;
+}
+
 /// Loads it once: for a module that is there, dlopen only counts. Never closed.
 Result<ImageModule> image_module() {
-    void* module = dlopen(image_module_file, RTLD_NOW | RTLD_LOCAL);
+    void* module = dlopen(image_module_file, RTLD_NOW | RTLD_LOCAL | RTLD_NOLOAD);
+    // Short of memory, dlopen fails as if a file were broken, or a library's constructor aborts.
+    if (module == nullptr && !is_room(module_bytes))
+        return fail(ErrorCode::out_of_memory, "no memory left to load the image module");
+    if (module == nullptr) module = dlopen(image_module_file, RTLD_NOW | RTLD_LOCAL);
     void* symbol = module == nullptr ? nullptr : dlsym(module, image_module_symbol);
     if (symbol != nullptr) return reinterpret_cast<ImageModuleEntry>(symbol)();
     const char* why = dlerror();
@@ -34,12 +49,11 @@ Result<ImageDescription> decode_image(std::span<const std::byte> file, std::uint
     return module->decode(file, side_max, bytes_max);
 }
 
-Result<std::vector<std::byte>> encode_picture(std::uint32_t width, std::uint32_t height,
-                                              std::span<const std::uint8_t> rgba,
-                                              std::string_view format) {
+Result<std::vector<std::byte>> encode_png(std::uint32_t width, std::uint32_t height,
+                                          std::span<const std::uint8_t> rgba) {
     const auto module = image_module();
     if (!module) return tl::unexpected<Error>(module.error());
-    return module->encode(width, height, rgba, format);
+    return module->encode_rgba(width, height, rgba);
 }
 
 Result<std::vector<std::byte>> encode_exr(std::uint32_t width, std::uint32_t height,

@@ -1,4 +1,6 @@
 // Decoding and encoding of pictures. OpenImageIO stands behind image_module.h.
+//
+// All functions are thread-safe and block; none reads or writes a file.
 #pragma once
 
 #include "engine/result.h"
@@ -12,27 +14,36 @@
 
 namespace raynest {
 
-/// PNG, JPEG or WebP by magic bytes, nothing else; the header's dimensions are checked against the
-/// limits before a pixel is decoded. A truncated picture is an error.
+/// PNG, JPEG or WebP by magic bytes, nothing else. The header's dimensions are checked before a
+/// pixel is decoded: `side_max` pixels a side, `bytes_max` bytes of RGBA. Row 0 is the top one;
+/// alpha is straight, and 255 where the file has none.
+///
+/// scene_unsupported: another format, or no image module. limit_exceeded: too large.
+/// scene_invalid: damaged, a cut file included. out_of_memory: nothing is known of the picture.
 Result<ImageDescription> decode_image(std::span<const std::byte> file, std::uint32_t side_max,
                                       std::uint64_t bytes_max);
 
-/// `format` is "png".
-Result<std::vector<std::byte>> encode_picture(std::uint32_t width, std::uint32_t height,
-                                              std::span<const std::uint8_t> rgba,
-                                              std::string_view format);
+/// `rgba`: width * height * 4 bytes of sRGB and straight alpha, row 0 on top.
+///
+/// Both encoders: scene_unsupported without the image module, out_of_memory, and internal where
+/// the spans do not fill the picture or the library fails.
+Result<std::vector<std::byte>> encode_png(std::uint32_t width, std::uint32_t height,
+                                          std::span<const std::uint8_t> rgba);
 
-/// One named channel of 32-bit values for EXR; exactly one of the two spans is set.
+/// One named channel of 32-bit values for EXR; exactly one of the two spans is set, with
+/// width * height values, row 0 on top.
 struct Channel {
     std::string_view name;
     std::span<const float> f32;
     std::span<const std::uint32_t> u32;
 };
+/// The channels in the order given; lossless, equal input gives equal bytes.
 Result<std::vector<std::byte>> encode_exr(std::uint32_t width, std::uint32_t height,
                                           std::span<const Channel> channels);
 
 /// scene_unsupported, with what to do, where the build has no OpenImageIO or it does not load: the
-/// functions above then fail alike. The first call in a process may take 0.2 s.
+/// functions above then fail alike; out_of_memory where there is no room to load it. The first call
+/// in a process may take 0.2 s.
 Result<void> images_available();
 
 }  // namespace raynest

@@ -13,7 +13,9 @@
 #include <cstring>
 #include <memory>
 #include <mutex>
+#include <new>
 #include <string>
+#include <system_error>
 
 namespace raynest {
 namespace {
@@ -103,9 +105,26 @@ void divide_by_alpha(std::vector<std::uint8_t>& rgba) {
     }
 }
 
-tl::unexpected<Error> encode_failed(std::string_view format, const std::string& why) {
-    return fail(ErrorCode::internal,
-                fmt::format("the {} picture was not encoded: {}", format, why));
+constexpr const char* no_memory_to_decode = "no memory left to decode the picture";
+
+/// What a decoder of C may ask for beside the pixels.
+constexpr std::size_t decoder_bytes = 32U << 20;
+
+/// A decoder of C reports lack of memory as a broken file. So `why` is the reason only where
+/// `bytes` and more could be had now.
+tl::unexpected<Error> decode_failed(std::uint64_t bytes, const char* why) {
+    void* const room = ::operator new(bytes + decoder_bytes, std::nothrow);
+    ::operator delete(room);
+    if (room == nullptr) return fail(ErrorCode::out_of_memory, no_memory_to_decode);
+    return fail(ErrorCode::scene_invalid, why);
+}
+
+tl::unexpected<Error> encode_failed(std::string_view name, const std::string& why) {
+    return fail(ErrorCode::internal, fmt::format("{} was not encoded: {}", name, why));
+}
+
+tl::unexpected<Error> no_memory_to_encode() {
+    return fail(ErrorCode::out_of_memory, "no memory left to encode the picture");
 }
 
 /// Opens `output` on a growing buffer, hands it one image and closes it.
@@ -142,7 +161,7 @@ Result<ImageDescription> decode(std::span<const std::byte> file, std::uint32_t s
     oiio::ImageSpec config;
     config["oiio:UnassociatedAlpha"] = 1;
     if (!input || !input->set_ioproxy(&memory) || !input->open(name, spec, config)) {
-        return fail(ErrorCode::scene_invalid, "the picture's header cannot be read");
+        return decode_failed(0, "the picture's header cannot be read");
     }
 
     if (spec.width <= 0 || spec.height <= 0 || spec.depth > 1 || spec.nchannels < 1 ||
@@ -164,26 +183,24 @@ Result<ImageDescription> decode(std::span<const std::byte> file, std::uint32_t s
     std::vector<std::uint8_t> pixels(count * channels);
     if (!input->read_image(0, 0, 0, spec.nchannels, oiio::TypeDesc::UINT8, pixels.data())) {
         static_cast<void>(input->geterror());
-        return fail(ErrorCode::scene_invalid, "the picture is damaged or cut short");
+        return decode_failed(count * 8, "the picture is damaged or cut short");
     }
     if (channels != 4) return ImageDescription{width, height, to_rgba(pixels, count, channels)};
     if (name == "memory.webp") divide_by_alpha(pixels);
     return ImageDescription{width, height, std::move(pixels)};
 } catch (const std::bad_alloc&) {
-    return fail(ErrorCode::out_of_memory, "no memory left to decode the picture");
+    return fail(ErrorCode::out_of_memory, no_memory_to_decode);
+} catch (const std::system_error&) {
+    // A thread that found no room for its stack.
+    return fail(ErrorCode::out_of_memory, no_memory_to_decode);
 } catch (const std::exception& error) {
     return fail(ErrorCode::scene_invalid, fmt::format("the picture was refused: {}", error.what()));
 }
 
-Result<std::vector<std::byte>> encode(std::uint32_t width, std::uint32_t height,
-                                      std::span<const std::uint8_t> rgba,
-                                      std::string_view format) try {
-    if (format != "png") {
-        return fail(ErrorCode::param_invalid,
-                    fmt::format("pictures are encoded as png, not '{}'", format));
-    }
+Result<std::vector<std::byte>> encode_rgba(std::uint32_t width, std::uint32_t height,
+                                           std::span<const std::uint8_t> rgba) try {
     if (rgba.size() != std::size_t{width} * height * 4 || rgba.empty()) {
-        return fail(ErrorCode::internal, "encode_picture: the pixels do not fill the picture");
+        return fail(ErrorCode::internal, "encode_png: the pixels do not fill the picture");
     }
     configure_once();
     oiio::ImageSpec spec(static_cast<int>(width), static_cast<int>(height), 4,
@@ -193,8 +210,10 @@ Result<std::vector<std::byte>> encode(std::uint32_t width, std::uint32_t height,
     spec["oiio:ColorSpace"] = "sRGB";
     spec["png:compressionLevel"] = 4;
     return write_to_memory("memory.png", spec, oiio::TypeDesc::UINT8, rgba.data());
+} catch (const std::bad_alloc&) {
+    return no_memory_to_encode();
 } catch (const std::exception& error) {
-    return encode_failed(format, error.what());
+    return encode_failed("the PNG picture", error.what());
 }
 
 Result<std::vector<std::byte>> encode_channels(std::uint32_t width, std::uint32_t height,
@@ -227,13 +246,15 @@ Result<std::vector<std::byte>> encode_channels(std::uint32_t width, std::uint32_
         }
     }
     return write_to_memory("memory.exr", spec, oiio::TypeDesc::UNKNOWN, words.data());
+} catch (const std::bad_alloc&) {
+    return no_memory_to_encode();
 } catch (const std::exception& error) {
-    return encode_failed("exr", error.what());
+    return encode_failed("the EXR picture", error.what());
 }
 
 }  // namespace
 }  // namespace raynest
 
 extern "C" [[gnu::visibility("default")]] raynest::ImageModule raynest_images() noexcept {
-    return {raynest::decode, raynest::encode, raynest::encode_channels};
+    return {raynest::decode, raynest::encode_rgba, raynest::encode_channels};
 }

@@ -12,7 +12,7 @@ namespace raynest {
 /// What image.h promises.
 struct ImageModule {
     decltype(&decode_image) decode;
-    decltype(&encode_picture) encode;
+    decltype(&encode_png) encode_rgba;
     decltype(&encode_exr) encode_channels;
 };
 

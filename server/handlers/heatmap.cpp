@@ -75,7 +75,7 @@ protected:
         const auto picture =
             heat_picture(payload.width, payload.height, counts, statistics_, options_);
         if (!picture) return refuse(picture.error());
-        auto file = encode_picture(picture->width, picture->height, picture->rgba, "png");
+        auto file = encode_png(picture->width, picture->height, picture->rgba);
         if (!file) return refuse(file.error());
         return Payload{picture->width, picture->height, std::move(*file)};
     }

@@ -58,7 +58,7 @@ protected:
         }
         const Picture picture = to_picture(payload.width, payload.height, pixels);
         if (order().encode == "png") {
-            auto file = encode_picture(picture.width, picture.height, picture.rgba, "png");
+            auto file = encode_png(picture.width, picture.height, picture.rgba);
             if (!file) return refuse(file.error());
             payload.bytes = std::move(*file);
         } else {

@@ -83,6 +83,32 @@ TEST_CASE("a limit on memory ends in an error, not in harm") {
     CHECK(scene.error().code != ErrorCode::internal);
 }
 
+TEST_CASE("a scene comes with its pictures or not at all, however little memory there is") {
+    if (!test::have_images()) return;
+    test::GlbWriter writer;
+    const std::string mesh = test::one_triangle_mesh(writer);
+    constexpr std::uint32_t side = 4096;
+    const auto picture =
+        encode_png(side, side, std::vector<std::uint8_t>(std::size_t{side} * side * 4, 0x55));
+    REQUIRE(picture.has_value());
+    const int view = writer.add(*picture, "SCALAR", 5121, 1);
+    const test::Upload upload("scene.glb", writer.glb(mesh + R"(,"nodes":[{"mesh":0}],
+        "images":[{"bufferView":)" + std::to_string(view) +
+                                                      R"(,"mimeType":"image/png"}],
+        "textures":[{"source":0}],
+        "materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}])"));
+    bool loaded = false;
+    for (std::uint64_t mib = 64; mib <= 1024 && !loaded; mib += 64) {
+        CAPTURE(mib);
+        ImportLimits limits;
+        limits.bytes_max = mib << 20;
+        const auto scene = import(upload.request(), "--import-child", limits);
+        loaded = scene.has_value();
+        if (loaded) CHECK((*scene)->statistics().skipped.count("textures") == 0);
+    }
+    CHECK(loaded);
+}
+
 TEST_CASE("many imports at once do not disturb each other") {
     const auto expected = import(builtin("builtin:flake?depth=3"));
     REQUIRE(expected.has_value());
