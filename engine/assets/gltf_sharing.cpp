@@ -1,5 +1,6 @@
 #include "engine/assets/gltf_sharing.h"
 
+#include <algorithm>
 #include <string>
 #include <unordered_map>
 
@@ -21,7 +22,7 @@ Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order
     std::string key;
     for (auto at = order.rbegin(); at != order.rend(); ++at) {
         const Node& node = model.nodes[*at];
-        Shape shape{0, 0, *at};
+        Shape shape{0, 0, 0, *at};
         key.clear();
         const bool places_mesh = node.mesh != no_id && traceable[node.mesh];
         if (places_mesh) {
@@ -58,6 +59,16 @@ Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order
     }
     for (const std::uint32_t root : model.roots) {
         if (sharing.shape_of[root] != no_id) ++sharing.shapes[sharing.shape_of[root]].uses;
+    }
+    // All uses are known, and children come first: whether they are objects is settled.
+    for (Shape& shape : sharing.shapes) {
+        const Node& node = model.nodes[shape.example];
+        if (node.mesh != no_id && traceable[node.mesh]) shape.levels = 1;
+        for (const std::uint32_t child : node.children) {
+            if (sharing.shape_of[child] == no_id) continue;
+            const Shape& below = sharing.shapes[sharing.shape_of[child]];
+            shape.levels = std::max(shape.levels, below.levels + (below.is_shared() ? 1U : 0U));
+        }
     }
     return sharing;
 }

@@ -4,7 +4,8 @@
 // thousand times. Two subtrees are equal when they place the same meshes with the same transforms
 // relative to their top; names do not matter. Numbering the distinct ones from the leaves up
 // (hash-consing) finds them all in one pass. A subtree becomes an object of its own where that
-// pays: it is used at least twice, and it holds at least two placements.
+// pays: it is used at least twice, and it holds at least two placements. What that would nest too
+// deep is not shared: its parts are.
 #pragma once
 
 #include "engine/assets/gltf_model.h"
@@ -14,13 +15,20 @@
 
 namespace raynest::gltf {
 
+/// Levels of a scene out of a glTF file, its root and its meshes included: as many as a GPU takes,
+/// and far fewer than scene_depth_max.
+inline constexpr std::uint32_t gltf_levels_max = 8;
+
 /// One distinct subtree, without the transform of its top node.
 struct Shape {
     std::uint64_t placements = 0;  ///< of meshes
     std::uint32_t uses = 0;        ///< by distinct shapes and by the scene itself
+    std::uint32_t levels = 0;      ///< of objects below an object of this shape
     std::uint32_t example = 0;     ///< the first node of this shape in depth-first order
 
-    [[nodiscard]] bool is_shared() const { return uses >= 2 && placements >= 2; }
+    [[nodiscard]] bool is_shared() const {
+        return uses >= 2 && placements >= 2 && levels + 2 <= gltf_levels_max;
+    }
 };
 
 struct Sharing {

@@ -143,6 +143,33 @@ TEST_CASE("equal subtrees become one object, and equal subtrees of those too") {
     CHECK(path_name(*path) == "stand-a/tree/leaf");
 }
 
+TEST_CASE("equal subtrees inside each other share no more levels than a GPU takes") {
+    // Chain k is node k of 40: a mesh and, one to the side, chain k - 1. The scene places each.
+    GlbWriter writer;
+    std::string nodes;
+    std::string roots;
+    int count = 0;
+    for (int k = 1; k <= 40; ++k) {
+        if (k > 1) roots += ',';
+        roots += std::to_string(count);
+        for (int level = k; level > 0; --level) {
+            if (count++ > 0) nodes += ',';
+            nodes += R"({"mesh":0,"translation":[1,0,0])";
+            if (level > 1) nodes += ",\"children\":[" + std::to_string(count) + "]";
+            nodes += '}';
+        }
+    }
+    const std::string mesh = one_triangle_mesh(writer);
+    const auto scene = must_describe(
+        writer.glb(mesh + R"(,"scenes":[{"nodes":[)" + roots + R"(]}],"nodes":[)" + nodes + "]"));
+    const auto snapshot = Snapshot::bake(scene);
+    REQUIRE_MESSAGE(snapshot.has_value(), (snapshot ? "" : snapshot.error().message));
+    CHECK((*snapshot)->statistics().levels == 8);
+    CHECK((*snapshot)->statistics().instances == 40 * 41 / 2);
+    // What is not shared still places what is.
+    CHECK(scene.objects[scene.root].instances.size() < 40 * 41 / 2);
+}
+
 TEST_CASE("EXT_mesh_gpu_instancing places a mesh once per element") {
     GlbWriter writer;
     const std::string mesh = one_triangle_mesh(writer);
