@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <span>
@@ -33,7 +34,8 @@ struct ImportRequest {
 struct ImportLimits {
     std::uint64_t bytes_max = 8ULL << 30;        ///< address space of the child
     std::uint64_t scene_bytes_max = 8ULL << 30;  ///< of the baked scene
-    std::chrono::seconds time_max{120};    ///< CPU and wall time of the child
+    /// Wall time of the child; each core may spend as much on it.
+    std::chrono::seconds time_max{120};
     std::uint64_t file_bytes_max = 1ULL << 30;
     std::uint64_t json_bytes_max = 64ULL << 20;
     std::uint32_t json_depth_max = 64;
@@ -55,10 +57,12 @@ Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request
 
 /// The same in a child process with limits on memory and time: a crash, a time-out or a limit is an
 /// Error, never harm to the caller. `child` is the command line that ends up in import_child_main,
-/// e.g. {"/usr/bin/raynestd", "--import-child"}. Blocking; thread-safe.
-Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& request,
-                                                        const ImportLimits& limits,
-                                                        std::span<const std::string> child);
+/// e.g. {"/usr/bin/raynestd", "--import-child"}. `wanted` is asked about every millisecond, by the
+/// calling thread: once it says no, the child is killed and the result is an error. Blocking;
+/// thread-safe.
+Result<std::shared_ptr<const Snapshot>> import_in_child(
+    const ImportRequest& request, const ImportLimits& limits, std::span<const std::string> child,
+    const std::function<bool()>& wanted = [] { return true; });
 
 /// Body of the child: reads the request from fd 3, writes the arena or the error to fd 4. Returns
 /// the process's exit code.

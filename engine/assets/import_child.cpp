@@ -36,24 +36,30 @@ constexpr bool limits_address_space = true;
 constexpr int slowdown = 1;
 #endif
 
-/// Waits until the child has ended or the deadline has passed; then it is killed. Polling needs no
-/// kernel newer than the rest of the daemon and costs 1 ms of latency.
-Result<int> wait_until(pid_t pid, Clock::time_point deadline, bool& timed_out) {
-    timed_out = false;
+/// Why a child was killed, if it was.
+enum class Killed { no, late, unwanted };
+
+/// Waits until the child has ended, is late, or is wanted no more; then it is killed. Polling needs
+/// no kernel newer than the rest of the daemon and costs 1 ms of latency.
+Result<int> wait_until(pid_t pid, Clock::time_point deadline, const std::function<bool()>& wanted,
+                       Killed& killed) {
+    killed = Killed::no;
     for (;;) {
         int status = 0;
-        const pid_t ended = ::waitpid(pid, &status, timed_out ? 0 : WNOHANG);
+        const pid_t ended = ::waitpid(pid, &status, killed == Killed::no ? WNOHANG : 0);
         if (ended == pid) return status;
         if (ended < 0 && errno != EINTR) {
             return fail(ErrorCode::internal,
                         fmt::format("the import process was lost: {}", std::strerror(errno)));
         }
-        if (!timed_out && Clock::now() >= deadline) {
-            timed_out = true;
-            ::kill(pid, SIGKILL);
-        } else if (!timed_out) {
+        if (killed != Killed::no) continue;
+        if (!wanted())
+            killed = Killed::unwanted;
+        else if (Clock::now() >= deadline)
+            killed = Killed::late;
+        else
             std::this_thread::sleep_for(std::chrono::milliseconds(1));
-        }
+        if (killed != Killed::no) ::kill(pid, SIGKILL);
     }
 }
 
@@ -70,6 +76,7 @@ void confine(const ImportLimits& limits) {
     const auto threads = std::max(1U, std::thread::hardware_concurrency());
     limit(RLIMIT_NOFILE, child_files_max);
     limit(RLIMIT_FSIZE, limits.bytes_max);
+    // A second fence behind the parent's watch: more than a child of its time can spend.
     limit(RLIMIT_CPU, static_cast<rlim_t>(limits.time_max.count() * slowdown) * threads);
     if (limits_address_space) limit(RLIMIT_AS, limits.bytes_max);
 }
@@ -82,7 +89,8 @@ std::string_view file_name(const std::string& source) {
 
 Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& request,
                                                         const ImportLimits& limits,
-                                                        std::span<const std::string> child) {
+                                                        std::span<const std::string> child,
+                                                        const std::function<bool()>& wanted) {
     const Clock::time_point deadline = Clock::now() + limits.time_max * slowdown;
     if (child.empty())
         return fail(ErrorCode::internal, "import_in_child: no command for the child");
@@ -97,12 +105,15 @@ Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& req
     if (!pid) {
         return fail(pid.error().code, "the import process " + pid.error().message);
     }
-    bool timed_out = false;
-    const auto status = wait_until(*pid, deadline, timed_out);
+    Killed killed = Killed::no;
+    const auto status = wait_until(*pid, deadline, wanted, killed);
     if (!status) return tl::unexpected<Error>(status.error());
 
-    const bool out_of_time = timed_out || (WIFSIGNALED(*status) && WTERMSIG(*status) == SIGXCPU);
-    if (out_of_time) {
+    if (killed == Killed::unwanted) {
+        return fail(ErrorCode::internal,
+                    fmt::format("reading '{}' was given up", file_name(request.source)));
+    }
+    if (killed == Killed::late) {
         return fail(ErrorCode::limit_exceeded,
                     fmt::format("reading '{}' took longer than {} s and was stopped",
                                 file_name(request.source), limits.time_max.count()));
@@ -117,7 +128,7 @@ Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& req
                     fmt::format("the import process of '{}' failed with exit code {}",
                                 file_name(request.source), WEXITSTATUS(*status)));
     }
-    return wire::read_result(result_file->get(), limits.bytes_max);
+    return wire::read_result(result_file->get(), limits.scene_bytes_max);
 }
 
 int import_child_main(const Registry& registry) {

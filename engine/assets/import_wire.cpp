@@ -152,16 +152,18 @@ Result<void> write_result(int fd, const Result<std::shared_ptr<const Snapshot>>&
     return done;
 }
 
-Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t bytes_max) {
+Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t scene_bytes_max) {
     const auto damaged = fail(ErrorCode::internal, "the import process wrote no complete result");
     ResultHeader header;
     if (auto done = read_all(fd, &header, sizeof header, 0); !done) return damaged;
     struct stat status = {};
-    if (header.magic != result_magic || ::fstat(fd, &status) != 0 || header.bytes > bytes_max ||
+    const bool is_arena = header.status == status_arena;
+    if (header.magic != result_magic || ::fstat(fd, &status) != 0 ||
+        header.bytes > (is_arena ? scene_bytes_max : text_bytes_max) ||
         static_cast<std::uint64_t>(status.st_size) != sizeof header + header.bytes) {
         return damaged;
     }
-    if (header.status == status_arena) {
+    if (is_arena) {
         if (!(header.build_seconds >= 0) || !std::isfinite(header.build_seconds)) return damaged;
         Arena arena(header.bytes);
         if (auto done = read_all(fd, arena.data(), header.bytes, sizeof header); !done)
@@ -169,7 +171,7 @@ Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t bytes_
         return Snapshot::open(std::move(arena), header.build_seconds);
     }
     constexpr auto last_code = static_cast<std::uint32_t>(ErrorCode::io_failed);
-    if (header.status > last_code || header.bytes > text_bytes_max) return damaged;
+    if (header.status > last_code) return damaged;
     std::string message(header.bytes, ' ');
     if (auto done = read_all(fd, message.data(), message.size(), sizeof header); !done)
         return damaged;

@@ -29,7 +29,8 @@ Result<void> write_request(int fd, const ImportRequest& request, const ImportLim
 Result<Message> parse_request(std::span<const std::byte> bytes);
 
 Result<void> write_result(int fd, const Result<std::shared_ptr<const Snapshot>>& result);
-/// The child's arena, checked by Snapshot::open, or its error. `bytes_max` bounds what is read.
-Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t bytes_max);
+/// The child's arena, checked by Snapshot::open, or its error. More than `scene_bytes_max` bytes of
+/// arena are not read.
+Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t scene_bytes_max);
 
 }  // namespace raynest::wire

@@ -108,8 +108,8 @@ public:
         import_started_ = true;
         Task task;
         task.lane = Lane::blocking;
-        task.run = [this](const Stop&) -> Reply<Frames> {
-            auto snapshot = import();
+        task.run = [this](const Stop& stop) -> Reply<Frames> {
+            auto snapshot = import(stop);
             if (!snapshot) return tl::unexpected(snapshot.error());
             snapshot_ = std::move(*snapshot);
             return Frames{};
@@ -162,7 +162,7 @@ private:
     }
 
     /// Worker thread; the io thread leaves the order alone meanwhile.
-    Reply<std::shared_ptr<const Snapshot>> import() const {
+    Reply<std::shared_ptr<const Snapshot>> import(const Stop& stop) const {
         ImportRequest request;
         request.source = order_.source;
         request.primitive = order_.primitive;
@@ -194,7 +194,9 @@ private:
             limits.time_max =
                 std::max(std::chrono::ceil<std::chrono::seconds>(order_.deadline - now),
                          std::chrono::seconds(1));
-        auto snapshot = import_in_child(request, limits, services_.import_child);
+        auto snapshot = import_in_child(request, limits, services_.import_child,
+                                        [&] { return !stop.requested(); });
+        if (stop.requested()) return refuse(Code::cancelled, "");
         if (!snapshot) return refuse(snapshot.error());
         return std::move(*snapshot);
     }

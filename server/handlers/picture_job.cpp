@@ -147,7 +147,9 @@ Reply<void> PictureJob::trace_camera(std::uint64_t first, std::span<const Ray> r
 Task PictureJob::encode_task() {
     encode_started_ = true;
     Task task;
-    task.run = [this](const Stop&) -> Reply<Frames> {
+    task.run = [this](const Stop& stop) -> Reply<Frames> {
+        // Once begun it takes its time, a second for a large PNG.
+        if (stop.requested()) return refuse(Code::cancelled, "");
         auto payload = develop();
         if (!payload) return tl::unexpected(payload.error());
         payload_ = std::move(*payload);

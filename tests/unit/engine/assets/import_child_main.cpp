@@ -1,12 +1,15 @@
 // The import child of the tests: `--import-child` is the real one, the other words misbehave as a
 // crashed, hung or hijacked child would.
 #include "engine/assets/import.h"
+#include "engine/assets/import_wire.h"
 
 #include <unistd.h>
 
 #include <csignal>
 #include <cstdlib>
 #include <string_view>
+
+namespace wire = raynest::wire;
 
 int main(int count, char** words) {
     const std::string_view mode = count > 1 ? words[1] : "";
@@ -30,7 +33,15 @@ int main(int count, char** words) {
         }
         return 100 + open;
     }
-    if (mode != "--import-child") return 0;
     const auto registry = raynest::Registry::load({});
+    if (mode == "--boundless" && registry) {
+        const raynest::Mapping mapped(raynest::Fd(wire::request_fd),
+                                      raynest::Mapping::Access::read);
+        const auto message = wire::parse_request(mapped.bytes());
+        if (!message) return 1;
+        const auto result = raynest::import_here(message->request, {}, **registry);
+        return wire::write_result(wire::result_fd, result) ? 0 : 1;
+    }
+    if (mode != "--import-child") return 0;
     return registry ? raynest::import_child_main(**registry) : 9;
 }

@@ -65,6 +65,26 @@ TEST_CASE("a child that crashes, fails, hangs or lies is an error") {
     CHECK_FALSE(import_in_child(builtin("builtin:flake"), limits, absent).has_value());
 }
 
+TEST_CASE("a child that nobody waits for any more is ended") {
+    int asked = 0;
+    const auto scene =
+        import_in_child(builtin("builtin:flake"), {}, child("--hang"), [&] { return ++asked < 3; });
+    REQUIRE_FALSE(scene.has_value());
+    CHECK(scene.error().message.find("given up") != std::string::npos);
+    CHECK(asked == 3);
+}
+
+TEST_CASE("a scene larger than allowed is not read, whatever the child says") {
+    ImportLimits limits;
+    const auto scene = import(builtin("builtin:flake?depth=2"), "--boundless", limits);
+    REQUIRE(scene.has_value());
+    limits.scene_bytes_max = (*scene)->bytes().size();
+    CHECK(import(builtin("builtin:flake?depth=2"), "--boundless", limits).has_value());
+    --limits.scene_bytes_max;
+    CHECK(refusal("--boundless", limits).find("no complete result") != std::string::npos);
+    CHECK(refusal("--import-child", limits).find("--memory") != std::string::npos);
+}
+
 TEST_CASE("the child inherits nothing but its two files") {
     // 0, 1, 2 are /dev/null, 3 and 4 the memory files; a descriptor without close-on-exec stays
     // here.

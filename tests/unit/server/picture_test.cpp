@@ -1,0 +1,43 @@
+// RENDER as the io thread sees it: what it reserves, and what its tasks do.
+#include "server/handlers/handler.h"
+#include "tests/unit/server/small_daemon.h"
+
+#include <doctest/doctest.h>
+
+namespace raynest::server {
+namespace {
+
+using test::SmallDaemon;
+
+Accepted ask(SmallDaemon& daemon, std::uint32_t width, std::uint32_t height,
+             const std::string& encode) {
+    wire::RenderT message;
+    message.job = std::make_unique<wire::JobT>();
+    message.job->scene = "forest";
+    message.width = width;
+    message.height = height;
+    message.encode = encode;
+    const auto frame = protocol::encode(1, message, daemon.limits).value();
+    const auto opened = protocol::open<wire::Render>(frame, daemon.limits);
+    REQUIRE(opened);
+    auto answer = render(daemon.services, {"me", 1, 1 << 20}, *opened);
+    REQUIRE_MESSAGE(answer, (answer ? "" : answer.error().message));
+    return std::move(std::get<Accepted>(*answer));
+}
+
+TEST_CASE("a picture that nobody waits for is not encoded") {
+    SmallDaemon daemon;
+    StopFlag stop(Clock::time_point::max());
+    const auto job = ask(daemon, 8, 8, "raw").job;
+    REQUIRE(job->next()->run(stop));
+    REQUIRE(job->ended());
+    const auto encode = job->next();
+    REQUIRE(encode);
+    stop.request();
+    const auto ended = encode->run(stop);
+    REQUIRE_FALSE(ended);
+    CHECK(ended.error().code == Code::cancelled);
+}
+
+}  // namespace
+}  // namespace raynest::server
