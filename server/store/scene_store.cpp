@@ -61,6 +61,12 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         return refuse(Code::name_taken, "another scene is called '" + name +
                                             "'; load this one with --name NAME, or put it in the "
                                             "other's place with --replace");
+    // Whoever else holds it would find another scene, charged to its own quota.
+    if (taken &&
+        (found->second.principals.size() > 1 || !found->second.principals.contains(principal)))
+        return refuse(Code::not_allowed, "scene '" + name +
+                                             "' is held by others too; load this one with "
+                                             "--name NAME");
     auto held = hold(std::move(snapshot));
     if (!held) return tl::unexpected(held.error());
 

@@ -46,9 +46,9 @@ public:
                                           std::uint64_t bytes) const;
 
     /// Gives `snapshot` a name and `principal` a reference to it. Equal content under the same name
-    /// is no change; other content is NAME_TAKEN unless `replace`. QUOTA when it would be too much
-    /// for the principal, RESOURCE_EXHAUSTED when the budget cannot hold it. Equal content under
-    /// two names is held once.
+    /// is no change; other content is NAME_TAKEN unless `replace`, and NOT_ALLOWED where others
+    /// hold the name. QUOTA when it would be too much for the principal, RESOURCE_EXHAUSTED when
+    /// the budget cannot hold it. Equal content under two names is held once.
     Reply<NamedScene> publish(const std::string& name, std::shared_ptr<const Snapshot> snapshot,
                               bool replace, const std::string& principal);
 

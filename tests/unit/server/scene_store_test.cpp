@@ -71,6 +71,18 @@ TEST_CASE("a scene stays until its last owner unloads it") {
     CHECK(store.unload("a", "you").error().code == Code::scene_unknown);
 }
 
+TEST_CASE("what others hold too is not replaced") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    REQUIRE(store.publish("a", square(1), false, "me"));
+    CHECK(store.publish("a", square(2), true, "you").error().code == Code::not_allowed);
+    REQUIRE(store.publish("a", square(1), false, "you"));
+    CHECK(store.publish("a", square(2), true, "me").error().code == Code::not_allowed);
+    CHECK(store.find("a", 0)->epoch == 1);
+    REQUIRE(store.unload("a", "me"));
+    CHECK(store.publish("a", square(2), true, "you")->epoch == 2);
+}
+
 TEST_CASE("a scene beyond the budget is refused, and the name stays as it was") {
     const std::uint64_t bytes = square(1)->bytes().size();
     Budget budget(bytes + bytes / 2);
