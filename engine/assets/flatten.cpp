@@ -1,6 +1,7 @@
 // The same scene with fewer nesting levels: what instancing saves, and what it costs, can be
 // measured on equal triangles. Merging works from the leaves of the object graph upwards.
 #include "engine/assets/builtin.h"
+#include "engine/scene/graph.h"
 
 #include <fmt/format.h>
 
@@ -26,13 +27,6 @@ void merge(ObjectDescription& whole, const ObjectDescription& part, const Transf
     }
 }
 
-std::uint64_t triangles_of(const ObjectDescription& object) {
-    std::uint64_t count = 0;
-    for (const GeometryDescription& geometry : object.geometries)
-        count += geometry.indices.size() / 3;
-    return count;
-}
-
 }  // namespace
 
 Result<void> flatten_levels(SceneDescription& scene, std::uint32_t levels,
@@ -52,7 +46,7 @@ Result<void> flatten_levels(SceneDescription& scene, std::uint32_t levels,
         ObjectDescription& object = scene.objects[i];
         if (depth[i] < levels) continue;
         for (const InstanceDescription& instance : object.instances) {
-            written += triangles_of(scene.objects[instance.object]);
+            written += own_triangles(scene.objects[instance.object]);
             if (written > triangles_max) {
                 return fail(
                     ErrorCode::limit_exceeded,

@@ -10,7 +10,6 @@ namespace {
 
 constexpr std::uint32_t magic_gltf = 0x46546C67;
 constexpr std::uint32_t chunk_json = 0x4E4F534A;
-constexpr std::uint32_t chunk_binary = 0x004E4942;
 
 std::uint32_t read_u32(std::span<const std::byte> file, std::size_t at) {
     std::uint32_t value = 0;
@@ -24,7 +23,7 @@ bool starts_as_glb(std::span<const std::byte> file) {
     return file.size() >= 4 && read_u32(file, 0) == magic_gltf;
 }
 
-Result<GlbChunks> open_glb(std::span<const std::byte> file) {
+Result<std::span<const std::byte>> open_glb(std::span<const std::byte> file) {
     if (file.size() < 12 || read_u32(file, 0) != magic_gltf) {
         return fail(ErrorCode::scene_invalid, "the GLB file has no glTF header");
     }
@@ -40,9 +39,8 @@ Result<GlbChunks> open_glb(std::span<const std::byte> file) {
                                 total, file.size()));
     }
 
-    // Chunk 0 is the JSON; the first binary chunk belongs to buffer 0; others are allowed and
-    // skipped.
-    GlbChunks chunks;
+    // Chunk 0 is the JSON; what follows is only measured here.
+    std::span<const std::byte> json;
     std::size_t at = 12;
     for (std::size_t index = 0; at < file.size(); ++index) {
         if (file.size() - at < 8) {
@@ -58,14 +56,13 @@ Result<GlbChunks> open_glb(std::span<const std::byte> file) {
         }
         const auto chunk = file.subspan(at, length);
         if (index == 0 && type != chunk_json) break;
-        if (index == 0) chunks.json = chunk;
-        if (index == 1 && type == chunk_binary) chunks.binary = chunk;
+        if (index == 0) json = chunk;
         at += length;
     }
-    if (chunks.json.empty()) {
+    if (json.empty()) {
         return fail(ErrorCode::scene_invalid, "the GLB file does not start with a JSON chunk");
     }
-    return chunks;
+    return json;
 }
 
 }  // namespace raynest::gltf

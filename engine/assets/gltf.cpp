@@ -24,9 +24,9 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
     const bool is_glb = gltf::starts_as_glb(main) || has_extension(request.source, ".glb");
     std::span<const std::byte> json = main;
     if (is_glb) {
-        const auto chunks = gltf::open_glb(main);
-        if (!chunks) return gltf::error_of(chunks);
-        json = chunks->json;
+        const auto chunk = gltf::open_glb(main);
+        if (!chunk) return gltf::error_of(chunk);
+        json = *chunk;
     }
     if (auto done = gltf::prescan_json(json, is_glb, limits); !done) return gltf::error_of(done);
     const auto model = gltf::load_model(request);

@@ -18,15 +18,10 @@ namespace raynest::gltf {
 
 [[nodiscard]] bool starts_as_glb(std::span<const std::byte> file);
 
-/// The two chunks of a GLB that we read.
-struct GlbChunks {
-    std::span<const std::byte> json;
-    std::span<const std::byte> binary;  ///< empty when the file has none
-};
-
-/// Walks the 12-byte header and every chunk header: magic, version 2, total length equal to the
-/// bytes received, chunk lengths inside it, JSON first. scene_invalid otherwise.
-Result<GlbChunks> open_glb(std::span<const std::byte> file);
+/// The JSON chunk of a GLB. Walks the 12-byte header and every chunk header: magic, version 2,
+/// total length equal to the bytes received, chunk lengths inside it, JSON first. scene_invalid
+/// otherwise.
+Result<std::span<const std::byte>> open_glb(std::span<const std::byte> file);
 
 /// One pass over the JSON text that builds nothing: syntax, nesting depth, repeated keys, number of
 /// objects, buffers without a home, and the names of files. scene_invalid or limit_exceeded.

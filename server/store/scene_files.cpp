@@ -76,9 +76,9 @@ private:
 std::vector<std::string> named_files(std::span<const std::byte> main_file) {
     std::span<const std::byte> json = main_file;
     if (gltf::starts_as_glb(main_file)) {
-        const auto chunks = gltf::open_glb(main_file);
-        if (!chunks) return {};
-        json = chunks->json;
+        const auto chunk = gltf::open_glb(main_file);
+        if (!chunk) return {};
+        json = *chunk;
     }
     UriCollector collector;
     const char* text = reinterpret_cast<const char*>(json.data());
