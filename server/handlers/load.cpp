@@ -40,6 +40,14 @@ std::string default_name(std::string_view source) {
     return std::string(source.substr(0, source.rfind('.')));
 }
 
+tl::unexpected<protocol::Error> refuse_memory(const std::string& what, std::uint64_t bytes,
+                                              const Budget& budget) {
+    return refuse(Code::resource_exhausted,
+                  what + " takes " + std::to_string(bytes) + " bytes more, " +
+                      std::to_string(budget.limit() - budget.used()) +
+                      " of --memory are free; unload a scene or start raynestd with more");
+}
+
 /// One file of an upload while its pieces come.
 struct UploadFile {
     std::string name;
@@ -58,7 +66,7 @@ struct LoadOrder {
     bool replace = false;
     Clock::time_point deadline = Clock::time_point::max();
     std::vector<UploadFile> files;
-    Budget::Lease lease;  ///< of the files
+    Budget::Lease lease;  ///< of what has come of the files
 };
 
 class LoadJob final : public Job {
@@ -95,9 +103,13 @@ public:
             return refuse(Code::invalid_field, "file " + std::to_string(current_) +
                                                    " is longer than its announced " +
                                                    std::to_string(file.bytes.size()) + " bytes");
+        // Piece by piece: an upload that is announced and does not come takes nothing.
+        auto lease = services_.budget.reserve(block->count);
+        if (!lease) return refuse_memory("the upload", block->count, services_.budget);
         if (block->count != 0)
             std::memcpy(file.bytes.data() + file.received, block->bytes.data(), block->count);
         file.received += block->count;
+        order_.lease.merge(std::move(*lease));
         received_ += block->count;
         skip_complete_files();
         return frame.header.bulk_bytes;
@@ -175,14 +187,20 @@ private:
         }
         std::vector<SourceFile> found;
         if (starts_with(order_.source, root_scheme)) {
-            auto files = read_scene(
-                services_.scene_root, std::string_view(order_.source).substr(root_scheme.size()),
-                services_.limits.upload_files_max, services_.import_limits.file_bytes_max);
+            auto files = read_scene(services_.scene_root,
+                                    std::string_view(order_.source).substr(root_scheme.size()),
+                                    services_.limits.upload_files_max,
+                                    services_.import_limits.file_bytes_max, services_.budget);
             if (!files) return refuse(files.error());
             found = std::move(*files);
             request.source = found.front().name;
             for (const SourceFile& file : found) request.files.push_back({file.name, file.bytes});
         }
+        // The child gets a copy of the files.
+        std::uint64_t copied = 0;
+        for (const NamedBytes& file : request.files) copied += file.bytes.size();
+        const auto copy = services_.budget.reserve(copied);
+        if (!copy) return refuse_memory("the import", copied, services_.budget);
         ImportLimits limits = services_.import_limits;
         // What does not fit is refused by the child, before this process maps it; while it works a
         // child may hold a few times what it makes, beside its libraries.
@@ -228,13 +246,8 @@ Reply<void> read_files(const Services& services, const wire::Load& message, Load
     std::uint64_t total = 0;
     for (std::size_t i = 0; i < names.size(); ++i)
         total += message.file_bytes()->Get(static_cast<flatbuffers::uoffset_t>(i));
-    auto lease = services.budget.reserve(total);
-    if (!lease)
-        return refuse(Code::resource_exhausted,
-                      "the upload has " + std::to_string(total) + " bytes, " +
-                          std::to_string(services.budget.limit() - services.budget.used()) +
-                          " of --memory are free");
-    order.lease = std::move(*lease);
+    // What does not fit now is not uploaded first; it is reserved as it comes.
+    if (!services.budget.reserve(total)) return refuse_memory("the upload", total, services.budget);
     for (std::size_t i = 0; i < names.size(); ++i) {
         const auto index = static_cast<flatbuffers::uoffset_t>(i);
         order.files.push_back({names[i], message.file_hashes()->Get(index),

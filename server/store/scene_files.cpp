@@ -87,8 +87,9 @@ std::vector<std::string> named_files(std::span<const std::byte> main_file) {
 }
 
 Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, std::string_view path,
-                                           std::size_t files_max, std::uint64_t bytes_max) {
-    auto main = read_under_root(root, path, bytes_max);
+                                           std::size_t files_max, std::uint64_t bytes_max,
+                                           Budget& budget) {
+    auto main = read_under_root(root, path, bytes_max, budget);
     if (!main) return tl::unexpected(main.error());
     const std::filesystem::path folder = std::filesystem::path(main->name).parent_path();
     main->name = std::filesystem::path(main->name).filename().string();
@@ -101,12 +102,14 @@ Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, st
     std::vector<SourceFile> files;
     files.push_back(std::move(*main));
     for (const std::string& name : names) {
-        auto file = read_under_root(root, (folder / name).string(), left);
-        if (!file && file.error().code == ErrorCode::limit_exceeded)
+        auto file = read_under_root(root, (folder / name).string(), left, budget);
+        if (!file && (file.error().code == ErrorCode::limit_exceeded ||
+                      file.error().code == ErrorCode::out_of_memory))
             return tl::unexpected(file.error());
         if (!file) continue;
         left -= file->bytes.size();
-        files.push_back({name, std::move(file->bytes)});
+        file->name = name;
+        files.push_back(std::move(*file));
     }
     return files;
 }

@@ -18,8 +18,10 @@ namespace raynest::server {
 [[nodiscard]] std::vector<std::string> named_files(std::span<const std::byte> main_file);
 
 /// The main file first, under its own name; then what it names and what can be opened beneath its
-/// folder. What is missing is for the import to report. Blocking.
+/// folder. What is missing is for the import to report; what the limits or the budget do not allow
+/// is an error. Blocking.
 Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, std::string_view path,
-                                           std::size_t files_max, std::uint64_t bytes_max);
+                                           std::size_t files_max, std::uint64_t bytes_max,
+                                           Budget& budget);
 
 }  // namespace raynest::server

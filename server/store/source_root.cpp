@@ -36,7 +36,7 @@ int open_beneath(int folder, const std::string& path) {
 }  // namespace
 
 Result<SourceFile> read_under_root(const std::filesystem::path& root, std::string_view path,
-                                   std::uint64_t bytes_max) {
+                                   std::uint64_t bytes_max, Budget& budget) {
     const std::string name(path);
     if (root.empty())
         return fail(ErrorCode::scene_unsupported,
@@ -60,8 +60,15 @@ Result<SourceFile> read_under_root(const std::filesystem::path& root, std::strin
                                                    " bytes, the limit is " +
                                                    std::to_string(bytes_max));
 
+    auto lease = budget.reserve(size);
+    if (!lease)
+        return fail(ErrorCode::out_of_memory,
+                    "root:" + name + " has " + std::to_string(size) + " bytes, " +
+                        std::to_string(budget.limit() - budget.used()) +
+                        " of --memory are free; unload a scene or start raynestd with more");
+
     // The file may shrink while it is read; it never grows past the size that was checked.
-    SourceFile result{name, std::vector<std::byte>(size)};
+    SourceFile result{name, std::vector<std::byte>(size), std::move(*lease)};
     std::size_t done = 0;
     while (done < result.bytes.size()) {
         const ssize_t got =

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "engine/result.h"
+#include "server/store/budget.h"
 
 #include <cstddef>
 #include <cstdint>
@@ -19,11 +20,13 @@ namespace raynest::server {
 struct SourceFile {
     std::string name;
     std::vector<std::byte> bytes;
+    Budget::Lease lease;  ///< of the bytes
 };
 
-/// The regular file `path` under `root`, at most `bytes_max` long. Blocking. The messages name the
-/// path as asked for, never the folder.
+/// The regular file `path` under `root`, at most `bytes_max` long, reserved from the budget before
+/// it is read: out_of_memory where that has too little left. Blocking. The messages name the path
+/// as asked for, never the folder.
 Result<SourceFile> read_under_root(const std::filesystem::path& root, std::string_view path,
-                                   std::uint64_t bytes_max);
+                                   std::uint64_t bytes_max, Budget& budget);
 
 }  // namespace raynest::server

@@ -1,8 +1,11 @@
 // LOAD as the io thread sees it: what it accepts, and what its tasks do.
+#include "protocol/hash.h"
 #include "server/handlers/handler.h"
 #include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>
+
+#include <algorithm>
 
 namespace raynest::server {
 namespace {
@@ -30,6 +33,60 @@ public:
 private:
     mutable int asked_ = 0;
 };
+
+/// An upload of one file of zeros.
+wire::LoadT upload_of(std::uint64_t bytes) {
+    const std::vector<std::byte> zeros(bytes);
+    wire::LoadT message;
+    message.source = "a.glb";
+    message.file_names = {"a.glb"};
+    message.file_hashes = {protocol::content_hash(zeros)};
+    message.file_bytes = {bytes};
+    return message;
+}
+
+protocol::Frame piece_of(std::uint64_t bytes) {
+    protocol::Bulk bulk;
+    bulk.add("data", wire::Dtype::u8, 1, bytes);
+    bulk.allocate();
+    std::fill_n(bulk.block(0).data(), bytes, std::byte{0});
+    return protocol::encode(1, wire::UploadT{}, std::move(bulk)).value();
+}
+
+TEST_CASE("an upload takes of the budget what has come of it, not what it announces") {
+    SmallDaemon daemon;
+    const std::uint64_t before = daemon.budget.used();
+    const std::uint64_t most = daemon.budget.limit() - before;
+    const auto first = accepted(ask(daemon, upload_of(most)));
+    CHECK(ask(daemon, upload_of(most + 1)).error().code == Code::resource_exhausted);
+    const auto second = accepted(ask(daemon, upload_of(most), "you"));
+    CHECK(daemon.budget.used() == before);
+    REQUIRE(first->feed(piece_of(1000)));
+    CHECK(daemon.budget.used() == before + 1000);
+
+    // What others have taken since then is gone.
+    const auto taken = daemon.budget.reserve(most - 1500);
+    const auto refused = second->feed(piece_of(1000));
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == Code::resource_exhausted);
+    CHECK(refused.error().message.find("--memory") != std::string::npos);
+}
+
+TEST_CASE("the copy of the files that an import gets is reserved too") {
+    SmallDaemon daemon;
+    daemon.services.import_child = {"false"};
+    const auto job = accepted(ask(daemon, upload_of(1000)));
+    REQUIRE(job->feed(piece_of(1000)));
+    auto task = job->next();
+    REQUIRE(task);
+    const StopFlag stop(Clock::time_point::max());
+    {
+        const auto taken =
+            daemon.budget.reserve(daemon.budget.limit() - daemon.budget.used() - 500);
+        CHECK(task->run(stop).error().code == Code::resource_exhausted);
+    }
+    CHECK(task->run(stop).error().code == Code::internal);
+}
 
 TEST_CASE("a load that nobody waits for ends its import process and frees its thread") {
     SmallDaemon daemon;

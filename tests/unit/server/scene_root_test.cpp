@@ -18,17 +18,19 @@ std::span<const std::byte> bytes_of(const std::string& text) {
 }
 
 TEST_CASE("a file beneath the root is read whole") {
+    Budget budget(1 << 20);
     const test::TemporaryFolder folder;
     folder.write("sub/a.gltf", "content");
-    const auto file = read_under_root(folder.path(), "sub/a.gltf", 100);
+    const auto file = read_under_root(folder.path(), "sub/a.gltf", 100, budget);
     REQUIRE(file);
     CHECK(file->bytes.size() == 7);
-    CHECK(read_under_root(folder.path(), "sub/../sub/a.gltf", 100));
-    CHECK(read_under_root(folder.path(), "sub/a.gltf", 6).error().code ==
+    CHECK(read_under_root(folder.path(), "sub/../sub/a.gltf", 100, budget));
+    CHECK(read_under_root(folder.path(), "sub/a.gltf", 6, budget).error().code ==
           ErrorCode::limit_exceeded);
 }
 
 TEST_CASE("nothing outside of the root is opened, and no message names a folder") {
+    Budget budget(1 << 20);
     const test::TemporaryFolder outside;
     outside.write("secret", "secret");
     const test::TemporaryFolder folder;
@@ -47,11 +49,11 @@ TEST_CASE("nothing outside of the root is opened, and no message names a folder"
           std::string("missing"), std::string("a\0b", 3), std::string("a/"),
           std::string("/proc/self/environ"), std::string("~/x"), std::string("file:///etc/passwd"),
           std::string("%2e%2e/x"), std::string(5000, 'x')}) {
-        const auto file = read_under_root(folder.path(), path, 100);
+        const auto file = read_under_root(folder.path(), path, 100, budget);
         CHECK_FALSE_MESSAGE(file, path);
         CHECK(file.error().message.find(folder.path().string()) == std::string::npos);
     }
-    CHECK_FALSE(read_under_root({}, "a", 100));
+    CHECK_FALSE(read_under_root({}, "a", 100, budget));
 }
 
 TEST_CASE("a glTF's files are found by their names, once each, and unsafe ones are left out") {
@@ -67,22 +69,33 @@ TEST_CASE("a glTF's files are found by their names, once each, and unsafe ones a
 }
 
 TEST_CASE("a scene is read with what it names beneath its own folder") {
+    Budget budget(1 << 20);
     const test::TemporaryFolder folder;
     folder.write("sub/scene.gltf",
                  R"({"buffers":[{"uri":"a.bin"},{"uri":"missing.bin"},{"uri":"link.bin"}]})");
     folder.write("sub/a.bin", "1234");
     folder.write("other.bin", "secret");
     std::filesystem::create_symlink("../other.bin", folder.path() / "sub/link.bin");
-    const auto files = read_scene(folder.path(), "sub/scene.gltf", 10, 1000);
+    const auto files = read_scene(folder.path(), "sub/scene.gltf", 10, 1000, budget);
     REQUIRE(files);
     REQUIRE(files->size() == 2);
     CHECK((*files)[0].name == "scene.gltf");
     CHECK((*files)[1].name == "a.bin");
     CHECK((*files)[1].bytes.size() == 4);
-    CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 2, 1000));
+    CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 2, 1000, budget));
     const std::uint64_t bytes = (*files)[0].bytes.size() + (*files)[1].bytes.size();
-    CHECK(read_scene(folder.path(), "sub/scene.gltf", 10, bytes));
-    CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 10, bytes - 1));
+    CHECK(read_scene(folder.path(), "sub/scene.gltf", 10, bytes, budget));
+    CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 10, bytes - 1, budget));
+
+    // Not as if the second file were missing: the scene would be another one.
+    CHECK(budget.used() == bytes);
+    for (const std::uint64_t free : {bytes - 1, std::uint64_t{4}}) {
+        Budget tight(free);
+        const auto refused = read_scene(folder.path(), "sub/scene.gltf", 10, 1000, tight);
+        REQUIRE_FALSE(refused);
+        CHECK(refused.error().code == ErrorCode::out_of_memory);
+        CHECK(tight.used() == 0);
+    }
 }
 
 }  // namespace
