@@ -11,8 +11,15 @@
 namespace raynest::server {
 namespace {
 
-/// Linear RGBA, its 8-bit or planar form, and the encoded file.
-constexpr std::uint64_t pixel_bytes = 2 * sizeof(Vec4) + 8;
+/// Linear RGBA; beside it the 8-bit form, or the planes and rows of an EXR. An encoded file is at
+/// most as large as what it is made from, and while it grows or is copied there three times.
+constexpr std::uint64_t pixel_bytes(std::string_view encode) {
+    constexpr std::uint64_t rgba = 4;
+    if (encode == "exr") return 6 * sizeof(Vec4);
+    return sizeof(Vec4) + (encode == "png" ? 4 : 2) * rgba;
+}
+/// Of an encoded file whose picture is small: its header.
+constexpr std::uint64_t header_bytes = 4096;
 
 Result<std::vector<std::byte>> encode_linear_exr(std::uint32_t width, std::uint32_t height,
                                                  std::span<const Vec4> pixels) {
@@ -88,9 +95,9 @@ Reply<Answer> render(const Services& services, const Caller& caller,
     if (message->samples() > 1)
         plan->notes.push_back("primary traces one ray per pixel, whatever --spp says");
 
+    const std::string_view encode = protocol::word(message->encode(), "png");
     auto order = make_order(services, std::move(*plan), message->camera(), message->width(),
-                            message->height(), protocol::word(message->encode(), "png"),
-                            pixel_bytes * message->width() * message->height());
+                            message->height(), encode, header_bytes + pixel_bytes(encode) * pixels);
     if (!order) return tl::unexpected(order.error());
     Accepted accepted = accept(order->plan, "render", order->pixels());
     accepted.result_bytes = order->lease.bytes();

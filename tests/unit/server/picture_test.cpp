@@ -1,4 +1,5 @@
 // RENDER as the io thread sees it: what it reserves, and what its tasks do.
+#include "engine/assets/image.h"
 #include "server/handlers/handler.h"
 #include "tests/unit/server/small_daemon.h"
 
@@ -23,6 +24,22 @@ Accepted ask(SmallDaemon& daemon, std::uint32_t width, std::uint32_t height,
     auto answer = render(daemon.services, {"me", 1, 1 << 20}, *opened);
     REQUIRE_MESSAGE(answer, (answer ? "" : answer.error().message));
     return std::move(std::get<Accepted>(*answer));
+}
+
+TEST_CASE("a picture reserves what its encoder takes") {
+    SmallDaemon daemon;
+    const std::uint64_t before = daemon.budget.used();
+    const auto taken = [&](const std::string& encode) {
+        const Accepted picture = ask(daemon, 100, 100, encode);
+        return daemon.budget.used() - before;
+    };
+    const std::uint64_t raw = taken("raw");
+    CHECK(raw >= 100 * 100 * (16 + 4 + 4));
+    if (!images_available()) return;
+    CHECK(taken("png") > raw);
+    // Floats, their planes, their rows, and a file as large as any of those.
+    CHECK(taken("exr") >= 100 * 100 * 16 * 4);
+    CHECK(daemon.budget.used() == before);
 }
 
 TEST_CASE("a picture that nobody waits for is not encoded") {
