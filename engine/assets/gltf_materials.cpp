@@ -15,8 +15,6 @@ namespace {
 
 /// All pictures of a file together may take this many times what one may.
 constexpr std::uint64_t images_per_file = 4;
-/// Warnings that name a picture; further ones are only counted.
-constexpr std::uint64_t warnings_max = 8;
 
 class PictureReader {
 public:
@@ -49,7 +47,7 @@ private:
     static constexpr std::uint32_t not_read = no_id - 1;
 
     std::uint32_t missing(std::string why) {
-        if (++scene_.skipped["textures"] <= warnings_max) scene_.warnings.push_back(std::move(why));
+        leave_out(scene_, "textures", std::move(why));
         return no_id;
     }
 
@@ -82,11 +80,10 @@ Result<void> read_materials(const Model& model, const ImportLimits& limits,
         }
         material.texture = from.texture == no_id ? no_id : texture_of[from.texture];
         if (material.texture != no_id && material.texcoord > 1) {
-            scene.warnings.push_back(
-                fmt::format("material '{}' uses TEXCOORD_{}; only sets 0 and 1 are read, its "
-                            "texture is left out",
-                            one_line(material.name, 60), material.texcoord));
-            ++scene.skipped["textures"];
+            leave_out(scene, "textures",
+                      fmt::format("material '{}' uses TEXCOORD_{}; only sets 0 and 1 are read, its "
+                                  "texture is left out",
+                                  one_line(material.name, 60), material.texcoord));
             material.texture = no_id;
         }
         if (material.texture == no_id) material.texcoord = 0;

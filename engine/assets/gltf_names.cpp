@@ -3,8 +3,17 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <utility>
 
 namespace raynest::gltf {
+namespace {
+
+/// Is this byte a later one of a UTF-8 character?
+bool is_inside(char byte) {
+    return (static_cast<unsigned char>(byte) & 0xC0U) == 0x80U;
+}
+
+}  // namespace
 
 bool is_safe_name(std::string_view uri) {
     if (uri.empty() || uri.size() > 4096 || uri.front() == '/' || uri.front() == '~') return false;
@@ -30,8 +39,28 @@ bool is_safe_name(std::string_view uri) {
     return true;
 }
 
+std::string_view front_of(std::string_view text, std::size_t bytes_max) {
+    if (text.size() <= bytes_max) return text;
+    while (bytes_max > 0 && is_inside(text[bytes_max])) --bytes_max;
+    return text.substr(0, bytes_max);
+}
+
+std::string_view back_of(std::string_view text, std::size_t bytes_max) {
+    if (text.size() <= bytes_max) return text;
+    text.remove_prefix(text.size() - bytes_max);
+    while (!text.empty() && is_inside(text.front())) text.remove_prefix(1);
+    return text;
+}
+
+void leave_out(SceneDescription& scene, const std::string& kind, std::string why) {
+    constexpr std::uint64_t warnings_max = 8;  // of a kind
+    const std::uint64_t count = ++scene.skipped[kind];
+    if (count <= warnings_max) scene.warnings.push_back(std::move(why));
+    if (count == warnings_max + 1) scene.warnings.push_back("more " + kind + " are left out");
+}
+
 std::string one_line(std::string_view text, std::size_t length_max) {
-    std::string line(text.substr(0, length_max));
+    std::string line(front_of(text, length_max));
     for (char& c : line) {
         if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) c = ' ';
     }

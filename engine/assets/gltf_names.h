@@ -3,6 +3,7 @@
 
 #include "engine/assets/import.h"
 #include "engine/result.h"
+#include "engine/scene/description.h"
 
 #include <cstdint>
 #include <span>
@@ -15,11 +16,19 @@ namespace raynest::gltf {
 /// no backslash, no control character, and no separator or dot hidden behind a percent sign.
 [[nodiscard]] bool is_safe_name(std::string_view uri);
 
+/// The first or the last bytes of UTF-8 text, at most `bytes_max`, without a part of a character.
+[[nodiscard]] std::string_view front_of(std::string_view text, std::size_t bytes_max);
+[[nodiscard]] std::string_view back_of(std::string_view text, std::size_t bytes_max);
+
 /// Foreign text for a message: control characters become spaces, and it ends before it bores.
 [[nodiscard]] std::string one_line(std::string_view text, std::size_t length_max = 160);
 
 /// "mesh 7 ('leaf')", or "mesh 7" when it has no name.
 [[nodiscard]] std::string label(std::string_view kind, std::uint64_t index, std::string_view name);
+
+/// Counts one more `kind` that is left out. The first few are warned about, the rest only counted:
+/// a file of millions of them is no longer to read than one of ten.
+void leave_out(SceneDescription& scene, const std::string& kind, std::string why);
 
 /// The uploaded files as a loader sees them: by exact name, and only so many bytes in total. (A
 /// scene that names one file a thousand times is made to cost memory.)

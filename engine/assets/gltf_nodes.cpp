@@ -7,6 +7,7 @@
 #include "engine/assets/gltf_model.h"
 #include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_sharing.h"
+#include "engine/scene/snapshot.h"
 
 #include <fmt/format.h>
 
@@ -26,9 +27,8 @@ constexpr std::uint64_t bytes_per_instance = 4;
 
 std::string joined(const std::string& prefix, const std::string& name) {
     if (name.empty()) return prefix;
-    std::string path = prefix.empty() ? name : prefix + '/' + name;
-    if (path.size() > name_bytes_max) path.erase(0, path.size() - name_bytes_max);
-    return path;
+    const std::string path = prefix.empty() ? name : prefix + '/' + name;
+    return std::string(back_of(path, name_bytes_max));
 }
 
 std::vector<std::uint32_t> depth_first(const Model& model) {
@@ -237,11 +237,13 @@ void read_cameras(const Model& model, SceneDescription& scene) {
         const Node& node = model.nodes[entry.node];
         const Camera& camera = model.cameras[node.camera];
         const std::string& name = node.name.empty() ? camera.name : node.name;
-        if (!camera.perspective || !remove_scale(entry.to_world)) {
-            ++scene.skipped["cameras"];
-            scene.warnings.push_back(
-                fmt::format("camera '{}' is {} and was left out", one_line(name, 60),
-                            camera.perspective ? "without a direction" : "orthographic"));
+        const char* const fault = !camera.perspective             ? "is orthographic"
+                                  : !remove_scale(entry.to_world) ? "is without a direction"
+                                  : scene.cameras.size() == scene_cameras_max ? "is one of too many"
+                                                                              : nullptr;
+        if (fault != nullptr) {
+            leave_out(scene, "cameras",
+                      fmt::format("camera '{}' {} and was left out", one_line(name, 60), fault));
             continue;
         }
         scene.cameras.push_back({name, round_matrix(entry.to_world), camera.yfov, camera.aspect});

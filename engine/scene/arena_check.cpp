@@ -10,6 +10,7 @@
 #include <cstring>
 #include <numbers>
 #include <string>
+#include <vector>
 
 namespace raynest {
 namespace {
@@ -131,6 +132,17 @@ private:
     Result<void> check_names() {
         const std::uint64_t size = size_of(Section::names);
         if (size == 0 || view_.names[size - 1] != '\0') return broken("its names do not end");
+        for (std::uint64_t at = 0; at < size;) {
+            const std::uint64_t length = std::strlen(view_.names + at);
+            if (length > scene_name_bytes_max) return broken("a name is too long");
+            at += length + 1;
+        }
+        if (size_of(Section::warnings) > scene_warnings_max ||
+            size_of(Section::skips) > scene_skips_max ||
+            size_of(Section::record_types) > scene_record_types_max ||
+            size_of(Section::cameras) > scene_cameras_max) {
+            return broken("it has too many warnings, skip reasons, record types or cameras");
+        }
         const auto* skips = start_of<format::SkipRecord>(Section::skips);
         for (std::uint64_t i = 0; i < size_of(Section::skips); ++i) {
             if (!is_name(skips[i].reason) || skips[i].unused != 0) return broken("a skip reason");
@@ -142,6 +154,9 @@ private:
                 return broken("a name lies outside of it");
             }
         }
+        const auto* types = start_of<format::NameOffset>(Section::record_types);
+        for (std::uint64_t i = 0; i < size_of(Section::record_types); ++i)
+            record_types_.push_back(primitive_type(view_.names + types[i]));
         return {};
     }
 
@@ -288,11 +303,8 @@ private:
             if (object.record_type != 0 || object.record_size != 0) return broken("a record type");
             return {};
         }
-        const auto* types = start_of<format::NameOffset>(Section::record_types);
-        const bool known =
-            std::any_of(types, types + size_of(Section::record_types), [&](std::uint32_t name) {
-                return primitive_type(view_.names + name) == object.record_type;
-            });
+        const bool known = std::find(record_types_.begin(), record_types_.end(),
+                                     object.record_type) != record_types_.end();
         if (!known || object.record_size == 0) return broken("a record type has no name or size");
         for (std::uint32_t original = 0; original < object.record_count; ++original) {
             if (!is_record(object, original)) return broken("a record's place");
@@ -341,6 +353,7 @@ private:
 
     std::span<const std::byte> arena_;
     SceneView view_;
+    std::vector<std::uint32_t> record_types_;  ///< as objects store them
 };
 
 }  // namespace

@@ -68,6 +68,10 @@ public:
         for (const std::string& warning : description_.warnings) {
             content_.warnings.push_back(content_.names.add(warning));
         }
+        if (content_.skips.size() > scene_skips_max) {
+            return fail(ErrorCode::limit_exceeded, "the scene has more reasons for skips than " +
+                                                       std::to_string(scene_skips_max));
+        }
         if (content_.names.bytes().size() >= no_id) {
             return fail(ErrorCode::limit_exceeded, "the scene's names take more than 4 GiB");
         }

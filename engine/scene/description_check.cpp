@@ -7,8 +7,10 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <set>
 #include <span>
 #include <string>
+#include <string_view>
 
 namespace raynest {
 namespace {
@@ -154,12 +156,47 @@ Result<void> check_object(const SceneDescription& description, std::uint32_t ind
     return {};
 }
 
+/// What Snapshot::open asks of the names in an arena.
+Result<void> check_names(const SceneDescription& description) {
+    const auto limit = [](const std::string& what, std::size_t most) {
+        return fail(ErrorCode::limit_exceeded,
+                    "the scene has " + what + " than " + std::to_string(most));
+    };
+    std::size_t longest = 0;
+    const auto take = [&](const auto& list) {
+        for (const auto& item : list) longest = std::max(longest, item.name.size());
+    };
+    std::set<std::string_view> record_types;
+    take(description.objects);
+    take(description.materials);
+    take(description.cameras);
+    for (const ObjectDescription& object : description.objects) {
+        take(object.instances);
+        longest = std::max(longest, object.record_type.size());
+        if (!object.record_type.empty()) record_types.insert(object.record_type);
+    }
+    for (const auto& [reason, count] : description.skipped)
+        longest = std::max(longest, reason.size());
+    for (const std::string& warning : description.warnings)
+        longest = std::max(longest, warning.size());
+    if (longest > scene_name_bytes_max)
+        return limit("a name or warning of more bytes", scene_name_bytes_max);
+    if (description.warnings.size() > scene_warnings_max)
+        return limit("more warnings", scene_warnings_max);
+    if (record_types.size() > scene_record_types_max)
+        return limit("more record types", scene_record_types_max);
+    if (description.cameras.size() > scene_cameras_max)
+        return limit("more cameras", scene_cameras_max);
+    return {};
+}
+
 }  // namespace
 
 Result<void> check_description(const SceneDescription& description) {
     if (description.objects.size() >= no_id) {
         return fail(ErrorCode::limit_exceeded, "the scene has more than 2^32 objects");
     }
+    if (auto checked = check_names(description); !checked) return checked;
     if (auto checked = check_surfaces(description); !checked) return checked;
     for (std::uint32_t i = 0; i < description.objects.size(); ++i) {
         if (auto checked = check_object(description, i); !checked) return checked;

@@ -29,6 +29,12 @@ inline constexpr std::uint64_t scene_paths_max = 1ULL << 63;
 inline constexpr std::uint32_t record_size_max = 4096;  ///< bytes of one record
 inline constexpr std::uint32_t texture_side_max =
     16384;  ///< pixels; an RGBA plane stays below 2^31
+/// What is copied out of an arena or looked up by name is bounded by count and length.
+inline constexpr std::uint32_t scene_name_bytes_max = 8192;  ///< of any name or warning
+inline constexpr std::uint32_t scene_warnings_max = 1024;
+inline constexpr std::uint32_t scene_skips_max = 1024;  ///< reasons
+inline constexpr std::uint32_t scene_record_types_max = 256;
+inline constexpr std::uint32_t scene_cameras_max = 65536;
 
 /// The memory of a snapshot.
 using Arena = Pages;

@@ -317,6 +317,29 @@ TEST_CASE("cameras come in node order, without their node's scale") {
     CHECK(scene.skipped.at("cameras") == 1);
 }
 
+TEST_CASE("what is left out a thousand times is counted, and warned about a few times") {
+    GlbWriter writer;
+    const std::string mesh = one_triangle_mesh(writer);
+    std::string nodes = R"({"mesh":0})";
+    std::string materials;
+    for (int i = 0; i < 1000; ++i) {
+        nodes += R"(,{"camera":0})";
+        if (i > 0) materials += ',';
+        materials += R"({"pbrMetallicRoughness":{"baseColorTexture":{"index":)" +
+                     std::to_string(i) + R"(}}})";
+    }
+    std::string textures = "{}";
+    for (int i = 1; i < 1000; ++i) textures += ",{}";
+    const auto scene = must_describe(writer.glb(
+        mesh + R"(,"cameras":[{"type":"orthographic","orthographic":{"xmag":1,"ymag":1,"znear":0.1,
+        "zfar":9}}],"nodes":[)" +
+        nodes + R"(],"textures":[)" + textures + R"(],"materials":[)" + materials + "]"));
+    CHECK(scene.skipped.at("cameras") == 1000);
+    CHECK(scene.skipped.at("textures") == 1000);
+    CHECK(scene.warnings.size() == 18);
+    CHECK(scene.warnings.back() == "more textures are left out");
+}
+
 TEST_CASE("the chosen scene is placed, and only that") {
     GlbWriter writer;
     const std::string mesh =

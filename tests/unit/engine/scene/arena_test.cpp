@@ -215,6 +215,34 @@ TEST_CASE("an arena of another version says what to do") {
     CHECK(opened.error().message.find("import the scene again") != std::string::npos);
 }
 
+TEST_CASE("what is copied out of an arena is bounded, whoever wrote it") {
+    SceneDescription scene = test::tree_scene();
+    scene.warnings.assign(scene_warnings_max, std::string(scene_name_bytes_max, 'w'));
+    const auto good = test::bake(scene);
+    CHECK(good->statistics().warnings.size() == scene_warnings_max);
+
+    scene.warnings.emplace_back("one more");
+    CHECK(Snapshot::bake(scene).error().code == ErrorCode::limit_exceeded);
+    scene.warnings = {std::string(scene_name_bytes_max + 1, 'w')};
+    CHECK(Snapshot::bake(scene).error().code == ErrorCode::limit_exceeded);
+    scene.warnings.clear();
+    scene.cameras.resize(scene_cameras_max + 1);
+    CHECK(Snapshot::bake(scene).error().code == ErrorCode::limit_exceeded);
+
+    // Two names become one that is too long.
+    scene.cameras.clear();
+    scene.warnings = {std::string(scene_name_bytes_max, 'v'), std::string(9, 'w')};
+    Arena joined = copy_of(test::bake(scene)->bytes());
+    auto* const names =
+        const_cast<char*>(format::section<char>(joined.data(), format::Section::names));
+    const std::string_view all(names, format::section_size(joined.data(), format::Section::names));
+    const std::size_t end = all.find(std::string(scene_name_bytes_max, 'v')) + scene_name_bytes_max;
+    names[end] = 'x';
+    const auto refused = Snapshot::open(std::move(joined));
+    REQUIRE_FALSE(refused.has_value());
+    CHECK(refused.error().message.find("name") != std::string::npos);
+}
+
 TEST_CASE("trees that are no trees are refused") {
     const auto baked = rich_scene();
     const SceneView& view = baked->view();

@@ -1,0 +1,44 @@
+#include "engine/assets/gltf_names.h"
+
+#include "engine/assets/gltf.h"
+#include "tests/unit/engine/assets/samples.h"
+
+using namespace raynest;
+
+namespace {
+
+const std::string tree = "\xE6\xA3\xAE";  // a Japanese forest: one character
+
+std::string trees(int count) {
+    std::string text;
+    while (count-- > 0) text += tree;
+    return text;
+}
+
+}  // namespace
+
+TEST_CASE("text is cut between characters") {
+    CHECK(gltf::front_of("abc", 2) == "ab");
+    CHECK(gltf::back_of("abc", 2) == "bc");
+    for (const std::size_t bytes : {6U, 7U, 8U}) {
+        CHECK(gltf::front_of(trees(3), bytes) == trees(2));
+        CHECK(gltf::back_of(trees(3), bytes) == trees(2));
+    }
+    CHECK(gltf::front_of(trees(3), 9) == trees(3));
+    CHECK(gltf::back_of(trees(3), 2).empty());
+    CHECK(gltf::one_line(trees(3), 7) == trees(2) + "...");
+    CHECK(gltf::label("mesh", 7, trees(30)) == "mesh 7 ('" + trees(20) + "...')");
+}
+
+TEST_CASE("long names of nodes lose no part of a character, alone or joined") {
+    test::GlbWriter writer;
+    const std::string mesh = test::one_triangle_mesh(writer);
+    const test::Upload upload(
+        "scene.glb", writer.glb(mesh + R"(,"nodes":[{"name":")" + trees(100) +
+                                R"(","children":[1]},{"name":")" + trees(100) + R"(","mesh":0}])"));
+    const auto scene = describe_gltf(upload.request(), ImportLimits{});
+    REQUIRE(scene.has_value());
+    // 53 trees and three dots each; of both, joined, the last 256 bytes.
+    const std::string& name = scene->objects[scene->root].instances[0].name;
+    CHECK(name == trees(30) + ".../" + trees(53) + "...");
+}
