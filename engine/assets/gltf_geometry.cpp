@@ -1,8 +1,8 @@
 // Meshes: a glTF primitive becomes one geometry, the primitives of a mesh one object.
 //
 // Triangles, strips and fans become triangle lists in file order; points and lines are counted and
-// left out. Primitives often share one large vertex buffer, so each takes only the vertices it
-// uses.
+// leave an empty geometry, so that a hit's geometry index is the primitive's. Primitives often
+// share one large vertex buffer, so each takes only the vertices it uses.
 #include "engine/assets/gltf_model.h"
 #include "engine/assets/gltf_names.h"
 #include "engine/scene/snapshot.h"
@@ -83,11 +83,13 @@ public:
             }
             if (primitive.mode <= mode_lines_last) {
                 ++scene_.skipped[primitive.mode == mode_points ? "points" : "lines"];
+                object.geometries.emplace_back();
                 continue;
             }
             auto geometry = read_primitive(primitive);
             if (!geometry) return error_of(geometry);
-            if (!geometry->indices.empty()) object.geometries.push_back(std::move(*geometry));
+            if (geometry->indices.empty()) geometry = GeometryDescription{};
+            object.geometries.push_back(std::move(*geometry));
         }
         return object;
     }

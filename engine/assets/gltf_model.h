@@ -188,8 +188,9 @@ Result<std::vector<float>> read_floats(const Accessor& accessor,
 /// Elements of an accessor that holds indices.
 Result<std::vector<std::uint32_t>> read_indices(const Accessor& accessor);
 
-/// Reads the meshes in `used`; the result has one object per mesh of the model, without geometries
-/// where a mesh is unused or has nothing but points and lines (counted in `scene.skipped`).
+/// Reads the meshes in `used`; the result has one object per mesh of the model, with a geometry per
+/// primitive, empty where that is of points or lines (counted in `scene.skipped`). A mesh that is
+/// not used has none.
 Result<std::vector<ObjectDescription>> read_meshes(const Model& model,
                                                    const std::vector<bool>& used,
                                                    const ImportLimits& limits,

@@ -7,6 +7,7 @@
 #include "engine/assets/gltf_model.h"
 #include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_sharing.h"
+#include "engine/scene/graph.h"
 #include "engine/scene/snapshot.h"
 
 #include <fmt/format.h>
@@ -263,7 +264,7 @@ Result<void> read_nodes(const Model& model, const ImportLimits& limits, SceneDes
     auto meshes = read_meshes(model, used, limits, scene);
     if (!meshes) return error_of(meshes);
     std::vector<bool> traceable;
-    for (const ObjectDescription& mesh : *meshes) traceable.push_back(!mesh.geometries.empty());
+    for (const ObjectDescription& mesh : *meshes) traceable.push_back(own_triangles(mesh) != 0);
     for (const std::uint32_t index : order) {
         const Node& node = model.nodes[index];
         if (node.mesh != no_id && !traceable[node.mesh]) {

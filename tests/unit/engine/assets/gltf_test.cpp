@@ -340,6 +340,28 @@ TEST_CASE("what is left out a thousand times is counted, and warned about a few 
     CHECK(scene.warnings.back() == "more textures are left out");
 }
 
+TEST_CASE("a hit's geometry is the primitive's index in its mesh, whatever stands before it") {
+    GlbWriter writer;
+    const std::string position =
+        std::to_string(writer.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 3));
+    const auto primitive = [&](int mode) {
+        return R"({"attributes":{"POSITION":)" + position + R"(},"mode":)" + std::to_string(mode) +
+               "}";
+    };
+    const auto scene = must_describe(writer.glb(R"("meshes":[{"primitives":[)" + primitive(1) +
+                                                "," + primitive(4) + "," + primitive(0) +
+                                                R"(]}],"nodes":[{"mesh":0}])"));
+    const auto& geometries = scene.objects[0].geometries;
+    REQUIRE(geometries.size() == 3);
+    CHECK(geometries[0].indices.empty());
+    CHECK(geometries[1].indices.size() == 3);
+    const auto snapshot = Snapshot::bake(scene);
+    REQUIRE_MESSAGE(snapshot.has_value(), (snapshot ? "" : snapshot.error().message));
+    const SceneView& view = (*snapshot)->view();
+    const ObjectRecord& object = view.objects[0];
+    CHECK(&view.geometry_of(object, 0) == view.geometries + object.first_geometry + 1);
+}
+
 TEST_CASE("the chosen scene is placed, and only that") {
     GlbWriter writer;
     const std::string mesh =
