@@ -2,6 +2,7 @@
 
 #include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_prescan.h"
+#include "protocol/text.h"
 
 #include <nlohmann/json.hpp>
 
@@ -12,20 +13,11 @@ namespace {
 
 using Json = nlohmann::json;
 
-int hex_digit(char c) {
-    if (c >= '0' && c <= '9') return c - '0';
-    if (c >= 'a' && c <= 'f') return c - 'a' + 10;
-    if (c >= 'A' && c <= 'F') return c - 'A' + 10;
-    return -1;
-}
-
 std::string percent_decoded(std::string_view uri) {
     std::string name;
     for (std::size_t i = 0; i < uri.size(); ++i) {
-        const bool code = uri[i] == '%' && i + 2 < uri.size() && hex_digit(uri[i + 1]) >= 0 &&
-                          hex_digit(uri[i + 2]) >= 0;
-        name +=
-            code ? static_cast<char>(hex_digit(uri[i + 1]) * 16 + hex_digit(uri[i + 2])) : uri[i];
+        const auto code = protocol::percent_code(uri.substr(i));
+        name += code.value_or(uri[i]);
         if (code) i += 2;
     }
     return name;
