@@ -1,6 +1,7 @@
 #include "tests/integration/chaos_proxy.h"
 
 #include "protocol/control.h"
+#include "tests/patience.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -23,8 +24,6 @@ using std::chrono::milliseconds;
 
 constexpr std::uint64_t delay_ms_max = 4;
 constexpr std::uint64_t drip_bytes_max = 200;
-/// No end may be silent for longer while the proxy waits for it.
-constexpr int silence_ms_max = 30'000;
 
 int tcp_socket() {
     const int descriptor = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
@@ -106,7 +105,8 @@ void ChaosProxy::serve() {
         while (going && (up.open || down.open)) {
             std::array<pollfd, 2> waits = {pollfd{up.open ? client : -1, POLLIN, 0},
                                            pollfd{down.open ? daemon : -1, POLLIN, 0}};
-            if (poll(waits.data(), waits.size(), silence_ms_max) <= 0) break;
+            const milliseconds silence_max = patience();
+            if (poll(waits.data(), waits.size(), static_cast<int>(silence_max.count())) <= 0) break;
             if (waits[0].revents != 0) going = forward(up, down);
             if (going && waits[1].revents != 0) going = forward(down, up);
         }

@@ -9,11 +9,11 @@ import shutil
 import signal
 import struct
 import sys
-import time
 import unittest
 import zipfile
 
-from daemon import Client, Daemon, DaemonTest
+from daemon import Client, Daemon, DaemonTest, PATIENCE, until
+from npy import npy
 
 DOWN = "0.3,1000,0.4,0,-1,0"
 UP = "0.3,1000,0.4,0,1,0"
@@ -134,10 +134,7 @@ class Cli(DaemonTest):
     def test_columns_come_as_npz(self):
         rays = [[0.1 * i, 1000, 0.1, 0, -1, 0] for i in range(50)]
         body = struct.pack("<300f", *(value for ray in rays for value in ray))
-        header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (50, 6), }"
-        header += b" " * (64 - (10 + len(header) + 1) % 64) + b"\n"
-        npy = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + body
-        (self.out / "rays.npy").write_bytes(npy)
+        (self.out / "rays.npy").write_bytes(npy((50, 6), body))
         self.expect(0, "query", "hills", "--rays", self.out / "rays.npy", "--fields",
                     "t,ng,path,front,total", "-o", self.out / "hits.npz")
         with zipfile.ZipFile(self.out / "hits.npz") as file:
@@ -248,20 +245,15 @@ class Cli(DaemonTest):
         started = self.counter("jobs_started")
         render = self.client.start("render", "hills", "--size", "4096x4096", "--traversal",
                                    "reference", "-o", self.out / "x.png")
-        self.until(lambda: self.counter("jobs_started") > started)
+        until(lambda: self.counter("jobs_started") > started)
         render.send_signal(signal.SIGINT)
-        render.communicate(timeout=20)
+        render.communicate(timeout=PATIENCE)
         self.assertEqual(render.returncode, 130)
-        self.until(lambda: self.counter("jobs_started") == self.counter("jobs_ended"))
+        until(lambda: self.counter("jobs_started") == self.counter("jobs_ended"))
         self.assertGreater(self.counter("jobs_cancelled"), before)
 
     def counter(self, name):
         return self.client.json("stats")[name]
-
-    def until(self, condition):
-        end = time.monotonic() + 20
-        while not condition():
-            self.assertLess(time.monotonic(), end, "it did not come true")
 
 
 if __name__ == "__main__":

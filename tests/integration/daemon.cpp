@@ -68,32 +68,25 @@ void tally(std::string_view clients, std::size_t count, std::string_view outcome
     std::cout << "tally: " << clients << ": " << count << ": " << outcome << std::endl;
 }
 
-TemporaryFolder::TemporaryFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "raynest-test-XXXXXX").string();
-    REQUIRE(mkdtemp(name.data()) != nullptr);
-    path_ = name;
-}
-
-TemporaryFolder::~TemporaryFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-}
-
 Daemon::Daemon(const std::vector<std::string>& arguments, std::size_t descriptors_max) {
     const std::filesystem::path ready = folder() / "ready.json";
     std::vector<std::string> all = {"--cuda",       "off",         "--listen", "tcp://127.0.0.1:0",
                                     "--ready-file", ready.string()};
     all.insert(all.end(), arguments.begin(), arguments.end());
-    const int log = open((folder() / "log").c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
-    pid_ = spawn(all, log, descriptors_max);
-    close(log);
+    const int output = open((folder() / "log").c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+    pid_ = spawn(all, output, descriptors_max);
+    close(output);
 
-    const Clock::time_point end = Clock::now() + patience;
-    while (!std::filesystem::exists(ready) && Clock::now() < end)
-        std::this_thread::sleep_for(look_again);
-    std::ifstream file(ready);
-    REQUIRE_MESSAGE(file, "raynestd did not become ready");
-    const auto content = nlohmann::json::parse(file);
+    std::optional<int> ended;
+    eventually([&] {
+        ended = wait_for(pid_, {});
+        return ended || std::filesystem::exists(ready);
+    });
+    if (!std::filesystem::exists(ready)) {
+        if (!ended) end_by_force();  // what fails in a constructor calls no destructor
+        FAIL("raynestd did not become ready: ", log());
+    }
+    const auto content = nlohmann::json::parse(std::ifstream(ready));
     CHECK(content["pid"] == pid_);
     const std::string uri = content["listen"][0];
     port_ = static_cast<std::uint16_t>(std::stoul(uri.substr(uri.rfind(':') + 1)));
@@ -102,15 +95,23 @@ Daemon::Daemon(const std::vector<std::string>& arguments, std::size_t descriptor
 Daemon::~Daemon() {
     if (pid_ <= 0) return;
     kill(pid_, SIGTERM);
-    if (const auto code = wait_for(pid_, std::chrono::seconds(5))) {
-        // A sanitizer's finding ends the daemon with a code of its own, a leak at the end only.
-        std::ostringstream text;
-        text << std::ifstream(folder() / "log").rdbuf();
-        CHECK_MESSAGE(*code == 0, text.str());
-        return;
-    }
+    // A sanitizer's finding ends the daemon with a code of its own, a leak at the end only.
+    const auto code = wait_for(pid_, patience());
+    CHECK_MESSAGE(code.value_or(0) == 0, log());
+    if (code) return;
+    FAIL_CHECK("raynestd does not end on SIGTERM: ", log());
+    end_by_force();
+}
+
+void Daemon::end_by_force() {
     kill(pid_, SIGKILL);
     waitpid(pid_, nullptr, 0);
+}
+
+std::string Daemon::log() const {
+    std::ostringstream text;
+    text << std::ifstream(folder() / "log").rdbuf();
+    return text.str();
 }
 
 void Daemon::signal(int number) const {
@@ -118,7 +119,7 @@ void Daemon::signal(int number) const {
 }
 
 std::optional<int> Daemon::wait() {
-    const auto code = wait_for(pid_, patience);
+    const auto code = wait_for(pid_, patience());
     if (code) pid_ = -1;
     return code;
 }
@@ -151,7 +152,7 @@ Ended run_raynestd(const std::vector<std::string>& arguments) {
     const int file = open(output.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
     const pid_t pid = spawn(arguments, file);
     close(file);
-    const auto code = wait_for(pid, patience);
+    const auto code = wait_for(pid, patience());
     if (!code) {
         kill(pid, SIGKILL);
         waitpid(pid, nullptr, 0);
@@ -196,7 +197,7 @@ bool Peer::receive_some(std::size_t bytes) {
 }
 
 std::optional<protocol::Frame> Peer::read() {
-    const Clock::time_point end = Clock::now() + patience;
+    const Clock::time_point end = Clock::now() + patience();
     for (;;) {
         const auto taken = decoder_.feed(pending_);
         REQUIRE(taken);
@@ -244,8 +245,7 @@ void Peer::greet(const wire::HelloT& hello) {
     read_until<wire::Welcome>();
 }
 
-bool Peer::answers() {
-    if (!say(1, wire::PingT{})) return false;
+bool Peer::pongs() {
     while (const auto frame = read())
         if (frame->header.type == static_cast<std::uint16_t>(wire::Message::Pong)) return true;
     return false;
@@ -270,7 +270,7 @@ void load_scene(Peer& peer) {
     peer.read_until<wire::Loaded>();
 }
 
-Served::Served() {
+Served::Served(const std::vector<std::string>& arguments) : daemon(arguments) {
     peer.greet();
     load_scene(peer);
 }

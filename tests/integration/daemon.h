@@ -4,11 +4,11 @@
 #pragma once
 
 #include "protocol/control.h"
-#include "tests/sanitized.h"
+#include "tests/patience.h"
+#include "tests/temporary_folder.h"
 
 #include <sys/types.h>
 
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -20,31 +20,8 @@
 
 namespace raynest::test {
 
-inline constexpr std::chrono::seconds patience{sanitized ? 180 : 30};
-
-/// Does it become true before patience ends? Asks again and again.
-template <class Condition>
-bool eventually(Condition condition) {
-    const auto end = std::chrono::steady_clock::now() + patience;
-    while (!condition())
-        if (std::chrono::steady_clock::now() > end) return false;
-    return true;
-}
-
 /// A line of the tally of hostile clients: what they did, how often, and what came of it.
 void tally(std::string_view clients, std::size_t count, std::string_view outcome);
-
-/// A folder that goes away with the test.
-class TemporaryFolder {
-public:
-    TemporaryFolder();
-    ~TemporaryFolder();
-    TemporaryFolder(const TemporaryFolder&) = delete;
-    [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-
-private:
-    std::filesystem::path path_;
-};
 
 /// raynestd on a free loopback port, serving when the constructor returns.
 class Daemon {
@@ -52,7 +29,7 @@ public:
     /// `descriptors_max` as `ulimit -n` would set it, 0: as it is here.
     explicit Daemon(const std::vector<std::string>& arguments = {},
                     std::size_t descriptors_max = 0);
-    /// Stops it, at worst by SIGKILL.
+    /// Stops it; the test fails when it does not end in time or not with 0.
     ~Daemon();
     Daemon(const Daemon&) = delete;
 
@@ -60,7 +37,7 @@ public:
     [[nodiscard]] pid_t pid() const { return pid_; }
     [[nodiscard]] const std::filesystem::path& folder() const { return folder_.path(); }
     void signal(int number) const;
-    /// The exit code, once it has ended by itself; nothing when it runs after `patience`.
+    /// The exit code, once it has ended by itself; nothing when it runs after patience().
     std::optional<int> wait();
     /// Bytes of resident memory, now and at most so far.
     [[nodiscard]] std::uint64_t resident_bytes() const { return memory("VmRSS:"); }
@@ -72,6 +49,8 @@ public:
 
 private:
     [[nodiscard]] std::uint64_t memory(std::string_view key) const;
+    [[nodiscard]] std::string log() const;
+    void end_by_force();
 
     TemporaryFolder folder_;
     pid_t pid_ = -1;
@@ -105,7 +84,7 @@ public:
     /// Takes up to `bytes` off the socket and forgets them; false at the end of the stream.
     bool receive_some(std::size_t bytes);
 
-    /// The next frame; nothing at the end of the stream. Fails the test after `patience`.
+    /// The next frame; nothing at the end of the stream. Fails the test after patience().
     std::optional<protocol::Frame> read();
     /// The next frame of type Table of any request, others skipped; fails the test without one.
     template <class Table>
@@ -118,8 +97,10 @@ public:
     bool ends();
     /// HELLO and WELCOME.
     void greet(const wire::HelloT& hello = {});
-    /// PING and its PONG, frames in between skipped: the connection lives.
-    bool answers();
+    /// Does a PONG come? Skips what comes before.
+    bool pongs();
+    /// PING and its PONG: the connection lives.
+    bool answers() { return say(1, wire::PingT{}) && pongs(); }
     /// Ends the connection without a FIN: the daemon sees a reset.
     void reset();
     /// Stops sending, goes on reading.
@@ -138,7 +119,7 @@ private:
 void load_scene(Peer& peer);
 /// A daemon that holds that scene, and the connection that loaded it: for TEST_CASE_FIXTURE.
 struct Served {
-    Served();
+    explicit Served(const std::vector<std::string>& arguments = {});
     Daemon daemon;
     Peer peer{daemon};
 };

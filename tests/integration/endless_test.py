@@ -7,10 +7,10 @@ Whoever waits for them may stop to, and nobody else waits with him.
 import signal
 import struct
 import sys
-import time
 import unittest
 
-from daemon import Client, Daemon, DaemonTest, PATIENCE
+from daemon import Client, Daemon, DaemonTest, PATIENCE, until
+from npy import npy
 
 ENDLESS = "5,5,5,-1e-45,-1e-45,-1e-45"
 SHORT = "5,5,5,-1,-1,-1"
@@ -19,11 +19,9 @@ INFINITY = float("inf")
 
 def save_rays(path, count, ray=ENDLESS):
     """A .npy file of so many rays."""
-    header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': ({count}, 8)}}"
-    header = header.ljust(64 * ((len(header) + 74) // 64) - 11).encode() + b"\n"
     x, y, z, *direction = map(float, ray.split(","))
     data = struct.pack("<8f", x, y, z, 0, *direction, INFINITY)
-    path.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + data * count)
+    path.write_bytes(npy((count, 8), data * count))
     return path
 
 
@@ -33,6 +31,8 @@ def running_jobs(client):
 
 
 class Endless(DaemonTest):
+    arguments = ("--threads", "2")  # whatever the machine has
+
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
@@ -46,10 +46,9 @@ class Endless(DaemonTest):
         return process
 
     def wait_for_jobs(self, count, client=None):
-        end = time.monotonic() + PATIENCE
-        while (running := running_jobs(client or self.client)) != count:
-            self.assertLess(time.monotonic(), end, f"{running} jobs run, not {count}")
-            time.sleep(0.02)
+        client = client or self.client
+        until(lambda: running_jobs(client) == count,
+              lambda: f"{running_jobs(client)} jobs run, not {count}")
 
     def test_a_deadline_is_seen_within_a_ray(self):
         for traversal in ("auto", "latency", "batch", "coherent", "reference"):
@@ -76,7 +75,8 @@ class Endless(DaemonTest):
                     self.wait_for_jobs(0)
 
     def test_others_are_served_meanwhile(self):
-        # More of them than the daemon has threads; each was first tried by the io thread.
+        # More of them than the daemon has threads; each was first tried by the io thread, which
+        # answers the short one, or leaves it to a spare thread.
         endless = [self.begin("--ray", ENDLESS) for _ in range(4)]
         self.wait_for_jobs(4)
         answer = self.client.run("query", "flake", "--ray", SHORT)
@@ -110,6 +110,7 @@ class Endless(DaemonTest):
                 self.assertIn("the request's deadline passed", done.stderr)  # the daemon says it
                 job = self.client.json("query", "flake", "--rays", rays, "--detach")["job"]
                 self.assertEqual(self.client.run("cancel", str(job)).returncode, 0)
+                self.wait_for_jobs(2)
                 process = self.begin("--rays", rays)
                 self.wait_for_jobs(3)
                 process.send_signal(signal.SIGINT)
@@ -134,7 +135,7 @@ class Endless(DaemonTest):
             process.kill()
             process.communicate()
         finally:
-            self.assertEqual(daemon.stop(), 0)
+            daemon.stop()
 
     def test_who_waits_for_a_daemon_that_ends_is_told(self):
         daemon = Daemon(self.raynestd, "--drain_ms_max", "300")
@@ -162,7 +163,7 @@ class Endless(DaemonTest):
                 self.assertIn("chunk_ms_max = 200", done.stderr)
                 self.assertEqual(done.stderr.strip().count("\n"), 0, done.stderr)
         finally:
-            self.assertEqual(daemon.stop(), 0)
+            daemon.stop()
 
 
 if __name__ == "__main__":

@@ -17,7 +17,6 @@ import unittest
 
 from daemon import SHARED_SCENES, Client, Daemon
 
-SECONDS_MAX = 5
 RESIDENT_GROWTH_MAX = 512 << 20
 CUTS = 200
 
@@ -64,14 +63,12 @@ class Hostile(unittest.TestCase):
         """Two at a time; counts of the exit codes."""
         with concurrent.futures.ThreadPoolExecutor(2) as pool:
             results = list(pool.map(self.load, sources, [f"scene-{i}" for i in range(len(sources))]))
-        for source, code, errors, seconds in results:
+        for source, code, errors, _ in results:
             with self.subTest(source=str(source)):
                 self.assertIn(code, (0, 5), errors)
                 if code == 5:
                     self.assertEqual(errors.count("\n"), 1, errors)
                     self.assertTrue(errors.startswith("raynest: "), errors)
-                # Two imports and other tests share the machine's cores.
-                self.assertLess(seconds, 2 * SECONDS_MAX)
         self.assertTrue(self.daemon.alive(), self.daemon.log())
         self.assertTrue(self.other.is_alive())
         # The resident peak, not only what is left of it.

@@ -12,10 +12,10 @@ import unittest
 
 import numpy as np
 
-from daemon import Daemon, DaemonTest
+from daemon import Daemon, DaemonTest, PATIENCE
 
 CLIENT = pathlib.Path(__file__).resolve().parents[2] / "client" / "python"
-SECONDS_MAX = 120
+SECONDS_MAX = 4 * PATIENCE  # of a whole program
 FOREST = "builtin:forest?trees=20"
 
 

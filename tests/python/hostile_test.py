@@ -22,8 +22,8 @@ from raynest import _limits
 from raynest._control import decode, encode
 from raynest._frame import DTYPES, HEADER, MAGIC, Header, padding, read_header, write_header
 from raynest._schema import SCHEMA
+from daemon import PATIENCE
 
-PATIENCE = 30
 WELCOME = {"version": 1, "server": "fake", "window_bytes": 8 << 20, "frame_bytes_max": 64 << 20,
            "chunk_rays_max": 16384, "jobs_max": 8}
 

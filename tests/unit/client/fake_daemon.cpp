@@ -1,6 +1,7 @@
 #include "tests/unit/client/fake_daemon.h"
 
 #include "tests/golden/examples.h"
+#include "tests/patience.h"
 
 #include <doctest/doctest.h>
 #include <poll.h>
@@ -31,7 +32,8 @@ std::pair<int, std::string> listen_somewhere() {
 
 int accept_one(int listener) {
     pollfd waiting{listener, POLLIN, 0};
-    if (::poll(&waiting, 1, 10000) != 1) return -1;
+    const std::chrono::milliseconds time = test::patience();
+    if (::poll(&waiting, 1, static_cast<int>(time.count())) != 1) return -1;
     return ::accept(listener, nullptr, nullptr);
 }
 

@@ -57,7 +57,7 @@ private:
 
 /// A listening Unix socket in the temporary folder; for tests that accept by themselves.
 std::pair<int, std::string> listen_somewhere();
-/// The next connection of a listener, within 10 s.
+/// The next connection of a listener, or -1 when patience ends.
 int accept_one(int listener);
 
 }  // namespace raynest::client

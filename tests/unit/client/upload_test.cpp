@@ -7,7 +7,7 @@
 
 #include <doctest/doctest.h>
 
-#include <chrono>
+#include <ctime>
 #include <filesystem>
 #include <set>
 #include <string>
@@ -151,9 +151,9 @@ TEST_CASE("the shared hostile files are refused or left to the daemon, quickly")
         const std::string name = entry.path().filename().string();
         if (!name.ends_with(".gltf") && !name.ends_with(".glb")) continue;
         CAPTURE(name);
-        const auto start = std::chrono::steady_clock::now();
+        const std::clock_t start = std::clock();
         const auto upload = gather(entry.path().string(), "", "");
-        CHECK(std::chrono::steady_clock::now() - start < std::chrono::seconds(5));
+        CHECK(std::clock() - start < 5 * CLOCKS_PER_SEC);
         if (!upload) CHECK(upload.error().exit == protocol::Exit::invalid);
         if (!stems.contains(name.substr(0, 7))) continue;
         ++outside;

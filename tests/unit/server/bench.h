@@ -3,6 +3,7 @@
 
 #include "protocol/control.h"
 #include "server/jobs/runner.h"
+#include "tests/patience.h"
 
 #include <chrono>
 #include <condition_variable>
@@ -31,12 +32,12 @@ public:
     void send(protocol::Frame frame) override { sent.push_back(std::move(frame)); }
     [[nodiscard]] std::uint64_t backlog() const override { return waiting; }
 
-    /// Takes completions until `done` holds; false when none comes for 10 s.
+    /// Takes completions until `done` holds; false when none comes while patience lasts.
     template <class Condition>
     bool run_until(Condition done) {
         while (!done()) {
             std::unique_lock lock(mutex_);
-            if (!wake_.wait_for(lock, std::chrono::seconds(10), [&] { return !posted_.empty(); }))
+            if (!wake_.wait_for(lock, test::patience(), [&] { return !posted_.empty(); }))
                 return false;
             const std::function<void()> next = std::move(posted_.front());
             posted_.pop_front();

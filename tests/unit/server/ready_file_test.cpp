@@ -1,6 +1,6 @@
 #include "server/ready_file.h"
 
-#include "tests/unit/server/temporary_folder.h"
+#include "tests/temporary_folder.h"
 
 #include <doctest/doctest.h>
 #include <nlohmann/json.hpp>

@@ -1,7 +1,7 @@
 // root:PATH must reach what lies beneath the folder, and nothing else.
 #include "server/store/scene_files.h"
 #include "server/store/source_root.h"
-#include "tests/unit/server/temporary_folder.h"
+#include "tests/temporary_folder.h"
 
 #include <doctest/doctest.h>
 #include <sys/stat.h>

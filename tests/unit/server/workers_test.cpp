@@ -1,5 +1,7 @@
 #include "server/jobs/workers.h"
 
+#include "tests/patience.h"
+
 #include <doctest/doctest.h>
 
 #include <atomic>
@@ -164,7 +166,7 @@ TEST_CASE("workers run at the same time") {
         a.get_future().wait();
         b.set_value();
     });
-    CHECK(met.get_future().wait_for(std::chrono::seconds(10)) == std::future_status::ready);
+    CHECK(met.get_future().wait_for(test::patience()) == std::future_status::ready);
 }
 
 TEST_CASE("ending waits for what runs and drops what does not") {
