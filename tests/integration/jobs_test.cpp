@@ -1,4 +1,5 @@
 // Jobs of a real daemon: streamed, cancelled, abandoned, too late, drained.
+#include "tests/golden/examples.h"
 #include "tests/integration/daemon.h"
 
 #include <doctest/doctest.h>
@@ -64,8 +65,9 @@ TEST_CASE("without credit the daemon keeps its answers to itself") {
 
     std::uint64_t got = 0;
     REQUIRE(peer.say(1, wire::PingT{}));
-    // A parked job says only how far it is: three such lines in a row, and nothing else will come.
-    for (int quiet = 0; quiet < 3;) {
+    // A parked job says only how far it is: once something came, three such lines in a row, and
+    // nothing else will come.
+    for (int quiet = 0; quiet < 3 || got == 0;) {
         const auto frame = peer.read();
         REQUIRE(frame.has_value());
         got += frame->header.bulk_bytes;
@@ -74,7 +76,6 @@ TEST_CASE("without credit the daemon keeps its answers to itself") {
                     : 0;
     }
     CHECK(got <= hello.window_bytes);
-    CHECK(got > 0);
     CHECK(peer.answers());
 }
 
@@ -192,20 +193,27 @@ TEST_CASE("rays beyond the credit end their query") {
     CHECK(peer.answers());
 }
 
+/// A new request is how a client sees that the daemon drains. Takes ids from 100 on.
+void wait_for_drain(Peer& peer) {
+    std::uint64_t id = 100;
+    REQUIRE(eventually([&] {
+        REQUIRE(peer.say(++id, query_of(1)));
+        auto frame = peer.read();
+        while (frame && frame->header.request_id != id) frame = peer.read();
+        REQUIRE(frame.has_value());
+        const auto error = protocol::open<wire::Error>(*frame);
+        if (error && static_cast<Code>((*error)->code()) == Code::draining) return true;
+        REQUIRE(peer.say(id, wire::CancelT{}));
+        CHECK(peer.read_error() == Code::cancelled);
+        return false;
+    }));
+}
+
 TEST_CASE_FIXTURE(Served, "SIGTERM lets running jobs end, refuses new ones, and exits with 0") {
     REQUIRE(peer.say(5, query_of(2)));
     peer.read_until<wire::Started>();
     daemon.signal(SIGTERM);
-    // The listener goes first; a new request is how the test sees that the drain began.
-    for (std::uint64_t id = 100;; ++id) {
-        REQUIRE(peer.say(id, query_of(1)));
-        auto frame = peer.read();
-        REQUIRE(frame.has_value());
-        const auto error = protocol::open<wire::Error>(*frame);
-        if (error && static_cast<Code>((*error)->code()) == Code::draining) break;
-        REQUIRE(peer.say(id, wire::CancelT{}));
-        CHECK(peer.read_error() == Code::cancelled);
-    }
+    wait_for_drain(peer);
     REQUIRE(peer.send_frame(rays_frame(5, 0, 2)));
     peer.read_until<wire::Chunk>();
     peer.read_until<wire::Done>();
@@ -223,14 +231,9 @@ TEST_CASE("rays that stop in the middle of a frame end the connection, whatever 
     const protocol::Frame whole = rays_frame(5, 0, chunk);
     const protocol::Frame cut = rays_frame(5, chunk, chunk);
     // One write, so that the end of the first frame and the start of the second come together.
-    std::vector<std::byte> bytes;
-    for (const protocol::Frame* frame : {&whole, &cut}) {
-        std::array<std::byte, protocol::header_bytes> header{};
-        protocol::write_header(frame->header, header);
-        for (const std::span<const std::byte> part :
-             {std::span<const std::byte>(header), frame->control.span(), frame->bulk.span()})
-            bytes.insert(bytes.end(), part.begin(), part.end());
-    }
+    std::vector<std::byte> bytes = golden::wire_bytes(whole);
+    const std::vector<std::byte> more = golden::wire_bytes(cut);
+    bytes.insert(bytes.end(), more.begin(), more.end());
     bytes.resize(bytes.size() - cut.bulk.size() + 100);
     REQUIRE(peer.send(std::span<const std::byte>(bytes)));
     CHECK(peer.read_error() == Code::deadline);
@@ -301,22 +304,26 @@ TEST_CASE_FIXTURE(Served,
     }
     CHECK(counter(peer, "tasks_coalesced") == 0);
     CHECK(alone.front() != alone.back());
-    // All wait in their sockets when the daemon looks again.
-    daemon.signal(SIGSTOP);
-    for (std::size_t i = 0; i < clients; ++i) {
-        REQUIRE(peers[i]->say(5, query_of(100)));
-        REQUIRE(peers[i]->send_frame(i % 2 == 0 ? rays_of(i) : without_ranges(rays_of(i))));
-    }
-    daemon.signal(SIGCONT);
-    for (std::size_t i = 0; i < clients; ++i) CHECK(columns_of(*peers[i]) == alone[i]);
-    CHECK(counter(peer, "tasks_coalesced") >= 2);
+    // All wait in their sockets when the daemon looks again. Where it gets too little processor to
+    // read two of them in one turn, the next round may do better.
+    CHECK(eventually([&] {
+        daemon.signal(SIGSTOP);
+        for (std::size_t i = 0; i < clients; ++i) {
+            REQUIRE(peers[i]->say(5, query_of(100)));
+            REQUIRE(peers[i]->send_frame(i % 2 == 0 ? rays_of(i) : without_ranges(rays_of(i))));
+        }
+        daemon.signal(SIGCONT);
+        for (std::size_t i = 0; i < clients; ++i) CHECK(columns_of(*peers[i]) == alone[i]);
+        return counter(peer, "tasks_coalesced") >= 2;
+    }));
 }
 
 TEST_CASE_FIXTURE(Served, "a second SIGTERM ends the daemon at once with code 3") {
     REQUIRE(peer.say(5, endless_render()));
     peer.read_until<wire::Started>();
     daemon.signal(SIGTERM);
-    // The render goes on; only a second signal ends it.
+    // The render goes on; only a second signal ends it, and is one once the first was taken.
+    wait_for_drain(peer);
     peer.read_until<wire::Progress>();
     daemon.signal(SIGTERM);
     CHECK(daemon.wait() == 3);

@@ -11,7 +11,7 @@ import sys
 import time
 import unittest
 
-from daemon import PATIENCE, Client, Daemon, DaemonTest
+from daemon import PATIENCE, Client, Daemon, DaemonTest, until
 
 
 class LoadTest(DaemonTest):
@@ -69,16 +69,23 @@ class LoadTest(DaemonTest):
         client.json("load", "builtin:terrain?size=32", "--name", "hills")
         testing = client.start("--json", "load-test", "hills", "--clients", "2", "--rate", "200",
                                "--seconds", "3")
-        # Until the turns of the controls, a second long, after which the daemon's own is frozen.
-        jobs, seen = 0, -1
-        end = time.monotonic() + PATIENCE
-        while (jobs == 0 or jobs != seen) and time.monotonic() < end:
-            seen = jobs
-            time.sleep(0.1)
-            jobs = client.json("stats")["jobs_started"]
-        daemon.process.send_signal(signal.SIGSTOP)
-        time.sleep(2)
-        daemon.process.send_signal(signal.SIGCONT)
+
+        def jobs():
+            return client.json("stats")["jobs_started"]
+
+        def freeze(seconds):
+            daemon.process.send_signal(signal.SIGSTOP)
+            time.sleep(seconds)
+            daemon.process.send_signal(signal.SIGCONT)
+        # The turn that warms up lasts half a second: a daemon that is frozen for longer has only
+        # its last answers left to give.
+        until(lambda: jobs() > 0)
+        freeze(0.6)
+        warm = jobs()
+        until(lambda: jobs() >= warm + 10)
+        # Longer than a turn of the daemon and of both controls, and less than what a turn has to
+        # catch up.
+        freeze(3)
         output, errors = testing.communicate(timeout=PATIENCE)
         self.assertEqual(testing.returncode, 0, errors)
         told = json.loads(output)["daemon"]

@@ -6,12 +6,16 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
+#include <chrono>
+#include <memory>
 #include <thread>
 
 namespace raynest::test {
 namespace {
 
 using protocol::Code;
+using Clock = std::chrono::steady_clock;
 
 TEST_CASE_FIXTURE(Served, "every malformed frame gets its error, and the daemon serves on") {
     const auto table = golden::malformed_frames();
@@ -118,8 +122,6 @@ TEST_CASE("silence before the greeting, and half a header after it, end in time"
 
 TEST_CASE("frames that follow each other without a pause have their own time each") {
     const Daemon daemon;
-    Peer peer(daemon);
-    peer.greet();
     // Whenever the daemon looks half a frame is there, for longer than one frame may take.
     const std::vector<std::byte> ping =
         golden::wire_bytes(protocol::encode(1, wire::PingT{}).value());
@@ -127,14 +129,22 @@ TEST_CASE("frames that follow each other without a pause have their own time eac
     const auto rest = std::span(ping).subspan(half.size());
     std::vector<std::byte> both(rest.begin(), rest.end());
     both.insert(both.end(), half.begin(), half.end());
-    REQUIRE(peer.send(half));
-    for (int i = 0; i < 6; ++i) {
-        std::this_thread::sleep_for(std::chrono::seconds(1));
-        REQUIRE(peer.send(both));
-        peer.read_until<wire::Pong>();
-    }
-    REQUIRE(peer.send(rest));
-    peer.read_until<wire::Pong>();
+    CHECK(eventually([&] {
+        Peer peer(daemon);
+        peer.greet();
+        bool served = peer.send(half);
+        auto pause_max = Clock::duration::zero();
+        for (int i = 0; served && i < 6; ++i) {
+            const auto start = Clock::now();
+            std::this_thread::sleep_for(std::chrono::seconds(1));
+            served = peer.send(both) && peer.pongs();
+            pause_max = std::max(pause_max, Clock::now() - start);
+        }
+        // One frame takes too long where this test gets no processor for that time: once more.
+        if (!served)
+            CHECK(pause_max >= std::chrono::milliseconds(protocol::Limits{}.header_ms_max));
+        return served;
+    }));
 }
 
 TEST_CASE_FIXTURE(Served, "an announced bulk part costs no memory until it comes") {
@@ -155,7 +165,7 @@ TEST_CASE_FIXTURE(Served, "an announced bulk part costs no memory until it comes
         REQUIRE(peers.back()->send(bytes));
     }
     REQUIRE(peer.answers());
-    if (!sanitized) CHECK(daemon.resident_bytes() - before < count * (64 << 10));
+    if (!sanitized) CHECK(daemon.resident_bytes() < before + count * (64 << 10));
     tally("announced bodies of 8 MiB that never come", count, "under 64 KiB each");
 }
 

@@ -7,12 +7,11 @@ break, by an exception, by Ctrl-C, by its deadline.
 import os
 import signal
 import threading
-import time
 
 import numpy as np
 
 import raynest
-from daemon import PATIENCE
+from daemon import PATIENCE, until
 from with_daemon import FIELDS, WithDaemon, main, rain
 
 
@@ -84,12 +83,13 @@ class Streams(WithDaemon):
         started = self.client.stats()["jobs_started"]
 
         def close():
-            while self.client.stats()["jobs_started"] == started:
-                time.sleep(0.01)
-            client.close()
+            try:
+                until(lambda: self.client.stats()["jobs_started"] > started)
+            finally:
+                client.close()
         closer = threading.Thread(target=close)
-        closer.start()
         with self.assertRaises(raynest.Error):
+            closer.start()
             scene.render(size=(8192, 8192))
         closer.join(PATIENCE)
 
@@ -113,14 +113,14 @@ class Interrupts(WithDaemon):
     def interrupt_once(self, condition):
         """Ctrl-C for this process, as soon as the daemon says so to a second connection."""
         def wait():
-            with raynest.connect(self.daemon.uri) as watcher:
-                end = time.monotonic() + PATIENCE
-                while not condition(watcher.stats()) and time.monotonic() < end:
-                    time.sleep(0.01)
-            os.kill(os.getpid(), signal.SIGINT)
+            try:
+                with raynest.connect(self.daemon.uri) as watcher:
+                    until(lambda: condition(watcher.stats()))
+            finally:
+                os.kill(os.getpid(), signal.SIGINT)
         thread = threading.Thread(target=wait)
-        thread.start()
         self.addCleanup(thread.join)
+        thread.start()
 
     def assert_usable(self, before):
         stats = self.client.stats()
@@ -151,8 +151,8 @@ class Interrupts(WithDaemon):
         old = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
         self.addCleanup(signal.signal, signal.SIGALRM, old)
         for i in range(30):
-            signal.setitimer(signal.ITIMER_REAL, 0.001 + 0.004 * i)
             try:
+                signal.setitimer(signal.ITIMER_REAL, 0.001 + 0.004 * i)
                 self.woods.trace(rays, fields=FIELDS)
                 while True:  # until it comes
                     self.client.ping()
@@ -172,10 +172,10 @@ class Interrupts(WithDaemon):
                 cancel.wait(PATIENCE)
         holder = threading.Thread(target=hold)
         holder.start()
-        self.until(lambda: answers)
+        until(lambda: answers)
         timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
-        timer.start()
         with self.assertRaises(KeyboardInterrupt):
+            timer.start()
             self.client.ping()
         cancel.set()
         holder.join(PATIENCE)
@@ -188,13 +188,7 @@ class Interrupts(WithDaemon):
         rays = self.client.stats()["rays"]
         self.interrupt_once(lambda stats: stats["rays"] > rays)
         self.woods.trace(rain(1_000_000), fields=("t",))
-        self.until(lambda: seen)
-
-    def until(self, condition):
-        end = time.monotonic() + PATIENCE
-        while not condition():
-            self.assertLess(time.monotonic(), end, "it did not come true")
-            time.sleep(0.01)
+        until(lambda: seen)
 
     def test_a_deadline_ends_the_request_alone(self):
         with self.assertRaises(raynest.DeadlineError) as caught:

@@ -4,8 +4,8 @@
 
 #include <doctest/doctest.h>
 
-#include <chrono>
 #include <cstring>
+#include <ctime>
 #include <set>
 #include <string>
 
@@ -96,13 +96,16 @@ TEST_CASE("half a million tables in 32 KiB are refused at once") {
     frame.control = protocol::Buffer(bomb.size());
     std::memcpy(frame.control.data(), bomb.data(), bomb.size());
 
-    const auto start = std::chrono::steady_clock::now();
+    // Of the processor: what the rest of the machine does is not measured.
+    const std::clock_t start = std::clock();
     const auto opened = golden::open_any(frame);
-    const auto took = std::chrono::steady_clock::now() - start;
+    const std::clock_t took = std::clock() - start;
     REQUIRE(!opened);
     CHECK(opened.error().code == Code::bad_frame);
-    CHECK(took < std::chrono::milliseconds(5));
     // The bomb is armed: without the limit on tables it verifies.
+    const std::clock_t again = std::clock();
     flatbuffers::Verifier careless(reinterpret_cast<const std::uint8_t*>(bomb.data()), bomb.size());
     CHECK(careless.VerifyBuffer<wire::VariantList>(nullptr));
+    const std::clock_t careless_took = std::clock() - again;
+    CHECK(took < careless_took / 4);
 }
