@@ -26,9 +26,12 @@ public:
     TemporaryFolder(const TemporaryFolder&) = delete;
 
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+    /// The name of a file beneath the folder.
+    [[nodiscard]] std::string file(std::string_view name) const { return path_ / name; }
+    /// Writes it, with the folders it needs.
     void write(const std::filesystem::path& name, std::string_view text) const {
         std::filesystem::create_directories((path_ / name).parent_path());
-        std::ofstream(path_ / name) << text;
+        std::ofstream(path_ / name, std::ios::binary) << text;
     }
 
 private:

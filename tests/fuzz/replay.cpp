@@ -78,8 +78,13 @@ int main(int argc, char** argv) {
     if (argc == 3 && argv[1] == std::string("--seeds")) return write_seeds(argv[2]);
     const std::size_t rounds = argc > 1 ? std::stoul(argv[1]) : 100000;
     std::size_t files = 0;
-    for (int i = 2; i < argc; ++i)
-        if (std::filesystem::exists(argv[i])) files += replay(argv[i]);
+    for (int i = 2; i < argc; ++i) {
+        if (!std::filesystem::exists(argv[i])) {
+            std::cerr << argv[i] << " is not there to be replayed\n";
+            return EXIT_FAILURE;
+        }
+        files += replay(argv[i]);
+    }
 
     const std::vector<Input> seeds = raynest::fuzz::seeds();
     std::mt19937 random(20240229);

@@ -2,11 +2,14 @@
 
 A daemon listens on a free loopback port and goes away with the test; every wait has a deadline.
 """
+import contextlib
 import json
 import os
 import pathlib
 import signal
+import socket
 import subprocess
+import sys
 import tempfile
 import time
 import unittest
@@ -24,6 +27,14 @@ def until(condition, why=lambda: "it did not come true"):
             raise AssertionError(why())
         time.sleep(0.01)
     return answer
+
+
+@contextlib.contextmanager
+def closed_port():
+    """The URI of a port that nobody listens at, nor can meanwhile."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        yield f"tcp://127.0.0.1:{taken.getsockname()[1]}"
 
 
 def is_sanitized(program):
@@ -109,6 +120,16 @@ class Client:
         if done.returncode != 0:
             raise AssertionError(f"{arguments}: {done.returncode}: {done.stderr}")
         return json.loads(done.stdout)
+
+
+def run_tests():
+    """unittest.main(), but with exit code 77, which ctest takes for skipped, where none of the tests
+    could run."""
+    result = unittest.main(exit=False).result
+    for _, reason in result.skipped:
+        print(reason, file=sys.stderr)
+    all_skipped = result.skipped and len(result.skipped) == result.testsRun
+    sys.exit(77 if all_skipped else not result.wasSuccessful())
 
 
 class DaemonTest(unittest.TestCase):

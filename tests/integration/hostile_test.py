@@ -15,7 +15,7 @@ import threading
 import time
 import unittest
 
-from daemon import SHARED_SCENES, Client, Daemon
+from daemon import SHARED_SCENES, Client, Daemon, run_tests
 
 RESIDENT_GROWTH_MAX = 512 << 20
 CUTS = 200
@@ -110,4 +110,5 @@ class Hostile(unittest.TestCase):
 
 if __name__ == "__main__":
     Hostile.raynestd, Hostile.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    del sys.argv[1:3]
+    run_tests()

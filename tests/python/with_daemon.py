@@ -1,11 +1,10 @@
 """What tests of the Python client against a real daemon share."""
 import sys
-import unittest
 
 import numpy as np
 
 import raynest
-from daemon import DaemonTest
+from daemon import DaemonTest, run_tests
 
 MISS = {"t": np.inf, "prim": 2**32 - 1, "geom": 2**32 - 1, "path": 2**64 - 1, "inst": 2**32 - 1,
         "uid": 2**32 - 1, "material": 2**32 - 1, "uv": 0, "ng": 0, "front": 0, "position": 0,
@@ -51,4 +50,4 @@ def main():
     """Runs the tests of a file that was called with RAYNESTD RAYNEST FLATC."""
     WithDaemon.raynestd, WithDaemon.raynest = sys.argv[1:3]
     del sys.argv[1:4]
-    unittest.main()
+    run_tests()

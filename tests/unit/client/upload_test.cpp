@@ -2,8 +2,8 @@
 
 #include "client/files.h"
 #include "protocol/hash.h"
+#include "tests/temporary_folder.h"
 #include "tests/unit/client/fake_daemon.h"
-#include "tests/unit/client/temporary_folder.h"
 
 #include <doctest/doctest.h>
 
@@ -14,8 +14,8 @@
 
 using namespace raynest;
 using client::gather;
-using client::TemporaryFolder;
 using client::Upload;
+using test::TemporaryFolder;
 
 namespace {
 
@@ -33,7 +33,7 @@ TemporaryFolder& sample_folder() {
 }  // namespace
 
 TEST_CASE("a glTF is gathered with what it names") {
-    const auto upload = gather(sample_folder().path() + "/scene.gltf", "", "");
+    const auto upload = gather(sample_folder().file("scene.gltf"), "", "");
     REQUIRE(upload);
     CHECK(upload->source == "scene.gltf");
     CHECK(upload->scene_name == "scene");
@@ -66,15 +66,14 @@ TEST_CASE("records come with the name of their primitive and their instances") {
     const TemporaryFolder folder;
     folder.write("balls.npy", "x");
     folder.write("places.npy", "y");
-    const auto upload =
-        gather(folder.path() + "/balls.npy", "sphere", folder.path() + "/places.npy");
+    const auto upload = gather(folder.file("balls.npy"), "sphere", folder.file("places.npy"));
     REQUIRE(upload);
     CHECK(upload->source == "points.npy");
     CHECK(upload->scene_name == "balls");
     REQUIRE(upload->files.size() == 2);
     CHECK(upload->files[0].name == "points.npy");
     CHECK(upload->files[1].name == "instances.npy");
-    const auto nameless = gather(folder.path() + "/balls.npy", "", "");
+    const auto nameless = gather(folder.file("balls.npy"), "", "");
     REQUIRE(!nameless);
     CHECK(nameless.error().exit == protocol::Exit::usage);
 }
@@ -86,7 +85,7 @@ TEST_CASE("bad sources end with exit code 5 before anything is sent") {
     folder.write("text.txt", "x");
     folder.write("cut.glb", "glTF\x02");
     for (const char* name : {"self.gltf", "gone.gltf", "text.txt", "cut.glb", "missing.glb", ""}) {
-        const auto upload = gather(folder.path() + "/" + name, "", "");
+        const auto upload = gather(folder.file(name), "", "");
         REQUIRE(!upload);
         CHECK(upload.error().exit == protocol::Exit::invalid);
     }
@@ -98,7 +97,7 @@ TEST_CASE("only what the daemon needs is sent, in pieces that fit its credit") {
     folder.write("scene.gltf", two_files);
     folder.write("a b.bin", large);
     folder.write("t/leaf.png", "");
-    const auto upload = gather(folder.path() + "/scene.gltf", "", "");
+    const auto upload = gather(folder.file("scene.gltf"), "", "");
     REQUIRE(upload);
 
     constexpr std::uint64_t window = 128U << 10;
@@ -138,12 +137,17 @@ TEST_CASE("only what the daemon needs is sent, in pieces that fit its credit") {
     CHECK(received == large);
 }
 
+TEST_SUITE_BEGIN("shared scenes");
+
+bool have_shared_scenes() {
+    if (std::filesystem::exists(RAYNEST_SHARED_SCENES)) return true;
+    MESSAGE("skipped: no shared scenes at " RAYNEST_SHARED_SCENES);
+    return false;
+}
+
 TEST_CASE("the shared hostile files are refused or left to the daemon, quickly") {
+    if (!have_shared_scenes()) return;
     const std::filesystem::path hostile = std::string(RAYNEST_SHARED_SCENES) + "/hostile";
-    if (!std::filesystem::exists(hostile)) {
-        MESSAGE("skipped: ", hostile.string(), " is not there");
-        return;
-    }
     // What must be stopped here, because the daemon never sees the file that is named.
     std::size_t outside = 0;
     const std::set<std::string> stems = {"buf_uri", "img_uri"};
@@ -163,18 +167,17 @@ TEST_CASE("the shared hostile files are refused or left to the daemon, quickly")
 }
 
 TEST_CASE("a good scene cut anywhere is refused, or the daemon's to refuse") {
+    if (!have_shared_scenes()) return;
     const std::filesystem::path whole =
         std::string(RAYNEST_SHARED_SCENES) + "/small/simple-instancing.glb";
-    if (!std::filesystem::exists(whole)) {
-        MESSAGE("skipped: ", whole.string(), " is not there");
-        return;
-    }
     const auto read = client::read_file(whole.string(), 1U << 20);
     REQUIRE(read);
     const std::string bytes(reinterpret_cast<const char*>(read->data()), read->size());
     const TemporaryFolder folder;
     for (std::size_t i = 0; i < 200; ++i) {
         folder.write("cut.glb", bytes.substr(0, bytes.size() * i / 200));
-        CHECK(!gather(folder.path() + "/cut.glb", "", ""));
+        CHECK(!gather(folder.file("cut.glb"), "", ""));
     }
 }
+
+TEST_SUITE_END();

@@ -248,7 +248,8 @@ TEST_CASE("sparse accessors replace single elements") {
     CHECK(contains(refusal(with_sparse(2)), "sparse"));
 }
 
-TEST_CASE("materials keep their alpha rule, their sampler and their texture transform") {
+TEST_CASE("materials keep their alpha rule, their sampler and their texture transform" *
+          doctest::test_suite("images")) {
     if (!test::have_images()) return;
     GlbWriter writer;
     const std::string mesh = one_triangle_mesh(writer);

@@ -35,7 +35,7 @@ std::vector<std::uint8_t> noise() {
 
 }  // namespace
 
-TEST_CASE("a PNG comes back bit for bit, straight alpha included") {
+TEST_CASE("a PNG comes back bit for bit, straight alpha included" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
     const auto rgba = noise();
     const auto file = encode_png(64, 48, rgba);
@@ -43,7 +43,8 @@ TEST_CASE("a PNG comes back bit for bit, straight alpha included") {
     CHECK(pixels_of(*file) == rgba);
 }
 
-TEST_CASE("grey, grey with alpha, palette and 16-bit pictures become RGBA8") {
+TEST_CASE("grey, grey with alpha, palette and 16-bit pictures become RGBA8" *
+          doctest::test_suite("images")) {
     if (!test::have_images()) return;
     CHECK(pixels_of(raw_png(2, 1, 8, 0, std::string("\0\x10\x20", 3))) ==
           std::vector<std::uint8_t>{16, 16, 16, 255, 32, 32, 32, 255});
@@ -56,7 +57,7 @@ TEST_CASE("grey, grey with alpha, palette and 16-bit pictures become RGBA8") {
           std::vector<std::uint8_t>{128, 64, 32, 255});
 }
 
-TEST_CASE("a WebP keeps its straight alpha") {
+TEST_CASE("a WebP keeps its straight alpha" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
     // 16 x 16 pixels of (200, 100, 50, 128), lossless.
     const std::string file(
@@ -71,7 +72,7 @@ TEST_CASE("a WebP keeps its straight alpha") {
     CHECK(pixels[3] == 128);
 }
 
-TEST_CASE("a picture is stopped by its header, not by its pixels") {
+TEST_CASE("a picture is stopped by its header, not by its pixels" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
     const Bytes wide = raw_png(5000, 2, 8, 0, std::string("\0\x10", 2));
     const auto too_wide = decode_image(wide, side_max, bytes_max);
@@ -83,7 +84,7 @@ TEST_CASE("a picture is stopped by its header, not by its pixels") {
     CHECK(too_many.error().code == ErrorCode::limit_exceeded);
 }
 
-TEST_CASE("a PNG cut anywhere is an error") {
+TEST_CASE("a PNG cut anywhere is an error" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
 #if defined(__SANITIZE_ADDRESS__)
     // libpng jumps out of OpenImageIO's read callback, past the end of a string there: not our
@@ -99,8 +100,8 @@ TEST_CASE("a PNG cut anywhere is an error") {
     }
 }
 
-TEST_CASE("a JPEG cut anywhere is an error") {
-    if (!test::have_images() || !test::have_shared_scenes()) return;
+TEST_CASE("a JPEG cut anywhere is an error" * doctest::test_suite("shared scenes")) {
+    if (!test::have_shared_scenes() || !test::have_images()) return;
     // The first JPEG inside a scene: from its start marker to the end of its bufferView is enough,
     // for what follows the end marker does not matter.
     const Bytes scene = test::read_file(test::shared_scene("temple.glb"));
@@ -116,7 +117,7 @@ TEST_CASE("a JPEG cut anywhere is an error") {
     }
 }
 
-TEST_CASE("only PNG, JPEG and WebP are looked at") {
+TEST_CASE("only PNG, JPEG and WebP are looked at" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
     for (const char* magic : {"BM", "GIF89a", "v/1\x01", "DDS ", "II*", "P6\n", "RIFF1234AVI "}) {
         const auto image =
@@ -126,7 +127,7 @@ TEST_CASE("only PNG, JPEG and WebP are looked at") {
     }
 }
 
-TEST_CASE("an EXR holds floats and counts by name") {
+TEST_CASE("an EXR holds floats and counts by name" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
     const std::vector<float> depth{1.5F, -2, 0, 4};
     const std::vector<std::uint32_t> prim{1, 0xFFFFFFFFU, 3, 4};

@@ -32,7 +32,7 @@ inline Bytes read_file(const std::filesystem::path& path) {
     return bytes;
 }
 
-/// Whether the shared scenes are there; says so once where they are not.
+/// Whether the shared scenes are there; says so where they are not. For the suite "shared scenes".
 inline bool have_shared_scenes() {
     if (std::filesystem::exists(std::filesystem::path(RAYNEST_SHARED_SCENES) / "expected.json"))
         return true;
@@ -40,10 +40,10 @@ inline bool have_shared_scenes() {
     return false;
 }
 
-/// Whether this build decodes pictures; says so where it does not.
+/// Whether this build decodes pictures; says so where it does not. For the suite "images".
 inline bool have_images() {
     if (images_available()) return true;
-    MESSAGE("skipped: no image module");
+    MESSAGE("skipped: no images, this build lacks OpenImageIO");
     return false;
 }
 
