@@ -12,7 +12,7 @@ import sys
 import unittest
 import zipfile
 
-from daemon import Client, Daemon, DaemonTest, PATIENCE, until
+from daemon import Client, Daemon, DaemonTest, PATIENCE, closed_port, until
 from npy import npy
 
 DOWN = "0.3,1000,0.4,0,-1,0"
@@ -232,7 +232,8 @@ class Cli(DaemonTest):
                                                                             "name"]))
 
     def test_nobody_at_the_address_is_exit_code_3(self):
-        done = Client(self.raynest, "tcp://127.0.0.1:9").run("scenes")
+        with closed_port() as uri:
+            done = Client(self.raynest, uri).run("scenes")
         self.assertEqual(done.returncode, 3)
 
     def test_a_deadline_is_exit_code_7(self):

@@ -12,7 +12,7 @@ import unittest
 
 import numpy as np
 
-from daemon import Daemon, DaemonTest, PATIENCE
+from daemon import Daemon, DaemonTest, PATIENCE, closed_port
 
 CLIENT = pathlib.Path(__file__).resolve().parents[2] / "client" / "python"
 SECONDS_MAX = 4 * PATIENCE  # of a whole program
@@ -86,11 +86,12 @@ class Examples(DaemonTest):
             self.assertTrue(said.startswith(f"usage: {name} builtin:forest "), said)
 
     def test_errors_are_one_line_and_an_exit_code(self):
-        for code, words in ((5, ["missing.glb"]), (3, ["--server", "tcp://127.0.0.1:9"]),
-                            (2, ["--server", "nowhere"]),
-                            (1, [FOREST, "-o", "/nonexistent/a.npy"])):
-            said = self.example("lidar.py", *words, code=code)
-            self.assertTrue(said.startswith("lidar.py: "), said)
+        with closed_port() as nobody:
+            for code, words in ((5, ["missing.glb"]), (3, ["--server", nobody]),
+                                (2, ["--server", "nowhere"]),
+                                (1, [FOREST, "-o", "/nonexistent/a.npy"])):
+                said = self.example("lidar.py", *words, code=code)
+                self.assertTrue(said.startswith("lidar.py: "), said)
 
     def test_commands_of_the_readme_run_as_printed(self):
         text = (CLIENT / "README.md").read_text(encoding="utf-8").split("## Examples\n")[1]

@@ -3,7 +3,9 @@
 #include "tests/golden/examples.h"
 #include "tests/patience.h"
 
+#include <arpa/inet.h>
 #include <doctest/doctest.h>
+#include <netinet/in.h>
 #include <poll.h>
 #include <sys/socket.h>
 #include <sys/un.h>
@@ -14,6 +16,28 @@
 #include <stdexcept>
 
 namespace raynest::client {
+
+ClosedPort::ClosedPort(int family) : socket_(::socket(family, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+    sockaddr_in6 six = {};
+    six.sin6_family = AF_INET6;
+    six.sin6_addr = in6addr_loopback;
+    sockaddr_in four = {};
+    four.sin_family = AF_INET;
+    four.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    auto* const address =
+        family == AF_INET6 ? reinterpret_cast<sockaddr*>(&six) : reinterpret_cast<sockaddr*>(&four);
+    socklen_t size = family == AF_INET6 ? sizeof six : sizeof four;
+    // A machine without IPv6 has nobody there either, at any port.
+    (void)::bind(socket_, address, size);
+    (void)::getsockname(socket_, address, &size);
+    const int port = ntohs(family == AF_INET6 ? six.sin6_port : four.sin_port);
+    uri_ = (family == AF_INET6 ? "tcp://[::1]:" : "tcp://127.0.0.1:") +
+           std::to_string(port == 0 ? 1 : port);
+}
+
+ClosedPort::~ClosedPort() {
+    ::close(socket_);
+}
 
 std::pair<int, std::string> listen_somewhere() {
     static std::atomic<int> count = 0;

@@ -55,6 +55,21 @@ private:
     std::thread thread_;
 };
 
+/// A TCP port of this machine that nobody listens at, nor can meanwhile.
+class ClosedPort {
+public:
+    /// AF_INET or AF_INET6.
+    explicit ClosedPort(int family);
+    ~ClosedPort();
+    ClosedPort(const ClosedPort&) = delete;
+    ClosedPort& operator=(const ClosedPort&) = delete;
+    [[nodiscard]] const std::string& uri() const { return uri_; }
+
+private:
+    int socket_ = -1;
+    std::string uri_;
+};
+
 /// A listening Unix socket in the temporary folder; for tests that accept by themselves.
 std::pair<int, std::string> listen_somewhere();
 /// The next connection of a listener, or -1 when patience ends.

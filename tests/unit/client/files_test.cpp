@@ -1,7 +1,7 @@
 #include "client/files.h"
 
 #include "client/upload.h"
-#include "tests/unit/client/temporary_folder.h"
+#include "tests/temporary_folder.h"
 
 #include <doctest/doctest.h>
 #include <fcntl.h>
@@ -14,7 +14,7 @@
 #include <string>
 
 using namespace raynest;
-using client::TemporaryFolder;
+using test::TemporaryFolder;
 
 namespace {
 
@@ -36,13 +36,13 @@ TEST_CASE("nothing outside of the folder is read") {
     const TemporaryFolder outside;
     outside.write("secret", "secret");
     const TemporaryFolder folder;
-    std::filesystem::create_symlink(outside.path() + "/secret", folder.path() + "/link");
-    std::filesystem::create_directory_symlink(outside.path(), folder.path() + "/dir");
+    std::filesystem::create_symlink(outside.file("secret"), folder.file("link"));
+    std::filesystem::create_directory_symlink(outside.path(), folder.file("dir"));
     const std::string up = "../" + std::filesystem::path(outside.path()).filename().string();
     for (const std::string& name :
-         {std::string("link"), std::string("dir/secret"), up + "/secret",
-          outside.path() + "/secret", std::string(""), std::string("."), std::string(".."),
-          std::string("dir/../dir/secret"), std::string("missing"), std::string("secret\0x", 8)}) {
+         {std::string("link"), std::string("dir/secret"), up + "/secret", outside.file("secret"),
+          std::string(""), std::string("."), std::string(".."), std::string("dir/../dir/secret"),
+          std::string("missing"), std::string("secret\0x", 8)}) {
         CAPTURE(name);
         const auto read = client::read_file_beneath(folder.path(), name, 100);
         REQUIRE(!read);
@@ -52,48 +52,48 @@ TEST_CASE("nothing outside of the folder is read") {
 
 TEST_CASE("only regular files are read, and pipes are not waited for") {
     const TemporaryFolder folder;
-    REQUIRE(::mkfifo((folder.path() + "/pipe").c_str(), 0600) == 0);
-    std::filesystem::create_directory(folder.path() + "/sub");
+    REQUIRE(::mkfifo(folder.file("pipe").c_str(), 0600) == 0);
+    std::filesystem::create_directory(folder.file("sub"));
     CHECK(!client::read_file_beneath(folder.path(), "pipe", 100));
     CHECK(!client::read_file_beneath(folder.path(), "sub", 100));
-    CHECK(!client::read_file(folder.path() + "/pipe", 100));
+    CHECK(!client::read_file(folder.file("pipe"), 100));
     CHECK(!client::read_file("/dev/zero", 100));
 }
 
 TEST_CASE("a file over the limit is refused by its size") {
     const TemporaryFolder folder;
     folder.write("a", "12345");
-    CHECK(client::read_file(folder.path() + "/a", 5));
-    CHECK(!client::read_file(folder.path() + "/a", 4));
+    CHECK(client::read_file(folder.file("a"), 5));
+    CHECK(!client::read_file(folder.file("a"), 4));
 }
 
 TEST_CASE("a file is written whole or not at all") {
     const TemporaryFolder folder;
     folder.write("out", "old");
     const std::string text = "new";
-    REQUIRE(client::write_file(folder.path() + "/out", std::as_bytes(std::span(text))));
-    CHECK(text_of(client::read_file(folder.path() + "/out", 100).value()) == "new");
-    CHECK(!std::filesystem::exists(folder.path() + "/out.part"));
+    REQUIRE(client::write_file(folder.file("out"), std::as_bytes(std::span(text))));
+    CHECK(text_of(client::read_file(folder.file("out"), 100).value()) == "new");
+    CHECK(!std::filesystem::exists(folder.file("out.part")));
 
-    std::filesystem::create_directory(folder.path() + "/taken");
-    CHECK(!client::write_file(folder.path() + "/taken", std::as_bytes(std::span(text))));
-    CHECK(!std::filesystem::exists(folder.path() + "/taken.part"));
-    CHECK(!client::write_file(folder.path() + "/no/such/folder", std::as_bytes(std::span(text))));
+    std::filesystem::create_directory(folder.file("taken"));
+    CHECK(!client::write_file(folder.file("taken"), std::as_bytes(std::span(text))));
+    CHECK(!std::filesystem::exists(folder.file("taken.part")));
+    CHECK(!client::write_file(folder.file("no/such/folder"), std::as_bytes(std::span(text))));
 }
 
 TEST_CASE("a link stays a link, and a pipe a pipe") {
     const TemporaryFolder folder;
     folder.write("far", "old");
-    const std::string link = folder.path() + "/link";
+    const std::string link = folder.file("link");
     std::filesystem::create_symlink("far", link);
     const std::string text = "new";
     const auto bytes = std::as_bytes(std::span(text));
     REQUIRE(client::check_writable(link));
     REQUIRE(client::write_file(link, bytes));
     CHECK(std::filesystem::is_symlink(link));
-    CHECK(text_of(client::read_file(folder.path() + "/far", 100).value()) == "new");
+    CHECK(text_of(client::read_file(folder.file("far"), 100).value()) == "new");
 
-    const std::string pipe = folder.path() + "/pipe";
+    const std::string pipe = folder.file("pipe");
     REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
     const int reader = ::open(pipe.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
     REQUIRE(reader >= 0);

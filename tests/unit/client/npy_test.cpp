@@ -1,7 +1,7 @@
 #include "client/npy.h"
 
 #include "client/rays.h"
-#include "tests/unit/client/temporary_folder.h"
+#include "tests/temporary_folder.h"
 
 #include <doctest/doctest.h>
 
@@ -34,7 +34,7 @@ std::string header_of(const std::string& descr, const std::string& order,
     return "{'descr': '" + descr + "', 'fortran_order': " + order + ", 'shape': " + shape + ", }\n";
 }
 
-void write_rays(const client::TemporaryFolder& folder, const Array& array) {
+void write_rays(const test::TemporaryFolder& folder, const Array& array) {
     const std::vector<std::byte> file = client::format_npy(array);
     folder.write("rays.npy", {reinterpret_cast<const char*>(file.data()), file.size()});
 }
@@ -104,10 +104,10 @@ TEST_CASE("an archive ends with a directory of its members") {
 }
 
 TEST_CASE("rays are read from float32 and float64, six or eight to a row") {
-    const client::TemporaryFolder folder;
+    const test::TemporaryFolder folder;
     const std::vector<float> six = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12};
     write_rays(folder, {"<f4", {2, 6}, std::as_bytes(std::span(six))});
-    auto rays = client::RaySource::open(folder.path() + "/rays.npy");
+    auto rays = client::RaySource::open(folder.file("rays.npy"));
     REQUIRE(rays);
     REQUIRE(rays->count() == 2);
     REQUIRE(rays->width() == 6);
@@ -118,7 +118,7 @@ TEST_CASE("rays are read from float32 and float64, six or eight to a row") {
 
     const std::vector<double> eight = {1, 2, 3, 0.5, 5, 6, 7, 100};
     write_rays(folder, {"<f8", {1, 8}, std::as_bytes(std::span(eight))});
-    rays = client::RaySource::open(folder.path() + "/rays.npy");
+    rays = client::RaySource::open(folder.file("rays.npy"));
     REQUIRE(rays);
     out.resize(rays->width());
     rays->read(0, out);
@@ -130,6 +130,6 @@ TEST_CASE("rays are read from float32 and float64, six or eight to a row") {
           Array{"<f4", {4, 3}, std::as_bytes(std::span(six))},
           Array{"<u4", {2, 6}, std::as_bytes(std::span(six))}, Array{"<f4", {0, 6}, {}}}) {
         write_rays(folder, bad);
-        CHECK(!client::RaySource::open(folder.path() + "/rays.npy"));
+        CHECK(!client::RaySource::open(folder.file("rays.npy")));
     }
 }
