@@ -50,7 +50,10 @@ Reply<PictureOrder> make_order(const Services& services, Plan plan, const wire::
     if (!lease)
         return refuse(Code::resource_exhausted,
                       "a picture of " + std::to_string(width) + "x" + std::to_string(height) +
-                          " needs more memory than --memory has left; ask for a smaller --size");
+                          " takes " + std::to_string(bytes) + " bytes while it is made, " +
+                          std::to_string(services.budget.limit() - services.budget.used()) +
+                          " of --memory are free; ask for a smaller --size, or for PNG in place of "
+                          "EXR");
     order.lease = std::move(*lease);
     return order;
 }
