@@ -17,7 +17,9 @@
 #include "engine/bvh/packet_bounds.h"
 #include "engine/bvh/tree_arrays.h"
 #include "engine/geometry/coherence.h"
+#include "engine/geometry/ray.h"
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstddef>
@@ -46,29 +48,33 @@ public:
         world_ = feed.rays();
         mask_ = feed.call.mask;
         flags_ = feed.call.flags;
+        // A packet takes microseconds, too long for the CPU to see that the next one follows
+        // (measured with the answers' places: 1.03 to 1.05 times; of single rays nothing).
+        feed.prefetch_rays(packet_rays, 2 * packet_rays);
         PacketLevel level;
-        for (std::uint32_t i = 0; i < packet_rays; ++i) {
-            // Any valid ray fills the other lanes; it is never looked at.
-            const Ray ray = i < count ? world_[i] : Ray{Vec3(0), 0, Vec3(1), 0};
-            for (int axis = 0; axis < 3; ++axis) {
-                level.origin[axis].of[i] = ray.origin[axis];
-                level.direction[axis].of[i] = ray.direction[axis];
-            }
-            range_.tmin.of[i] = ray.tmin;
-            range_.tmax.of[i] = ray.tmax;
+        if (count == packet_rays) {
+            load(level, world_);
+        } else {
+            Ray rays[packet_rays];
+            std::copy_n(world_, count, rays);
+            load(level, rays);
         }
         RaySet rays = valid_rays(level, range_);
+        if (count < packet_rays) rays &= (RaySet{1} << count) - 1;
         for (std::uint32_t i = 0; i < count; ++i) {
             if ((rays >> i & 1U) != 0) {
                 new (&queries_[i]) Query(feed.query(i));
-                range_.tmax.of[i] = search_end(world_[i]);
             } else {
                 feed.refuse(i);
             }
         }
-        if (count < packet_rays) rays &= (RaySet{1} << count) - 1;
         if (rays == 0) return;
+        for (std::uint32_t g = 0; g < packet_groups; ++g) {  // as search_end()
+            const auto farthest = PacketLanes::splat(std::numeric_limits<float>::max());
+            range_.tmax.set_group(g, minimum(range_.tmax.group(g), farthest));
+        }
         live_ = rays;
+        feed.prefetch_answers(count);
         visit_level({root.scene, &root.record(), 0}, level, rays);
         for (RaySet rest = rays; rest != 0; rest &= rest - 1) {
             const auto i = static_cast<std::uint32_t>(std::countr_zero(rest));
@@ -111,6 +117,24 @@ private:
             }
         }
     };
+
+    /// From the form in which requests give rays: by vectors (ray by ray takes a tenth of the time
+    /// of a packet of small triangles: measured, 1.02 to 1.05 times).
+    RAYNEST_INLINE void load(PacketLevel& level, const Ray* rays) {
+        static_assert(offsetof(Ray, tmin) == 3 * sizeof(float) &&
+                      offsetof(Ray, direction) == 4 * sizeof(float) &&
+                      offsetof(Ray, tmax) == 7 * sizeof(float));
+        for (std::uint32_t g = 0; g < packet_groups; ++g) {
+            PacketLanes columns[8];
+            PacketLanes::load_records(columns, &rays[packet_lanes * g].origin.x);
+            for (int axis = 0; axis < 3; ++axis) {
+                level.origin[axis].set_group(g, columns[axis]);
+                level.direction[axis].set_group(g, columns[4 + axis]);
+            }
+            range_.tmin.set_group(g, columns[3]);
+            range_.tmax.set_group(g, columns[7]);
+        }
+    }
 
     /// Rays of a group that enter one child's box, by each ray's own rule.
     RAYNEST_INLINE std::uint32_t enter_box(const PacketLevel& level, const PacketBounds& bounds,

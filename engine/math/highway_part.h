@@ -51,6 +51,25 @@ template <class Vector>
 RAYNEST_INLINE void store(Vector a, float* to) {
     hn::Store(a, Tag<Vector>(), to);
 }
+/// Lane i of vector k: float k of record i, of as many records of eight floats as there are lanes.
+template <class Vector>
+RAYNEST_INLINE void load_records(Vector (&to)[8], const float* from) {
+    const Tag<Vector> floats;
+    const hn::Repartition<std::uint64_t, Tag<Vector>> pairs;
+    using Pairs = hn::Vec<hn::Repartition<std::uint64_t, Tag<Vector>>>;
+    const auto* pair = reinterpret_cast<const std::uint64_t*>(from);
+    Pairs lower[4], upper[4];  // of the first and of the second half of the records
+    hn::LoadInterleaved4(pairs, pair, lower[0], lower[1], lower[2], lower[3]);
+    hn::LoadInterleaved4(pairs, pair + 2 * width<Vector>, upper[0], upper[1], upper[2], upper[3]);
+    for (int i = 0; i < 4; ++i) {
+        const Vector a = hn::BitCast(floats, lower[i]);
+        const Vector b = hn::BitCast(floats, upper[i]);
+        // Found by their arguments: Highway for plain x86-64, which sees but never uses this, has
+        // no such functions.
+        to[2 * i] = ConcatEven(floats, b, a);
+        to[2 * i + 1] = ConcatOdd(floats, b, a);
+    }
+}
 template <class Vector>
 RAYNEST_INLINE Vector add(Vector a, Vector b) {
     return a + b;

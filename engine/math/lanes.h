@@ -54,6 +54,14 @@ struct Lanes {
     RAYNEST_INLINE void store(float* to) const {
         for (std::size_t i = 0; i < parts; ++i) part::store(lane[i], to + i * width);
     }
+    /// Lane i of to[k]: float k of record i, of N records of eight floats each in a row.
+    RAYNEST_INLINE static void load_records(Lanes (&to)[8], const float* from) {
+        for (std::size_t i = 0; i < parts; ++i) {
+            Part columns[8];
+            part::load_records(columns, from + 8 * width * i);
+            for (int k = 0; k < 8; ++k) to[k].lane[i] = columns[k];
+        }
+    }
 
     /// f(part of a, part of b, ...) for every part.
     template <class F, class... Others>

@@ -28,6 +28,9 @@ RAYNEST_INLINE void load(float& to, const float* from) {
 RAYNEST_INLINE void store(float a, float* to) {
     *to = a;
 }
+RAYNEST_INLINE void load_records(float (&to)[8], const float* from) {
+    for (int k = 0; k < 8; ++k) to[k] = from[k];
+}
 RAYNEST_INLINE float add(float a, float b) {
     return a + b;
 }

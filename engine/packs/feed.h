@@ -5,6 +5,7 @@
 #include "engine/packs/abi.h"
 #include "engine/queries/queries.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -22,6 +23,19 @@ struct Feed {
     Cancellation* cancellation = nullptr;  ///< of the call
 
     [[nodiscard]] RAYNEST_INLINE const Ray* rays() const { return call.rays + first; }
+    /// Asks memory for rays [from, to) of the group or behind it, as far as the call has them.
+    RAYNEST_INLINE void prefetch_rays(std::uint32_t from, std::uint32_t to) const {
+        const std::uint32_t end = std::min(to, call.ray_count - first);
+        for (std::uint32_t i = from; i < end; i += cache_line / sizeof(Ray)) {
+            __builtin_prefetch(rays() + i);
+        }
+    }
+    /// Asks memory for the places of the answers of rays [0, count).
+    RAYNEST_INLINE void prefetch_answers(std::uint32_t count) const {
+        for (std::uint32_t i = 0; i < count; i += cache_line / sizeof(HitRecord)) {
+            __builtin_prefetch(hits_of(i), 1);
+        }
+    }
     /// The ray as it enters the root; false when it is invalid and thereby answered.
     [[nodiscard]] RAYNEST_INLINE bool begin(std::uint32_t i, RayView& view) const {
         const Ray& ray = rays()[i];
@@ -59,6 +73,8 @@ struct Feed {
     RAYNEST_INLINE void give_up(std::uint32_t i) const { end_without_hit(i, hit_given_up); }
 
 private:
+    static constexpr std::uint32_t cache_line = 64;
+
     RAYNEST_INLINE void end_without_hit(std::uint32_t i, HitFlags flag) const {
         HitRecord answer;
         answer.flags = flag;
