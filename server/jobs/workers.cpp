@@ -23,13 +23,22 @@ std::chrono::nanoseconds now_by(Workers::Time time) {
 
 Workers::Workers(unsigned threads, Time charged, unsigned spares)
     : charged_(charged),
-      spares_max_(spares) {
-    threads_.reserve(threads);
-    for (unsigned i = 0; i < threads; ++i) threads_.emplace_back([this] { run(); });
-    if (spares != 0) watch_ = std::thread([this] { watch(); });
+      spares_max_(spares),
+      regulars_(threads) {
+    try {
+        for (Seat& seat : regulars_) seat.thread = std::jthread([this, &seat] { run(seat); });
+        if (spares != 0) watch_ = std::thread([this] { watch(); });
+    } catch (...) {
+        stop();
+        throw;
+    }
 }
 
 Workers::~Workers() {
+    stop();
+}
+
+void Workers::stop() {
     Accounts dropped;
     {
         const std::lock_guard lock(mutex_);
@@ -40,8 +49,10 @@ Workers::~Workers() {
     wake_.notify_all();
     alarm_.notify_one();
     if (watch_.joinable()) watch_.join();  // first: it starts others
-    for (std::thread& thread : threads_) thread.join();
-    spares_.clear();
+    for (Seat& seat : regulars_) {
+        if (seat.thread.joinable()) seat.thread.join();
+    }
+    for (Seat& seat : spares_) seat.thread.join();
 }
 
 bool Workers::later(const Waiting& a, const Waiting& b) {
@@ -58,10 +69,7 @@ std::uint64_t Workers::submit(const std::string& principal, Priority priority,
         // Memory first: where it lacks, there must be neither a turn without a task nor a task
         // without a turn.
         if (queue.size() == queue.capacity()) queue.reserve(2 * queue.size() + 1);
-        if (queue.empty()) {
-            if (turns_.empty()) waiting_since_ = Clock::now();
-            turns_.push_back(account);
-        }
+        if (queue.empty()) turns_.push_back(account);
         number = submitted_++;
         queue.push_back({priority, number, std::move(task)});
         std::push_heap(queue.begin(), queue.end(), later);
@@ -95,9 +103,9 @@ bool Workers::run_one() noexcept {
     {
         const std::lock_guard lock(mutex_);
         if (turns_.empty()) return false;
-        taken = take(next_in_turn());
+        taken = take(next_in_turn(), nullptr);
     }
-    run_taken(std::move(taken));
+    run_taken(std::move(taken), nullptr);
     return true;
 }
 
@@ -115,11 +123,11 @@ Workers::Turns::iterator Workers::least_served() {
     const auto least = std::min_element(turns_.begin(), turns_.end(), [](auto a, auto b) {
         return a->second.running < b->second.running;
     });
-    const std::size_t most = threads_.size() + spares_max_ / 2;
+    const std::size_t most = threads() + spares_max_ / 2;
     return least != turns_.end() && (*least)->second.running < most ? least : turns_.end();
 }
 
-Workers::Taken Workers::take(Turns::iterator turn) {
+Workers::Taken Workers::take(Turns::iterator turn, Seat* seat) {
     const Accounts::iterator account = *turn;
     std::vector<Waiting>& queue = account->second.queue;
     std::pop_heap(queue.begin(), queue.end(), later);
@@ -130,17 +138,18 @@ Workers::Taken Workers::take(Turns::iterator turn) {
         turns_.erase(turn);
     else
         turns_.splice(turns_.end(), turns_, turn);
-    waiting_since_ = Clock::now();
+    if (seat != nullptr) seat->since = Clock::now();
     return taken;
 }
 
-void Workers::run_taken(Taken taken) {
+void Workers::run_taken(Taken taken, Seat* seat) {
     const auto start = now_by(charged_);
     taken.task();
     taken.task = {};  // what it holds goes before the next one is taken
     const auto turns = (now_by(charged_) - start) / slice;
 
     const std::lock_guard lock(mutex_);
+    if (seat != nullptr) seat->since = Clock::time_point::max();
     if (stopping_) return;  // the accounts are gone
     Account& account = taken.account->second;
     account.debt = std::min<std::int64_t>(account.debt + turns, debt_max);
@@ -151,56 +160,69 @@ void Workers::run_taken(Taken taken) {
         std::erase_if(accounts_, [](const auto& entry) { return entry.second.running == 0; });
 }
 
-void Workers::run() {
+void Workers::run(Seat& self) {
     for (;;) {
         Taken taken;
         {
             std::unique_lock lock(mutex_);
             wake_.wait(lock, [this] { return stopping_ || !turns_.empty(); });
             if (stopping_) return;
-            taken = take(next_in_turn());
-            ++taken_;
+            taken = take(next_in_turn(), &self);
         }
-        run_taken(std::move(taken));
+        run_taken(std::move(taken), &self);
     }
+}
+
+std::size_t Workers::held() const {
+    const Clock::time_point long_ago = Clock::now() - patience;
+    const auto is_held = [long_ago](const Seat& seat) { return seat.since <= long_ago; };
+    return static_cast<std::size_t>(std::ranges::count_if(regulars_, is_held) +
+                                    std::ranges::count_if(spares_, is_held));
 }
 
 void Workers::watch() {
     std::unique_lock lock(mutex_);
-    while (!stopping_) {
-        const std::uint64_t before = submitted_;
-        alarm_.wait_for(lock, patience, [this] { return stopping_; });
-        std::erase_if(spares_, [](const Spare& spare) { return spare.over; });
-        if (Clock::now() >= waiting_since_ + patience && least_served() != turns_.end())
-            start_spare();
-        if (submitted_ != before || !turns_.empty() || !spares_.empty()) continue;
-        resting_ = true;
-        alarm_.wait(lock, [this] { return stopping_ || !resting_; });
+    for (std::uint64_t seen = submitted_; !stopping_;) {
+        std::erase_if(spares_, [](const Seat& seat) { return seat.over; });
+        const std::size_t wanted = std::min(held(), spares_max_);
+        while (spares_.size() < wanted && least_served() != turns_.end() && start_spare()) {
+        }
+        if (submitted_ != seen || !turns_.empty() || !spares_.empty()) {
+            seen = submitted_;
+            alarm_.wait_for(lock, patience, [this] { return stopping_; });
+        } else {
+            resting_ = true;
+            alarm_.wait(lock, [this] { return stopping_ || !resting_; });
+        }
     }
 }
 
-void Workers::start_spare() {
-    if (spares_.size() == spares_max_) return;
+bool Workers::start_spare() {
     try {
-        Spare& spare = spares_.emplace_back();
-        spare.thread = std::jthread([this, &spare] { run_spare(spare); });
+        Seat& seat = spares_.emplace_back();
+        seat.thread = std::jthread([this, &seat] { run_spare(seat); });
+        return true;
     } catch (const std::exception&) {  // no memory, or no thread: later, perhaps
-        std::erase_if(spares_, [](const Spare& spare) { return !spare.thread.joinable(); });
+        std::erase_if(spares_, [](const Seat& seat) { return !seat.thread.joinable(); });
+        return false;
     }
 }
 
-void Workers::run_spare(Spare& self) {
+void Workers::run_spare(Seat& self) {
     std::unique_lock lock(mutex_);
-    const std::uint64_t before = taken_;
-    while (!stopping_ && taken_ == before) {
+    for (;;) {
+        wake_.wait_for(lock, patience, [this] { return stopping_ || !turns_.empty(); });
         const auto turn = least_served();
-        if (turn == turns_.end()) break;
-        Taken taken = take(turn);
+        const auto serving = std::ranges::count(spares_, false, &Seat::over);
+        const bool is_needed = static_cast<std::size_t>(serving) <= held();
+        if (stopping_ || turn == turns_.end() || !is_needed) break;
+        Taken taken = take(turn, &self);
         lock.unlock();
-        run_taken(std::move(taken));
+        run_taken(std::move(taken), &self);
         lock.lock();
     }
     self.over = true;
+    wake_.notify_one();  // what this one was woken for is another's now
 }
 
 }  // namespace raynest::server

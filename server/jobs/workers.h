@@ -10,8 +10,9 @@
 // no thread: a job submits one chunk at a time and is asked again when it ended.
 //
 // A task may take much longer than its kind usually does: rays that meet all that a scene holds.
-// While such tasks hold all threads, spare ones run what waits, and the system shares the processor
-// among them all. Half of the spare threads are out of reach for any one principal.
+// Spare threads take the place of those that such tasks hold, so that as many as ever run what
+// waits; the system shares the processor among them all. Half of the spare threads are out of reach
+// for any one principal.
 #pragma once
 
 #include "server/jobs/job.h"
@@ -38,7 +39,7 @@ public:
     enum class Time { processor, clock };
 
     /// Throws std::system_error when the system has no threads left. With 0 of them tasks wait for
-    /// run_one(). Up to `spares` threads more, while those are all held.
+    /// run_one(). Up to `spares` threads more, in the place of those that are held.
     explicit Workers(unsigned threads, Time charged = Time::processor, unsigned spares = 0);
     /// Drops what has not started, waits for what runs.
     ~Workers();
@@ -59,10 +60,10 @@ public:
 
     /// So much time is one turn: the time of a usual chunk.
     static constexpr std::chrono::milliseconds slice{4};
-    /// For so long, and at most twice as long, tasks wait before a spare thread runs the next one.
+    /// A task that takes longer holds its thread; that is seen after as long again, at most.
     static constexpr std::chrono::milliseconds patience{250};
 
-    [[nodiscard]] std::size_t threads() const { return threads_.size(); }
+    [[nodiscard]] std::size_t threads() const { return regulars_.size(); }
 
 private:
     struct Waiting {
@@ -81,37 +82,40 @@ private:
         Accounts::iterator account;
         std::function<void()> task;
     };
+    /// A thread and what it is at.
+    struct Seat {
+        Clock::time_point since = Clock::time_point::max();  ///< it runs its task; max: it has none
+        bool over = false;                                   ///< a spare one that has ended
+        std::jthread thread = {};                            ///< joined before its seat goes
+    };
     static bool later(const Waiting& a, const Waiting& b);
-    void run();
+    void stop();
+    void run(Seat& self);
     /// Who is to give the next task to one of the threads; `turns_` must not be empty.
     Turns::iterator next_in_turn();
     /// The same for a spare thread: of whom least runs, if that is little enough; else the end.
     Turns::iterator least_served();
-    Taken take(Turns::iterator turn);
-    void run_taken(Taken taken);
-    struct Spare {
-        bool over = false;
-        std::jthread thread = {};  ///< goes first, and joins
-    };
+    /// `seat` is null of a thread that is not one of these.
+    Taken take(Turns::iterator turn, Seat* seat);
+    void run_taken(Taken taken, Seat* seat);
+    /// Threads that have been at one task for longer than `patience`.
+    [[nodiscard]] std::size_t held() const;
     void watch();
-    void start_spare();
-    void run_spare(Spare& self);
+    bool start_spare();
+    void run_spare(Seat& self);
 
     std::mutex mutex_;
     std::condition_variable wake_;
     Accounts accounts_;  ///< of principals with tasks that wait or run, or debt
     Turns turns_;        ///< those with tasks that wait, each once
     std::uint64_t submitted_ = 0;
-    std::uint64_t taken_ = 0;          ///< tasks, by `threads_`
-    Clock::time_point waiting_since_;  ///< nobody took a task although some wait
     bool stopping_ = false;
-    std::vector<std::thread> threads_;
-
     const Time charged_;
     const std::size_t spares_max_;
-    std::list<Spare> spares_;
     std::condition_variable alarm_;  ///< wakes the thread that watches
     bool resting_ = false;           ///< nothing to watch until the next task comes
+    std::vector<Seat> regulars_;
+    std::list<Seat> spares_;
     std::thread watch_;
 };
 

@@ -10,6 +10,8 @@
 #include <memory>
 #include <string>
 #include <thread>
+#include <utility>
+#include <vector>
 
 namespace raynest::server {
 namespace {
@@ -218,6 +220,45 @@ TEST_CASE("while long tasks hold all threads, spare ones run what waits") {
         }
     }
     CHECK(hold.begun() == 2);
+}
+
+TEST_CASE("a spare thread stays while there is something to do") {
+    Workers workers(1, Workers::Time::processor, 4);
+    const Hold hold(workers, "heavy", 1);
+    constexpr int tasks = 40;
+    std::atomic<int> threads{0};
+    for (int i = 0; i < tasks; ++i) {  // as a job gives its chunks: the next one when one is done
+        std::promise<void> done;
+        workers.submit("light", Priority::normal, [&] {
+            thread_local bool is_known = false;
+            if (!std::exchange(is_known, true)) ++threads;
+            done.set_value();
+        });
+        done.get_future().wait();
+    }
+    CHECK(threads < tasks);
+}
+
+TEST_CASE("spare threads are as many as those whose place they take") {
+    constexpr int threads = 3;
+    Workers workers(threads, Workers::Time::processor, 8);
+    const Hold heavy(workers, "heavy", threads);
+    while (heavy.begun() < threads) std::this_thread::yield();
+    std::atomic<int> at_once{0};
+    std::atomic<int> most{0};
+    std::vector<std::promise<void>> done(200);
+    for (std::promise<void>& each : done) {
+        workers.submit("light", Priority::normal, [&] {
+            const int now = ++at_once;
+            for (int seen = most; seen < now && !most.compare_exchange_weak(seen, now);) {
+            }
+            std::this_thread::sleep_for(std::chrono::milliseconds(5));
+            --at_once;
+            each.set_value();
+        });
+    }
+    for (std::promise<void>& each : done) each.get_future().wait();
+    CHECK(most == threads);
 }
 
 TEST_CASE("half of the spare threads are out of reach for one principal") {
