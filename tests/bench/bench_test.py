@@ -226,12 +226,13 @@ class Files(unittest.TestCase):
 
 
 class Table(unittest.TestCase):
-    def lines(self, rows):
-        with tempfile.NamedTemporaryFile("w", suffix=".jsonl") as file:
-            file.writelines(json.dumps(row) + "\n" for row in rows)
-            file.flush()
+    def lines(self, *runs):
+        with tempfile.TemporaryDirectory() as folder:
+            files = [pathlib.Path(folder, f"{number}.jsonl") for number in range(len(runs))]
+            for file, rows in zip(files, runs):
+                file.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
             out, argv = io.StringIO(), sys.argv
-            sys.argv = ["table.py", file.name, "--commands"]
+            sys.argv = ["table.py", *map(str, files), "--commands"]
             try:
                 with redirect_stdout(out):
                     table.main()
@@ -239,8 +240,8 @@ class Table(unittest.TestCase):
                 sys.argv = argv
         return out.getvalue().splitlines()
 
-    def line(self, rows, title):
-        return next(line for line in self.lines(rows) if line.startswith(f"| {title}"))
+    def line(self, title, *runs):
+        return next(line for line in self.lines(*runs) if line.startswith(f"| {title}"))
 
     def row(self, scene, rays, peer, ratio, **more):
         return {"scene": scene, "rays": rays, "kind": "closest", "traversal": "latency", "intersector": "opaque",
@@ -251,15 +252,21 @@ class Table(unittest.TestCase):
         ratios = iter((1, 2, 4, 1, 2, 4, 1, 2, 4))
         rows = [self.row(scene, rays, "embree", next(ratios)) for scene in table.FLAT
                 for rays in ("primary", "diffuse", "random")]
-        line = self.line(rows, "single rays, closest")
+        line = self.line("single rays, closest", rows)
         self.assertIn("| 2 | 1.92 | 1.05 | 1.2 | goal | 1 | `bench X` |", line)
-        self.assertIn(table.UNAVAILABLE, self.line(rows[:-1], "single rays, closest"))
+        self.assertIn(table.UNAVAILABLE, self.line("single rays, closest", rows[:-1]))
+
+    def test_of_several_runs_the_median_counts_and_the_spread_is_told(self):
+        runs = [[self.row("forest3", rays, "own-over", ratio, ratio_adjusted=ratio)
+                 for rays in ("primary", "diffuse", "ao")] for ratio in (0.8, 1.25, 0.95)]
+        self.assertIn("| 0.95 | 0.95 (0.8 to 1.25) | 0.9 | 1 | floor | 1 |",
+                      self.line("forest3 nested", *runs))
 
     def test_the_better_of_two_filters_counts(self):
         rows = [self.row("cards", rays, peer, ratio, kind="multi", peer_mrays=rate)
                 for rays in ("primary", "diffuse", "random")
                 for peer, ratio, rate in (("embree-list", 3, 1.0), ("embree-shrink", 1.04, 2.0))]
-        self.assertIn("| 1.04 | 1 | 1.1 | 1.5 | below |", self.line(rows, "multi-hit"))
+        self.assertIn("| 1.04 | 1 | 1.1 | 1.5 | below |", self.line("multi-hit", rows))
 
     def test_rows_with_too_many_mismatches_are_listed(self):
         rows = [self.row("cards", "primary", "embree", 1, mismatches=7, mismatches_max=2, count=9)]

@@ -1,17 +1,19 @@
 #!/usr/bin/env python3
 """Rows of raynest-bench --json -> the table of the README, in Markdown, each row with its command.
 
-  table.py ROWS.jsonl [--commands]
+  table.py ROWS.jsonl... [--commands]
 
 Every line of the table is a claim: a geometric mean of ratios (rate of ours over the peer's, time of
 the peer's build over ours, plain bytes) over the scenes and kinds of rays it names, beside the floor
 and the goal that it is held to. `adjusted` divides by what the peer would gain with its asserts off.
 Lines that name no traversal take our fastest. A line whose rows are missing says so; a mean over fewer
-rows than it names is never formed.
+rows than it names is never formed. Of several files, each a run, the median counts, and the least and
+the largest are told.
 """
 import argparse
 import json
 import math
+import statistics
 import sys
 
 FLAT = ("terrain", "cards", "interior")
@@ -122,35 +124,42 @@ def commands_of(chosen):
     return list(dict.fromkeys(row["command"] for row in chosen))
 
 
-def table(rows, target, with_commands):
+def table(runs, target, with_commands):
+    """The lines; `runs` are lists of rows, one of each run."""
     yield "| | ratio | adjusted | floor | goal | | mismatches |" + (" command |" if with_commands else "")
     yield "|---|---|---|---|---|---|---|" + ("---|" if with_commands else "")
     for claim in claims(target):
-        chosen = claim.rows(rows)
+        chosen = [rows for rows in map(claim.rows, runs) if rows is not None]
         bounds = f"{claim.floor:g} | {claim.goal:g}" if claim.goal else "| "
-        if chosen is None:
+        if not chosen:
             yield f"| {claim.title} | {UNAVAILABLE} | | {bounds} | | |" + (" |" if with_commands else "")
             continue
-        adjusted = claim.number(chosen)
-        plain = claim.number(chosen, "ratio") if claim.value == "ratio_adjusted" else adjusted
+        numbers = [claim.number(rows) for rows in chosen]
+        adjusted = statistics.median(numbers)
+        plain = adjusted
+        if claim.value == "ratio_adjusted":
+            plain = statistics.median(claim.number(rows, "ratio") for rows in chosen)
+        spread = f" ({min(numbers):.3g} to {max(numbers):.3g})" if len(runs) > 1 else ""
         verdict = claim.verdict(adjusted) if claim.goal else ""
-        worst = max((row.get("mismatches", 0) for row in chosen), default=0)
-        line = (f"| {claim.title} | {plain:.3g} | {adjusted:.3g} | {bounds} | {verdict} | {worst} |")
+        worst = max((row.get("mismatches", 0) for rows in chosen for row in rows), default=0)
+        line = (f"| {claim.title} | {plain:.3g} | {adjusted:.3g}{spread} | {bounds} | {verdict} | {worst} |")
         if with_commands:
-            line += " " + "<br>".join(f"`{command}`" for command in commands_of(chosen)) + " |"
+            commands = commands_of([row for rows in chosen for row in rows])
+            line += " " + "<br>".join(f"`{command}`" for command in commands) + " |"
         yield line
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("rows", help="a file of JSON rows, one per line")
+    parser.add_argument("rows", nargs="+", help="files of JSON rows, one per line; one file a run")
     parser.add_argument("--target", default="v4", help="the pack that the table is of")
     parser.add_argument("--commands", action="store_true", help="add each row's command")
     arguments = parser.parse_args()
-    rows = read_rows(arguments.rows)
+    runs = [read_rows(path) for path in arguments.rows]
+    rows = [row for run in runs for row in run]
     peers = {row["peer_about"] for row in rows if row.get("peer_about")}
     print(f"Against {', '.join(sorted(peers)) or 'nothing'}; target {arguments.target}.\n")
-    for line in table(rows, arguments.target, arguments.commands):
+    for line in table(runs, arguments.target, arguments.commands):
         print(line)
     beyond = [row for row in rows if row.get("mismatches", 0) > row.get("mismatches_max", math.inf)]
     if beyond:
