@@ -144,6 +144,17 @@ class Pictures(WithDaemon):
         self.assertEqual(pixels.shape, (2048, 2048, 4))
         self.assertTrue((pixels[-1, :, 3] == 255).any())
 
+    def test_an_origin_shifts_cameras(self):
+        far = np.array([4e6, 5e6, 100.0])
+        corners = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0]])
+        view = {"size": (32, 24), "fov": 60}
+        here = self.client.mesh(corners, [[0, 1, 2]]).render(
+            look_at=((0, 0, 3), (0, 0, 0)), **view)
+        there = self.client.mesh(far + corners, [[0, 1, 2]], origin=far).render(
+            look_at=(far + [0, 0, 3], far), **view)
+        self.assertGreater(np.count_nonzero(here[..., 3]), 50)
+        np.testing.assert_array_equal(there, here)
+
     def test_bad_cameras_and_sizes_are_refused(self):
         for options in ({"size": (0, 5)}, {"size": (99999, 5)}, {"look_at": ([0, 0, 0],)},
                         {"look_at": ([0, 0], [1, 1])}, {"camera": "unheard"}, {"fov": 200},
@@ -187,6 +198,7 @@ class Errors(WithDaemon):
                 ("mask of 4294967296", lambda: self.woods.trace(ray, mask=2**32)),
                 ("epoch of -1", lambda: self.woods.trace(ray, epoch=-1)),
                 ("epoch of 1.5", lambda: self.woods.path_of(1, epoch=1.5)),
+                ("max_hits is of", lambda: self.woods.trace(ray, max_hits=5)),
                 ("max_hits of 2.5", lambda: self.woods.trace(ray, kind="multi", max_hits=2.5)),
                 ("max_hits of -5", lambda: self.woods.trace(ray, kind="multi", max_hits=-5)),
                 ("max_hits of 0", lambda: self.woods.trace(ray, kind="multi", max_hits=0)),
@@ -224,6 +236,28 @@ class Errors(WithDaemon):
                 os._exit(code)
         self.assertEqual(os.waitpid(child, 0)[1], 0)
         self.woods.trace(ray)
+
+    def test_a_forked_process_leaves_the_streams_of_the_other_one_alone(self):
+        rays = rain(400_000)
+        for leave in (True, False):
+            stream = self.woods.stream(rays, fields=("t",))
+            answered = len(next(stream)[1]["t"])
+            child = os.fork()
+            if child == 0:
+                code = 1
+                try:
+                    if leave:
+                        stream.close()
+                        code = 0
+                    else:
+                        next(stream)
+                except raynest.UsageError:
+                    code = 0
+                finally:
+                    os._exit(code)
+            self.assertEqual(os.waitpid(child, 0)[1], 0)
+            answered += sum(len(columns["t"]) for _, columns in stream)
+            self.assertEqual(answered, len(rays))
 
     def test_one_column_may_be_named_by_itself(self):
         ray = [[0, 1000, 0, 0, -1, 0]]

@@ -111,6 +111,11 @@ class Generators(WithDaemon):
             self.assertEqual(self.made(generator, scene)[0].tolist(), [[0.25, 0.25, 2]])
         self.assertEqual(scene.trace(generators.pinhole(1, size=(1, 1), pose=down))["t"], [2])
 
+    def test_sizes_may_be_any_whole_numbers(self):
+        size = np.array([300, 250], np.uint16)
+        generator = generators.orthographic((1, 1), size=size)
+        self.assertEqual(len(self.woods.trace(generator, fields=("t",))["t"]), 75000)
+
     def test_the_share_of_rays_that_hit(self):
         points = np.random.default_rng(3).uniform(-10, 10, (50, 3)) + [0, 3, 0]
         for samples in (100, 20_000):

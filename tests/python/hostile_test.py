@@ -365,6 +365,23 @@ class Waits(WithFake):
                                         fields=tuple(columns))
         np.testing.assert_array_equal(hits["t"], np.tile(t(count), frames))
 
+    def test_a_pause_of_the_caller_leaves_no_frame_half_sent(self):
+        count = 16384
+        came_whole = threading.Event()
+
+        def script(peer):
+            peer.until("QueryRays")
+            peer.send("Started", {"epoch": 1})
+            header = read_header(peer.exactly(HEADER.size))  # of the next, larger than the socket
+            peer.send("Chunk", {"count": count}, t=t(count))
+            peer.exactly(header.control_bytes + header.bulk_bytes)
+            came_whole.set()
+            peer.send("Chunk", {"first_ray": count, "count": count}, t=t(count))
+            peer.send("Done", {})
+        rays = np.ones((2 * count, 8), np.float32)
+        for _ in self.scene(script).stream(rays, fields=("t",)):
+            self.assertTrue(came_whole.wait(PATIENCE))
+
     def test_rays_are_sent_within_the_credit(self):
         early = []
 

@@ -38,7 +38,9 @@ class Jobs(WithDaemon):
             self.assertIsInstance(job, raynest.Job)
             self.assertIs(job.wait(), job)
             for _ in range(2):  # as often as asked
-                fetched = job.fetch()
+                news = []
+                fetched = job.fetch(progress=lambda *now: news.append(now))
+                self.assertTrue(all(done <= total and total for done, total, _ in news), news)
                 self.same(fetched, expected)
                 self.assertEqual(list(fetched), list(expected))
             for name in ("rays", "hits", "misses", "epoch", "intersector"):

@@ -114,6 +114,12 @@ class Rays(WithDaemon):
         wall = self.client.mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
         ends = [[0, 0, -1], [0, 0, 0.5], [0, 0, 0], [5, 0, -1]]
         self.assertEqual(wall.occluded([0, 0, 1], ends).tolist(), [True, False, False, False])
+        for dtype in (np.uint8, np.int8, np.uint64, np.int64, np.float16, np.float64):
+            a, b = np.array([[0, 0, 9]], dtype), np.array([[0, 0, 2]], dtype)
+            past = self.client.mesh([[-1, -1, 5], [1, -1, 5], [0, 1, 5]], [[0, 1, 2]])
+            self.assertEqual(past.occluded(a, b).tolist(), [True], dtype)
+        with self.assertRaisesRegex(raynest.UsageError, "too far"):
+            wall.occluded([0, 0, 1], [0, 0, -1e200])
         for a, margin in (([0, 0, 1], 0.5), ([0, 0, 1], -1), ([0, 0, np.nan], 0), ([0, 0, np.inf], 0)):
             with self.assertRaises(raynest.UsageError):
                 wall.occluded(a, ends, margin=margin)

@@ -228,6 +228,11 @@ class Trimesh(unittest.TestCase):
         tri, _ = rays.intersects_id([[0.0, 0, -5]], [[0.0, 0, 1]], max_hits=7)
         self.assertEqual((tri // 2).tolist(), list(range(7)))
 
+    def test_vertices_that_no_face_uses_are_nowhere(self):
+        cube = box(2)
+        stray = self.rays(Mesh(np.vstack([cube.vertices, [[1e9, 0, 0]]]), cube.faces))
+        self.assertEqual(stray.contains_points([[0.0, 0, 0], [3, 0, 0]]).tolist(), [True, False])
+
     def layers(self, count):
         """Triangles one above the other, at z = 0, 1, ..."""
         corners = np.array([[-9.0, -9, 0], [9, -9, 0], [0, 9, 0]])

@@ -103,9 +103,7 @@ class Connection:
         mine = False
         try:
             with self.interrupts:
-                if os.getpid() != self._process:  # two processes would read each other's answers
-                    raise errors.UsageError("this connection is of the process that was forked; "
-                                            "connect again in this one")
+                self._check_process()
                 mine = self._take_turn()
                 if self.closed:
                     raise errors.ConnectError(f"the connection to {self.uri} is closed; "
@@ -114,15 +112,21 @@ class Connection:
                 self.queue(name, message)  # or it cannot be said, and nothing has begun
                 self._begin(deadline + GRACE_SECONDS if deadline else 0.0)
                 self.credit = self.daemon.window_bytes
-            while self._running:
+            frames: collections.deque[Frame] = collections.deque()
+            while self._running or frames:
                 with self.interrupts:
-                    feed()
-                    frame = self._next(place)
-                yield frame
+                    self._check_process()
+                    if not frames:
+                        feed()
+                        frames.append(self._next(place))
+                    frames.extend(self._finish_frame(place))
+                yield frames.popleft()
         finally:
             with self.interrupts:
                 try:
-                    if mine and self._running:
+                    if os.getpid() != self._process:
+                        self.close()  # this process' end; the request goes on in the other one
+                    elif mine and self._running:
                         self._abandon()
                 finally:
                     if mine:
@@ -154,6 +158,12 @@ class Connection:
         header = Header(SCHEMA.types[name], len(control), int(data is not None),
                         sum(map(len, bulk)), self._id)
         self._outbox.append([memoryview(write_header(header) + control), *bulk])
+
+    def _check_process(self) -> None:
+        """Two processes would read each other's answers."""
+        if os.getpid() != self._process:
+            raise errors.UsageError("this connection is of the process that was forked; "
+                                    "connect again in this one")
 
     def _take_turn(self) -> bool:
         if self._owner == threading.get_ident():
@@ -214,25 +224,43 @@ class Connection:
         """The next frame of the running request. CREDIT has been counted; ERROR is raised."""
         while True:
             self._flush()
-            if not self._wait_for_frame():
-                continue
-            try:
-                header, name, message = self._read_frame(place)
-            except BaseException:
-                self.close()  # within a frame there is no way back
-                raise
-            ours = header.request_id == self._id
-            if name == "Error" and (ours or header.request_id == 0):
-                self._end(message["closing"])
-                raise errors.from_daemon(message["code"], message["message"],
-                                         message["retry_after_ms"])
-            if not ours or not name:  # of a request that has ended, or of a later version
-                continue
-            if name == "Credit":
-                self.credit = min(self.credit + message["bytes"], _limits.window_bytes_max)
-            if name not in CONTINUED:
-                self._end(closing=False)
-            return name, message
+            if self._wait_for_frame():
+                frame = self._take_frame(place)
+                if frame is not None:
+                    return frame
+
+    def _finish_frame(self, place: Place) -> list[Frame]:
+        """Sends the rest of a frame that was begun: whoever pauses in the middle of one reads as a
+        slow client. What comes meanwhile is read, or both ends might wait for the other."""
+        frames = []
+        self._flush()
+        while self._begun and self._running:
+            if self._wait_for_frame():
+                frame = self._take_frame(place)
+                if frame is not None:
+                    frames.append(frame)
+            self._flush()
+        return frames
+
+    def _take_frame(self, place: Place) -> Optional[Frame]:
+        """One that has begun to come; nothing of a request that has ended, or of a later version."""
+        try:
+            header, name, message = self._read_frame(place)
+        except BaseException:
+            self.close()  # within a frame there is no way back
+            raise
+        ours = header.request_id == self._id
+        if name == "Error" and (ours or header.request_id == 0):
+            self._end(message["closing"])
+            raise errors.from_daemon(message["code"], message["message"],
+                                     message["retry_after_ms"])
+        if not ours or not name:
+            return None
+        if name == "Credit":
+            self.credit = min(self.credit + message["bytes"], _limits.window_bytes_max)
+        if name not in CONTINUED:
+            self._end(closing=False)
+        return name, message
 
     def _end(self, closing: bool) -> None:
         """The request is over. Frames that wait are of no use any more, but half a frame would
@@ -315,6 +343,7 @@ class Connection:
                     return
         except OSError:
             self._outbox.clear()  # the daemon has closed; reading tells what it said before
+            self._begun = False
         except BaseException:
             self.close()
             raise

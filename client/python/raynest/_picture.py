@@ -20,19 +20,21 @@ ENCODED_PIXEL_BYTES_MAX = 16
 LEGEND_BYTES_MAX = 4 << 20
 
 
-def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]],
-                   fov: float) -> Message:
-    """`camera` is a name or an index; `look_at` is (eye, at) or (eye, at, up)."""
+def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]], fov: float,
+                   origin: Optional[Array] = None) -> Message:
+    """`camera` is a name or an index; `look_at` is (eye, at) or (eye, at, up), whose places are
+    shifted by `origin` as rays are."""
     if camera != "" and look_at is not None:
         raise UsageError("camera and look_at both say where to look from: pass one of them")
     message: Message = {"name": str(camera), "fov_degrees": fov}
     if look_at is not None:
         if len(look_at) not in (2, 3):
             raise UsageError("look_at is (eye, at) or (eye, at, up), of three numbers each")
-        names = ("eye", "at", "up")
+        named = {name: vector(name, value) for name, value in zip(("eye", "at", "up"), look_at)}
+        if origin is not None:
+            named["eye"], named["at"] = named["eye"] - origin, named["at"] - origin
         message.update({"look_at": True, "up": (0.0, 1.0, 0.0)})
-        message.update({name: tuple(vector(name, value).tolist())
-                        for name, value in zip(names, look_at)})
+        message.update({name: tuple(value.tolist()) for name, value in named.items()})
     return message
 
 

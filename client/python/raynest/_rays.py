@@ -76,7 +76,11 @@ def segments(a: Any, b: Any, margin: float) -> Array:
         raise UsageError("a point is not finite: no line of sight begins or ends there")
     rows = np.empty((len(start), 8), np.result_type(start, end, np.float32))
     rows[:, :3], rows[:, 3], rows[:, 7] = start, margin, 1 - margin
-    np.subtract(end, start, out=rows[:, 4:7])
+    with np.errstate(over="ignore"):
+        # In the dtype of the rows: that of the points may have no negative numbers.
+        np.subtract(end, start, out=rows[:, 4:7], dtype=rows.dtype)
+    if len(rows) and max(rows.max(), -rows.min()) > np.finfo(np.float32).max:
+        raise UsageError("points are too far away for float32: it ends at 3e38")
     return rows
 
 

@@ -108,7 +108,8 @@ class Client:
         return Scene(self, name)
 
     def scene(self, name: str) -> Scene:
-        """A scene that is loaded; InvalidError where it is not."""
+        """A scene that is loaded; InvalidError where it is not. Of a mesh that was loaded with an
+        `origin`, which the daemon does not know: set that of the scene, or pass it with rays."""
         scene = Scene(self, name)
         return Scene(self, scene.info["name"])
 

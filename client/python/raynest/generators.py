@@ -62,11 +62,8 @@ class Generator:
         if self._pose is not None:
             message["pose"] = _floats(self._pose - np.pad(shift[:, None], ((0, 0), (3, 0))))
         camera, look_at = self._mount.get("camera", ""), self._mount.get("look_at")
-        if look_at is not None:
-            places = [vector("look_at", place) - shift for place in look_at[:2]]
-            look_at = [*places, *look_at[2:]]
         if camera != "" or look_at is not None or self._fov:
-            message["camera"] = camera_message(camera, look_at, self._fov)
+            message["camera"] = camera_message(camera, look_at, self._fov, shift)
         return Source(Rays(np.empty((0, 8), np.float32)), self.count, message)
 
 
@@ -121,7 +118,7 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
     for name in ("azimuth_offsets", "origin_offsets"):
         if len(message[name]) not in (0, channels):
             raise UsageError(f"{name} must be one for each of the {channels} elevations, or none")
-    return Generator(message, channels * count, mount=mount)
+    return Generator(message, channels * message["azimuth_count"], mount=mount)
 
 
 # ---- points -------------------------------------------------------------------------------------
@@ -130,17 +127,19 @@ def hemisphere(points: Any, normals: Any, *, samples: int = 64, seed: int = 0, t
                tmax: float = math.inf) -> Generator:
     """`samples` cosine-weighted rays from each of the points (N, 3) to the side of its normal: what
     trace(..., reduce="hit_fraction") averages. Ray p * samples + s is sample s of point p."""
+    _check_range(tmin, tmax)
     places, ways = pair(points, normals)
     rows = np.empty((len(places), 8), np.result_type(places, ways, np.float32))
     rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7] = places, tmin, ways, tmax
     message = {"kind": "hemisphere", "seed": whole("seed", seed, 2**64 - 1, least=0),
                "samples": whole("samples", samples, _limits.samples_max)}
-    return Generator(message, len(rows) * samples, rows)
+    return Generator(message, len(rows) * message["samples"], rows)
 
 
 def _image(kind: str, size: tuple[int, int], mount: Mount, fov: float = 0.0,
            **fields: float) -> Generator:
-    return Generator({"kind": kind, **size_message(size), **fields}, size[0] * size[1],
+    image = size_message(size)
+    return Generator({"kind": kind, **image, **fields}, image["width"] * image["height"],
                      mount=mount, fov=fov)
 
 
@@ -154,9 +153,13 @@ def _range(mount: Mount) -> Message:
         raise UsageError(f"{' and '.join(places)} each say where the sensor stands: pass one of "
                          "them")
     tmin, tmax = mount.get("tmin", 0.0), mount.get("tmax", math.inf)
+    _check_range(tmin, tmax)
+    return {"tmin": tmin, "tmax": 0.0 if math.isinf(tmax) else tmax}
+
+
+def _check_range(tmin: float, tmax: float) -> None:
     if not 0 <= tmin < tmax:
         raise UsageError(f"tmin {tmin} and tmax {tmax}: it must be 0 <= tmin < tmax")
-    return {"tmin": tmin, "tmax": 0.0 if math.isinf(tmax) else tmax}
 
 
 def _pose(value: Any) -> Array:

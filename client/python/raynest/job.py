@@ -58,9 +58,9 @@ class Job:
     def fetch(self, *, progress: Progress = None) -> Any:
         """What the call would have given, as often as asked; BusyError until wait() returns."""
         client, message = self._client, {"job": self.number}
-        kind = self.info["kind"]
-        if kind != "query":
-            picture = Picture(kind)
+        info = self.info
+        if info["kind"] != "query":
+            picture = Picture(info["kind"])
             pixels = picture.receive(client.connection, "Fetch", message, progress)
             client.outcome = picture.outcome
             return pixels
@@ -68,7 +68,7 @@ class Job:
         with client.connection.interrupts, contextlib.closing(answer.chunks(rows.place)) as chunks:
             for _ in chunks:
                 if progress:
-                    progress(answer.answered, 0, "fetching")
+                    progress(answer.answered, max(info["total"], answer.answered), "fetching")
         client.outcome = answer.outcome
         return rows.columns()
 

@@ -68,12 +68,13 @@ class Scene:
         kind "closest", the default, gives the first hit, "any" only whether there is one (column
         hit), "multi" the first `max_hits` (8), "all" every one: of more than `max_hits` (4096) the
         nearest and flag 2, and Client.outcome["truncated"] counts such rays. Of these two, hits of
-        ray i are rows ray_splits[i] to ray_splits[i + 1] of the columns of hits. "null" traces
+        ray i are rows ray_splits[i] to ray_splits[i + 1] of the columns of hits, and where a ray
+        meets an edge that triangles share it hits each of them, at one t. "null" traces
         nothing and answers misses. `fields` are the columns, by default t prim geom path uv (any:
         hit). A miss has t = inf and ids of all ones.
 
         `reduce` "hit_fraction", of generators.hemisphere(), gives that one column: the share of
-        each point's rays that hit. "visible_pixels" gives the columns path, ascending, and pixels:
+        each point's rays that hit, 0 of a point or normal that is no valid one. "visible_pixels" gives the columns path, ascending, and pixels:
         how many rays meet that path first.
         """
         source = self._source(rays, directions, origin)
@@ -107,7 +108,8 @@ class Scene:
         any order. Leaving the loop cancels the rest.
 
         `rays` may be an iterator of arrays or generators: each is one query, all of them see the
-        same epoch, and first_ray counts on. Nothing is asked of one before those before it are
+        same epoch, and first_ray counts on; where the scene is replaced meanwhile, the next one
+        ends with InvalidError, SCENE_UNKNOWN. Nothing is asked of one before those before it are
         answered, so those of 100,000 rays or more keep the daemon busy.
         """
         first = 0
@@ -150,6 +152,8 @@ class Scene:
         if fields is None:
             fields = () if reduce else ("hit",) if kind == "any" else \
                 ("t", "prim", "geom", "path", "uv")
+        if max_hits is not None and kind not in ("multi", "all"):
+            raise UsageError(f"max_hits is of the kinds multi and all, not of {kind}")
         return Query(self._client.connection, {
             "job": job_message(self.name, job), "kind": kind, "fields": list(fields),
             "max_hits": 0 if max_hits is None else whole("max_hits", max_hits, _limits.all_hits_max),
@@ -188,7 +192,7 @@ class Scene:
         options = job_message(self.name, job)
         shape = {**size_message(size), "encode": fields["encode"]}
         message = {"job": {**options, "detach": detach}, **shape,
-                   "camera": camera_message(camera, look_at, fov), **fields}
+                   "camera": camera_message(camera, look_at, fov, self.origin), **fields}
         connection = self._client.connection
         if detach:
             return Job(self._client, connection.ask(name, message, "Detached")["job"])

@@ -184,13 +184,13 @@ class RayMeshIntersector:
         faces = np.asarray(self.mesh.faces)
         if not len(vertices) or not len(faces):
             raise UsageError("the mesh has no triangles")
-        low, high = vertices.min(0), vertices.max(0)
+        self._corners = vertices[faces]  # vertices that no face uses are nowhere
+        low, high = self._corners.min((0, 1)), self._corners.max((0, 1))
         size = float(np.max(high - low))
         self._shift = (low + high) / 2
         self._scale = BOX_SIZE / size if self._scale_to_box and size > 0 else 1.0
         self._size = size * self._scale
         self._scene = self._client.mesh((vertices - self._shift) * self._scale, faces)
-        self._corners = vertices[faces]
         self._key = key
         return self._scene
 
