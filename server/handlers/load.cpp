@@ -105,7 +105,9 @@ public:
                                                    std::to_string(file.bytes.size()) + " bytes");
         // Piece by piece: an upload that is announced and does not come takes nothing.
         auto lease = services_.budget.reserve(block->count);
-        if (!lease) return refuse_memory("the upload", block->count, services_.budget);
+        if (!lease)
+            return refuse_memory("the rest of the upload", announced_ - received_,
+                                 services_.budget);
         if (block->count != 0)
             std::memcpy(file.bytes.data() + file.received, block->bytes.data(), block->count);
         file.received += block->count;
@@ -200,7 +202,7 @@ private:
         std::uint64_t copied = 0;
         for (const NamedBytes& file : request.files) copied += file.bytes.size();
         const auto copy = services_.budget.reserve(copied);
-        if (!copy) return refuse_memory("the import", copied, services_.budget);
+        if (!copy) return refuse_memory("the import's copy of the files", copied, services_.budget);
         ImportLimits limits = services_.import_limits;
         // What does not fit is refused by the child, before this process maps it; while it works a
         // child may hold a few times what it makes, beside its libraries.
