@@ -69,8 +69,8 @@ class Examples(DaemonTest):
         self.assertIn(f"{(sees.sum() - 50) // 2:,} of 1,225 pairs", said)
         # Two points over all trees see each other, one in the ground sees nobody.
         np.save(self.out / "points.npy", [[0, 90, 0], [5, 95, 5], [0, -50, 0]])
-        self.example("visibility.py", FOREST, "--points", "points.npy", "-o", "sees.npy")
-        np.testing.assert_array_equal(np.load(self.out / "sees.npy"),
+        self.example("visibility.py", FOREST, "--points", "points.npy", "-o", "sees.dat")
+        np.testing.assert_array_equal(np.load(self.out / "sees.dat"),
                                       [[1, 1, 0], [1, 1, 0], [0, 0, 1]])
 
     def test_the_benchmark_compares_equal_answers(self):
@@ -89,6 +89,7 @@ class Examples(DaemonTest):
         with closed_port() as nobody:
             for code, words in ((5, ["missing.glb"]), (3, ["--server", nobody]),
                                 (2, ["--server", "nowhere"]),
+                                (2, [FOREST, "-o", "sweep.xyz"]),
                                 (1, [FOREST, "-o", "/nonexistent/a.npy"])):
                 said = self.example("lidar.py", *words, code=code)
                 self.assertTrue(said.startswith("lidar.py: "), said)

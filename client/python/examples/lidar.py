@@ -62,6 +62,8 @@ def save(path, points):
 
 def main():
     chosen = options()
+    if not chosen.output.endswith((".ply", ".npy")):
+        raise raynest.UsageError(f"--output {chosen.output}: points are written as .ply or .npy")
     with raynest.connect(chosen.server) as client:
         scene = client.load(chosen.source)
         at = np.array(chosen.at) if chosen.at else stand(scene, chosen.height)

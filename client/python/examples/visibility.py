@@ -47,7 +47,8 @@ def main():
         if len(points) < 2:
             raise raynest.UsageError("two points are needed, or nobody sees another")
         sees = who_sees_whom(scene, points, terminal.progress(chosen.quiet))
-        np.save(chosen.output, sees)
+        with open(chosen.output, "wb") as file:  # under this very name, whatever it ends in
+            np.save(file, sees)
         pairs = len(points) * (len(points) - 1) // 2
         others = sees.sum(1) - 1
         print(f"{chosen.output}: {(sees.sum() - len(points)) // 2:,} of {pairs:,} pairs see each "
