@@ -116,8 +116,9 @@ class Connection:
             while self._running or frames:
                 with self.interrupts:
                     self._check_process()
-                    if not frames:
+                    if self._running:
                         feed()
+                    if not frames:
                         frames.append(self._next(place))
                     frames.extend(self._finish_frame(place))
                 yield frames.popleft()
