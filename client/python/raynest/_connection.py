@@ -233,7 +233,7 @@ class Connection:
     def _finish_frame(self, place: Place) -> list[Frame]:
         """Sends the rest of a frame that was begun: whoever pauses in the middle of one reads as a
         slow client. What comes meanwhile is read, or both ends might wait for the other."""
-        frames = []
+        frames: list[Frame] = []
         self._flush()
         while self._begun and self._running:
             if self._wait_for_frame():

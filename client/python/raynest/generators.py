@@ -105,12 +105,12 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
     """A head that turns: a channel for each of `elevations`, `azimuths` is (start, stop, count),
     counter-clockwise, without stop. Channels may be turned by `azimuth_offsets` (C,) and sit at
     `origin_offsets` (C, 3) of the head. Ray c * count + j is channel c at azimuth j."""
-    start, stop, count = azimuths
+    start, stop, azimuth_count = azimuths
+    count = whole("azimuths", azimuth_count, _limits.azimuths_max)
     message: Message = {
         "kind": "lidar", "elevations": _floats(elevations),
         "azimuth_offsets": _floats(azimuth_offsets), "origin_offsets": _offsets(origin_offsets),
-        "azimuth_start": start, "azimuth_stop": stop,
-        "azimuth_count": whole("azimuths", count, _limits.azimuths_max)}
+        "azimuth_start": start, "azimuth_stop": stop, "azimuth_count": count}
     channels = len(message["elevations"])
     if not 0 < channels <= _limits.list_items_max:
         raise UsageError(f"a lidar of {channels} channels: it has 1 to {_limits.list_items_max}; "
@@ -118,7 +118,7 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
     for name in ("azimuth_offsets", "origin_offsets"):
         if len(message[name]) not in (0, channels):
             raise UsageError(f"{name} must be one for each of the {channels} elevations, or none")
-    return Generator(message, channels * message["azimuth_count"], mount=mount)
+    return Generator(message, channels * count, mount=mount)
 
 
 # ---- points -------------------------------------------------------------------------------------
@@ -131,8 +131,9 @@ def hemisphere(points: Any, normals: Any, *, samples: int = 64, seed: int = 0, t
     places, ways = pair(points, normals)
     rows = np.empty((len(places), 8), np.result_type(places, ways, np.float32))
     rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7] = places, tmin, ways, tmax
-    message = {"kind": "hemisphere", "seed": whole("seed", seed, 2**64 - 1, least=0),
-               "samples": whole("samples", samples, _limits.samples_max)}
+    message: Message = {"kind": "hemisphere",
+                        "seed": whole("seed", seed, 2**64 - 1, least=0),
+                        "samples": whole("samples", samples, _limits.samples_max)}
     return Generator(message, len(rows) * message["samples"], rows)
 
 
