@@ -136,6 +136,14 @@ std::vector<std::string> side_row(const Side& side, const LoadTestOptions& optio
     return row;
 }
 
+/// A test that was never answered has nothing to compare.
+Result<void> check_answered(const LoadTally& tally) {
+    if (tally.answered() != 0 || !tally.refusal) return {};
+    Failure refusal = *tally.refusal;
+    refusal.message = "all requests were refused: " + refusal.message;
+    return tl::unexpected<Failure>(std::move(refusal));
+}
+
 /// The daemon beside the echo; where one of them could not keep up with the rate, by how much:
 /// times of an overloaded server say only how long it was overloaded.
 std::string verdict(const Side& daemon, const Side& echo, double ratio, double rate) {
@@ -182,8 +190,7 @@ Result<void> run(Context& context, const LoadTestOptions& options) {
     };
     // The first turn warms up, and shows what the controls have to answer.
     if (auto warm = turn(sides[0], std::min(turn_seconds, options.seconds), 0); !warm) return warm;
-    if (sides[0].tally.latencies.count() == 0 && sides[0].tally.refusal)
-        return tl::unexpected<Failure>(*sides[0].tally.refusal);
+    if (auto answered = check_answered(sides[0].tally); !answered) return answered;
     sides[0].tally = {};
 
     const EchoScript script{requests[0].size(), sides[0].driver.sample()};
@@ -207,8 +214,7 @@ Result<void> run(Context& context, const LoadTestOptions& options) {
                                 static_cast<std::uint64_t>(turns), "measuring");
     }
     context.progress.clear();
-    if (sides[0].tally.latencies.count() == 0 && sides[0].tally.refusal)
-        return tl::unexpected<Failure>(*sides[0].tally.refusal);
+    if (auto answered = check_answered(sides[0].tally); !answered) return answered;
 
     const double echo_us = sides[1].tally.latencies.percentile_us(0.5);
     const double ratio = echo_us > 0 ? sides[0].tally.latencies.percentile_us(0.5) / echo_us : 0;

@@ -180,11 +180,7 @@ Result<void> Driver::receive(Client& client, LoadTally& tally) {
     if (got == 0) return fail(Exit::failed, "the daemon closed a connection");
     std::span<const std::byte> bytes(staging_.data(), static_cast<std::size_t>(got));
     tally.bytes += bytes.size();
-    if (&client == clients_.data()) {
-        if (sample_complete_) sample_.clear();
-        sample_complete_ = false;
-        sample_.insert(sample_.end(), bytes.begin(), bytes.end());
-    }
+    if (sample_.empty()) client.answer.insert(client.answer.end(), bytes.begin(), bytes.end());
     while (!bytes.empty()) {
         const auto taken = client.decoder.feed(bytes);
         if (!taken) return tl::unexpected<Failure>(failure(taken.error()));
@@ -192,7 +188,6 @@ Result<void> Driver::receive(Client& client, LoadTally& tally) {
         if (!client.decoder.complete()) continue;
         const protocol::Frame frame = client.decoder.take();
         if (!client.waiting || !is_end(frame)) continue;
-        if (&client == clients_.data()) sample_complete_ = true;
         const Clock::time_point now = Clock::now();
         ended(client, frame, now, tally);
         if (!client.finished && client.due <= now && now < cut_)
@@ -211,7 +206,9 @@ void Driver::ended(Client& client, const protocol::Frame& last, Clock::time_poin
                      std::string(protocol::text((*error)->message())), (*error)->retry_after_ms()});
     } else {
         tally.latencies.add(now - client.due);
+        if (sample_.empty()) sample_.swap(client.answer);
     }
+    client.answer.clear();
     client.due = open_loop() ? client.due + interval_ : now;
     if (client.due >= end_) finish(client);
 }

@@ -48,7 +48,7 @@ public:
     /// where this one left it. Fails when a connection ends or an answer does not come.
     Result<void> run(std::chrono::nanoseconds time, double rate, LoadTally& tally);
 
-    /// The bytes of the last answer to the first client.
+    /// The bytes of the first answer that was no refusal; empty while there is none.
     [[nodiscard]] const std::vector<std::byte>& sample() const { return sample_; }
 
 private:
@@ -59,6 +59,8 @@ private:
         std::span<const std::byte> request;
         protocol::FrameDecoder decoder;
         std::size_t unsent = 0;
+        /// So far; only while it may become the sample.
+        std::vector<std::byte> answer;
         Clock::time_point due{};  ///< of the request under way, or of the next one
         double phase = 0;         ///< open loop: when a run begins, intervals until one is due
         bool waiting = false;     ///< for the end of an answer
@@ -80,7 +82,6 @@ private:
     Descriptor events_;
     std::vector<std::byte> staging_;
     std::vector<std::byte> sample_;
-    bool sample_complete_ = false;
     std::size_t unfinished_ = 0;
     Clock::time_point end_{};
     Clock::time_point cut_{};                  ///< nothing is sent any more

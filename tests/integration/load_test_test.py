@@ -109,6 +109,27 @@ class LoadTest(DaemonTest):
         self.assertEqual(done.returncode, 7, done.stderr)
         self.assertIn("deadline", done.stderr)
 
+    def test_the_controls_answer_what_the_daemon_does_and_refuse_nothing(self):
+        # One job at a time: most of what these clients ask is refused.
+        daemon = Daemon(self.raynestd, "--total_jobs_max", "1")
+        self.addCleanup(daemon.stop)
+        client = Client(self.raynest, daemon.uri)
+        client.json("load", "builtin:terrain?size=32", "--name", "hills")
+        told = client.json("load-test", "hills", "--clients", "32", "--rays", "16384",
+                           "--seconds", "0.2")
+        for side in ("asio_echo", "blocking_echo"):
+            self.assertGreater(told[side]["requests"], 0, told)
+            self.assertEqual(told[side]["refused"], 0, told)
+        self.assertGreater(told["reply_bytes"], 16384)
+        self.assertGreater(told["ratio_to_asio_echo"], 0)
+
+        job = client.json("render", "hills", "--size", "4096x4096", "--traversal", "reference",
+                          "--detach")["job"]
+        done = client.run("load-test", "hills", "--clients", "8", "--seconds", "0.2")
+        self.assertEqual((done.returncode, done.stdout), (6, ""), done.stderr)
+        self.assertRegex(done.stderr, r"\Araynest: all requests were refused: .*\n\Z")
+        client.json("cancel", job)
+
     def test_an_unknown_scene_or_intersector_is_told_at_once(self):
         for words, code in ((("no-such",), 5), (("hills", "--intersector", "no-such"), 5)):
             done = self.client.run("load-test", *words)
