@@ -172,7 +172,7 @@ void DetachedJobs::cancel(std::uint64_t number) {
 }
 
 void DetachedJobs::stop_running() {
-    for (const auto& [number, job] : jobs_) job->runner().cancel_all();
+    for (const auto& [number, job] : jobs_) job->runner().fail_all({Code::draining, "", 0});
 }
 
 void DetachedJobs::tick(Clock::time_point now) {

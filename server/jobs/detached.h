@@ -88,7 +88,7 @@ public:
     [[nodiscard]] const std::map<std::uint64_t, Pointer>& all() const { return jobs_; }
     /// Stops it if it runs, and drops what it has answered.
     void cancel(std::uint64_t number);
-    /// Stops those that run: the daemon ends.
+    /// Stops those that run, with DRAINING: the daemon ends.
     void stop_running();
 
     /// Deadlines of the jobs and of what is kept.

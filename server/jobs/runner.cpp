@@ -136,16 +136,26 @@ void Runner::grant(std::uint64_t id, std::uint64_t bytes) {
 }
 
 void Runner::cancel(std::uint64_t id) {
-    const ActivePointer active = find(id);
-    if (active == nullptr) return;
+    if (!knows(id)) return;
     ++engine_.metrics.jobs_cancelled;
-    stop(*active, {Code::cancelled, "", 0});
-    pump(active);
+    fail(id, {Code::cancelled, "", 0});
 }
 
 void Runner::cancel_all() {
     const std::list<ActivePointer> jobs = jobs_;
     for (const ActivePointer& active : jobs) cancel(active->id);
+}
+
+void Runner::fail(std::uint64_t id, const protocol::Error& error) {
+    const ActivePointer active = find(id);
+    if (active == nullptr) return;
+    stop(*active, error);
+    pump(active);
+}
+
+void Runner::fail_all(const protocol::Error& error) {
+    const std::list<ActivePointer> jobs = jobs_;
+    for (const ActivePointer& active : jobs) fail(active->id, error);
 }
 
 bool Runner::needs_client(std::uint64_t id) const {

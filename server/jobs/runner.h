@@ -76,6 +76,9 @@ public:
     void grant(std::uint64_t id, std::uint64_t bytes);
     void cancel(std::uint64_t id);
     void cancel_all();
+    /// Ends a job with ERROR; one that has ended stays as it is.
+    void fail(std::uint64_t id, const protocol::Error& error);
+    void fail_all(const protocol::Error& error);
     /// Has a job something to do with its client yet: data to come, or an error to tell?
     [[nodiscard]] bool needs_client(std::uint64_t id) const;
 

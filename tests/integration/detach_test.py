@@ -210,8 +210,13 @@ class Detach(DaemonTest):
         daemon = Daemon(self.raynestd)
         client = Client(self.raynest, daemon.uri)
         client.json("load", "builtin:terrain?size=64", "--name", "hills")
-        client.json("render", "hills", *ENDLESS, "--detach")
+        job = client.json("render", "hills", *ENDLESS, "--detach")["job"]
+        waiting = client.start("wait", job)
+        until(lambda: any(other["kind"] == "wait" for other in client.json("jobs")["jobs"]))
         daemon.stop()
+        _, errors = waiting.communicate(timeout=PATIENCE)
+        self.assertEqual(waiting.returncode, 6, errors)
+        self.assertIn("shutting down", errors)
 
 
 if __name__ == "__main__":

@@ -188,6 +188,21 @@ TEST_CASE("cancelling stops what runs, drops what is kept, and gives all memory 
     CHECK(store.bench.budget.used() == 0);
 }
 
+TEST_CASE("a daemon that ends stops what runs with DRAINING, and leaves alone what has ended") {
+    Store store;
+    const auto endless = [](const Stop& stop) -> Reply<void> {
+        while (!stop.requested()) std::this_thread::yield();
+        return refuse(Code::cancelled, "");
+    };
+    const std::uint64_t kept = store.keep("me", 1000, false);
+    const auto runs = store.start("me", 1, 10, endless).value();
+    store.jobs.stop_running();
+    REQUIRE(store.bench.run_until_idle());
+    REQUIRE(runs->error());
+    CHECK(runs->error()->code == Code::draining);
+    CHECK_FALSE(store.jobs.all().at(kept)->error());
+}
+
 TEST_CASE("who sends a job's data hears of its credit and of its failure") {
     class Sponge final : public Job {
         std::optional<Task> next() override { return std::nullopt; }
