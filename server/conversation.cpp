@@ -35,9 +35,7 @@ Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
                       protocol::message_name(header.type) + " brings no bulk part; " +
                           std::to_string(header.bulk_bytes) + " bytes are announced");
     if (header.bulk_bytes > most) return false;
-    const auto fed = feeding_.find(header.request_id);
-    const Runner& runner = fed == feeding_.end() ? *runner_ : fed->second->runner();
-    return runner.expects(header.request_id, header.bulk_bytes);
+    return runner_of(header.request_id).expects(header.request_id, header.bulk_bytes);
 }
 
 void Conversation::receive(protocol::Frame frame) {
@@ -108,11 +106,11 @@ void Conversation::control(const protocol::Frame& frame, wire::Message type) {
         sink_.send(*protocol::encode(id, pong));
     } else if (type == wire::Message::Credit) {
         const auto credit = protocol::open<wire::Credit>(frame, services_.limits);
-        if (!credit) return refuse_request(id, credit.error());
+        if (!credit) return runner_of(id).fail(id, credit.error());
         runner_->grant(id, (*credit)->bytes());
     } else if (type == wire::Message::Cancel) {
         const auto cancel = protocol::open<wire::Cancel>(frame, services_.limits);
-        if (!cancel) return refuse_request(id, cancel.error());
+        if (!cancel) return runner_of(id).fail(id, cancel.error());
         if (const auto fed = feeding_.find(id); fed != feeding_.end())
             services_.detached.cancel(fed->second->record().number);
         else
@@ -165,10 +163,12 @@ void Conversation::request(const protocol::Frame& frame) {
 }
 
 void Conversation::feed(protocol::Frame frame) {
-    const std::uint64_t id = frame.header.request_id;
+    runner_of(frame.header.request_id).feed(std::move(frame));
+}
+
+Runner& Conversation::runner_of(std::uint64_t id) const {
     const auto fed = feeding_.find(id);
-    if (fed == feeding_.end()) return runner_->feed(std::move(frame));
-    fed->second->runner().feed(std::move(frame));
+    return fed == feeding_.end() ? *runner_ : fed->second->runner();
 }
 
 Reply<void> Conversation::detach(std::uint64_t id, Accepted accepted) {

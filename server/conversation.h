@@ -50,6 +50,8 @@ private:
     void control(const protocol::Frame& frame, wire::Message type);
     void request(const protocol::Frame& frame);
     void feed(protocol::Frame frame);
+    /// Of the request of this id, if there is one.
+    [[nodiscard]] Runner& runner_of(std::uint64_t id) const;
     Reply<void> detach(std::uint64_t id, Accepted accepted);
     void let_go();
     void refuse_request(std::uint64_t id, const protocol::Error& error);

@@ -28,8 +28,9 @@ public:
     /// The frame ends where it says: the connection goes on.
     void kept(std::string name, const Frame& frame, Code code) {
         const auto type = static_cast<wire::Message>(frame.header.type);
-        const bool bulky = type == wire::Message::QueryRays || type == wire::Message::Upload;
-        rows_.push_back({std::move(name), wire_bytes(frame), code, false, bulky});
+        const bool follows = type == wire::Message::QueryRays || type == wire::Message::Upload ||
+                             type == wire::Message::Credit || type == wire::Message::Cancel;
+        rows_.push_back({std::move(name), wire_bytes(frame), code, false, follows});
     }
     /// A good message, spoilt: `spoil` changes the native message before it is encoded.
     template <class Native>
@@ -37,7 +38,7 @@ public:
         // Encoded under limits that let the overlong through.
         protocol::Limits generous;
         generous.control_bytes_max = ~0ULL;
-        kept(name, protocol::encode(77, message, generous).value(), code);
+        kept(name, protocol::encode(query_id, message, generous).value(), code);
     }
     std::vector<Malformed> take() { return std::move(rows_); }
 

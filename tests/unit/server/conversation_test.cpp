@@ -185,6 +185,54 @@ TEST_CASE("data that is too large, and bulk of an unknown type, cost their reque
     CHECK(refused.error().code == Code::limit_exceeded);
 }
 
+TEST_CASE("a bad credit or cancel ends its request, and is ignored where that has ended") {
+    SmallDaemon daemon;
+    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    conversation.receive(frame_of(0, wire::HelloT{}));
+    const auto credit_of = [](std::uint64_t bytes) {
+        wire::CreditT credit;
+        credit.bytes = bytes;
+        return frame_of(1, credit);
+    };
+    const auto garbled = [](protocol::Frame frame) {
+        std::fill_n(frame.control.data(), frame.control.size(), std::byte{0xff});
+        return frame;
+    };
+    const auto ray = [](std::uint64_t first) {
+        protocol::Bulk bulk;
+        bulk.add("rays", wire::Dtype::f32, 8, 1);
+        bulk.allocate();
+        std::fill_n(bulk.block(0).data(), bulk.block(0).size(), std::byte{0});
+        wire::QueryRaysT message;
+        message.first_ray = first;
+        return protocol::encode(1, std::move(message), std::move(bulk)).value();
+    };
+    std::vector<std::pair<protocol::Frame, Code>> cases;
+    cases.emplace_back(credit_of(0), Code::invalid_field);
+    cases.emplace_back(credit_of(~std::uint64_t{0}), Code::limit_exceeded);
+    cases.emplace_back(garbled(credit_of(1)), Code::bad_frame);
+    cases.emplace_back(garbled(frame_of(1, wire::CancelT{})), Code::bad_frame);
+    for (const auto& [frame, code] : cases)
+        for (const bool detached : {false, true}) {
+            CAPTURE(code);
+            CAPTURE(detached);
+            wire::QueryT query = query_of(2);
+            query.job->detach = detached;
+            conversation.receive(frame_of(1, query));
+            conversation.receive(ray(0));
+            daemon.sent.clear();
+            conversation.receive(golden::copy(frame));
+            CHECK(errors_of(daemon) == std::vector{code});
+            conversation.receive(ray(1));
+            conversation.receive(golden::copy(frame));
+            conversation.receive(credit_of(1));
+            daemon.settle();
+            CHECK(daemon.sent.size() == 1);
+            CHECK_FALSE(conversation.closing());
+        }
+    CHECK(daemon.admission.active() == 0);
+}
+
 TEST_CASE(
     "credit for the rays of an all-hits query comes back once their whole frame is answered") {
     constexpr std::uint64_t frame_rays = 16U << 10;
