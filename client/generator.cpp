@@ -143,6 +143,9 @@ Result<void> read_bounds(Generate& to, const std::string& text) {
     const auto numbers = parse_numbers(text, "NEAR:FAR", ':');
     if (!numbers) return tl::unexpected<Failure>(numbers.error());
     if (numbers->size() != 2) return misshapen(text, "NEAR:FAR");
+    // On the wire a tmax of 0 is none.
+    if (numbers->back() == 0)
+        return fail(Exit::usage, "a ray cannot end at 0; FAR is more than that, or inf");
     to.message.tmin = numbers->front();
     to.message.tmax = std::isinf(numbers->back()) ? 0.0F : numbers->back();
     return {};

@@ -112,6 +112,11 @@ TEST_CASE("a sensor stands at one place") {
     CHECK(mentions(complaint({"camera", look_at, "camera=1"}), "camera and lookat each say where"));
 }
 
+TEST_CASE("rays that would end at 0 are refused, for on the wire that means no end") {
+    for (const char* range : {"range=0:0", "range=5:-0"})
+        CHECK(mentions(complaint({"lidar", range}), "cannot end at 0"));
+}
+
 TEST_CASE("what is no key, twice there or misshapen is named") {
     CHECK(mentions(complaint({"camera", "size"}), "'size' is not key=value"));
     CHECK(mentions(complaint({"camera", "fov=1", "fov=2"}), "fov is given twice"));
