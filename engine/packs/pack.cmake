@@ -28,7 +28,7 @@ set(_raynest_cpu_v3 "__builtin_cpu_supports(\"avx2\")&&__builtin_cpu_supports(\"
 set(_raynest_cpu_v4 "__builtin_cpu_supports(\"avx512f\")&&__builtin_cpu_supports(\"avx512vl\")&&__builtin_cpu_supports(\"avx512dq\")&&__builtin_cpu_supports(\"avx512bw\")&&__builtin_cpu_supports(\"avx512cd\")&&__builtin_cpu_supports(\"avx2\")&&__builtin_cpu_supports(\"fma\")&&__builtin_cpu_supports(\"bmi2\")" CACHE INTERNAL "")
 
 # Arithmetic that means what it says: explicit fma only, NaN and infinity as IEEE says.
-set(RAYNEST_KERNEL_OPTIMISATION -O3 CACHE STRING "Options of kernels; answers are the same bits at any level")
+set(RAYNEST_KERNEL_OPTIMISATION -O3 CACHE STRING "Of kernels; answers are the same bits at any level")
 set(RAYNEST_KERNEL_OPTIONS ${RAYNEST_KERNEL_OPTIMISATION} -ffp-contract=off -fno-math-errno -fno-trapping-math
     -fvisibility=hidden -fvisibility-inlines-hidden)
 set(RAYNEST_KERNEL_DEFINITIONS HWY_DISABLE_PCLMUL_AES HWY_COMPILE_ONLY_STATIC)
