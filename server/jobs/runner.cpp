@@ -142,8 +142,8 @@ void Runner::cancel(std::uint64_t id) {
 }
 
 void Runner::cancel_all() {
-    const std::list<ActivePointer> jobs = jobs_;
-    for (const ActivePointer& active : jobs) cancel(active->id);
+    engine_.metrics.jobs_cancelled += jobs_.size();
+    fail_all({Code::cancelled, "", 0});
 }
 
 void Runner::fail(std::uint64_t id, const protocol::Error& error) {

@@ -99,13 +99,14 @@ bool Workers::change(const std::string& principal, std::uint64_t number,
 }
 
 bool Workers::run_one() noexcept {
+    Seat here;
     Taken taken;
     {
         const std::lock_guard lock(mutex_);
         if (turns_.empty()) return false;
-        taken = take(next_in_turn(), nullptr);
+        taken = take(next_in_turn(), here);
     }
-    run_taken(std::move(taken), nullptr);
+    run_taken(std::move(taken), here);
     return true;
 }
 
@@ -127,7 +128,7 @@ Workers::Turns::iterator Workers::least_served() {
     return least != turns_.end() && (*least)->second.running < most ? least : turns_.end();
 }
 
-Workers::Taken Workers::take(Turns::iterator turn, Seat* seat) {
+Workers::Taken Workers::take(Turns::iterator turn, Seat& seat) {
     const Accounts::iterator account = *turn;
     std::vector<Waiting>& queue = account->second.queue;
     std::pop_heap(queue.begin(), queue.end(), later);
@@ -138,18 +139,18 @@ Workers::Taken Workers::take(Turns::iterator turn, Seat* seat) {
         turns_.erase(turn);
     else
         turns_.splice(turns_.end(), turns_, turn);
-    if (seat != nullptr) seat->since = Clock::now();
+    seat.since = Clock::now();
     return taken;
 }
 
-void Workers::run_taken(Taken taken, Seat* seat) {
+void Workers::run_taken(Taken taken, Seat& seat) {
     const auto start = now_by(charged_);
     taken.task();
     taken.task = {};  // what it holds goes before the next one is taken
     const auto turns = (now_by(charged_) - start) / slice;
 
     const std::lock_guard lock(mutex_);
-    if (seat != nullptr) seat->since = Clock::time_point::max();
+    seat.since = Clock::time_point::max();
     if (stopping_) return;  // the accounts are gone
     Account& account = taken.account->second;
     account.debt = std::min<std::int64_t>(account.debt + turns, debt_max);
@@ -167,9 +168,9 @@ void Workers::run(Seat& self) {
             std::unique_lock lock(mutex_);
             wake_.wait(lock, [this] { return stopping_ || !turns_.empty(); });
             if (stopping_) return;
-            taken = take(next_in_turn(), &self);
+            taken = take(next_in_turn(), self);
         }
-        run_taken(std::move(taken), &self);
+        run_taken(std::move(taken), self);
     }
 }
 
@@ -185,7 +186,8 @@ void Workers::watch() {
     for (std::uint64_t seen = submitted_; !stopping_;) {
         std::erase_if(spares_, [](const Seat& seat) { return seat.over; });
         const std::size_t wanted = std::min(held(), spares_max_);
-        while (spares_.size() < wanted && least_served() != turns_.end() && start_spare()) {
+        while (spares_.size() < wanted && least_served() != turns_.end()) {
+            if (!start_spare()) break;
         }
         if (submitted_ != seen || !turns_.empty() || !spares_.empty()) {
             seen = submitted_;
@@ -216,9 +218,9 @@ void Workers::run_spare(Seat& self) {
         const auto serving = std::ranges::count(spares_, false, &Seat::over);
         const bool is_needed = static_cast<std::size_t>(serving) <= held();
         if (stopping_ || turn == turns_.end() || !is_needed) break;
-        Taken taken = take(turn, &self);
+        Taken taken = take(turn, self);
         lock.unlock();
-        run_taken(std::move(taken), &self);
+        run_taken(std::move(taken), self);
         lock.lock();
     }
     self.over = true;

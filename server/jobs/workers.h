@@ -95,12 +95,13 @@ private:
     Turns::iterator next_in_turn();
     /// The same for a spare thread: of whom least runs, if that is little enough; else the end.
     Turns::iterator least_served();
-    /// `seat` is null of a thread that is not one of these.
-    Taken take(Turns::iterator turn, Seat* seat);
-    void run_taken(Taken taken, Seat* seat);
+    /// `seat` is that of the thread that asks.
+    Taken take(Turns::iterator turn, Seat& seat);
+    void run_taken(Taken taken, Seat& seat);
     /// Threads that have been at one task for longer than `patience`.
     [[nodiscard]] std::size_t held() const;
     void watch();
+    /// False when the system has no room for one.
     bool start_spare();
     void run_spare(Seat& self);
 
