@@ -13,6 +13,11 @@
 // order[i] holds, for each of the 8 ray octants, 3 bits: the slot that comes i-th when the children
 // are sorted near to far along the octant's diagonal (idea: jbikker/tinybvh). The top byte of
 // order[0] is the mask of valid slots.
+//
+// A second layout for batches, 128 bytes with planes of 8 bits, was measured and does not pay: it
+// saves half of a node's cache lines, but nodes are a tenth of a tree's bytes, and its planes have
+// to be decoded. 0.80 to 0.95 of this one's rate up to 8 million triangles; at 12.5 million 0.96 of
+// random rays and 0.87 of diffuse ones.
 #pragma once
 
 #include "engine/math/vec.h"

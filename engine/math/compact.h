@@ -26,20 +26,32 @@ inline constexpr auto packed_lanes = [] {
 /// The lanes that `mask` names, at the front of a register: compressing to memory is microcode on
 /// some CPUs. Where no instruction does it, not by Highway's Compress: GCC copies its table of 1
 /// KiB to the stack for every call, which took 60 % of a batch on AVX2.
-template <class D>
-RAYNEST_INLINE hn::Vec<D> pack_lanes([[maybe_unused]] D d, hn::Vec<D> v, hn::Mask<D> mask) {
 #if HWY_TARGET <= HWY_AVX3
+template <class D>
+RAYNEST_INLINE hn::Vec<D> pack_lanes(D, hn::Vec<D> v, hn::Mask<D> mask) {
     return hn::Compress(v, mask);
+}
+template <class D>
+RAYNEST_INLINE hn::Vec<D> pack_lanes(D d, hn::Vec<D> v, std::uint32_t mask) {
+    const std::uint8_t bits[8] = {static_cast<std::uint8_t>(mask)};
+    return pack_lanes(d, v, hn::LoadMaskBits(d, bits));
+}
 #else
+template <class D>
+RAYNEST_INLINE hn::Vec<D> pack_lanes(D d, hn::Vec<D> v, std::uint32_t mask) {
     const hn::RebindToUnsigned<D> u32;
-    std::uint8_t bits[8];
-    hn::StoreMaskBits(d, mask, bits);
     const auto shift = hn::ShiftLeft<2>(hn::Iota(u32, 0));
-    const auto lanes = hn::And(hn::Set(u32, packed_lanes[bits[0]]) >> shift, hn::Set(u32, 7));
+    const auto lanes = hn::And(hn::Set(u32, packed_lanes[mask]) >> shift, hn::Set(u32, 7));
     return hn::TableLookupLanes(v,
                                 hn::IndicesFromVec(d, hn::BitCast(hn::RebindToSigned<D>(), lanes)));
-#endif
 }
+template <class D>
+RAYNEST_INLINE hn::Vec<D> pack_lanes(D d, hn::Vec<D> v, hn::Mask<D> mask) {
+    std::uint8_t bits[8];
+    hn::StoreMaskBits(d, mask, bits);
+    return pack_lanes(d, v, std::uint32_t{bits[0]});
+}
+#endif
 
 }  // namespace part
 
@@ -89,9 +101,7 @@ RAYNEST_INLINE std::uint32_t pack_words(const std::uint32_t* words, std::uint32_
     if constexpr (Lanes<8>::parts == 1) {
         namespace hn = part::hn;
         const hn::CappedTag<std::uint32_t, 8> u32;
-        const std::uint8_t bits[8] = {static_cast<std::uint8_t>(mask)};
-        hn::StoreU(part::pack_lanes(u32, hn::Load(u32, words), hn::LoadMaskBits(u32, bits)), u32,
-                   to);
+        hn::StoreU(part::pack_lanes(u32, hn::Load(u32, words), mask), u32, to);
     } else {
         for (std::uint32_t lane = 0, at = 0; lane < 8; ++lane) {
             to[at] = words[lane];

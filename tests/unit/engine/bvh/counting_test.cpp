@@ -1,5 +1,4 @@
-// Counters against a plain scalar walk of the same tree: one box, one triangle at a time, recursion
-// instead of a stack.
+// Counters against a plain scalar walk of the same tree: one box, one triangle at a time.
 #include "engine/intersectors/counting.h"
 
 #include "engine/intersectors/opaque.h"
@@ -9,29 +8,53 @@
 
 #include <doctest/doctest.h>
 
-#include <algorithm>
-#include <array>
+#include <limits>
 #include <vector>
 
 using namespace raynest;
 
 namespace {
 
-// Of two children the nearer one first, of equally near ones the lower slot; three and more in the
-// order of the ray's octant. A child is skipped once the best hit lies before it.
+// Children in the order of the ray's octant. What waits is skipped once the best hit lies before
+// it. A node is looked at together with the nodes that wait next to it.
 class ScalarWalk {
 public:
     ScalarWalk(const SceneView& scene, Counters& counters) : scene_(scene), counters_(counters) {}
 
     void object(RayView& ray, std::uint32_t index) {
         ray.object = &scene_.objects[index];
-        if (ray.object->root != child_empty) child(ray, *ray.object, ray.object->root);
+        if (ray.object->root == child_empty) return;
+        std::vector<Waiting> waiting{{-std::numeric_limits<float>::infinity(), ray.object->root}};
+        while (!waiting.empty()) {
+            const Waiting next = take(waiting);
+            if (next.near > ray.tmax) continue;
+            if (is_leaf(next.child)) {
+                leaf(ray, *ray.object, next.child);
+                continue;
+            }
+            std::vector<std::uint32_t> nodes{next.child};
+            while (nodes.size() < nodes_together && !waiting.empty() &&
+                   !is_leaf(waiting.back().child) && waiting.back().near <= ray.tmax)
+                nodes.push_back(take(waiting).child);
+            for (auto node = nodes.rbegin(); node != nodes.rend(); ++node)
+                enter_children(ray, scene_.nodes[ray.object->first_node + *node], waiting);
+        }
     }
     ClosestHit query;
 
 private:
-    void child(RayView& ray, const ObjectRecord& object, std::uint32_t word) {
-        if (!is_leaf(word)) return node(ray, object, scene_.nodes[object.first_node + word]);
+    struct Waiting {
+        float near;
+        std::uint32_t child;
+    };
+
+    static Waiting take(std::vector<Waiting>& waiting) {
+        const Waiting last = waiting.back();
+        waiting.pop_back();
+        return last;
+    }
+
+    void leaf(RayView& ray, const ObjectRecord& object, std::uint32_t word) {
         if (kind_of(word) == ChildKind::instance) {
             const InstanceRecord& instance =
                 scene_.instances[object.first_instance + leaf_instance(word)];
@@ -64,26 +87,15 @@ private:
         }
     }
 
-    void node(RayView& ray, const ObjectRecord& object, const Node& node) {
+    /// Farthest first, so that the nearest one is on top.
+    void enter_children(const RayView& ray, const Node& node, std::vector<Waiting>& waiting) {
         ++counters_.nodes;
-        std::vector<std::pair<float, std::uint32_t>> entered;
-        for (std::uint32_t slot = 0; slot < 8; ++slot) {
+        for (int i = 0; i < 8; ++i) {
+            const std::uint32_t slot = node.order[i] >> (3 * (octant(ray) ^ 7U)) & 7U;
             if (node.child[slot] == child_empty) continue;
             ++counters_.boxes;
-            const Box box = Boxes8{&node}.box_of(static_cast<int>(slot));
-            const auto span = intersect(ray, box);
-            if (span.mask != 0) entered.emplace_back(span.near.lane[0], slot);
-        }
-        std::array<std::uint32_t, 8> rank{};
-        for (std::uint32_t i = 0; i < 8; ++i) rank[node.order[i] >> (3 * octant(ray)) & 7U] = i;
-        const bool by_octant = entered.size() > 2;
-        std::stable_sort(entered.begin(), entered.end(), [&](const auto& a, const auto& b) {
-            return by_octant ? rank[a.second] < rank[b.second] : a.first < b.first;
-        });
-        for (std::size_t i = 0; i < entered.size(); ++i) {
-            // The nearest child is entered at once; the others wait and may be overtaken.
-            if (i > 0 && !(entered[i].first <= ray.tmax)) continue;
-            child(ray, object, node.child[entered[i].second]);
+            const auto span = intersect(ray, Boxes8{&node}.box_of(static_cast<int>(slot)));
+            if (span.mask != 0) waiting.push_back({span.near.lane[0], node.child[slot]});
         }
     }
 
