@@ -12,18 +12,19 @@ namespace {
 constexpr std::size_t group_rays = 64;  // what the coherent traversal takes at once
 constexpr std::size_t sample_groups = 8;
 
-/// Batches hide cache misses: where a scene's trees are hardly larger than a core's own cache there
-/// is little to hide, and single rays are faster. Measured with 1 MiB of it, batch over latency,
-/// for ambient occlusion, diffuse and random rays: terrain of 1.0 MB 0.99, 0.97, 1.11; of 1.8 MB
-/// 1.03, 1.00, 1.16; of 4.6 MB 1.08, 1.05, 1.24; of 9.6 MB 1.15, 1.12, 1.42; the built-in forest,
-/// 2.3 MB under many instances, 0.68, 0.90, 1.00.
+/// Batches hide cache misses, so they pay for one large tree. Measured, batch over latency, on
+/// AVX-512 with 2 MiB of a core's own cache and on AVX2: terrain and cards, 17 to 145 MB, rays from
+/// near by 0.91 to 1.07 and 1.07 to 1.20, rays from anywhere 1.5 and 1.6 to 1.7. Where a tree is
+/// hardly larger than that cache there is little to hide (terrain of 1.0 MB, before single rays
+/// looked at several nodes: 0.97 to 1.11; of 4.6 MB 1.05 to 1.24), and below instances trees are
+/// small and the rays' states large: six scenes of two to four levels 0.65 to 1.0, but for 1.07 of
+/// random rays in one of them.
 constexpr std::uint64_t batch_tree_bytes = 4ULL << 20;
 
-/// Of nodes and leaf blocks, which objects share out between them, in order.
-std::uint64_t tree_bytes(const SceneView& scene) {
-    const ObjectRecord& last = scene.objects[scene.object_count - 1];
-    return (last.first_node + last.node_count) * sizeof(Node) +
-           (last.first_block + last.block_count) * sizeof(TriangleBlock);
+bool suits_batch(const ObjectRecord& root) {
+    const std::uint64_t tree_bytes = root.node_count * std::uint64_t{sizeof(Node)} +
+                                     root.block_count * std::uint64_t{sizeof(TriangleBlock)};
+    return root.levels == 1 && tree_bytes >= batch_tree_bytes;
 }
 
 // Whether most groups of an even sample are coherent.
@@ -72,7 +73,7 @@ Traversal Tracer::choose(std::span<const Ray> rays, const SceneView& scene) cons
     if (rays.size() < group_rays) return traversal_latency;
     const ObjectRecord& root = scene.objects[scene.root];
     if (compiled(traversal_coherent) && look_coherent(rays, root.bounds)) return traversal_coherent;
-    const bool batch = compiled(traversal_batch) && tree_bytes(scene) >= batch_tree_bytes;
+    const bool batch = compiled(traversal_batch) && suits_batch(root);
     return batch ? traversal_batch : traversal_latency;
 }
 

@@ -146,7 +146,8 @@ TEST_CASE("traversal auto looks at the rays, a named one does not") {
     const Variant& opaque = *registry->find("opaque");
     ObjectRecord root{};
     root.bounds = {Vec3(-10), Vec3(10)};
-    root.block_count = 1U << 14;  // trees of 5 MiB
+    root.levels = 1;
+    root.block_count = 1U << 14;  // a tree of 5 MiB
     SceneView scene;
     scene.objects = &root;
     scene.object_count = 1;
@@ -177,6 +178,13 @@ TEST_CASE("traversal auto looks at the rays, a named one does not") {
     small.objects = &small_root;
     CHECK(any_way.choose(alike, small) == traversal_coherent);
     CHECK(any_way.choose(apart, small) == traversal_latency);
+
+    ObjectRecord instanced_root = root;
+    instanced_root.levels = 2;
+    SceneView instanced = scene;
+    instanced.objects = &instanced_root;
+    CHECK(any_way.choose(alike, instanced) == traversal_coherent);
+    CHECK(any_way.choose(apart, instanced) == traversal_latency);
 
     const Tracer named = make(query_closest, traversal_batch, false);
     CHECK(named.choose(alike, scene) == traversal_batch);
