@@ -4,8 +4,9 @@
 // rays take turns: by the time one is looked at again, the node that it asked for has arrived, and
 // its step has no branch that depends on data (children are sorted by the octant's order, packed
 // and stored as a whole; a ray is appended to every list and only the counters say to which).
-// Measured 1.1 to 2.1 times the latency traversal on incoherent rays (any hits indoors 0.97 to
-// 1.09), 0.86 to 0.97 on coherent ones.
+// Measured against the latency traversal, which looks at several nodes together, for incoherent
+// rays of one large tree: rays from anywhere 1.5 to 1.7, from near by 0.9 to 1.2, indoors 0.7
+// to 1.0. Below instances 0.65 to 1.0, coherent rays 0.75 to 0.97 (packs/tracer.cpp chooses).
 //
 // All rays push the children of their nodes before the first of them pops what it looks at next. A
 // pop waits for the end of the ray's box test; done at once, it and its prefetches fill the CPU's
