@@ -144,7 +144,6 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
                 continue;
             }
             push(node, spans);
-            arrays.prefetch(children[top - 1]);
         }
 
         // Entries behind the best hit are skipped; near == best may still win a tie.
