@@ -147,7 +147,8 @@ Result<void> read_bounds(Generate& to, const std::string& text) {
     if (numbers->back() == 0)
         return fail(Exit::usage, "a ray cannot end at 0; FAR is more than that, or inf");
     to.message.tmin = numbers->front();
-    to.message.tmax = std::isinf(numbers->back()) ? 0.0F : numbers->back();
+    to.message.tmax =
+        numbers->back() == std::numeric_limits<float>::infinity() ? 0.0F : numbers->back();
     return {};
 }
 

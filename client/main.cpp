@@ -1,6 +1,7 @@
 // raynest: the command line. Parses, connects, runs one subcommand, ends with its exit code.
 #include "client/commands/commands.h"
 #include "client/interrupt.h"
+#include "client/output.h"
 
 #include <cstdlib>
 #include <exception>
@@ -51,8 +52,8 @@ int main(int argc, char** argv) {
         catch_interrupts();
         if (const auto done = connect_and_run(*parsed->options); !done)
             return end_with(done.error(), json);
-        std::cout.flush();
-        return std::cout ? 0 : end_with(failure(Exit::failed, "cannot write to stdout"), json);
+        const auto written = check_stdout();
+        return written ? 0 : end_with(written.error(), json);
     } catch (const std::exception& thrown) {
         return end_with(failure(Exit::failed, thrown.what()), json);
     }

@@ -24,6 +24,12 @@ std::size_t letters(const std::string& text) {
 
 }  // namespace
 
+Result<void> check_stdout() {
+    std::cout.flush();
+    if (std::cout) return {};
+    return fail(Exit::failed, "cannot write to stdout");
+}
+
 void print_json(const Json& value) {
     std::cout << value.dump(-1, ' ', false, Json::error_handler_t::replace) << '\n';
 }

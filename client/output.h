@@ -1,6 +1,8 @@
 // How answers read on stdout: aligned tables and plain numbers for people, JSON for programs.
 #pragma once
 
+#include "client/failure.h"
+
 #include <nlohmann/json.hpp>
 
 #include <cstdint>
@@ -11,6 +13,10 @@ namespace raynest::client {
 
 /// Keys stay in the order in which they were added.
 using Json = nlohmann::ordered_json;
+
+/// Fails where what was printed did not all go out. A command that prints much asks as it goes: its
+/// work ends with its reader.
+[[nodiscard]] Result<void> check_stdout();
 
 void print_json(const Json& value);
 

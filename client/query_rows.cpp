@@ -108,7 +108,7 @@ Result<void> QueryRows::print(const QueryChunk& chunk) {
         else
             print_table_ray(chunk, columns, ray);
     }
-    return {};
+    return check_stdout();
 }
 
 namespace {
@@ -197,7 +197,7 @@ Result<void> ReducedRows::print(const QueryChunk& chunk) {
         line.resize(line.size() - (json_ ? 1 : 2));
         std::cout << (json_ ? "{" + line + "}" : line) << '\n';
     }
-    return {};
+    return check_stdout();
 }
 
 }  // namespace raynest::client

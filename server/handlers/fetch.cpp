@@ -75,13 +75,15 @@ Reply<Answer> fetch(const Services& services, const Caller& caller,
             name + " is not done yet; run: raynest wait " + std::to_string(message->job()),
             retry_ms});
     if (job.error()) return tl::unexpected(*job.error());
-    for (const protocol::Frame& frame : job.answer())
+    Accepted accepted;
+    for (const protocol::Frame& frame : job.answer()) {
         // Credit for more than half of a window need never come back.
         if (frame.header.bulk_bytes > caller.window_bytes / 2)
             return refuse(Code::invalid_field,
                           name + " has frames of " + std::to_string(frame.header.bulk_bytes) +
                               " bytes: say Hello with window_bytes of twice as much");
-    Accepted accepted;
+        accepted.answer_bytes += frame.header.bulk_bytes;
+    }
     accepted.kind = "fetch";
     accepted.scene = job.record().scene;
     accepted.deadline_ms = message->deadline_ms();

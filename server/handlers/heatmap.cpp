@@ -142,7 +142,7 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
                             heat_bytes(message->width(), message->height()));
     if (!order) return tl::unexpected(order.error());
     Accepted accepted = accept(order->plan, "heatmap", order->pixels());
-    accepted.result_bytes = order->lease.bytes();
+    accepted.answer_bytes = accepted.result_bytes = order->lease.bytes();
     accepted.job = std::make_unique<HeatmapJob>(services, caller, std::move(*order),
                                                 std::move(*options), std::move(first_pass));
     return Answer{std::move(accepted)};

@@ -245,6 +245,10 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     if (plan->hits_max == 0) plan->hits_max = kind->query == query_all ? all_hits : multi_hits;
     auto source = RaySource::make(*message.table, plan->scene.snapshot());
     if (!source) return tl::unexpected(source.error());
+    if (source->rays() > services.limits.rays_max)
+        return refuse(Code::limit_exceeded, "a query of " + std::to_string(source->rays()) +
+                                                " rays, the limit is rays_max = " +
+                                                std::to_string(services.limits.rays_max));
     if (auto chosen = choose_worker(services, source->rays(), *plan); !chosen)
         return tl::unexpected(chosen.error());
 
@@ -259,6 +263,8 @@ Reply<Answer> query(const Services& services, const Caller& caller,
                    : reduce_job(services, caller, std::move(*plan), std::move(*source), message);
     if (!job) return tl::unexpected(job.error());
     accepted.result_bytes = (*job)->result_bytes();
+    accepted.answer_bytes =
+        kind->query == query_all ? services.limits.window_bytes : accepted.result_bytes;
     accepted.job = std::move(*job);
     return Answer{std::move(accepted)};
 }

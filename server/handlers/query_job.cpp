@@ -11,6 +11,10 @@ namespace {
 
 constexpr std::uint64_t reply_bytes_max = 4ULL << 20;
 
+/// What a frame of rays that waits costs beside its bulk part, which its credit pays for: mostly
+/// more than 64 bytes, the least bulk.
+constexpr std::uint64_t waiting_frame_bytes = 512;
+
 }  // namespace
 
 std::uint64_t frame_bytes_max(const Caller& caller) {
@@ -53,13 +57,15 @@ Reply<std::uint64_t> QueryJob::feed(protocol::Frame frame) {
                                                " rays; " + std::to_string(missing) +
                                                " are still to come, and a frame holds 1.." +
                                                std::to_string(services_.limits.chunk_rays_max));
+    auto lease = services_.budget.reserve(waiting_frame_bytes);
+    if (!lease) return refuse(Code::resource_exhausted, "");
     Piece piece;
     piece.sent = SentRays(*block);
     piece.sent_first = received_;
     piece.first = received_ * each;
     piece.count = block->count * each;
     piece.input_bytes = frame.header.bulk_bytes;
-    piece.frame.reset(new SentFrame{std::move(frame), piece.count});
+    piece.frame.reset(new SentFrame{std::move(frame.bulk), std::move(*lease), piece.count});
     received_ += block->count;
     pieces_.push_back(std::move(piece));
     return std::uint64_t{0};
@@ -110,7 +116,7 @@ std::optional<Progress> QueryJob::progress() const {
 
 void QueryJob::free_input(const Piece& piece, std::uint64_t count) {
     if (piece.frame == nullptr || (piece.frame->unanswered -= count) != 0) return;
-    freed_input_ += piece.frame->frame.header.bulk_bytes;
+    freed_input_ += piece.frame->bulk.size();
 }
 
 void QueryJob::give_back(Piece rest) {

@@ -7,6 +7,7 @@
 #include "protocol/wire.h"
 #include "server/errors.h"
 #include "server/handlers/tracing.h"
+#include "server/store/budget.h"
 
 #include <atomic>
 #include <cstddef>
@@ -44,9 +45,10 @@ private:
     bool short_ = false;
 };
 
-/// A frame of rays, or of points.
+/// The bulk part of a frame of rays, or of points.
 struct SentFrame {
-    const protocol::Frame frame;
+    const protocol::Buffer bulk;
+    const Budget::Lease lease;              ///< of what it costs beside its bulk
     std::atomic<std::uint64_t> unanswered;  ///< rays
 };
 

@@ -100,7 +100,7 @@ Reply<Answer> render(const Services& services, const Caller& caller,
                             message->height(), encode, header_bytes + pixel_bytes(encode) * pixels);
     if (!order) return tl::unexpected(order.error());
     Accepted accepted = accept(order->plan, "render", order->pixels());
-    accepted.result_bytes = order->lease.bytes();
+    accepted.answer_bytes = accepted.result_bytes = order->lease.bytes();
     accepted.job = std::make_unique<RenderJob>(services, caller, std::move(*order));
     return Answer{std::move(accepted)};
 }

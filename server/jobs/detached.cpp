@@ -91,6 +91,7 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
                                            "allows; fetch or cancel a finished one");
     auto room = make_room(principal, base_bytes + accepted.result_bytes);
     if (!room) return tl::unexpected(room.error());
+    accepted.answer_bytes = 0;  // that is the room
     JobRecord record;
     record.principal = principal;
     record.kind = accepted.kind;

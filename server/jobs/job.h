@@ -140,10 +140,11 @@ struct Accepted {
     std::unique_ptr<Job> job;
     std::uint32_t deadline_ms = 0;  ///< from now; 0: none
     Priority priority = Priority::normal;
-    std::uint64_t rays = 0;         ///< that it will trace
-    std::uint64_t input_bytes = 0;  ///< bulk bytes that the client will feed, at most
-    std::string kind;               ///< for people: query, render, ...
-    std::string detail;             ///< of a query: its kind
+    std::uint64_t rays = 0;          ///< that it will trace
+    std::uint64_t input_bytes = 0;   ///< bulk bytes that the client will feed, at most
+    std::uint64_t answer_bytes = 0;  ///< bulk bytes that it will answer, at most
+    std::string kind;                ///< for people: query, render, ...
+    std::string detail;              ///< of a query: its kind
     std::string worker = "cpu";
     std::string scene;
     bool detach = false;             ///< it outlives its connection

@@ -65,15 +65,19 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
         ++engine_.metrics.jobs_refused;
         return tl::unexpected(slot.error());
     }
-    const std::uint64_t input_bytes = std::min(accepted.input_bytes, engine_.limits.window_bytes);
+    const std::uint64_t window = engine_.limits.window_bytes;
+    const std::uint64_t input_bytes = std::min(accepted.input_bytes, window);
+    const std::uint64_t answer_bytes = std::min(accepted.answer_bytes, window - answers_.bytes());
     auto input = engine_.budget.reserve(input_bytes);
-    if (!input) {
+    auto answers = engine_.budget.reserve(answer_bytes);
+    if (!input || !answers) {
         ++engine_.metrics.jobs_refused;
         return refuse(Code::resource_exhausted,
-                      "the request's data need " + std::to_string(input_bytes) + " bytes, " +
-                          std::to_string(engine_.budget.limit() - engine_.budget.used()) +
-                          " of --memory are free; try again later");
+                      "the request's data and answers need " +
+                          std::to_string(input_bytes + answer_bytes) +
+                          " bytes of --memory, which are not free; try again later");
     }
+    answers_.merge(std::move(*answers));
     const std::uint64_t number = slot->number();
     auto active = std::make_shared<Active>(id, std::move(accepted.job), deadline);
     active->slot = std::move(*slot);
@@ -168,6 +172,7 @@ void Runner::pump() {
     if (!jobs_.empty()) jobs_.splice(jobs_.end(), jobs_, jobs_.begin());
     const std::list<ActivePointer> jobs = jobs_;
     for (const ActivePointer& active : jobs) pump(active);
+    shrink_answers();
 }
 
 void Runner::pump(const ActivePointer& active) {
@@ -330,6 +335,13 @@ void Runner::finish(const ActivePointer& active) {
     active->slot = {};
     active->job.reset();
     active->input = {};
+    shrink_answers();
+}
+
+void Runner::shrink_answers() {
+    if (!jobs_.empty()) return;
+    const std::uint64_t waiting = sink_ == nullptr ? 0 : sink_->backlog();
+    answers_.shrink(std::min(answers_.bytes(), waiting));
 }
 
 void Runner::tick(Clock::time_point now) {

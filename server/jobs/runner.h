@@ -62,9 +62,9 @@ public:
     [[nodiscard]] bool knows(std::uint64_t id) const;
     [[nodiscard]] std::size_t size() const { return jobs_.size(); }
 
-    /// Starts a job, with memory for what its client may send before it is taken; QUOTA (of the
-    /// principal; jobs_max is the connection's to count), BUSY or RESOURCE_EXHAUSTED when it may
-    /// not.
+    /// Starts a job, with memory for what its client may send before it is taken, and for what may
+    /// wait for the client to read it; QUOTA (of the principal; jobs_max is the connection's to
+    /// count), BUSY or RESOURCE_EXHAUSTED when it may not.
     /// Gives the job's number among all of the daemon's.
     Reply<std::uint64_t> start(std::uint64_t id, Accepted accepted);
     /// Is there memory for so many bulk bytes to a job? Not to one that has ended, and not beyond
@@ -142,6 +142,8 @@ private:
     /// A submitted task that runs no more.
     void forget(Active& active, std::list<Outstanding>::iterator task);
     void return_input(Active& active, std::uint64_t bytes);
+    /// Without jobs the memory for answers is that of those which have not left yet.
+    void shrink_answers();
     void stop(Active& active, protocol::Error error);
     void finish(const ActivePointer& active);
 
@@ -151,6 +153,9 @@ private:
     std::list<ActivePointer> jobs_;
     std::uint64_t window_bytes_ = 0;
     std::uint64_t in_flight_bytes_ = 0;  ///< reserved by running tasks of all jobs
+    /// For what running tasks answer and what waits to leave, a window's worth at most. It outlives
+    /// its jobs: an answer that nobody reads takes memory although its job has ended.
+    Budget::Lease answers_;
 };
 
 }  // namespace raynest::server

@@ -236,6 +236,17 @@ class Cli(DaemonTest):
             done = Client(self.raynest, uri).run("scenes")
         self.assertEqual(done.returncode, 3)
 
+    def test_rows_that_nobody_reads_on_end_the_work(self):
+        before = self.counter("rays")
+        with self.client.start("query", "hills", "--generate", "equirectangular",
+                               "size=8000x8000") as rows:
+            rows.stdout.readline()
+            rows.stdout.close()
+            self.assertIn("cannot write to stdout", rows.stderr.read())
+            self.assertEqual(rows.wait(PATIENCE), 1)
+        until(lambda: self.counter("jobs_started") == self.counter("jobs_ended"))
+        self.assertLess(self.counter("rays") - before, 8_000_000)
+
     def test_a_deadline_is_exit_code_7(self):
         # Of the woods one chunk is half a billion triangles: minutes beneath a sanitizer, to its end.
         self.expect(7, "render", "hills", "--size", "4096x4096", "--traversal", "reference", "-o",

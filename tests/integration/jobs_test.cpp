@@ -8,7 +8,10 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cstring>
 #include <memory>
+#include <string>
+#include <utility>
 #include <vector>
 
 namespace raynest::test {
@@ -175,6 +178,62 @@ TEST_CASE_FIXTURE(Served, "bodies that are announced, or that nobody waits for, 
     }
     if (!sanitized) CHECK(daemon.resident_bytes() < before + 50 * (64 << 10));
     CHECK(peer.answers());
+}
+
+TEST_CASE_FIXTURE(Served, "of frames of rays that wait, their rays alone take memory") {
+    // Nobody grants credit for the answers, so the rays stay; their control part is filled up.
+    wire::HelloT hello;
+    hello.window_bytes = 64 << 10;
+    Peer guest(daemon);
+    guest.greet(hello);
+    constexpr std::uint64_t frames = 4000;
+    REQUIRE(guest.say(5, query_of(2 * frames)));
+    const std::uint64_t before = daemon.resident_bytes();
+    for (std::uint64_t i = 0; i < frames; ++i) {
+        protocol::Frame rays = rays_frame(5, 2 * i, 2);
+        protocol::Buffer control(protocol::Limits{}.control_bytes_max);
+        std::memset(control.data(), 0, control.size());
+        std::memcpy(control.data(), rays.control.data(), rays.control.size());
+        rays.control = std::move(control);
+        rays.header.control_bytes = static_cast<std::uint32_t>(rays.control.size());
+        REQUIRE(guest.send_frame(rays));
+    }
+    REQUIRE(guest.answers());
+    const std::uint64_t growth = daemon.resident_bytes() - before;
+    if (!sanitized) CHECK(growth < 16 << 20);
+    tally("frames of two rays and 64 KiB of control", frames,
+          std::to_string(growth >> 20) + " MiB of memory");
+}
+
+TEST_CASE("answers that nobody reads stay within --memory, after their jobs too") {
+    Served house({"--memory", "64M"});
+    const std::uint64_t before = house.daemon.resident_bytes();
+    wire::QueryT query = query_of(0);
+    query.kind = "null";
+    query.fields = {"t", "prim", "geom", "path", "uv", "position", "ng"};
+    query.generator = std::make_unique<wire::GeneratorT>();
+    query.generator->kind = "equirectangular";
+    query.generator->width = query.generator->height = 380;
+    std::vector<std::unique_ptr<Peer>> crowd;
+    constexpr std::size_t clients = 60;
+    std::size_t refused = 0;
+    for (std::size_t i = 0; i < clients; ++i) {
+        Peer& guest = *crowd.emplace_back(std::make_unique<Peer>(house.daemon));
+        guest.greet();
+        REQUIRE(guest.say(5, query));
+        wait_for_idle(house.peer);
+        refused = static_cast<std::size_t>(counter(house.peer, "jobs_refused"));
+    }
+    CHECK(refused > clients / 2);
+    CHECK(refused < clients - 4);
+    const std::uint64_t growth = house.daemon.resident_bytes_max() - before;
+    if (!sanitized) CHECK(growth < 96 << 20);
+    crowd.clear();
+    // What they did not read is free again.
+    CHECK(eventually([&] { return counter(house.peer, "memory_used_bytes") < 1 << 20; }));
+    tally("clients that read no answer of 8 MB", clients,
+          std::to_string(refused) + " refused, " + std::to_string(growth >> 20) +
+              " MiB of memory at most of 64");
 }
 
 TEST_CASE("rays beyond the credit end their query") {
