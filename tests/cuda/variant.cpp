@@ -22,7 +22,9 @@ namespace raynest {
 namespace {
 
 using Isect = RAYNEST_INTERSECTOR_TYPE;
-static_assert(cuda::check_intersector<Isect, Declared{RAYNEST_INTERSECTOR_OVERRIDES}>());
+static_assert(cuda::check_intersector<Isect, Declared{.boxes = RAYNEST_OVERRIDES_BOXES,
+                                                      .primitives = RAYNEST_OVERRIDES_PRIMITIVES,
+                                                      .instances = RAYNEST_OVERRIDES_INSTANCES}>());
 
 template <Query kind>
 void trace_kernel(void** arguments, unsigned threads) {
