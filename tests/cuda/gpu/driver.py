@@ -104,7 +104,7 @@ def sanitize(options):
 
 
 def conformance(options):
-    done = run([HERE / "bin/conformance", "--target", "cuda", "--target", "v3", "--pack-dir", options.pack.parent],
+    done = run([HERE / "bin/conformance", "--target", "v3", "--target", "cuda", "--pack-dir", options.pack.parent],
                LD_LIBRARY_PATH=f"{HERE / 'lib'}:{os.environ.get('LD_LIBRARY_PATH', '')}")
     row = {"what": "conformance", "said": last_line(done.stdout, done.stderr)}
     if done.returncode == SKIPPED:
