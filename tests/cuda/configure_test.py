@@ -20,13 +20,14 @@ class Configured(unittest.TestCase):
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
 
-    def configure(self, *options, **environment):
-        return subprocess.run([CMAKE, "-G", "Ninja", "-S", SOURCE, "-B", self.folder / "build", "-DRAYNEST_TESTS=OFF",
-                               "-DRAYNEST_BENCH=OFF", *OPTIONS, *options], env={**os.environ, **environment},
-                              capture_output=True, text=True, timeout=300, check=False)
+    def configure(self, *options, source=None, **environment):
+        return subprocess.run([CMAKE, "-G", "Ninja", "-S", source or SOURCE, "-B", self.folder / "build",
+                               "-DRAYNEST_TESTS=OFF", "-DRAYNEST_BENCH=OFF", *OPTIONS, *options],
+                              env={**os.environ, **environment}, capture_output=True, text=True, timeout=300,
+                              check=False)
 
-    def is_off(self, why, *options, **environment):
-        done = self.configure(*options, **environment)
+    def is_off(self, why, *options, **more):
+        done = self.configure(*options, **more)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         said = [line for line in done.stdout.splitlines() if line.startswith("-- CUDA:")]
         self.assertEqual(said, [f"-- CUDA: off, {why}"])
@@ -34,7 +35,7 @@ class Configured(unittest.TestCase):
         self.assertIn("raynest-pack-v3", ninja)
         self.assertNotIn("raynest-pack-cuda", ninja)
 
-        demanded = self.configure("-DRAYNEST_CUDA=ON", *options, **environment)
+        demanded = self.configure("-DRAYNEST_CUDA=ON", *options, **more)
         self.assertNotEqual(demanded.returncode, 0)
         self.assertIn(f"RAYNEST_CUDA=ON, but {why};", " ".join(demanded.stderr.split()))
 
@@ -63,6 +64,12 @@ class Configured(unittest.TestCase):
     def test_one_that_does_not_compile(self):
         broken = self.nvcc("echo 'Cuda compilation tools, release 13.0, V13.0.88'; test $# = 1")
         self.is_off(f"{broken} does not compile", f"-DRAYNEST_NVCC={broken}")
+
+    def test_sources_with_a_comma(self):
+        source = self.folder / "sources, mine"
+        source.symlink_to(SOURCE)
+        self.is_off(f"nvcc takes a comma for the end of a folder's name: {source}",
+                    f"-DRAYNEST_NVCC={self.nvcc('exit 0')}", source=source)
 
     def test_one_that_does_not_start(self):
         broken = self.nvcc("exit 127")

@@ -19,7 +19,8 @@ INTERSECTOR = "procedural_mask"
 def compare(*targets, intersector=INTERSECTOR, **environment):
     """(exit code, what it says)"""
     words = [word for target in targets for word in ("--target", target)]
-    done = subprocess.run([CONFORMANCE, *words, "--pack-dir", PACK_DIR, "--intersector", intersector, "--edge-rays", "1000"],
+    done = subprocess.run([CONFORMANCE, *words, "--pack-dir", PACK_DIR, "--intersector", intersector,
+                           "--edge-rays", "1000"],
                           env={**os.environ, "RAYNEST_FAKE_CUDA_BARE": "1", **environment}, capture_output=True,
                           text=True, timeout=500, check=False)
     return done.returncode, done.stdout

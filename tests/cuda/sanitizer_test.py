@@ -15,7 +15,8 @@ FOUND = 99  # the exit code that stands for a finding
 
 
 def run(*command):
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=500, check=False)
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=500,
+                          check=False)
     return done.returncode, done.stdout
 
 
