@@ -12,7 +12,9 @@ namespace {
 
 using Isect = RAYNEST_INTERSECTOR_TYPE;
 using Values = ParamsOf<Isect>::type;
-static_assert(cuda::check_intersector<Isect, Declared{RAYNEST_INTERSECTOR_OVERRIDES}>());
+static_assert(cuda::check_intersector<Isect, Declared{.boxes = RAYNEST_OVERRIDES_BOXES,
+                                                      .primitives = RAYNEST_OVERRIDES_PRIMITIVES,
+                                                      .instances = RAYNEST_OVERRIDES_INSTANCES}>());
 
 template <Query kind>
 __global__ void __launch_bounds__(cuda::block_rays)

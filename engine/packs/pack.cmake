@@ -87,23 +87,23 @@ function(raynest_kernel_pack pack)
                 "overrides are boxes, primitives, instances or none")
         endif()
         list(POP_FRONT words name type)
-        set(overrides "")
+        set(known boxes primitives instances)
         foreach(word IN LISTS words)
-            if(word MATCHES "^(boxes|primitives|instances)$")
-                list(APPEND overrides ".${word}=true")
-            elseif(NOT word STREQUAL "none")
+            if(NOT word IN_LIST known AND NOT word STREQUAL "none")
                 message(FATAL_ERROR "${arg_LIST}: '${line}': '${word}' is none of boxes, primitives, "
                     "instances, none")
             endif()
         endforeach()
-        # Designated initialisers come in the order of struct Declared.
-        set(ordered "")
-        foreach(word boxes primitives instances)
-            if(".${word}=true" IN_LIST overrides)
-                list(APPEND ordered ".${word}=true")
+        # One definition each: nvcc takes a comma for the end of a definition.
+        set(overrides "")
+        foreach(word IN LISTS known)
+            string(TOUPPER ${word} upper)
+            set(value false)
+            if(word IN_LIST words)
+                set(value true)
             endif()
+            list(APPEND overrides RAYNEST_OVERRIDES_${upper}=${value})
         endforeach()
-        list(JOIN ordered "," ordered)
 
         find_file(header ${name}.h PATHS ${arg_HEADERS} NO_DEFAULT_PATH NO_CACHE REQUIRED)
         set(object ${pack}_${name})
@@ -116,7 +116,7 @@ function(raynest_kernel_pack pack)
             RAYNEST_INTERSECTOR_TYPE=${type}
             RAYNEST_INTERSECTOR_NAME="${name}"
             RAYNEST_INTERSECTOR_FUNCTION=raynest_variant_${name}
-            "RAYNEST_INTERSECTOR_OVERRIDES=${ordered}"
+            ${overrides}
             ${_raynest_definitions_${arg_TARGET}}
             RAYNEST_RECORD_TYPES="${generated}/record_types.h")
         unset(header)

@@ -9,8 +9,10 @@ namespace raynest {
 
 static_assert(HWY_STATIC_TARGET == RAYNEST_HIGHWAY_TARGET,
               "Highway chose another instruction set than this pack's flags ask for");
-static_assert(
-    check_intersector<RAYNEST_INTERSECTOR_TYPE, Declared{RAYNEST_INTERSECTOR_OVERRIDES}>());
+static_assert(check_intersector<RAYNEST_INTERSECTOR_TYPE,
+                                Declared{.boxes = RAYNEST_OVERRIDES_BOXES,
+                                         .primitives = RAYNEST_OVERRIDES_PRIMITIVES,
+                                         .instances = RAYNEST_OVERRIDES_INSTANCES}>());
 
 /// Named RAYNEST_VARIANT_<name>; pack.cpp collects them.
 const PackVariant& RAYNEST_INTERSECTOR_FUNCTION() noexcept {

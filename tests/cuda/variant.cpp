@@ -5,7 +5,8 @@
 // not know that nvcc's arithmetic is g++'s. tests/cuda/CMakeLists.txt compiles this file as
 // packs/variant.cpp is.
 //
-// `latency` stands for the compressed trees, `batch` for their binary twin.
+// `latency` stands for the compressed trees, `batch` for their binary twin. RAYNEST_FAKE_CUDA_BARE
+// in the environment leaves the table as a GPU's is: without the twin, and without a reference.
 #include "engine/cuda/variant.h"
 
 #include "engine/cuda/check.h"
@@ -17,12 +18,15 @@
 #include RAYNEST_INTERSECTOR_HEADER
 
 #include <cstdint>
+#include <cstdlib>
 
 namespace raynest {
 namespace {
 
 using Isect = RAYNEST_INTERSECTOR_TYPE;
-static_assert(cuda::check_intersector<Isect, Declared{RAYNEST_INTERSECTOR_OVERRIDES}>());
+static_assert(cuda::check_intersector<Isect, Declared{.boxes = RAYNEST_OVERRIDES_BOXES,
+                                                      .primitives = RAYNEST_OVERRIDES_PRIMITIVES,
+                                                      .instances = RAYNEST_OVERRIDES_INSTANCES}>());
 
 template <Query kind>
 void trace_kernel(void** arguments, unsigned threads) {
@@ -80,7 +84,9 @@ void add_query(PackVariant& variant) {
 const PackVariant& RAYNEST_INTERSECTOR_FUNCTION() noexcept {
     static const PackVariant variant = [] {
         PackVariant v = cuda::make_variant<Isect, Kernels>(RAYNEST_INTERSECTOR_NAME);
+        const bool bare = std::getenv("RAYNEST_FAKE_CUDA_BARE") != nullptr;
         if constexpr (cuda::runs_here<Isect>) {
+            if (bare) return v;
             add_query<query_closest>(v);
             add_query<query_any>(v);
             add_query<query_multi>(v);

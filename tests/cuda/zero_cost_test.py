@@ -11,13 +11,13 @@ import pathlib
 import sys
 import tempfile
 
-from registers_test import compile_for_report, variants
+from registers_test import compile_for_report, sources
 
 
 def main():
     different = {}
     with tempfile.TemporaryDirectory() as folder:
-        for name, command, directory in variants(pathlib.Path(sys.argv[1])):
+        for name, command, directory in sources(pathlib.Path(sys.argv[1])):
             if name not in ("opaque", "procedural_mask"):
                 continue
             code = []

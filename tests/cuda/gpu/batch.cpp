@@ -20,10 +20,12 @@ Batch::Batch(std::span<const Ray> from, std::uint32_t count)
     forget_answers();
 }
 
-void Batch::pin(const OpenDevice& device) {
+std::string Batch::pin(const OpenDevice& device) {
+    std::string refused;
     for (Pages* const memory : {&rays_, &hits_, &hit_counts_}) {
-        device.pin(memory->data(), memory->size());
+        if (refused.empty()) refused = device.pin(memory->data(), memory->size());
     }
+    return refused;
 }
 
 TraceCall Batch::call(const Question& question, std::uint32_t first, std::uint32_t count) {

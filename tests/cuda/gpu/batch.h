@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 namespace raynest::bench {
@@ -26,7 +27,8 @@ class Batch {
 public:
     /// `count` rays: those of `from` over and over, or an even share of more.
     Batch(std::span<const Ray> from, std::uint32_t count);
-    void pin(const OpenDevice& device);
+    /// Gives why it is not pinned, or nothing.
+    [[nodiscard]] std::string pin(const OpenDevice& device);
 
     [[nodiscard]] std::uint32_t count() const { return count_; }
     /// Of rays [first, first + count).

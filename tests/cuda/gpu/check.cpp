@@ -4,6 +4,8 @@
 #include <nlohmann/json.hpp>
 
 #include <cstring>
+#include <string>
+#include <utility>
 
 namespace raynest::bench {
 namespace {
@@ -32,7 +34,7 @@ Tally compare(const Question& question, const Batch& a, const Batch& b) {
 bool check(const OpenDevice& device, const Pack& cpu, const Work& work) {
     Batch answers(work.rays, work.count);
     Batch expected(work.rays, work.count);
-    answers.pin(device);
+    const std::string not_pinned = answers.pin(device);
     const OpenDevice::Scene scene = device.load(work.scene);
     std::vector<OpenDevice::Slot> slots;
     for (int i = 0; i < 2; ++i) {
@@ -58,10 +60,12 @@ bool check(const OpenDevice& device, const Pack& cpu, const Work& work) {
                 throw std::runtime_error("the CPU's pack refuses the call");
             const Tally tally = compare(question, answers, expected);
             equal = equal && tally.differing == 0;
-            work.print({{"query", question.name},
-                        {"variant", variant.name},
-                        {"hitting", tally.hitting},
-                        {"differing", tally.differing}});
+            nlohmann::ordered_json row{{"query", question.name},
+                                       {"variant", variant.name},
+                                       {"hitting", tally.hitting},
+                                       {"differing", tally.differing}};
+            if (!not_pinned.empty()) row["not_pinned"] = not_pinned;
+            work.print(std::move(row));
         }
     }
     return equal;

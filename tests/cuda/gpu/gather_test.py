@@ -94,12 +94,25 @@ class Gathered(unittest.TestCase):
         for row in times:
             self.assertEqual(row["device"], "a fake of the tests")
             for number in (row["kernel_mrays"], row["kernel_over_opaque"], row["pinned_over_limit"],
-                           *row["pinned_mrays"].values(), *row["bus_mrays"].values()):
+                           row["frames_over_limit"], *row["pinned_mrays"].values(), *row["bus_mrays"].values()):
                 self.assertGreater(number, 0)
             if row["variant"] == "opaque":
                 self.assertEqual(row["kernel_over_opaque"], 1)
         goals = rows[-1]["goals"]
-        self.assertEqual([goal["of"] for goal in goals], [len(times) // 3, len(times) // 3, len(times)])
+        self.assertEqual([goal["of"] for goal in goals], [len(times) // 3, len(times) // 3, len(times), len(times)])
+        # Frames of the daemon and larger chunks, each with one, two and four on their way.
+        self.assertEqual({way for row in times for way in row["pinned_mrays"]},
+                         {f"{slots} x {rays}" for slots in (1, 2, 4) for rays in (1 << 14, 1 << 17)})
+
+    def test_memory_that_is_not_pinned_is_told_and_not_judged(self):
+        code, rows, said = self.drive_fake("--count", "256", "--rounds", "1", "check", "time",
+                                           RAYNEST_FAKE_CUDA_ALWAYS="cudaHostRegister 1")
+        self.assertEqual((code, said), (0, ""))
+        for row in rows:
+            if row["what"] in ("check", "time"):
+                self.assertRegex(row["not_pinned"], "^cudaError")
+        self.assertNotIn("over_limit", str(rows[-1]["goals"]))
+        self.assertIn("from pinned memory: cudaError", str(rows[-1]["not_measured"]))
 
     def test_a_goal_is_met_by_the_worst_row(self):
         def judged(*masks):

@@ -19,7 +19,7 @@ struct Work {
     const SceneView& scene;
     const std::vector<Ray>& rays;
     std::uint32_t count;  ///< rays of a pass (Batch says which)
-    std::uint32_t chunk;  ///< rays of a slot
+    std::uint32_t chunk;  ///< rays of a slot, in check()
     std::function<void(nlohmann::ordered_json)> print;
 };
 
@@ -29,8 +29,10 @@ bool check(const OpenDevice& device, const Pack& cpu, const Work& work);
 
 /// Million rays per second, as the median of `rounds`, in which all ways of a question take turns:
 ///   kernel   all rays in one call, by the device's clock, without copies
-///   pinned   pinned rays to pinned answers, `chunk` rays per slot, 1, 2 and 4 slots in flight
+///   pinned   pinned rays to pinned answers, 2^14 or 2^17 rays per slot, 1, 2 and 4 slots in flight
 ///   bus      the same through a scene of nothing: what copying alone allows
+/// Where memory cannot be pinned, rows of both functions say why in `not_pinned`, and these are not
+/// compared with what is possible.
 void time(const OpenDevice& device, const Work& work, std::uint32_t rounds);
 
 }  // namespace raynest::bench

@@ -35,8 +35,9 @@ OpenDevice::Slot OpenDevice::make_slot(std::uint64_t rays, std::uint64_t hits) c
     return {slot, doors_.device->free_slot};
 }
 
-void OpenDevice::pin(void* memory, std::uint64_t bytes) const {
-    expect_ok(doors_.device->pin(memory, bytes), "pinning memory");
+std::string OpenDevice::pin(void* memory, std::uint64_t bytes) const {
+    const bool pinned = doors_.device->pin(memory, bytes) == trace_ok;
+    return pinned ? std::string() : doors_.device->error();
 }
 
 void OpenDevice::start(const Slot& slot, const Scene& scene, TraceFunction kernel,

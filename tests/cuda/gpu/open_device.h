@@ -33,7 +33,8 @@ public:
     using Slot = std::unique_ptr<DeviceSlot, void (*)(DeviceSlot*) noexcept>;
     [[nodiscard]] Scene load(const SceneView& view) const;
     [[nodiscard]] Slot make_slot(std::uint64_t rays, std::uint64_t hits) const;
-    void pin(void* memory, std::uint64_t bytes) const;
+    /// Gives why it was refused, or nothing: without it copies are slower, and right.
+    [[nodiscard]] std::string pin(void* memory, std::uint64_t bytes) const;
 
     void start(const Slot& slot, const Scene& scene, TraceFunction kernel,
                const TraceCall& call) const;

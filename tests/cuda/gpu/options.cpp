@@ -31,9 +31,8 @@ Parsed<CudaOptions> parse_cuda_options(int argc, const char* const* argv) {
         command->add_option("--rays", options.rays, "a .rays file, or random")->required();
         command->add_option("--count", options.count, "those of a file over and over, or a share")
             ->check(CLI::Range(0U, 1U << 24));
-        command->add_option("--chunk", options.chunk, "rays of a slot")
-            ->check(CLI::Range(64U, 1U << 24));
     }
+    check.add_option("--chunk", options.chunk, "rays of a slot")->check(CLI::Range(64U, 1U << 24));
     check.add_option("--cpu-pack", options.cpu_pack, "whose bytes are expected")->required();
     time.add_option("--rounds", options.rounds, "in which all ways take turns")
         ->check(CLI::Range(1U, 1000U));

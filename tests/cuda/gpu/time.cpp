@@ -15,6 +15,10 @@ namespace {
 
 constexpr std::uint32_t slot_counts[] = {1, 2, 4};
 constexpr std::uint32_t slots_max = 4;
+/// Of a slot: what the daemon's worker takes at least where there is more (chunk_rays_max), and
+/// what fills a large GPU.
+constexpr std::uint32_t frame_rays = 1U << 14;
+constexpr std::uint32_t chunk_rays = 1U << 17;
 
 /// Rays go through it untouched: its root holds nothing.
 struct Nothing {
@@ -66,37 +70,49 @@ private:
     std::map<std::string, std::vector<Pass>> passes_;
 };
 
-std::string in_flight(const std::string& name, std::uint32_t slots) {
-    return name + " in " + std::to_string(slots);
+/// How rays are on their way.
+std::string in_flight(std::uint32_t slots, std::uint32_t rays) {
+    return std::to_string(slots) + " x " + std::to_string(rays);
+}
+std::string in_flight(const std::string& name, std::uint32_t slots, std::uint32_t rays) {
+    return name + " in " + in_flight(slots, rays);
 }
 
 TraceFunction kernel_of(const PackVariant& variant, const Question& question) {
     return variant.trace[precision_fast][traversal_latency][question.query][0];
 }
 
-/// The best of what copying alone allows with any number of slots.
-double bus_mrays(const Race& race) {
+/// The best of a way with any number of slots.
+double best_mrays(const Race& race, const std::string& name, std::uint32_t rays) {
     double best = 0;
     for (const std::uint32_t slots : slot_counts) {
-        best = std::max(best, race.mrays(in_flight("bus", slots), &Pass::wall_seconds));
+        best = std::max(best, race.mrays(in_flight(name, slots, rays), &Pass::wall_seconds));
     }
     return best;
 }
 
-nlohmann::ordered_json row_of(const Race& race, const std::string& variant) {
+nlohmann::ordered_json row_of(const Race& race, const std::string& variant,
+                              const std::string& not_pinned) {
     nlohmann::ordered_json row;
     const double kernel = race.mrays(variant, &Pass::kernel_seconds);
     row["kernel_mrays"] = kernel;
     row["kernel_over_opaque"] = race.kernel_ratio(variant, "opaque");
-    double best = 0;
-    for (const std::uint32_t slots : slot_counts) {
-        const double pinned = race.mrays(in_flight(variant, slots), &Pass::wall_seconds);
-        best = std::max(best, pinned);
-        row["pinned_mrays"][std::to_string(slots)] = pinned;
-        row["bus_mrays"][std::to_string(slots)] =
-            race.mrays(in_flight("bus", slots), &Pass::wall_seconds);
+    for (const std::uint32_t rays : {frame_rays, chunk_rays}) {
+        for (const std::uint32_t slots : slot_counts) {
+            const std::string way = in_flight(slots, rays);
+            row["pinned_mrays"][way] =
+                race.mrays(in_flight(variant, slots, rays), &Pass::wall_seconds);
+            row["bus_mrays"][way] = race.mrays(in_flight("bus", slots, rays), &Pass::wall_seconds);
+        }
     }
-    row["pinned_over_limit"] = best / std::min(kernel, bus_mrays(race));
+    if (!not_pinned.empty()) {
+        row["not_pinned"] = not_pinned;
+        return row;
+    }
+    // The limit is the same for both: what the device is able to.
+    const double limit = std::min(kernel, best_mrays(race, "bus", chunk_rays));
+    row["pinned_over_limit"] = best_mrays(race, variant, chunk_rays) / limit;
+    row["frames_over_limit"] = best_mrays(race, variant, frame_rays) / limit;
     return row;
 }
 
@@ -104,7 +120,7 @@ nlohmann::ordered_json row_of(const Race& race, const std::string& variant) {
 
 void time(const OpenDevice& device, const Work& work, std::uint32_t rounds) {
     Batch batch(work.rays, work.count);
-    batch.pin(device);
+    const std::string not_pinned = batch.pin(device);
     const OpenDevice::Scene scene = device.load(work.scene);
     const Nothing nothing;
     const OpenDevice::Scene no_scene = device.load(nothing.view);
@@ -116,7 +132,7 @@ void time(const OpenDevice& device, const Work& work, std::uint32_t rounds) {
         return made;
     };
     const auto whole = make_slots(1, work.count);
-    const auto chunks = make_slots(slots_max, work.chunk);
+    const auto chunks = make_slots(slots_max, chunk_rays);
 
     const std::span variants(device.pack().variants, device.pack().variant_count);
     const PackVariant* const opaque = find_variant(device.pack(), "opaque");
@@ -125,9 +141,11 @@ void time(const OpenDevice& device, const Work& work, std::uint32_t rounds) {
         Race race(question, batch);
         const auto add_slots = [&](const std::string& name, const OpenDevice::Scene& through,
                                    TraceFunction kernel) {
-            for (const std::uint32_t slots : slot_counts) {
-                race.add(in_flight(name, slots),
-                         {&device, &through, kernel, std::span(chunks).first(slots), work.chunk});
+            for (const std::uint32_t rays : {frame_rays, chunk_rays}) {
+                for (const std::uint32_t slots : slot_counts) {
+                    race.add(in_flight(name, slots, rays),
+                             {&device, &through, kernel, std::span(chunks).first(slots), rays});
+                }
             }
         };
         std::vector<std::string> names;
@@ -141,11 +159,9 @@ void time(const OpenDevice& device, const Work& work, std::uint32_t rounds) {
         add_slots("bus", no_scene, kernel_of(*opaque, question));
         race.run(rounds);
         for (const std::string& name : names) {
-            nlohmann::ordered_json row{{"query", question.name},
-                                       {"variant", name},
-                                       {"rounds", rounds},
-                                       {"chunk", work.chunk}};
-            row.update(row_of(race, name));
+            nlohmann::ordered_json row{
+                {"query", question.name}, {"variant", name}, {"rounds", rounds}};
+            row.update(row_of(race, name, not_pinned));
             work.print(std::move(row));
         }
     }

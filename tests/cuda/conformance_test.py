@@ -1,0 +1,62 @@
+#!/usr/bin/env python3
+"""That tests/conformance compares what a GPU answers, whose pack has no reference of its own: over the fake of the
+CUDA runtime, with the table that a GPU's pack has.
+
+  conformance_test.py CONFORMANCE PACK_DIR
+
+Exit code 77 (skipped) where this machine does not run v3.
+"""
+import os
+import re
+import subprocess
+import sys
+import unittest
+
+CONFORMANCE, PACK_DIR = "", ""
+INTERSECTOR = "procedural_mask"
+
+
+def compare(*targets, intersector=INTERSECTOR, **environment):
+    """(exit code, what it says)"""
+    words = [word for target in targets for word in ("--target", target)]
+    done = subprocess.run([CONFORMANCE, *words, "--pack-dir", PACK_DIR, "--intersector", intersector,
+                           "--edge-rays", "1000"],
+                          env={**os.environ, "RAYNEST_FAKE_CUDA_BARE": "1", **environment}, capture_output=True,
+                          text=True, timeout=500, check=False)
+    return done.returncode, done.stdout
+
+
+class Compared(unittest.TestCase):
+    def test_it_is_held_to_another_target_s_reference(self):
+        code, said = compare("v3", "cuda")
+        self.assertEqual(code, 0, said)
+        comparisons, hits, differences = map(int, re.search(
+            rf"^cuda +{INTERSECTOR} +(\d+) comparisons +\d+ rays +(\d+) hits (\d+) differences", said, re.M).groups())
+        self.assertGreater(comparisons, 50)
+        self.assertGreater(hits, 10_000)
+        self.assertEqual(differences, 0)
+
+    def test_a_wrong_answer_is_seen(self):
+        code, said = compare("v3", "cuda", RAYNEST_FAKE_CUDA_ALWAYS="cudaMemcpyAsync(back) garbage")
+        self.assertEqual(code, 1, said)
+        self.assertRegex(said, rf"cuda +{INTERSECTOR} .* [1-9]\d* differences")
+
+    def test_without_such_a_target_it_fails(self):
+        for targets in (("cuda",), ("v2", "cuda")):  # v2 rounds differently
+            code, said = compare(*targets)
+            self.assertEqual(code, 1, said)
+            self.assertIn("no reference to compare it with", said)
+            self.assertIn("target cuda: nothing was compared", said)
+
+    def test_a_named_target_without_the_intersector_fails(self):
+        code, said = compare("v3", "cuda", intersector="nowhere")
+        self.assertEqual(code, 1, said)
+        self.assertIn("target v3: nothing was compared", said)
+
+
+if __name__ == "__main__":
+    CONFORMANCE, PACK_DIR = sys.argv[1:]
+    if compare("v3", intersector="nowhere")[0] == 77:
+        print("skipped: this machine does not run v3")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1], verbosity=2)

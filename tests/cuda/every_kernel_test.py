@@ -1,0 +1,101 @@
+#!/usr/bin/env python3
+"""Every kernel of the CUDA worker through a daemon, over triangles with and without instances and over spheres: the
+same rays to the CPU and to it, byte for byte.
+
+  every_kernel_test.py RAYNESTD RAYNEST PACK          PACK is the cuda pack over tests/cuda/fake_runtime: few rays
+  every_kernel_test.py RAYNESTD RAYNEST PACK gpu      PACK is the real one: 10^7 rays and more; exit code 77
+                                                      (skipped) where there is none
+"""
+import array
+import itertools
+import pathlib
+import random
+import sys
+import tempfile
+import time
+import unittest
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "integration"))
+from daemon import PATIENCE, Client, Daemon  # noqa: E402
+from npy import npy  # noqa: E402
+
+DAEMON = CLIENT = None
+NO_GPU = "cudaErrorInsufficientDriver", "cudaErrorNoDevice"  # what the log says then
+START_SECONDS_MAX = max(120, PATIENCE)  # a first start translates kernels
+RAYS = 5_000  # of a query
+RAYS_ON_GPU, TOTAL_ON_GPU = 200_000, 10**7
+KINDS = ("closest",), ("any",), ("multi", "--max-hits", "5")
+PRECISIONS = "watertight", "fast"
+# So that one cuts what the scenes are made of, whatever their materials say.
+SETTINGS = {"procedural_mask": ("--set", "on=all", "--set", "pattern=noise")}
+
+
+def rays_around(count):
+    """Of all directions, from far and near: what a flake is made of lies within a unit."""
+    chance = random.Random(1)
+    values = array.array("f")
+    for _ in range(count):
+        far = chance.choice((2, 20))
+        values.extend((chance.uniform(-far, far), chance.uniform(0, far), chance.uniform(-far, far),
+                       chance.gauss(0, 1), chance.gauss(-0.5, 1), chance.gauss(0, 1)))
+    return npy((count, 6), values.tobytes())
+
+
+class EveryKernel(unittest.TestCase):
+    SCENES = {"woods": "builtin:forest?trees=20", "hills": "builtin:terrain?size=256", "flake": "builtin:flake?depth=5"}
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.rays = pathlib.Path(folder.name) / "rays.npy"
+        self.rays.write_bytes(rays_around(RAYS))
+        for name, source in self.SCENES.items():
+            CLIENT.json("load", source, "--name", name)
+
+    def query(self, worker, scene, *options):
+        """(what the command told, the file's bytes)"""
+        file = self.rays.with_name("answers.npz")
+        told = CLIENT.json("query", scene, "--rays", self.rays, "-o", file, "--worker", worker, *options)
+        return told, file.read_bytes()
+
+    def test_its_answers_are_the_cpus(self):
+        intersectors = [variant["name"] for variant in CLIENT.json("variants")["variants"]
+                        if "cuda" in variant["targets"]]
+        self.assertGreaterEqual(set(intersectors), {"opaque", "alpha_mask", "procedural_mask"})
+        asked = 0
+        for scene, intersector, kind, precision in itertools.product(self.SCENES, intersectors, KINDS, PRECISIONS):
+            options = ("--intersector", intersector, *SETTINGS.get(intersector, ()), "--kind", *kind,
+                       "--precision", precision)
+            with self.subTest(scene=scene, options=options):
+                _, expected = self.query("cpu", scene, *options)
+                told, answer = self.query("cuda", scene, *options)
+                self.assertEqual((told["worker"], told["intersector"], told["precision"], told["notes"]),
+                                 ("cuda", intersector, precision, []))
+                self.assertGreater(told["rays"] - told["misses"], RAYS // 50)
+                self.assertEqual(answer, expected)
+                asked += told["rays"]
+        print(f"{asked} rays, {len(intersectors) * len(KINDS) * len(PRECISIONS)} kernels on {len(self.SCENES)} scenes")
+        if RAYS == RAYS_ON_GPU:
+            self.assertGreaterEqual(asked, TOTAL_ON_GPU)
+
+
+def worker_starts():
+    end = time.monotonic() + START_SECONDS_MAX
+    while not any(word in DAEMON.log() for word in ("cuda_up", "cuda_down")) and time.monotonic() < end:
+        time.sleep(0.1)
+    return "cuda_up" in DAEMON.log()
+
+
+if __name__ == "__main__":
+    raynestd, raynest, pack, *where = sys.argv[1:]
+    if where == ["gpu"]:
+        RAYS = RAYS_ON_GPU
+    DAEMON = Daemon(raynestd, "--cuda", pack)
+    try:
+        if not worker_starts():
+            print(DAEMON.log())
+            sys.exit(77 if any(reason in DAEMON.log() for reason in NO_GPU) else 1)
+        CLIENT = Client(raynest, DAEMON.uri)
+        unittest.main(argv=sys.argv[:1])
+    finally:
+        DAEMON.stop()
