@@ -239,18 +239,17 @@ class Errors(WithDaemon):
 
     def test_a_forked_process_leaves_the_streams_of_the_other_one_alone(self):
         rays = rain(400_000)
-        for leave in (True, False):
+        for leave in ("stream.close", "next", "client.close"):
             stream = self.woods.stream(rays, fields=("t",))
             answered = len(next(stream)[1]["t"])
             child = os.fork()
             if child == 0:
                 code = 1
                 try:
-                    if leave:
-                        stream.close()
-                        code = 0
-                    else:
+                    if leave == "next":
                         next(stream)
+                    (stream if leave == "stream.close" else self.client).close()
+                    code = 0
                 except raynest.UsageError:
                     code = 0
                 finally:
