@@ -4,12 +4,19 @@ what the command line says.
 
   client_test.py RAYNESTD RAYNEST FLATC
 """
+import copy
+import inspect
 import json
 import os
+import pickle
+from unittest import mock
 
 import numpy as np
 
 import raynest
+from raynest import generators
+from raynest._job import JobOptions
+from raynest._picture import Picture
 from daemon import Daemon, closed_port
 from with_daemon import MISS, WithDaemon, main, rain
 
@@ -139,10 +146,21 @@ class Pictures(WithDaemon):
         self.assertEqual(set(above[:, :, 3].ravel()), {255})
 
     def test_large_pictures_come_in_pieces(self):
-        news = []
-        pixels = self.woods.render(size=(2048, 2048), progress=lambda *item: news.append(item))
-        self.assertEqual(pixels.shape, (2048, 2048, 4))
-        self.assertTrue((pixels[-1, :, 3] == 255).any())
+        pieces, size = [], (1024, 1536)
+        take = Picture._place
+
+        def place(picture, *frame):
+            pieces.extend(take(picture, *frame))
+            return pieces[-1:]
+        with mock.patch.object(Picture, "_place", place):
+            pixels = self.woods.render(size=size)
+        self.assertEqual(pixels.shape, (1536, 1024, 4))
+        self.assertGreater(len(pieces), 2)
+        self.assertEqual(sum(map(len, pieces)), pixels.nbytes)
+        # Each pixel is where it would be in another picture, of other pieces.
+        rays = generators.camera(size=size)
+        hit = self.woods.trace(rays, fields=("hit",))["hit"].reshape(size[::-1])
+        np.testing.assert_array_equal(pixels[..., 3] == 255, hit != 0)
 
     def test_an_origin_shifts_cameras(self):
         far = np.array([4e6, 5e6, 100.0])
