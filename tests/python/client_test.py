@@ -4,12 +4,19 @@ what the command line says.
 
   client_test.py RAYNESTD RAYNEST FLATC
 """
+import copy
+import inspect
 import json
 import os
+import pickle
+from unittest import mock
 
 import numpy as np
 
 import raynest
+from raynest import generators
+from raynest._job import JobOptions
+from raynest._picture import Picture
 from daemon import Daemon, closed_port
 from with_daemon import MISS, WithDaemon, main, rain
 
@@ -36,6 +43,10 @@ class Scenes(WithDaemon):
         paths = paths[paths != MISS["path"]][:20]
         names = self.woods.path_of(paths)
         self.assertEqual(len(names), len(paths))
+        # A miss has none, and hides none.
+        self.assertEqual(self.woods.path_of([int(paths[0]), MISS["path"], int(paths[1])]),
+                         [names[0], "", names[1]])
+        self.assertEqual(self.woods.path_of(MISS["path"]), "")
         for path, name in list(zip(paths, names))[:3]:
             self.assertIn(name, self.cli.run("path", "woods", path).stdout)
             self.assertEqual(self.woods.path_of(int(path)), name)
@@ -64,6 +75,11 @@ class Scenes(WithDaemon):
             self.client.load(self.out / "balls.npy")
         balls = self.client.load(self.out / "balls.npy", primitive="sphere")
         self.assertEqual(balls.name, "balls")
+        for options in ({"primitive": "sphere"}, {"instances": self.out / "balls.npy"}):
+            with self.assertRaisesRegex(raynest.UsageError, "are for .npy files"):
+                self.client.load("builtin:forest?trees=20", **options)
+        self.assertEqual(self.cli.run("load", "builtin:forest", "--primitive", "sphere").returncode,
+                         raynest.UsageError.exit_code)
         hits = balls.trace([[0, 0, 9, 0, 0, -1], [5, 0, 9, 0, 0, -1]], fields=("t", "prim"))
         np.testing.assert_allclose(hits["t"], [8, 7], rtol=1e-6)
         self.assertEqual(hits["prim"].tolist(), [0, 1])
@@ -139,10 +155,21 @@ class Pictures(WithDaemon):
         self.assertEqual(set(above[:, :, 3].ravel()), {255})
 
     def test_large_pictures_come_in_pieces(self):
-        news = []
-        pixels = self.woods.render(size=(2048, 2048), progress=lambda *item: news.append(item))
-        self.assertEqual(pixels.shape, (2048, 2048, 4))
-        self.assertTrue((pixels[-1, :, 3] == 255).any())
+        pieces, size = [], (1024, 1536)
+        take = Picture._place
+
+        def place(picture, *frame):
+            pieces.extend(take(picture, *frame))
+            return pieces[-1:]
+        with mock.patch.object(Picture, "_place", place):
+            pixels = self.woods.render(size=size)
+        self.assertEqual(pixels.shape, (1536, 1024, 4))
+        self.assertGreater(len(pieces), 2)
+        self.assertEqual(sum(map(len, pieces)), pixels.nbytes)
+        # Each pixel is where its ray is.
+        rays = generators.camera(size=size)
+        hit = self.woods.trace(rays, fields=("hit",))["hit"].reshape(size[::-1])
+        np.testing.assert_array_equal(pixels[..., 3] == 255, hit != 0)
 
     def test_an_origin_shifts_cameras(self):
         far = np.array([4e6, 5e6, 100.0])
@@ -208,6 +235,17 @@ class Errors(WithDaemon):
                 (r"fields of \[1\]: it must be a list", lambda: self.woods.trace(ray, fields=(1,))),
                 ("Query of .* bytes", lambda: self.woods.trace(ray, fields=("t" * 99,) * 999)),
                 ("deadline of -1", lambda: self.woods.trace(ray, deadline=-1)),
+                ("deadline must be numbers", lambda: self.woods.trace(ray, deadline="soon")),
+                (r"deadline of \[1\]: .* one number", lambda: self.woods.trace(ray, deadline=[1])),
+                ("params of 5: it must be a dict", lambda: self.woods.trace(ray, params=5)),
+                ("fields of 5: .* names of columns", lambda: self.woods.trace(ray, fields=5)),
+                ("margin must be numbers", lambda: self.woods.occluded([0], [1], margin="x")),
+                ("a path id of 0.7: it must be a whole", lambda: self.woods.path_of(0.7)),
+                ("a path id of -1", lambda: self.woods.path_of(-1)),
+                ("a path id of -2", lambda: self.woods.path_of(np.array([1, -2]))),
+                ("a path id of 2.0", lambda: self.woods.path_of([1, 2.0])),
+                ("fov of 1e-60: in float32", lambda: self.woods.render(fov=1e-60)),
+                ("look_at is", lambda: self.woods.render(look_at=5)),
                 ("deadline of inf", lambda: raynest.Job(self.client, 1).wait(deadline=np.inf)),
                 ("samples of -1", lambda: self.woods.render(samples=-1)),
                 ("seed of -1: .* to 18446744073709551615", lambda: self.woods.render(seed=-1)),
@@ -222,6 +260,49 @@ class Errors(WithDaemon):
                 call()
         self.assertEqual(self.client.stats()["frames_received"], sent + 1)
         self.assertEqual(len(self.woods.trace(ray)["t"]), 1)
+
+    def test_none_is_the_default_of_every_option(self):
+        def options(function):
+            parameters = inspect.signature(function).parameters
+            names = {name for name, each in parameters.items() if each.default is not each.empty}
+            names |= JobOptions.__annotations__.keys() if "job" in parameters else set()
+            names |= generators.Mount.__annotations__.keys() if "mount" in parameters else set()
+            return dict.fromkeys(names)
+
+        def outcome(function, *arguments, **options):
+            got = function(*arguments, **options)
+            if isinstance(got, generators.Generator):
+                return got._message, got._mount, got._fov, got.count
+            if isinstance(got, raynest.Client):
+                got.close()
+                return got.connection._window_bytes
+            return repr(got) if not inspect.isgenerator(got) else repr(list(got))
+        points, ray = [[1, 50, 2], [3, -9, 4]], rain(1)
+        job = self.woods.trace(ray, detach=True)
+        small = {"size": (16, 9)}
+        for function, arguments, given in (
+                (raynest.connect, (), {"uri": self.socket}), (job.wait, (), {}),
+                (job.fetch, (), {}), (self.client.load, ("builtin:forest?trees=20",), {}),
+                (self.client.mesh, (np.eye(3), [[0, 1, 2]]), {}),
+                (self.woods.trace, (ray,), {}), (self.woods.stream, (ray,), {}),
+                (self.woods.occluded, points, {}), (self.woods.path_of, (0,), {}),
+                (self.woods.render, (), small), (self.woods.heatmap, (), small),
+                (generators.camera, (), {}), (generators.pinhole, (9,), {}),
+                (generators.orthographic, ((2, 1),), {}), (generators.equirectangular, (), {}),
+                (generators.lidar, ([1, 2],), {}), (generators.hemisphere, points, {})):
+            nones = options(function)
+            self.assertTrue(nones)
+            self.assertEqual(outcome(function, *arguments, **{**nones, **given}),
+                             outcome(function, *arguments, **given), function)
+        self.assertEqual(self.woods.render(size=None).shape, (540, 960, 4))
+        self.assertEqual(generators.lidar([1], None).count, generators.lidar([1]).count)
+        self.woods.trace(ray, intersector="alpha_mask", params={"cutoff": None})
+
+    def test_what_has_a_connection_is_not_for_another_process(self):
+        for each in (self.client, self.woods, raynest.Job(self.client, 1)):
+            for copied in (pickle.dumps, copy.deepcopy):
+                with self.assertRaisesRegex(raynest.UsageError, "connect in each process"):
+                    copied(each)
 
     def test_a_forked_process_must_connect_again(self):
         ray = [[0, 1000, 0, 0, -1, 0]]
@@ -239,18 +320,17 @@ class Errors(WithDaemon):
 
     def test_a_forked_process_leaves_the_streams_of_the_other_one_alone(self):
         rays = rain(400_000)
-        for leave in (True, False):
+        for leave in ("stream.close", "next", "client.close"):
             stream = self.woods.stream(rays, fields=("t",))
             answered = len(next(stream)[1]["t"])
             child = os.fork()
             if child == 0:
                 code = 1
                 try:
-                    if leave:
-                        stream.close()
-                        code = 0
-                    else:
+                    if leave == "next":
                         next(stream)
+                    (stream if leave == "stream.close" else self.client).close()
+                    code = 0
                 except raynest.UsageError:
                     code = 0
                 finally:

@@ -1,114 +1,22 @@
 #!/usr/bin/env python3
 """Daemons that lie: every wrong length, type, order and end is one exception, soon, and none of
-them costs memory first. And daemons that are only slow or stubborn: neither end waits for ever.
+them costs memory first.
 
   hostile_test.py RAYNESTD RAYNEST FLATC      (uses none of them)
 """
 import contextlib
-import pathlib
 import resource
-import socket
 import struct
 import sys
-import tempfile
-import threading
 import time
 import unittest
 
 import numpy as np
 
 import raynest
-from raynest import _limits
-from raynest._control import decode, encode
-from raynest._frame import DTYPES, HEADER, MAGIC, Header, padding, read_header, write_header
-from raynest._schema import SCHEMA
+from raynest._frame import HEADER, MAGIC, Header, write_header
 from daemon import PATIENCE
-
-WELCOME = {"version": 1, "server": "fake", "window_bytes": 8 << 20, "frame_bytes_max": 64 << 20,
-           "chunk_rays_max": 16384, "jobs_max": 8}
-
-
-def frame(name, message, request_id, **columns):
-    """A frame with these arrays as blocks."""
-    blocks, bulk = [], b""
-    for column, array in columns.items():
-        width = array.shape[1] if array.ndim > 1 else 1
-        blocks.append({"name": column, "dtype": DTYPES.index(array.dtype), "count": len(array),
-                       "stride": width * array.itemsize, "offset": len(bulk),
-                       "bytes": array.nbytes})
-        bulk += array.tobytes() + bytes(padding(array.nbytes))
-    control = encode(name, {**message, "blocks": blocks} if blocks else message)
-    return write_header(Header(SCHEMA.types[name], len(control), len(blocks), len(bulk),
-                               request_id)) + control + bulk
-
-
-class Peer:
-    """The daemon's end of a connection."""
-
-    def __init__(self, accepted):
-        self.socket = accepted
-        self.id = 0
-
-    def read(self):
-        """(name, message, bulk) of the next frame."""
-        header = read_header(self.exactly(HEADER.size))
-        name = SCHEMA.names[header.type]
-        self.id = header.request_id or self.id
-        return name, decode(name, self.exactly(header.control_bytes)), \
-            self.exactly(header.bulk_bytes)
-
-    def exactly(self, count):
-        data = bytearray()
-        while len(data) < count:
-            part = self.socket.recv(min(count - len(data), 1 << 20))
-            if not part:
-                raise ConnectionError
-            data += part
-        return bytes(data)
-
-    def until(self, wanted):
-        while True:
-            name, message, bulk = self.read()
-            if name == wanted:
-                return message, bulk
-
-    def send(self, name, message, **columns):
-        self.socket.sendall(frame(name, message, self.id, **columns))
-
-
-def t(count):
-    return np.arange(count, dtype=np.float32)
-
-
-class WithFake(unittest.TestCase):
-    def fake(self, script, welcome=WELCOME):
-        """The URI of a daemon that greets, then plays `script(peer)`, for one connection."""
-        folder = tempfile.TemporaryDirectory(prefix="raynest-fake-")
-        self.addCleanup(folder.cleanup)
-        path = str(pathlib.Path(folder.name) / "socket")
-        listener = socket.socket(socket.AF_UNIX)
-        listener.bind(path)
-        listener.listen(1)
-
-        def serve():
-            with listener, contextlib.suppress(ConnectionError, OSError):
-                accepted, _ = listener.accept()
-                with accepted:
-                    peer = Peer(accepted)
-                    if welcome is not None:
-                        peer.read()
-                        accepted.sendall(frame("Welcome", welcome, 0))
-                    script(peer)
-        thread = threading.Thread(target=serve, daemon=True)
-        thread.start()
-        self.addCleanup(thread.join, PATIENCE)
-        return "unix:" + path
-
-    def scene(self, script, **options):
-        """A scene whose first query `script` answers."""
-        client = raynest.connect(self.fake(script), **options)
-        self.addCleanup(client.close)
-        return raynest.Scene(client, "fake")
+from with_fake import WELCOME, WithFake, frame, t
 
 
 class Lies(WithFake):
@@ -273,6 +181,18 @@ class Lies(WithFake):
             with self.assertRaisesRegex(raynest.FailedError, "takes no data"):
                 raynest.connect(self.fake(lambda peer: None, {**WELCOME, **nothing}))
 
+    def test_honest_pictures_pass(self):
+        def script(peer):
+            peer.until("Render")
+            for i in range(4):
+                peer.send("Progress", {"done": i, "total": 4, "stage": "tracing"})
+                peer.send("Picture", {"total": 256, "offset": 64 * i}, data=np.full(64, i, np.uint8))
+            peer.send("Done", {})
+        news = []
+        pixels = self.scene(script).render(size=(8, 8), progress=lambda *now: news.append(now))
+        self.assertEqual(news, [(i, 4, "tracing") for i in range(4)])
+        np.testing.assert_array_equal(pixels, np.repeat(np.arange(4), 64).reshape(8, 8, 4))
+
     def test_pictures_that_do_not_fit_together(self):
         piece = np.zeros(64, np.uint8)
         for name, message in (("a large one", {"total": 2**50}), ("a small one", {"total": 64}),
@@ -342,122 +262,6 @@ class Lies(WithFake):
         with self.assertRaisesRegex(raynest.ProtocolError, "not offered"):
             client.mesh(np.eye(3), [[0, 1, 2]])
         client.close()
-
-
-class Waits(WithFake):
-    def test_a_daemon_that_writes_before_it_reads_on(self):
-        """It takes one frame of rays, then writes more than sockets hold before it reads again."""
-        count, frames = 16384, 16
-        columns = {"t": t(count), "position": np.zeros((count, 3), np.float32),
-                   "ng": np.zeros((count, 3), np.float32), "path": np.zeros(count, np.uint64)}
-
-        def script(peer):
-            peer.until("QueryRays")
-            for i in range(frames):
-                if i:
-                    peer.until("QueryRays")
-                else:  # with the buffers full of rays that nobody reads
-                    time.sleep(0.2)
-                peer.send("Chunk", {"first_ray": i * count, "count": count}, **columns)
-                peer.send("Credit", {"bytes": count * 32})
-            peer.send("Done", {})
-        hits = self.scene(script).trace(np.ones((frames * count, 8), np.float32),
-                                        fields=tuple(columns))
-        np.testing.assert_array_equal(hits["t"], np.tile(t(count), frames))
-
-    def test_a_pause_of_the_caller_leaves_no_frame_half_sent(self):
-        count = 16384
-        came_whole = threading.Event()
-
-        def script(peer):
-            peer.until("QueryRays")
-            peer.send("Started", {"epoch": 1})
-            header = read_header(peer.exactly(HEADER.size))  # of the next, larger than the socket
-            peer.send("Chunk", {"count": count}, t=t(count))
-            peer.exactly(header.control_bytes + header.bulk_bytes)
-            came_whole.set()
-            peer.send("Chunk", {"first_ray": count, "count": count}, t=t(count))
-            peer.send("Done", {})
-        rays = np.ones((2 * count, 8), np.float32)
-        for _ in self.scene(script).stream(rays, fields=("t",)):
-            self.assertTrue(came_whole.wait(PATIENCE))
-
-    def test_rays_are_sent_within_the_credit(self):
-        early = []
-
-        def script(peer):
-            # Two frames fit the window of 64,000 bytes; the third one is for when there is credit.
-            for _ in range(2):
-                peer.until("QueryRays")
-            peer.socket.settimeout(0.3)
-            with contextlib.suppress(socket.timeout):
-                early.append(peer.socket.recv(1))
-            peer.socket.settimeout(PATIENCE)
-            peer.send("Credit", {"bytes": 32000})
-            message, bulk = peer.until("QueryRays")
-            early.append((message["first_ray"], len(bulk)))
-            peer.send("Chunk", {"count": 3000}, t=t(3000))
-            peer.send("Done", {})
-        with raynest.connect(self.fake(script, {**WELCOME, "window_bytes": 64000})) as client:
-            raynest.Scene(client, "fake").trace(np.ones((3000, 8), np.float32), fields=("t",))
-        self.assertEqual(early, [(2000, 32000)])
-
-    def test_answers_in_drips(self):
-        whole = b"".join([frame("Chunk", {"count": 10}, 1, t=t(10)), frame("Done", {}, 1)])
-
-        def script(peer):
-            peer.until("QueryRays")
-            for i in range(len(whole)):
-                peer.socket.sendall(whole[i:i + 1])
-        hits = self.scene(script).trace(np.ones((10, 8)), fields=("t",))
-        np.testing.assert_array_equal(hits["t"], t(10))
-
-    def test_the_window_is_granted_again(self):
-        """Chunks of twice the window in all: without grants the fake would send beyond it."""
-        granted = []
-
-        def script(peer):
-            peer.until("QueryRays")
-            credit = 64 << 10
-            for first in range(0, 16384, 2048):
-                while credit < 8192 * 4:
-                    message, _ = peer.until("Credit")
-                    granted.append(message["bytes"])
-                    credit += message["bytes"]
-                credit -= 8192 * 4
-                peer.send("Chunk", {"first_ray": first, "count": 2048}, t=t(2048),
-                          ng=np.zeros((2048, 3), np.float32))
-            peer.send("Done", {})
-        scene = self.scene(script, window_bytes=64 << 10)
-        scene.trace(np.ones((16384, 8), np.float32), fields=("t", "ng"))
-        self.assertGreaterEqual(sum(granted), 128 << 10)
-
-    def test_a_silent_daemon_ends_with_the_deadline(self):
-        scene = self.scene(lambda peer: peer.until("Bye"))
-        raynest._connection.GRACE_SECONDS, before = 0.5, raynest._connection.GRACE_SECONDS
-        self.addCleanup(setattr, raynest._connection, "GRACE_SECONDS", before)
-        begin = time.monotonic()
-        with self.assertRaises(raynest.DeadlineError):
-            scene.trace(np.ones((10, 8)), deadline=0.1)
-        self.assertLess(time.monotonic() - begin, PATIENCE)
-
-    def test_a_server_that_does_not_greet_is_none(self):
-        raynest._connection.GREETING_SECONDS, before = 0.5, raynest._connection.GREETING_SECONDS
-        self.addCleanup(setattr, raynest._connection, "GREETING_SECONDS", before)
-        with self.assertRaisesRegex(raynest.ConnectError, "no RayNest daemon answers within"):
-            raynest.connect(self.fake(lambda peer: peer.until("Bye"), welcome=None))
-
-    def test_a_daemon_that_does_not_cancel_loses_the_connection(self):
-        def script(peer):
-            peer.until("QueryRays")
-            peer.send("Chunk", {"count": 5}, t=t(5))
-            peer.until("Bye")
-        raynest._connection.GRACE_SECONDS, before = 0.5, raynest._connection.GRACE_SECONDS
-        self.addCleanup(setattr, raynest._connection, "GRACE_SECONDS", before)
-        scene = self.scene(script)
-        for _ in scene.stream(np.ones((10, 8)), fields=("t",)):
-            break
-        self.assertTrue(scene._client.connection.closed)
 
 
 if __name__ == "__main__":

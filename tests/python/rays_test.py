@@ -151,6 +151,12 @@ class Rays(WithDaemon):
                 self.same(scene.trace(rays[:99], kind="multi", max_hits=256),
                           self.woods.trace(rays[:99], kind="multi", max_hits=256))
 
+    def test_a_window_of_nothing_is_the_default(self):
+        rays = rain(60000)
+        for window in (0, None):
+            with raynest.connect(self.daemon.uri, window_bytes=window) as client:
+                self.same(client.scene("woods").trace(rays), self.woods.trace(rays))
+
     def test_progress_rises_to_the_end(self):
         seen = []
         self.woods.trace(rain(50000), fields=("t",), progress=lambda *news: seen.append(news))

@@ -11,8 +11,12 @@ import threading
 import numpy as np
 
 import raynest
+from raynest import generators
 from daemon import PATIENCE, until
 from with_daemon import FIELDS, WithDaemon, main, rain
+
+# Minutes of work, in pieces that are soon told to stop.
+ENDLESS = generators.hemisphere(np.full((20000, 3), 3.0), [0, 1, 0], samples=65536)
 
 
 class Streams(WithDaemon):
@@ -79,7 +83,7 @@ class Streams(WithDaemon):
 
     def test_another_thread_may_close_the_connection(self):
         client = raynest.connect(self.daemon.uri)
-        scene = client.scene("woods")
+        scene, socket = client.scene("woods"), client.connection._socket
         started = self.client.stats()["jobs_started"]
 
         def close():
@@ -88,10 +92,48 @@ class Streams(WithDaemon):
             finally:
                 client.close()
         closer = threading.Thread(target=close)
-        with self.assertRaises(raynest.Error):
+        with self.assertRaisesRegex(raynest.ConnectError, "closed meanwhile"):
             closer.start()
             scene.render(size=(8192, 8192))
         closer.join(PATIENCE)
+        self.assertEqual(socket.fileno(), -1)
+
+    def test_a_close_at_any_moment_is_the_same_error(self):
+        """Sixty of them by another thread, each some milliseconds into requests."""
+        rays = rain(100_000)
+        for i in range(60):
+            client = raynest.connect(self.daemon.uri)
+            scene, socket = client.scene("woods"), client.connection._socket
+            timer = threading.Timer(0.001 * (i % 20), client.close)
+            with self.assertRaisesRegex(raynest.ConnectError, "closed"):
+                timer.start()
+                while True:
+                    scene.trace(rays, fields=("t",))
+            timer.join()
+            self.assertEqual(socket.fileno(), -1)
+
+    def test_a_request_that_is_closed_from_within_is_an_error(self):
+        rays, corners = rain(400_000), np.eye(3) * 1234.5
+        job = self.woods.trace(ENDLESS, reduce="hit_fraction", detach=True)
+        self.addCleanup(job.cancel)
+        for call in (lambda scene, end: scene.trace(rays, progress=end),
+                     lambda scene, end: scene._client.job(job.number).wait(progress=end),
+                     lambda scene, end: scene._client.mesh(corners, [[0, 1, 2]], "never",
+                                                           progress=end),
+                     lambda scene, end: [end() for _ in scene.stream(rays)]):
+            client = raynest.connect(self.daemon.uri)
+            with self.assertRaisesRegex(raynest.ConnectError, "closed meanwhile"):
+                call(client.scene("woods"), lambda *_: client.close())
+            with self.assertRaisesRegex(raynest.ConnectError, "connect again"):
+                client.ping()
+        self.assertNotIn("never", [scene["name"] for scene in self.client.scenes()])
+
+    def test_a_stream_may_be_left_after_a_close(self):
+        client = raynest.connect(self.daemon.uri)
+        for _ in client.scene("woods").stream(rain(400_000)):
+            client.close()
+            break
+        self.assertEqual(client.connection._socket.fileno(), -1)
 
     def test_threads_take_turns(self):
         rays = rain(30000)

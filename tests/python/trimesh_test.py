@@ -4,6 +4,9 @@ about rays that slip through edges and vertices.
 
   trimesh_test.py RAYNESTD RAYNEST FLATC
 """
+import collections
+import dataclasses
+import pickle
 import sys
 import types
 import unittest
@@ -299,6 +302,32 @@ class Trimesh(unittest.TestCase):
         for scene in self.client.scenes():
             self.client.scene(scene["name"]).unload()
         self.assertTrue(rays.intersects_any(*ray)[0])
+
+    def test_meshes_whose_hash_is_one_of_arrays_are_known_by_content(self):
+        pair = collections.namedtuple("Pair", "vertices faces")
+        frozen = dataclasses.make_dataclass("Frozen", ["vertices", "faces"], frozen=True)
+        ray = [[0, 0, 5.0]], [[0, 0, -1.0]]
+        for kind in (pair, frozen):
+            mesh = kind(box(2).vertices, box(2).faces)
+            rays = self.rays(mesh)
+            self.assertTrue(rays.intersects_any(*ray)[0])
+            mesh.vertices[:] += [10, 0, 0]
+            self.assertFalse(rays.intersects_any(*ray)[0])
+
+    def test_what_is_no_mesh_is_said(self):
+        vertices = np.eye(3)
+        for says, mesh in (("integers", Mesh(vertices, [[0, 1, 2.0]])),
+                           ("indices into the vertices", Mesh(vertices, [[0, 1, 3]])),
+                           ("indices into the vertices", Mesh(vertices, [[0, 1, -1]])),
+                           ("no triangles", Mesh(vertices, [])),
+                           ("shape", Mesh(np.eye(2), [[0, 1, 2]])),
+                           ("integers", types.SimpleNamespace(vertices=vertices, faces=None))):
+            with self.assertRaisesRegex(raynest.UsageError, says):
+                self.rays(mesh).intersects_any([[0, 0, 0.0]], [[0, 0, 1.0]])
+
+    def test_it_is_not_for_another_process(self):
+        with self.assertRaisesRegex(raynest.UsageError, "connect in each process"):
+            pickle.dumps(self.rays(types.SimpleNamespace(vertices=np.eye(3), faces=[[0, 1, 2]])))
 
     def test_it_closes_what_it_opened(self):
         mesh = types.SimpleNamespace(vertices=np.eye(3), faces=[[0, 1, 2]])  # has no hash

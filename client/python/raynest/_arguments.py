@@ -1,25 +1,99 @@
-"""Numbers that users pass, checked where the schema alone would say less, or too late."""
+"""What users pass, checked where the schema alone would say less, or too late."""
 from __future__ import annotations
 
+import functools
+import inspect
 import math
 import operator
+import reprlib
+from typing import TYPE_CHECKING, Any, Callable, Optional, TypeVar, cast
 
+import numpy as np
+
+from ._frame import Array
 from .errors import UsageError
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack as Unpack
+else:
+    try:
+        from typing import Unpack
+    except ImportError:  # before Python 3.11
+        class Unpack:
+            """Says as much to typing.get_type_hints() that it goes on."""
 
-def whole(what: str, value: int, most: int, least: int = 1) -> int:
+            def __class_getitem__(cls, _options: object) -> type:
+                return cls
+
+Call = TypeVar("Call", bound=Callable[..., Any])
+
+
+def none_is_default(function: Call) -> Call:
+    """`function`, to which None says the default of an argument that has one: so that programs can
+    hand on what they were not told."""
+    parameters = inspect.signature(function).parameters
+    defaults = {name: parameter.default for name, parameter in parameters.items()
+                if parameter.default is not parameter.empty}
+    names = tuple(parameters)
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **options: Any) -> Any:
+        first = (defaults.get(name) if value is None else value
+                 for name, value in zip(names, arguments))
+        options = {name: defaults.get(name) if value is None else value
+                   for name, value in options.items()}
+        return function(*first, *arguments[len(names):], **options)
+    return cast(Call, call)
+
+
+def whole(what: str, value: Any, most: int, least: int = 1) -> int:
     try:
         number = operator.index(value)
     except TypeError:
         number = least - 1
     if not least <= number <= most:
-        raise UsageError(f"{what} of {value!r}: it must be a whole number from {least} to {most}")
+        raise UsageError(f"{what} of {reprlib.repr(value)}: it must be a whole number from {least} "
+                         f"to {most}")
     return number
 
 
-def milliseconds(deadline: float) -> int:
-    """Of a deadline in seconds, 0 is none."""
-    if not 0 <= deadline < 1 << 22:
+def whole_numbers(what: str, values: Any) -> Array:
+    """As 64 bits without a sign, in the shape that they came in."""
+    items = np.asarray(values)
+    if items.dtype.kind not in "iu":  # Python's integers, too, where some need all 64 bits
+        items = np.asarray(values, object)
+    for item in items.ravel() if items.dtype == object else items[items < 0]:
+        whole(what, item, 2**64 - 1, least=0)
+    return items.astype(np.uint64)
+
+
+def numbers(what: str, value: Any) -> Array:
+    try:
+        out = np.asarray(value)
+    except ValueError:
+        raise UsageError(f"{what} must be numbers, in rows of one length") from None
+    if out.dtype.kind not in "fiu":
+        raise UsageError(f"{what} must be numbers, not {out.dtype}")
+    return out
+
+
+def real(what: str, value: Any) -> float:
+    number = numbers(what, value)
+    if number.ndim:
+        raise UsageError(f"{what} of {reprlib.repr(value)}: it must be one number")
+    return float(number)
+
+
+def float32(value: Any) -> Array:
+    """As numbers travel; what that cannot hold becomes infinite, or 0."""
+    with np.errstate(over="ignore", under="ignore"):
+        return np.asarray(value).astype(np.float32)
+
+
+def milliseconds(deadline: Optional[float]) -> int:
+    """Of a deadline in seconds, None and 0 are none."""
+    seconds = 0.0 if deadline is None else real("deadline", deadline)
+    if not 0 <= seconds < 1 << 22:
         raise UsageError(f"deadline of {deadline!r}: it must be a number of seconds from 0 to "
                          f"{1 << 22}")
-    return math.ceil(1000 * deadline)
+    return math.ceil(1000 * seconds)

@@ -13,6 +13,8 @@ from .errors import ProtocolError
 
 Columns = dict[str, Array]
 
+MISS = 2**64 - 1  # in the column path
+
 _U8, _U32, _U64, _F32 = (np.dtype(kind) for kind in (np.uint8, np.uint32, np.uint64, np.float32))
 
 # Columns of hits, of which a ray of these kinds has several. PROTOCOL.md, 7.

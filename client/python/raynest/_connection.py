@@ -12,11 +12,14 @@ it at the daemon, and its last frames are read here.
 from __future__ import annotations
 
 import collections
+import contextlib
+import math
 import os
 import select
+import socket
 import threading
 import time
-from typing import Callable, Generator, NamedTuple, Optional, Sequence
+from typing import Callable, Generator, NamedTuple, NoReturn, Optional, Sequence
 
 import numpy as np
 
@@ -68,6 +71,7 @@ class Connection:
         self._process = os.getpid()
         self._turn = threading.Lock()
         self._owner = 0                     # thread whose turn it is
+        self.closed = False
         self.interrupts = Interrupts()
         self._outbox: collections.deque[list[memoryview]] = collections.deque()
         self._begun = False                 # was part of the first frame there sent?
@@ -85,13 +89,32 @@ class Connection:
             raise
 
     def close(self) -> None:
-        """Ends the connection, and with it what runs on it."""
-        self._socket.close()
-        self._running = False
+        """Ends the connection, and with it what runs on it, of whichever thread: that reads the end
+        of the stream. The socket itself goes when nobody uses it any more, so that its number
+        cannot become that of another file under whoever waits for it."""
+        self.closed = True
+        if os.getpid() != self._process:
+            self._socket.close()  # this process' end; the request goes on in the other one
+            return
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._free()
 
-    @property
-    def closed(self) -> bool:
-        return self._socket.fileno() < 0
+    def _free(self) -> None:
+        if self._turn.acquire(blocking=False):
+            try:
+                self._socket.close()
+            finally:
+                self._turn.release()
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise errors.ConnectError(f"the connection to {self.uri} was closed meanwhile; connect "
+                                      "again")
+
+    def __reduce__(self) -> NoReturn:
+        raise errors.UsageError("a connection cannot be pickled, nor copied: connect in each "
+                                "process")
 
     # ---- requests -------------------------------------------------------------------------------
 
@@ -110,7 +133,7 @@ class Connection:
                                               "connect again")
                 self._id += 1
                 self.queue(name, message)  # or it cannot be said, and nothing has begun
-                self._begin(deadline + GRACE_SECONDS if deadline else 0.0)
+                self._begin(deadline + GRACE_SECONDS if deadline else math.inf)
                 self.credit = self.daemon.window_bytes
             frames: collections.deque[Frame] = collections.deque()
             while self._running or frames:
@@ -121,13 +144,15 @@ class Connection:
                     if not frames:
                         frames.append(self._next(place))
                     frames.extend(self._finish_frame(place))
+                left = time.monotonic()
                 yield frames.popleft()
+                self._looked += time.monotonic() - left  # the caller's time, not the daemon's
         finally:
             with self.interrupts:
                 try:
                     if os.getpid() != self._process:
-                        self.close()  # this process' end; the request goes on in the other one
-                    elif mine and self._running:
+                        self.close()
+                    elif mine and self._running and not self.closed:
                         self._abandon()
                 finally:
                     if mine:
@@ -135,6 +160,8 @@ class Connection:
                             self._outbox.clear()  # and with it what it keeps of the caller's arrays
                         self._owner = 0
                         self._turn.release()
+                        if self.closed:
+                            self._free()
 
     def ask(self, name: str, message: Message, answer: str,
             feed: Callable[[], object] = lambda: None) -> Message:
@@ -177,10 +204,15 @@ class Connection:
 
     def _begin(self, seconds_max: float) -> None:
         self._running = True
-        self._give_up = time.monotonic() + seconds_max if seconds_max else 0.0
+        self._wait_at_most(seconds_max)
         self.credit = 0                         # bulk bytes that may be sent
         self._granted = self._window_bytes      # bulk bytes that may still come
         self._consumed = 0                      # bulk bytes that came and were not granted again
+
+    def _wait_at_most(self, seconds: float) -> None:
+        """From now on, and only while it is the daemon that is waited for."""
+        self._patience = seconds
+        self._looked = time.monotonic()
 
     def _greet(self, token: str) -> Daemon:
         self.queue("Hello", {"client": "raynest-python " + VERSION, "token": token,
@@ -209,7 +241,7 @@ class Connection:
         """Cancels the running request and reads what is still on its way."""
         try:
             self._keep_begun()
-            self._give_up = time.monotonic() + GRACE_SECONDS
+            self._wait_at_most(GRACE_SECONDS)
             self.queue("Cancel", {"reason": "the client left the request"})
             while self._running:
                 self._next(anywhere)
@@ -270,7 +302,7 @@ class Connection:
         if closing:
             return self.close()
         self._keep_begun()
-        self._give_up = time.monotonic() + GRACE_SECONDS
+        self._wait_at_most(GRACE_SECONDS)
         self._flush()
         while self._outbox:
             self._look_around()
@@ -285,14 +317,16 @@ class Connection:
         return any(events & ~select.POLLOUT for _, events in self._poll.poll(TICK_MS))
 
     def _look_around(self) -> None:
-        """What ends a wait: the deadline, a close() by another thread, and a Ctrl-C while the
-        daemon owes the rest of a frame."""
-        if self.closed:
-            raise errors.ConnectError("the connection was closed meanwhile")
+        """What ends a wait: a close(), the deadline, and a Ctrl-C while the daemon owes the rest of
+        a frame."""
+        self._check_open()
         now = time.monotonic()
-        if self.interrupts.seen and not self._give_up:
-            self._give_up = now + GRACE_SECONDS
-        if self._give_up and now > self._give_up:
+        # Where more time has passed, this process was stopped or the machine had none for it.
+        self._patience -= min(now - self._looked, 2 * TICK_MS / 1000)
+        self._looked = now
+        if self.interrupts.seen:
+            self._patience = min(self._patience, GRACE_SECONDS)
+        if self._patience < 0:
             self.close()
             self.interrupts.check()
             raise errors.DeadlineError("no answer from the daemon within the deadline; pass a "
@@ -382,6 +416,7 @@ class Connection:
             except BlockingIOError:
                 count = -1
             except OSError as error:
+                self._check_open()
                 raise errors.FailedError(f"the connection broke: {error.strerror}") from None
             if count < 0:
                 self._look_around()
@@ -389,6 +424,7 @@ class Connection:
                 self._poll.poll(TICK_MS)
                 continue
             if count == 0:
+                self._check_open()
                 raise errors.FailedError("the daemon closed the connection")
             while first < len(views) and count >= len(views[first]):
                 count -= len(views[first])

@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from ._frame import Array
 from .errors import InvalidError, UsageError
 
 JSON_BYTES_MAX = 64 << 20
@@ -92,17 +93,25 @@ def decode_uri(uri: str) -> str:
 
 # ---- writing ------------------------------------------------------------------------------------
 
-def mesh_glb(vertices: Any, faces: Any, origin: Any = None) -> bytes:
-    """One mesh as a .glb: vertices (N, 3), faces (M, 3) of indices. `origin` is subtracted before
-    the vertices become float32. Triangle i of the scene is row i of `faces`."""
+def triangles(vertices: Any, faces: Any) -> tuple[Array, Array]:
+    """Both as arrays: vertices (N, 3), and faces (M, 3) that are indices of them."""
     points, corners = np.asarray(vertices), np.asarray(faces)
+    if not corners.size:
+        raise UsageError("the mesh has no triangles")
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise UsageError(f"vertices must be numbers of shape (N, 3), not {points.shape}")
     if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind not in "iu":
         raise UsageError(f"faces must be integers of shape (M, 3), not {corners.dtype} "
                          f"{corners.shape}")
-    if not len(corners) or corners.min() < 0 or corners.max() >= len(points):
-        raise UsageError("faces must be at least one triangle of indices into the vertices")
+    if corners.min() < 0 or corners.max() >= len(points):
+        raise UsageError("faces must be indices into the vertices")
+    return points, corners
+
+
+def mesh_glb(vertices: Any, faces: Any, origin: Any = None) -> bytes:
+    """One mesh as a .glb: vertices (N, 3), faces (M, 3) of indices. `origin` is subtracted before
+    the vertices become float32. Triangle i of the scene is row i of `faces`."""
+    points, corners = triangles(vertices, faces)
     with np.errstate(over="ignore"):
         positions = (points if origin is None else points - origin).astype("<f4")
     indices = corners.astype("<u4")

@@ -1,27 +1,30 @@
 """What queries, pictures and heat maps have in common: options that say what runs, and what ran."""
 from __future__ import annotations
 
+import reprlib
 from typing import Any, Callable, Mapping, Optional, TypedDict
 
 from ._arguments import milliseconds
 from ._control import Message
+from .errors import UsageError
 
 # Called with how much is done, of how much, and a word for the stage.
 Progress = Optional[Callable[[int, int, str], object]]
 
 
 class JobOptions(TypedDict, total=False):
-    """Keyword arguments of trace(), stream(), occluded(), render() and heatmap()."""
+    """Keyword arguments of trace(), stream(), occluded(), render() and heatmap(); None is
+    as good as leaving one away."""
 
-    intersector: str                # a variant's name; "auto" masks by alpha where the scene does
-    params: Mapping[str, object]    # of the intersector: {"cutoff": 0.3}
-    precision: str                  # "watertight" or "fast"
-    traversal: str                  # "auto", "latency", "batch" or "coherent"
-    mask: int                       # instances that share a bit with it are seen
-    epoch: int                      # of the scene; 0 is the current one
-    deadline: float                 # seconds; 0 is none
-    priority: str                   # "normal", "low" or "high"
-    worker: str                     # "auto", "cpu" or "cuda"
+    intersector: Optional[str]      # a variant's name; "auto" masks by alpha where the scene does
+    params: Optional[Mapping[str, object]]  # of the intersector: {"cutoff": 0.3}
+    precision: Optional[str]        # "watertight" or "fast"
+    traversal: Optional[str]        # "auto", "latency", "batch" or "coherent"
+    mask: Optional[int]             # instances that share a bit with it are seen
+    epoch: Optional[int]            # of the scene; 0 is the current one
+    deadline: Optional[float]       # seconds; 0 is none
+    priority: Optional[str]         # "normal", "low" or "high"
+    worker: Optional[str]           # "auto", "cpu" or "cuda"
 
 
 class Outcome(dict[str, Any]):
@@ -43,6 +46,11 @@ def job_message(scene: str, options: JobOptions) -> Message:
     message: Message = {key: value for key, value in options.items()
                         if key not in ("params", "deadline")}
     message["scene"] = scene
-    message["settings"] = [f"{key}={value}" for key, value in options.get("params", {}).items()]
-    message["deadline_ms"] = milliseconds(options.get("deadline", 0.0))
+    params = options.get("params")
+    if not isinstance(params, (Mapping, type(None))):
+        raise UsageError(f"params of {reprlib.repr(params)}: it must be a dict, for example "
+                         "{'cutoff': 0.3}")
+    message["settings"] = [f"{key}={value}" for key, value in (params or {}).items()
+                           if value is not None]
+    message["deadline_ms"] = milliseconds(options.get("deadline"))
     return message

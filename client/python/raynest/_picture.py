@@ -7,12 +7,11 @@ from typing import Any, Optional, Sequence, Union
 import numpy as np
 
 from . import _limits
-from ._arguments import whole
+from ._arguments import float32, numbers, real, whole
 from ._connection import Connection
 from ._control import Message
 from ._frame import DTYPES, Array, Block
 from ._job import Outcome, Progress
-from ._rays import vector
 from .errors import ProtocolError, UsageError
 
 # What an encoded pixel takes at most: an EXR of four floats; legend and header come on top.
@@ -26,11 +25,14 @@ def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]], fo
     shifted by `origin` as rays are."""
     if camera != "" and look_at is not None:
         raise UsageError("camera and look_at both say where to look from: pass one of them")
+    if real("fov", fov) != 0 == float32(fov):
+        raise UsageError(f"fov of {fov!r}: in float32 that is 0, which is the camera's own")
     message: Message = {"name": str(camera), "fov_degrees": fov}
     if look_at is not None:
-        if len(look_at) not in (2, 3):
+        rows = numbers("look_at", look_at).astype(np.float64)
+        if rows.shape not in ((2, 3), (3, 3)):
             raise UsageError("look_at is (eye, at) or (eye, at, up), of three numbers each")
-        named = {name: vector(name, value) for name, value in zip(("eye", "at", "up"), look_at)}
+        named = dict(zip(("eye", "at", "up"), rows))
         if origin is not None:
             named["eye"], named["at"] = named["eye"] - origin, named["at"] - origin
         message.update({"look_at": True, "up": (0.0, 1.0, 0.0)})

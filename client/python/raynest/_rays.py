@@ -11,6 +11,7 @@ from typing import Any, Optional
 
 import numpy as np
 
+from ._arguments import numbers, real
 from ._control import Message
 from ._frame import Array
 from .errors import UsageError
@@ -22,7 +23,7 @@ class Rays:
     def __init__(self, rays: Any, directions: Any = None, origin: Any = None) -> None:
         self._shift = None if origin is None else vector("origin", origin)
         self._rows: Optional[Array] = None      # where they came as one array
-        first = _numbers("rays", rays)
+        first = numbers("rays", rays)
         if directions is not None:
             self._origins, self._rest = pair(first, directions)
         elif first.ndim == 2 and first.shape[1] in (6, 8):
@@ -61,7 +62,7 @@ class Source:
 
 def vector(what: str, value: Any) -> Array:
     """Three float64."""
-    out = _numbers(what, value).astype(np.float64)
+    out = numbers(what, value).astype(np.float64)
     if out.shape != (3,):
         raise UsageError(f"{what} has the shape {out.shape}: it must be three numbers")
     return out
@@ -69,7 +70,7 @@ def vector(what: str, value: Any) -> Array:
 
 def segments(a: Any, b: Any, margin: float) -> Array:
     """Rays (N, 8) from a to b in units of their distance, without `margin` at both ends."""
-    if not 0 <= margin < 0.5:
+    if not 0 <= real("margin", margin) < 0.5:
         raise UsageError(f"margin of {margin!r}: it must be a share from 0 to less than 0.5")
     start, end = pair(a, b)
     if not (np.isfinite(start).all() and np.isfinite(end).all()):
@@ -84,16 +85,9 @@ def segments(a: Any, b: Any, margin: float) -> Array:
     return rows
 
 
-def _numbers(what: str, value: Any) -> Array:
-    out = np.asarray(value)
-    if out.dtype.kind not in "fiu":
-        raise UsageError(f"{what} must be numbers, not {out.dtype}")
-    return out
-
-
 def pair(first: Any, second: Any) -> tuple[Array, Array]:
     """Both as (N, 3); one of them may be a single (3,), which then counts for all of the other."""
-    a, b = _numbers("points", first), _numbers("directions", second)
+    a, b = numbers("points", first), numbers("directions", second)
     try:
         a, b = np.broadcast_arrays(a, b)
     except ValueError:

@@ -41,6 +41,8 @@ class Upload(NamedTuple):
 
 
 def gather(source: str, primitive: str, instances: str) -> Upload:
+    if (primitive or instances) and not source.lower().endswith(".npy"):
+        raise errors.UsageError(f"primitive and instances are for .npy files; {source} is none")
     if source.startswith(("builtin:", "root:")):
         return Upload(source, "")
     folder, name = os.path.split(source)

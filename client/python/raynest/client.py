@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import Any, Iterator, Optional, Union
 
 from . import _limits
+from ._arguments import none_is_default
 from ._connection import Connection
 from ._control import Message
 from ._gltf import mesh_glb
@@ -19,12 +20,14 @@ from .job import Job, job_infos
 from .scene import Scene
 
 
+@none_is_default
 def connect(uri: Optional[str] = None, *, token: Optional[str] = None,
             window_bytes: int = _limits.window_bytes) -> Client:
     """A client of the daemon at tcp://HOST:PORT or unix:PATH; by default where RAYNEST_SERVER says,
     else at tcp://127.0.0.1:31060. `token`, RAYNEST_TOKEN by default, is reserved: this version's
-    daemon asks for none. The daemon sends at most `window_bytes` ahead of what was received."""
-    return Client(uri, token, window_bytes)
+    daemon asks for none. The daemon sends at most `window_bytes` ahead of what was received; 0 is
+    the default."""
+    return Client(uri, token, window_bytes or _limits.window_bytes)
 
 
 class Client:
@@ -57,6 +60,7 @@ class Client:
 
     # ---- scenes ---------------------------------------------------------------------------------
 
+    @none_is_default
     def load(self, source: Union[str, os.PathLike[str]], name: Optional[str] = None, *,
              replace: bool = False, build: str = "medium", primitive: str = "",
              instances: Union[str, os.PathLike[str]] = "", progress: Progress = None) -> Scene:
@@ -73,6 +77,7 @@ class Client:
         message = {**upload.message(), "replace": replace, "build": build, "primitive": primitive}
         return self._load(upload, message, progress)
 
+    @none_is_default
     def mesh(self, vertices: Any, faces: Any, name: Optional[str] = None, *, origin: Any = None,
              replace: bool = False, build: str = "medium", progress: Progress = None) -> Scene:
         """A scene of triangles: vertices (N, 3), faces (M, 3); the column prim is a row of faces.

@@ -12,30 +12,29 @@ formulas are in PROTOCOL.md, 6; the columns `origin` and `direction` tell what t
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Optional, Sequence, TypedDict, Union
+import reprlib
+from typing import Any, Optional, Sequence, TypedDict, Union, cast
 
 import numpy as np
 
 from . import _limits
-from ._arguments import whole
+from ._arguments import Unpack, float32, none_is_default, numbers, real, whole
 from ._control import Message
 from ._frame import Array
 from ._picture import camera_message, size_message
 from ._rays import Rays, Source, pair, vector
 from .errors import UsageError
 
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
-
 
 class Mount(TypedDict, total=False):
-    """Keyword arguments of all sensors: where they stand, and which hits count."""
+    """Keyword arguments of all sensors: where they stand, and which hits count. None is as good as
+    leaving one away."""
 
     pose: Any                   # sensor to world, (3, 4) or (4, 4); without it as
-    camera: Union[str, int]     # this camera of the scene, by name or index, or as
-    look_at: Sequence[Any]      # (eye, at) or (eye, at, up); else at the origin, looking along -Z
-    tmin: float
-    tmax: float                 # in units of t
+    camera: Union[str, int, None]       # this camera of the scene, by name or index, or as
+    look_at: Optional[Sequence[Any]]    # (eye, at) or (eye, at, up); else at the origin, along -Z
+    tmin: Optional[float]
+    tmax: Optional[float]       # in units of t
 
 
 class Generator:
@@ -44,9 +43,9 @@ class Generator:
     def __init__(self, message: Message, count: int, points: Optional[Array] = None,
                  mount: Optional[Mount] = None, fov: float = 0.0) -> None:
         self.count = count
-        self._message = message if mount is None else {**message, **_range(mount)}
         self._points = points       # (N, 8): point, tmin, normal, tmax
-        self._mount: Mount = mount or {}
+        self._mount = _given(mount or {})
+        self._message = message if mount is None else {**message, **_limits_of(self._mount)}
         self._pose = _pose(self._mount["pose"]) if "pose" in self._mount else None
         self._fov = fov
 
@@ -60,8 +59,9 @@ class Generator:
         shift = np.zeros(3) if origin is None else vector("origin", origin)
         message = dict(self._message)
         if self._pose is not None:
-            message["pose"] = _floats(self._pose - np.pad(shift[:, None], ((0, 0), (3, 0))))
-        camera, look_at = self._mount.get("camera", ""), self._mount.get("look_at")
+            message["pose"] = _floats("pose", self._pose - np.pad(shift[:, None], ((0, 0), (3, 0))))
+        look_at, camera = self._mount.get("look_at"), self._mount.get("camera")
+        camera = "" if camera is None else camera
         if camera != "" or look_at is not None or self._fov:
             message["camera"] = camera_message(camera, look_at, self._fov, shift)
         return Source(Rays(np.empty((0, 8), np.float32)), self.count, message)
@@ -69,15 +69,17 @@ class Generator:
 
 # ---- sensors ------------------------------------------------------------------------------------
 
+@none_is_default
 def camera(*, fov: float = 0.0, size: tuple[int, int] = (960, 540),
            **mount: Unpack[Mount]) -> Generator:
     """The rays of a picture: `camera` is one of the scene, by default the first, or `look_at`;
     `fov` is vertical. t is depth along the axis."""
-    if "pose" in mount:
+    if mount.get("pose") is not None:
         raise UsageError("camera() takes no pose: pass camera= or look_at=, or use pinhole()")
-    return _image("camera", size, mount, fov=fov)
+    return _image("camera", size, mount, fov=real("fov", fov))
 
 
+@none_is_default
 def pinhole(fx: float, fy: Optional[float] = None, cx: Optional[float] = None,
             cy: Optional[float] = None, *, size: tuple[int, int] = (960, 540),
             **mount: Unpack[Mount]) -> Generator:
@@ -89,28 +91,40 @@ def pinhole(fx: float, fy: Optional[float] = None, cx: Optional[float] = None,
                   cy=image["height"] / 2 if cy is None else cy)
 
 
+@none_is_default
 def orthographic(window: tuple[float, float], *, size: tuple[int, int] = (960, 540),
                  **mount: Unpack[Mount]) -> Generator:
     """Parallel rays through a window of this width and height in the scene."""
-    return _image("orthographic", size, mount, window_width=window[0], window_height=window[1])
+    sides = numbers("window", window)
+    if sides.shape != (2,):
+        raise UsageError(f"window of {reprlib.repr(window)}: it must be (width, height)")
+    width, height = sides.tolist()
+    return _image("orthographic", size, mount, window_width=width, window_height=height)
 
 
+@none_is_default
 def equirectangular(*, size: tuple[int, int] = (960, 480), **mount: Unpack[Mount]) -> Generator:
     """All directions: 360 degrees wide, ahead in the middle, 180 high."""
     return _image("equirectangular", size, mount)
 
 
+@none_is_default
 def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 2048), *,
           azimuth_offsets: Any = (), origin_offsets: Any = (), **mount: Unpack[Mount]) -> Generator:
     """A head that turns: a channel for each of `elevations`, `azimuths` is (start, stop, count),
     counter-clockwise, without stop. Channels may be turned by `azimuth_offsets` (C,) and sit at
     `origin_offsets` (C, 3) of the head. Ray c * count + j is channel c at azimuth j."""
-    start, stop, azimuth_count = azimuths
+    try:
+        start, stop, azimuth_count = azimuths
+    except (TypeError, ValueError):
+        raise UsageError(f"azimuths of {reprlib.repr(azimuths)}: they must be (start, stop, count)"
+                         ) from None
     count = whole("azimuths", azimuth_count, _limits.azimuths_max)
     message: Message = {
-        "kind": "lidar", "elevations": _floats(elevations),
-        "azimuth_offsets": _floats(azimuth_offsets), "origin_offsets": _offsets(origin_offsets),
-        "azimuth_start": start, "azimuth_stop": stop, "azimuth_count": count}
+        "kind": "lidar", "elevations": _floats("elevations", elevations),
+        "azimuth_offsets": _floats("azimuth_offsets", azimuth_offsets),
+        "origin_offsets": _offsets(origin_offsets), "azimuth_start": start,
+        "azimuth_stop": stop, "azimuth_count": count}
     channels = len(message["elevations"])
     if not 0 < channels <= _limits.list_items_max:
         raise UsageError(f"a lidar of {channels} channels: it has 1 to {_limits.list_items_max}; "
@@ -123,14 +137,15 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
 
 # ---- points -------------------------------------------------------------------------------------
 
+@none_is_default
 def hemisphere(points: Any, normals: Any, *, samples: int = 64, seed: int = 0, tmin: float = 0.0,
                tmax: float = math.inf) -> Generator:
     """`samples` cosine-weighted rays from each of the points (N, 3) to the side of its normal: what
     trace(..., reduce="hit_fraction") averages. Ray p * samples + s is sample s of point p."""
-    _check_range(tmin, tmax)
+    low, high = _range(tmin, tmax)
     places, ways = pair(points, normals)
     rows = np.empty((len(places), 8), np.result_type(places, ways, np.float32))
-    rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7] = places, tmin, ways, tmax
+    rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7] = places, low, ways, high
     message: Message = {"kind": "hemisphere",
                         "seed": whole("seed", seed, 2**64 - 1, least=0),
                         "samples": whole("samples", samples, _limits.samples_max)}
@@ -144,27 +159,34 @@ def _image(kind: str, size: tuple[int, int], mount: Mount, fov: float = 0.0,
                      mount=mount, fov=fov)
 
 
-def _range(mount: Mount) -> Message:
+def _given(mount: Mount) -> Mount:
     unknown = mount.keys() - Mount.__annotations__.keys()
     if unknown:
         raise TypeError(f"a sensor has no option {', '.join(sorted(unknown))}; there are "
                         f"{', '.join(Mount.__annotations__)}")
-    places = [name for name in ("pose", "camera", "look_at") if name in mount]
+    given = {name: value for name, value in mount.items() if value is not None}
+    places = [name for name in ("pose", "camera", "look_at") if name in given]
     if len(places) > 1:
         raise UsageError(f"{' and '.join(places)} each say where the sensor stands: pass one of "
                          "them")
-    tmin, tmax = mount.get("tmin", 0.0), mount.get("tmax", math.inf)
-    _check_range(tmin, tmax)
+    return cast(Mount, given)
+
+
+def _limits_of(mount: Mount) -> Message:
+    tmin, tmax = _range(mount.get("tmin", 0.0), mount.get("tmax", math.inf))
     return {"tmin": tmin, "tmax": 0.0 if math.isinf(tmax) else tmax}
 
 
-def _check_range(tmin: float, tmax: float) -> None:
-    if not 0 <= tmin < tmax:
-        raise UsageError(f"tmin {tmin} and tmax {tmax}: it must be 0 <= tmin < tmax")
+def _range(tmin: Any, tmax: Any) -> tuple[float, float]:
+    """As float32 has them, in which they travel: there a tmax of 0 would be no end."""
+    low, high = float32((real("tmin", tmin), real("tmax", tmax))).tolist()
+    if not 0 <= low < high:
+        raise UsageError(f"tmin {tmin} and tmax {tmax}: it must be 0 <= tmin < tmax, in float32")
+    return low, high
 
 
 def _pose(value: Any) -> Array:
-    pose = np.array(value, np.float64)
+    pose = numbers("pose", value).astype(np.float64)
     if pose.shape == (4, 4) and (pose[3] == (0, 0, 0, 1)).all():
         pose = pose[:3]
     if pose.shape != (3, 4):
@@ -173,15 +195,14 @@ def _pose(value: Any) -> Array:
     return pose
 
 
-def _floats(value: Any) -> list[float]:
+def _floats(what: str, value: Any) -> list[float]:
     """What float32 cannot hold becomes infinite, and the daemon refuses it."""
-    with np.errstate(over="ignore"):
-        out: list[float] = np.asarray(value, np.float32).ravel().tolist()
+    out: list[float] = float32(numbers(what, value)).ravel().tolist()
     return out
 
 
 def _offsets(value: Any) -> list[tuple[float, ...]]:
-    rows = np.asarray(value, np.float32)
+    rows = float32(numbers("origin_offsets", value))
     if rows.size and (rows.ndim != 2 or rows.shape[1] != 3):
         raise UsageError(f"origin_offsets of shape {rows.shape}: they must be (C, 3)")
     return [tuple(row) for row in rows.reshape(-1, 3).tolist()]

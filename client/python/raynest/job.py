@@ -6,10 +6,11 @@ hour, until cancel(), or until newer answers need the room and it was fetched.
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING, Any, Iterator
+from typing import Any, Iterator
 
+from . import client as clients  # which imports this module: its names are there later
 from . import errors
-from ._arguments import milliseconds, whole
+from ._arguments import milliseconds, none_is_default, whole
 from ._columns import Whole
 from ._connection import Connection
 from ._control import Message
@@ -17,14 +18,11 @@ from ._job import Progress
 from ._picture import Picture
 from ._query import Answer
 
-if TYPE_CHECKING:
-    from .client import Client
-
 
 class Job:
     """Made with `detach`, and by Client.job(), also on another connection of the same owner."""
 
-    def __init__(self, client: Client, number: int) -> None:
+    def __init__(self, client: clients.Client, number: int) -> None:
         self.number = whole("job", number, 2**64 - 1)
         self._client = client
 
@@ -41,6 +39,7 @@ class Job:
         raise errors.InvalidError(f"there is no job {self.number}; Client.jobs() lists those that "
                                   "there are", "JOB_UNKNOWN")
 
+    @none_is_default
     def wait(self, *, deadline: float = 0.0, progress: Progress = None) -> Job:
         """Returns itself when it has ended; raises why, if it failed. DeadlineError after
         `deadline` seconds, 0 is none: it, like Ctrl-C, ends the wait and not the job."""

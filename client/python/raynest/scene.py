@@ -3,14 +3,16 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from typing import (TYPE_CHECKING, Any, Generator, Iterator, Literal, Mapping, Optional, Sequence,
-                    Union, overload)
+import reprlib
+from typing import (Any, Generator, Iterable, Iterator, Literal, Mapping, Optional, Sequence, Union,
+                    overload)
 
 import numpy as np
 
 from . import _limits
-from ._arguments import whole
-from ._columns import Columns, Whole, anywhere
+from . import client as clients  # which imports this module: its names are there later
+from ._arguments import Unpack, none_is_default, whole, whole_numbers
+from ._columns import MISS, Columns, Whole, anywhere
 from ._control import Message
 from ._frame import Array
 from ._job import JobOptions, Progress, job_message
@@ -21,17 +23,12 @@ from .errors import UsageError
 from .generators import Generator as RayGenerator
 from .job import Job
 
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
-
-    from .client import Client
-
 
 class Scene:
     """Made by Client.load(), mesh() and scene(). `origin`, of a mesh whose vertices were shifted by
     it, is what rays are shifted by as well."""
 
-    def __init__(self, client: Client, name: str, origin: Optional[Array] = None) -> None:
+    def __init__(self, client: clients.Client, name: str, origin: Optional[Array] = None) -> None:
         self.name = name
         self.origin = origin
         self._client = client
@@ -74,8 +71,8 @@ class Scene:
         hit). A miss has t = inf and ids of all ones.
 
         `reduce` "hit_fraction", of generators.hemisphere(), gives that one column: the share of
-        each point's rays that hit, 0 of a point or normal that is no valid one. "visible_pixels" gives the columns path, ascending, and pixels:
-        how many rays meet that path first.
+        each point's rays that hit, 0 of a point or normal that is no valid one. "visible_pixels"
+        gives the columns path, ascending, and pixels: how many rays meet that path first.
         """
         source = self._source(rays, directions, origin)
         # A query has at least one ray: for none at all an invalid one is asked about, so that
@@ -122,9 +119,10 @@ class Scene:
                 for chunk in chunks:
                     yield first + chunk.first, chunk.columns
             self._client.outcome = query.outcome
-            job["epoch"] = query.outcome["epoch"]
+            job["epoch"] = query.outcome.get("epoch")
             first += source.count
 
+    @none_is_default
     def occluded(self, a: Any, b: Any, *, margin: float = 1e-4, origin: Any = None,
                  progress: Progress = None, **job: Unpack[JobOptions]) -> Array:
         """Is there anything between points a and b? (N,) bool; a and b are (N, 3), or one is (3,).
@@ -152,6 +150,9 @@ class Scene:
         if fields is None:
             fields = () if reduce else ("hit",) if kind == "any" else \
                 ("t", "prim", "geom", "path", "uv")
+        if not isinstance(fields, Iterable):
+            raise UsageError(f"fields of {reprlib.repr(fields)}: it must be the names of columns, "
+                             "as ('t', 'prim')")
         if max_hits is not None and kind not in ("multi", "all"):
             raise UsageError(f"max_hits is of the kinds multi and all, not of {kind}")
         return Query(self._client.connection, {
@@ -161,6 +162,7 @@ class Scene:
 
     # ---- pictures -------------------------------------------------------------------------------
 
+    @none_is_default
     def render(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
                fov: float = 0.0, size: tuple[int, int] = (960, 540), integrator: str = "primary",
                samples: int = 1, seed: int = 0, encode: str = "raw", progress: Progress = None,
@@ -174,6 +176,7 @@ class Scene:
         return self._picture("Render", camera, look_at, fov, size, progress, detach, job, {
             "integrator": integrator, "samples": samples, "seed": seed, "encode": encode})
 
+    @none_is_default
     def heatmap(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
                 fov: float = 0.0, size: tuple[int, int] = (960, 540), metric: str = "total",
                 palette: str = "turbo", scale: str = "linear", range: str = "p99",
@@ -215,12 +218,13 @@ class Scene:
 
     def path_of(self, ids: Any, *, epoch: int = 0) -> Any:
         """The names on the way to a leaf, as "stand-3/birch-17/leaves", for ids of the column path:
-        a text for one, a list for many. An id belongs to its epoch."""
-        unique, index = np.unique(np.asarray(ids, np.uint64), return_inverse=True)
-        names = [str(self._client.connection.ask(
-            "Path", {"scene": self.name, "epoch": epoch, "path": int(path)}, "PathName")["name"])
-            for path in unique]
-        return names[0] if np.ndim(ids) == 0 else [names[i] for i in index.ravel()]
+        a text for one, a list for many; "" for a miss. An id belongs to its epoch."""
+        paths = whole_numbers("a path id", ids)
+        unique, index = np.unique(paths, return_inverse=True)
+        names = ["" if path == MISS else str(self._client.connection.ask(
+            "Path", {"scene": self.name, "epoch": epoch, "path": path}, "PathName")["name"])
+            for path in unique.tolist()]
+        return names[0] if paths.ndim == 0 else [names[i] for i in index.ravel()]
 
     def unload(self) -> None:
         """Drops the name; the daemon frees the scene when nothing uses it any more."""

@@ -9,6 +9,7 @@ triangles, and that all hits come from one traversal instead of one query per hi
 """
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import sys
 from types import TracebackType
@@ -19,6 +20,7 @@ import numpy as np
 from .. import _limits
 from .._columns import Columns
 from .._frame import Array
+from .._gltf import triangles
 from ..client import Client, connect
 from ..errors import InvalidError, UsageError
 from ..scene import Scene
@@ -180,10 +182,8 @@ class RayMeshIntersector:
         if self._scene is not None and key == self._key:
             return self._scene
         self._drop()
-        vertices = np.asarray(self.mesh.vertices, np.float64)
-        faces = np.asarray(self.mesh.faces)
-        if not len(vertices) or not len(faces):
-            raise UsageError("the mesh has no triangles")
+        points, faces = triangles(self.mesh.vertices, self.mesh.faces)
+        vertices = points.astype(np.float64)
         self._corners = vertices[faces]  # vertices that no face uses are nowhere
         low, high = self._corners.min((0, 1)), self._corners.max((0, 1))
         size = float(np.max(high - low))
@@ -216,11 +216,12 @@ class RayMeshIntersector:
 
 
 def _key(mesh: Any) -> Hashable:
-    """Differs where the mesh does. A hash that an object has for being itself says nothing of it.
-    """
+    """Differs where the mesh does. A hash that an object has for being itself says nothing of it,
+    and one of its arrays, as of a tuple or a frozen dataclass, there is none."""
     if isinstance(mesh, Hashable) and type(mesh).__hash__ is not object.__hash__:
-        return hash(mesh)
-    arrays = [np.ascontiguousarray(each) for each in (mesh.vertices, mesh.faces)]
+        with contextlib.suppress(TypeError):
+            return hash(mesh)
+    arrays = [np.ascontiguousarray(each) for each in triangles(mesh.vertices, mesh.faces)]
     content = hashlib.blake2b(digest_size=16)
     for array in arrays:
         content.update(array.reshape(-1).view(np.uint8).data)

@@ -1,0 +1,184 @@
+#!/usr/bin/env python3
+"""Daemons that are slow or stubborn, and callers that are: neither end waits for ever, nor gives up
+too soon.
+
+  waits_test.py RAYNESTD RAYNEST FLATC      (uses none of them)
+"""
+import contextlib
+import socket
+import sys
+import threading
+import time
+import unittest
+from unittest import mock
+
+import numpy as np
+
+import raynest
+from raynest._frame import HEADER, read_header
+from daemon import PATIENCE
+from with_fake import WELCOME, WithFake, frame, t
+
+
+class Waits(WithFake):
+    def test_a_daemon_that_writes_before_it_reads_on(self):
+        """It takes one frame of rays, then writes more than sockets hold before it reads again."""
+        count, frames = 16384, 16
+        columns = {"t": t(count), "position": np.zeros((count, 3), np.float32),
+                   "ng": np.zeros((count, 3), np.float32), "path": np.zeros(count, np.uint64)}
+
+        def script(peer):
+            peer.until("QueryRays")
+            for i in range(frames):
+                if i:
+                    peer.until("QueryRays")
+                else:  # with the buffers full of rays that nobody reads
+                    time.sleep(0.2)
+                peer.send("Chunk", {"first_ray": i * count, "count": count}, **columns)
+                peer.send("Credit", {"bytes": count * 32})
+            peer.send("Done", {})
+        hits = self.scene(script).trace(np.ones((frames * count, 8), np.float32),
+                                        fields=tuple(columns))
+        np.testing.assert_array_equal(hits["t"], np.tile(t(count), frames))
+
+    def test_a_pause_of_the_caller_leaves_no_frame_half_sent(self):
+        count = 16384
+        came_whole = threading.Event()
+
+        def script(peer):
+            peer.until("QueryRays")
+            peer.send("Started", {"epoch": 1})
+            header = read_header(peer.exactly(HEADER.size))  # of the next, larger than the socket
+            peer.send("Chunk", {"count": count}, t=t(count))
+            peer.exactly(header.control_bytes + header.bulk_bytes)
+            came_whole.set()
+            peer.send("Chunk", {"first_ray": count, "count": count}, t=t(count))
+            peer.send("Done", {})
+        rays = np.ones((2 * count, 8), np.float32)
+        for _ in self.scene(script).stream(rays, fields=("t",)):
+            self.assertTrue(came_whole.wait(PATIENCE))
+
+    def test_a_picture_that_is_closed_from_within_is_an_error(self):
+        def script(peer):
+            peer.until("Render")
+            peer.send("Progress", {"done": 1, "total": 2})
+            peer.until("Bye")
+        scene = self.scene(script)
+        with self.assertRaisesRegex(raynest.ConnectError, "closed meanwhile"):
+            scene.render(size=(8, 8), progress=lambda *_: scene._client.close())
+
+    def test_rays_are_sent_within_the_credit(self):
+        early = []
+
+        def script(peer):
+            # Two frames fit the window of 64,000 bytes; the third one is for when there is credit.
+            for _ in range(2):
+                peer.until("QueryRays")
+            peer.socket.settimeout(0.3)
+            with contextlib.suppress(socket.timeout):
+                early.append(peer.socket.recv(1))
+            peer.socket.settimeout(PATIENCE)
+            peer.send("Credit", {"bytes": 32000})
+            message, bulk = peer.until("QueryRays")
+            early.append((message["first_ray"], len(bulk)))
+            peer.send("Chunk", {"count": 3000}, t=t(3000))
+            peer.send("Done", {})
+        with raynest.connect(self.fake(script, {**WELCOME, "window_bytes": 64000})) as client:
+            raynest.Scene(client, "fake").trace(np.ones((3000, 8), np.float32), fields=("t",))
+        self.assertEqual(early, [(2000, 32000)])
+
+    def test_answers_in_drips(self):
+        whole = b"".join([frame("Chunk", {"count": 10}, 1, t=t(10)), frame("Done", {}, 1)])
+
+        def script(peer):
+            peer.until("QueryRays")
+            for i in range(len(whole)):
+                peer.socket.sendall(whole[i:i + 1])
+        hits = self.scene(script).trace(np.ones((10, 8)), fields=("t",))
+        np.testing.assert_array_equal(hits["t"], t(10))
+
+    def test_the_window_is_granted_again(self):
+        """Chunks of twice the window in all: without grants the fake would send beyond it."""
+        granted = []
+
+        def script(peer):
+            peer.until("QueryRays")
+            credit = 64 << 10
+            for first in range(0, 16384, 2048):
+                while credit < 8192 * 4:
+                    message, _ = peer.until("Credit")
+                    granted.append(message["bytes"])
+                    credit += message["bytes"]
+                credit -= 8192 * 4
+                peer.send("Chunk", {"first_ray": first, "count": 2048}, t=t(2048),
+                          ng=np.zeros((2048, 3), np.float32))
+            peer.send("Done", {})
+        scene = self.scene(script, window_bytes=64 << 10)
+        scene.trace(np.ones((16384, 8), np.float32), fields=("t", "ng"))
+        self.assertGreaterEqual(sum(granted), 128 << 10)
+
+
+class Patience(WithFake):
+    """Of half a second."""
+
+    def setUp(self):
+        for name in ("GRACE_SECONDS", "GREETING_SECONDS"):
+            patch = mock.patch.object(raynest._connection, name, 0.5)
+            patch.start()
+            self.addCleanup(patch.stop)
+
+    def test_a_silent_daemon_ends_with_the_deadline(self):
+        scene = self.scene(lambda peer: peer.until("Bye"))
+        begin = time.monotonic()
+        with self.assertRaises(raynest.DeadlineError):
+            scene.trace(np.ones((10, 8)), deadline=0.1)
+        self.assertLess(time.monotonic() - begin, PATIENCE)
+
+    def test_a_daemon_that_only_reports_ends_with_the_deadline(self):
+        def script(peer):
+            peer.until("Render")
+            while True:
+                peer.send("Progress", {"done": 1, "total": 2})
+                time.sleep(0.02)
+        begin = time.monotonic()
+        with self.assertRaises(raynest.DeadlineError):
+            self.scene(script).render(size=(8, 8), deadline=0.1)
+        self.assertLess(time.monotonic() - begin, PATIENCE)
+
+    def test_a_pause_of_the_caller_is_not_one_of_the_daemon(self):
+        """Nor is one of this process, which nobody sees but the clock."""
+        resumed = threading.Event()
+
+        def script(peer):
+            peer.until("QueryRays")
+            peer.send("Chunk", {"count": 5}, t=t(5))
+            resumed.wait(PATIENCE)
+            time.sleep(0.2)  # in which there is nothing to read
+            peer.send("Chunk", {"first_ray": 5, "count": 5}, t=t(5))
+            peer.send("Done", {})
+        for pause in (lambda _: time.sleep(1), lambda clock: setattr(clock, "_looked", -1e9)):
+            resumed.clear()
+            scene = self.scene(script)
+            for _ in scene.stream(np.ones((10, 8)), fields=("t",), deadline=0.1):
+                if not resumed.is_set():
+                    pause(scene._client.connection)
+                resumed.set()
+
+    def test_a_server_that_does_not_greet_is_none(self):
+        with self.assertRaisesRegex(raynest.ConnectError, "no RayNest daemon answers within"):
+            raynest.connect(self.fake(lambda peer: peer.until("Bye"), welcome=None))
+
+    def test_a_daemon_that_does_not_cancel_loses_the_connection(self):
+        def script(peer):
+            peer.until("QueryRays")
+            peer.send("Chunk", {"count": 5}, t=t(5))
+            peer.until("Bye")
+        scene = self.scene(script)
+        for _ in scene.stream(np.ones((10, 8)), fields=("t",)):
+            break
+        self.assertTrue(scene._client.connection.closed)
+
+
+if __name__ == "__main__":
+    del sys.argv[1:4]
+    unittest.main()
