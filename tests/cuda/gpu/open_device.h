@@ -35,8 +35,9 @@ public:
     [[nodiscard]] Slot make_slot(std::uint64_t rays, std::uint64_t hits) const;
     void pin(void* memory, std::uint64_t bytes) const;
 
-    void start(const Slot& slot, const Scene& scene, TraceFunction kernel,
-               const TraceCall& call) const;
+    /// With `made` the device makes the call's rays.
+    void start(const Slot& slot, const Scene& scene, TraceFunction kernel, const TraceCall& call,
+               const PinholeRays* made) const;
     /// Gives the seconds that its kernel took.
     double finish(const Slot& slot) const;
 
