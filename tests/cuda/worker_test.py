@@ -18,7 +18,7 @@ import unittest
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "integration"))
-from daemon import PATIENCE, Client, Daemon, device_workers, until  # noqa: E402
+from daemon import PATIENCE, Client, Daemon, until  # noqa: E402
 from npy import npy  # noqa: E402
 
 RAYS = 70_000  # of a query: more than the 65,536 from which on auto takes a GPU
@@ -38,6 +38,19 @@ def write_rays(path, seed=1, endless_every=None):
         values.extend((chance.uniform(-20, 20), 30, chance.uniform(-20, 20),
                        chance.gauss(0, 0.4), -1, chance.gauss(0, 0.4)))
     path.write_bytes(npy((RAYS, 6), values.tobytes()))
+
+
+def children(pid):
+    """Process ids of the daemon's children that are device workers."""
+    found = []
+    for entry in pathlib.Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            if parent == pid and b"--device-worker" in (entry / "cmdline").read_bytes():
+                found.append(int(entry.name))
+        except (OSError, IndexError):
+            pass
+    return found
 
 
 class CudaTest(unittest.TestCase):
@@ -223,18 +236,18 @@ class Faults(FaultTest):
 
     def test_a_worker_killed_from_outside_comes_back(self):
         _, expected = self.query("cpu")
-        workers = device_workers(self.daemon.process.pid)
+        workers = children(self.daemon.process.pid)
         self.assertEqual(len(workers), 1)
         os.kill(workers[0], signal.SIGKILL)
         _, answer = self.query("auto")
         self.assertEqual(answer, expected)
         self.wait_until_up()
         self.assertIn("was ended by a signal", self.daemon.log())
-        self.assertEqual(len(device_workers(self.daemon.process.pid)), 1)
+        self.assertEqual(len(children(self.daemon.process.pid)), 1)
 
     def test_a_worker_that_does_not_start_is_started_again(self):
         self.inject("cudaGetDeviceProperties 35")
-        os.kill(device_workers(self.daemon.process.pid)[0], signal.SIGKILL)
+        os.kill(children(self.daemon.process.pid)[0], signal.SIGKILL)
         self.query("auto")
         self.wait_until_up()
         self.assertIn("cudaErrorInsufficientDriver", self.daemon.log())
@@ -293,7 +306,7 @@ class OthersMeanwhile(FaultTest):
     arguments = (*FaultTest.soon, "--cuda_call_ms_max", "1000000")
 
     def test_a_job_of_the_cpu_does_not_wait_for_a_worker_that_stands_still(self):
-        worker = device_workers(self.daemon.process.pid)[0]
+        worker = children(self.daemon.process.pid)[0]
         os.kill(worker, signal.SIGSTOP)
         waiting = self.client.start("query", "woods", "--rays", self.rays, "-o", self.out / "x.npz")
         until(lambda: [job for job in self.client.json("jobs")["jobs"] if job["kind"] == "query"])
@@ -308,7 +321,7 @@ class OthersMeanwhile(FaultTest):
 
     def test_a_worker_that_ends_while_it_has_nothing_to_do_is_missed(self):
         faults = self.metric("cuda_faults")
-        os.kill(device_workers(self.daemon.process.pid)[0], signal.SIGKILL)
+        os.kill(children(self.daemon.process.pid)[0], signal.SIGKILL)
         until(lambda: self.metric("cuda_faults") > faults)
         self.wait_until_up()
         told, _ = self.query("cuda")
@@ -460,7 +473,7 @@ class WrongPack(unittest.TestCase):
         daemon, done = self.render("off", "--worker", "cuda")
         self.assertEqual(done.returncode, 5)
         self.assertIn("this daemon has no CUDA worker", done.stderr)
-        self.assertEqual(device_workers(daemon.process.pid), [])
+        self.assertEqual(children(daemon.process.pid), [])
 
 
 def gpu_starts():

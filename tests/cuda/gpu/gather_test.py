@@ -87,7 +87,8 @@ class Gathered(unittest.TestCase):
         self.assertGreater(verdict["hitting"], verdict["compared"] / 3)
 
     def test_a_copy_that_brings_garbage_is_seen(self):
-        code, rows, _ = self.drive_fake("--count", "512", "check", RAYNEST_FAKE_CUDA_ALWAYS="cudaMemcpyAsync(back) garbage")
+        code, rows, _ = self.drive_fake("--count", "512", "check",
+                                        RAYNEST_FAKE_CUDA_ALWAYS="cudaMemcpyAsync(back) garbage")
         self.assertEqual(code, 1)
         self.assertFalse(rows[-1]["passed"])
         self.assertGreater(rows[-1]["differing"], 0)

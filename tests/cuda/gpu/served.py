@@ -21,8 +21,8 @@ SECONDS_MAX = 500  # of one command
 START_SECONDS_MAX = 300  # PTX is translated by the first start
 # Masks in four levels, one large tree, spheres in six levels.
 SCENES = {"forest": "builtin:forest", "terrain": "builtin:terrain", "flake": "builtin:flake?depth=6"}
-KINDS = {"closest": ("--fields", "hit,flags,t,prim,geom,path,uv,ng,front,position,material"), "any": (),
-         "multi": ("--max-hits", "8")}
+COLUMNS = "hit,flags,t,prim,geom,path,inst,uid,uv,ng,front,position,material,origin,direction"
+KINDS = {"closest": ("--fields", COLUMNS), "any": (), "multi": ("--max-hits", "8")}
 # For the job that loses its worker. What is asked is a sum, so that a client is not what it waits for.
 KILLED_SIDES = 256, 1024, 4096, 16384
 
@@ -55,7 +55,7 @@ class Served:
         self.client = Client(programs / "raynest", self.daemon.uri)
 
     def wait_until_up(self):
-        """Gives its targets' intersectors that the GPU has."""
+        """Gives the intersectors that the GPU has."""
         def found():
             if "cuda_down" in self.daemon.log():
                 raise AssertionError("the worker does not start: " + self.daemon.log().splitlines()[-1])
@@ -63,7 +63,8 @@ class Served:
         return until(found, self.daemon.log, START_SECONDS_MAX)
 
     def intersectors(self):
-        return [variant["name"] for variant in self.client.json("variants")["variants"] if "cuda" in variant["targets"]]
+        variants = self.client.json("variants")["variants"]
+        return [variant["name"] for variant in variants if "cuda" in variant["targets"]]
 
     def stat(self, name):
         return self.client.json("stats")[name]
