@@ -244,7 +244,8 @@ void declare(CLI::App& app, PathOptions& path) {
 void declare(CLI::App& app, RenderOptions& render) {
     add_job(app, render.job);
     add_camera(app, render.camera);
-    add_output(app, render.output, {".png", ".exr"}, "FILE.png or FILE.exr");
+    add_output(app, render.output, {".png", ".exr", ".npy"},
+               "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
     add_detach(app, render.job, &render.output);
     app.add_option("--integrator", render.integrator, "primary");
     add_whole(app, "--spp", render.samples, 1U, 65536U, "samples per pixel (1)");

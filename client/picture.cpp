@@ -1,6 +1,9 @@
 #include "client/picture.h"
 
+#include "client/npy.h"
+
 #include <algorithm>
+#include <utility>
 
 namespace raynest::client {
 namespace {
@@ -45,6 +48,13 @@ Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progre
             progress.update((*news)->done(), (*news)->total(), protocol::text((*news)->stage()));
         }
     }
+}
+
+Result<std::vector<std::byte>> npy_file(const ReceivedPicture& picture, const char* dtype,
+                                        std::vector<std::uint64_t> shape) {
+    if (picture.bytes.size() != 4ULL * picture.width * picture.height)
+        return fail(Exit::failed, "the daemon sent pixels of another number than the picture has");
+    return format_npy({dtype, std::move(shape), picture.bytes});
 }
 
 Json picture_json(const std::string& file, const ReceivedPicture& picture) {

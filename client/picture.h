@@ -49,6 +49,11 @@ Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,
     return picture;
 }
 
+/// The bytes of a raw one as a .npy: four per pixel.
+[[nodiscard]] Result<std::vector<std::byte>> npy_file(const ReceivedPicture& picture,
+                                                      const char* dtype,
+                                                      std::vector<std::uint64_t> shape);
+
 /// The keys that the JSON of every picture has.
 [[nodiscard]] Json picture_json(const std::string& file, const ReceivedPicture& picture);
 /// "forest.png: 960x540, " and outcome_text().

@@ -12,8 +12,7 @@
 
 namespace raynest::client {
 
-Result<void> deliver_render(Context& context, const std::string& output,
-                            const ReceivedPicture& picture);
+Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture);
 Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture);
 
 using ChunkConsumer = std::function<Result<void>(const QueryChunk&)>;

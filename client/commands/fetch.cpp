@@ -41,7 +41,7 @@ Result<void> run(Context& context, const FetchOptions& options) {
     if (!picture) return tl::unexpected<Failure>(picture.error());
     const std::string ending = "." + (picture->encode == "raw" ? "npy" : picture->encode);
     if (auto fits = check_ending(options.output, ending); !fits) return fits;
-    if (kind == "render") return deliver_render(context, options.output, *picture);
+    if (kind == "render") return deliver_render(context, options.output, std::move(*picture));
     return deliver_heatmap(context, options.output, std::move(*picture));
 }
 

@@ -1,7 +1,6 @@
 // raynest heatmap SCENE -o FILE: what each pixel's ray costs, as a picture or as raw counts.
 #include "client/commands/deliver.h"
 #include "client/files.h"
-#include "client/npy.h"
 
 #include <array>
 #include <cstdio>
@@ -19,13 +18,6 @@ wire::HeatmapT heatmap_message(const HeatmapOptions& options) {
     request.range = options.range;
     request.count = options.count;
     return request;
-}
-
-/// The counts as a (height, width) array.
-Result<std::vector<std::byte>> counts_file(const ReceivedPicture& picture) {
-    if (picture.bytes.size() != 4ULL * picture.width * picture.height)
-        return fail(Exit::failed, "the daemon sent counts of another size than the picture");
-    return format_npy({"<u4", {picture.height, picture.width}, picture.bytes});
 }
 
 void print_statistics(const wire::HeatStatisticsT& heat) {
@@ -60,7 +52,7 @@ Result<void> run(Context& context, const HeatmapOptions& options) {
 
 Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture) {
     if (output.ends_with(".npy")) {
-        auto file = counts_file(picture);
+        auto file = npy_file(picture, "<u4", {picture.height, picture.width});
         if (!file) return tl::unexpected<Failure>(file.error());
         picture.bytes = std::move(*file);
     }

@@ -1,8 +1,9 @@
-// raynest render SCENE -o FILE: a picture, encoded by the daemon.
+// raynest render SCENE -o FILE: a picture, encoded by the daemon, or its bytes.
 #include "client/commands/deliver.h"
 #include "client/files.h"
 
 #include <iostream>
+#include <utility>
 
 namespace raynest::client {
 
@@ -13,17 +14,21 @@ Result<void> run(Context& context, const RenderOptions& options) {
     request.integrator = options.integrator;
     request.samples = options.samples;
     request.seed = options.seed;
-    const auto picture = ask_picture(context.connection, context.progress, options, request);
+    auto picture = ask_picture(context.connection, context.progress, options, request);
     if (!picture) return tl::unexpected<Failure>(picture.error());
     if (picture->outcome.detached != 0) {
         print_detached(context, picture->outcome);
         return {};
     }
-    return deliver_render(context, options.output, *picture);
+    return deliver_render(context, options.output, std::move(*picture));
 }
 
-Result<void> deliver_render(Context& context, const std::string& output,
-                            const ReceivedPicture& picture) {
+Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture) {
+    if (output.ends_with(".npy")) {
+        auto file = npy_file(picture, "|u1", {picture.height, picture.width, 4});
+        if (!file) return tl::unexpected<Failure>(file.error());
+        picture.bytes = std::move(*file);
+    }
     if (auto written = write_file(output, picture.bytes); !written) return written;
 
     print_notes(picture.outcome);

@@ -64,7 +64,7 @@ template <class Trees, class Isect, class Query>
 
     Waiting waiting{0, 0};
     std::uint32_t child = ray.object->root;
-    for (std::uint32_t step = 0; step < ray_steps_max; ++step) {
+    for (std::uint32_t steps = 0; steps < ray_steps_max; ++steps) {
         if (child == child_empty) {
             // Of an object that holds nothing.
         } else if (!is_leaf(child)) {
@@ -72,11 +72,13 @@ template <class Trees, class Isect, class Query>
             waiting = {child, tree.entered(child, ray, isect)};
         } else if (kind_of(child) == ChildKind::triangles) {
             const auto visitor = [&](const auto& triangle) RAYNEST_INLINE_LAMBDA {
+                ++steps;
                 return visit(ray, triangle, isect, query);
             };
             if (tree.visit_triangles(child, visitor)) return true;
         } else if (kind_of(child) == ChildKind::records) {
             const auto visitor = [&](const auto& record) RAYNEST_INLINE_LAMBDA {
+                ++steps;
                 return visit(ray, record, isect, query);
             };
             if (visit_record_type(scene, *ray.object, leaf_first(child), leaf_count(child),

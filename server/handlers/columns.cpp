@@ -28,6 +28,38 @@ bool per_ray(Field field, Query query) {
     return !csr || field_info(field).of_ray;
 }
 
+/// Does write_column() look at the rays? No default, so that a new column is asked, too.
+bool reads_rays(Field field) {
+    switch (field) {
+        case Field::ng:
+        case Field::position:
+        case Field::origin:
+        case Field::direction:
+            return true;
+        case Field::hit:
+        case Field::t:
+        case Field::prim:
+        case Field::geom:
+        case Field::path:
+        case Field::inst:
+        case Field::uid:
+        case Field::uv:
+        case Field::front:
+        case Field::material:
+        case Field::flags:
+        case Field::nodes:
+        case Field::boxes:
+        case Field::leaves:
+        case Field::prims:
+        case Field::instances:
+        case Field::rejects:
+        case Field::total:
+        case Field::count_:
+            return false;
+    }
+    return true;
+}
+
 /// The hits of a multi or all query as the columns see them: one after the other, each with its
 /// ray.
 struct Compacted {
@@ -132,6 +164,10 @@ Reply<void> Columns::check_outputs(const Variant& variant) const {
 bool Columns::counting() const {
     return std::any_of(fields_.begin(), fields_.end(),
                        [](Field field) { return field_info(field).counter; });
+}
+
+bool Columns::read_rays() const {
+    return std::any_of(fields_.begin(), fields_.end(), reads_rays);
 }
 
 Columns::Cost Columns::cost(const Plan& plan) const {

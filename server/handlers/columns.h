@@ -26,6 +26,9 @@ public:
     /// Does any column need a counting function?
     [[nodiscard]] bool counting() const;
 
+    /// Does any column need the rays beside their hits?
+    [[nodiscard]] bool read_rays() const;
+
     /// Bulk bytes of a chunk at most.
     struct Cost {
         std::uint64_t fixed = 0;

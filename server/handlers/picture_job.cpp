@@ -144,7 +144,8 @@ Task PictureJob::trace_task() {
 Reply<void> PictureJob::trace_camera(std::uint64_t first, std::span<const Ray> rays,
                                      const Stop& stop, TraceBuffers& buffers) const {
     const PinholeRays made{pinhole(order_.camera, {order_.width, order_.height}), first, true};
-    return trace(order_.plan, rays, stop, buffers, &made);
+    return trace(order_.plan, rays, stop, buffers,
+                 order_.plan.worker.cuda != nullptr ? &made : nullptr);
 }
 
 Task PictureJob::encode_task() {

@@ -23,7 +23,8 @@ struct Plan {
     Precision precision = precision_watertight;
     Tracer tracer;
     bool counting = false;
-    bool untraced = false;  ///< kind null: every answer is the canonical miss
+    bool untraced = false;   ///< kind null: every answer is the canonical miss
+    bool reads_rays = true;  ///< what becomes of the answers looks at the rays, too
     std::uint32_t mask = 0xFFFFFFFFU;
     std::uint32_t hits_max = 1;   ///< of `all`: the budget of a ray
     std::uint64_t hits_room = 0;  ///< of `all`: records that one call of the kernel may fill

@@ -241,6 +241,7 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     auto plan = make_plan(services, *message->job(), kind->query, columns->counting());
     if (!plan) return tl::unexpected(plan.error());
     plan->untraced = kind->untraced;
+    plan->reads_rays = reduce.empty() && columns->read_rays();
     if (plan->csr()) plan->hits_max = message->max_hits();
     if (plan->hits_max == 0) plan->hits_max = kind->query == query_all ? all_hits : multi_hits;
     auto source = RaySource::make(*message.table, plan->scene.snapshot());

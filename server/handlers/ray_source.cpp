@@ -234,10 +234,15 @@ std::span<const Ray> RaySource::rays_of(const Piece& piece, TraceBuffers& buffer
     return buffers.rays;
 }
 
-std::optional<PinholeRays> RaySource::made(const Piece& piece, bool tiles) const {
+void RaySource::generate(const Piece& piece, bool tiles, std::span<Ray> rays) const {
+    const Sensor& sensor = std::get<SensorPointer>(origin_)->get();
+    tiles ? generate_tiles(sensor, piece.first, rays) : generate_rays(sensor, piece.first, rays);
+}
+
+std::optional<PinholeRays> RaySource::made(const Plan& plan, const Piece& piece, bool tiles) const {
     const auto* sensor = std::get_if<SensorPointer>(&origin_);
     const auto* camera = sensor != nullptr ? std::get_if<Pinhole>(&(*sensor)->get()) : nullptr;
-    if (camera == nullptr) return std::nullopt;
+    if (camera == nullptr || plan.worker.cuda == nullptr) return std::nullopt;
     return PinholeRays{*camera, piece.first, tiles};
 }
 
@@ -250,32 +255,30 @@ bool RaySource::has_tiles(const Piece& piece) const {
 
 Reply<std::span<const Ray>> RaySource::trace(const Plan& plan, const Piece& piece, const Stop& stop,
                                              TraceBuffers& buffers, bool any_order) const {
-    if (any_order && has_tiles(piece)) return trace_tiles(plan, piece, stop, buffers);
-    const std::span<const Ray> rays = rays_of(piece, buffers);
-    const auto camera = made(piece, false);
+    const bool tiles = any_order && has_tiles(piece);
+    const auto camera = made(plan, piece, tiles);
+    std::span<const Ray> rays;
+    if (tiles || camera) {
+        buffers.rays.resize(piece.count);
+        rays = buffers.rays;
+        if (!camera) generate(piece, tiles, buffers.rays);
+    } else {
+        rays = rays_of(piece, buffers);
+    }
     if (auto traced = server::trace(plan, rays, stop, buffers, camera ? &*camera : nullptr);
         !traced)
         return tl::unexpected(traced.error());
+    if (camera && buffers.on_cuda && plan.reads_rays) generate(piece, tiles, buffers.rays);
+    if (tiles) {
+        const ImageSize size = std::get<SensorPointer>(origin_)->grid();
+        buffers.order.resize(piece.count);
+        for_each_in_tiles(piece.first, piece.count, size.width, size.height,
+                          [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {
+                              buffers.order[y * size.width + x - piece.first] =
+                                  static_cast<std::uint32_t>(i);
+                          });
+    }
     return rays;
-}
-
-Reply<std::span<const Ray>> RaySource::trace_tiles(const Plan& plan, const Piece& piece,
-                                                   const Stop& stop, TraceBuffers& buffers) const {
-    const Sensor& sensor = std::get<SensorPointer>(origin_)->get();
-    const ImageSize size = ray_grid(sensor);
-    buffers.rays.resize(piece.count);
-    generate_tiles(sensor, piece.first, buffers.rays);
-    const auto camera = made(piece, true);
-    if (auto traced = server::trace(plan, buffers.rays, stop, buffers, camera ? &*camera : nullptr);
-        !traced)
-        return tl::unexpected(traced.error());
-    buffers.order.resize(piece.count);
-    for_each_in_tiles(piece.first, piece.count, size.width, size.height,
-                      [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {
-                          buffers.order[y * size.width + x - piece.first] =
-                              static_cast<std::uint32_t>(i);
-                      });
-    return buffers.rays;
 }
 
 }  // namespace raynest::server

@@ -119,12 +119,13 @@ public:
 
 private:
     [[nodiscard]] std::span<const Ray> rays_of(const Piece& piece, TraceBuffers& buffers) const;
+    void generate(const Piece& piece, bool tiles, std::span<Ray> rays) const;
     /// Is it whole bands of tiles?
     [[nodiscard]] bool has_tiles(const Piece& piece) const;
-    Reply<std::span<const Ray>> trace_tiles(const Plan& plan, const Piece& piece, const Stop& stop,
-                                            TraceBuffers& buffers) const;
-    /// A piece's rays as a camera that makes them, row by row or in tile order, where one does.
-    [[nodiscard]] std::optional<PinholeRays> made(const Piece& piece, bool tiles) const;
+    /// A piece's rays as a camera that a GPU makes them with, row by row or in tile order, where
+    /// one does.
+    [[nodiscard]] std::optional<PinholeRays> made(const Plan& plan, const Piece& piece,
+                                                  bool tiles) const;
 
     struct Sent {};
     std::variant<Sent, SensorPointer, Hemisphere> origin_;

@@ -101,6 +101,8 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, const Stop& stop,
     if (!traced) return tl::unexpected(traced.error());
     buffers.on_cuda = *traced;
     if (buffers.on_cuda) return {};
+    if (made != nullptr)
+        for (std::size_t i = 0; i < count; ++i) buffers.rays[i] = made->ray(i);
     buffers.traversal = plan.tracer.choose(rays, *call.scene);
     const ChunkStop chunk(stop, plan.chunk_time_max);
     call.cancelled = is_requested;

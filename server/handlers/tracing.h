@@ -39,7 +39,8 @@ inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
 /// Fills `buffers` (all but its rays) with the answers of `rays`: of all of them, but where the
 /// hits of `all` have no more room. Of a plan that traces nothing there are no hits. What a CUDA
 /// worker gives up runs on the CPU, unless the plan demands it there. `made`: a camera that makes
-/// these rays, where there is one.
+/// these rays, in buffers.rays, where a GPU is to make them; they need not lie there yet, and do
+/// where a CPU traced them.
 /// CANCELLED where `stop` is requested meanwhile, within a ray too; on a GPU after the call.
 Reply<void> trace(const Plan& plan, std::span<const Ray> rays, const Stop& stop,
                   TraceBuffers& buffers, const PinholeRays* made = nullptr);

@@ -16,6 +16,8 @@
 #include <array>
 #include <cstdint>
 #include <cstring>
+#include <memory>
+#include <utility>
 #include <vector>
 
 using namespace raynest;
@@ -133,26 +135,67 @@ TEST_CASE("hooks are called at every level by every query on both layouts") {
     }
 }
 
-TEST_CASE("a ray that meets all of a scene is given up, one that hits something is not") {
-    const auto flake = Snapshot::bake(*describe_builtin("builtin:flake?depth=8"));
-    REQUIRE(flake.has_value());
-    const SceneView& scene = (*flake)->view();
-    const auto trees = cuda::compress(scene);
-    REQUIRE(trees.has_value());
-    const auto is_answered = [&](const Vec3& direction, auto query) {
+namespace {
+
+SceneDescription spheres(std::size_t count) {
+    ObjectDescription object;
+    object.record_type = "sphere";
+    object.records.resize(count * sizeof(Vec4));
+    for (std::size_t i = 0; i < count; ++i) {
+        const Vec3 center(4 * static_cast<float>(i), 0, 0);
+        const Vec4 sphere(center, 1);
+        std::memcpy(object.records.data() + i * sizeof sphere, &sphere, sizeof sphere);
+        object.record_bounds.push_back({center - Vec3(1), center + Vec3(1)});
+    }
+    SceneDescription scene;
+    scene.objects.push_back(std::move(object));
+    return scene;
+}
+
+/// A scene, and rays through it from one point.
+class RayFrom {
+public:
+    explicit RayFrom(const SceneDescription& description)
+        : snapshot_(*Snapshot::bake(description)),
+          trees_(*cuda::compress(snapshot_->view())) {}
+
+    [[nodiscard]] bool is_answered(const Vec3& direction, auto query) const {
+        const SceneView& scene = snapshot_->view();
         Ray ray;
         ray.origin = Vec3(5);
         ray.direction = direction;
         RayView view = outermost_view(ray, &scene, 0, 0xFFFFFFFFU, 0);
         view.object = &scene.objects[scene.root];
         Opaque isect;
-        return cuda::traverse_levels(view, trees->view(), isect, query);
-    };
+        return cuda::traverse_levels(view, trees_.view(), isect, query);
+    }
+
+private:
+    const std::shared_ptr<const Snapshot> snapshot_;
+    const cuda::DeviceTrees trees_;
+};
+
+/// Too short to tell a box from another: the ray meets all that a scene holds.
+const Vec3 endless(-1e-45F);
+
+}  // namespace
+
+TEST_CASE("a ray that meets all of a scene is given up, one that hits something is not") {
+    const RayFrom flake(*describe_builtin("builtin:flake?depth=8"));
     std::array<HitRecord, 4> room;
-    CHECK_FALSE(is_answered(Vec3(-1e-45F), ClosestHit{}));
-    CHECK_FALSE(is_answered(Vec3(-1e-45F), AnyHit{}));
-    CHECK_FALSE(is_answered(Vec3(-1e-45F), MultiHit{room}));
-    CHECK(is_answered(Vec3(-1), ClosestHit{}));
-    CHECK(is_answered(Vec3(-1), AnyHit{}));
-    CHECK(is_answered(Vec3(-1), MultiHit{room}));
+    CHECK_FALSE(flake.is_answered(endless, ClosestHit{}));
+    CHECK_FALSE(flake.is_answered(endless, AnyHit{}));
+    CHECK_FALSE(flake.is_answered(endless, MultiHit{room}));
+    CHECK(flake.is_answered(Vec3(-1), ClosestHit{}));
+    CHECK(flake.is_answered(Vec3(-1), AnyHit{}));
+    CHECK(flake.is_answered(Vec3(-1), MultiHit{room}));
+}
+
+TEST_CASE("every triangle and record that a ray is tested against is a step of it") {
+    // With few enough nodes and leaves; half as many are not too many.
+    CHECK_FALSE(
+        RayFrom(*describe_builtin("builtin:terrain?size=384")).is_answered(endless, AnyHit{}));
+    CHECK(RayFrom(*describe_builtin("builtin:terrain?size=256")).is_answered(endless, AnyHit{}));
+    CHECK_FALSE(RayFrom(spheres(cuda::ray_steps_max)).is_answered(endless, AnyHit{}));
+    CHECK(RayFrom(spheres(cuda::ray_steps_max / 2)).is_answered(endless, AnyHit{}));
 }

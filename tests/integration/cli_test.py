@@ -168,7 +168,7 @@ class Cli(DaemonTest):
                 self.assertEqual(done["file"], str(self.out / name))
                 self.assertEqual((self.out / name).read_bytes()[:4], start)
 
-    def test_without_the_image_module_raw_counts_still_work(self):
+    def test_without_the_image_module_raw_pictures_still_work(self):
         (self.out / "bin").mkdir()
         daemon = Daemon(shutil.copy(self.raynestd, self.out / "bin"))
         self.addCleanup(daemon.stop)
@@ -177,7 +177,10 @@ class Cli(DaemonTest):
         done = client.run("render", "terrain", "--size", "8x8", "-o", self.out / "none.png")
         self.assertEqual(done.returncode, 5, done.stderr)
         self.assertIn("install OpenImageIO", done.stderr)
-        client.json("heatmap", "terrain", "--size", "8x8", "-o", self.out / "some.npy")
+        for command, of_pixels in (("heatmap", ("<u4", (4, 8))), ("render", ("|u1", (4, 8, 4)))):
+            client.json(command, "terrain", "--size", "8x4", "-o", self.out / "some.npy")
+            dtype, shape, _ = read_npy((self.out / "some.npy").read_bytes())
+            self.assertEqual((dtype, shape), of_pixels)
 
     def test_the_raw_heat_map_agrees_with_its_statistics(self):
         heat = self.client.json("heatmap", "woods", "--size", "64x36", "-o", self.out / "h.npy")

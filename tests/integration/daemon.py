@@ -15,13 +15,13 @@ import time
 import unittest
 
 PATIENCE = float(os.environ.get("RAYNEST_PATIENCE", "30"))  # s, as tests/patience.h has it
-SHARED_SCENES = pathlib.Path(__file__).resolve().parents[3] / "shared" / "scenes"
+SHARED_SCENES = (pathlib.Path(__file__).resolve().parent / "../../../shared/scenes").resolve()
 
 
-def until(condition, why=lambda: "it did not come true"):
+def until(condition, why=lambda: "it did not come true", patience=PATIENCE):
     """Asks until the answer is a true one, and gives that; `why` says what is amiss when patience
     ends first."""
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + patience
     while not (answer := condition()):
         if time.monotonic() > end:
             raise AssertionError(why())
@@ -35,6 +35,19 @@ def closed_port():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         yield f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+
+
+def device_workers(pid):
+    """Process ids of the daemon's children that are device workers."""
+    found = []
+    for entry in pathlib.Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            if parent == pid and b"--device-worker" in (entry / "cmdline").read_bytes():
+                found.append(int(entry.name))
+        except (OSError, IndexError):
+            pass
+    return found
 
 
 def is_sanitized(program):

@@ -40,8 +40,9 @@ class Detach(DaemonTest):
         return {str(job["job"]): job for job in self.client.json("jobs")["jobs"]}
 
     def test_fetch_writes_what_the_command_would_have_written(self):
-        cases = [("render", "png", ()), ("render", "exr", ()), ("heatmap", "png", ()),
-                 ("heatmap", "npy", ("--metric", "nodes")), ("heatmap", "exr", ())]
+        cases = [("render", "png", ()), ("render", "exr", ()), ("render", "npy", ()),
+                 ("heatmap", "png", ()), ("heatmap", "npy", ("--metric", "nodes")),
+                 ("heatmap", "exr", ())]
         for command, ending, options in cases:
             with self.subTest(command=command, ending=ending):
                 attached = self.out / f"attached.{ending}"

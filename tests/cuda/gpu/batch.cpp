@@ -64,8 +64,14 @@ Pass run_pass(const Route& route, const Question& question, Batch& batch) {
     for (std::uint32_t first = 0; first < batch.count(); first += route.chunk) {
         if (started - finished == route.slots.size()) finish_one();
         const std::uint32_t rays = std::min(route.chunk, batch.count() - first);
+        PinholeRays made;
+        if (route.made != nullptr) {
+            made = *route.made;
+            made.first += first;
+        }
         route.device->start(route.slots[started++ % route.slots.size()], *route.scene, route.kernel,
-                            batch.call(question, first, rays));
+                            batch.call(question, first, rays),
+                            route.made != nullptr ? &made : nullptr);
     }
     while (finished < started) finish_one();
     pass.wall_seconds = seconds_of(CLOCK_MONOTONIC) - begin;

@@ -56,6 +56,7 @@ struct Route {
     TraceFunction kernel;
     std::span<const OpenDevice::Slot> slots;  ///< in flight at once
     std::uint32_t chunk;                      ///< rays of a slot
+    const PinholeRays* made = nullptr;        ///< not null: the device makes the batch's rays
 };
 
 /// Each slot is filled again when its call is finished, in turn.

@@ -17,6 +17,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <exception>
 #include <filesystem>
@@ -37,10 +39,28 @@ Pages read_arena(const std::string& path) {
     return arena;
 }
 
-std::vector<Ray> make_rays(const CudaOptions& options, const Box& bounds) {
+/// A square picture of at least `count` pixels, in front of which the scene lies.
+PinholeRays look_at(const Box& bounds, std::uint32_t count) {
+    const auto side = static_cast<std::uint32_t>(std::ceil(std::sqrt(count)));
+    const glm::dvec3 size(bounds.size());
+    const double extent = std::max({size.x, size.y, size.z});
+    Pinhole camera;
+    camera.mount.pose.origin = glm::dvec3(bounds.center()) + glm::dvec3(0, 0, 1.5 * extent);
+    camera.size = {side, side};
+    camera.center_x = camera.center_y = side / 2.0;
+    camera.step_x = camera.step_y = 1.0 / side;
+    return {camera, 0, true};
+}
+
+std::vector<Ray> make_rays(const CudaOptions& options, const Box& bounds, const PinholeRays& made) {
     if (options.rays == "random") {
         Random random(17);
         return random_rays(bounds, options.count, random);
+    }
+    if (options.rays == "camera") {
+        std::vector<Ray> rays(options.count);
+        for (std::size_t i = 0; i < rays.size(); ++i) rays[i] = made.ray(i);
+        return rays;
     }
     return value_of(read_rays(options.rays));
 }
@@ -48,11 +68,14 @@ std::vector<Ray> make_rays(const CudaOptions& options, const Box& bounds) {
 int run(const CudaOptions& options) {
     const Pages arena = read_arena(options.arena);
     const SceneView scene = value_of(check_arena({arena.data(), arena.size()}));
-    const std::vector<Ray> rays = make_rays(options, scene.objects[scene.root].bounds);
+    const Box& bounds = scene.objects[scene.root].bounds;
+    const PinholeRays made = look_at(bounds, options.count);
+    const std::vector<Ray> rays = make_rays(options, bounds, made);
     if (rays.empty()) throw std::runtime_error(options.rays + " rays: none; say --count");
     const OpenDevice device(options.pack);
 
-    Work work{scene, rays, options.count, options.chunk, {}};
+    Work work{scene, rays, options.count, options.chunk, options.rays == "camera" ? &made : nullptr,
+              {}};
     if (work.count == 0) work.count = static_cast<std::uint32_t>(rays.size());
     work.print = [&](const nlohmann::ordered_json& more) {
         nlohmann::ordered_json row{{"what", options.timing ? "time" : "check"},

@@ -3,9 +3,12 @@
 
   driver.py [OPTION...] [STAGE...]      default: all stages, in this order
 
-  check        does it run, is it equal: every variant and question against the CPU's bytes
-  sanitize     compute-sanitizer over a small check, where the machine has it
+  check        does it run, is it equal: every variant and question against the CPU's bytes, of files of rays, of
+               random ones and of those of a camera, which the GPU makes
+  sanitize     compute-sanitizer over small checks, where the machine has it
   conformance  the matrix of tests/conformance on the GPU: every variant, question and depth
+  daemon       the same through raynestd and its worker process, camera rays made on the GPU included; bytes of files
+  killed       kill -9 of the worker in the middle of a job: same bytes, a note, and the GPU again
   time         kernels alone, and from pinned memory to pinned memory: medians of interleaved rounds
 
 Needs Python's standard library and a driver, nothing else of CUDA. Leaves the device's settings as they are.
@@ -13,6 +16,7 @@ Exit codes: 0; 1 an answer differs, a program fails or compute-sanitizer finds s
 goal of time that is missed stands in the verdict and is no failure: it means nothing without the device's name.
 """
 import argparse
+import itertools
 import json
 import os
 import pathlib
@@ -22,12 +26,15 @@ import statistics
 import subprocess
 import sys
 
+import served
+
 HERE = pathlib.Path(__file__).resolve().parent
 DIFFERS, SKIPPED, FOUND = 9, 77, 99  # exit codes of the programs
 SECONDS_MAX = 500  # of one program
-RANDOM_RAYS = 1 << 18  # per scene of check; with those of files 2 * 10^7 answers are compared
+MADE_RAYS = 1 << 18  # of each kind per scene of check; with those of files 3 * 10^7 answers are compared
+SERVED_RAYS = 1 << 17  # of each of daemon's 90 requests: 1.1 * 10^7
 TIMED_RAYS = 1 << 20  # enough to fill a GPU several times
-SMALL_SCENE, SMALL_COUNT = "trees", 2048
+SMALL_SCENES, SMALL_COUNT = ("trees", "flake"), 2048  # triangles with masks; spheres
 
 MASKS = "procedural_mask", "alpha_mask"
 # What the rows of time are held to: variants, field, bound, and whether values lie below or above it.
@@ -35,7 +42,9 @@ GOALS = [(MASKS[:1], "kernel_over_opaque", "at most", 1.1), (MASKS[1:], "kernel_
          (("opaque", *MASKS), "pinned_over_limit", "at least", 0.8),
          (("opaque", *MASKS), "frames_over_limit", "at least", 0.8)]
 NOT_MEASURED = ["opaque over a kernel without intersectors: their machine code is the same (ctest cuda_zero_cost)",
-                "over Visionaray's CUDA traversal: no peer is gathered"]
+                "over Visionaray's CUDA traversal: it is not part of this tree. Who has it needs a program that reads "
+                "scenes/NAME.arena (engine/scene/FORMAT.md) and scenes/NAME-KIND.rays (tests/bench/files.h) and "
+                "prints kernel_mrays as the rows of `time` have it, on the same device"]
 
 
 class Failed(Exception):
@@ -50,10 +59,10 @@ def emit(row):
     print(json.dumps(row), flush=True)
 
 
-def run(command, **environment):
+def run(command):
     try:
         return subprocess.run([str(word) for word in command], capture_output=True, text=True, check=False,
-                              timeout=SECONDS_MAX, env={**os.environ, **environment})
+                              timeout=SECONDS_MAX)
     except subprocess.TimeoutExpired as error:
         raise Failed(f"{command[0]} takes longer than {SECONDS_MAX} s") from error
     except OSError as error:
@@ -78,17 +87,18 @@ def bench(options, what, scene, rays, count, *more, under=()):
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
 
-def inputs(random_count, file_count):
+def inputs(made_count, file_count, *made):
     """(scene, rays, how many): every scene with its files, those of its instanced form where it is flat, and with
-    random rays. 0 is as many as the file holds."""
+    those that are `made`. 0 is as many as the file holds."""
     for arena in sorted((HERE / "scenes").glob("*.arena")):
         for rays in sorted((HERE / "scenes").glob(f"{arena.stem.removesuffix('-flat')}-*.rays")):
             yield arena.stem, rays, file_count
-        yield arena.stem, "random", random_count
+        for rays in made:
+            yield arena.stem, rays, made_count
 
 
 def check(options):
-    for scene, rays, count in inputs(options.count or RANDOM_RAYS, options.count or 0):
+    for scene, rays, count in inputs(options.count or MADE_RAYS, options.count or 0, "random", "camera"):
         yield from bench(options, "check", scene, rays, count)
 
 
@@ -99,14 +109,14 @@ def sanitize(options):
         return
     for check_of in ("memcheck", "initcheck"):
         under = [tool, "--tool", check_of, "--error-exitcode", FOUND]
-        rows = bench(options, "check", SMALL_SCENE, "random", SMALL_COUNT, under=under)
-        yield {"what": "sanitize", "tool": check_of, "kernels": len(rows),
-               "differing": sum(row["differing"] for row in rows)}
+        for scene, rays in itertools.product(SMALL_SCENES, ("random", "camera")):
+            rows = bench(options, "check", scene, rays, SMALL_COUNT, under=under)
+            yield {"what": "sanitize", "tool": check_of, "scene": scene, "rays": rays, "kernels": len(rows),
+                   "differing": sum(row["differing"] for row in rows)}
 
 
 def conformance(options):
-    done = run([HERE / "bin/conformance", "--target", "v3", "--target", "cuda", "--pack-dir", options.pack.parent],
-               LD_LIBRARY_PATH=f"{HERE / 'lib'}:{os.environ.get('LD_LIBRARY_PATH', '')}")
+    done = run([HERE / "bin/conformance", "--target", "v3", "--target", "cuda", "--pack-dir", options.pack.parent])
     row = {"what": "conformance", "said": last_line(done.stdout, done.stderr)}
     if done.returncode == SKIPPED:
         row["skipped"] = "this machine runs not both targets"
@@ -115,18 +125,26 @@ def conformance(options):
     yield row
 
 
+def daemon(options):
+    return served.daemon(HERE / "bin", options.pack, options.count or SERVED_RAYS)
+
+
+def killed(options):
+    return served.killed(HERE / "bin", options.pack)
+
+
 def time(options):
     count = options.count or TIMED_RAYS
-    for scene, rays, _ in inputs(count, count):
+    for scene, rays, _ in inputs(count, count, "random"):
         yield from bench(options, "time", scene, rays, count, "--rounds", options.rounds)
 
 
-STAGES = {stage.__name__: stage for stage in (check, sanitize, conformance, time)}
+STAGES = {stage.__name__: stage for stage in (check, sanitize, conformance, daemon, killed, time)}
 
 
 def machine(options):
     """Ends with NoGpu where there is none."""
-    row = {"what": "machine", "device": bench(options, "check", SMALL_SCENE, "random", 64)[0]["device"],
+    row = {"what": "machine", "device": bench(options, "check", SMALL_SCENES[0], "random", 64)[0]["device"],
            "cores": os.cpu_count(), "libc": " ".join(platform.libc_ver())}
     if shutil.which("nvidia-smi"):
         asked = run(["nvidia-smi", "--query-gpu=name,driver_version,memory.total,power.limit,pcie.link.gen.max",
@@ -149,7 +167,7 @@ def judge(rows):
 
 
 def verdict(device, stages, rows, failures):
-    compared = [row for row in rows if row["what"] == "check"]
+    compared = [row for row in rows if row["what"] in ("check", "daemon")]
     differing = sum(row.get("differing", 0) for row in rows)
     skipped = [row["what"] for row in rows if "skipped" in row]
     not_pinned = sorted({"from pinned memory: " + row["not_pinned"] for row in rows if "not_pinned" in row})
@@ -169,6 +187,8 @@ def main():
     unknown = set(options.stages) - STAGES.keys()
     if unknown:
         parser.error(f"there is no stage {', '.join(unknown)}; there are {', '.join(STAGES)}")
+    # Of what programs are linked to, a bare machine may have the C library only.
+    os.environ["LD_LIBRARY_PATH"] = ":".join(filter(None, (str(HERE / "lib"), os.environ.get("LD_LIBRARY_PATH"))))
     stages, rows, failures = options.stages or list(STAGES), [], []
     try:
         first = machine(options)
@@ -181,7 +201,7 @@ def main():
             for row in STAGES[stage](options):
                 emit(row)
                 rows.append(row)
-        except Failed as error:
+        except (Failed, *served.FAILURES) as error:
             failures.append(f"{stage}: {error}")
     row = verdict(first["device"], stages, rows, failures)
     emit(row)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Gathers what a bare GPU machine without network needs to run driver.py: programs, packs, baked scenes
-# and rays, under 64 MB.
+# Gathers what a bare GPU machine without network needs to run driver.py: programs with their libraries,
+# packs, baked scenes and rays, under 64 MB.
 #   gather.sh OUT_DIR          then, there: python3 OUT_DIR/driver.py
 # RAYNEST_BUILD names the build folder (default: build beside the sources), which has to be configured
 # with nvcc, RAYNEST_TESTS and RAYNEST_BENCH; what is not built in it is. Its
@@ -9,7 +9,7 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../.." && pwd)
 build=${RAYNEST_BUILD:-$root/build}
 bytes_max=$((64 * 1000 * 1000))
-rays=65536
+rays=49152
 
 fail() { printf 'error: %s\n' "$1" >&2; exit 1; }
 
@@ -19,16 +19,19 @@ out=$1
 [[ -f $build/CMakeCache.txt ]] || fail "$build is no build folder: configure one, or set RAYNEST_BUILD"
 cmake --build "$build" --target help | grep -w pack_cuda >/dev/null ||
     fail "$build was configured without CUDA: 'CUDA: off, ...' in the configure output says why"
-cmake --build "$build" --target pack_cuda pack_v3 conformance raynest-bench-cuda raynest-bench-bake
+programs=(raynestd raynest conformance raynest-bench-cuda)
+cmake --build "$build" --target pack_cuda raynest_packs raynest-bench-bake "${programs[@]}"
 
 mkdir -p "$out"/{bin,lib/raynest,lib/raynest-cuda,scenes}
-cp "$root/tests/cuda/gpu/driver.py" "$out"
-cp "$build"/bin/{raynest-bench-cuda,conformance} "$out/bin"
-cp "$build/lib/raynest/raynest-pack-v3.so" "$out/lib/raynest"
+cp "$root"/tests/cuda/gpu/{driver,served}.py "$root"/tests/integration/{daemon,npy}.py "$out"
+cp "${programs[@]/#/$build/bin/}" "$out/bin"
+cp "$build"/lib/raynest/raynest-pack-*.so "$out/lib/raynest"
 cp "$build/lib/raynest-cuda/raynest-pack-cuda.so" "$out/lib/raynest-cuda"
-# Of what conformance is linked to, a bare machine has all but this.
-tbb=$(ldd "$build/bin/conformance" | awk '$1 ~ /^libtbb/ { print $3 }')
-cp -L "$tbb" "$out/lib"
+# All that these are linked to but the C library, which belongs to the machine. OpenImageIO, with hundreds of
+# libraries, is loaded by the image module alone, and that stays here: pictures are .npy there.
+find "$out"/{bin,lib} -type f -exec ldd {} + | awk '$2 == "=>" && $3 ~ /^\// { print $3 }' | sort -u |
+    grep -vE '/(libc|libm|libdl|librt|libpthread|libresolv)\.so\.[0-9]+$' | xargs cp -Lt "$out/lib"
+find "$out"/{bin,lib} -type f -exec strip --strip-unneeded {} +
 
 # bake NAME SOURCE [KIND...]: scenes/NAME.arena and scenes/NAME-KIND.rays.
 export RAYNEST_BUILTIN_PACKS=$build/lib/raynest
@@ -41,8 +44,9 @@ bake() {
 bake forest builtin:forest primary diffuse
 bake trees 'gen:forest1?scale=0.01' primary diffuse
 "$build/bin/raynest-bench-bake" 'gen:forest1?scale=0.01' "$out/scenes/trees-flat.arena" --levels 1
-bake cards 'gen:cards?scale=0.1' primary diffuse
-bake terrain 'gen:terrain?scale=0.05' primary diffuse
+bake cards 'gen:cards?scale=0.05' primary diffuse
+bake terrain 'gen:terrain?scale=0.03' primary diffuse
+bake flake 'builtin:flake?depth=5' primary
 
 total=$(du --summarize --bytes "$out" | cut -f1)
 printf '%s: %d MB for GPUs of %s\n' "$out" $((total / 1000000)) \

@@ -5,15 +5,21 @@
 
 Exit code 77 (skipped) where the build has no CUDA.
 """
+import itertools
 import json
+import math
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
 import unittest
 
-import driver
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parents[1] / "integration"))  # gathered beside the driver
+import driver  # noqa: E402
+import served  # noqa: E402
 
 BUILD, FAKE = "", ""
 BYTES_MAX = 64_000_000
@@ -22,6 +28,10 @@ BYTES_MAX = 64_000_000
 def start(*command, **environment):
     return subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=300, check=False,
                           env={**os.environ, **environment})
+
+
+def driver_or_c_library(line):
+    return re.match(r"\s*(libc|libm|libdl|librt|libpthread|libcuda)\.so", line)
 
 
 class Gathered(unittest.TestCase):
@@ -34,7 +44,7 @@ class Gathered(unittest.TestCase):
 
     @classmethod
     def gather(cls):
-        return start("bash", pathlib.Path(__file__).parent / "gather.sh", cls.out, RAYNEST_BUILD=BUILD)
+        return start("bash", HERE / "gather.sh", cls.out, RAYNEST_BUILD=BUILD)
 
     def drive(self, *arguments, **environment):
         """(exit code, rows, what stderr says)"""
@@ -48,6 +58,12 @@ class Gathered(unittest.TestCase):
         self.assertEqual(self.gathered.returncode, 0, self.gathered.stdout + self.gathered.stderr)
         files = [file for file in self.out.rglob("*") if file.is_file()]
         self.assertLess(sum(file.stat().st_size for file in files), BYTES_MAX)
+        for file in files:
+            if file.parent.name == "bin" or ".so" in file.name:
+                found = start("ldd", file, LD_LIBRARY_PATH=str(self.out / "lib")).stdout
+                for line in found.splitlines():
+                    if "=>" in line and not driver_or_c_library(line):
+                        self.assertIn(str(self.out), line, file)
         again = self.gather()
         self.assertEqual(again.returncode, 1)
         self.assertIn("is not empty", again.stderr)
@@ -62,7 +78,7 @@ class Gathered(unittest.TestCase):
         self.assertEqual((code, said), (0, ""))
         asked = {(row["scene"], row["variant"], row["query"]) for row in rows if row["what"] == "check"}
         scenes = {arena.stem for arena in (self.out / "scenes").glob("*.arena")}
-        self.assertEqual(scenes, {"forest", "trees", "trees-flat", "cards", "terrain"})
+        self.assertEqual(scenes, {"forest", "trees", "trees-flat", "cards", "terrain", "flake"})
         self.assertEqual(len(asked), len(scenes) * 3 * 3)
         verdict = rows[-1]
         self.assertTrue(verdict["passed"])
@@ -71,10 +87,46 @@ class Gathered(unittest.TestCase):
         self.assertGreater(verdict["hitting"], verdict["compared"] / 3)
 
     def test_a_copy_that_brings_garbage_is_seen(self):
-        code, rows, _ = self.drive_fake("--count", "512", "check", RAYNEST_FAKE_CUDA_ALWAYS="cudaMemcpyAsync(back) garbage")
+        code, rows, _ = self.drive_fake("--count", "512", "check",
+                                        RAYNEST_FAKE_CUDA_ALWAYS="cudaMemcpyAsync(back) garbage")
         self.assertEqual(code, 1)
         self.assertFalse(rows[-1]["passed"])
         self.assertGreater(rows[-1]["differing"], 0)
+
+    def test_the_answers_of_a_daemon_are_compared(self):
+        code, rows, said = self.drive_fake("--count", "1024", "daemon")
+        self.assertEqual((code, said), (0, ""))
+        compared = [row for row in rows if row["what"] == "daemon"]
+        self.assertEqual(len(compared), len(served.SCENES) * 3 * (3 * 3 + 1))
+        self.assertEqual({row["count"] for row in compared}, {1024})
+        self.assertTrue(all(row["hitting"] > 0 for row in compared), compared)
+        verdict = rows[-1]
+        self.assertEqual((verdict["differing"], verdict["compared"]), (0, 1024 * len(compared)))
+        self.assertGreaterEqual(len(compared) * math.isqrt(driver.SERVED_RAYS) ** 2, 10**7)
+
+    def test_a_wrong_answer_of_a_daemon_is_seen(self):
+        fault = self.out.parent / "wrong"
+        fault.write_text("cudaMemcpyAsync garbage 20")  # behind those of the probe
+        code, rows, _ = self.drive_fake("--count", "1024", "daemon", RAYNEST_FAKE_CUDA=str(fault))
+        self.assertEqual(code, 1)
+        self.assertFalse(fault.exists(), "the fault was not met")
+        [wrong] = [row for row in rows if row["what"] == "daemon" and row["differing"]]
+        self.assertEqual(wrong["rays"], "sent")
+        self.assertFalse(rows[-1]["passed"])
+
+    def test_a_job_that_loses_its_worker_is_told_of(self):
+        code, rows, said = self.drive_fake("killed")
+        self.assertEqual((code, said), (0, ""))
+        [row] = [row for row in rows if row["what"] == "killed"]
+        self.assertIn(row["worker"], ("mixed", "cpu"))
+        self.assertIn("was ended by a signal (Killed)", row["note"])
+        self.assertEqual((row["later"], row["differing"]), ("cuda", 0))
+
+    def test_a_worker_that_does_not_start_fails_its_stages(self):
+        code, rows, _ = self.drive_fake("killed", RAYNEST_FAKE_CUDA_ALWAYS="cudaMemcpyAsync garbage")
+        self.assertEqual(code, 1)
+        [failure] = rows[-1]["failures"]
+        self.assertRegex(failure, "killed: the worker does not start: .*not those of the CPU")
 
     def test_a_kernel_that_fails_ends_its_stage_and_not_the_next(self):
         fault = self.out.parent / "fault"
@@ -133,10 +185,21 @@ class Gathered(unittest.TestCase):
         self.assertEqual(code, 0)
         self.assertEqual(rows[-1]["skipped"], [row["what"] for row in skipped])
 
+    def test_sanitizers_look_at_triangles_and_records_and_at_rays_of_both_kinds(self):
+        tool = self.out.parent / "compute-sanitizer"
+        tool.write_text('#!/bin/bash\n[[ $1 == --tool && $3 == --error-exitcode ]] && exec "${@:5}"\n')
+        tool.chmod(0o755)
+        code, rows, said = self.drive_fake("sanitize", PATH=f"{tool.parent}:{os.defpath}")
+        self.assertEqual((code, said), (0, ""))
+        looked = [(row["tool"], row["scene"], row["rays"]) for row in rows if row["what"] == "sanitize"]
+        self.assertEqual(looked, list(itertools.product(("memcheck", "initcheck"), ("trees", "flake"),
+                                                        ("random", "camera"))))
+        self.assertEqual({row["kernels"] for row in rows if row["what"] == "sanitize"}, {9})
+
     def test_an_unknown_stage_is_refused(self):
         code, _, said = self.drive_fake("profile")
         self.assertEqual(code, 2)
-        self.assertIn("there is no stage profile; there are check, sanitize, conformance, time", said)
+        self.assertIn("there is no stage profile; there are check, sanitize, conformance, daemon, killed, time", said)
 
 
 if __name__ == "__main__":

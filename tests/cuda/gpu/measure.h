@@ -2,6 +2,7 @@
 // variant and question.
 #pragma once
 
+#include "engine/geometry/pinhole.h"
 #include "engine/geometry/ray.h"
 #include "engine/geometry/views.h"
 #include "tests/cuda/gpu/open_device.h"
@@ -18,8 +19,9 @@ namespace raynest::bench {
 struct Work {
     const SceneView& scene;
     const std::vector<Ray>& rays;
-    std::uint32_t count;  ///< rays of a pass (Batch says which)
-    std::uint32_t chunk;  ///< rays of a slot, in check()
+    std::uint32_t count;      ///< rays of a pass (Batch says which)
+    std::uint32_t chunk;      ///< rays of a slot, in check()
+    const PinholeRays* made;  ///< not null: `rays` are these, and in check() the device makes them
     std::function<void(nlohmann::ordered_json)> print;
 };
 

@@ -41,8 +41,8 @@ std::string OpenDevice::pin(void* memory, std::uint64_t bytes) const {
 }
 
 void OpenDevice::start(const Slot& slot, const Scene& scene, TraceFunction kernel,
-                       const TraceCall& call) const {
-    expect_ok(doors_.device->start(slot.get(), scene.get(), kernel, &call, nullptr),
+                       const TraceCall& call, const PinholeRays* made) const {
+    expect_ok(doors_.device->start(slot.get(), scene.get(), kernel, &call, made),
               "starting a call");
 }
 

@@ -36,8 +36,9 @@ public:
     /// Gives why it was refused, or nothing: without it copies are slower, and right.
     [[nodiscard]] std::string pin(void* memory, std::uint64_t bytes) const;
 
-    void start(const Slot& slot, const Scene& scene, TraceFunction kernel,
-               const TraceCall& call) const;
+    /// With `made` the device makes the call's rays.
+    void start(const Slot& slot, const Scene& scene, TraceFunction kernel, const TraceCall& call,
+               const PinholeRays* made) const;
     /// Gives the seconds that its kernel took.
     double finish(const Slot& slot) const;
 

@@ -28,7 +28,7 @@ Parsed<CudaOptions> parse_cuda_options(int argc, const char* const* argv) {
     for (CLI::App* const command : {&check, &time}) {
         command->add_option("--pack", options.pack, "the device's pack")->required();
         command->add_option("--arena", options.arena, "a baked scene")->required();
-        command->add_option("--rays", options.rays, "a .rays file, or random")->required();
+        command->add_option("--rays", options.rays, "a .rays file, random, or camera")->required();
         command->add_option("--count", options.count, "those of a file over and over, or a share")
             ->check(CLI::Range(0U, 1U << 24));
     }
