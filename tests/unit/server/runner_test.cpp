@@ -128,6 +128,66 @@ TEST_CASE("a brief task that takes long goes to a worker, and the rest of the tu
     CHECK(next == std::vector<std::thread::id>{here});
 }
 
+/// Tasks for a GPU that gives them up: each then is one for a CPU, where all stay for a while.
+class GivenUpJob final : public Job {
+public:
+    GivenUpJob(int tasks, const Post& post, std::atomic<int>& computing, std::atomic<bool>& release)
+        : tasks_(tasks),
+          left_(tasks),
+          post_(post),
+          computing_(computing),
+          release_(release) {}
+    std::optional<Task> next() override {
+        Task task;
+        if (given_up_ > 0) {
+            --given_up_;
+            task.run = [this](const Stop&) -> Reply<Frames> {
+                ++computing_;
+                post_([] {});  // for who waits for that
+                while (!release_) std::this_thread::yield();
+                --left_;
+                return Frames{};
+            };
+            return task;
+        }
+        if (tasks_ == 0) return std::nullopt;
+        --tasks_;
+        task.lane = Lane::device;
+        task.run = [this](const Stop&) -> Reply<Frames> {
+            ++given_up_;
+            return Frames{};
+        };
+        return task;
+    }
+    [[nodiscard]] bool finished() const override { return left_ == 0; }
+    Frames farewell() override { return {}; }
+
+private:
+    int tasks_;
+    std::atomic<int> left_;
+    std::atomic<int> given_up_{0};
+    const Post& post_;
+    std::atomic<int>& computing_;
+    std::atomic<bool>& release_;
+};
+
+TEST_CASE("what a GPU gives up has all of the CPU, and the GPU is free for others") {
+    Bench bench;
+    std::atomic<int> computing{0};
+    std::atomic<bool> release{false};
+    REQUIRE(bench.runner->start(
+        1, accept(std::make_unique<GivenUpJob>(20, bench.engine.post, computing, release))));
+    // Two compute threads, one of the device: were tasks there counted together, the second thread
+    // would stand idle.
+    REQUIRE(bench.run_until([&] { return computing == 2; }));
+    std::atomic<bool> on_device{false};
+    bench.engine.device.submit("other", Priority::normal, [&] { on_device = true; });
+    while (!on_device) std::this_thread::yield();
+    release = true;
+    REQUIRE(bench.run_until_idle());
+    CHECK(computing == 20);
+}
+
 TEST_CASE("never more bytes than the client's credit, and every grant is used") {
     Bench bench;
     constexpr std::uint64_t bytes = 400 << 10;
