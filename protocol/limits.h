@@ -54,6 +54,7 @@ struct Limits {
     std::uint64_t idle_ms_max = 60000;
     std::uint64_t drain_ms_max = 30000;
     std::uint64_t chunk_ms_max = 60000;
+    std::uint64_t cuda_rays_max = 128ULL << 10;
     std::uint64_t cuda_call_ms_max = 5000;
     std::uint64_t cuda_start_ms_max = 60000;
     std::uint64_t cuda_retry_ms = 1000;

@@ -118,7 +118,7 @@ std::unique_ptr<device::Worker> make_cuda(const Options& options, const Registry
     of.command = {std::filesystem::read_symlink("/proc/self/exe").string(),
                   std::string(device_worker_flag), options.cuda_pack.string()};
     of.slots = cuda_calls_max;
-    of.shape = {limits.chunk_rays_max, hit_bytes_max / sizeof(HitRecord)};
+    of.shape = {call_rays_max(limits), hit_bytes_max / sizeof(HitRecord)};
     return std::make_unique<device::Worker>(std::move(of), registry, budget, metrics, limits);
 }
 

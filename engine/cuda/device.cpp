@@ -2,6 +2,7 @@
 #include "engine/packs/device.h"
 
 #include "engine/cuda/device_scene.h"
+#include "engine/cuda/make_rays.h"
 #include "engine/cuda/slot.h"
 #include "engine/cuda/status.h"
 
@@ -13,19 +14,40 @@ namespace raynest {
 namespace cuda {
 namespace {
 
+/// Does it last as long as the machine and its driver are what they are? Another one may pass: of a
+/// device that somebody has for himself, or that starts.
+bool is_absence(cudaError_t error) {
+    switch (error) {
+        case cudaErrorStubLibrary:
+        case cudaErrorInsufficientDriver:
+        case cudaErrorNoDevice:
+        case cudaErrorNoKernelImageForDevice:
+        case cudaErrorUnsupportedPtxVersion:
+        case cudaErrorSystemDriverMismatch:
+        case cudaErrorCompatNotSupportedOnDevice:
+            return true;
+        default:
+            return false;
+    }
+}
+
 TraceStatus open(DeviceInfo* info) noexcept {
-    // Threads that wait for the device sleep: the cores are for tracing.
-    if (const TraceStatus status = status_of(cudaSetDeviceFlags(cudaDeviceScheduleBlockingSync));
-        status != trace_ok)
-        return status;
     cudaDeviceProp properties{};
-    if (const TraceStatus status = status_of(cudaGetDeviceProperties(&properties, 0));
-        status != trace_ok)
-        return status;
+    const auto take = [&]() -> cudaError_t {
+        // Threads that wait for the device sleep: the cores are for tracing.
+        if (const auto error = cudaSetDeviceFlags(cudaDeviceScheduleBlockingSync)) return error;
+        if (const auto error = cudaGetDeviceProperties(&properties, 0)) return error;
+        if (const auto error = cudaSetDevice(0)) return error;
+        // Has the pack code for it?
+        cudaFuncAttributes kernel{};
+        return cudaFuncGetAttributes(&kernel, make_rays_kernel());
+    };
+    const cudaError_t error = take();
     *info = {};
     std::strncpy(info->name, properties.name, sizeof info->name - 1);
     info->memory_bytes = properties.totalGlobalMem;
-    return status_of(cudaSetDevice(0));
+    info->absent = is_absence(error);
+    return status_of(error);
 }
 
 TraceStatus pin(void* memory, std::uint64_t bytes) noexcept {
@@ -41,7 +63,8 @@ TraceStatus give(T** to, Make make) noexcept {
         return status;
     } catch (const std::bad_alloc&) {
         *to = nullptr;
-        return out_of_host_memory();
+        (void)out_of_host_memory();
+        return trace_cancelled;  // not of the device: room there would not help
     }
 }
 

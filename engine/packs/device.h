@@ -15,7 +15,7 @@
 
 namespace raynest {
 
-inline constexpr std::uint32_t device_abi = 1;
+inline constexpr std::uint32_t device_abi = 2;
 
 struct DeviceScene;  ///< the pack's
 struct DeviceSlot;   ///< the pack's
@@ -23,6 +23,7 @@ struct DeviceSlot;   ///< the pack's
 struct DeviceInfo {
     char name[128];
     std::uint64_t memory_bytes;
+    bool absent;  ///< open() failed from what lasts: there is no device that the pack has code for
 };
 
 /// All functions are thread-safe but for those of one slot among themselves. trace_no_device means
@@ -38,7 +39,8 @@ struct Device {
     TraceStatus (*pin)(void* memory, std::uint64_t bytes) noexcept;
 
     /// Copies a sound scene (scene/arena_check.h) to the device; it is not needed afterwards.
-    /// trace_too_deep: it has more levels than kernels take. trace_out_of_memory: of the device.
+    /// trace_too_deep: it has more levels than kernels take. trace_out_of_memory: of the device;
+    /// trace_cancelled: of the host.
     TraceStatus (*load)(const SceneView*, DeviceScene**) noexcept;
     void (*unload)(DeviceScene*) noexcept;
     std::uint64_t (*bytes_of)(const DeviceScene*) noexcept;

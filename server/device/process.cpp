@@ -31,7 +31,7 @@ void wait_elsewhere(pid_t pid) noexcept {
 
 Result<std::shared_ptr<Process>> Process::start(const Setup& setup) {
     std::shared_ptr<Process> process(new Process(setup.shape));
-    if (const auto shared = process->share_memory(setup.slots); !shared)
+    if (const auto shared = process->share_memory(setup); !shared)
         return tl::unexpected(shared.error());
     auto control = Channel::make_pair();
     if (!control) return tl::unexpected(control.error());
@@ -47,11 +47,17 @@ Result<std::shared_ptr<Process>> Process::start(const Setup& setup) {
     return process;
 }
 
-Result<void> Process::share_memory(std::uint32_t slots) {
+Result<void> Process::share_memory(const Setup& setup) {
+    const std::uint64_t bytes = setup.slots * shape_.bytes();
+    auto lease = setup.budget->reserve(bytes);
+    if (!lease)
+        return fail(ErrorCode::limit_exceeded, "its slots need " + std::to_string(bytes) +
+                                                   " bytes, more than --memory has left");
+    lease_ = std::move(*lease);
     auto file = create_memory_file("raynest-device-slots");
     if (!file) return tl::unexpected(file.error());
     memory_file_ = std::move(*file);
-    if (::ftruncate(memory_file_.get(), static_cast<off_t>(slots * shape_.bytes())) == 0)
+    if (::ftruncate(memory_file_.get(), static_cast<off_t>(bytes)) == 0)
         memory_ = Mapping(memory_file_, Mapping::Access::share);
     if (!memory_.bytes().empty()) return {};
     return fail(ErrorCode::io_failed,

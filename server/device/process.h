@@ -3,6 +3,7 @@
 
 #include "server/device/channel.h"
 #include "server/device/wire.h"
+#include "server/store/budget.h"
 
 #include <atomic>
 #include <chrono>
@@ -21,6 +22,7 @@ public:
         std::vector<std::string> command;  ///< ends up in run_worker_process()
         std::uint32_t slots = 1;           ///< at most slots_max
         SlotShape shape;
+        Budget* budget = nullptr;              ///< that the memory of its slots is of
         std::chrono::milliseconds patience{};  ///< for its start
         const std::atomic<bool>* stop;         ///< gives up the start
     };
@@ -47,12 +49,13 @@ public:
 
 private:
     explicit Process(const SlotShape& shape) : shape_(shape) {}
-    Result<void> share_memory(std::uint32_t slots);
+    Result<void> share_memory(const Setup& setup);
     Result<void> greet(const Setup& setup, Channel control);
     /// Waits a little for its end. Gives how it ended, in words.
     std::string reap() const;
 
     const SlotShape shape_;
+    Budget::Lease lease_;
     Fd memory_file_;
     Mapping memory_;
     pid_t pid_ = -1;

@@ -137,10 +137,10 @@ struct Request {
 enum class Verdict : std::uint32_t {
     done,
     unknown_scene,  ///< load it first
-    out_of_memory,
-    too_deep,  ///< kernels do not take the scene
-    refused,   ///< the request makes no sense
-    lost       ///< the device cannot be trusted any more
+    out_of_memory,  ///< the text says which
+    too_deep,       ///< kernels do not take the scene
+    refused,        ///< the request makes no sense
+    lost            ///< the device cannot be trusted any more
 };
 
 struct Outcome {

@@ -19,8 +19,11 @@ using std::chrono::milliseconds;
 /// A scene that found no room may find some later.
 constexpr std::chrono::seconds scene_pause{10};
 /// One that ends processes is left alone for longer, from the third time on: two may be chance.
+/// Whatever goes well between them: of its chunks one may be bad.
 constexpr std::chrono::seconds loss_pause{300};
 constexpr unsigned losses_max = 3;
+/// After so long without another, losses are forgotten.
+constexpr std::chrono::seconds loss_memory{600};
 /// At whether the process lives.
 constexpr milliseconds look{500};
 constexpr std::size_t refused_max = 1024;
@@ -33,6 +36,12 @@ std::optional<std::uint32_t> find_kernel(const Ready& ready, const Kernel& kerne
             return (variant.queries >> kernel.query & 1U) != 0 ? std::optional(i) : std::nullopt;
     }
     return std::nullopt;
+}
+
+/// Of the trees that the process makes of a scene on their way to the device: 384 bytes of a
+/// block's 320, 96 of a node's 256 (cuda/device_tree.h).
+constexpr std::uint64_t compressed_bytes_max(std::uint64_t scene_bytes) {
+    return scene_bytes + scene_bytes / 5;
 }
 
 Refusal later(std::string reason, std::uint32_t retry_after_ms) {
@@ -166,7 +175,7 @@ Result<Worker::ProcessPointer> Worker::begin_without_throwing() {
 }
 
 Result<Worker::ProcessPointer> Worker::begin() {
-    auto process = Process::start({options_.command, options_.slots, options_.shape,
+    auto process = Process::start({options_.command, options_.slots, options_.shape, &budget_,
                                    milliseconds(limits_.cuda_start_ms_max), &stopping_});
     if (!process) return process;
     {
@@ -257,9 +266,7 @@ tl::expected<void, Refusal> Worker::trace_if_up(const Kernel& kernel, const Snap
     if (!lease) return tl::unexpected(lease.error());
     auto traced = trace_on(*lease->process(), lease->slot(), kernel, scene, call, made,
                            milliseconds(limits_.cuda_call_ms_max));
-    if (traced)
-        forget(scene);
-    else if (traced.error().lost)
+    if (!traced && traced.error().lost)
         return tl::unexpected(lose(lease->process(), scene, std::move(traced.error())));
     return traced;
 }
@@ -313,8 +320,7 @@ tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slo
             return tl::unexpected(
                 remember(scene, no_room("other scenes drove this one out at once")));
         case Verdict::out_of_memory:
-            return tl::unexpected(remember(
-                scene, no_room("out of device memory (" + outcome->text.printable() + ")")));
+            return tl::unexpected(remember(scene, no_room(outcome->text.printable())));
         case Verdict::too_deep:
             return tl::unexpected(remember(
                 scene, Refusal{"its kernels do not take the scene: it is nested too deep"}));
@@ -344,7 +350,7 @@ tl::expected<Outcome, Refusal> Worker::load(Process& process, std::uint32_t slot
     // A copy, once: arenas lie on huge pages, which traversal gains 2 to 9 % by (bvh/pages.h) and
     // memory files have none of unless the system was told to.
     const auto bytes = scene.bytes();
-    const auto lease = budget_.reserve(bytes.size());
+    const auto lease = budget_.reserve(bytes.size() + compressed_bytes_max(bytes.size()));
     if (!lease)
         return tl::unexpected(remember(
             scene, no_room("handing the scene over needs more memory than --memory has left")));
@@ -369,14 +375,10 @@ Worker::Refused& Worker::refused_locked(const Snapshot& scene) {
 Refusal Worker::remember(const Snapshot& scene, Refusal refusal) {
     const std::lock_guard lock(mutex_);
     Refused& refused = refused_locked(scene);
+    if (refused.until > Clock::now() + scene_pause) return refusal;
     refused.refusal = refusal;
     refused.until = Clock::now() + scene_pause;
     return refusal;
-}
-
-void Worker::forget(const Snapshot& scene) {
-    const std::lock_guard lock(mutex_);
-    if (!refused_.empty()) refused_.erase(scene.hash());
 }
 
 Refusal Worker::lose(const ProcessPointer& process, const Snapshot& scene, Refusal refusal) {
@@ -387,9 +389,11 @@ Refusal Worker::lose(const ProcessPointer& process, const Snapshot& scene, Refus
         return refusal;
     }
     Refused& refused = refused_locked(scene);
+    const Clock::time_point now = Clock::now();
+    if (now - std::exchange(refused.lost, now) > loss_memory) refused.losses = 0;
     if (++refused.losses >= losses_max) {
         refused.refusal = refusal;
-        refused.until = Clock::now() + loss_pause;
+        refused.until = now + loss_pause;
     }
     lose_locked(refusal.reason);
     return refusal;

@@ -85,7 +85,8 @@ private:
 
     struct Refused {
         Refusal refusal;
-        unsigned losses = 0;  ///< of processes, by this scene, one after the other
+        unsigned losses = 0;  ///< of processes, by this scene, each soon after the one before
+        Clock::time_point lost;
         Clock::time_point until;
     };
     Refused& refused_locked(const Snapshot& scene);
@@ -107,7 +108,6 @@ private:
                                          const PinholeRays* made,
                                          std::chrono::milliseconds patience);
     Refusal remember(const Snapshot& scene, Refusal refusal);
-    void forget(const Snapshot& scene);
     /// The process is no good any more, found with this scene. Gives the refusal with the reason
     /// that was found first.
     Refusal lose(const ProcessPointer& process, const Snapshot& scene, Refusal refusal);

@@ -123,13 +123,15 @@ private:
             case trace_ok:
                 return {Verdict::done, {}};
             case trace_out_of_memory:
+                return {Verdict::out_of_memory, Text<256>(std::string("out of device memory (") +
+                                                          pack_.device->error() + ")")};
+            case trace_cancelled:
                 return {Verdict::out_of_memory, Text<256>(pack_.device->error())};
             case trace_too_deep:
                 return {Verdict::too_deep, {}};
             case trace_no_device:
                 return {Verdict::lost, Text<256>(pack_.device->error())};
             case trace_bad_call:
-            case trace_cancelled:  // by nobody: its calls end by themselves, or with the process
                 break;
         }
         return refuse("the kernel refused its call");
@@ -168,7 +170,7 @@ int run_worker_process(const char* path) {
     if (!pack) return end(control, pack.error().message, true);
     const Device& device = *pack->device;
     DeviceInfo info{};
-    if (device.open(&info) != trace_ok) return end(control, device.error(), true);
+    if (device.open(&info) != trace_ok) return end(control, device.error(), info.absent);
     // Without it copies are slower, and right.
     std::string name(info.name);
     if (device.pin(memory.bytes().data(), memory.bytes().size()) != trace_ok)

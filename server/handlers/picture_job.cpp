@@ -63,7 +63,9 @@ PictureJob::PictureJob(const Services& services, const Caller& caller, PictureOr
       id_(caller.request_id),
       order_(std::move(order)),
       chunk_rays_(order_.plan.chunk_rays_max(services.limits)),
-      piece_bytes_(std::min(piece_bytes_max, caller.window_bytes / 2)) {}
+      cuda_rays_(order_.plan.cuda_rays_max(services.limits)),
+      piece_bytes_(std::min(piece_bytes_max, caller.window_bytes / 2)),
+      runs_{{0, order_.pixels()}} {}
 
 Frames PictureJob::greeting() {
     wire::StartedT message = started(order_.plan, services_.limits);
@@ -76,7 +78,7 @@ Frames PictureJob::greeting() {
 std::optional<Task> PictureJob::next() {
     switch (stage_) {
         case Stage::tracing:
-            if (next_pixel_ < order_.pixels()) return trace_task();
+            if (Run run = take_run(); run.count != 0) return trace_task(std::move(run));
             return std::nullopt;
         case Stage::encoding:
             if (!encode_started_) return encode_task();
@@ -90,7 +92,7 @@ std::optional<Task> PictureJob::next() {
 }
 
 Reply<void> PictureJob::ended() {
-    if (stage_ == Stage::tracing && --chunks_running_ == 0 && next_pixel_ == order_.pixels())
+    if (stage_ == Stage::tracing && --chunks_running_ == 0 && tally_.rays() == order_.pixels())
         stage_ = Stage::encoding;
     else if (stage_ == Stage::encoding)
         stage_ = Stage::sending;
@@ -117,28 +119,44 @@ std::optional<Progress> PictureJob::progress() const {
     return Progress{sent_, payload_.bytes.size(), "sending"};
 }
 
-Task PictureJob::trace_task() {
-    const std::uint64_t first = next_pixel_;
-    const std::uint64_t count = std::min(chunk_rays_, order_.pixels() - first);
-    next_pixel_ += count;
+PictureJob::Run PictureJob::take_run() {
+    const std::lock_guard lock(mutex_);
+    if (runs_.empty()) return {};
+    Run& rest = runs_.back();
+    Run run = rest;
+    run.count = std::min(on_cuda(rest) ? cuda_rays_ : chunk_rays_, rest.count);
+    rest.first += run.count;
+    rest.count -= run.count;
+    if (rest.count == 0) runs_.pop_back();
+    return run;
+}
+
+Task PictureJob::trace_task(Run run) {
     ++chunks_running_;
     Task task;
-    task.lane = order_.plan.worker.lane();
-    task.run = [this, first, count](const Stop& stop) -> Reply<Frames> {
-        tally_.begin();
-        TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        buffers.rays.resize(count);
-        generate_tiles(pinhole(order_.camera, {order_.width, order_.height}), first, buffers.rays);
-        if (const auto exposed = expose(first, buffers.rays, stop, buffers); !exposed)
-            return tl::unexpected(exposed.error());
-        const auto missed = std::count_if(buffers.hits.begin(), buffers.hits.end(),
-                                          [](const HitRecord& hit) { return hit.hit == 0; });
-        const auto misses = static_cast<std::uint64_t>(missed);
-        tally_.add(buffers, {count, count - misses, misses, 0});
-        services_.metrics.rays += count;
-        return Frames{};
-    };
+    task.lane = on_cuda(run) ? Lane::device : Lane::compute;
+    task.run = [this, run = std::move(run)](const Stop& stop) { return trace_run(run, stop); };
     return task;
+}
+
+Reply<Frames> PictureJob::trace_run(const Run& run, const Stop& stop) {
+    tally_.begin();
+    TraceBuffers& buffers = TraceBuffers::of_this_thread();
+    buffers.fallback = run.fallback;
+    buffers.rays.resize(run.count);
+    generate_tiles(pinhole(order_.camera, {order_.width, order_.height}), run.first, buffers.rays);
+    if (const auto exposed = expose(run.first, buffers.rays, stop, buffers); !exposed) {
+        if (!on_cuda(run) || buffers.fallback.empty()) return tl::unexpected(exposed.error());
+        const std::lock_guard lock(mutex_);
+        runs_.push_back({run.first, run.count, buffers.fallback});
+        return Frames{};
+    }
+    const auto missed = std::count_if(buffers.hits.begin(), buffers.hits.end(),
+                                      [](const HitRecord& hit) { return hit.hit == 0; });
+    const auto misses = static_cast<std::uint64_t>(missed);
+    tally_.add(buffers, {run.count, run.count - misses, misses, 0});
+    services_.metrics.rays += run.count;
+    return Frames{};
 }
 
 Reply<void> PictureJob::trace_camera(std::uint64_t first, std::span<const Ray> rays,

@@ -8,6 +8,7 @@
 #include "server/handlers/tracing.h"
 
 #include <cstdint>
+#include <mutex>
 #include <span>
 #include <string>
 #include <vector>
@@ -82,7 +83,19 @@ protected:
 
 private:
     enum class Stage { tracing, encoding, sending };
-    Task trace_task();
+    /// Rays of the tile order, and why they are the CPU's, after a GPU gave them up.
+    struct Run {
+        std::uint64_t first = 0;
+        std::uint64_t count = 0;
+        std::string fallback = {};
+    };
+    [[nodiscard]] bool on_cuda(const Run& run) const {
+        return order_.plan.worker.cuda != nullptr && run.fallback.empty();
+    }
+    /// The first run that waits, or a part of it; of none the count is 0.
+    Run take_run();
+    Reply<Frames> trace_run(const Run& run, const Stop& stop);
+    Task trace_task(Run run);
     Task encode_task();
     Task send_task();
 
@@ -90,11 +103,13 @@ private:
     const std::uint64_t id_;
     const PictureOrder order_;
     const std::uint64_t chunk_rays_;
+    const std::uint64_t cuda_rays_;
     const std::uint64_t piece_bytes_;
     Tally tally_;
     Stage stage_ = Stage::tracing;
-    std::uint64_t next_pixel_ = 0;
     std::uint64_t chunks_running_ = 0;
+    std::mutex mutex_;
+    std::vector<Run> runs_;  ///< not traced and not under way; those that came last go first
     bool encode_started_ = false;
     bool piece_running_ = false;
     Payload payload_;  ///< written by the encoding task, read afterwards

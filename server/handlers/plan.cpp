@@ -2,6 +2,7 @@
 
 #include "engine/geometry/triangle.h"
 #include "server/handlers/scene_info.h"
+#include "server/handlers/tracing.h"
 
 #include <algorithm>
 #include <array>
@@ -113,6 +114,11 @@ bool Plan::same_call(const Plan& other) const {
 std::uint64_t Plan::chunk_rays_max(const protocol::Limits& limits) const {
     return traversal == traversal_reference ? std::min(reference_rays_max, limits.chunk_rays_max)
                                             : limits.chunk_rays_max;
+}
+
+std::uint64_t Plan::cuda_rays_max(const protocol::Limits& limits) const {
+    const std::uint64_t by_hits = hit_bytes_max / (sizeof(HitRecord) * hits_max);
+    return std::min(by_hits, call_rays_max(limits));
 }
 
 bool Plan::has_small_trees() const {

@@ -46,6 +46,8 @@ struct Plan {
     [[nodiscard]] bool has_small_trees() const;
     /// Rays that one task may trace at most: a chunk, or few where a ray walks the whole scene.
     [[nodiscard]] std::uint64_t chunk_rays_max(const protocol::Limits& limits) const;
+    /// The same of a task whose rays a GPU traces.
+    [[nodiscard]] std::uint64_t cuda_rays_max(const protocol::Limits& limits) const;
     /// Where columns come from; the caller adds rays and hits.
     [[nodiscard]] ColumnSource source(const Registry& registry) const;
 };

@@ -69,14 +69,17 @@ public:
           cost_(columns_.cost(plan_)),
           answer_bytes_(answer_bytes(plan_, cost_, caller)),
           chunk_rays_(source_.chunk_rays(chunk_rays(plan_, cost_, answer_bytes_, services.limits))),
+          cuda_rays_(cuda_chunks() * chunk_rays_),
           fitting_(chunk_rays_) {}
 
 protected:
-    [[nodiscard]] std::uint64_t piece_rays(const Piece& /*rest*/) const override {
-        return fitting_;
+    [[nodiscard]] std::uint64_t piece_rays(const Piece& rest) const override {
+        return on_cuda(rest) ? cuda_rays_ : fitting_.load();
     }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t rays) const override {
-        return plan_.query == query_all ? answer_bytes_ : cost_.bytes(rays, rays * plan_.hits_max);
+        if (plan_.query == query_all) return answer_bytes_;
+        const std::uint64_t rest = rays % chunk_rays_;
+        return rays / chunk_rays_ * chunk_bytes(chunk_rays_) + (rest != 0 ? chunk_bytes(rest) : 0);
     }
     [[nodiscard]] std::uint64_t rows() const override { return source_.rays(); }
 
@@ -93,6 +96,7 @@ protected:
         TraceBuffers& buffers = TraceBuffers::of_this_thread();
         auto rays = source_.trace(plan_, piece, stop, buffers, any_order());
         if (!rays) return tl::unexpected(rays.error());
+        if (piece.count > chunk_rays_) return encode_in_chunks(piece.first, *rays, buffers);
         const std::size_t count = fitting(buffers);
         auto frames = encode(piece.first, rays->first(count), buffers);
         if (frames && plan_.query == query_all) give_back_behind(piece, count);
@@ -146,6 +150,31 @@ private:
         const Piece piece_;
     };
 
+    [[nodiscard]] std::uint64_t chunk_bytes(std::uint64_t rays) const {
+        return cost_.bytes(rays, rays * plan_.hits_max);
+    }
+
+    /// A GPU's call is answered in frames as a CPU's are, which together are no more than one
+    /// answer may be: how many.
+    [[nodiscard]] std::uint64_t cuda_chunks() const {
+        const std::uint64_t by_rays = plan_.cuda_rays_max(services_.limits) / chunk_rays_;
+        const std::uint64_t by_bytes = answer_bytes_ / chunk_bytes(chunk_rays_);
+        return std::max<std::uint64_t>(1, std::min(by_rays, by_bytes));
+    }
+
+    Reply<Frames> encode_in_chunks(std::uint64_t first, std::span<const Ray> rays,
+                                   TraceBuffers& buffers) {
+        Frames frames;
+        TraceBuffers chunk;
+        for (std::uint64_t done = 0; done < rays.size(); done += chunk_rays_) {
+            buffers.copy(done, std::min(chunk_rays_, rays.size() - done), rays, chunk);
+            auto frame = encode(first + done, chunk.rays, chunk);
+            if (!frame) return frame;
+            frames.push_back(std::move(frame->front()));
+        }
+        return frames;
+    }
+
     /// Worker thread: the frame with the columns of these rays.
     Reply<Frames> encode(std::uint64_t first, std::span<const Ray> rays, TraceBuffers& buffers) {
         auto frame = columns_.encode(plan_, services_.registry, id_, first, rays, buffers, tally_);
@@ -189,6 +218,7 @@ private:
     const Columns::Cost cost_;
     const std::uint64_t answer_bytes_;
     const std::uint64_t chunk_rays_;
+    const std::uint64_t cuda_rays_;       ///< of several chunks
     std::atomic<std::uint64_t> fitting_;  ///< rays to try with the next task
 };
 

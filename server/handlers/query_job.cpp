@@ -78,23 +78,54 @@ std::optional<Task> QueryJob::next() {
         given_back_.clear();
     }
     if (pieces_.empty()) return std::nullopt;
-    Piece piece =
-        pieces_.front().split(std::min(piece_rays(pieces_.front()), pieces_.front().count));
-    if (pieces_.front().count == 0) pieces_.pop_front();
+    Piece piece = take_piece();
     Task task;
     task.reply_bytes_max = reply_bytes(piece.count);
-    // What is given back in part keeps its frame for longer: free_input().
-    if (plan_.query != query_all) task.input_bytes = std::exchange(piece.input_bytes, 0);
+    // What may be given back keeps its frame for longer.
+    if (plan_.query != query_all && !on_cuda(piece))
+        task.input_bytes = std::exchange(piece.input_bytes, 0);
     if (source_.rays() * plan_.hits_max <= brief_hits_max && plan_.has_small_trees() &&
         plan_.traversal != traversal_reference && plan_.worker.cuda == nullptr)
         task.brief_hits = piece.count * plan_.hits_max;
-    task.lane = plan_.worker.lane();
+    task.lane = on_cuda(piece) ? Lane::device : Lane::compute;
     task.question = question(piece);
     task.run = [this, piece = std::move(piece)](const Stop& stop) {
         tally_.begin();
-        return answer(piece, stop);
+        return answer_or_fall_back(piece, stop);
     };
     return task;
+}
+
+Piece QueryJob::take_piece() {
+    const auto take = [this](std::uint64_t most) {
+        Piece piece = pieces_.front().split(std::min(most, pieces_.front().count));
+        if (pieces_.front().count == 0) pieces_.pop_front();
+        return piece;
+    };
+    const std::uint64_t most = piece_rays(pieces_.front());
+    Piece piece = take(most);
+    // A frame of rays does not fill a GPU. It gets those that have come, and waits for none.
+    while (on_cuda(piece) && !source_.has_points() && piece.count < most && !pieces_.empty() &&
+           on_cuda(pieces_.front()) && pieces_.front().first == piece.first + piece.count)
+        piece.append(take(most - piece.count));
+    return piece;
+}
+
+Reply<Frames> QueryJob::answer_or_fall_back(const Piece& piece, const Stop& stop) {
+    std::string& fallback = TraceBuffers::of_this_thread().fallback;
+    fallback = piece.fallback;
+    auto frames = answer(piece, stop);
+    if (!on_cuda(piece)) return frames;
+    if (frames) {
+        for (const Piece& part : piece.parts()) freed_input_ += part.input_bytes;
+    } else if (!fallback.empty()) {
+        for (Piece& part : piece.parts()) {
+            part.fallback = fallback;
+            give_back(std::move(part));
+        }
+        return Frames{};
+    }
+    return frames;
 }
 
 bool QueryJob::needs_input() const {

@@ -44,7 +44,7 @@ protected:
     [[nodiscard]] virtual std::shared_ptr<const Question> question(const Piece& /*piece*/) {
         return nullptr;
     }
-    /// Rays of the next piece, at most, which begins where `rest` does.
+    /// Rays of the next piece, at most, which begins where `rest` does; on_cuda() says for whom.
     [[nodiscard]] virtual std::uint64_t piece_rays(const Piece& rest) const = 0;
     /// Bulk bytes of the answer to a piece of so many rays, at most.
     [[nodiscard]] virtual std::uint64_t reply_bytes(std::uint64_t rays) const = 0;
@@ -56,6 +56,9 @@ protected:
     /// Worker thread: so many rays are answered of a piece that may be given back in part.
     void free_input(const Piece& piece, std::uint64_t count);
     [[nodiscard]] bool all_answered() const { return tally_.rays() == source_.rays(); }
+    [[nodiscard]] bool on_cuda(const Piece& piece) const {
+        return plan_.worker.cuda != nullptr && piece.fallback.empty();
+    }
 
     const Services& services_;
     const std::uint64_t id_;
@@ -65,6 +68,10 @@ protected:
 
 private:
     [[nodiscard]] std::uint64_t points() const { return source_.rays() / source_.rays_per_point(); }
+    /// The first rays that wait; there are some.
+    Piece take_piece();
+    /// Worker thread.
+    Reply<Frames> answer_or_fall_back(const Piece& piece, const Stop& stop);
 
     std::deque<Piece> pieces_;  ///< without an answer and not under way
     std::uint64_t received_ = 0;

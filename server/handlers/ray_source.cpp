@@ -218,8 +218,17 @@ std::uint64_t RaySource::chunk_rays(std::uint64_t most) const {
 }
 
 std::span<const Ray> RaySource::rays_of(const Piece& piece, TraceBuffers& buffers) const {
-    if (std::holds_alternative<Sent>(origin_))
-        return piece.sent.rays(piece.first - piece.sent_first, piece.count, buffers.sent);
+    if (std::holds_alternative<Sent>(origin_)) {
+        if (piece.more.empty())
+            return piece.sent.rays(piece.first - piece.sent_first, piece.count, buffers.sent);
+        buffers.rays.clear();
+        for (const Piece& part : piece.parts()) {
+            const auto rays =
+                part.sent.rays(part.first - part.sent_first, part.count, buffers.sent);
+            buffers.rays.insert(buffers.rays.end(), rays.begin(), rays.end());
+        }
+        return buffers.rays;
+    }
     buffers.rays.resize(piece.count);
     if (const auto* sensor = std::get_if<SensorPointer>(&origin_)) {
         generate_rays((*sensor)->get(), piece.first, buffers.rays);

@@ -17,6 +17,7 @@
 #include <mutex>
 #include <optional>
 #include <span>
+#include <string>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -60,6 +61,8 @@ struct Piece {
     SentRays sent = {};                     ///< rays, or the points they start from
     std::uint64_t sent_first = 0;           ///< of them in the query
     std::uint64_t input_bytes = 0;          ///< of the frame: due when all is answered
+    std::vector<Piece> more = {};           ///< for a GPU: the rest of `count`, in other frames
+    std::string fallback = {};              ///< why it is the CPU's, after a GPU gave it up
 
     /// Cuts off the first `rays`.
     Piece split(std::uint64_t rays) {
@@ -69,6 +72,21 @@ struct Piece {
         count -= rays;
         if (count != 0) head.input_bytes = 0;
         return head;
+    }
+    /// Takes in what follows it.
+    void append(Piece next) {
+        count += next.count;
+        more.push_back(std::move(next));
+    }
+    /// What it was appended from: each lies in one frame.
+    [[nodiscard]] std::vector<Piece> parts() const {
+        std::vector<Piece> all = {*this};
+        all.front().more.clear();
+        for (const Piece& part : more) {
+            all.front().count -= part.count;
+            all.push_back(part);
+        }
+        return all;
     }
 };
 

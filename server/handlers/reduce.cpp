@@ -40,15 +40,14 @@ public:
     FractionJob(const Services& services, const Caller& caller, Plan plan, RaySource source)
         : QueryJob(services, caller, std::move(plan), std::move(source)),
           batch_rays_(plan_.chunk_rays_max(services.limits)),
-          task_points_(std::clamp<std::uint64_t>(
-              batch_rays_ / source_.rays_per_point(), 1,
-              (frame_bytes_max(caller) - protocol::alignment) / sizeof(float))) {}
+          cuda_batch_rays_(plan_.cuda_rays_max(services.limits)),
+          points_max_((frame_bytes_max(caller) - protocol::alignment) / sizeof(float)) {}
 
 protected:
     [[nodiscard]] std::uint64_t piece_rays(const Piece& rest) const override {
         const std::uint64_t each = source_.rays_per_point();
-        return each > batch_rays_ ? std::min(batch_rays_, each - rest.first % each)
-                                  : each * task_points_;
+        const std::uint64_t batch = on_cuda(rest) ? cuda_batch_rays_ : batch_rays_;
+        return each > batch ? std::min(batch, each - rest.first % each) : each * task_points(batch);
     }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t rays) const override {
         const std::uint64_t points = std::max<std::uint64_t>(1, rays / source_.rays_per_point());
@@ -58,8 +57,8 @@ protected:
         return source_.rays() / source_.rays_per_point();
     }
     [[nodiscard]] std::uint64_t result_bytes() const override {
-        return reply_bytes(source_.rays()) +
-               (rows() / task_points_ + 1) * (protocol::alignment + answer_head_bytes_max);
+        return reply_bytes(source_.rays()) + (rows() / task_points(batch_rays_) + 1) *
+                                                 (protocol::alignment + answer_head_bytes_max);
     }
 
     Reply<Frames> answer(const Piece& piece, const Stop& stop) override {
@@ -78,6 +77,10 @@ protected:
     }
 
 private:
+    /// Whole points of a task; one that has more rays goes in parts.
+    [[nodiscard]] std::uint64_t task_points(std::uint64_t batch) const {
+        return std::clamp<std::uint64_t>(batch / source_.rays_per_point(), 1, points_max_);
+    }
     /// Was it the last part of its point? Then `hits` become those of all.
     bool add_part(const Piece& piece, std::uint32_t& hits) {
         const std::uint64_t each = source_.rays_per_point();
@@ -105,7 +108,8 @@ private:
         std::uint32_t hits = 0;
     };
     const std::uint64_t batch_rays_;
-    const std::uint64_t task_points_;
+    const std::uint64_t cuda_batch_rays_;
+    const std::uint64_t points_max_;  ///< of an answer
     std::mutex mutex_;
     std::map<std::uint64_t, Part> parts_;  ///< of points that are traced in parts, so far
 };
@@ -118,6 +122,7 @@ public:
                std::uint64_t paths_max, Budget::Lease lease)
         : QueryJob(services, caller, std::move(plan), std::move(source)),
           chunk_rays_(source_.chunk_rays(plan_.chunk_rays_max(services.limits))),
+          cuda_rays_(source_.chunk_rays(plan_.cuda_rays_max(services.limits))),
           frame_rows_(std::min(services.limits.chunk_rays_max,
                                (frame_bytes_max(caller) - 2 * protocol::alignment) / row_bytes)),
           paths_max_(paths_max),
@@ -136,8 +141,8 @@ public:
     [[nodiscard]] bool finished() const override { return sorted_ && sent_ == table_.size(); }
 
 protected:
-    [[nodiscard]] std::uint64_t piece_rays(const Piece& /*rest*/) const override {
-        return chunk_rays_;
+    [[nodiscard]] std::uint64_t piece_rays(const Piece& rest) const override {
+        return on_cuda(rest) ? cuda_rays_ : chunk_rays_;
     }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t /*rays*/) const override { return 0; }
     [[nodiscard]] std::uint64_t rows() const override { return table_.size(); }
@@ -200,6 +205,7 @@ private:
     }
 
     const std::uint64_t chunk_rays_;
+    const std::uint64_t cuda_rays_;
     const std::uint64_t frame_rows_;
     const std::uint64_t paths_max_;
     const Budget::Lease lease_;

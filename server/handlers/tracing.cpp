@@ -7,17 +7,14 @@
 namespace raynest::server {
 namespace {
 
-/// Error: what the job ends with. True: the call is answered; else it is the CPU's.
-Reply<bool> trace_on_cuda(const Plan& plan, const TraceCall& call, const PinholeRays* made,
+Reply<void> trace_on_cuda(const Plan& plan, const TraceCall& call, const PinholeRays* made,
                           TraceBuffers& buffers) {
-    if (plan.worker.cuda == nullptr) return false;
     const device::Kernel kernel{plan.variant->name, plan.precision, plan.query,
                                 plan.settings.params.size()};
     const auto traced = plan.worker.cuda->trace(kernel, plan.scene.snapshot(), call, made);
-    if (traced) return true;
-    if (plan.worker.demanded()) return tl::unexpected(cuda_refused(traced.error()));
-    buffers.fallback = traced.error().reason;
-    return false;
+    if (traced) return {};
+    if (!plan.worker.demanded()) buffers.fallback = traced.error().reason;
+    return tl::unexpected(cuda_refused(traced.error()));
 }
 
 /// Of one chunk: stops it with its job, and at the end of its own time. A thread is not for ever.
@@ -61,14 +58,31 @@ TraceBuffers& TraceBuffers::of_this_thread() {
     return buffers;
 }
 
+void TraceBuffers::copy(std::size_t first, std::size_t count, std::span<const Ray> from,
+                        TraceBuffers& to) const {
+    const std::size_t each = hits.size() / from.size();
+    to.rays.clear();
+    to.hits.clear();
+    to.counts.clear();
+    for (std::size_t row = first; row < first + count; ++row) {
+        const std::size_t place = order.empty() ? row : order[row];
+        to.rays.push_back(from[place]);
+        const auto hit = hits.begin() + static_cast<std::ptrdiff_t>(place * each);
+        to.hits.insert(to.hits.end(), hit, hit + static_cast<std::ptrdiff_t>(each));
+        if (!counts.empty()) to.counts.push_back(counts[place]);
+    }
+    to.answered = static_cast<std::uint32_t>(count);
+    to.traversal = traversal;
+    to.on_cuda = on_cuda;
+}
+
 Reply<void> trace(const Plan& plan, std::span<const Ray> rays, const Stop& stop,
                   TraceBuffers& buffers, const PinholeRays* made) {
     const bool all = plan.query == query_all;
     const std::size_t count = rays.size();
     buffers.answered = static_cast<std::uint32_t>(count);
     buffers.order.clear();
-    buffers.fallback.clear();
-    buffers.on_cuda = false;
+    buffers.on_cuda = plan.worker.cuda != nullptr && buffers.fallback.empty();
     buffers.outputs.resize(plan.variant->outputs().size());
     if (plan.untraced) {
         buffers.hits.clear();
@@ -97,10 +111,7 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, const Stop& stop,
     call.ray_flags = buffers.flags.data();
     call.rays_done = &buffers.answered;
     buffers.traversal = traversal_latency;  // of a GPU, one ray per thread
-    const auto traced = trace_on_cuda(plan, call, made, buffers);
-    if (!traced) return tl::unexpected(traced.error());
-    buffers.on_cuda = *traced;
-    if (buffers.on_cuda) return {};
+    if (buffers.on_cuda) return trace_on_cuda(plan, call, made, buffers);
     if (made != nullptr)
         for (std::size_t i = 0; i < count; ++i) buffers.rays[i] = made->ray(i);
     buffers.traversal = plan.tracer.choose(rays, *call.scene);

@@ -3,6 +3,7 @@
 
 #include "server/handlers/plan.h"
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstdint>
@@ -28,19 +29,37 @@ struct TraceBuffers {
 
     Traversal traversal = traversal_latency;  ///< that gave the answers
     bool on_cuda = false;                     ///< they came from there
-    std::string fallback;                     ///< why they did not, where they should have
+    std::string fallback;                     ///< why they do not, where they should have
 
     [[nodiscard]] static TraceBuffers& of_this_thread();
+
+    /// Copies `count` of the traced `rays`, and their answers, to another: of closest, any and
+    /// multi, as a GPU gives them.
+    void copy(std::size_t first, std::size_t count, std::span<const Ray> from,
+              TraceBuffers& to) const;
 };
 
 /// A chunk's hit records fit into this; it bounds the rays of a chunk where a ray has many hits.
 inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
 
+/// Rays of a GPU's call at most: `cuda_rays_max`, but a frame's at least, and what hits have room
+/// for at most. A large GPU has more threads at a time than a frame has rays. Other jobs' calls,
+/// cancels and deadlines wait for no more than the few calls before them: at 2^17 rays some
+/// milliseconds each, of rays as they usually are. Where a small GPU needs cuda_call_ms_max for
+/// rays that it gives up, fewer are better.
+[[nodiscard]] inline std::uint64_t call_rays_max(const protocol::Limits& limits) {
+    return std::clamp(limits.cuda_rays_max, limits.chunk_rays_max,
+                      hit_bytes_max / sizeof(HitRecord));
+}
+
 /// Fills `buffers` (all but its rays) with the answers of `rays`: of all of them, but where the
-/// hits of `all` have no more room. Of a plan that traces nothing there are no hits. What a CUDA
-/// worker gives up runs on the CPU, unless the plan demands it there. `made`: a camera that makes
-/// these rays, in buffers.rays, where a GPU is to make them; they need not lie there yet, and do
-/// where a CPU traced them.
+/// hits of `all` have no more room. Of a plan that traces nothing there are no hits. `made`: a
+/// camera that makes these rays, in buffers.rays, where a GPU is to make them; they need not lie
+/// there yet, and do where a CPU traced them.
+///
+/// What a CUDA worker gives up is an error, with which the job ends where the plan demands it
+/// there. Else `buffers.fallback` says why: the caller has it traced again in Lane::compute, in
+/// chunks of a CPU, with that set.
 /// CANCELLED where `stop` is requested meanwhile, within a ray too; on a GPU after the call.
 Reply<void> trace(const Plan& plan, std::span<const Ray> rays, const Stop& stop,
                   TraceBuffers& buffers, const PinholeRays* made = nullptr);

@@ -19,7 +19,6 @@ struct WorkerChoice {
     std::string reason;              ///< of auto: why this one; empty where there is no choice
 
     [[nodiscard]] bool demanded() const { return asked == "cuda"; }
-    [[nodiscard]] Lane lane() const { return cuda != nullptr ? Lane::device : Lane::compute; }
     [[nodiscard]] const char* name() const { return cuda != nullptr ? "cuda" : "cpu"; }
 };
 

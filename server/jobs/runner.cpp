@@ -179,8 +179,7 @@ void Runner::pump(const ActivePointer& active) {
     guarded(*active, [&] {
         while (sink_ != nullptr && !active->error) {
             if (!active->parked) active->parked = active->job->next();
-            // One more than there are threads, so that none waits for the io thread.
-            if (!active->parked || active->tasks.size() > workers_of(*active->parked).threads() ||
+            if (!active->parked || !has_turn(*active, workers_of(*active->parked)) ||
                 !credit_allows(*active, *active->parked) || !window_allows(*active->parked))
                 break;
             Task task = *std::exchange(active->parked, std::nullopt);
@@ -202,6 +201,14 @@ bool Runner::run_briefly(Active& active, const Task& task) {
     }
     take_answer(active, std::move(reply), task.input_bytes);
     return true;
+}
+
+bool Runner::has_turn(const Active& active, const Workers& workers) {
+    const auto there = std::count_if(
+        active.tasks.begin(), active.tasks.end(),
+        [&](const Outstanding& outstanding) { return outstanding.workers == &workers; });
+    // One more than there are threads, so that none waits for the io thread.
+    return static_cast<std::size_t>(there) <= workers.threads();
 }
 
 bool Runner::credit_allows(const Active& active, const Task& task) {
@@ -239,6 +246,7 @@ void Runner::submit(const ActivePointer& active, Task task) {
     place->reserved = task.reply_bytes_max;
     place->input_bytes = task.input_bytes;
     Workers& workers = workers_of(task);
+    place->workers = &workers;
     const auto reply = std::make_shared<Reply<Frames>>();
     Errand errand{{active, &active->stop},
                   std::move(task),

@@ -99,6 +99,7 @@ private:
     struct Outstanding {
         std::uint64_t reserved = 0;     ///< of its job's credit
         std::uint64_t input_bytes = 0;  ///< free once it ended
+        const Workers* workers = nullptr;
         Withdraw withdraw = {};
     };
     struct Active {
@@ -131,6 +132,8 @@ private:
     void guarded(Active& active, Step step);
     void pump(const ActivePointer& active);
     [[nodiscard]] Workers& workers_of(const Task& task) const;
+    /// May a job have one task more there?
+    [[nodiscard]] static bool has_turn(const Active& active, const Workers& workers);
     [[nodiscard]] bool window_allows(const Task& task) const;
     [[nodiscard]] static bool credit_allows(const Active& active, const Task& task);
     /// On the io thread; false where its turn is over, or ends before the task does.

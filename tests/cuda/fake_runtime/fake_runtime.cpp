@@ -1,10 +1,13 @@
-// RAYNEST_FAKE_CUDA=FILE: "FUNCTION WHAT [N]" in it lets the next call of that function, from the
-// process's N-th on, end in
+// RAYNEST_FAKE_CUDA=FILE: "FUNCTION WHAT [N]" in it lets the next call of that function, or the
+// N-th, end in
 //   a number   that error; from 700 on it is sticky, as in CUDA: all later calls give it, too
 //   kill       the end of the process
 //   hang       no answer for ever
 //   garbage    a copy that brings something else
-// and removes the file. Copies from the device are called "cudaMemcpyAsync(back)".
+//   throw      std::bad_alloc, as of a host without memory
+// and removes the file; with
+//   hold       all wait until somebody else removes it. Copies from the device are called
+//   "cudaMemcpyAsync(back)".
 // RAYNEST_FAKE_CUDA_ALWAYS="FUNCTION WHAT" does so for every call. RAYNEST_FAKE_CUDA_MEMORY=BYTES
 // is what the device has.
 #include "tests/cuda/fake_runtime/cuda_runtime_api.h"
@@ -19,6 +22,7 @@
 #include <fstream>
 #include <map>
 #include <mutex>
+#include <new>
 #include <sstream>
 #include <string>
 
@@ -31,15 +35,17 @@ std::string environment(const char* name, const char* otherwise) {
     return value != nullptr ? value : otherwise;
 }
 
-/// The word of "FUNCTION WHAT [N]", if that is the function and this its N-th call.
-std::string fault_of(std::istream& order, const std::string& function, unsigned call) {
-    std::string named;
+/// "FUNCTION WHAT [N]".
+struct Order {
+    std::string function;
     std::string what;
-    unsigned from = 1;
-    order >> named >> what;
-    if (unsigned n = 0; order >> n) from = n;
-    return named == function && call >= from ? what : std::string();
-}
+    unsigned number = 1;
+
+    explicit Order(std::istream& from) {
+        from >> function >> what;
+        if (unsigned n = 0; from >> n) number = n;
+    }
+};
 
 class Device {
 public:
@@ -50,22 +56,15 @@ public:
 
     /// A function begins: gives the word of its fault, or nothing.
     std::string enter(const char* function) {
-        const unsigned call = count(function);
         std::istringstream always(always_);
-        std::string what = fault_of(always, function, call);
-        if (what.empty() && !next_.empty()) {
-            std::ifstream next(next_);
-            what = fault_of(next, function, call);
-            // Of several threads one has it.
-            if (!what.empty() && std::remove(next_.c_str()) != 0) what.clear();
+        Order order(always);
+        if (order.function != function) order.what = next(function);
+        while (order.what == "hold") {
+            ::usleep(1000);
+            order.what = next(function);
         }
-        if (what == "kill") std::raise(SIGKILL);
-        return what;
-    }
-
-    unsigned count(const char* function) {
-        const std::lock_guard lock(mutex_);
-        return ++calls_[function];
+        if (order.what == "kill") std::raise(SIGKILL);
+        return order.what;
     }
     cudaError_t fail(int error) {
         const std::lock_guard lock(mutex_);
@@ -106,10 +105,22 @@ public:
     [[nodiscard]] std::size_t memory() const { return memory_; }
 
 private:
+    /// What the file orders for this call.
+    std::string next(const char* function) {
+        const std::lock_guard lock(mutex_);
+        std::ifstream file(next_);
+        const Order order(file);
+        if (order.function != function) return {};
+        if (order.what == "hold") return order.what;
+        if (++calls_ < order.number) return {};
+        calls_ = 0;
+        return std::remove(next_.c_str()) == 0 ? order.what : std::string();
+    }
+
     const std::string next_ = environment("RAYNEST_FAKE_CUDA", "");
     const std::string always_ = environment("RAYNEST_FAKE_CUDA_ALWAYS", "");
     std::mutex mutex_;
-    std::map<std::string, unsigned> calls_;
+    unsigned calls_ = 0;  ///< that the file's order was for
     cudaError_t sticky_ = cudaSuccess;
     std::map<std::byte*, std::size_t> blocks_;
     std::size_t used_ = 0;
@@ -121,6 +132,7 @@ template <class Action>
 cudaError_t call(const char* function, Action action) {
     Device& device = Device::get();
     const std::string fault = device.enter(function);
+    if (fault == "throw") throw std::bad_alloc();
     if (fault == "hang") {
         for (;;) ::pause();
     }
@@ -170,8 +182,12 @@ const char* cudaGetErrorName(cudaError_t error) {
             return "cudaErrorMemoryAllocation";
         case cudaErrorInsufficientDriver:
             return "cudaErrorInsufficientDriver";
+        case cudaErrorDevicesUnavailable:
+            return "cudaErrorDevicesUnavailable";
         case cudaErrorNoDevice:
             return "cudaErrorNoDevice";
+        case cudaErrorNoKernelImageForDevice:
+            return "cudaErrorNoKernelImageForDevice";
         case cudaErrorIllegalAddress:
             return "cudaErrorIllegalAddress";
         case cudaErrorLaunchFailure:
@@ -233,6 +249,10 @@ cudaError_t cudaLaunchKernel(const void* kernel, dim3 blocks, dim3 threads, void
         reinterpret_cast<FakeKernel>(const_cast<void*>(kernel))(arguments, blocks.x * threads.x);
         return cudaSuccess;
     });
+}
+
+cudaError_t cudaFuncGetAttributes(cudaFuncAttributes*, const void*) {
+    return call("cudaFuncGetAttributes", [](bool) { return cudaSuccess; });
 }
 
 struct FakeEvent {

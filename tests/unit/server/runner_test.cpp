@@ -128,6 +128,67 @@ TEST_CASE("a brief task that takes long goes to a worker, and the rest of the tu
     CHECK(next == std::vector<std::thread::id>{here});
 }
 
+/// Tasks for a GPU that gives them up: each then is one for a CPU, where all stay for a while.
+class GivenUpJob final : public Job {
+public:
+    GivenUpJob(int tasks, int& handed_out, std::atomic<bool>& release)
+        : tasks_(tasks),
+          left_(tasks),
+          handed_out_(handed_out),
+          release_(release) {}
+    std::optional<Task> next() override {
+        Task task;
+        if (given_up_ > 0) {
+            --given_up_;
+            ++handed_out_;
+            task.run = [this](const Stop&) -> Reply<Frames> {
+                while (!release_) std::this_thread::yield();
+                --left_;
+                return Frames{};
+            };
+            return task;
+        }
+        if (tasks_ == 0) return std::nullopt;
+        --tasks_;
+        task.lane = Lane::device;
+        task.run = [this](const Stop&) -> Reply<Frames> {
+            ++given_up_;
+            return Frames{};
+        };
+        return task;
+    }
+    [[nodiscard]] bool finished() const override { return left_ == 0; }
+    Frames farewell() override { return {}; }
+
+private:
+    int tasks_;
+    std::atomic<int> left_;
+    std::atomic<int> given_up_{0};
+    int& handed_out_;  ///< to the CPU
+    std::atomic<bool>& release_;
+};
+
+TEST_CASE("what a GPU gives up has all of the CPU, and the GPU is free for others") {
+    Bench bench;
+    Workers compute(6);
+    const Engine& of = bench.engine;
+    const Engine engine{compute,   of.blocking, of.device, of.admission,  of.metrics,
+                        of.limits, of.post,     of.budget, of.brief_turn, of.coalescer};
+    const auto runner = std::make_shared<Runner>(engine, bench, "me");
+    int handed_out = 0;
+    std::atomic<bool> release{false};
+    REQUIRE(runner->start(1, accept(std::make_unique<GivenUpJob>(20, handed_out, release))));
+    // One for each thread, one that waits for one and one that waits for its turn.
+    const bool all = bench.run_until([&] { return handed_out == 8; });
+    std::atomic<bool> on_device{false};
+    of.device.submit("other", Priority::normal, [&] { on_device = true; });
+    while (!on_device) std::this_thread::yield();
+    release = true;
+    CHECK(all);
+    REQUIRE(bench.run_until([&] { return runner->size() == 0; }));
+    CHECK(handed_out == 20);
+}
+
 TEST_CASE("never more bytes than the client's credit, and every grant is used") {
     Bench bench;
     constexpr std::uint64_t bytes = 400 << 10;

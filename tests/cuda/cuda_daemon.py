@@ -1,0 +1,98 @@
+"""A real daemon with a CUDA worker, for the tests of this folder."""
+import array
+import pathlib
+import random
+import sys
+import tempfile
+import unittest
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "integration"))
+from daemon import PATIENCE, Client, Daemon, until  # noqa: E402
+from npy import npy  # noqa: E402
+
+RAYS = 70_000  # of a query: more than the 65,536 from which on auto takes a GPU
+FRAME = 16384  # rays of a frame
+PROGRAMS = []  # raynestd, raynest, and the pack: set before a test runs
+
+
+def write_rays(path, seed=1, endless_every=None, copies=1):
+    """Rays from above the built-in forest, of all directions downward, as a .npy of RAYS x 6. Of the endless ones
+    the directions are too short to tell a box from another."""
+    chance = random.Random(seed)
+    values = array.array("f")
+    for number in range(RAYS):
+        if endless_every and number % endless_every == 0:
+            values.extend((5, 5, 5, -1e-45, -1e-45, -1e-45))
+            continue
+        values.extend((chance.uniform(-20, 20), 30, chance.uniform(-20, 20),
+                       chance.gauss(0, 0.4), -1, chance.gauss(0, 0.4)))
+    path.write_bytes(npy((copies * RAYS, 6), copies * values.tobytes()))
+
+
+def children(pid):
+    """Process ids of the daemon's children that are device workers."""
+    found = []
+    for entry in pathlib.Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            if parent == pid and b"--device-worker" in (entry / "cmdline").read_bytes():
+                found.append(int(entry.name))
+        except (OSError, IndexError):
+            pass
+    return found
+
+
+class CudaTest(unittest.TestCase):
+    """A daemon with a fake GPU for each class."""
+    environment = {}
+    arguments = ("--cuda_retry_ms", "200", "--cuda_retry_ms_max", "1000",
+                 "--cuda_call_ms_max", "60000")
+    scenes = (("builtin:forest?trees=20", "woods"),)
+
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory(prefix="raynest test ")
+        cls.out = pathlib.Path(cls.folder.name)
+        cls.fault = cls.out / "fault"
+        raynestd, raynest, pack = PROGRAMS
+        words = [f"{key}={value}" for key, value in cls.environment.items()]
+        cls.daemon = Daemon(raynestd, "--threads", "2", "--cuda", pack, *cls.arguments,
+                            under=("env", f"RAYNEST_FAKE_CUDA={cls.fault}", *words))
+        cls.client = Client(raynest, cls.daemon.uri)
+        for source, name in cls.scenes:
+            cls.client.json("load", source, "--name", name)
+        cls.rays = cls.out / "rays.npy"
+        write_rays(cls.rays)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.daemon.stop()
+        cls.folder.cleanup()
+
+    def metric(self, name):
+        return self.client.json("stats")[name]
+
+    def wait_until_up(self):
+        until(lambda: "cuda" in self.client.json("variants")["variants"][0]["targets"],
+              self.daemon.log)
+
+    def query(self, worker, *options, scene="woods"):
+        """(what the command told, the file's bytes) of RAYS rays."""
+        file = self.out / f"{worker}.npz"
+        told = self.client.json("query", scene, "--rays", self.rays, "-o", file, "--worker", worker,
+                                *options)
+        return told, file.read_bytes()
+
+    def refused(self, code, says, *command):
+        done = self.client.run(*command)
+        self.assertEqual(done.returncode, code, done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        self.assertIn(says, done.stderr)
+
+    def inject(self, fault):
+        """What fake_runtime.cpp says of its file."""
+        # In one step, so that it is never read half.
+        draft = self.out / "draft"
+        draft.write_text(fault)
+        draft.rename(self.fault)

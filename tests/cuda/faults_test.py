@@ -1,0 +1,290 @@
+#!/usr/bin/env python3
+"""What a daemon does when its GPU fails half way: the same bytes, a note, and a new worker.
+
+  faults_test.py RAYNESTD RAYNEST PACK      PACK is the cuda pack over tests/cuda/fake_runtime
+
+Ends with a tally of the faults.
+"""
+import collections
+import itertools
+import os
+import re
+import signal
+import sys
+import time
+import unittest
+
+from cuda_daemon import FRAME, PATIENCE, PROGRAMS, RAYS, CudaTest, children, until
+
+TALLY = collections.defaultdict(lambda: [0, 0, 0])  # of a fault: jobs, chunks traced again, bytes that differ
+SOON = ("--cuda_retry_ms", "200", "--cuda_retry_ms_max", "200")
+SMALL_CALLS = ("--cuda_rays_max", str(FRAME))
+
+
+class FaultTest(CudaTest):
+    """A scene that ends three processes is left to the CPU: each fault has one of its own."""
+    arguments = (*SOON, *SMALL_CALLS, "--cuda_call_ms_max", "60000")
+    seeds = itertools.count(100)
+
+    def setUp(self):
+        self.wait_until_up()
+
+    def fresh_scene(self):
+        scene = f"woods{next(self.seeds)}"
+        self.client.json("load", f"builtin:forest?trees=5&seed={scene[5:]}", "--name", scene)
+        return scene
+
+    def survive(self, fault, says, *options):
+        """A job that meets the fault: its answer is the CPU's, and a note says what happened."""
+        scene = self.fresh_scene()
+        _, expected = self.query("cpu", *options, scene=scene)
+        self.wait_until_up()
+        self.inject(fault)
+        told, answer = self.query("auto", *options, scene=scene)
+        self.assertFalse(self.fault.exists(), "the fault was not met")
+        different = sum(a != b for a, b in zip(answer, expected)) + abs(len(answer) - len(expected))
+        self.assertEqual((told["worker_reason"], len(told["notes"])), ("", 1), told)
+        again, chunks = re.match(r"(\d+) of (\d+) chunks fell back to the CPU, with the same answers",
+                                 told["notes"][0]).groups()
+        self.assertEqual(told["worker"], "cpu" if again == chunks else "mixed")
+        self.assertEqual(int(chunks), -(-RAYS // FRAME))
+        self.assertIn(says, told["notes"][0])
+        tally = TALLY[fault]
+        tally[:] = tally[0] + 1, tally[1] + int(again), tally[2] + different
+        self.assertEqual(different, 0)
+        return scene, answer
+
+
+class Faults(FaultTest):
+    """Each fault hits a job half way; the next process is sound."""
+    # What is injected, and what the reply says of it.
+    FAULTS = (
+        ("cudaLaunchKernel 719 3", "cudaErrorLaunchFailure"),
+        ("cudaStreamSynchronize 700 3", "cudaErrorIllegalAddress"),
+        ("cudaMemcpyAsync 700 3", "cudaErrorIllegalAddress"),
+        ("cudaMemcpyAsync(back) garbage 3", "answers that cannot be"),
+        ("cudaLaunchKernel kill 3", "was ended by a signal (Killed)"),
+    )
+    KINDS = (("--kind", "any"), (), ("--kind", "multi", "--max-hits", "3"))
+    # Each fault with a kind, and what is read from the answers with all.
+    CASES = (*zip(FAULTS, itertools.cycle(KINDS)), (FAULTS[3], KINDS[1]), (FAULTS[3], KINDS[2]))
+
+    def test_a_job_ends_with_the_same_bytes_and_a_note(self):
+        for (fault, says), kind in self.CASES:
+            with self.subTest(fault=fault, kind=kind):
+                self.wait_until_up()
+                faults, starts = self.metric("cuda_faults"), self.metric("cuda_starts")
+                scene, answer = self.survive(fault, says, *kind)
+                self.assertEqual(self.metric("cuda_faults"), faults + 1)
+                self.wait_until_up()
+                self.assertEqual(self.metric("cuda_starts"), starts + 1)
+                told, again = self.query("auto", *kind, scene=scene)
+                self.assertEqual((told["worker"], told["notes"], again), ("cuda", [], answer))
+
+    def test_so_does_one_whose_scene_does_not_get_there(self):
+        for fault, says in (("cudaMemcpy 700 3", "cudaErrorIllegalAddress"),
+                            ("cudaMalloc kill 3", "was ended by a signal (Killed)")):
+            with self.subTest(fault=fault):
+                faults = self.metric("cuda_faults")
+                self.survive(fault, says)
+                self.assertEqual(self.metric("cuda_faults"), faults + 1)
+                self.wait_until_up()
+
+    def test_a_picture_does(self):
+        for scene in (self.fresh_scene(), self.fresh_scene()):
+            files = []
+            for worker in ("cpu", "auto"):
+                self.wait_until_up()
+                if worker == "auto":
+                    self.inject("cudaLaunchKernel 719 6")  # two a call: the rays are made there
+                files.append(self.out / f"{worker}.png")
+                told = self.client.json("render", scene, "-o", files[-1], "--size", "400x300",
+                                        "--worker", worker)
+            self.assertIn("cudaErrorLaunchFailure", told["notes"][0])
+            self.assertEqual(files[0].read_bytes(), files[1].read_bytes())
+
+    def test_where_cuda_was_demanded_it_is_an_error_to_try_again(self):
+        scene = self.fresh_scene()
+        self.inject("cudaLaunchKernel 700")
+        render = ("render", scene, "-o", self.out / "x.png", "--worker", "cuda")
+        self.refused(6, "cudaErrorIllegalAddress", *render)
+        # Meanwhile it is started again.
+        done = self.client.run(*render)
+        self.assertIn(done.returncode, (0, 6), done.stderr)
+        self.wait_until_up()
+        told, _ = self.query("cuda", scene=scene)
+        self.assertEqual(told["worker"], "cuda")
+
+    def test_a_worker_killed_from_outside_comes_back(self):
+        scene = self.fresh_scene()
+        _, expected = self.query("cpu", scene=scene)
+        workers = children(self.daemon.process.pid)
+        self.assertEqual(len(workers), 1)
+        os.kill(workers[0], signal.SIGKILL)
+        _, answer = self.query("auto", scene=scene)
+        self.assertEqual(answer, expected)
+        self.wait_until_up()
+        self.assertIn("was ended by a signal", self.daemon.log())
+        self.assertEqual(len(children(self.daemon.process.pid)), 1)
+
+    def test_a_worker_that_does_not_start_is_started_again(self):
+        self.inject("cudaGetDeviceProperties 35")
+        os.kill(children(self.daemon.process.pid)[0], signal.SIGKILL)
+        self.query("auto")
+        self.wait_until_up()
+        self.assertIn("cudaErrorInsufficientDriver", self.daemon.log())
+
+    def test_a_scene_that_ends_one_process_after_the_other_is_left_to_the_cpu(self):
+        """Though most of its chunks do no harm."""
+        bad = self.fresh_scene()
+        for _ in range(3):
+            self.wait_until_up()
+            told, _ = self.query("auto", scene=bad)
+            self.assertEqual(told["worker"], "cuda")
+            self.inject("cudaLaunchKernel 719 3")
+            self.query("auto", scene=bad)
+            self.assertFalse(self.fault.exists(), "the fault was not met")
+        self.wait_until_up()
+        told, _ = self.query("auto", scene=bad)
+        self.assertEqual(told["worker"], "cpu")
+        self.assertIn("cudaErrorLaunchFailure", told["worker_reason"])
+        told, _ = self.query("cuda")  # others go on
+        self.assertEqual(told["worker"], "cuda")
+
+    def test_many_clients_and_a_fault(self):
+        scene = self.fresh_scene()
+        _, expected = self.query("cpu", scene=scene)
+        running = []
+        for i in range(6):
+            file = self.out / f"many{i}.npz"
+            running.append((file, self.client.start("--json", "query", scene, "--rays", self.rays,
+                                                    "-o", file)))
+        time.sleep(0.2)
+        self.inject("cudaMemcpyAsync kill")
+        for file, process in running:
+            _, errors = process.communicate(timeout=PATIENCE)
+            self.assertEqual(process.returncode, 0, errors)
+            self.assertEqual(file.read_bytes(), expected)
+        if self.fault.exists():  # they had all ended before it
+            self.fault.unlink()
+
+
+class Hang(FaultTest):
+    """A worker that gets no processor for so long is lost, too: there may be more faults than one."""
+    arguments = (*SOON, *SMALL_CALLS, "--cuda_call_ms_max", "5000")
+
+    def test_a_job_ends_with_the_same_bytes_and_a_note(self):
+        for call in ("cudaStreamSynchronize", "cudaLaunchKernel", "cudaMemcpyAsync"):
+            with self.subTest(call=call):
+                faults = self.metric("cuda_faults")
+                self.survive(f"{call} hang 3", "no answer within 5000 ms")
+                self.assertGreater(self.metric("cuda_faults"), faults)
+                self.wait_until_up()
+
+
+class HangingLoad(FaultTest):
+    arguments = (*SOON, *SMALL_CALLS, "--cuda_call_ms_max", "60000", "--cuda_start_ms_max", "5000")
+
+    def test_a_job_ends_with_the_same_bytes_and_a_note(self):
+        self.survive("cudaMemcpy hang 3", "no answer within 5000 ms")
+
+
+class OutOfMemory(FaultTest):
+    """Of a launch, and of the host: no fault of the device."""
+
+    def drop(self, scene):
+        self.inject("cudaLaunchKernel 2")
+        told, answer = self.query("auto", scene=scene)
+        self.assertFalse(self.fault.exists(), "the fault was not met")
+        return told, answer
+
+    def is_resident(self, scene):
+        """Is it traced without getting there first? If not it is lost."""
+        self.inject("cudaMalloc 700")
+        told, _ = self.query("auto", scene=scene)
+        if there := self.fault.exists():
+            self.fault.unlink()
+            self.assertEqual(told["worker"], "cuda")
+        return there
+
+    def test_a_launch_without_memory_drives_out_what_is_idle_and_is_made_again(self):
+        _, expected = self.query("cpu")
+        other = self.fresh_scene()
+        for scene in (other, "woods"):
+            self.query("cuda", scene=scene)
+        faults = self.metric("cuda_faults")
+        for driven_out in range(8):
+            told, answer = self.drop("woods")
+            self.assertEqual(answer, expected)
+            if told["notes"]:  # there is nothing left to drive out
+                break
+            self.assertEqual(told["worker"], "cuda")
+        self.assertGreaterEqual(driven_out, 2)  # the scene of the probe, and the other one
+        self.assertIn(told["worker"], ("cpu", "mixed"))
+        self.assertIn("out of device memory (cudaErrorMemoryAllocation", told["notes"][0])
+        self.assertEqual(self.metric("cuda_faults"), faults)
+        self.assertFalse(self.is_resident(other))
+
+    def test_a_host_without_memory_drives_out_nothing(self):
+        self.wait_until_up()
+        there = self.fresh_scene()
+        self.query("cuda", scene=there)
+        faults = self.metric("cuda_faults")
+        self.survive("cudaMalloc throw", "the host has no memory left")
+        self.assertEqual(self.metric("cuda_faults"), faults)
+        self.assertTrue(self.is_resident(there))
+
+
+class OthersMeanwhile(FaultTest):
+    """What the device takes its time for holds up nobody else."""
+    arguments = (*SOON, "--cuda_call_ms_max", "1000000")
+
+    def test_a_job_of_the_cpu_does_not_wait_for_a_worker_that_stands_still(self):
+        worker = children(self.daemon.process.pid)[0]
+        os.kill(worker, signal.SIGSTOP)
+        waiting = self.client.start("query", "woods", "--rays", self.rays, "-o", self.out / "x.npz")
+        until(lambda: [job for job in self.client.json("jobs")["jobs"] if job["kind"] == "query"])
+        for _ in range(5):
+            self.client.json("render", "woods", "--size", "64x64", "-o", self.out / "x.png",
+                             "--worker", "cpu")
+        self.assertIsNone(waiting.poll(), "the job on the device was to wait")
+        os.kill(worker, signal.SIGKILL)
+        _, errors = waiting.communicate(timeout=PATIENCE)
+        self.assertEqual(waiting.returncode, 0, errors)
+        self.assertIn("was ended by a signal", errors)
+
+    def test_a_worker_that_ends_while_it_has_nothing_to_do_is_missed(self):
+        faults = self.metric("cuda_faults")
+        os.kill(children(self.daemon.process.pid)[0], signal.SIGKILL)
+        until(lambda: self.metric("cuda_faults") > faults)
+        self.wait_until_up()
+        told, _ = self.query("cuda")
+        self.assertEqual(told["worker"], "cuda")
+
+
+class Breaker(CudaTest):
+    """A device that somebody else has for himself may be free later."""
+    environment = {"RAYNEST_FAKE_CUDA_ALWAYS": "cudaSetDevice 46"}
+    arguments = ("--cuda_retry_ms", "50", "--cuda_retry_ms_max", "300", "--log-level", "debug")
+
+    def test_it_is_left_alone_for_twice_as_long_each_time(self):
+        def pauses():
+            return re.findall(r"cuda_down.*retry_ms=(\d+)", self.daemon.log())
+        until(lambda: len(pauses()) >= 5, self.daemon.log)
+        self.assertEqual(pauses()[:5], ["50", "100", "200", "300", "300"])
+        self.assertIn("cudaErrorDevicesUnavailable", self.daemon.log())
+        self.refused(6, "the CUDA worker: ", "render", "woods", "-o", self.out / "x.png", "--worker", "cuda")
+
+
+def print_tally():
+    print("\nfault, the call that meets it     jobs  chunks traced again  bytes that differ")
+    for fault, numbers in [*sorted(TALLY.items()), ("all", map(sum, zip(*TALLY.values())))]:
+        print("{:<34}{:>4}{:>21}{:>19}".format(fault, *numbers))
+
+
+if __name__ == "__main__":
+    PROGRAMS[:] = sys.argv[1:4]
+    del sys.argv[1:4]
+    result = unittest.main(exit=False).result
+    print_tally()
+    sys.exit(not result.wasSuccessful())
