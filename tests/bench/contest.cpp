@@ -149,7 +149,7 @@ private:
 };
 
 /// Every variant of ours gives the bits of the first one that asks the same. v2 has no fma: its
-/// bits are its own (CONTRACT.md §2).
+/// bits are its own.
 Result<void> check_own(const std::vector<Side>& sides) {
     std::map<std::tuple<bool, bool, bool, std::string>, const Side*> first;
     for (const Side& side : sides) {
