@@ -1,4 +1,4 @@
-// SceneInfo as `load` and `info` print it; the JSON keys are those of the contract.
+// SceneInfo as `load` and `info` print it; scripts rely on the JSON keys.
 #pragma once
 
 #include "client/output.h"

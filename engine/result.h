@@ -16,7 +16,7 @@ enum class ErrorCode : std::uint32_t {
     internal = 1,       ///< a defect of ours: the message names the place
     scene_invalid,      ///< a file or a scene description that cannot be used
     scene_unsupported,  ///< a valid file that needs something this build does not have
-    limit_exceeded,     ///< a named limit of CONTRACT.md §7 was reached
+    limit_exceeded,     ///< a named limit was reached (PROTOCOL.md §10)
     variant_unknown,    ///< no such intersector, or not for this query, precision or target
     param_invalid,      ///< an intersector parameter is unknown or out of range
     field_invalid,      ///< a column is unknown or not defined for this query

@@ -38,7 +38,7 @@ enum class Code : std::uint32_t {
     job_unknown,
 };
 
-/// Exit codes of `raynest`, CONTRACT §8.
+/// Exit codes of `raynest` (PROTOCOL.md §9).
 enum class Exit : int {
     ok = 0,
     failed = 1,

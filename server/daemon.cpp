@@ -101,8 +101,8 @@ std::vector<std::string> import_command(const Options& options) {
     return command;
 }
 
-/// On a CPU that has not its bits a GPU would give other answers than the CPU that it falls back to
-/// (CONTRACT.md §2).
+/// On a CPU that has not its bits a GPU would give other answers than the CPU that it falls
+/// back to: v2 has no fma.
 std::unique_ptr<device::Worker> make_cuda(const Options& options, const Registry& registry,
                                           Budget& budget, Metrics& metrics,
                                           const protocol::Limits& limits) {

@@ -2,6 +2,7 @@
 // as nested instances. Generation d is one sphere and nine instances of generation d - 1 at a third
 // of its size, so `depth` objects stand for 9^depth spheres.
 #include "engine/assets/builtin.h"
+#include "engine/geometry/sphere_shape.h"
 
 #include <cmath>
 #include <cstring>
@@ -9,11 +10,6 @@
 
 namespace raynest {
 namespace {
-
-struct SphereRecord {
-    Vec3 center;
-    float radius;
-};
 
 /// A third of the size, its centre 4/3 away along `up`, its own +Y along it.
 Transform on_surface(const Vec3& up) {
@@ -36,7 +32,7 @@ Transform on_surface(const Vec3& up) {
 
 Result<SceneDescription> describe_flake(const BuiltinValues& values) {
     const auto depth = static_cast<std::uint32_t>(values.find("depth")->second);
-    const SphereRecord sphere{Vec3(0.0F), 1};
+    const Sphere sphere{Vec3(0.0F), 1};
     SceneDescription scene;
     for (std::uint32_t generation = 0; generation < depth; ++generation) {
         ObjectDescription object;
@@ -44,7 +40,7 @@ Result<SceneDescription> describe_flake(const BuiltinValues& values) {
         object.record_type = "sphere";
         object.records.resize(sizeof sphere);
         std::memcpy(object.records.data(), &sphere, sizeof sphere);
-        object.record_bounds.push_back({Vec3(-1.000001F), Vec3(1.000001F)});
+        object.record_bounds.push_back(bounds(sphere));
         for (std::uint32_t i = 0; generation != 0 && i < 9; ++i) {
             // Six around the equator, three above it, as in the original.
             const bool lower = i < 6;

@@ -1,4 +1,4 @@
-// glTF 2.0 import, as CONTRACT.md §6 says. How the files work together: gltf_model.h.
+// glTF 2.0 import. How the files work together: gltf_model.h.
 #pragma once
 
 #include "engine/assets/import.h"

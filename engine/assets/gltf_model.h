@@ -155,7 +155,7 @@ struct Model {
     std::uint64_t upload_bytes = 0;  ///< of all files together: what amplification is measured by
 };
 
-/// Guards 4..7 of the notes: tinygltf behind its fences, then every index and range. `json` has
+/// The guards after prescan's: tinygltf behind its fences, then every index and range. `json` has
 /// passed prescan_json. The model owns its bytes and never points into the request.
 Result<Model> load_model(const ImportRequest& request);
 

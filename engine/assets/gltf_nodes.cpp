@@ -7,6 +7,7 @@
 #include "engine/assets/gltf_model.h"
 #include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_sharing.h"
+#include "engine/scene/camera_pose.h"
 #include "engine/scene/graph.h"
 #include "engine/scene/snapshot.h"
 
@@ -14,6 +15,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 namespace raynest::gltf {
 namespace {
@@ -192,28 +194,6 @@ Result<void> check_instance_count(const Model& model, const std::vector<std::uin
     return {};
 }
 
-/// Axes of a camera node without its scale, -Z kept exactly; false when the node has no direction.
-bool remove_scale(Matrix& m) {
-    using Axis = std::array<double, 3>;
-    const auto normalize = [](Axis& a) {
-        const double length = std::sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
-        for (double& x : a) x /= length;
-        return length > 0 && std::isfinite(length);
-    };
-    Axis y{m[1], m[5], m[9]};
-    Axis z{m[2], m[6], m[10]};
-    if (!normalize(z) || !normalize(y)) return false;
-    Axis x{y[1] * z[2] - y[2] * z[1], y[2] * z[0] - y[0] * z[2], y[0] * z[1] - y[1] * z[0]};
-    if (!normalize(x)) return false;
-    y = {z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]};
-    for (std::size_t row = 0; row < 3; ++row) {
-        m[4 * row] = x[row];
-        m[4 * row + 1] = y[row];
-        m[4 * row + 2] = z[row];
-    }
-    return std::isfinite(m[3]) && std::isfinite(m[7]) && std::isfinite(m[11]);
-}
-
 /// Camera nodes in node order, in the world.
 void read_cameras(const Model& model, SceneDescription& scene) {
     struct Entry {
@@ -234,12 +214,13 @@ void read_cameras(const Model& model, SceneDescription& scene) {
     }
     std::sort(found.begin(), found.end(),
               [](const Entry& a, const Entry& b) { return a.node < b.node; });
-    for (Entry& entry : found) {
+    for (const Entry& entry : found) {
         const Node& node = model.nodes[entry.node];
+        const std::optional<Transform> pose = camera_pose(entry.to_world);
         const Camera& camera = model.cameras[node.camera];
         const std::string& name = node.name.empty() ? camera.name : node.name;
-        const char* const fault = !camera.perspective             ? "is orthographic"
-                                  : !remove_scale(entry.to_world) ? "is without a direction"
+        const char* const fault = !camera.perspective ? "is orthographic"
+                                  : !pose             ? "is without a usable pose"
                                   : scene.cameras.size() == scene_cameras_max ? "is one of too many"
                                                                               : nullptr;
         if (fault != nullptr) {
@@ -247,7 +228,7 @@ void read_cameras(const Model& model, SceneDescription& scene) {
                       fmt::format("camera '{}' {} and was left out", one_line(name, 60), fault));
             continue;
         }
-        scene.cameras.push_back({name, round_matrix(entry.to_world), camera.yfov, camera.aspect});
+        scene.cameras.push_back({name, *pose, camera.yfov, camera.aspect});
     }
 }
 

@@ -1,8 +1,8 @@
 // Looks at the bytes of a scene file before tinygltf does.
 //
 // tinygltf 2.7 crashes inside Load on some inputs (deep nesting, lying lengths) and takes 1 kB per
-// node, so whatever can be refused from the bytes alone is refused here. The order of the guards is
-// that of the project's notes: container, size, nesting, then names.
+// node, so whatever can be refused from the bytes alone is refused here. The guards, in
+// this order: container, size, nesting, then names.
 #pragma once
 
 #include "engine/assets/import.h"

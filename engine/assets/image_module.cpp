@@ -1,6 +1,6 @@
 // Pictures through OpenImageIO: the only file that includes it, and a loadable module of its own.
 //
-// Decoders are where servers die (notes: a row of CVEs in this very version), so the order is
+// Decoders are where servers die (a row of CVEs in this very version), so the order is
 // fixed: magic bytes choose one of three decoders, the header's dimensions are checked against the
 // limits, and only then is a pixel decoded. Nothing here reads or writes a file.
 #include "engine/assets/image_module.h"
@@ -227,7 +227,7 @@ Result<std::vector<std::byte>> encode_channels(std::uint32_t width, std::uint32_
                          static_cast<int>(channels.size()), oiio::TypeDesc::FLOAT);
     spec.channelnames.clear();
     spec["compression"] = "zip";
-    // Else the library writes the time of day: same request, same bytes (CONTRACT.md §2).
+    // Else the library writes the time of day: same request, same bytes.
     spec["DateTime"] = "1970:01:01 00:00:00";
 
     // Every channel is 32 bits wide, so mixed floats and counts interleave as plain words.

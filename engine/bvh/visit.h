@@ -5,9 +5,8 @@
 // when the whole query is answered; every visit passes that on.
 //
 // This is the latency traversal: one ray, near children first, a stack of (child, near) per level
-// and recursion between levels (measured: no slower than one explicit stack; notes of the traversal
-// prototypes). Depth is bounded by scene_depth_max, the stack by tree_height_max; both are checked
-// when a scene is made, not here.
+// and recursion between levels (measured: no slower than one explicit stack). Depth is bounded by
+// scene_depth_max, the stack by tree_height_max; both are checked when a scene is made, not here.
 //
 // A single ray does not keep a CPU busy: from a node to the next it waits for memory, then for the
 // box test, then for a mispredicted branch. So nodes that wait on top of the stack are looked at

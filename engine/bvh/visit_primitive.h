@@ -35,7 +35,7 @@ struct Instance {
     [[nodiscard]] std::uint64_t leaves() const { return scene->objects[record().object].leaves; }
 };
 
-/// Drops back faces of single-sided materials: `--set cull=back` (CONTRACT.md §1).
+/// Drops back faces of single-sided materials: `--set cull=back`.
 template <class H>
 RAYNEST_NOINLINE void drop_back_faces(const RayView& ray, H& hits) {
     hits.keep_if([&](const Surface& surface) {

@@ -1,6 +1,6 @@
 // The table of one intersector on GPUs: functions of the host that launch its kernels.
 //
-// A watertight kernel is the fast one, as on the CPU; counters are the CPU's (CONTRACT.md §4).
+// A watertight kernel is the fast one, as on the CPU; only the CPU counts.
 #pragma once
 
 #include "engine/cuda/launch.h"

@@ -1,4 +1,4 @@
-// An axis-aligned box. Boxes only cull: they never decide a hit (CONTRACT.md §1).
+// An axis-aligned box. Boxes only cull: they never decide a hit.
 #pragma once
 
 #include "engine/math/vec.h"
@@ -24,7 +24,6 @@ struct Box {
     }
     [[nodiscard]] bool is_empty() const { return !(lower.x <= upper.x); }
     [[nodiscard]] Vec3 size() const { return upper - lower; }
-    [[nodiscard]] Vec3 center() const { return 0.5F * lower + 0.5F * upper; }
     [[nodiscard]] float half_area() const {
         if (is_empty()) return 0;
         const Vec3 s = size();

@@ -33,7 +33,7 @@ struct HitRecord {
     std::uint8_t flags = 0;  ///< HitFlags
     std::uint8_t hit = 0;
 
-    /// The total order of hits, CONTRACT.md §1: (t, path, geom, prim, k); the flat index orders
+    /// The total order of hits: (t, path, geom, prim, k); the flat index orders
     /// (geom, prim).
     [[nodiscard]] RAYNEST_FN bool before(const HitRecord& other) const {
         if (t != other.t) return t < other.t;
@@ -44,7 +44,7 @@ struct HitRecord {
 };
 static_assert(sizeof(HitRecord) == 32);
 
-/// What the Counting adapter adds up, CONTRACT.md §4; `total` = boxes + prims.
+/// What the Counting adapter adds up; `total` = boxes + prims.
 struct Counters {
     std::uint32_t nodes = 0;
     std::uint32_t boxes = 0;

@@ -1,4 +1,4 @@
-// The way down a flat path id (CONTRACT.md §1): which instance of which object, level by level.
+// The way down a flat path id: which instance of which object, level by level.
 //
 //   leaves(object) = (own primitives ? 1 : 0) + sum of leaves(child) over its instances
 //   path           = sum of path_base over the instances on the way down

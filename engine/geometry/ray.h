@@ -17,7 +17,7 @@ struct Ray {
 };
 static_assert(sizeof(Ray) == 32);
 
-/// CONTRACT.md §1: tmin >= 0, tmax may be +inf; nothing else may be non-finite, the direction not
+/// Of a valid ray: tmin >= 0, tmax may be +inf; nothing else may be non-finite, the direction not
 /// zero, tmin <= tmax. An invalid ray gives the canonical miss and flag 1.
 [[nodiscard]] RAYNEST_FN inline bool is_valid(const Ray& r) {
     const auto finite = [](const Vec3& v) {

@@ -7,7 +7,8 @@
 //     report
 //
 // and one line in geometry/PRIMITIVES. `normal(const P&, Vec3 point)` is optional. The type must be
-// trivially copyable and consist of floats: that is how a .npy row becomes one.
+// trivially copyable, of whole 4-byte words and aligned to no more: a .npy row of floats becomes
+// one as it is, and records lie one behind the other with a word between them.
 #pragma once
 
 #include "engine/geometry/box.h"
@@ -78,6 +79,7 @@ RAYNEST_INLINE auto intersect(const R& ray, const Record<P>& record) {
 
 template <class P>
 concept RecordPrimitive = std::is_trivially_copyable_v<P> && sizeof(P) % sizeof(float) == 0 &&
+                          alignof(P) <= alignof(float) &&
                           requires(const P& primitive, const RayView& ray) {
     { bounds(primitive) } -> std::convertible_to<Box>;
     intersect(ray, primitive).mask;

@@ -29,11 +29,13 @@ struct RecordType {
 /// Calls `f(RecordType<P>)` for every type.
 template <class F>
 constexpr void for_each_record_type(F&& f) {
-#define RAYNEST_CALL(name, Type)                                                                  \
-    static_assert(RecordPrimitive<Type>,                                                          \
-                  #Type " needs Box bounds(const " #Type                                          \
-                        "&) and intersect(const auto& ray, "                                      \
-                        "const " #Type "&) that returns RecordHits, and must consist of floats"); \
+#define RAYNEST_CALL(name, Type)                                                                \
+    static_assert(RecordPrimitive<Type>,                                                        \
+                  #Type " needs Box bounds(const " #Type                                        \
+                        "&) and intersect(const auto& ray, "                                    \
+                        "const " #Type                                                          \
+                        "&) that returns RecordHits, and must be trivially copyable, of whole " \
+                        "4-byte words, and aligned to 4 bytes at most");                        \
     f(RecordType<Type>{#name, primitive_type(#name)});
     RAYNEST_FOR_EACH_RECORD_TYPE(RAYNEST_CALL)
 #undef RAYNEST_CALL

@@ -1,18 +1,17 @@
-// The box rule of CONTRACT.md §1: where a ray enters and leaves an axis-aligned box.
+// The box rule: where a ray enters and leaves an axis-aligned box.
 //
 //   d' = |d| < dmax * 1e-18 ? copysign(dmax * 1e-18, d) : d       r = 1/d'      m = -o r
 //   near plane = fma(p, r n, (m - e) n)    n = 2 - 1.0000004      near = max of near planes
 //   far plane  = fma(p, r f, (m + e) f)    f = 1.0000004          far = min of far planes
 //   enter iff max(near, tmin) <= min(far, tmax)
 //
-// with dmax = max |d| and e = |r| * max |o| * 2^-21 * ObjectRecord::origin_error. Three things
-// differ from the contract's first wording. The factors n and f are multiplied into the ray's terms
-// once, not onto every node's result: two multiplications less on the path that a node's children
-// wait for; e is twice as large and covers the roundings that this adds. Brute force found rays
-// that the narrower rule culled, hence the other two: the limit for small components is relative (a
-// direction of 1e-30 is short, not axis-parallel), and the error is that of the largest coordinate,
-// times its growth through the levels below (scene/bake computes it): inside a rotated instance the
-// rounding of one axis moves another.
+// with dmax = max |d| and e = |r| * max |o| * 2^-21 * ObjectRecord::origin_error. The factors n and
+// f are multiplied into the ray's terms once, not onto every node's result: two multiplications
+// less on the path that a node's children wait for; e covers the roundings that this adds. Narrower
+// rules cull rays that hit (found by brute force): the limit for small components is relative,
+// because a direction of 1e-30 is short, not axis-parallel, and the error is that of the largest
+// coordinate, times its growth through the levels below (scene/bake computes it), because inside a
+// rotated instance the rounding of one axis moves another.
 //
 // An axis whose terms overflow constrains nothing.
 //

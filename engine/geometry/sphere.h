@@ -2,25 +2,11 @@
 #pragma once
 
 #include "engine/geometry/record.h"
+#include "engine/geometry/sphere_shape.h"
 
 #include <cmath>
 
 namespace raynest {
-
-struct Sphere {
-    Vec3 center;
-    float radius;
-};
-
-[[nodiscard]] RAYNEST_FN inline Box bounds(const Sphere& sphere) {
-    // One part in 2^20 of slack: the quadratic below rounds.
-    const float extent = std::abs(sphere.radius) * 1.000001F;
-    return {sphere.center - Vec3(extent), sphere.center + Vec3(extent)};
-}
-
-[[nodiscard]] RAYNEST_FN inline Vec3 normal(const Sphere& sphere, const Vec3& point) {
-    return point - sphere.center;
-}
 
 /// The discriminant is taken at the ray's closest approach to the centre, which keeps its digits
 /// for far and small spheres (Haines, Guenther, Akenine-Moeller, "Precision improvements for

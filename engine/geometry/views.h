@@ -91,7 +91,7 @@ struct InstanceRecord {
     Transform to_object;       ///< from the parent's space
     std::uint32_t object;
     std::uint32_t mask;        ///< skipped when (mask & request mask) == 0
-    std::uint64_t path_base;   ///< leaf placements of the parent before this one (CONTRACT.md §1)
+    std::uint64_t path_base;   ///< leaf placements of the parent before this one (geometry/path.h)
 };
 static_assert(sizeof(InstanceRecord) == 64);
 
@@ -111,7 +111,7 @@ struct ObjectRecord {
     std::uint64_t first_node;
     std::uint64_t first_block;
     std::uint64_t first_record;  ///< byte offset in `records`
-    std::uint64_t leaves;      ///< leaf placements below, CONTRACT.md §1
+    std::uint64_t leaves;      ///< leaf placements below (geometry/path.h)
     std::uint64_t texcoord_blocks;  ///< byte offset in `attributes`, one per leaf block; no_offset where no alpha is in a texture
     std::uint32_t node_count;
     std::uint32_t block_count;

@@ -39,7 +39,7 @@ Transform look(const glm::dvec3& eye, const glm::dvec3& forward, glm::dvec3 up) 
     return pose;
 }
 
-/// CONTRACT.md §5: frames the bounding box from (+x, +y, +z) at 40 degrees, whole in any picture
+/// Frames the bounding box from (+x, +y, +z) at 40 degrees, whole in any picture
 /// that is at least as wide as high.
 Camera framing_camera(const Box& bounds) {
     constexpr double margin = 1.05;

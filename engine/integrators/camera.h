@@ -1,16 +1,11 @@
-// Pinhole cameras: glTF cameras, look-at, and the one that frames a scene (CONTRACT.md §5).
+// Pinhole cameras: glTF cameras, look-at, and the one that frames a scene.
 #pragma once
 
-#include "engine/geometry/ray.h"
-#include "engine/geometry/tile_order.h"
+#include "engine/math/vec.h"
 #include "engine/result.h"
 #include "engine/scene/snapshot.h"
 
-#include <algorithm>
-#include <cstdint>
-#include <span>
 #include <string>
-#include <string_view>
 
 namespace raynest {
 

@@ -1,7 +1,7 @@
 // Ray generators: sensors whose rays follow from a few numbers, so that none need to be stored or
 // sent (PROTOCOL.md, "Generators").
 //
-// Sensors look along -Z of their pose, +X to the right, +Y up, as cameras do (CONTRACT.md §5); a
+// Sensors look along -Z of their pose, +X to the right, +Y up, as cameras do; a
 // lidar's axes are those of robotics: x ahead, y left, z up. Poses are applied as they are, so one
 // that scales also scales t. All is computed in double and rounded once, in the ray.
 #pragma once
@@ -101,7 +101,7 @@ using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar>;
 [[nodiscard]] std::uint64_t ray_count(const Sensor& sensor);
 /// Rays [first, first + out.size()).
 void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out);
-/// The same in tile order (camera.h).
+/// The same in tile order (geometry/tile_order.h).
 void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> out);
 
 /// Rays from given points over the hemisphere of a normal, cosine-weighted: their mean of a

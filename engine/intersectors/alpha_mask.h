@@ -9,7 +9,7 @@
 namespace raynest {
 
 /// MASK materials are hit where alpha >= their alphaCutoff (or `cutoff`, when set), BLEND materials
-/// where alpha >= 0.5, OPAQUE ones everywhere (CONTRACT.md §3).
+/// where alpha >= 0.5, OPAQUE ones everywhere.
 struct AlphaMask {
     static constexpr const char* text =
         "textures' alpha cuts holes (glTF MASK and BLEND materials)";

@@ -8,7 +8,7 @@
 
 namespace raynest {
 
-/// Counts what CONTRACT.md §4 says and answers what `Base` answers.
+/// Counts a ray's questions (geometry/hit.h, Counters) and answers what `Base` answers.
 template <class Base>
 struct Counting {
     Base& base;

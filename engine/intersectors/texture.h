@@ -1,8 +1,8 @@
-// Alpha of a surface, as glTF defines it (CONTRACT.md §3): factor x texture x vertex colour.
+// Alpha of a surface, as glTF defines it: factor x texture x vertex colour.
 //
 // Textures are decoded once to 8-bit planes; a bilinear lookup of our own is 10-17 times faster
-// than OpenImageIO's texture system (measured, notes on glTF and images). All arithmetic is
-// explicit, so that every target gives the same bits.
+// than OpenImageIO's texture system (measured). All arithmetic is explicit, so that every target
+// gives the same bits.
 #pragma once
 
 #include "engine/geometry/triangle.h"

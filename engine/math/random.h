@@ -1,7 +1,7 @@
 // A small random generator whose numbers are the same on every machine and in every release.
 //
 // SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014): one
-// 64-bit counter and a mixer. Procedural scenes are part of the contract "same request, same
+// 64-bit counter and a mixer. Procedural scenes are part of the promise "same request, same
 // bytes", so the distributions of <random>, which differ between libraries, are not used.
 #pragma once
 

@@ -1,8 +1,8 @@
 // Vectors and affine 3x4 transforms: the one header through which the engine sees GLM.
 //
-// Matrices are 3x4, row-major, object-to-world, as CONTRACT.md §1 says. Transforms of points spell
+// Matrices are 3x4, row-major, object-to-world. Transforms of points spell
 // out every fma in a fixed order: the traversal, the reference and the CUDA pack walk the same
-// chain of transforms and must get the same bits (CONTRACT.md §2).
+// chain of transforms and must get the same bits.
 #pragma once
 
 #include <glm/glm.hpp>
@@ -36,7 +36,7 @@ static_assert(sizeof(Vec3) == 12 && sizeof(Vec2) == 8,
               "do not define GLM_FORCE_DEFAULT_ALIGNED_GENTYPES");
 
 /// a*b + c with one rounding where the target has FMA; multiply-then-add on x86-64-v2, as Highway's
-/// MulAdd does there: v2 is its own reference (CONTRACT.md §2).
+/// MulAdd does there: v2 is its own reference.
 RAYNEST_INLINE float fused(float a, float b, float c) {
 #if defined(__CUDA_ARCH__)
     return __fmaf_rn(a, b, c);
@@ -84,7 +84,7 @@ static_assert(sizeof(Transform) == 48);
 Transform compose(const Transform& outer, const Transform& inner);
 
 /// The inverse, computed in double; all-zero 3x3 and `false` when the transform is singular: the
-/// determinant is zero or not finite, or the inverse overflows a float (CONTRACT.md §1).
+/// determinant is zero or not finite, or the inverse overflows a float.
 bool invert(const Transform& transform, Transform& inverse);
 
 /// Condition number of the 3x3 part in the 2-norm (largest over smallest singular value), >= 1.

@@ -11,7 +11,7 @@
 namespace raynest {
 namespace {
 
-// Best first: a variant runs on the best target that has it (CONTRACT.md §3).
+// Best first: a variant runs on the best target that has it.
 constexpr std::array<std::string_view, 3> targets_best_first{"v4", "v3", "v2"};
 
 std::size_t rank_of(std::string_view target) {

@@ -52,8 +52,8 @@ public:
     [[nodiscard]] std::span<const Variant> variants() const { return variants_; }
     /// null when unknown.
     [[nodiscard]] const Variant* find(std::string_view name) const;
-    /// "auto" is alpha_mask where the scene has MASK or BLEND materials, else opaque (CONTRACT.md
-    /// §3). Also checks that the variant knows the scene's primitive types.
+    /// "auto" is alpha_mask where the scene has MASK or BLEND materials, else opaque.
+    /// Also checks that the variant knows the scene's primitive types.
     [[nodiscard]] Result<const Variant*> choose(std::string_view name,
                                                 const SceneView& scene) const;
     /// null when unknown. `hash` as primitive_type() gives it.

@@ -1,6 +1,6 @@
 // The compiled functions of one request, and which of them a chunk of rays goes through.
 //
-// All traversals give the same bytes (CONTRACT.md §2), so the choice is free to look at the rays.
+// All traversals give the same bytes, so the choice is free to look at the rays.
 #pragma once
 
 #include "engine/packs/registry.h"

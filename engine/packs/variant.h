@@ -208,8 +208,9 @@ TraceStatus trace_all(const TraceCall* pointer) noexcept {
 // ---- The table
 // -----------------------------------------------------------------------------------
 
-/// What is compiled per intersector (CONTRACT.md §3): latency {closest, any, multi} x {plain,
-/// counting} and plain {all}, and the reference. A new traversal or precision is a line here.
+/// What is compiled per intersector: latency {closest, any, multi} x {plain, counting} and plain
+/// {all}, the reference, and except on v2 batch {closest, any, multi} and coherent {closest, any}.
+/// A new traversal or precision is a line here.
 template <class Isect>
 constexpr PackVariant make_variant(const char* name) {
     PackVariant v = describe_variant<Isect>(name);

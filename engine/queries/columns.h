@@ -1,4 +1,4 @@
-// Hit records -> the columns of CONTRACT.md §1.
+// Hit records -> the columns of PROTOCOL.md §7.
 //
 // Kernels write 32-byte records; whatever else a column needs (names of levels, normals, materials)
 // follows from (path, object, triangle) and is computed here, only for the fields asked for.

@@ -2,7 +2,7 @@
 //
 // take(ray, hits) sees the surviving lanes of one primitive or block, keeps what it wants, shrinks
 // ray.tmax to the farthest distance that can still matter and returns true when nothing can. Hits
-// are ordered by (t, path, geom, prim, k), CONTRACT.md §1: of equal t the smaller key wins,
+// are ordered by (t, path, geom, prim, k): of equal t the smaller key wins,
 // whatever the order of traversal, so answers do not depend on the tree.
 //
 // A query also carries the word of its caller, where there is one, that it is wanted no more: the

@@ -1,7 +1,7 @@
 // The brute-force reference: every primitive of every placement, no tree, no box.
 //
 // It walks the same chain of transforms and asks the same intersector about the same primitives,
-// one lane at a time, in the same pack; the difference to any traversal is 0 (CONTRACT.md §2). It
+// one lane at a time, in the same pack; the difference to any traversal is 0. It
 // shares visit() of a single primitive with the traversal and nothing of the tree.
 #pragma once
 

@@ -14,7 +14,7 @@ namespace raynest {
 
 /// How often something below an object is placed; all sums are overflow-checked.
 struct Placements {
-    std::uint64_t leaves = 0;     ///< flat leaf placements, CONTRACT.md §1
+    std::uint64_t leaves = 0;     ///< flat leaf placements (geometry/path.h)
     std::uint64_t triangles = 0;  ///< of those leaves
 
     bool operator==(const Placements&) const = default;

@@ -22,7 +22,7 @@
 
 namespace raynest {
 
-/// Limits on what may become a snapshot; CONTRACT.md §1.
+/// Limits on what may become a snapshot.
 inline constexpr std::uint32_t scene_depth_max = 32;
 inline constexpr float coordinate_max = 1e15F;
 inline constexpr std::uint64_t scene_paths_max = 1ULL << 63;
@@ -39,7 +39,7 @@ inline constexpr std::uint32_t scene_cameras_max = 65536;
 /// The memory of a snapshot.
 using Arena = Pages;
 
-/// What `info` prints. Counts follow CONTRACT.md §6.
+/// What `info` prints; instanced_triangles and instances count placements.
 struct SceneStatistics {
     std::uint64_t unique_triangles = 0;
     std::uint64_t instanced_triangles = 0;

@@ -1,37 +1,11 @@
 // Materials, textures and cameras of a checked description -> records.
+#include "engine/scene/camera_pose.h"
 #include "engine/scene/content.h"
 
-#include <cmath>
+#include <algorithm>
+#include <array>
 
 namespace raynest {
-namespace {
-
-/// A camera's pose without the scale of its node (CONTRACT.md §5): -Z and +Y keep their directions
-/// as far as they agree, +X follows. An unusable node looks along -Z of the world.
-Transform without_scale(const Transform& t) {
-    const auto column = [&](std::size_t c) {
-        return glm::dvec3(static_cast<double>(t.m[c]), static_cast<double>(t.m[4 + c]),
-                          static_cast<double>(t.m[8 + c]));
-    };
-    const glm::dvec3 z = glm::normalize(column(2));
-    const glm::dvec3 y = glm::normalize(column(1) - z * glm::dot(z, column(1)));
-    const glm::dvec3 x = glm::cross(y, z);
-    const bool usable = std::isfinite(glm::dot(x + y + z, glm::dvec3(1)));
-    Transform pose;
-    for (int row = 0; row < 3; ++row) {
-        const auto at = 4 * static_cast<std::size_t>(row);
-        if (usable) {
-            pose.m[at] = static_cast<float>(x[row]);
-            pose.m[at + 1] = static_cast<float>(y[row]);
-            pose.m[at + 2] = static_cast<float>(z[row]);
-        }
-        pose.m[at + 3] = t.m[at + 3];
-    }
-    return pose;
-}
-
-}  // namespace
-
 void add_surfaces(const SceneDescription& description, Content& content) {
     struct Planes {
         std::uint64_t colour = no_offset;
@@ -64,8 +38,13 @@ void add_surfaces(const SceneDescription& description, Content& content) {
 
 void add_cameras(const SceneDescription& description, Content& content) {
     for (const CameraDescription& camera : description.cameras) {
-        content.cameras.push_back({without_scale(camera.to_world), camera.yfov, camera.aspect,
-                                   content.names.add(camera.name), 0});
+        std::array<double, 12> to_world{};
+        std::copy_n(camera.to_world.m.begin(), 12, to_world.begin());
+        // Of no direction: along -Z of the world, from where it is.
+        Transform along_z;
+        for (const std::size_t i : {3U, 7U, 11U}) along_z.m[i] = camera.to_world.m[i];
+        content.cameras.push_back({camera_pose(to_world).value_or(along_z), camera.yfov,
+                                   camera.aspect, content.names.add(camera.name), 0});
     }
 }
 

@@ -56,7 +56,7 @@ public:
         std::uint32_t slots = 1;           ///< calls at a time
         SlotShape shape;                   ///< of a call
     };
-    /// The registry's CPU target must be one that promises the device's bits (CONTRACT.md §2).
+    /// The registry's CPU target must be one that promises the device's bits: not v2.
     Worker(Options options, const Registry& registry, Budget& budget, Metrics& metrics,
            const protocol::Limits& limits);
     /// Ends the process; no call may be under way.

@@ -1,4 +1,4 @@
-// HEATMAP: what a ray costs, per pixel (CONTRACT.md §4). The raw counts are the data.
+// HEATMAP: what a ray costs, per pixel. The raw counts are the data.
 #include "engine/assets/image.h"
 #include "engine/integrators/picture.h"
 #include "server/handlers/handler.h"

@@ -1,4 +1,4 @@
-// The scenes that the daemon holds: names are aliases of content (CONTRACT.md §7).
+// The scenes that the daemon holds: names are aliases of content.
 //
 // A scene is immutable; jobs keep the one they started with. Replacing a name publishes a new
 // epoch, unloading drops one principal's reference, and memory returns with the last holder.

@@ -70,7 +70,7 @@ Result<bool> run(const Options& options) {
 
 constexpr int exit_threshold = 9;
 
-/// CONTRACT.md §8: 2 usage, 5 scene, file or variant unknown or invalid, 1 all else.
+/// Those of raynest: 2 usage, 5 scene, file or variant unknown or invalid, 1 all else.
 int exit_code_of(ErrorCode code) {
     switch (code) {
         case ErrorCode::param_invalid:

@@ -83,7 +83,7 @@ class Measuring(unittest.TestCase):
                     self.assertEqual(row["ratio"] > 0, PEER)
 
     def test_alpha_is_tested_as_the_filters_of_the_peer_and_the_controls_do(self):
-        peers = "own,embree-filter,embree-argument" if PEER else "own"
+        peers = "own,embree-filter,embree-filter-coherent,embree-argument" if PEER else "own"
         rows = self.rows("--scene", "gen:cards?scale=0.01", "--rays", "primary,diffuse,ao", "--intersector",
                          "alpha_mask,fused_alpha,pointer_alpha", "--traversal", "latency", "--peers", peers)
         for row in rows:
@@ -132,11 +132,17 @@ class Measuring(unittest.TestCase):
     def test_builds_are_timed_and_weighed(self):
         peers = ["--peers", "embree"] if PEER else []
         rows = self.rows("--scene", "gen:terrain?scale=0.01", "--build", "--threads", "1,2", *peers)
-        self.assertEqual([row["kind"] for row in rows], ["memory"] + 4 * ["build"])
+        self.assertEqual([row["kind"] for row in rows], ["memory"] + 12 * ["build"])
+        self.assertEqual([row["build"] for row in rows[1:]], 4 * ["fast"] + 4 * ["medium"] + 4 * ["high"])
         self.assertTrue(20 < rows[0]["bytes_per_triangle"] < 200)
         for row in rows[1:]:
             self.assertGreater(row["wall_seconds"], 0)
             self.assertIn(row["stage"], ("tree", "bake"))
+        textured = self.rows("--scene", "gen:cards?scale=0.01", "--build", "--quality", "fast")
+        self.assertEqual([row.get("build") for row in textured], [None, "fast", "fast"])
+        # Leaf blocks of eight have another 192 bytes, of texture coordinates.
+        self.assertGreater(textured[0]["bytes_per_triangle"], rows[0]["bytes_per_triangle"] + 20)
+        self.assertIn("medium", bench("--build", "--quality", "best").stderr)
         instanced = self.rows("--scene", "gen:forest1?scale=0.01", "--build", *peers)
         self.assertTrue(64 < instanced[0]["bytes_per_instance"] < 1000)
 
@@ -267,6 +273,17 @@ class Table(unittest.TestCase):
                 for rays in ("primary", "diffuse", "random")
                 for peer, ratio, rate in (("embree-list", 3, 1.0), ("embree-shrink", 1.04, 2.0))]
         self.assertIn("| 1.04 | 1 | 1.1 | 1.5 | below |", self.line("multi-hit", rows))
+
+    def test_our_packets_are_held_to_the_peers_packets(self):
+        def rows(*peers):
+            return [self.row("forest1", rays, peer, ratio, traversal=traversal, mrays=ours, peer_mrays=rate,
+                             ratio_adjusted=ratio)
+                    for rays in ("primary", "diffuse", "ao")
+                    for traversal, ours in (("latency", 2.0), ("coherent", 6.0))
+                    for peer, rate in peers for ratio in (ours / rate,)]
+        self.assertIn("| 1.5 | 1.5 |", self.line("forest1", rows(("embree", 1.0), ("embree-coherent", 4.0))))
+        self.assertIn("| 1.5 | 1.5 |", self.line("forest1", rows(("embree", 4.0), ("embree-coherent", 1.0))))
+        self.assertIn(table.UNAVAILABLE, self.line("forest1", rows(("embree", 1.0))))
 
     def test_rows_with_too_many_mismatches_are_listed(self):
         rows = [self.row("cards", "primary", "embree", 1, mismatches=7, mismatches_max=2, count=9)]

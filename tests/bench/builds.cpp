@@ -17,7 +17,6 @@
 #include <functional>
 #include <span>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -36,15 +35,12 @@ BuildTime timed(const std::function<void()>& build) {
     return {seconds_of(CLOCK_MONOTONIC) - wall, seconds_of(CLOCK_PROCESS_CPUTIME_ID) - cpu};
 }
 
-// The one place that knows which qualities the builder has and how it is called.
-constexpr std::array<std::pair<std::string_view, Quality>, 1> qualities{
-    {{"medium", Quality::medium}}};
+/// Pointers to the corners of a triangle.
+using CornersAt = std::array<const Vec3*, 3>;
 
-using Corners = std::array<const Vec3*, 3>;
-
-/// The corners of every triangle of the scene's one object, in flat order; not timed.
-std::vector<Corners> corners_of(const SceneDescription& scene) {
-    std::vector<Corners> corners;
+/// Those of every triangle of the scene's one object, in flat order; not timed.
+std::vector<CornersAt> corners_of(const SceneDescription& scene) {
+    std::vector<CornersAt> corners;
     for (const GeometryDescription& geometry : scene.objects[scene.root].geometries) {
         for (std::size_t i = 0; i < geometry.indices.size(); i += 3) {
             const auto corner = [&](std::size_t k) {
@@ -66,12 +62,15 @@ void in_parallel(std::size_t count, Work&& work) {
 }
 
 /// Boxes of the triangles, the tree over them and its filled leaves: what the peer's commit does.
-void build_leaves(std::span<const Corners> corners, Quality /*medium is the only one*/) {
+void build_leaves(std::span<const CornersAt> corners, BuildQuality quality) {
     std::vector<Box> boxes(corners.size());
+    std::vector<Corners> clipped(quality == BuildQuality::high ? corners.size() : 0);
     in_parallel(corners.size(), [&](std::size_t i) {
         for (const Vec3* corner : corners[i]) boxes[i].extend(*corner);
+        if (!clipped.empty()) clipped[i] = {*corners[i][0], *corners[i][1], *corners[i][2]};
     });
-    const Tree tree = build_tree({boxes, static_cast<std::uint32_t>(boxes.size()), 0, 0});
+    const Tree tree =
+        build_tree({boxes, static_cast<std::uint32_t>(boxes.size()), 0, 0, quality, clipped});
     std::vector<TriangleBlock> blocks(tree.block_lanes.size() / 8);
     in_parallel(blocks.size(), [&](std::size_t block) {
         for (std::size_t lane = 0; lane < 8; ++lane) {
@@ -88,11 +87,6 @@ void build_leaves(std::span<const Corners> corners, Quality /*medium is the only
     });
 }
 
-void bake(const SceneDescription& scene, Quality /*medium is the only one*/) {
-    // It was baked before: it cannot fail now.
-    static_cast<void>(Snapshot::bake(scene));
-}
-
 struct Stage {
     const char* name;
     std::function<void()> build;
@@ -103,12 +97,15 @@ std::uint64_t triangles_of(const Loaded& loaded) {
 }
 
 /// Rounds of every stage and of the peer in turn.
-Result<void> race_build(const Options& options, Loaded& loaded, std::string_view quality_name,
-                        Quality quality, unsigned threads) {
-    const SceneDescription& scene = loaded.workload.description;
-    const std::vector<Corners> corners = corners_of(scene);
-    const std::array<Stage, 2> stages{{{"tree", [&] { build_leaves(corners, quality); }},
-                                       {"bake", [&] { bake(scene, quality); }}}};
+Result<void> race_build(const Options& options, Loaded& loaded, BuildQuality quality,
+                        unsigned threads) {
+    SceneDescription& scene = loaded.workload.description;
+    scene.build = quality;
+    const std::vector<CornersAt> corners = corners_of(scene);
+    // The scene was baked before: it cannot fail now.
+    const std::array<Stage, 2> stages{
+        {{"tree", [&] { build_leaves(corners, quality); }},
+         {"bake", [&] { static_cast<void>(Snapshot::bake(scene)); }}}};
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     std::array<std::vector<BuildTime>, 2> ours;
     std::vector<PeerBuild> theirs;
@@ -127,14 +124,15 @@ Result<void> race_build(const Options& options, Loaded& loaded, std::string_view
         return median(std::move(values));
     };
     for (std::size_t i = 0; i < stages.size(); ++i) {
-        nlohmann::ordered_json row{{"scene", loaded.workload.name},
-                                   {"kind", "build"},
-                                   {"stage", stages[i].name},
-                                   {"build", quality_name},
-                                   {"threads", threads},
-                                   {"triangles", triangles_of(loaded)},
-                                   {"wall_seconds", median_of(ours[i], &BuildTime::wall_seconds)},
-                                   {"cpu_seconds", median_of(ours[i], &BuildTime::cpu_seconds)}};
+        nlohmann::ordered_json row{
+            {"scene", loaded.workload.name},
+            {"kind", "build"},
+            {"stage", stages[i].name},
+            {"build", build_quality_names[static_cast<std::size_t>(quality)]},
+            {"threads", threads},
+            {"triangles", triangles_of(loaded)},
+            {"wall_seconds", median_of(ours[i], &BuildTime::wall_seconds)},
+            {"cpu_seconds", median_of(ours[i], &BuildTime::cpu_seconds)}};
         if (!theirs.empty()) {
             std::vector<double> wall;
             std::vector<double> cpu;
@@ -178,7 +176,9 @@ Weights weigh(const SceneView& view) {
     for (std::uint32_t i = 0; i < view.object_count; ++i) {
         const ObjectRecord& object = view.objects[i];
         const double nodes = static_cast<double>(object.node_count * sizeof(Node));
-        const double blocks = static_cast<double>(object.block_count * sizeof(TriangleBlock));
+        const std::size_t block = sizeof(TriangleBlock) +
+                                  (object.texcoord_blocks != no_offset ? sizeof(TexcoordBlock) : 0);
+        const double blocks = static_cast<double>(object.block_count * block);
         const double share = instance_share(view, object);
         constexpr std::size_t records = sizeof(InstanceRecord) + sizeof(InstanceInfo);
         weights.mesh_bytes += blocks + (1 - share) * nodes;
@@ -226,9 +226,9 @@ Result<bool> race_builds(const Options& options, Loaded& loaded) {
     if (auto done = print_memory(options, loaded); !done) return tl::unexpected(done.error());
     // The peer's commit of a root is no match for all the trees of an instanced scene.
     if (loaded.workload.scene->statistics().levels > 1) return true;
-    for (const auto& [name, quality] : qualities) {
+    for (const BuildQuality quality : options.qualities) {
         for (const unsigned threads : options.threads) {
-            if (auto done = race_build(options, loaded, name, quality, threads); !done) {
+            if (auto done = race_build(options, loaded, quality, threads); !done) {
                 return tl::unexpected(done.error());
             }
         }

@@ -149,7 +149,7 @@ private:
 };
 
 /// Every variant of ours gives the bits of the first one that asks the same. v2 has no fma: its
-/// bits are its own (CONTRACT.md §2).
+/// bits are its own.
 Result<void> check_own(const std::vector<Side>& sides) {
     std::map<std::tuple<bool, bool, bool, std::string>, const Side*> first;
     for (const Side& side : sides) {
@@ -167,7 +167,7 @@ Result<void> check_own(const std::vector<Side>& sides) {
     return {};
 }
 
-/// What edges and the rounding of transforms explain, in answers of 131,072: 2 in one tree, 25
+/// What edges and the rounding of transforms explain, per 131,072 hits asked for: 2 in one tree, 25
 /// through one level of instances, 60 through more.
 std::uint64_t mismatches_max(const Loaded& loaded, const Answers& answers) {
     const std::uint32_t levels = loaded.workload.scene->statistics().levels;

@@ -2,6 +2,8 @@
 
 #include <CLI/CLI.hpp>
 
+#include <map>
+
 namespace raynest::bench {
 namespace {
 
@@ -13,6 +15,14 @@ std::string command_of(int argc, char** argv) {
         text += plain ? " " + word : " '" + word + "'";
     }
     return text;
+}
+
+std::map<std::string, BuildQuality> qualities() {
+    std::map<std::string, BuildQuality> all;
+    for (std::size_t i = 0; i < build_quality_names.size(); ++i) {
+        all[build_quality_names[i]] = static_cast<BuildQuality>(i);
+    }
+    return all;
 }
 
 }  // namespace
@@ -42,12 +52,16 @@ std::optional<Options> parse_options(int argc, char** argv, int& exit_code) {
     app.add_option("--threads", options.threads, "")->delimiter(',')->check(CLI::Range(1U, 256U));
     app.add_option("--peers", options.peers,
                    "embree, embree-packet, embree-coherent, embree-robust, embree-filter, "
-                   "embree-argument, embree-list, embree-shrink; own: our first variant")
+                   "embree-filter-coherent, embree-argument, embree-list, embree-shrink; "
+                   "own: our first variant")
         ->delimiter(',');
     app.add_option("--pack-dir", options.pack_dirs, "more kernel packs");
     app.add_option("--count", options.count, "rays per set")->check(CLI::Range(1024U, 1U << 26));
     app.add_option("--rounds", options.rounds, "")->check(CLI::Range(1, 1000));
     app.add_flag("--build", options.build, "time and weigh the trees instead of tracing");
+    app.add_option("--quality", options.qualities, "of --build: fast, medium, high")
+        ->delimiter(',')
+        ->transform(CLI::CheckedTransformer(qualities()));
     app.add_flag("--json", options.json, "one JSON object per row");
     try {
         app.parse(argc, argv);

@@ -1,6 +1,7 @@
 // The command line of raynest-bench.
 #pragma once
 
+#include "engine/bvh/build.h"
 #include "engine/packs/abi.h"
 #include "engine/result.h"
 
@@ -29,6 +30,8 @@ struct Options {
     std::uint32_t count = 131072;
     int rounds = 7;
     bool build = false;
+    std::vector<BuildQuality> qualities{BuildQuality::fast, BuildQuality::medium,
+                                        BuildQuality::high};
     bool json = false;
     std::string command;  ///< as typed, for the row that it makes
 };

@@ -8,10 +8,11 @@
 namespace raynest::bench {
 namespace {
 
-std::string_view best_target() {
+/// The test of the kernel packs (packs/pack.cmake).
+bool runs(std::string_view target) {
     __builtin_cpu_init();
-    if (__builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq")) return "v4";
-    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") ? "v3" : "v2";
+    if (target == "v4") return RAYNEST_CPU_TEST_V4;
+    return target == "v3" ? RAYNEST_CPU_TEST_V3 : RAYNEST_CPU_TEST_V2;
 }
 
 }  // namespace
@@ -23,12 +24,9 @@ std::filesystem::path module_dir() {
 }
 
 Result<std::unique_ptr<PeerLibrary>> load_peers() {
-    const std::string_view best = best_target();
-    bool runnable = false;
     for (const std::string_view target : std::array<std::string_view, 3>{"v4", "v3", "v2"}) {
-        runnable = runnable || target == best;
         const auto module = module_dir() / ("embree-" + std::string(target) + ".so");
-        if (!runnable || !std::filesystem::exists(module)) continue;
+        if (!runs(target) || !std::filesystem::exists(module)) continue;
         // RTLD_LOCAL, as for kernel packs: modules hold the same templates for different CPUs.
         void* loaded = dlopen(module.c_str(), RTLD_NOW | RTLD_LOCAL);
         void* entry = loaded != nullptr ? dlsym(loaded, peer_symbol) : nullptr;

@@ -6,6 +6,7 @@
 // same array of rays and write the same 32-byte records.
 #pragma once
 
+#include "engine/bvh/build.h"
 #include "engine/geometry/hit.h"
 #include "engine/geometry/ray.h"
 #include "engine/geometry/views.h"
@@ -46,9 +47,6 @@ struct PeerForm {
     std::vector<Query> queries;
 };
 
-/// Quality of a build.
-enum class Quality : std::uint8_t { fast, medium, high };
-
 /// One build of the library's tree, its vertices already in place.
 struct PeerBuild {
     double wall_seconds;
@@ -74,7 +72,8 @@ public:
     /// The peer's own tree over the view's triangles and instances; `view` must outlive the peer.
     virtual Result<std::unique_ptr<Peer>> open(const PeerForm& form, Query query,
                                                const SceneView& view) = 0;
-    virtual Result<PeerBuild> build(const SceneView& view, Quality quality, unsigned threads) = 0;
+    virtual Result<PeerBuild> build(const SceneView& view, BuildQuality quality,
+                                    unsigned threads) = 0;
     virtual Result<PeerMemory> weigh(const SceneView& view) = 0;
 };
 

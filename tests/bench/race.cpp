@@ -1,5 +1,7 @@
 #include "tests/bench/race.h"
 
+#include "tests/bench/clock.h"
+
 #include <sched.h>
 #include <time.h>
 #include <xmmintrin.h>
@@ -19,12 +21,6 @@ constexpr std::uint32_t chunk_rays = 4096;
 struct alignas(64) Seconds {
     double value = 0;
 };
-
-double thread_seconds() {
-    timespec now{};
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
 
 void flush_denormals() {
     _mm_setcsr(_mm_getcsr() | 0x8040U);  // FTZ and DAZ
@@ -57,13 +53,13 @@ Lap run_lap(const Entrant& entrant, std::uint32_t ray_count) {
             pool.emplace_back([&, thread] {
                 pin(thread);
                 flush_denormals();
-                const double begin = thread_seconds();
+                const double begin = seconds_of(CLOCK_THREAD_CPUTIME_ID);
                 for (;;) {
                     const std::uint32_t first = next.fetch_add(chunk_rays);
                     if (first >= ray_count) break;
                     entrant.trace(first, std::min(chunk_rays, ray_count - first));
                 }
-                seconds[thread].value = thread_seconds() - begin;
+                seconds[thread].value = seconds_of(CLOCK_THREAD_CPUTIME_ID) - begin;
             });
         }
     }

@@ -28,10 +28,10 @@ kinds=primary,diffuse,random,shadow,ao
 for scene in terrain cards interior; do
     bench --scene "gen:$scene" --rays "$kinds" --precision fast,watertight \
         --peers embree,embree-coherent,embree-robust
-    bench --scene "gen:$scene" --build --rounds 3 --threads 1,2 --peers embree
+    bench --scene "gen:$scene" --build --quality medium --rounds 3 --threads 1,2 --peers embree
 done
 bench --scene gen:cards --rays "$kinds" --intersector alpha_mask \
-    --peers embree-filter,embree-argument
+    --peers embree-filter,embree-filter-coherent,embree-argument
 bench --scene gen:cards --rays primary,diffuse,random --kind multi --max-hits 8 \
     --traversal latency,batch --peers embree-list,embree-shrink
 bench --scene gen:forest1 --rays primary,diffuse,ao --peers embree,embree-coherent

@@ -1,4 +1,4 @@
-// Input at the limits of what is accepted, and rays that are not (CONTRACT.md §1): it is answered
+// Input at the limits of what is accepted, and rays that are not: it is answered
 // like any other, on every traversal.
 #pragma once
 

@@ -3,7 +3,7 @@
 //
 // Nothing is listed here: the matrix is what the registry loads, so an intersector in a pack
 // outside this tree goes through it too (--pack-dir). A difference is a difference of bytes. The
-// reference itself is held to what the contract says of any answer (promises.h).
+// reference itself is held to what must be true of any answer (promises.h).
 //
 //   conformance [--target v2|v3|v4|cuda]... [--pack-dir DIR]... [--intersector NAME]
 //               [--edge-rays N]
@@ -154,7 +154,7 @@ public:
     [[nodiscard]] const Tally& tally() const { return tally_; }
 
 private:
-    // CONTRACT.md §1: what is nested deeper than a GPU's kernels go is said to be so.
+    // What is nested deeper than a GPU's kernels go is said to be so.
     void check_refusal(const Case& test, const Settings& settings) {
         const auto function =
             find_function(variant_, query_closest, precision_fast, traversal_latency, false);

@@ -1,4 +1,4 @@
-// Same request, same bytes (CONTRACT.md §2): over threads, chunk sizes, traversals and targets.
+// Same request, same bytes: over threads, chunk sizes, traversals and targets.
 //
 // One scene, one list of rays that mixes camera rays, bounces and odd ones. Every way to cut the
 // list and hand it out must give the bytes of one call. v3 and v4 must agree; v2 is its own.

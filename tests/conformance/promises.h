@@ -1,4 +1,4 @@
-// What the contract says of any answer, whoever gives it: the reference is held to this, and the
+// What must be true of any answer, whoever gives it: the reference is held to this, and the
 // traversals to the reference.
 #pragma once
 

@@ -1,5 +1,7 @@
 #include "tests/conformance/scenes.h"
 
+#include "engine/geometry/sphere_shape.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -118,11 +120,10 @@ ObjectDescription sphere_object(std::uint32_t count, Random& random) {
     for (std::uint32_t i = 0; i < count; ++i) {
         const Vec3 c = random.in_box(scene_half);
         const float radius = i == 0 ? 0.0F : random.between(0.05F, 0.5F);
-        const std::array<float, 4> record{c.x, c.y, c.z, radius};
-        const auto* bytes = reinterpret_cast<const std::byte*>(record.data());
-        object.records.insert(object.records.end(), bytes, bytes + sizeof record);
-        const Vec3 extent(radius * 1.000001F);
-        object.record_bounds.push_back({c - extent, c + extent});
+        const Sphere sphere{c, radius};
+        const auto* bytes = reinterpret_cast<const std::byte*>(&sphere);
+        object.records.insert(object.records.end(), bytes, bytes + sizeof sphere);
+        object.record_bounds.push_back(bounds(sphere));
     }
     return object;
 }

@@ -37,8 +37,8 @@ private:
 /// Masked, blended and opaque triangles with textures, plus degenerate triangles, under
 /// `depth` BVHs: depth - 1 levels of rotated, scaled, sheared and mirrored instances. Each level
 /// holds geometry of its own besides its instances, so hits happen at every depth; from depth 2 on
-/// there is an object of spheres too. One instance per level of depth 32 has a singular transform
-/// and one a mask of zero.
+/// there is an object of spheres too, and each level of instances has one of a singular transform
+/// and one of a mask of zero.
 SceneDescription nested_scene(std::uint32_t depth, std::uint64_t seed);
 
 /// A BVH of spheres: two hits per primitive.

@@ -82,6 +82,7 @@ private:
         Box box;
         std::uint32_t word;
     };
+    static Vec3 center_of(const Box& box) { return 0.5F * box.lower + 0.5F * box.upper; }
 
     void add(const ObjectRecord& object) {
         const std::size_t first = nodes_.size();
@@ -100,14 +101,14 @@ private:
     // Node `to` of the object that begins at `first`.
     void fill(std::size_t first, std::uint32_t to, std::span<Child> children) {
         Box middles;
-        for (const Child& child : children) middles.extend(child.box.center());
+        for (const Child& child : children) middles.extend(center_of(child.box));
         const Vec3 spread = middles.size();
         int axis = 0;
         for (const int other : {1, 2}) {
             if (spread[other] > spread[axis]) axis = other;
         }
         std::sort(children.begin(), children.end(), [axis](const Child& a, const Child& b) {
-            return a.box.center()[axis] < b.box.center()[axis];
+            return center_of(a.box)[axis] < center_of(b.box)[axis];
         });
         nodes_[first + to].axis = static_cast<std::uint32_t>(axis);
         const std::size_t half = children.size() / 2;

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Every subcommand of raynest against a real daemon: answers, files and exit codes of the contract.
+"""Every subcommand of raynest against a real daemon: answers, files and exit codes.
 
   cli_test.py RAYNESTD RAYNEST
 """

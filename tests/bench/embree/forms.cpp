@@ -169,6 +169,7 @@ const std::vector<Plan>& plans() {
                                  {{"embree-coherent", false, true, both}, {}, true},
                                  {{"embree-robust", false, false, both}, robust, false},
                                  {{"embree-filter", true, false, both}, filter, false},
+                                 {{"embree-filter-coherent", true, true, both}, filter, true},
                                  {{"embree-argument", true, false, both}, argument, false},
                                  {{"embree-list", false, false, {query_multi}}, list, false},
                                  {{"embree-shrink", false, false, {query_multi}}, shrink, false}};

@@ -114,7 +114,8 @@ public:
         return open_embree(trees_, form, query, view);
     }
 
-    Result<PeerBuild> build(const SceneView& view, Quality quality, unsigned threads) override {
+    Result<PeerBuild> build(const SceneView& view, BuildQuality quality,
+                            unsigned threads) override {
         constexpr std::array<RTCBuildQuality, 3> qualities{
             RTC_BUILD_QUALITY_LOW, RTC_BUILD_QUALITY_MEDIUM, RTC_BUILD_QUALITY_HIGH};
         TreeForm form;

@@ -42,7 +42,7 @@ std::string complaint(const std::vector<std::string>& words) {
 
 }  // namespace
 
-TEST_CASE("the options of the contract are understood") {
+TEST_CASE("the options of each command are understood") {
     const auto query = command_of<QueryOptions>({"query",
                                                  "forest",
                                                  "--ray",

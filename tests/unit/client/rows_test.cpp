@@ -63,7 +63,7 @@ std::string printed(Rows rows, const QueryChunk& chunk) {
 
 }  // namespace
 
-TEST_CASE("JSON rows have the contract's keys, and misses have no hits") {
+TEST_CASE("JSON rows have keys that scripts rely on, and misses have no hits") {
     const Sample sample;
     CHECK(printed(QueryRows("closest", {"t", "path", "uv"}, true), sample.chunk()) ==
           "{\"ray\":5,\"hits\":[{\"t\":4.3,\"path\":77,\"u\":0.25,\"v\":0.5}]}\n"

@@ -9,7 +9,7 @@
 
 using namespace raynest::protocol;
 
-TEST_CASE("every error has a name of its own, a remedy and an exit code of the contract") {
+TEST_CASE("every error has a name of its own, a remedy and an exit code that exists") {
     const std::set<int> exits = {1, 2, 3, 4, 5, 6, 7, 130};
     std::set<std::string_view> names;
     for (const ErrorInfo& info : error_table()) {
@@ -28,7 +28,7 @@ TEST_CASE("an unknown error number reads as INTERNAL") {
     CHECK(error_info(static_cast<Code>(0xFFFFFFFF)).code == Code::internal);
 }
 
-TEST_CASE("the contract's limits are in the table") {
+TEST_CASE("the limits of frames and scenes are in the table") {
     const Limits limits;
     std::set<std::string_view> names;
     for (const LimitInfo& info : limit_table()) {

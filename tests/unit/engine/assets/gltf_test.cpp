@@ -309,13 +309,16 @@ TEST_CASE("cameras come in node order, without their node's scale") {
         "cameras":[{"type":"perspective","perspective":{"yfov":0.8,"znear":0.1,"aspectRatio":2}},
                    {"type":"orthographic","orthographic":{"xmag":1,"ymag":1,"znear":0.1,"zfar":9}}],
         "nodes":[{"children":[2],"scale":[5,5,5]},{"name":"flat","camera":1},
-                 {"name":"eye","camera":0,"translation":[0,0,1]},{"mesh":0}])"));
-    REQUIRE(scene.cameras.size() == 1);
+                 {"name":"eye","camera":0,"translation":[0,0,1]},{"mesh":0},
+                 {"scale":[1e30,1e30,1e30],"children":[5,6]},{"camera":0,"scale":[1e30,1e30,1e30]},
+                 {"camera":0,"translation":[1e30,0,0]}])"));
+    REQUIRE(scene.cameras.size() == 2);  // a scale may be no float, a place must be
+    CHECK(scene.cameras[1].to_world == Transform{});
     CHECK(scene.cameras[0].name == "eye");
     CHECK(scene.cameras[0].yfov == 0.8F);
     CHECK(scene.cameras[0].aspect == 2);
     CHECK(scene.cameras[0].to_world.m == std::array<float, 12>{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 5});
-    CHECK(scene.skipped.at("cameras") == 1);
+    CHECK(scene.skipped.at("cameras") == 2);
 }
 
 TEST_CASE("what is left out a thousand times is counted, and warned about a few times") {

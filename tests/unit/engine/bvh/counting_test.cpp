@@ -8,10 +8,15 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <limits>
 #include <vector>
 
 using namespace raynest;
+
+#ifdef RAYNEST_TEST_NODES_TOGETHER
+static_assert(nodes_together == RAYNEST_TEST_NODES_TOGETHER);
+#endif
 
 namespace {
 
@@ -36,11 +41,13 @@ public:
             while (nodes.size() < nodes_together && !waiting.empty() &&
                    !is_leaf(waiting.back().child) && waiting.back().near <= ray.tmax)
                 nodes.push_back(take(waiting).child);
+            most_together = std::max(most_together, nodes.size());
             for (auto node = nodes.rbegin(); node != nodes.rend(); ++node)
                 enter_children(ray, scene_.nodes[ray.object->first_node + *node], waiting);
         }
     }
     ClosestHit query;
+    std::size_t most_together = 0;  ///< nodes of one look
 
 private:
     struct Waiting {
@@ -113,8 +120,11 @@ private:
 
 TEST_CASE("node, box, leaf, primitive and instance counts equal those of a scalar walk") {
     conformance::Random random(9);
-    for (const std::uint32_t depth : {1U, 2U, 3U}) {
-        const SceneDescription description = conformance::nested_scene(depth, 4);
+    // In trees as small as those of the nested scenes hardly three nodes wait.
+    std::size_t most_together = 0;
+    for (const SceneDescription& description :
+         {conformance::nested_scene(1, 4), conformance::nested_scene(2, 4),
+          conformance::nested_scene(3, 4), conformance::sheet_scene(20000, 2, 4)}) {
         const auto scene = Snapshot::bake(description);
         REQUIRE(scene.has_value());
         const SceneView& view = (*scene)->view();
@@ -143,11 +153,13 @@ TEST_CASE("node, box, leaf, primitive and instance counts equal those of a scala
                          counted.leaves != expected.leaves || counted.prims != expected.prims ||
                          counted.instances != expected.instances ||
                          query.best.t != walk.query.best.t;
+            most_together = std::max(most_together, walk.most_together);
             boxes += counted.boxes;
             instances += counted.instances;
         }
         CHECK(different == 0);
         CHECK(boxes > rays.size());
-        CHECK((instances > 0) == (depth > 1));
+        CHECK((instances > 0) == (description.objects.size() > 1));
     }
+    CHECK(most_together == nodes_together);
 }

@@ -113,13 +113,13 @@ Ray towards(float x, float y) {
     return ray;
 }
 
-// Each level lifts by 1/8, each further copy by another.
-std::shared_ptr<const Snapshot> quads_under_instances(int levels, int copies = 1) {
+// Quads at z = 0, -1, ... Each level lifts by 1/8, each further copy by another.
+std::shared_ptr<const Snapshot> quads_under_instances(int levels, int copies = 1, int quads = 2) {
     SceneDescription scene;
     ObjectDescription mesh;
     GeometryDescription geometry;
-    for (const float z : {0.0F, -1.0F}) {
-        for (const Triangle& t : quad(z, 0, 0)) {
+    for (int i = 0; i < quads; ++i) {
+        for (const Triangle& t : quad(static_cast<float>(-i), 0, 0)) {
             for (const Vec3& v : {t.v0, t.v1, t.v2}) {
                 geometry.indices.push_back(static_cast<std::uint32_t>(geometry.positions.size()));
                 geometry.positions.push_back(v);
@@ -199,12 +199,13 @@ TEST_CASE("bvh_costs counts in a list of BVHs what it cannot count in a list of 
 
     // The same intersector, passed on to nested BVHs of any depth.
     for (const int levels : {0, 1, 2, 3}) {
-        const auto scene = quads_under_instances(levels);
+        const auto scene = quads_under_instances(levels, 1, 20);  // more than a leaf holds
         const std::vector<Bvh> roots{{&scene->view(), scene->view().root}};
         BvhCosts costs;
         const HitRecord hit = closest_hit(towards(0.3F, 0.2F), roots.begin(), roots.end(), costs);
         CHECK(hit.t == doctest::Approx(2 - 0.125 * levels));
         CHECK(costs.num_tris >= 1);
+        CHECK(costs.num_boxes > 0);
     }
 }
 

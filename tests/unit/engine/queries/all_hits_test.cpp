@@ -10,6 +10,22 @@ using namespace raynest;
 
 namespace {
 
+/// A record that asks for an alignment.
+template <int alignment>
+struct alignas(alignment) Point {
+    float x, y, z, unused;
+};
+template <int alignment>
+Box bounds(const Point<alignment>& p) {
+    return {{p.x, p.y, p.z}, {p.x, p.y, p.z}};
+}
+template <class R, int alignment>
+auto intersect(const R&, const Point<alignment>& p) {
+    return no_hits<1>(p);
+}
+static_assert(RecordPrimitive<Point<4>>);
+static_assert(!RecordPrimitive<Point<16>>);  // records lie a word apart from each other
+
 /// Ten spheres in a row, the farthest first: a ray along it has twenty hits.
 std::vector<Sphere> row_of_spheres() {
     std::vector<Sphere> spheres;

@@ -55,7 +55,7 @@ std::shared_ptr<const Snapshot> placed_square(const Transform& transform) {
 
 }  // namespace
 
-TEST_CASE("names and columns match the contract's table") {
+TEST_CASE("names and columns match the table of PROTOCOL.md") {
     CHECK(parse_field("t") == Field::t);
     CHECK(parse_field("total") == Field::total);
     for (std::uint32_t i = 0; i < static_cast<std::uint32_t>(Field::count_); ++i) {

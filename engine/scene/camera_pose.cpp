@@ -1,0 +1,33 @@
+#include "engine/scene/camera_pose.h"
+
+#include <cmath>
+
+namespace raynest {
+
+std::optional<Transform> camera_pose(const std::array<double, 12>& to_world) {
+    const auto column = [&](std::size_t c) {
+        return glm::dvec3(to_world[c], to_world[4 + c], to_world[8 + c]);
+    };
+    const glm::dvec3 backward = column(2);
+    const glm::dvec3 z = glm::normalize(backward);
+    const glm::dvec3 upward = column(1) - z * glm::dot(z, column(1));
+    const glm::dvec3 y = glm::normalize(upward);
+    const glm::dvec3 x = glm::cross(y, z);
+    // Squares that overflow would normalise to zero.
+    if (!std::isfinite(glm::dot(backward, backward) + glm::dot(upward, upward)) ||
+        !std::isfinite(glm::dot(x + y + z, glm::dvec3(1)))) {
+        return std::nullopt;
+    }
+    Transform pose;
+    for (int row = 0; row < 3; ++row) {
+        const auto at = 4 * static_cast<std::size_t>(row);
+        pose.m[at] = static_cast<float>(x[row]);
+        pose.m[at + 1] = static_cast<float>(y[row]);
+        pose.m[at + 2] = static_cast<float>(z[row]);
+        pose.m[at + 3] = static_cast<float>(to_world[at + 3]);
+        if (!std::isfinite(pose.m[at + 3])) return std::nullopt;
+    }
+    return pose;
+}
+
+}  // namespace raynest

@@ -1,0 +1,16 @@
+// A camera's pose is the transform of its node without scale.
+#pragma once
+
+#include "engine/math/vec.h"
+
+#include <array>
+#include <optional>
+
+namespace raynest {
+
+/// -Z and +Y keep their directions as far as they agree, +X follows. Rows of 4, as in a Transform;
+/// in double, so that a large scale goes before it is rounded. Nothing where there is no direction
+/// or the place is not a finite float.
+[[nodiscard]] std::optional<Transform> camera_pose(const std::array<double, 12>& to_world);
+
+}  // namespace raynest
