@@ -44,20 +44,27 @@ Result<std::shared_ptr<Process>> Process::start(const Setup& setup) {
     }
     if (const auto greeted = process->greet(setup, std::move(control->first)); !greeted)
         return tl::unexpected(greeted.error());
+    // Only now: where there is no device, its slots take no memory.
+    if (const auto reserved = process->reserve(setup); !reserved)
+        return tl::unexpected(reserved.error());
     return process;
 }
 
-Result<void> Process::share_memory(const Setup& setup) {
+Result<void> Process::reserve(const Setup& setup) {
     const std::uint64_t bytes = setup.slots * shape_.bytes();
     auto lease = setup.budget->reserve(bytes);
     if (!lease)
         return fail(ErrorCode::limit_exceeded, "its slots need " + std::to_string(bytes) +
                                                    " bytes, more than --memory has left");
     lease_ = std::move(*lease);
+    return {};
+}
+
+Result<void> Process::share_memory(const Setup& setup) {
     auto file = create_memory_file("raynest-device-slots");
     if (!file) return tl::unexpected(file.error());
     memory_file_ = std::move(*file);
-    if (::ftruncate(memory_file_.get(), static_cast<off_t>(bytes)) == 0)
+    if (::ftruncate(memory_file_.get(), static_cast<off_t>(setup.slots * shape_.bytes())) == 0)
         memory_ = Mapping(memory_file_, Mapping::Access::share);
     if (!memory_.bytes().empty()) return {};
     return fail(ErrorCode::io_failed,

@@ -50,6 +50,8 @@ public:
 private:
     explicit Process(const SlotShape& shape) : shape_(shape) {}
     Result<void> share_memory(const Setup& setup);
+    /// What the slots' memory takes, of the budget.
+    Result<void> reserve(const Setup& setup);
     Result<void> greet(const Setup& setup, Channel control);
     /// Waits a little for its end. Gives how it ended, in words.
     std::string reap() const;

@@ -4,6 +4,7 @@ import pathlib
 import random
 import sys
 import tempfile
+import time
 import unittest
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -13,6 +14,8 @@ from npy import npy  # noqa: E402
 
 RAYS = 70_000  # of a query: more than the 65,536 from which on auto takes a GPU
 FRAME = 16384  # rays of a frame
+NO_GPU = "cudaErrorInsufficientDriver", "cudaErrorNoDevice"  # what the log says then
+START_SECONDS_MAX = max(120, PATIENCE)  # a first start translates kernels
 PROGRAMS = []  # raynestd, raynest, and the pack: set before a test runs
 
 
@@ -28,6 +31,17 @@ def write_rays(path, seed=1, endless_every=None, copies=1):
         values.extend((chance.uniform(-20, 20), 30, chance.uniform(-20, 20),
                        chance.gauss(0, 0.4), -1, chance.gauss(0, 0.4)))
     path.write_bytes(npy((copies * RAYS, 6), copies * values.tobytes()))
+
+
+def why_no_worker(daemon):
+    """None once the worker is up; 77, skipped, where there is no GPU; else 1. Prints what the log says."""
+    end = time.monotonic() + START_SECONDS_MAX
+    while not any(word in daemon.log() for word in ("cuda_up", "cuda_down")) and time.monotonic() < end:
+        time.sleep(0.1)
+    print(*(line for line in daemon.log().splitlines() if "cuda_" in line), sep="\n")
+    if "cuda_up" in daemon.log():
+        return None
+    return 77 if any(reason in daemon.log() for reason in NO_GPU) else 1
 
 
 def children(pid):

@@ -12,16 +12,11 @@ import pathlib
 import random
 import sys
 import tempfile
-import time
 import unittest
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "integration"))
-from daemon import PATIENCE, Client, Daemon  # noqa: E402
-from npy import npy  # noqa: E402
+from cuda_daemon import Client, Daemon, npy, why_no_worker
 
 DAEMON = CLIENT = None
-NO_GPU = "cudaErrorInsufficientDriver", "cudaErrorNoDevice"  # what the log says then
-START_SECONDS_MAX = max(120, PATIENCE)  # a first start translates kernels
 RAYS = 5_000  # of a query
 RAYS_ON_GPU, TOTAL_ON_GPU = 200_000, 10**7
 KINDS = ("closest",), ("any",), ("multi", "--max-hits", "5")
@@ -79,22 +74,14 @@ class EveryKernel(unittest.TestCase):
             self.assertGreaterEqual(asked, TOTAL_ON_GPU)
 
 
-def worker_starts():
-    end = time.monotonic() + START_SECONDS_MAX
-    while not any(word in DAEMON.log() for word in ("cuda_up", "cuda_down")) and time.monotonic() < end:
-        time.sleep(0.1)
-    return "cuda_up" in DAEMON.log()
-
-
 if __name__ == "__main__":
     raynestd, raynest, pack, *where = sys.argv[1:]
     if where == ["gpu"]:
         RAYS = RAYS_ON_GPU
     DAEMON = Daemon(raynestd, "--cuda", pack)
     try:
-        if not worker_starts():
-            print(DAEMON.log())
-            sys.exit(77 if any(reason in DAEMON.log() for reason in NO_GPU) else 1)
+        if code := why_no_worker(DAEMON):
+            sys.exit(code)
         CLIENT = Client(raynest, DAEMON.uri)
         unittest.main(argv=sys.argv[:1])
     finally:

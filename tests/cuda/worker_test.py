@@ -4,17 +4,16 @@
   worker_test.py RAYNESTD RAYNEST PACK          PACK is the cuda pack over tests/cuda/fake_runtime, which
                                                 fails on demand
   worker_test.py RAYNESTD RAYNEST PACK gpu      PACK is the real one: same answers only, for 10^7 rays;
-                                                exit code 77 (skipped) where its GPU does not start
+                                                exit code 77 (skipped) where there is no GPU
 """
 import os
 import pathlib
 import sys
 import tempfile
-import time
 import unittest
 
 import cuda_daemon
-from cuda_daemon import PATIENCE, PROGRAMS, Client, CudaTest, Daemon, children, until, write_rays
+from cuda_daemon import PATIENCE, PROGRAMS, Client, CudaTest, Daemon, children, until, why_no_worker, write_rays
 
 RAYS_ON_GPU = 1_250_000  # of each of eight
 
@@ -277,24 +276,17 @@ class WrongPack(unittest.TestCase):
         self.assertEqual(children(daemon.process.pid), [])
 
 
-def gpu_starts():
-    """Says how it went; a first start translates kernels, which takes its time."""
-    daemon = Daemon(PROGRAMS[0], "--cuda", PROGRAMS[2])
-    end = time.monotonic() + max(120, PATIENCE)
-    while not any(word in daemon.log() for word in ("cuda_up", "cuda_down")) and time.monotonic() < end:
-        time.sleep(0.1)
-    print(*(line for line in daemon.log().splitlines() if "cuda_" in line), sep="\n")
-    up = "cuda_up" in daemon.log()
-    daemon.stop()
-    return up
-
-
 if __name__ == "__main__":
     PROGRAMS[:] = sys.argv[1:4]
     on_gpu = sys.argv[4:5] == ["gpu"]
     del sys.argv[1:5 if on_gpu else 4]
     if on_gpu:
         cuda_daemon.RAYS = RAYS_ON_GPU
-        if not gpu_starts():
-            sys.exit(77)
+        trial = Daemon(PROGRAMS[0], "--cuda", PROGRAMS[2])
+        try:
+            code = why_no_worker(trial)
+        finally:
+            trial.stop()
+        if code:
+            sys.exit(code)
     unittest.main(defaultTest="SameAnswers" if on_gpu else None)

@@ -45,7 +45,8 @@ PinholeRays look_at(const Box& bounds, std::uint32_t count) {
     const glm::dvec3 size(bounds.size());
     const double extent = std::max({size.x, size.y, size.z});
     Pinhole camera;
-    camera.mount.pose.origin = glm::dvec3(bounds.center()) + glm::dvec3(0, 0, 1.5 * extent);
+    camera.mount.pose.origin =
+        glm::dvec3(0.5F * (bounds.lower + bounds.upper)) + glm::dvec3(0, 0, 1.5 * extent);
     camera.size = {side, side};
     camera.center_x = camera.center_y = side / 2.0;
     camera.step_x = camera.step_y = 1.0 / side;
