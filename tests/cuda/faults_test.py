@@ -5,6 +5,7 @@
 
 Ends with a tally of the faults.
 """
+import array
 import collections
 import itertools
 import os
@@ -14,7 +15,7 @@ import sys
 import time
 import unittest
 
-from cuda_daemon import FRAME, PATIENCE, PROGRAMS, RAYS, CudaTest, children, until
+from cuda_daemon import FRAME, PATIENCE, PROGRAMS, RAYS, CudaTest, children, npy, until
 
 TALLY = collections.defaultdict(lambda: [0, 0, 0])  # of a fault: jobs, chunks traced again, bytes that differ
 SOON = ("--cuda_retry_ms", "200", "--cuda_retry_ms_max", "200")
@@ -102,6 +103,30 @@ class Faults(FaultTest):
                                         "--worker", worker)
             self.assertIn("cudaErrorLaunchFailure", told["notes"][0])
             self.assertEqual(files[0].read_bytes(), files[1].read_bytes())
+
+    def test_so_do_rays_that_the_daemon_makes(self):
+        points = self.out / "points.npy"
+        points.write_bytes(npy((8, 6), array.array("f", (0, 9, 0, 0, -1, 0) * 8).tobytes()))
+        for options, fault in (
+                (("camera", "size=400x300", "--fields", "t,position,direction"), "cudaLaunchKernel 719 6"),
+                (("camera", "size=400x300", "--reduce", "visible_pixels"), "cudaLaunchKernel 719 6"),
+                (("equirectangular", "size=400x200", "--fields", "t,ng"), "cudaLaunchKernel 719 3"),
+                # A point's rays are several calls.
+                (("hemisphere", f"points={points}", "samples=40000", "--reduce", "hit_fraction"),
+                 "cudaLaunchKernel 719 3")):
+            with self.subTest(options=options):
+                scene = self.fresh_scene()
+                answers = []
+                for worker in ("cpu", "auto"):
+                    self.wait_until_up()
+                    if worker == "auto":
+                        self.inject(fault)
+                    file = self.out / f"{worker}.npz"
+                    told = self.client.json("query", scene, "--generate", *options, "-o", file, "--worker",
+                                            worker)
+                    answers.append(file.read_bytes())
+                self.assertIn("cudaErrorLaunchFailure", told["notes"][0])
+                self.assertEqual(*answers)
 
     def test_where_cuda_was_demanded_it_is_an_error_to_try_again(self):
         scene = self.fresh_scene()
@@ -286,5 +311,6 @@ if __name__ == "__main__":
     PROGRAMS[:] = sys.argv[1:4]
     del sys.argv[1:4]
     result = unittest.main(exit=False).result
-    print_tally()
+    if TALLY:
+        print_tally()
     sys.exit(not result.wasSuccessful())
