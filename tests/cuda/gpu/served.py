@@ -51,7 +51,8 @@ class Served:
 
     def __init__(self, programs, pack, folder):
         self.folder = pathlib.Path(folder)
-        self.daemon = Daemon(programs / "raynestd", "--cuda", pack)
+        # The tests' fake of a GPU is slow: it may take seconds for a call.
+        self.daemon = Daemon(programs / "raynestd", "--cuda", pack, "--cuda_call_ms_max", "60000")
         self.client = Client(programs / "raynest", self.daemon.uri)
 
     def wait_until_up(self):
