@@ -1,6 +1,7 @@
 #include "engine/integrators/camera.h"
 
 #include "engine/geometry/hit.h"
+#include "engine/scene/camera_pose.h"
 
 #include <algorithm>
 #include <array>
@@ -28,15 +29,7 @@ Transform look(const glm::dvec3& eye, const glm::dvec3& forward, glm::dvec3 up) 
     }
     const glm::dvec3 x = glm::normalize(glm::cross(up, z));
     const glm::dvec3 y = glm::cross(z, x);
-    Transform pose;
-    for (int row = 0; row < 3; ++row) {
-        const auto at = 4 * static_cast<std::size_t>(row);
-        pose.m[at] = static_cast<float>(x[row]);
-        pose.m[at + 1] = static_cast<float>(y[row]);
-        pose.m[at + 2] = static_cast<float>(z[row]);
-        pose.m[at + 3] = static_cast<float>(eye[row]);
-    }
-    return pose;
+    return pose_of(x, y, z, eye);
 }
 
 /// Frames the bounding box from (+x, +y, +z) at 40 degrees, whole in any picture

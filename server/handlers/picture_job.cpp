@@ -163,7 +163,7 @@ Reply<void> PictureJob::trace_camera(std::uint64_t first, std::span<const Ray> r
                                      const Stop& stop, TraceBuffers& buffers) const {
     const PinholeRays made{pinhole(order_.camera, {order_.width, order_.height}), first, true};
     return trace(order_.plan, rays, stop, buffers,
-                 order_.plan.worker.cuda != nullptr ? &made : nullptr);
+                 order_.plan.on_cuda(buffers.fallback) ? &made : nullptr);
 }
 
 Task PictureJob::encode_task() {

@@ -90,7 +90,7 @@ private:
         std::string fallback = {};
     };
     [[nodiscard]] bool on_cuda(const Run& run) const {
-        return order_.plan.worker.cuda != nullptr && run.fallback.empty();
+        return order_.plan.on_cuda(run.fallback);
     }
     /// The first run that waits, or a part of it; of none the count is 0.
     Run take_run();

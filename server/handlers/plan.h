@@ -41,13 +41,17 @@ struct Plan {
     [[nodiscard]] TraceCall call() const;
     /// Does it make the same call, so that one of it may serve both?
     [[nodiscard]] bool same_call(const Plan& other) const;
-    /// May the io thread trace a ray? None is interrupted within a tree, and of one that is not small
-    /// it takes milliseconds to meet all.
+    /// May the io thread trace a ray? None is interrupted within a tree, and of one that is not
+    /// small it takes milliseconds to meet all.
     [[nodiscard]] bool has_small_trees() const;
     /// Rays that one task may trace at most: a chunk, or few where a ray walks the whole scene.
     [[nodiscard]] std::uint64_t chunk_rays_max(const protocol::Limits& limits) const;
     /// The same of a task whose rays a GPU traces.
     [[nodiscard]] std::uint64_t cuda_rays_max(const protocol::Limits& limits) const;
+    /// Does a GPU trace what fell back for this reason, or, if empty, did not?
+    [[nodiscard]] bool on_cuda(const std::string& fallback) const {
+        return worker.cuda != nullptr && fallback.empty();
+    }
     /// Where columns come from; the caller adds rays and hits.
     [[nodiscard]] ColumnSource source(const Registry& registry) const;
 };

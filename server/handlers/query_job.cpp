@@ -13,7 +13,7 @@ constexpr std::uint64_t reply_bytes_max = 4ULL << 20;
 
 /// What a frame of rays that waits costs beside its bulk part, which its credit pays for: mostly
 /// more than 64 bytes, the least bulk.
-constexpr std::uint64_t waiting_frame_bytes = 512;
+constexpr std::uint64_t sent_frame_bytes = 512;
 
 }  // namespace
 
@@ -57,7 +57,7 @@ Reply<std::uint64_t> QueryJob::feed(protocol::Frame frame) {
                                                " rays; " + std::to_string(missing) +
                                                " are still to come, and a frame holds 1.." +
                                                std::to_string(services_.limits.chunk_rays_max));
-    auto lease = services_.budget.reserve(waiting_frame_bytes);
+    auto lease = services_.budget.reserve(sent_frame_bytes);
     if (!lease) return refuse(Code::resource_exhausted, "");
     Piece piece;
     piece.sent = SentRays(*block);

@@ -57,7 +57,7 @@ protected:
     void free_input(const Piece& piece, std::uint64_t count);
     [[nodiscard]] bool all_answered() const { return tally_.rays() == source_.rays(); }
     [[nodiscard]] bool on_cuda(const Piece& piece) const {
-        return plan_.worker.cuda != nullptr && piece.fallback.empty();
+        return plan_.on_cuda(piece.fallback);
     }
 
     const Services& services_;

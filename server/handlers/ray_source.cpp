@@ -248,10 +248,10 @@ void RaySource::generate(const Piece& piece, bool tiles, std::span<Ray> rays) co
     tiles ? generate_tiles(sensor, piece.first, rays) : generate_rays(sensor, piece.first, rays);
 }
 
-std::optional<PinholeRays> RaySource::made(const Plan& plan, const Piece& piece, bool tiles) const {
+std::optional<PinholeRays> RaySource::made(const Piece& piece, bool tiles) const {
     const auto* sensor = std::get_if<SensorPointer>(&origin_);
     const auto* camera = sensor != nullptr ? std::get_if<Pinhole>(&(*sensor)->get()) : nullptr;
-    if (camera == nullptr || plan.worker.cuda == nullptr) return std::nullopt;
+    if (camera == nullptr) return std::nullopt;
     return PinholeRays{*camera, piece.first, tiles};
 }
 
@@ -265,7 +265,7 @@ bool RaySource::has_tiles(const Piece& piece) const {
 Reply<std::span<const Ray>> RaySource::trace(const Plan& plan, const Piece& piece, const Stop& stop,
                                              TraceBuffers& buffers, bool any_order) const {
     const bool tiles = any_order && has_tiles(piece);
-    const auto camera = made(plan, piece, tiles);
+    const auto camera = plan.on_cuda(piece.fallback) ? made(piece, tiles) : std::nullopt;
     std::span<const Ray> rays;
     if (tiles || camera) {
         buffers.rays.resize(piece.count);
@@ -277,7 +277,7 @@ Reply<std::span<const Ray>> RaySource::trace(const Plan& plan, const Piece& piec
     if (auto traced = server::trace(plan, rays, stop, buffers, camera ? &*camera : nullptr);
         !traced)
         return tl::unexpected(traced.error());
-    if (camera && buffers.on_cuda && plan.reads_rays) generate(piece, tiles, buffers.rays);
+    if (camera && plan.reads_rays) generate(piece, tiles, buffers.rays);
     if (tiles) {
         const ImageSize size = std::get<SensorPointer>(origin_)->grid();
         buffers.order.resize(piece.count);

@@ -142,8 +142,7 @@ private:
     [[nodiscard]] bool has_tiles(const Piece& piece) const;
     /// A piece's rays as a camera that a GPU makes them with, row by row or in tile order, where
     /// one does.
-    [[nodiscard]] std::optional<PinholeRays> made(const Plan& plan, const Piece& piece,
-                                                  bool tiles) const;
+    [[nodiscard]] std::optional<PinholeRays> made(const Piece& piece, bool tiles) const;
 
     struct Sent {};
     std::variant<Sent, SensorPointer, Hemisphere> origin_;

@@ -82,7 +82,7 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, const Stop& stop,
     const std::size_t count = rays.size();
     buffers.answered = static_cast<std::uint32_t>(count);
     buffers.order.clear();
-    buffers.on_cuda = plan.worker.cuda != nullptr && buffers.fallback.empty();
+    buffers.on_cuda = plan.on_cuda(buffers.fallback);
     buffers.outputs.resize(plan.variant->outputs().size());
     if (plan.untraced) {
         buffers.hits.clear();
@@ -112,8 +112,6 @@ Reply<void> trace(const Plan& plan, std::span<const Ray> rays, const Stop& stop,
     call.rays_done = &buffers.answered;
     buffers.traversal = traversal_latency;  // of a GPU, one ray per thread
     if (buffers.on_cuda) return trace_on_cuda(plan, call, made, buffers);
-    if (made != nullptr)
-        for (std::size_t i = 0; i < count; ++i) buffers.rays[i] = made->ray(i);
     buffers.traversal = plan.tracer.choose(rays, *call.scene);
     const ChunkStop chunk(stop, plan.chunk_time_max);
     call.cancelled = is_requested;

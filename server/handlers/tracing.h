@@ -54,8 +54,7 @@ inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
 
 /// Fills `buffers` (all but its rays) with the answers of `rays`: of all of them, but where the
 /// hits of `all` have no more room. Of a plan that traces nothing there are no hits. `made`: a
-/// camera that makes these rays, in buffers.rays, where a GPU is to make them; they need not lie
-/// there yet, and do where a CPU traced them.
+/// camera that makes these rays, where a GPU is to; they need not lie in `rays`.
 ///
 /// What a CUDA worker gives up is an error, with which the job ends where the plan demands it
 /// there. Else `buffers.fallback` says why: the caller has it traced again in Lane::compute, in

@@ -9,7 +9,7 @@ import unittest
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "integration"))
-from daemon import PATIENCE, Client, Daemon, until  # noqa: E402
+from daemon import PATIENCE, Client, Daemon, device_workers, until  # noqa: E402
 from npy import npy  # noqa: E402
 
 RAYS = 70_000  # of a query: more than the 65,536 from which on auto takes a GPU
@@ -42,19 +42,6 @@ def why_no_worker(daemon):
     if "cuda_up" in daemon.log():
         return None
     return 77 if any(reason in daemon.log() for reason in NO_GPU) else 1
-
-
-def children(pid):
-    """Process ids of the daemon's children that are device workers."""
-    found = []
-    for entry in pathlib.Path("/proc").glob("[0-9]*"):
-        try:
-            parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
-            if parent == pid and b"--device-worker" in (entry / "cmdline").read_bytes():
-                found.append(int(entry.name))
-        except (OSError, IndexError):
-            pass
-    return found
 
 
 class CudaTest(unittest.TestCase):

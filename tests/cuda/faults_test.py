@@ -15,7 +15,7 @@ import sys
 import time
 import unittest
 
-from cuda_daemon import FRAME, PATIENCE, PROGRAMS, RAYS, CudaTest, children, npy, until
+from cuda_daemon import FRAME, PATIENCE, PROGRAMS, RAYS, CudaTest, device_workers, npy, until
 
 TALLY = collections.defaultdict(lambda: [0, 0, 0])  # of a fault: jobs, chunks traced again, bytes that differ
 SOON = ("--cuda_retry_ms", "200", "--cuda_retry_ms_max", "200")
@@ -143,18 +143,18 @@ class Faults(FaultTest):
     def test_a_worker_killed_from_outside_comes_back(self):
         scene = self.fresh_scene()
         _, expected = self.query("cpu", scene=scene)
-        workers = children(self.daemon.process.pid)
+        workers = device_workers(self.daemon.process.pid)
         self.assertEqual(len(workers), 1)
         os.kill(workers[0], signal.SIGKILL)
         _, answer = self.query("auto", scene=scene)
         self.assertEqual(answer, expected)
         self.wait_until_up()
         self.assertIn("was ended by a signal", self.daemon.log())
-        self.assertEqual(len(children(self.daemon.process.pid)), 1)
+        self.assertEqual(len(device_workers(self.daemon.process.pid)), 1)
 
     def test_a_worker_that_does_not_start_is_started_again(self):
         self.inject("cudaGetDeviceProperties 35")
-        os.kill(children(self.daemon.process.pid)[0], signal.SIGKILL)
+        os.kill(device_workers(self.daemon.process.pid)[0], signal.SIGKILL)
         self.query("auto")
         self.wait_until_up()
         self.assertIn("cudaErrorInsufficientDriver", self.daemon.log())
@@ -265,7 +265,7 @@ class OthersMeanwhile(FaultTest):
     arguments = (*SOON, "--cuda_call_ms_max", "1000000")
 
     def test_a_job_of_the_cpu_does_not_wait_for_a_worker_that_stands_still(self):
-        worker = children(self.daemon.process.pid)[0]
+        worker = device_workers(self.daemon.process.pid)[0]
         os.kill(worker, signal.SIGSTOP)
         waiting = self.client.start("query", "woods", "--rays", self.rays, "-o", self.out / "x.npz")
         until(lambda: [job for job in self.client.json("jobs")["jobs"] if job["kind"] == "query"])
@@ -280,7 +280,7 @@ class OthersMeanwhile(FaultTest):
 
     def test_a_worker_that_ends_while_it_has_nothing_to_do_is_missed(self):
         faults = self.metric("cuda_faults")
-        os.kill(children(self.daemon.process.pid)[0], signal.SIGKILL)
+        os.kill(device_workers(self.daemon.process.pid)[0], signal.SIGKILL)
         until(lambda: self.metric("cuda_faults") > faults)
         self.wait_until_up()
         told, _ = self.query("cuda")

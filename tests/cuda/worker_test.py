@@ -13,7 +13,7 @@ import tempfile
 import unittest
 
 import cuda_daemon
-from cuda_daemon import PATIENCE, PROGRAMS, Client, CudaTest, Daemon, children, until, why_no_worker, write_rays
+from cuda_daemon import PATIENCE, PROGRAMS, Client, CudaTest, Daemon, device_workers, until, why_no_worker, write_rays
 
 RAYS_ON_GPU = 1_250_000  # of each of eight
 
@@ -273,7 +273,7 @@ class WrongPack(unittest.TestCase):
         daemon, done = self.render("off", "--worker", "cuda")
         self.assertEqual(done.returncode, 5)
         self.assertIn("this daemon has no CUDA worker", done.stderr)
-        self.assertEqual(children(daemon.process.pid), [])
+        self.assertEqual(device_workers(daemon.process.pid), [])
 
 
 if __name__ == "__main__":
