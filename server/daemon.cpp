@@ -40,8 +40,10 @@ constexpr unsigned spare_threads(unsigned threads) {
 }
 /// Imports at once; each is a process of its own with limits of its own.
 constexpr unsigned imports_max = 2;
-/// Chunks on a GPU at once: one's copies run beside another's kernel.
+/// Chunks on a GPU at once: one's copies run beside another's kernel. Fewer where their slots would
+/// take more than this share of --memory.
 constexpr unsigned cuda_calls_max = 4;
+constexpr std::uint64_t cuda_memory_share = 4;
 static_assert(cuda_calls_max <= device::slots_max);
 constexpr std::chrono::milliseconds drain_look{20};
 /// For clients to hear that their jobs are given up.
@@ -101,25 +103,39 @@ std::vector<std::string> import_command(const Options& options) {
     return command;
 }
 
-/// On a CPU that has not its bits a GPU would give other answers than the CPU that it falls
-/// back to: v2 has no fma.
-std::unique_ptr<device::Worker> make_cuda(const Options& options, const Registry& registry,
-                                          Budget& budget, Metrics& metrics,
-                                          const protocol::Limits& limits) {
-    if (options.cuda_pack.empty()) return nullptr;
+/// With a pack; the error says why there is to be no worker all the same.
+tl::expected<device::Worker::Options, std::string> cuda_options(const Options& options,
+                                                                const Registry& registry,
+                                                                const protocol::Limits& limits) {
+    // On a CPU that has not its bits a GPU would give other answers than the CPU that it falls back
+    // to: v2 has no fma.
     const bool bits = std::all_of(registry.variants().begin(), registry.variants().end(),
                                   [](const Variant& variant) { return variant.target != "v2"; });
-    if (!bits) {
-        log(LogLevel::warn, "cuda_off",
-            {{"reason", "target v2 does not promise the answers of a GPU; it takes v3 or v4"}});
-        return nullptr;
-    }
+    if (!bits)
+        return tl::unexpected<std::string>(
+            "target v2 does not promise the answers of a GPU; it takes v3 or v4");
     device::Worker::Options of;
     of.command = {std::filesystem::read_symlink("/proc/self/exe").string(),
                   std::string(device_worker_flag), options.cuda_pack.string()};
-    of.slots = cuda_calls_max;
     of.shape = {call_rays_max(limits), hit_bytes_max / sizeof(HitRecord)};
-    return std::make_unique<device::Worker>(std::move(of), registry, budget, metrics, limits);
+    const std::uint64_t room = options.memory / cuda_memory_share / of.shape.bytes();
+    if (room == 0)
+        return tl::unexpected("a call takes " + std::to_string(of.shape.bytes()) +
+                              " bytes, more than a quarter of --memory; give the daemon more");
+    of.slots = static_cast<std::uint32_t>(std::min<std::uint64_t>(cuda_calls_max, room));
+    return of;
+}
+
+std::unique_ptr<device::Worker> make_cuda(const Options& options, const Registry& registry,
+                                          Budget& budget, Metrics& metrics,
+                                          const protocol::Limits& limits, std::string& why_not) {
+    if (options.cuda_pack.empty()) return nullptr;
+    auto of = cuda_options(options, registry, limits);
+    if (of)
+        return std::make_unique<device::Worker>(std::move(*of), registry, budget, metrics, limits);
+    log(LogLevel::warn, "cuda_off", {{"reason", of.error()}});
+    why_not += ": " + of.error();
+    return nullptr;
 }
 
 Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
@@ -140,16 +156,21 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
                 admission_,
                 detached_,
                 nullptr},
-      engine_{compute_,   blocking_, device_,
-              admission_, metrics_,
-              limits_,    [this](std::function<void()> done) { asio::post(io_, std::move(done)); },
-              budget_,    brief_turn_,
+      engine_{compute_,
+              blocking_,
+              device_,
+              admission_,
+              metrics_,
+              limits_,
+              [this](std::function<void()> done) { asio::post(io_, std::move(done)); },
+              budget_,
+              brief_turn_,
               coalescer_},
       detached_(engine_, [this] { look_after_detached(); }),
-      cuda_(make_cuda(options, *registry_, budget_, metrics_, limits_)),
+      cuda_(make_cuda(options, *registry_, budget_, metrics_, limits_, services_.why_no_cuda)),
       compute_(options.threads, Workers::Time::processor, spare_threads(options.threads)),
       blocking_(imports_max, Workers::Time::clock),
-      device_(cuda_ != nullptr ? cuda_calls_max : 0, Workers::Time::clock),
+      device_(cuda_ != nullptr ? cuda_->slots() : 0, Workers::Time::clock),
       signals_(io_, SIGTERM, SIGINT),
       drain_timer_(io_),
       detached_timer_(io_) {

@@ -63,6 +63,8 @@ public:
     ~Worker();
     Worker(const Worker&) = delete;
 
+    [[nodiscard]] std::uint32_t slots() const { return options_.slots; }
+
     /// Nothing where it takes such calls now.
     [[nodiscard]] std::optional<Refusal> why_not(const Kernel& kernel, const Snapshot& scene);
 

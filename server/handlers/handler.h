@@ -34,6 +34,7 @@ struct Services {
     Admission& admission;
     DetachedJobs& detached;
     device::Worker* cuda;  ///< null: none
+    std::string why_no_cuda = "this daemon has no CUDA worker";
 };
 
 /// Who asks.

@@ -9,7 +9,7 @@ namespace {
 
 /// Nothing where the plan runs on a GPU.
 std::optional<device::Refusal> why_not(const Services& services, const Plan& plan) {
-    if (services.cuda == nullptr) return device::Refusal{"this daemon has no CUDA worker"};
+    if (services.cuda == nullptr) return device::Refusal{services.why_no_cuda};
     if (plan.untraced) return device::Refusal{"kind null traces nothing"};
     if (plan.counting) return device::Refusal{"counters are defined by the CPU's traversal"};
     if (plan.traversal != traversal_auto)

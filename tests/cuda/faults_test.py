@@ -208,10 +208,11 @@ class Hang(FaultTest):
 
 
 class HangingLoad(FaultTest):
-    arguments = (*SOON, *SMALL_CALLS, "--cuda_call_ms_max", "60000", "--cuda_start_ms_max", "5000")
+    """Has the time of a call, and what its bytes take: a job's deadline waits for it."""
+    arguments = (*SOON, *SMALL_CALLS, "--cuda_call_ms_max", "5000", "--cuda_start_ms_max", "600000")
 
     def test_a_job_ends_with_the_same_bytes_and_a_note(self):
-        self.survive("cudaMemcpy hang 3", "no answer within 5000 ms")
+        self.survive("cudaMemcpy hang 3", "no answer within 5")
 
 
 class OutOfMemory(FaultTest):

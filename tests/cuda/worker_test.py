@@ -221,12 +221,29 @@ class NoCode(NeverUp):
     reason = "cudaErrorNoKernelImageForDevice"
 
 
-class NoBudget(NeverUp):
-    """The slots are part of --memory."""
-    environment = {}
+class SmallDaemon(CudaTest):
+    """The slots are part of --memory: they leave most of it to scenes and jobs."""
+    arguments = (*CudaTest.arguments, "--memory", "64M")
+
+    def test_jobs_run_on_both_with_the_same_bytes(self):
+        self.wait_until_up()
+        for options in ((), ("--kind", "multi", "--max-hits", "8")):
+            _, expected = self.query("cpu", *options)
+            told, answer = self.query("cuda", *options)
+            self.assertEqual((told["worker"], told["notes"], answer), ("cuda", [], expected))
+        self.assertLess(self.metric("memory_used_bytes"), 32 << 20)
+
+
+class TooSmallDaemon(CudaTest):
     arguments = ("--memory", "20M")
-    reason = "more than --memory has left"
-    code = 6
+
+    def test_it_has_no_worker_and_says_what_to_do(self):
+        told, _ = self.query("auto")
+        self.assertEqual(told["worker"], "cpu")
+        says = "more than a quarter of --memory; give the daemon more"
+        self.refused(5, says, "render", "woods", "-o", self.out / "x.png", "--worker", "cuda")
+        self.assertIn(says, self.daemon.log())
+        self.assertEqual(device_workers(self.daemon.process.pid), [])
 
 
 class NoSlots(NeverUp):
