@@ -40,10 +40,11 @@ constexpr unsigned spare_threads(unsigned threads) {
 }
 /// Imports at once; each is a process of its own with limits of its own.
 constexpr unsigned imports_max = 2;
-/// Chunks on a GPU at once: one's copies run beside another's kernel. Fewer where their slots would
-/// take more than this share of --memory.
+/// Chunks on a GPU at once: one's copies run beside another's kernel. Fewer where --memory is
+/// small.
 constexpr unsigned cuda_calls_max = 4;
-constexpr std::uint64_t cuda_memory_share = 4;
+/// For calls of other scenes, while one's calls wait for it to get there.
+constexpr unsigned cuda_spares = 4;
 static_assert(cuda_calls_max <= device::slots_max);
 constexpr std::chrono::milliseconds drain_look{20};
 /// For clients to hear that their jobs are given up.
@@ -118,11 +119,8 @@ tl::expected<device::Worker::Options, std::string> cuda_options(const Options& o
     of.command = {std::filesystem::read_symlink("/proc/self/exe").string(),
                   std::string(device_worker_flag), options.cuda_pack.string()};
     of.shape = {call_rays_max(limits), hit_bytes_max / sizeof(HitRecord)};
-    const std::uint64_t room = options.memory / cuda_memory_share / of.shape.bytes();
-    if (room == 0)
-        return tl::unexpected("a call takes " + std::to_string(of.shape.bytes()) +
-                              " bytes, more than a quarter of --memory; give the daemon more");
-    of.slots = static_cast<std::uint32_t>(std::min<std::uint64_t>(cuda_calls_max, room));
+    const std::uint64_t room = device::slots_share(options.memory) / of.shape.bytes();
+    of.slots = static_cast<std::uint32_t>(std::clamp<std::uint64_t>(room, 1, cuda_calls_max));
     return of;
 }
 
@@ -170,7 +168,7 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       cuda_(make_cuda(options, *registry_, budget_, metrics_, limits_, services_.why_no_cuda)),
       compute_(options.threads, Workers::Time::processor, spare_threads(options.threads)),
       blocking_(imports_max, Workers::Time::clock),
-      device_(cuda_ != nullptr ? cuda_->slots() : 0, Workers::Time::clock),
+      device_(cuda_ != nullptr ? cuda_->slots() : 0, Workers::Time::clock, cuda_spares),
       signals_(io_, SIGTERM, SIGINT),
       drain_timer_(io_),
       detached_timer_(io_) {

@@ -15,6 +15,11 @@
 
 namespace raynest::server::device {
 
+/// Of --memory, what slots may take: the rest is for scenes and jobs.
+constexpr std::uint64_t slots_share(std::uint64_t memory) {
+    return memory / 4;
+}
+
 /// Killed, if it still lives, when the last one forgets it. Thread-safe but for one slot.
 class Process {
 public:

@@ -108,6 +108,22 @@ private:
     std::uint32_t slot_;
 };
 
+class Worker::Turn {
+public:
+    explicit Turn(Worker& worker) : worker_(&worker) {}
+    Turn(Turn&& other) noexcept : worker_(std::exchange(other.worker_, nullptr)) {}
+    Turn& operator=(Turn&&) = delete;
+    ~Turn() {
+        if (worker_ == nullptr) return;
+        const std::lock_guard lock(worker_->mutex_);
+        worker_->loading_.clear();
+        worker_->changed_.notify_all();
+    }
+
+private:
+    Worker* worker_;
+};
+
 Worker::Worker(Options options, const Registry& registry, Budget& budget, Metrics& metrics,
                const protocol::Limits& limits)
     : options_(std::move(options)),
@@ -214,9 +230,9 @@ Result<void> Worker::probe_process(Process& process) {
                      const TraceCall& call, const PinholeRays* made) -> Result<void> {
                      // Kernels for other GPUs than those compiled for are translated by their first
                      // call, which takes seconds.
-                     const auto traced =
-                         trace_on(process, 0, {variant.name, precision_watertight, query}, scene,
-                                  call, made, milliseconds(limits_.cuda_start_ms_max));
+                     const auto traced = trace_on(
+                         process, 0, {variant.name, precision_watertight, query}, scene, call, made,
+                         Missing::brought, milliseconds(limits_.cuda_start_ms_max));
                      if (!traced) return fail(ErrorCode::internal, traced.error().reason);
                      return {};
                  });
@@ -262,6 +278,23 @@ tl::expected<Worker::Lease, Refusal> Worker::take_slot() {
     return Lease(*this, process_, slot);
 }
 
+tl::expected<Worker::Turn, Refusal> Worker::take_turn(const Snapshot& scene) {
+    const auto end = Clock::now() + load_time_max(limits_, scene.bytes().size());
+    std::unique_lock lock(mutex_);
+    // For the scene itself, which another thread brings, that one has the patience.
+    while (!loading_.empty()) {
+        if (loading_ == scene.hash()) {
+            changed_.wait(lock);
+        } else if (changed_.wait_until(lock, end) == std::cv_status::timeout) {
+            lock.unlock();
+            return tl::unexpected(
+                remember(scene, later("other scenes are on their way to it", 1000)));
+        }
+    }
+    loading_ = scene.hash();
+    return Turn(*this);
+}
+
 tl::expected<void, Refusal> Worker::trace(const Kernel& kernel, const Snapshot& scene,
                                           const TraceCall& call, const PinholeRays* made) {
     auto traced = trace_if_up(kernel, scene, call, made);
@@ -271,20 +304,34 @@ tl::expected<void, Refusal> Worker::trace(const Kernel& kernel, const Snapshot& 
 
 tl::expected<void, Refusal> Worker::trace_if_up(const Kernel& kernel, const Snapshot& scene,
                                                 const TraceCall& call, const PinholeRays* made) {
+    auto traced = attempt(kernel, scene, call, made, Missing::told);
+    if (traced && !*traced) {
+        // Without a slot: meanwhile calls of other scenes go on.
+        const auto turn = take_turn(scene);
+        if (!turn) return tl::unexpected(turn.error());
+        traced = attempt(kernel, scene, call, made, Missing::brought);
+    }
+    if (!traced) return tl::unexpected(traced.error());
+    return {};
+}
+
+tl::expected<bool, Refusal> Worker::attempt(const Kernel& kernel, const Snapshot& scene,
+                                            const TraceCall& call, const PinholeRays* made,
+                                            Missing missing) {
     if (const auto refusal = why_not(kernel, scene)) return tl::unexpected(*refusal);
     const auto lease = take_slot();
     if (!lease) return tl::unexpected(lease.error());
-    auto traced = trace_on(*lease->process(), lease->slot(), kernel, scene, call, made,
+    auto traced = trace_on(*lease->process(), lease->slot(), kernel, scene, call, made, missing,
                            milliseconds(limits_.cuda_call_ms_max));
     if (!traced && traced.error().lost)
         return tl::unexpected(lose(lease->process(), scene, std::move(traced.error())));
     return traced;
 }
 
-tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slot,
+tl::expected<bool, Refusal> Worker::trace_on(Process& process, std::uint32_t slot,
                                              const Kernel& kernel, const Snapshot& scene,
                                              const TraceCall& call, const PinholeRays* made,
-                                             milliseconds patience) {
+                                             Missing missing, milliseconds patience) {
     const auto variant = find_kernel(process.ready(), kernel);
     if (!variant) return tl::unexpected(Refusal{no_kernel(kernel)});
     const std::uint64_t hits = std::uint64_t{call.ray_count} * call.hits_max;
@@ -309,14 +356,9 @@ tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slo
     else
         std::copy_n(call.rays, call.ray_count, memory.rays);
 
-    std::unique_lock loading(loading_, std::defer_lock);
     Result<Outcome> outcome = process.ask(slot, request, patience);
     if (outcome && outcome->verdict == Verdict::unknown_scene) {
-        // Another thread may be loading it, or another scene.
-        loading.lock();
-        outcome = process.ask(slot, request, patience);
-    }
-    if (outcome && outcome->verdict == Verdict::unknown_scene) {
+        if (missing == Missing::told) return false;
         auto loaded = load(process, slot, scene);
         if (!loaded) return tl::unexpected(loaded.error());
         outcome = *loaded;
@@ -352,7 +394,7 @@ tl::expected<void, Refusal> Worker::trace_on(Process& process, std::uint32_t slo
         case Answers::impossible:
             return tl::unexpected(lost("it gave answers that cannot be"));
     }
-    return {};
+    return true;
 }
 
 tl::expected<Outcome, Refusal> Worker::load(Process& process, std::uint32_t slot,

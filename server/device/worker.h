@@ -82,8 +82,13 @@ private:
     using ProcessPointer = std::shared_ptr<Process>;
     enum class State { starting, up, down };
 
+    /// What is done about a scene that is not there.
+    enum class Missing { told, brought };
+
     /// A slot of a process, given back at its end.
     class Lease;
+    /// The turn of one scene to get there; its end is the next one's.
+    class Turn;
 
     struct Refused {
         Refusal refusal;
@@ -100,15 +105,20 @@ private:
     Result<void> probe_process(Process& process);
     [[nodiscard]] Refusal refusal_locked() const;
     tl::expected<Lease, Refusal> take_slot();
+    tl::expected<Turn, Refusal> take_turn(const Snapshot& scene);
     tl::expected<void, Refusal> trace_if_up(const Kernel& kernel, const Snapshot& scene,
                                             const TraceCall& call, const PinholeRays* made);
+    /// A call on a slot of its own. False where the scene is not there, and is not to be brought.
+    tl::expected<bool, Refusal> attempt(const Kernel& kernel, const Snapshot& scene,
+                                        const TraceCall& call, const PinholeRays* made,
+                                        Missing missing);
+    /// The rays of `call` on a slot that is the caller's: its answers lie there.
+    tl::expected<bool, Refusal> trace_on(Process& process, std::uint32_t slot, const Kernel& kernel,
+                                         const Snapshot& scene, const TraceCall& call,
+                                         const PinholeRays* made, Missing missing,
+                                         std::chrono::milliseconds patience);
     tl::expected<Outcome, Refusal> load(Process& process, std::uint32_t slot,
                                         const Snapshot& scene);
-    /// The rays of `call` on a slot that is the caller's: its answers lie there.
-    tl::expected<void, Refusal> trace_on(Process& process, std::uint32_t slot, const Kernel& kernel,
-                                         const Snapshot& scene, const TraceCall& call,
-                                         const PinholeRays* made,
-                                         std::chrono::milliseconds patience);
     Refusal remember(const Snapshot& scene, Refusal refusal);
     /// The process is no good any more, found with this scene. Gives the refusal with the reason
     /// that was found first.
@@ -139,8 +149,8 @@ private:
     std::chrono::milliseconds pause_{};
     std::map<std::string, Refused> refused_;  ///< scenes, by hash
 
-    std::mutex loading_;  ///< one scene at a time goes to the device
-    std::thread thread_;  ///< run(); starts last
+    std::string loading_;  ///< hash of the one scene that is on its way to the device
+    std::thread thread_;   ///< run(); starts last
 };
 
 }  // namespace raynest::server::device

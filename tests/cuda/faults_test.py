@@ -288,6 +288,31 @@ class OthersMeanwhile(FaultTest):
         self.assertEqual(told["worker"], "cuda")
 
 
+class OthersOnTheWay(FaultTest):
+    """While a scene gets there calls of others go on, and who waits for its turn does not for ever."""
+    arguments = (*SOON, *SMALL_CALLS, "--cuda_call_ms_max", "8000")
+
+    def test_calls_go_on_and_who_waits_for_too_long_goes_to_the_cpu(self):
+        scene = self.fresh_scene()
+        _, expected = self.query("cpu", scene=scene)
+        # 140 MB have two seconds more than a few.
+        self.client.json("load", "builtin:terrain?size=1024", "--build", "fast", "--name", "hills")
+        self.query("cuda")
+        faults = self.metric("cuda_faults")
+        self.inject("cudaMalloc hold")
+        first = self.client.start("query", "hills", "--rays", self.rays, "-o", self.out / "x.npz")
+        until(lambda: [job for job in self.client.json("jobs")["jobs"] if job["kind"] == "query"])
+        time.sleep(0.5)
+        told, _ = self.query("cuda")
+        self.assertEqual((told["worker"], first.poll()), ("cuda", None))
+        told, answer = self.query("auto", scene=scene)
+        self.assertIn("other scenes are on their way to it", told["notes"][0])
+        self.assertEqual((answer, first.poll()), (expected, None))
+        self.fault.unlink()
+        _, errors = first.communicate(timeout=PATIENCE)
+        self.assertEqual((first.returncode, self.metric("cuda_faults")), (0, faults), errors)
+
+
 class Breaker(CudaTest):
     """A device that somebody else has for himself may be free later."""
     environment = {"RAYNEST_FAKE_CUDA_ALWAYS": "cudaSetDevice 46"}

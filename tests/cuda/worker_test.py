@@ -238,12 +238,12 @@ class TooSmallDaemon(CudaTest):
     arguments = ("--memory", "20M")
 
     def test_it_has_no_worker_and_says_what_to_do(self):
+        until(lambda: "cuda_down" in self.daemon.log())
         told, _ = self.query("auto")
         self.assertEqual(told["worker"], "cpu")
-        says = "more than a quarter of --memory; give the daemon more"
+        says = "a call takes 13107200 bytes, more than a quarter of --memory; give the daemon four times that"
         self.refused(5, says, "render", "woods", "-o", self.out / "x.png", "--worker", "cuda")
         self.assertIn(says, self.daemon.log())
-        self.assertEqual(device_workers(self.daemon.process.pid), [])
 
 
 class NoSlots(NeverUp):
