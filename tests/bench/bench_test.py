@@ -259,20 +259,27 @@ class Table(unittest.TestCase):
         rows = [self.row(scene, rays, "embree", next(ratios)) for scene in table.FLAT
                 for rays in ("primary", "diffuse", "random")]
         line = self.line("single rays, closest", rows)
-        self.assertIn("| 2 | 1.92 | 1.05 | 1.2 | goal | 1 | `bench X` |", line)
+        self.assertIn("| 2 | 1.92 |  | 1.05 | 1.2 | goal | 1 | `bench X` |", line)
         self.assertIn(table.UNAVAILABLE, self.line("single rays, closest", rows[:-1]))
 
     def test_of_several_runs_the_median_counts_and_the_spread_is_told(self):
         runs = [[self.row("forest3", rays, "own-over", ratio, ratio_adjusted=ratio)
                  for rays in ("primary", "diffuse", "ao")] for ratio in (0.8, 1.25, 0.95)]
-        self.assertIn("| 0.95 | 0.95 (0.8 to 1.25) | 0.9 | 1 | floor | 1 |",
+        self.assertIn("| 0.95 | 0.95 (0.8 to 1.25) |  | 0.9 | 1 | floor | 1 |",
                       self.line("forest3 nested", *runs))
+
+    def test_what_a_crowded_core_gave_is_told_beside_it(self):
+        rows = [self.row("forest3", rays, "own-over", 1.2, ratio_adjusted=1.2, ratio_all=0.8,
+                         ratio_all_adjusted=0.8, uncrowded=share)
+                for rays, share in (("primary", 0.5), ("diffuse", 0.25), ("ao", 0.75))]
+        self.assertIn("| 1.2 | 1.2 | 0.8 | 0.9 | 1 | goal |", self.line("forest3 nested", rows))
+        self.assertIn("50% of the laps (median of 3 rows; least 25%)", self.lines(rows)[-1])
 
     def test_the_better_of_two_filters_counts(self):
         rows = [self.row("cards", rays, peer, ratio, kind="multi", peer_mrays=rate)
                 for rays in ("primary", "diffuse", "random")
                 for peer, ratio, rate in (("embree-list", 3, 1.0), ("embree-shrink", 1.04, 2.0))]
-        self.assertIn("| 1.04 | 1 | 1.1 | 1.5 | below |", self.line("multi-hit", rows))
+        self.assertIn("| 1.04 | 1 |  | 1.1 | 1.5 | below |", self.line("multi-hit", rows))
 
     def test_our_packets_are_held_to_the_peers_packets(self):
         def rows(*peers):

@@ -243,9 +243,9 @@ Result<bool> contest(const Options& options, Loaded& loaded, const std::string& 
 
     std::vector<Entrant> entrants;
     for (const Side& side : *sides) entrants.push_back({side.trace, side.label.threads});
-    const auto laps = race(entrants, ray_count, options.rounds);
+    const RaceLaps raced = race(entrants, ray_count, options.rounds);
     const auto laps_of = [&](const Side* side) {
-        return std::span<const Lap>(laps[static_cast<std::size_t>(side - sides->data())]);
+        return std::span<const Lap>(raced.laps[static_cast<std::size_t>(side - sides->data())]);
     };
     const Setting setting{loaded.workload.name,
                           loaded.workload.scene->hash(),
@@ -256,7 +256,7 @@ Result<bool> contest(const Options& options, Loaded& loaded, const std::string& 
     for (const Side& ours : *sides) {
         if (ours.peer != nullptr || ours.over) continue;
         const auto opponents = opponents_of(ours, *sides, options);
-        Outcome alone{ours, laps_of(&ours)};
+        Outcome alone{ours, laps_of(&ours), raced.crowded_from};
         alone.ref_differences = ref_differences[&ours];
         if (opponents.empty()) print_row(options, setting, alone);
         for (const Side* opponent : opponents) {

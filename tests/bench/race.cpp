@@ -1,50 +1,55 @@
 #include "tests/bench/race.h"
 
 #include "tests/bench/clock.h"
+#include "tests/bench/cpus.h"
+#include "tests/bench/crowding.h"
 
-#include <sched.h>
-#include <time.h>
 #include <xmmintrin.h>
 
 #include <algorithm>
 #include <atomic>
 #include <chrono>
-#include <numeric>
 #include <thread>
+#include <utility>
 
 namespace raynest::bench {
 namespace {
 
 constexpr std::uint32_t chunk_rays = 4096;
 
-/// On a cache line of its own: neighbours written by two threads cost a whole measurement.
-struct alignas(64) Seconds {
-    double value = 0;
-};
-
 void flush_denormals() {
     _mm_setcsr(_mm_getcsr() | 0x8040U);  // FTZ and DAZ
 }
 
-/// The calling thread stays on the n-th CPU that the process may use, counted round.
-void pin(unsigned n) {
-    cpu_set_t allowed;
-    if (sched_getaffinity(0, sizeof allowed, &allowed) != 0) return;
-    n %= static_cast<unsigned>(CPU_COUNT(&allowed));
-    for (unsigned cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
-        if (!CPU_ISSET(cpu, &allowed) || n-- != 0) continue;
-        cpu_set_t one;
-        CPU_ZERO(&one);
-        CPU_SET(cpu, &one);
-        sched_setaffinity(0, sizeof one, &one);
-        return;
+/// Not the least crowding that was seen: an interruption makes outliers on either side.
+double crowded_from(const std::vector<std::vector<Lap>>& laps) {
+    std::vector<double> crowdings;
+    for (const std::vector<Lap>& entrant : laps)
+        for (const Lap& lap : entrant)
+            for (const Part& part : lap.parts) crowdings.push_back(part.crowding);
+    const auto low = crowdings.begin() + static_cast<std::ptrdiff_t>(crowdings.size() / 50);
+    std::nth_element(crowdings.begin(), low, crowdings.end());
+    return 1.1 * *low;
+}
+
+/// Has some part fewer laps that were not crowded than a median needs?
+bool too_crowded(const RaceLaps& race, int rounds) {
+    const std::ptrdiff_t enough = std::min(3, rounds);
+    for (const std::vector<Lap>& laps : race.laps) {
+        for (std::size_t part = 0; part < laps.front().parts.size(); ++part) {
+            const auto is_uncrowded = [&](const Lap& lap) {
+                return lap.parts[part].crowding < race.crowded_from;
+            };
+            if (std::count_if(laps.begin(), laps.end(), is_uncrowded) < enough) return true;
+        }
     }
+    return false;
 }
 
 }  // namespace
 
 Lap run_lap(const Entrant& entrant, std::uint32_t ray_count) {
-    std::vector<Seconds> seconds(entrant.threads);
+    Lap lap{0, 0, std::vector<Part>((ray_count + chunk_rays - 1) / chunk_rays)};
     std::atomic<std::uint32_t> next{0};
     const auto start = std::chrono::steady_clock::now();
     {
@@ -53,33 +58,63 @@ Lap run_lap(const Entrant& entrant, std::uint32_t ray_count) {
             pool.emplace_back([&, thread] {
                 pin(thread);
                 flush_denormals();
-                const double begin = seconds_of(CLOCK_THREAD_CPUTIME_ID);
+                double before = crowding();
                 for (;;) {
-                    const std::uint32_t first = next.fetch_add(chunk_rays);
-                    if (first >= ray_count) break;
+                    const std::uint32_t part = next.fetch_add(1);
+                    if (part >= lap.parts.size()) break;
+                    const std::uint32_t first = part * chunk_rays;
+                    const double begin = seconds_of(CLOCK_THREAD_CPUTIME_ID);
                     entrant.trace(first, std::min(chunk_rays, ray_count - first));
+                    const double seconds = seconds_of(CLOCK_THREAD_CPUTIME_ID) - begin;
+                    const double after = crowding();
+                    lap.parts[part] = {seconds, std::max(before, after)};
+                    before = after;
                 }
-                seconds[thread].value = seconds_of(CLOCK_THREAD_CPUTIME_ID) - begin;
             });
         }
     }
-    const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - start;
-    const double cpu =
-        std::accumulate(seconds.begin(), seconds.end(), 0.0,
-                        [](double sum, const Seconds& part) { return sum + part.value; });
-    return {cpu, wall.count()};
+    lap.wall_seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    for (const Part& part : lap.parts) lap.cpu_seconds += part.cpu_seconds;
+    return lap;
 }
 
-std::vector<std::vector<Lap>> race(std::span<const Entrant> entrants, std::uint32_t ray_count,
-                                   int rounds) {
-    std::vector<std::vector<Lap>> laps(entrants.size());
-    for (int round = 0; round < rounds; ++round) {
+RaceLaps race(std::span<const Entrant> entrants, std::uint32_t ray_count, int rounds) {
+    RaceLaps race{std::vector<std::vector<Lap>>(entrants.size()), 0};
+    for (int round = 0; round < rounds || (round < 3 * rounds && too_crowded(race, rounds));
+         ++round) {
         for (std::size_t i = 0; i < entrants.size(); ++i) {
             const std::size_t turn = (i + static_cast<std::size_t>(round)) % entrants.size();
-            laps[turn].push_back(run_lap(entrants[turn], ray_count));
+            race.laps[turn].push_back(run_lap(entrants[turn], ray_count));
         }
+        race.crowded_from = crowded_from(race.laps);
     }
-    return laps;
+    return race;
+}
+
+double uncrowded_seconds(std::span<const Lap> laps, double crowded_from) {
+    double sum = 0;
+    for (std::size_t part = 0; part < laps.front().parts.size(); ++part) {
+        std::vector<double> uncrowded;
+        std::vector<double> all;
+        for (const Lap& lap : laps) {
+            const Part& timed = lap.parts[part];
+            all.push_back(timed.cpu_seconds);
+            if (timed.crowding < crowded_from) uncrowded.push_back(timed.cpu_seconds);
+        }
+        sum += median(std::move(uncrowded.empty() ? all : uncrowded));
+    }
+    return sum;
+}
+
+double uncrowded_share(std::span<const Lap> laps, double crowded_from) {
+    std::size_t uncrowded = 0;
+    std::size_t all = 0;
+    for (const Lap& lap : laps) {
+        all += lap.parts.size();
+        for (const Part& part : lap.parts) uncrowded += part.crowding < crowded_from ? 1 : 0;
+    }
+    return static_cast<double>(uncrowded) / static_cast<double>(all);
 }
 
 double median(std::vector<double> values) {

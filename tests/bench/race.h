@@ -17,17 +17,35 @@ struct Entrant {
     unsigned threads = 1;
 };
 
+/// A chunk of rays.
+struct Part {
+    double cpu_seconds;
+    double crowding;  ///< before it or after it, the larger one (crowding.h)
+};
+
 struct Lap {
-    double cpu_seconds;  ///< sum over the entrant's threads, by their own clocks
+    double cpu_seconds;  ///< sum over the parts
     double wall_seconds;
+    std::vector<Part> parts;
 };
 
 /// One pass over all rays, in chunks, on threads that are pinned and flush denormals.
 Lap run_lap(const Entrant& entrant, std::uint32_t ray_count);
 
-/// Laps [entrant][round]. Each round starts with another entrant.
-std::vector<std::vector<Lap>> race(std::span<const Entrant> entrants, std::uint32_t ray_count,
-                                   int rounds);
+struct RaceLaps {
+    std::vector<std::vector<Lap>> laps;  ///< [entrant][round]
+    double crowded_from;                 ///< a tenth more than where the core was ours
+};
+
+/// Each round starts with another entrant. There are up to three times as many rounds where a part
+/// of some entrant was crowded in all but two.
+RaceLaps race(std::span<const Entrant> entrants, std::uint32_t ray_count, int rounds);
+
+/// Seconds of one entrant: of each part the median over the laps in which it was not crowded; over
+/// all laps where it always was.
+double uncrowded_seconds(std::span<const Lap> laps, double crowded_from);
+/// Laps of parts that were not crowded, of 1.
+double uncrowded_share(std::span<const Lap> laps, double crowded_from);
 
 double median(std::vector<double> values);
 

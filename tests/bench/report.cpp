@@ -14,12 +14,6 @@ double rate(const Setting& setting, double seconds) {
     return 1e-6 * setting.ray_count / seconds;
 }
 
-double median_cpu(std::span<const Lap> laps) {
-    std::vector<double> seconds;
-    for (const Lap& lap : laps) seconds.push_back(lap.cpu_seconds);
-    return median(std::move(seconds));
-}
-
 double best_cpu(std::span<const Lap> laps) {
     return std::min_element(
                laps.begin(), laps.end(),
@@ -46,6 +40,7 @@ std::vector<double> ratios_of(const Outcome& outcome) {
 nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
                               const Outcome& outcome) {
     const Label& label = outcome.ours.label;
+    const double ours = uncrowded_seconds(outcome.laps, outcome.crowded_from);
     nlohmann::ordered_json row{{"scene", setting.scene},
                                {"rays", setting.rays},
                                {"kind", setting.kind},
@@ -54,7 +49,7 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
                                {"precision", label.precision},
                                {"target", label.target},
                                {"threads", label.threads},
-                               {"mrays", rate(setting, median_cpu(outcome.laps))},
+                               {"mrays", rate(setting, ours)},
                                {"mrays_best", rate(setting, best_cpu(outcome.laps))},
                                {"mrays_wall", rate(setting, median_wall(outcome.laps))},
                                {"peer", ""},
@@ -64,15 +59,20 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
     if (outcome.opponent != nullptr) {
         const std::vector<double> ratios = ratios_of(outcome);
         const auto [low, high] = std::minmax_element(ratios.begin(), ratios.end());
-        const double ratio = median(ratios);
+        const double theirs = uncrowded_seconds(outcome.opponent_laps, outcome.crowded_from);
+        const double ratio = theirs / ours;
         const bool own = outcome.opponent->peer == nullptr;
         row["peer"] = outcome.opponent->label.name;
-        row["peer_mrays"] = rate(setting, median_cpu(outcome.opponent_laps));
+        row["peer_mrays"] = rate(setting, theirs);
         row["peer_mrays_best"] = rate(setting, best_cpu(outcome.opponent_laps));
         row["peer_about"] = own ? "" : setting.peer_about;
         row["ratio"] = ratio;
         row["ratio_adjusted"] = ratio / outcome.opponent->adjusted;
         row["ratio_best"] = best_cpu(outcome.opponent_laps) / best_cpu(outcome.laps);
+        row["ratio_all"] = median(ratios);
+        row["ratio_all_adjusted"] = median(ratios) / outcome.opponent->adjusted;
+        row["uncrowded"] = std::min(uncrowded_share(outcome.laps, outcome.crowded_from),
+                                    uncrowded_share(outcome.opponent_laps, outcome.crowded_from));
         row["ratio_low"] = *low;
         row["ratio_high"] = *high;
         row["mismatches_max"] = outcome.mismatches_max;
@@ -85,7 +85,7 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
     }
     row["scene_hash"] = setting.scene_hash;
     row["count"] = setting.ray_count;
-    row["rounds"] = options.rounds;
+    row["rounds"] = outcome.laps.size();
     row["command"] = options.command;
     return row;
 }

@@ -27,6 +27,7 @@ struct Setting {
 struct Outcome {
     const Side& ours;
     std::span<const Lap> laps;
+    double crowded_from;  ///< as RaceLaps has it
     const Side* opponent = nullptr;
     std::span<const Lap> opponent_laps = {};
     Differences differences = {};      ///< to the opponent

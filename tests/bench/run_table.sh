@@ -2,7 +2,7 @@
 # Measures every row that the table of the README is made of, and prints it.
 #   run_table.sh [ROWS.jsonl] [OPTION OF raynest-bench...]     e.g. run_table.sh v3.jsonl --target v3
 # RAYNEST_BUILD names the build folder (default: build beside the sources). About eight minutes on one
-# core; two more things on the machine are no harm, ratios are taken round by round.
+# core; laps with somebody else on the core are left out, and more are run instead.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 build=${RAYNEST_BUILD:-$root/build}

@@ -5,7 +5,9 @@
 
 Every line of the table is a claim: a geometric mean of ratios (rate of ours over the peer's, time of
 the peer's build over ours, plain bytes) over the scenes and kinds of rays it names, beside the floor
-and the goal that it is held to. `adjusted` divides by what the peer would gain with its asserts off.
+and the goal that it is held to. `adjusted` divides by what the peer would gain with its asserts off;
+that is what counts. Ratios of rates are of the parts of laps in which nobody else was on the core;
+`crowded, too` is over all laps (BENCH.md says why).
 Lines that name no traversal take our fastest; where ours may be packets or batches, the peer is the
 fastest of its forms too. A line whose rows are missing says so; a mean over fewer
 rows than it names is never formed. Of several files, each a run, the median counts, and the least and
@@ -128,13 +130,13 @@ def commands_of(chosen):
 
 def table(runs, target, with_commands):
     """The lines; `runs` are lists of rows, one of each run."""
-    yield "| | ratio | adjusted | floor | goal | | mismatches |" + (" command |" if with_commands else "")
-    yield "|---|---|---|---|---|---|---|" + ("---|" if with_commands else "")
+    yield "| | ratio | adjusted | crowded, too | floor | goal | | mismatches |" + (" command |" if with_commands else "")
+    yield "|---|---|---|---|---|---|---|---|" + ("---|" if with_commands else "")
     for claim in claims(target):
         chosen = [rows for rows in map(claim.rows, runs) if rows is not None]
         bounds = f"{claim.floor:g} | {claim.goal:g}" if claim.goal else "| "
         if not chosen:
-            yield f"| {claim.title} | {UNAVAILABLE} | | {bounds} | | |" + (" |" if with_commands else "")
+            yield f"| {claim.title} | {UNAVAILABLE} | | | {bounds} | | |" + (" |" if with_commands else "")
             continue
         numbers = [claim.number(rows) for rows in chosen]
         adjusted = statistics.median(numbers)
@@ -144,7 +146,12 @@ def table(runs, target, with_commands):
         spread = f" ({min(numbers):.3g} to {max(numbers):.3g})" if len(runs) > 1 else ""
         verdict = claim.verdict(adjusted) if claim.goal else ""
         worst = max((row.get("mismatches", 0) for rows in chosen for row in rows), default=0)
-        line = (f"| {claim.title} | {plain:.3g} | {adjusted:.3g}{spread} | {bounds} | {verdict} | {worst} |")
+        crowded = ""
+        if all("ratio_all" in row for rows in chosen for row in rows):
+            of_all = claim.value.replace("ratio", "ratio_all")
+            crowded = f"{statistics.median(claim.number(rows, of_all) for rows in chosen):.3g}"
+        line = (f"| {claim.title} | {plain:.3g} | {adjusted:.3g}{spread} | {crowded} | {bounds} | {verdict} "
+                f"| {worst} |")
         if with_commands:
             commands = commands_of([row for rows in chosen for row in rows])
             line += " " + "<br>".join(f"`{command}`" for command in commands) + " |"
@@ -163,6 +170,10 @@ def main():
     print(f"Against {', '.join(sorted(peers)) or 'nothing'}; target {arguments.target}.\n")
     for line in table(runs, arguments.target, arguments.commands):
         print(line)
+    alone = [row["uncrowded"] for row in rows if "uncrowded" in row]
+    if alone:
+        print(f"\nNobody else was on the core for {statistics.median(alone):.0%} of the laps (median of "
+              f"{len(alone)} rows; least {min(alone):.0%}).")
     beyond = [row for row in rows if row.get("mismatches", 0) > row.get("mismatches_max", math.inf)]
     if beyond:
         print(f"\n{len(beyond)} rows have more mismatches than edges explain:")

@@ -10,6 +10,8 @@
 #include "engine/integrators/generators.h"
 #include "engine/packs/tracer.h"
 #include "tests/bench/clock.h"
+#include "tests/bench/cpus.h"
+#include "tests/bench/crowding.h"
 #include "tests/bench/race.h"
 #include "tests/bench/rays.h"
 #include "tests/bench/workload.h"
@@ -47,6 +49,7 @@ struct Options {
 struct Cost {
     double cpu_seconds;
     double wall_seconds;
+    double crowding;  ///< of any CPU, before it or after it
 };
 
 /// What all sides fill: the columns that a user wants.
@@ -74,15 +77,31 @@ T must(tl::expected<T, E>&& result) {
     if constexpr (!std::is_void_v<T>) return std::move(*result);
 }
 
+/// The most of all CPUs: client, io thread and worker share them.
+double crowding_anywhere() {
+    std::vector<double> of(cpu_count());
+    {
+        std::vector<std::jthread> threads;
+        for (unsigned cpu = 0; cpu < of.size(); ++cpu)
+            threads.emplace_back([&of, cpu] {
+                pin(cpu);
+                of[cpu] = crowding();
+            });
+    }
+    return *std::max_element(of.begin(), of.end());
+}
+
 Cost time(const Options& options, const std::function<void()>& work) {
     clockid_t daemon{};
     if (clock_getcpuclockid(options.daemon_pid, &daemon) != 0) give_up("the daemon is gone");
     const auto cpu = [&] { return seconds_of(CLOCK_PROCESS_CPUTIME_ID) + seconds_of(daemon); };
+    const double crowding_before = crowding_anywhere();
     const double cpu_before = cpu();
     const double wall_before = seconds_of(CLOCK_MONOTONIC);
     work();
     const double wall = seconds_of(CLOCK_MONOTONIC) - wall_before;
-    return {cpu() - cpu_before, wall};
+    const double cpu_seconds = cpu() - cpu_before;
+    return {cpu_seconds, wall, std::max(crowding_before, crowding_anywhere())};
 }
 
 // ---- in process
@@ -211,31 +230,52 @@ Lidar lidar_of(const Workload& workload, std::span<const LidarChannel> channels,
     return {mount, channels, 0, 360, azimuths};
 }
 
-void print(const Options& options, const Side& side, const Side* against) {
-    const auto median_of = [&](auto value) {
-        std::vector<double> values;
-        for (std::size_t round = 0; round < side.laps.size(); ++round)
-            values.push_back(value(round));
-        return median(std::move(values));
-    };
+/// A tenth more than where all CPUs were ours. The least may be an outlier.
+double crowded_from(const std::vector<Side>& sides) {
+    std::vector<double> crowdings;
+    for (const Side& side : sides)
+        for (const Cost& lap : side.laps) crowdings.push_back(lap.crowding);
+    const auto low = crowdings.begin() + static_cast<std::ptrdiff_t>(crowdings.size() / 20);
+    std::nth_element(crowdings.begin(), low, crowdings.end());
+    return 1.1 * *low;
+}
+
+/// Laps in which nobody else was on a core, as far as can be told; all where there are none.
+std::vector<Cost> uncrowded(const Side& side, double crowded_from) {
+    std::vector<Cost> laps;
+    for (const Cost& lap : side.laps)
+        if (lap.crowding < crowded_from) laps.push_back(lap);
+    return laps.empty() ? side.laps : laps;
+}
+
+double median_of(const std::vector<Cost>& laps, double Cost::*value) {
+    std::vector<double> values;
+    for (const Cost& lap : laps) values.push_back(lap.*value);
+    return median(std::move(values));
+}
+
+void print(const Options& options, const Side& side, const Side* against, double crowded_from) {
+    const std::vector<Cost> laps = uncrowded(side, crowded_from);
+    const double cpu = median_of(laps, &Cost::cpu_seconds);
+    const double wall = median_of(laps, &Cost::wall_seconds);
     nlohmann::ordered_json row;
     row["scene"] = options.name;
     row["rays"] = options.rays;
     row["side"] = side.name;
     const double count = options.count;
-    row["cpu_ns_per_ray"] =
-        median_of([&](auto i) { return 1e9 * side.laps[i].cpu_seconds / count; });
-    row["wall_ns_per_ray"] =
-        median_of([&](auto i) { return 1e9 * side.laps[i].wall_seconds / count; });
+    row["cpu_ns_per_ray"] = 1e9 * cpu / count;
+    row["wall_ns_per_ray"] = 1e9 * wall / count;
     row["against"] = against == nullptr ? "" : against->name;
     if (against != nullptr) {
-        row["cpu_ratio"] = median_of(
-            [&](auto i) { return side.laps[i].cpu_seconds / against->laps[i].cpu_seconds; });
-        row["wall_ratio"] = median_of(
-            [&](auto i) { return side.laps[i].wall_seconds / against->laps[i].wall_seconds; });
+        const std::vector<Cost> others = uncrowded(*against, crowded_from);
+        row["cpu_ratio"] = cpu / median_of(others, &Cost::cpu_seconds);
+        row["wall_ratio"] = wall / median_of(others, &Cost::wall_seconds);
     }
+    row["cpu_ns_per_ray_all"] = 1e9 * median_of(side.laps, &Cost::cpu_seconds) / count;
+    row["uncrowded"] = std::ranges::count_if(
+        side.laps, [&](const Cost& lap) { return lap.crowding < crowded_from; });
     row["count"] = options.count;
-    row["rounds"] = options.rounds;
+    row["rounds"] = side.laps.size();
     std::cout << row.dump() << std::endl;
 }
 
@@ -247,10 +287,22 @@ std::string opponent_of(const std::string& side) {
     return "";
 }
 
+/// Has some side fewer uncrowded laps than a median needs?
+bool too_crowded(const std::vector<Side>& sides, int rounds) {
+    const double limit = crowded_from(sides);
+    const auto enough = std::min<std::ptrdiff_t>(5, rounds);
+    return std::ranges::any_of(sides, [&](const Side& side) {
+        return std::ranges::count_if(
+                   side.laps, [&](const Cost& lap) { return lap.crowding < limit; }) < enough;
+    });
+}
+
 void race_sides(const Options& options, std::vector<Side>& sides) {
     Answer answer(options.count);
     for (Side& side : sides) side.run(answer);  // warms caches and pages
-    for (int round = 0; round < options.rounds; ++round)
+    const int rounds = options.rounds;
+    for (int round = 0; round < rounds || (round < 3 * rounds && too_crowded(sides, rounds));
+         ++round)
         for (std::size_t i = 0; i < sides.size(); ++i) {
             Side& side = sides[(i + static_cast<std::size_t>(round)) % sides.size()];
             side.laps.push_back(time(options, [&] { side.run(answer); }));
@@ -337,9 +389,10 @@ void run(Options options) {
             return std::ranges::find(options.sides, side.name) == options.sides.end();
         });
     race_sides(options, sides);
+    const double limit = crowded_from(sides);
     for (const Side& side : sides) {
         const auto against = std::ranges::find(sides, opponent_of(side.name), &Side::name);
-        print(options, side, against == sides.end() ? nullptr : &*against);
+        print(options, side, against == sides.end() ? nullptr : &*against, limit);
     }
 }
 
