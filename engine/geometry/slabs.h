@@ -42,7 +42,13 @@ inline constexpr float direction_min_relative = 1e-18F;
 [[nodiscard]] RAYNEST_INLINE Lanes<4> limited_reciprocal(const Vec3& direction) {
     const auto d = Lanes<4>::of(direction);
     const auto smallest = Lanes<4>::splat(largest_component(direction) * direction_min_relative);
-    return Lanes<4>::splat(1) / flip_sign(maximum(flip_sign(d, d), smallest), d);
+    const auto one = Lanes<4>::splat(1);
+    // Hardly any ray needs the limit, and the division would wait 20 cycles for it: that is 3 % of
+    // the time where rays enter instances.
+    const auto reciprocal = one / d;
+    if ((less(flip_sign(d, d), smallest) & 7U) == 0) [[likely]]
+        return reciprocal;
+    return one / flip_sign(maximum(flip_sign(d, d), smallest), d);
 }
 
 /// The ray's part of the rule. All axes are computed at once: entering an instance costs this.

@@ -270,10 +270,10 @@ class Table(unittest.TestCase):
 
     def test_what_a_crowded_core_gave_is_told_beside_it(self):
         rows = [self.row("forest3", rays, "own-over", 1.2, ratio_adjusted=1.2, ratio_all=0.8,
-                         ratio_all_adjusted=0.8, uncrowded=share)
-                for rays, share in (("primary", 0.5), ("diffuse", 0.25), ("ao", 0.75))]
+                         ratio_all_adjusted=0.8, uncrowded=share, crowded_from=level)
+                for rays, share, level in (("primary", 0.5, 0.1), ("diffuse", 0.25, 0.2), ("ao", 0.75, 0.1))]
         self.assertIn("| 1.2 | 1.2 | 0.8 | 0.9 | 1 | goal |", self.line("forest3 nested", rows))
-        self.assertIn("50% of the laps (median of 3 rows; least 25%)", self.lines(rows)[-1])
+        self.assertIn("50% of the laps (median of 3 rows; least 25%); 1 rows never had it alone", self.lines(rows)[-1])
 
     def test_the_better_of_two_filters_counts(self):
         rows = [self.row("cards", rays, peer, ratio, kind="multi", peer_mrays=rate)

@@ -71,6 +71,7 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
         row["ratio_best"] = best_cpu(outcome.opponent_laps) / best_cpu(outcome.laps);
         row["ratio_all"] = median(ratios);
         row["ratio_all_adjusted"] = median(ratios) / outcome.opponent->adjusted;
+        row["crowded_from"] = outcome.crowded_from;
         row["uncrowded"] = std::min(uncrowded_share(outcome.laps, outcome.crowded_from),
                                     uncrowded_share(outcome.opponent_laps, outcome.crowded_from));
         row["ratio_low"] = *low;

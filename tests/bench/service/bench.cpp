@@ -272,6 +272,7 @@ void print(const Options& options, const Side& side, const Side* against, double
         row["wall_ratio"] = wall / median_of(others, &Cost::wall_seconds);
     }
     row["cpu_ns_per_ray_all"] = 1e9 * median_of(side.laps, &Cost::cpu_seconds) / count;
+    row["crowded_from"] = crowded_from;
     row["uncrowded"] = std::ranges::count_if(
         side.laps, [&](const Cost& lap) { return lap.crowding < crowded_from; });
     row["count"] = options.count;

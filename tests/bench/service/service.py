@@ -49,10 +49,10 @@ def main():
     parser.add_argument("--unix", help="path of a Unix socket to use instead of TCP")
     parser.add_argument("--json", action="store_true", help="rows as JSON lines")
     options = parser.parse_args()
-    layout = "{:9} {:8} {:8} {:17} {:>10} {:>10}  {:17} {:>6} {:>6} {:>9} {:>10}"
+    layout = "{:9} {:8} {:8} {:17} {:>10} {:>10}  {:17} {:>6} {:>6} {:>9} {:>10} {:>6}"
     if not options.json:
         print(layout.format("transport", "scene", "rays", "side", "CPU ns/ray", "wall", "against", "CPU", "wall",
-                            "laps", "CPU of all"))
+                            "laps", "CPU of all", "from"))
     for row in rows(options.bin_dir, options.unix, options.rounds, options.count):
         if options.json:
             print(json.dumps(row), flush=True)
@@ -61,7 +61,7 @@ def main():
         print(layout.format(row["transport"], row["scene"], row["rays"], row["side"],
                             f"{row['cpu_ns_per_ray']:.1f}", f"{row['wall_ns_per_ray']:.1f}",
                             row["against"], *ratios or ("", ""), f"{row['uncrowded']}/{row['rounds']}",
-                            f"{row['cpu_ns_per_ray_all']:.1f}"), flush=True)
+                            f"{row['cpu_ns_per_ray_all']:.1f}", f"{row['crowded_from']:.3f}"), flush=True)
 
 
 if __name__ == "__main__":
