@@ -21,15 +21,37 @@ void flush_denormals() {
     _mm_setcsr(_mm_getcsr() | 0x8040U);  // FTZ and DAZ
 }
 
+/// Neighbours come and go within tenths of a second. Gives the crowding at the end.
+double await_own_core(double crowded_from) {
+    constexpr double patience = 0.1;
+    const double end = seconds_of(CLOCK_MONOTONIC) + patience;
+    double now = crowding();
+    while (now >= crowded_from && seconds_of(CLOCK_MONOTONIC) < end) now = crowding();
+    return now;
+}
+
 /// Not the least crowding that was seen: an interruption makes outliers on either side.
+double low_of(std::vector<double> crowdings) {
+    const auto low = crowdings.begin() + static_cast<std::ptrdiff_t>(crowdings.size() / 50);
+    std::nth_element(crowdings.begin(), low, crowdings.end());
+    return *low;
+}
+
 double crowded_from(const std::vector<std::vector<Lap>>& laps) {
+    // Of a core that is ours, as far as this process has seen it.
+    static double least = [] {
+        constexpr double seconds = 0.5;
+        const double end = seconds_of(CLOCK_MONOTONIC) + seconds;
+        std::vector<double> crowdings;
+        while (seconds_of(CLOCK_MONOTONIC) < end) crowdings.push_back(crowding());
+        return low_of(std::move(crowdings));
+    }();
     std::vector<double> crowdings;
     for (const std::vector<Lap>& entrant : laps)
         for (const Lap& lap : entrant)
             for (const Part& part : lap.parts) crowdings.push_back(part.crowding);
-    const auto low = crowdings.begin() + static_cast<std::ptrdiff_t>(crowdings.size() / 50);
-    std::nth_element(crowdings.begin(), low, crowdings.end());
-    return 1.1 * *low;
+    if (!crowdings.empty()) least = std::min(least, low_of(std::move(crowdings)));
+    return 1.1 * least;
 }
 
 /// Has some part fewer laps that were not crowded than a median needs?
@@ -48,7 +70,7 @@ bool too_crowded(const RaceLaps& race, int rounds) {
 
 }  // namespace
 
-Lap run_lap(const Entrant& entrant, std::uint32_t ray_count) {
+Lap run_lap(const Entrant& entrant, std::uint32_t ray_count, double crowded_from) {
     Lap lap{0, 0, std::vector<Part>((ray_count + chunk_rays - 1) / chunk_rays)};
     std::atomic<std::uint32_t> next{0};
     const auto start = std::chrono::steady_clock::now();
@@ -58,7 +80,7 @@ Lap run_lap(const Entrant& entrant, std::uint32_t ray_count) {
             pool.emplace_back([&, thread] {
                 pin(thread);
                 flush_denormals();
-                double before = crowding();
+                double before = await_own_core(crowded_from);
                 for (;;) {
                     const std::uint32_t part = next.fetch_add(1);
                     if (part >= lap.parts.size()) break;
@@ -80,12 +102,12 @@ Lap run_lap(const Entrant& entrant, std::uint32_t ray_count) {
 }
 
 RaceLaps race(std::span<const Entrant> entrants, std::uint32_t ray_count, int rounds) {
-    RaceLaps race{std::vector<std::vector<Lap>>(entrants.size()), 0};
+    RaceLaps race{std::vector<std::vector<Lap>>(entrants.size()), crowded_from({})};
     for (int round = 0; round < rounds || (round < 3 * rounds && too_crowded(race, rounds));
          ++round) {
         for (std::size_t i = 0; i < entrants.size(); ++i) {
             const std::size_t turn = (i + static_cast<std::size_t>(round)) % entrants.size();
-            race.laps[turn].push_back(run_lap(entrants[turn], ray_count));
+            race.laps[turn].push_back(run_lap(entrants[turn], ray_count, race.crowded_from));
         }
         race.crowded_from = crowded_from(race.laps);
     }

@@ -29,12 +29,13 @@ struct Lap {
     std::vector<Part> parts;
 };
 
-/// One pass over all rays, in chunks, on threads that are pinned and flush denormals.
-Lap run_lap(const Entrant& entrant, std::uint32_t ray_count);
+/// One pass over all rays, in chunks, on threads that are pinned and flush denormals. They begin
+/// once the core is theirs, or after a tenth of a second.
+Lap run_lap(const Entrant& entrant, std::uint32_t ray_count, double crowded_from);
 
 struct RaceLaps {
     std::vector<std::vector<Lap>> laps;  ///< [entrant][round]
-    double crowded_from;                 ///< a tenth more than where the core was ours
+    double crowded_from;                 ///< a tenth more than where a core was ours, so far
 };
 
 /// Each round starts with another entrant. There are up to three times as many rounds where a part

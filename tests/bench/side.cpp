@@ -1,5 +1,6 @@
 #include "tests/bench/side.h"
 
+#include <limits>
 #include <utility>
 
 namespace raynest::bench {
@@ -51,7 +52,8 @@ Result<Side> make_peer_side(PeerLibrary& library, const PeerForm& form, const Wo
 }
 
 void answer(Side& side, std::uint32_t ray_count) {
-    run_lap({side.trace, side.label.threads}, ray_count);
+    constexpr double any = std::numeric_limits<double>::infinity();
+    run_lap({side.trace, side.label.threads}, ray_count, any);
     if (side.peer == nullptr) return;
     for (std::size_t ray = 0; ray < side.answers->counts.size(); ++ray) {
         const auto hits = side.answers->of(ray);
