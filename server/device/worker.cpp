@@ -230,10 +230,19 @@ Result<void> Worker::probe_process(Process& process) {
                      const TraceCall& call, const PinholeRays* made) -> Result<void> {
                      // Kernels for other GPUs than those compiled for are translated by their first
                      // call, which takes seconds.
-                     const auto traced = trace_on(
-                         process, 0, {variant.name, precision_watertight, query}, scene, call, made,
-                         Missing::brought, milliseconds(limits_.cuda_start_ms_max));
+                     const auto attempt = [&] {
+                         return trace_on(process, 0, {variant.name, precision_watertight, query},
+                                         scene, call, made,
+                                         milliseconds(limits_.cuda_start_ms_max));
+                     };
+                     auto traced = attempt();
+                     if (traced && !*traced) {
+                         const auto loaded = load(process, 0, scene);
+                         if (!loaded) return fail(ErrorCode::internal, loaded.error().reason);
+                         traced = attempt();
+                     }
                      if (!traced) return fail(ErrorCode::internal, traced.error().reason);
+                     if (!*traced) return fail(ErrorCode::internal, "its scene does not stay");
                      return {};
                  });
 }
@@ -278,14 +287,16 @@ tl::expected<Worker::Lease, Refusal> Worker::take_slot() {
     return Lease(*this, process_, slot);
 }
 
-tl::expected<Worker::Turn, Refusal> Worker::take_turn(const Snapshot& scene) {
+tl::expected<std::optional<Worker::Turn>, Refusal> Worker::take_turn(const Snapshot& scene) {
     const auto end = Clock::now() + load_time_max(limits_, scene.bytes().size());
     std::unique_lock lock(mutex_);
-    // For the scene itself, which another thread brings, that one has the patience.
     while (!loading_.empty()) {
         if (loading_ == scene.hash()) {
-            changed_.wait(lock);
-        } else if (changed_.wait_until(lock, end) == std::cv_status::timeout) {
+            // That thread has the patience for it.
+            changed_.wait(lock, [&] { return loading_ != scene.hash(); });
+            return std::nullopt;
+        }
+        if (changed_.wait_until(lock, end) == std::cv_status::timeout) {
             lock.unlock();
             return tl::unexpected(
                 remember(scene, later("other scenes are on their way to it", 1000)));
@@ -304,34 +315,46 @@ tl::expected<void, Refusal> Worker::trace(const Kernel& kernel, const Snapshot& 
 
 tl::expected<void, Refusal> Worker::trace_if_up(const Kernel& kernel, const Snapshot& scene,
                                                 const TraceCall& call, const PinholeRays* made) {
-    auto traced = attempt(kernel, scene, call, made, Missing::told);
-    if (traced && !*traced) {
-        // Without a slot: meanwhile calls of other scenes go on.
-        const auto turn = take_turn(scene);
-        if (!turn) return tl::unexpected(turn.error());
-        traced = attempt(kernel, scene, call, made, Missing::brought);
+    // Others may drive it out before its call comes.
+    constexpr int tries = 3;
+    for (int i = 0; i < tries; ++i) {
+        const auto traced = attempt(kernel, scene, call, made);
+        if (!traced) return tl::unexpected(traced.error());
+        if (*traced) return {};
+        if (const auto brought = bring(scene); !brought) return brought;
     }
-    if (!traced) return tl::unexpected(traced.error());
-    return {};
+    return tl::unexpected(remember(scene, no_room("other scenes drove this one out at once")));
 }
 
 tl::expected<bool, Refusal> Worker::attempt(const Kernel& kernel, const Snapshot& scene,
-                                            const TraceCall& call, const PinholeRays* made,
-                                            Missing missing) {
+                                            const TraceCall& call, const PinholeRays* made) {
     if (const auto refusal = why_not(kernel, scene)) return tl::unexpected(*refusal);
     const auto lease = take_slot();
     if (!lease) return tl::unexpected(lease.error());
-    auto traced = trace_on(*lease->process(), lease->slot(), kernel, scene, call, made, missing,
+    auto traced = trace_on(*lease->process(), lease->slot(), kernel, scene, call, made,
                            milliseconds(limits_.cuda_call_ms_max));
     if (!traced && traced.error().lost)
         return tl::unexpected(lose(lease->process(), scene, std::move(traced.error())));
     return traced;
 }
 
+// Who waits for a turn holds no slot: calls of scenes that are there go on.
+tl::expected<void, Refusal> Worker::bring(const Snapshot& scene) {
+    const auto turn = take_turn(scene);
+    if (!turn) return tl::unexpected(turn.error());
+    if (!*turn) return {};
+    const auto lease = take_slot();
+    if (!lease) return tl::unexpected(lease.error());
+    auto loaded = load(*lease->process(), lease->slot(), scene);
+    if (!loaded && loaded.error().lost)
+        return tl::unexpected(lose(lease->process(), scene, std::move(loaded.error())));
+    return loaded;
+}
+
 tl::expected<bool, Refusal> Worker::trace_on(Process& process, std::uint32_t slot,
                                              const Kernel& kernel, const Snapshot& scene,
                                              const TraceCall& call, const PinholeRays* made,
-                                             Missing missing, milliseconds patience) {
+                                             milliseconds patience) {
     const auto variant = find_kernel(process.ready(), kernel);
     if (!variant) return tl::unexpected(Refusal{no_kernel(kernel)});
     const std::uint64_t hits = std::uint64_t{call.ray_count} * call.hits_max;
@@ -356,31 +379,9 @@ tl::expected<bool, Refusal> Worker::trace_on(Process& process, std::uint32_t slo
     else
         std::copy_n(call.rays, call.ray_count, memory.rays);
 
-    Result<Outcome> outcome = process.ask(slot, request, patience);
-    if (outcome && outcome->verdict == Verdict::unknown_scene) {
-        if (missing == Missing::told) return false;
-        auto loaded = load(process, slot, scene);
-        if (!loaded) return tl::unexpected(loaded.error());
-        outcome = *loaded;
-        if (loaded->verdict == Verdict::done) outcome = process.ask(slot, request, patience);
-    }
-    if (!outcome) return tl::unexpected(lost(outcome.error().message));
-    switch (outcome->verdict) {
-        case Verdict::done:
-            break;
-        case Verdict::unknown_scene:
-            return tl::unexpected(
-                remember(scene, no_room("other scenes drove this one out at once")));
-        case Verdict::out_of_memory:
-            return tl::unexpected(remember(scene, no_room(outcome->text.printable())));
-        case Verdict::too_deep:
-            return tl::unexpected(remember(
-                scene, Refusal{"its kernels do not take the scene: it is nested too deep"}));
-        case Verdict::refused:
-            return tl::unexpected(Refusal{outcome->text.printable()});
-        case Verdict::lost:
-            return tl::unexpected(lost(outcome->text.printable()));
-    }
+    const Result<Outcome> outcome = process.ask(slot, request, patience);
+    if (outcome && outcome->verdict == Verdict::unknown_scene) return false;
+    if (auto refusal = refusal_of(outcome, scene)) return tl::unexpected(std::move(*refusal));
 
     std::copy_n(memory.hits, hits, call.hits);
     if (kernel.query == query_multi)
@@ -397,8 +398,28 @@ tl::expected<bool, Refusal> Worker::trace_on(Process& process, std::uint32_t slo
     return true;
 }
 
-tl::expected<Outcome, Refusal> Worker::load(Process& process, std::uint32_t slot,
-                                            const Snapshot& scene) {
+std::optional<Refusal> Worker::refusal_of(const Result<Outcome>& outcome, const Snapshot& scene) {
+    if (!outcome) return lost(outcome.error().message);
+    switch (outcome->verdict) {
+        case Verdict::done:
+            break;
+        case Verdict::unknown_scene:
+            return Refusal{"it does not have the scene"};
+        case Verdict::out_of_memory:
+            return remember(scene, no_room(outcome->text.printable()));
+        case Verdict::too_deep:
+            return remember(scene,
+                            Refusal{"its kernels do not take the scene: it is nested too deep"});
+        case Verdict::refused:
+            return Refusal{outcome->text.printable()};
+        case Verdict::lost:
+            return lost(outcome->text.printable());
+    }
+    return std::nullopt;
+}
+
+tl::expected<void, Refusal> Worker::load(Process& process, std::uint32_t slot,
+                                         const Snapshot& scene) {
     // A copy, once: arenas lie on huge pages, which traversal gains 2 to 9 % by (bvh/pages.h) and
     // memory files have none of unless the system was told to.
     const auto bytes = scene.bytes();
@@ -415,8 +436,8 @@ tl::expected<Outcome, Refusal> Worker::load(Process& process, std::uint32_t slot
     request.scene = Text<64>(scene.hash());
     const int files[] = {file->get()};
     const auto outcome = process.ask(slot, request, load_time_max(limits_, bytes.size()), files);
-    if (!outcome) return tl::unexpected(lost(outcome.error().message));
-    return *outcome;
+    if (auto refusal = refusal_of(outcome, scene)) return tl::unexpected(std::move(*refusal));
+    return {};
 }
 
 Worker::Refused& Worker::refused_locked(const Snapshot& scene) {

@@ -82,9 +82,6 @@ private:
     using ProcessPointer = std::shared_ptr<Process>;
     enum class State { starting, up, down };
 
-    /// What is done about a scene that is not there.
-    enum class Missing { told, brought };
-
     /// A slot of a process, given back at its end.
     class Lease;
     /// The turn of one scene to get there; its end is the next one's.
@@ -105,20 +102,23 @@ private:
     Result<void> probe_process(Process& process);
     [[nodiscard]] Refusal refusal_locked() const;
     tl::expected<Lease, Refusal> take_slot();
-    tl::expected<Turn, Refusal> take_turn(const Snapshot& scene);
+    /// Nothing where another thread brought the scene meanwhile.
+    tl::expected<std::optional<Turn>, Refusal> take_turn(const Snapshot& scene);
     tl::expected<void, Refusal> trace_if_up(const Kernel& kernel, const Snapshot& scene,
                                             const TraceCall& call, const PinholeRays* made);
-    /// A call on a slot of its own. False where the scene is not there, and is not to be brought.
+    /// A call on a slot of its own. False where the scene is not there.
     tl::expected<bool, Refusal> attempt(const Kernel& kernel, const Snapshot& scene,
-                                        const TraceCall& call, const PinholeRays* made,
-                                        Missing missing);
+                                        const TraceCall& call, const PinholeRays* made);
     /// The rays of `call` on a slot that is the caller's: its answers lie there.
     tl::expected<bool, Refusal> trace_on(Process& process, std::uint32_t slot, const Kernel& kernel,
                                          const Snapshot& scene, const TraceCall& call,
-                                         const PinholeRays* made, Missing missing,
+                                         const PinholeRays* made,
                                          std::chrono::milliseconds patience);
-    tl::expected<Outcome, Refusal> load(Process& process, std::uint32_t slot,
-                                        const Snapshot& scene);
+    /// Gets the scene there, or waits for the thread that is at it. Scenes get there one at a time.
+    tl::expected<void, Refusal> bring(const Snapshot& scene);
+    tl::expected<void, Refusal> load(Process& process, std::uint32_t slot, const Snapshot& scene);
+    /// Nothing where the process did what it was asked.
+    std::optional<Refusal> refusal_of(const Result<Outcome>& outcome, const Snapshot& scene);
     Refusal remember(const Snapshot& scene, Refusal refusal);
     /// The process is no good any more, found with this scene. Gives the refusal with the reason
     /// that was found first.
