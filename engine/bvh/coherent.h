@@ -433,12 +433,12 @@ private:
                                       level.origin[2].group(g)};
             const PacketLanes d[3] = {level.direction[0].group(g), level.direction[1].group(g),
                                       level.direction[2].group(g)};
-            for (std::size_t row = 0; row < 3; ++row) {  // as Transform::point and ::direction
-                const float* a = &m[4 * row];
+            for (std::size_t row = 0; row < 3; ++row) {  // as enter() does it
+                const auto a = [&](std::size_t column) { return F(m[3 * column + row]); };
                 inner.origin[row].set_group(
-                    g, fused(F(a[0]), o[0], fused(F(a[1]), o[1], fused(F(a[2]), o[2], F(a[3])))));
-                inner.direction[row].set_group(
-                    g, fused(F(a[0]), d[0], fused(F(a[1]), d[1], F(a[2]) * d[2])));
+                    g, fused(a(0), o[0], fused(a(1), o[1], fused(a(2), o[2], a(3)))));
+                inner.direction[row].set_group(g,
+                                               fused(a(0), d[0], fused(a(1), d[1], a(2) * d[2])));
             }
         }
         visit_level(

@@ -70,9 +70,18 @@ RAYNEST_INLINE bool visit(R& ray, const P& primitive, Isect& isect, Query& query
 /// The ray as the instance's object sees it: same t, one level down.
 [[nodiscard]] RAYNEST_INLINE RayView enter(const RayView& ray, const SceneView& scene,
                                            const InstanceRecord& instance) {
+    // As Transform::point and ::direction do it, all rows at once.
+    using F = Lanes<4>;
+    F column[4];
+    F::load_columns(column, instance.to_object);
+    const auto turned = [&](const Vec3& v, const F& z) RAYNEST_INLINE_LAMBDA {
+        return fused(column[0], F::splat(v.x), fused(column[1], F::splat(v.y), z)).to_vec3();
+    };
+    const F origin_z = fused(column[2], F::splat(ray.origin.z), column[3]);
+    const F direction_z = column[2] * F::splat(ray.direction.z);
     // Member by member: a copied block would wait for the stores that it was written with.
-    return {instance.to_object.point(ray.origin),
-            instance.to_object.direction(ray.direction),
+    return {turned(ray.origin, origin_z),
+            turned(ray.direction, direction_z),
             ray.tmin,
             ray.tmax,
             ray.world,

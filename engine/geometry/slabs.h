@@ -66,13 +66,14 @@ struct Slabs {
         const float growth = ray.object != nullptr ? ray.object->origin_error : 1.0F;
         const F extent = F::splat(largest_component(ray.origin) * (growth * box_origin_error));
         const F r = limited_reciprocal(ray.direction);
-        const F m = F::splat(0) - F::of(ray.origin) * r;
+        const F m = F::of(-ray.origin) * r;
         const F e = flip_sign(r, r) * extent;
         (r * F::splat(box_near_factor)).store(near_scale);
         ((m - e) * F::splat(box_near_factor)).store(near_offset);
         (r * F::splat(box_far_factor)).store(far_scale);
         ((m + e) * F::splat(box_far_factor)).store(far_offset);
-        octant = less(r, F::splat(0)) & 7U;
+        // Not of the reciprocals: the rows that a node's test loads wait for it.
+        octant = negative(F::of(ray.direction)) & 7U;
         for (std::uint32_t axis = 0; axis < 3; ++axis) {
             near_row[axis] = axis + 3 * (octant >> axis & 1U);
         }

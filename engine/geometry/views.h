@@ -88,7 +88,7 @@ static_assert(sizeof(TexcoordBlock) == 192);
 
 /// One placement of an object in its parent. Stored in declaration order.
 struct InstanceRecord {
-    Transform to_object;       ///< from the parent's space
+    ColumnTransform to_object; ///< from the parent's space
     std::uint32_t object;
     std::uint32_t mask;        ///< skipped when (mask & request mask) == 0
     std::uint64_t path_base;   ///< leaf placements of the parent before this one (geometry/path.h)

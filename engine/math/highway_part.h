@@ -47,6 +47,19 @@ template <class Vector>
 RAYNEST_INLINE void load(Vector& to, const float* from) {
     to = hn::Load(Tag<Vector>(), from);
 }
+/// x, y and z of four columns of three floats each; what the fourth lane has means nothing.
+template <class Vector>
+RAYNEST_INLINE void load_columns(Vector (&to)[4], const float* from) {
+    for (int k = 0; k < 3; ++k) to[k] = hn::LoadU(Tag<Vector>(), from + 3 * k);
+    to[3] = Shuffle0321(hn::LoadU(Tag<Vector>(), from + 8));  // not a float behind the last
+}
+/// Lanes x, y and z.
+template <class Vector>
+RAYNEST_INLINE Vec3 to_vec3(Vector a) {
+    using Four [[gnu::vector_size(16)]] = float;
+    const auto four = std::bit_cast<Four>(a.raw);
+    return {four[0], four[1], four[2]};
+}
 template <class Vector>
 RAYNEST_INLINE void store(Vector a, float* to) {
     hn::Store(a, Tag<Vector>(), to);
@@ -124,6 +137,11 @@ RAYNEST_INLINE std::uint32_t bits(hn::Mask<Tag<Vector>> mask) {
     std::uint16_t both;
     __builtin_memcpy(&both, bytes, sizeof both);
     return both;
+}
+template <class Vector>
+RAYNEST_INLINE std::uint32_t negative(Vector a) {
+    const hn::RebindToSigned<Tag<Vector>> i32;
+    return bits<Vector>(hn::RebindMask(Tag<Vector>(), hn::BitCast(i32, a) < hn::Zero(i32)));
 }
 template <class Vector>
 RAYNEST_INLINE std::uint32_t less(Vector a, Vector b) {

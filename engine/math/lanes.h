@@ -44,6 +44,33 @@ struct Lanes {
         alignas(16) const float from[4] = {v.x, v.y, v.z, 1.0F};
         return load(from);
     }
+    /// The first three lanes.
+    [[nodiscard]] RAYNEST_INLINE Vec3 to_vec3() const {
+        static_assert(N == 4);
+#ifndef RAYNEST_PLAIN_LANES
+        if constexpr (width == 4) return part::to_vec3(lane[0]);
+#endif
+        alignas(16) float to[4];
+        store(to);
+        return {to[0], to[1], to[2]};
+    }
+    /// The columns of a map by columns, in the first three lanes.
+    RAYNEST_INLINE static void load_columns(Lanes (&to)[4], const ColumnTransform& map) {
+        static_assert(N == 4);
+#ifndef RAYNEST_PLAIN_LANES
+        if constexpr (width == 4) {
+            Part columns[4];
+            part::load_columns(columns, map.m.data());
+            for (int k = 0; k < 4; ++k) to[k].lane[0] = columns[k];
+            return;
+        }
+#endif
+        for (std::size_t k = 0; k < 4; ++k) {
+            alignas(16)
+                const float column[4] = {map.m[3 * k], map.m[3 * k + 1], map.m[3 * k + 2], 0};
+            to[k] = load(column);
+        }
+    }
     /// `from` is aligned to the N floats.
     RAYNEST_INLINE static Lanes load(const float* from) {
         Lanes r;
@@ -133,6 +160,13 @@ RAYNEST_INLINE float most(const Lanes<N>& a) {
 template <int N>
 RAYNEST_INLINE Lanes<N> fused(const Lanes<N>& a, const Lanes<N>& b, const Lanes<N>& c) {
     return Lanes<N>::map([](auto x, auto y, auto z) { return part::fused(x, y, z); }, a, b, c);
+}
+/// Bit i: the sign of lane i, of zeros, too.
+template <int N>
+RAYNEST_INLINE std::uint32_t negative(const Lanes<N>& a) {
+    std::uint32_t mask = 0;
+    for (std::size_t i = 0; i < a.parts; ++i) mask |= part::negative(a.lane[i]) << (i * a.width);
+    return mask;
 }
 /// Bit i: a < b in lane i. False where either is NaN.
 template <int N>

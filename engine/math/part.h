@@ -4,6 +4,7 @@
 
 #include "engine/math/vec.h"
 
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -63,6 +64,9 @@ RAYNEST_INLINE float most(float a) {
 }
 RAYNEST_INLINE float fused(float a, float b, float c) {
     return raynest::fused(a, b, c);
+}
+RAYNEST_INLINE std::uint32_t negative(float a) {
+    return std::bit_cast<std::uint32_t>(a) >> 31;
 }
 RAYNEST_INLINE std::uint32_t less(float a, float b) {
     return a < b ? 1 : 0;

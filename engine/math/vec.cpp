@@ -18,6 +18,26 @@ double translation(const Transform& t, std::size_t row) {
 
 }  // namespace
 
+ColumnTransform by_columns(const Transform& transform) {
+    ColumnTransform result;
+    for (std::size_t row = 0; row < 3; ++row) {
+        for (std::size_t column = 0; column < 4; ++column) {
+            result.m[3 * column + row] = transform.m[4 * row + column];
+        }
+    }
+    return result;
+}
+
+Transform by_rows(const ColumnTransform& transform) {
+    Transform result;
+    for (std::size_t row = 0; row < 3; ++row) {
+        for (std::size_t column = 0; column < 4; ++column) {
+            result.m[4 * row + column] = transform.m[3 * column + row];
+        }
+    }
+    return result;
+}
+
 Transform compose(const Transform& outer, const Transform& inner) {
     Transform result;
     for (std::size_t row = 0; row < 3; ++row) {

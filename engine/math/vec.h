@@ -80,6 +80,18 @@ struct Transform {
 };
 static_assert(sizeof(Transform) == 48);
 
+/// A Transform by columns: column c is (m[3c], m[3c+1], m[3c+2]), the last one the translation. So
+/// it maps with three vector instructions (bvh/visit_primitive.h).
+struct ColumnTransform {
+    std::array<float, 12> m{1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
+
+    bool operator==(const ColumnTransform&) const = default;
+};
+static_assert(sizeof(ColumnTransform) == sizeof(Transform));
+
+ColumnTransform by_columns(const Transform& transform);
+Transform by_rows(const ColumnTransform& transform);
+
 /// The map that applies `inner` first, then `outer`. Computed in double, rounded once.
 Transform compose(const Transform& outer, const Transform& inner);
 

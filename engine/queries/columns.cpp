@@ -248,7 +248,7 @@ void write_column(Field field, const ColumnSource& source, std::byte* out) {
 Transform world_to_object(const SceneView& scene, std::uint64_t path) {
     Transform all;
     walk_path(scene, path, [&](std::uint32_t index) {
-        all = compose(scene.instances[index].to_object, all);
+        all = compose(by_rows(scene.instances[index].to_object), all);
     });
     return all;
 }

@@ -6,6 +6,7 @@
 #include "engine/scene/tree_check.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <numbers>
@@ -21,8 +22,8 @@ tl::unexpected<Error> broken(const std::string& what) {
     return fail(ErrorCode::scene_invalid, "the scene arena is broken: " + what);
 }
 
-bool is_finite(const Transform& t) {
-    return std::all_of(t.m.begin(), t.m.end(), [](float x) { return std::isfinite(x); });
+bool is_finite(const std::array<float, 12>& map) {
+    return std::all_of(map.begin(), map.end(), [](float x) { return std::isfinite(x); });
 }
 
 bool is_finite(const Vec3& p) {
@@ -198,7 +199,7 @@ private:
     Result<void> check_cameras() {
         for (std::uint32_t i = 0; i < view_.camera_count; ++i) {
             const CameraRecord& camera = view_.cameras[i];
-            const bool sound = is_finite(camera.to_world) && camera.yfov > 0 &&
+            const bool sound = is_finite(camera.to_world.m) && camera.yfov > 0 &&
                                camera.yfov < std::numbers::pi_v<float> && camera.aspect >= 0 &&
                                std::isfinite(camera.aspect) && is_name(camera.name) &&
                                camera.unused == 0;
@@ -335,7 +336,7 @@ private:
             const InstanceRecord& instance = view_.instances[object.first_instance + i];
             const InstanceInfo& info = view_.instance_infos[object.first_instance + i];
             if (instance.object >= index || instance.path_base != leaves ||
-                !is_finite(instance.to_object) || !is_finite(info.to_parent) ||
+                !is_finite(instance.to_object.m) || !is_finite(info.to_parent.m) ||
                 !is_name(info.name)) {
                 return broken("instance " + std::to_string(object.first_instance + i));
             }

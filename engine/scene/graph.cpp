@@ -101,8 +101,10 @@ private:
             const Entry& child = entries_[instance.object];
             if (!add(entry.declared, child.declared)) return too_many_paths(index);
 
+            Transform to_object;
+            if (!invert(instance.transform, to_object)) continue;
             InstanceRecord record{};
-            if (!invert(instance.transform, record.to_object)) continue;
+            record.to_object = by_columns(to_object);
             record.object = instance.object;
             record.mask = instance.mask;
             record.path_base = object.traced.leaves;
