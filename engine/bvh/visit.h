@@ -133,16 +133,23 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
             } else {
                 look_at(waiting(1), arrays.node(child));
             }
-        } else if constexpr (!Query::ordered) {
-            look_at(arrays.node(child));
         } else {
+            // The next child is known before the stack has it (measured, any hits: 1.02). Where
+            // children are sorted it is so of an only one, as most nodes near the leaves have.
             const Node& node = arrays.node(child);
             const auto spans = ask(isect, ray, Boxes8{&node});
-            if (std::has_single_bit(spans.mask)) {  // most nodes near the leaves
-                child = node.child[std::countr_zero(spans.mask)];
+            const int lane = std::countr_zero(spans.mask);
+            if constexpr (Query::ordered) {
+                if (std::has_single_bit(spans.mask)) {
+                    child = node.child[lane];
+                    continue;
+                }
+                push(node, spans);
+            } else if (spans.mask != 0) {
+                child = node.child[lane];
+                top += pack_words(node.child, spans.mask & (spans.mask - 1), children + top);
                 continue;
             }
-            push(node, spans);
         }
 
         // Entries behind the best hit are skipped; near == best may still win a tie.
