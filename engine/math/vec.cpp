@@ -16,26 +16,26 @@ double translation(const Transform& t, std::size_t row) {
     return at(t, row, 3);
 }
 
-}  // namespace
-
-ColumnTransform by_columns(const Transform& transform) {
-    ColumnTransform result;
-    for (std::size_t row = 0; row < 3; ++row) {
-        for (std::size_t column = 0; column < 4; ++column) {
-            result.m[3 * column + row] = transform.m[4 * row + column];
+/// `rows` rows of a matrix of twelve elements, by columns.
+std::array<float, 12> transposed(const std::array<float, 12>& m, std::size_t rows) {
+    const std::size_t columns = m.size() / rows;
+    std::array<float, 12> result;
+    for (std::size_t row = 0; row < rows; ++row) {
+        for (std::size_t column = 0; column < columns; ++column) {
+            result[rows * column + row] = m[columns * row + column];
         }
     }
     return result;
 }
 
+}  // namespace
+
+ColumnTransform by_columns(const Transform& transform) {
+    return {transposed(transform.m, 3)};
+}
+
 Transform by_rows(const ColumnTransform& transform) {
-    Transform result;
-    for (std::size_t row = 0; row < 3; ++row) {
-        for (std::size_t column = 0; column < 4; ++column) {
-            result.m[4 * row + column] = transform.m[3 * column + row];
-        }
-    }
-    return result;
+    return {transposed(transform.m, 4)};
 }
 
 Transform compose(const Transform& outer, const Transform& inner) {

@@ -81,7 +81,7 @@ struct Transform {
 static_assert(sizeof(Transform) == 48);
 
 /// A Transform by columns: column c is (m[3c], m[3c+1], m[3c+2]), the last one the translation. So
-/// it maps with three vector instructions (bvh/visit_primitive.h).
+/// one column at a time goes to all rows at once (bvh/visit_primitive.h).
 struct ColumnTransform {
     std::array<float, 12> m{1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 

@@ -113,8 +113,10 @@ class Measuring(unittest.TestCase):
 
     def test_nested_and_one_level_forms_answer_alike(self):
         rows = self.rows("--scene", "gen:forest3?scale=0.01", "--over", "gen:forest3-flat?scale=0.01",
-                         "--rays", "primary,ao", "--traversal", "latency")
-        self.assertEqual([row["peer"] for row in rows], ["own-over"] * 2)
+                         "--rays", "primary,ao", "--traversal", "auto,latency")
+        self.assertEqual([(row["rays"], row["traversal"], row["peer"]) for row in rows],
+                         [(rays, traversal, "own-over") for rays in ("primary", "ao")
+                          for traversal in ("auto", "latency")])
         for row in rows:
             self.check_row(row)
 
@@ -263,30 +265,30 @@ class Table(unittest.TestCase):
         self.assertIn(table.UNAVAILABLE, self.line("single rays, closest", rows[:-1]))
 
     def test_of_several_runs_the_median_counts_and_the_spread_is_told(self):
-        runs = [[self.row("forest3", rays, "own-over", ratio, ratio_adjusted=ratio)
+        runs = [[self.row("forest3", rays, "own-over", ratio, traversal="auto", ratio_adjusted=ratio)
                  for rays in ("primary", "diffuse", "ao")] for ratio in (0.8, 1.25, 0.95)]
         self.assertIn("| 0.95 | 0.95 (0.8 to 1.25) |  | 0.9 | 1 | floor | 1 |",
                       self.line("forest3 nested", *runs))
 
     def test_what_a_crowded_core_gave_is_told_beside_it(self):
-        rows = [self.row("forest3", rays, "own-over", 1.2, ratio_adjusted=1.2, ratio_all=0.8,
+        rows = [self.row("forest3", rays, "own-over", 1.2, traversal="auto", ratio_adjusted=1.2, ratio_all=0.8,
                          ratio_all_adjusted=0.8, uncrowded=share, crowded_from=level)
                 for rays, share, level in (("primary", 0.5, 0.1), ("diffuse", 0.25, 0.2), ("ao", 0.75, 0.1))]
         self.assertIn("| 1.2 | 1.2 | 0.8 | 0.9 | 1 | goal |", self.line("forest3 nested", rows))
         self.assertIn("50% of the laps (median of 3 rows; least 25%); 1 rows never had it alone", self.lines(rows)[-1])
 
     def test_the_better_of_two_filters_counts(self):
-        rows = [self.row("cards", rays, peer, ratio, kind="multi", peer_mrays=rate)
+        rows = [self.row("cards", rays, peer, ratio, kind="multi", traversal="auto", peer_mrays=rate)
                 for rays in ("primary", "diffuse", "random")
                 for peer, ratio, rate in (("embree-list", 3, 1.0), ("embree-shrink", 1.04, 2.0))]
         self.assertIn("| 1.04 | 1 |  | 1.1 | 1.5 | below |", self.line("multi-hit", rows))
 
-    def test_our_packets_are_held_to_the_peers_packets(self):
+    def test_where_ours_chooses_the_best_form_of_the_peer_counts(self):
         def rows(*peers):
             return [self.row("forest1", rays, peer, ratio, traversal=traversal, mrays=ours, peer_mrays=rate,
                              ratio_adjusted=ratio)
                     for rays in ("primary", "diffuse", "ao")
-                    for traversal, ours in (("latency", 2.0), ("coherent", 6.0))
+                    for traversal, ours in (("auto", 6.0), ("coherent", 8.0))
                     for peer, rate in peers for ratio in (ours / rate,)]
         self.assertIn("| 1.5 | 1.5 |", self.line("forest1", rows(("embree", 1.0), ("embree-coherent", 4.0))))
         self.assertIn("| 1.5 | 1.5 |", self.line("forest1", rows(("embree", 4.0), ("embree-coherent", 1.0))))

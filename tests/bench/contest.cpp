@@ -105,8 +105,8 @@ private:
         if (!precision) return tl::unexpected(precision.error());
         const auto traversal = parse_traversal(label.traversal);
         if (!traversal) return tl::unexpected(traversal.error());
-        const auto function = find_function(variant, set_.query, *precision, *traversal, false);
-        if (!function) {
+        const auto tracer = Tracer::make(variant, set_.query, *precision, *traversal, false);
+        if (!tracer) {
             static std::set<std::string> said;
             const std::string skipped = variant.name + ", " + label.traversal + ", " +
                                         label.precision + " on " + variant.target;
@@ -116,7 +116,7 @@ private:
             return {};
         }
         Side side =
-            make_own_side(std::move(label), workload, *function, set_.rays, set_.query, hits_max_);
+            make_own_side(std::move(label), workload, *tracer, set_.rays, set_.query, hits_max_);
         side.over = &workload != &loaded_.workload;
         if (side.over) side.label.name = "own-over";
         sides_.push_back(std::move(side));

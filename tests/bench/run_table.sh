@@ -30,12 +30,12 @@ for scene in terrain cards interior; do
         --peers embree,embree-coherent,embree-robust
     bench --scene "gen:$scene" --build --quality medium --rounds 3 --threads 1,2 --peers embree
 done
-bench --scene gen:cards --rays "$kinds" --intersector alpha_mask \
+bench --scene gen:cards --rays "$kinds" --intersector alpha_mask --traversal auto \
     --peers embree-filter,embree-filter-coherent,embree-argument
 bench --scene gen:cards --rays primary,diffuse,random --kind multi --max-hits 8 \
-    --traversal latency,batch --peers embree-list,embree-shrink
-bench --scene gen:forest1 --rays primary,diffuse,ao --peers embree,embree-coherent
-bench --scene gen:forest3 --over gen:forest3-flat --rays primary,diffuse,ao
+    --traversal auto --peers embree-list,embree-shrink
+bench --scene gen:forest1 --rays primary,diffuse,ao --traversal auto --peers embree,embree-coherent
+bench --scene gen:forest3 --over gen:forest3-flat --rays primary,diffuse,ao --traversal auto,latency
 bench --scene gen:forest3-flat --build --peers embree
 bench --scene gen:terrain --rays primary,diffuse --traversal latency --threads 1,2 --peers own
 bench --scene gen:cards --rays primary,diffuse,ao --traversal latency \

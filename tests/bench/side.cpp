@@ -5,7 +5,7 @@
 
 namespace raynest::bench {
 
-Side make_own_side(Label label, const Workload& workload, TraceFunction function,
+Side make_own_side(Label label, const Workload& workload, const Tracer& tracer,
                    std::span<const Ray> rays, Query query, std::uint32_t hits_max) {
     Side side;
     side.label = std::move(label);
@@ -13,7 +13,7 @@ Side make_own_side(Label label, const Workload& workload, TraceFunction function
     side.masks = side.label.intersector.find("alpha") != std::string::npos;
     side.answers =
         std::make_unique<Answers>(query, static_cast<std::uint32_t>(rays.size()), hits_max);
-    side.trace = [&view = workload.scene->view(), function, rays, answers = side.answers.get()](
+    side.trace = [&view = workload.scene->view(), tracer, rays, answers = side.answers.get()](
                      std::uint32_t first, std::uint32_t count) {
         const TraceCall call{&view,
                              nullptr,
@@ -26,7 +26,7 @@ Side make_own_side(Label label, const Workload& workload, TraceFunction function
                              answers->counts.data() + first,
                              nullptr,
                              nullptr};
-        function(&call);
+        tracer.function(tracer.choose(rays.subspan(first, count), view))(&call);
     };
     return side;
 }

@@ -1,7 +1,7 @@
 // One side of a measurement: a variant of ours or a form of a peer, with what it answered.
 #pragma once
 
-#include "engine/packs/registry.h"
+#include "engine/packs/tracer.h"
 #include "tests/bench/answers.h"
 #include "tests/bench/peer.h"
 #include "tests/bench/race.h"
@@ -34,7 +34,8 @@ struct Side {
     TracePart trace;
 };
 
-Side make_own_side(Label label, const Workload& workload, TraceFunction function,
+/// Every call chooses a traversal where the tracer is open, as a worker does for every chunk.
+Side make_own_side(Label label, const Workload& workload, const Tracer& tracer,
                    std::span<const Ray> rays, Query query, std::uint32_t hits_max);
 Result<Side> make_peer_side(PeerLibrary& library, const PeerForm& form, const Workload& workload,
                             std::span<const Ray> rays, Query query, std::uint32_t hits_max);
