@@ -218,15 +218,19 @@ private:
         const std::size_t first = boxes.size();
         boxes.resize(first + node.instances.size());
         std::vector<float> errors(node.instances.size());
+        std::vector<double> paddings(node.instances.size());
         tbb::parallel_for(std::size_t{0}, node.instances.size(), [&](std::size_t i) {
             const Transform& to_parent = source.instances[node.declared_as[i]].transform;
             const std::uint32_t child = node.instances[i].object;
             errors[i] = placement_error(to_parent, content_.objects[child].origin_error);
-            boxes[first + i] = placed_box(content_.trees[child], to_parent, errors[i]);
+            const PlacedBox placed = placed_box(content_, child, to_parent, errors[i]);
+            boxes[first + i] = placed.box;
+            paddings[i] = placed.padding;
         });
         for (std::size_t i = 0; i < node.instances.size(); ++i) {
             const InstanceDescription& declared = source.instances[node.declared_as[i]];
             object.origin_error = std::max(object.origin_error, errors[i]);
+            content_.instance_paddings.push_back(paddings[i]);
             content_.instances.push_back(node.instances[i]);
             content_.instance_infos.push_back(
                 {declared.transform, declared.uid, content_.names.add(declared.name)});

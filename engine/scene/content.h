@@ -65,6 +65,7 @@ struct Content {
     std::vector<ObjectRecord> objects;
     std::vector<InstanceRecord> instances;
     std::vector<InstanceInfo> instance_infos;
+    std::vector<double> instance_paddings;  ///< PlacedBox::padding, one per instance
     std::vector<GeometryRecord> geometries;
     std::vector<MaterialRecord> materials;
     std::vector<TextureRecord> textures;

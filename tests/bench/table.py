@@ -91,7 +91,7 @@ def claims(target):
                 over(("forest1",), "primary", "diffuse", "ao"), best_of=plain, **chosen)
     yield Claim("forest3 nested over our one-level list", 0.9, 1.0,
                 over(("forest3",), "primary", "diffuse", "ao"), **{**chosen, "peer": "own-over"})
-    yield Claim("the same, single rays", 0, 0,
+    yield Claim("forest3 nested, single rays alone", 0, 0,
                 over(("forest3",), "primary", "diffuse", "ao"), **{**latency, "peer": "own-over"})
     yield Claim("multi-hit N = 8 on cards, the better filter", 1.1, 1.5,
                 over(("cards",), "primary", "diffuse", "random"),

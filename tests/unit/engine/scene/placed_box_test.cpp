@@ -26,26 +26,49 @@ using test::rotation;
 
 namespace {
 
-/// Rotated, stretched and moved, by up to `far`.
+/// Rotated, stretched and moved, by up to `far`, along one axis hardly at all.
 Transform random_transform(Random& random, float far) {
     Vec3 x = random.direction();
     const Vec3 y = glm::normalize(glm::cross(x, random.direction()));
     Vec3 z = glm::cross(x, y);
     x *= random.between(0.5F, 2);
     z *= random.between(0.5F, 2);
-    const Vec3 at = random.in_box(far);
+    Vec3 at = random.in_box(far);
+    at[static_cast<int>(random.below(3))] *= 1e-4F;
     return {{x.x, y.x, z.x, at.x, x.y, y.y, z.y, at.y, x.z, y.z, z.z, at.z}};
 }
 
-/// Object 0 holds triangles; each of the next `levels` places the one before it a few times.
+/// Loose triangles, or a cube: its corners are vertices, so the boxes of its instances are as tight
+/// as they can be. Turned leaves of loose triangles reach farther than what they hold.
+GeometryDescription random_mesh(Random& random) {
+    GeometryDescription mesh;
+    if (random.below(2) == 0) {
+        for (std::uint32_t i = 0; i < 3 * 60; ++i) {
+            mesh.positions.push_back(random.direction() * random.unit());
+            mesh.indices.push_back(i);
+        }
+    } else {
+        const auto side = [](std::uint32_t bit) { return bit != 0 ? 1.0F : -1.0F; };
+        for (std::uint32_t corner = 0; corner < 8; ++corner) {
+            mesh.positions.emplace_back(side(corner & 1U), side(corner & 2U), side(corner & 4U));
+        }
+        for (const std::uint32_t axis : {1U, 2U, 4U}) {
+            const std::uint32_t u = axis % 7 * 2 % 7;
+            const std::uint32_t v = axis ^ u ^ 7U;
+            for (const std::uint32_t from : {0U, axis}) {
+                mesh.indices.insert(mesh.indices.end(),
+                                    {from, from + u, from + v, from + u + v, from + v, from + u});
+            }
+        }
+    }
+    return mesh;
+}
+
+/// Object 0 holds a mesh; each of the next `levels` places the one before it a few times.
 SceneDescription nested(std::uint32_t levels, float far, Random& random) {
     SceneDescription scene;
     scene.objects.resize(levels + 1);
-    GeometryDescription& mesh = scene.objects[0].geometries.emplace_back();
-    for (std::uint32_t i = 0; i < 3 * 60; ++i) {
-        mesh.positions.push_back(random.direction() * random.unit());
-        mesh.indices.push_back(i);
-    }
+    scene.objects[0].geometries.push_back(random_mesh(random));
     for (std::uint32_t level = 1; level <= levels; ++level) {
         for (int i = 0; i < 3; ++i) {
             scene.objects[level].instances.push_back(
@@ -68,9 +91,10 @@ std::vector<Vec3> vertices_of(const SceneDescription& scene, std::uint32_t objec
 }
 
 /// Through the outermost vertex of an instance along an axis of its parent, nearly along the side
-/// of its box.
+/// of its box: from anywhere, or from above the parent's origin, where coordinates are small and
+/// the instance's own are what rounds; some pass it by no more than that.
 Ray side_ray(const SceneDescription& scene, const std::vector<std::vector<Vec3>>& vertices,
-             Random& random) {
+             float far, Random& random) {
     const auto instance_of = [&](std::uint32_t object) -> const Transform& {
         const auto& instances = scene.objects[object].instances;
         return instances[random.below(static_cast<std::uint32_t>(instances.size()))].transform;
@@ -88,10 +112,13 @@ Ray side_ray(const SceneDescription& scene, const std::vector<std::vector<Vec3>>
             outermost = p;
         }
     }
-    Vec3 direction = random.direction();
+    const bool from_afar = random.below(2) == 0;
+    Vec3 direction = from_afar ? outermost : random.direction();
     direction[axis] =
         std::pow(10.0F, random.between(-9, -2)) * (random.below(2) == 0 ? 1.0F : -1.0F);
-    Vec3 origin = outermost - std::pow(10.0F, random.between(-1, 2)) * direction;
+    const float distance = from_afar ? 1.0F : std::pow(10.0F, random.between(-1, 2));
+    Vec3 origin = outermost - distance * direction;
+    origin[axis] += sign * far * 0x1p-23F * random.between(-1, 2);
     while (parent != scene.root) {
         const Transform& up = instance_of(++parent);
         origin = up.point(origin);
@@ -105,9 +132,9 @@ Ray side_ray(const SceneDescription& scene, const std::vector<std::vector<Vec3>>
 
 }  // namespace
 
-TEST_CASE("a turned disc gets the box of a disc") {
+TEST_CASE("a turned disc gets the box of a disc, turned twice, too") {
     SceneDescription scene;
-    scene.objects.resize(2);
+    scene.objects.resize(3);
     GeometryDescription& disc = scene.objects[0].geometries.emplace_back();
     constexpr std::uint32_t corners = 256;
     disc.positions.emplace_back(0, 0, 0);
@@ -118,18 +145,25 @@ TEST_CASE("a turned disc gets the box of a disc") {
         disc.indices.insert(disc.indices.end(), std::begin(triangle), std::end(triangle));
     }
     scene.objects[1].instances = {place(0, rotation(std::numbers::pi_v<float> / 4))};
-    scene.root = 1;
-    const Box box = bake(scene)->bounds();
-    for (const int axis : {0, 2}) {  // the turned square reaches 1.41, the boxes of leaves 1.18
-        CHECK(box.upper[axis] >= 0.999F);
-        CHECK(box.upper[axis] < 1.2F);
-        CHECK(box.lower[axis] <= -0.999F);
-        CHECK(box.lower[axis] > -1.2F);
+    scene.objects[2].instances = {place(1, rotation(std::numbers::pi_v<float> / 8))};
+    for (scene.root = 1; scene.root <= 2; ++scene.root) {
+        CAPTURE(scene.root);
+        const Box box = bake(scene)->bounds();
+        // The turned square reaches 1.41, the turned box of a disc 1.3, the boxes of leaves 1.18.
+        for (const int axis : {0, 2}) {
+            CHECK(box.upper[axis] >= 0.999F);
+            CHECK(box.upper[axis] < 1.2F);
+            CHECK(box.lower[axis] <= -0.999F);
+            CHECK(box.lower[axis] > -1.2F);
+        }
     }
 }
 
 TEST_CASE("what an empty tree holds has no box") {
-    CHECK(placed_box(Tree{}, Transform{}, 1).is_empty());
+    Content content;
+    content.trees.emplace_back();
+    content.objects.emplace_back();
+    CHECK(placed_box(content, 0, Transform{}, 1).box.is_empty());
 }
 
 TEST_CASE("a nearly singular placement is a scene's, and is hit") {
@@ -171,7 +205,7 @@ TEST_CASE("rays along the sides of instances' boxes meet what brute force meets"
             vertices.push_back(vertices_of(description, object));
         }
         std::vector<Ray> rays(1000);
-        for (Ray& ray : rays) ray = side_ray(description, vertices, random);
+        for (Ray& ray : rays) ray = side_ray(description, vertices, far, random);
         const conformance::Question closest{query_closest, 1};
         const auto expected = conformance::ask(opaque, function(traversal_reference), scene->view(),
                                                rays, closest, {});
