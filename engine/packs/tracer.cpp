@@ -72,7 +72,8 @@ Traversal Tracer::choose(std::span<const Ray> rays, const SceneView& scene) cons
     if (named_ != traversal_auto) return named_;
     if (rays.size() < group_rays) return traversal_latency;
     const ObjectRecord& root = scene.objects[scene.root];
-    if (compiled(traversal_coherent) && look_coherent(rays, root.bounds)) return traversal_coherent;
+    if (look_coherent(rays, root.bounds))
+        return compiled(traversal_coherent) ? traversal_coherent : traversal_latency;
     const bool batch = compiled(traversal_batch) && suits_batch(root);
     return batch ? traversal_batch : traversal_latency;
 }

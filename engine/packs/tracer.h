@@ -22,8 +22,9 @@ public:
                                Traversal traversal, bool counting);
 
     /// What rays that lie next to each other in a request should go through: `coherent` where most
-    /// of a sample of 64-ray groups look the same way from the same place, else `batch` where the
-    /// scene's trees do not fit a core's cache, else `latency`, as for fewer rays than a group.
+    /// of a sample of 64-ray groups look the same way from the same place (`latency` if that is not
+    /// compiled: coherent rays wait for little), else `batch` where the scene's trees do not fit a
+    /// core's cache, else `latency`, as for fewer rays than a group.
     [[nodiscard]] Traversal choose(std::span<const Ray> rays, const SceneView& scene) const;
 
     [[nodiscard]] TraceFunction function(Traversal traversal) const {

@@ -191,7 +191,8 @@ TEST_CASE("traversal auto looks at the rays, a named one does not") {
     const Tracer counted = make(query_closest, traversal_auto, true);
     CHECK(counted.choose(alike, scene) == traversal_latency);
     const Tracer multi = make(query_multi, traversal_auto, false);  // coherent has no multi
-    CHECK(multi.choose(alike, scene) == traversal_batch);
+    CHECK(multi.choose(alike, scene) == traversal_latency);
+    CHECK(multi.choose(apart, scene) == traversal_batch);
 
     // One that decides about boxes: its packets are single rays, and said to be.
     PackVariant code = *opaque.code;
@@ -203,5 +204,6 @@ TEST_CASE("traversal auto looks at the rays, a named one does not") {
         return Tracer::make(boxes, query_closest, precision_watertight, traversal, false).value();
     };
     CHECK(tracer(traversal_coherent).choose(alike, scene) == traversal_latency);
-    CHECK(tracer(traversal_auto).choose(alike, scene) == traversal_batch);
+    CHECK(tracer(traversal_auto).choose(alike, scene) == traversal_latency);
+    CHECK(tracer(traversal_auto).choose(apart, scene) == traversal_batch);
 }
