@@ -106,7 +106,10 @@ private:
         const auto traversal = parse_traversal(label.traversal);
         if (!traversal) return tl::unexpected(traversal.error());
         const auto tracer = Tracer::make(variant, set_.query, *precision, *traversal, false);
-        if (!tracer) {
+        // Where single rays stand in for what was named, a row of that name would be theirs.
+        const bool stands = tracer && (*traversal == traversal_auto ||
+                                       tracer->choose({}, workload.scene->view()) == *traversal);
+        if (!stands) {
             static std::set<std::string> said;
             const std::string skipped = variant.name + ", " + label.traversal + ", " +
                                         label.precision + " on " + variant.target;
