@@ -267,8 +267,10 @@ void declare(CLI::App& app, QueryOptions& query) {
             "--ray", parse_rays, "ox,oy,oz,dx,dy,dz[,tmin,tmax]; may be repeated")
         ->take_all()
         ->allow_extra_args(false);
-    rays.add_option("--rays", query.rays_file,
-                    "FILE.npy of shape (N, 6): o d, or (N, 8): ox oy oz tmin dx dy dz tmax");
+    CLI::Option* file =
+        rays.add_option("--rays", query.rays_file,
+                        "FILE.npy of shape (N, 6): o d, or (N, 8): ox oy oz tmin dx dy dz tmax, "
+                        "or with --origin (N, 3): d");
     rays.add_option_function<std::vector<std::string>>(
             "--generate",
             [&query](const std::vector<std::string>& words) {
@@ -279,6 +281,16 @@ void declare(CLI::App& app, QueryOptions& query) {
             "KIND key=value...: the daemon makes them; camera | pinhole | orthographic | "
             "equirectangular | lidar | hemisphere")
         ->expected(1, -1);
+    add_parsed(
+        app, "--origin",
+        [&query](const std::string& text) -> std::string {
+            const auto numbers = parse_numbers(text, 3, 3, "x,y,z");
+            if (!numbers) return numbers.error().message;
+            query.origin = {(*numbers)[0], (*numbers)[1], (*numbers)[2]};
+            return "";
+        },
+        "x,y,z: where all rays of --rays start, which then are directions")
+        ->needs(file);
     app.footer(generate_help());
     add_kind(app, query.kind, query.max_hits, query.fields);
     app.add_option("--reduce", query.reduce,

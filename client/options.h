@@ -13,6 +13,7 @@
 namespace raynest::client {
 
 using Ray = std::array<float, 8>;  ///< ox oy oz tmin dx dy dz tmax
+using Point = std::array<float, 3>;
 
 /// Common to render, query and heatmap.
 struct JobOptions {
@@ -71,7 +72,8 @@ struct QueryOptions {
     std::vector<Ray> rays;
     std::vector<std::string> generate;  ///< a kind and key=value (generator.h), or empty
     std::string rays_file, kind, reduce, output;
-    std::uint32_t max_hits = 0;  ///< 0: what the kind has by default
+    std::optional<Point> origin;  ///< of all rays of the file
+    std::uint32_t max_hits = 0;   ///< 0: what the kind has by default
     std::vector<std::string> fields;
 };
 struct HeatmapOptions : PictureOptions {

@@ -104,6 +104,8 @@ Result<void> send_rays(Connection& connection, const RaySource& rays, std::uint6
     bulk.add("rays", wire::Dtype::f32, rays.width(), count);
     wire::QueryRaysT message;
     message.first_ray = first;
+    if (const auto& origin = rays.origin())
+        message.origin = std::make_unique<wire::Vec3>((*origin)[0], (*origin)[1], (*origin)[2]);
     if (const auto ready = rays.bytes(first, count); !ready.empty())
         return connection.send_bulk(std::move(message), std::move(bulk), ready);
     bulk.allocate();

@@ -18,26 +18,31 @@ RaySource::RaySource(const std::vector<Ray>& rays) : count_(rays.size()) {
     for (const Ray& ray : rays) values_.insert(values_.end(), ray.begin(), ray.end());
 }
 
-RaySource::RaySource(std::vector<float> values, std::uint32_t width)
+RaySource::RaySource(std::vector<float> values, std::uint32_t width,
+                     const std::optional<Point>& origin)
     : values_(std::move(values)),
       count_(values_.size() / width),
-      width_(width) {}
+      width_(width),
+      origin_(origin) {}
 
-Result<RaySource> RaySource::open(const std::string& path) {
+Result<RaySource> RaySource::open(const std::string& path, const std::optional<Point>& origin) {
     auto file = read_file(path, rays_file_bytes_max);
     if (!file) return tl::unexpected<Failure>(file.error());
     auto array = parse_npy(std::as_const(*file).span());
     if (!array) return fail(Exit::invalid, path + " " + array.error().message);
-    const bool shaped = array->shape.size() == 2 && (array->shape[1] == 6 || array->shape[1] == 8);
+    const std::uint64_t width = array->shape.size() == 2 ? array->shape[1] : 0;
+    const bool shaped = origin ? width == 3 : width == 6 || width == 8;
     if (!shaped || (array->dtype != "<f4" && array->dtype != "<f8"))
-        return fail(Exit::invalid,
-                    path + " must hold float32 or float64 of shape (N, 6) or (N, 8)");
+        return fail(Exit::invalid, path + " must hold float32 or float64 of shape " +
+                                       (origin ? "(N, 3): directions from that origin"
+                                               : "(N, 6) or (N, 8), or (N, 3) with --origin"));
     if (array->shape[0] == 0) return fail(Exit::invalid, path + " holds no rays");
     RaySource source;
     source.file_ = std::move(*file);
     source.array_ = std::move(*array);
     source.count_ = source.array_.shape[0];
-    source.width_ = static_cast<std::uint32_t>(source.array_.shape[1]);
+    source.width_ = static_cast<std::uint32_t>(width);
+    source.origin_ = origin;
     return source;
 }
 

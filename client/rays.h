@@ -7,6 +7,7 @@
 #include "protocol/buffer.h"
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -16,14 +17,19 @@ namespace raynest::client {
 class RaySource {
 public:
     explicit RaySource(const std::vector<Ray>& rays);
-    /// `width` values for each ray, as they travel.
-    RaySource(std::vector<float> values, std::uint32_t width);
-    /// An array of shape (N, 6), origins and directions, or (N, 8), with tmin and tmax; of float32
-    /// or float64, which is rounded. Exit code 5 for anything else.
-    static Result<RaySource> open(const std::string& path);
+    /// `width` values for each ray, as they travel: 3 with an origin, else 6 or 8.
+    RaySource(std::vector<float> values, std::uint32_t width,
+              const std::optional<Point>& origin = std::nullopt);
+    /// An array of shape (N, 6), origins and directions, or (N, 8), with tmin and tmax, or, where
+    /// all start from one `origin`, (N, 3), directions; of float32 or float64, which is rounded.
+    /// Exit code 5 for anything else.
+    static Result<RaySource> open(const std::string& path,
+                                  const std::optional<Point>& origin = std::nullopt);
 
     [[nodiscard]] std::uint64_t count() const { return count_; }
-    /// Values of a ray as it travels: 6 or 8.
+    /// Of all rays, which then bring their directions alone.
+    [[nodiscard]] const std::optional<Point>& origin() const { return origin_; }
+    /// Values of a ray as it travels: 3, 6 or 8.
     [[nodiscard]] std::uint32_t width() const { return width_; }
     [[nodiscard]] std::uint64_t ray_bytes() const { return width_ * sizeof(float); }
     /// Rays [first, first + count) as they travel, where they lie so in memory; else nothing.
@@ -38,6 +44,7 @@ private:
     Array array_;
     std::uint64_t count_ = 0;
     std::uint32_t width_ = 8;
+    std::optional<Point> origin_;
 };
 
 }  // namespace raynest::client

@@ -131,7 +131,7 @@ Result<void> run(Context& context, const QueryOptions& options) {
         request.generator = std::make_unique<wire::GeneratorT>(std::move(generate->message));
     }
     Result<RaySource> rays =
-        rays_file.empty() ? RaySource(options.rays) : RaySource::open(rays_file);
+        rays_file.empty() ? RaySource(options.rays) : RaySource::open(rays_file, options.origin);
     if (!rays) return tl::unexpected<Failure>(rays.error());
     request.ray_count = rays->count();
     const std::vector<std::string> shown = request.fields;

@@ -42,31 +42,29 @@ Reply<std::uint64_t> QueryJob::feed(protocol::Frame frame) {
         return refuse(Code::invalid_field, "the daemon makes the rays of this query: send none");
     const auto message = protocol::open<wire::QueryRays>(frame, services_.limits);
     if (!message) return tl::unexpected(message.error());
-    const auto block = protocol::only_block(message->blocks, "rays", wire::Dtype::f32,
-                                            {SentRays::stride, SentRays::short_stride});
-    if (!block) return tl::unexpected(block.error());
+    const auto sent = SentRays::of(*message);
+    if (!sent) return tl::unexpected(sent.error());
     if ((*message)->first_ray() != received_)
         return refuse(Code::invalid_field,
                       "first_ray is " + std::to_string((*message)->first_ray()) +
                           ", the rays so far are " + std::to_string(received_));
     const std::uint64_t each = source_.rays_per_point();
     const std::uint64_t missing = points() - received_;
-    if (block->count == 0 || block->count > services_.limits.chunk_rays_max ||
-        block->count > missing)
-        return refuse(Code::invalid_field, "a frame of " + std::to_string(block->count) +
+    if (sent->empty() || sent->count() > services_.limits.chunk_rays_max || sent->count() > missing)
+        return refuse(Code::invalid_field, "a frame of " + std::to_string(sent->count()) +
                                                " rays; " + std::to_string(missing) +
                                                " are still to come, and a frame holds 1.." +
                                                std::to_string(services_.limits.chunk_rays_max));
     auto lease = services_.budget.reserve(sent_frame_bytes);
     if (!lease) return refuse(Code::resource_exhausted, "");
     Piece piece;
-    piece.sent = SentRays(*block);
+    piece.sent = *sent;
     piece.sent_first = received_;
     piece.first = received_ * each;
-    piece.count = block->count * each;
+    piece.count = sent->count() * each;
     piece.input_bytes = frame.header.bulk_bytes;
     piece.frame.reset(new SentFrame{std::move(frame.bulk), std::move(*lease), piece.count});
-    received_ += block->count;
+    received_ += sent->count();
     pieces_.push_back(std::move(piece));
     return std::uint64_t{0};
 }

@@ -1,9 +1,8 @@
 #include "server/handlers/ray_source.h"
 
-#include "protocol/control.h"
-
 #include <algorithm>
 #include <array>
+#include <cstddef>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -156,29 +155,59 @@ Reply<SensorPointer> make_sensor(const wire::Generator& message, const Snapshot&
     return kind->make(request);
 }
 
+constexpr std::uint32_t whole_bytes = sizeof(Ray);
+constexpr std::uint32_t rangeless_bytes = 2 * sizeof(Vec3);
+constexpr std::uint32_t direction_bytes = sizeof(Vec3);
+
+/// Rays of which `vectors` were sent each, of all else what is common to them.
+template <std::size_t vectors>
+void widen(const Vec3* sent, const Ray& common, std::span<Ray> rays) {
+    for (Ray& out : rays) {
+        // Member by member: a whole Ray is made on the stack first, which takes a third more.
+        out.origin = vectors == 2 ? sent[0] : common.origin;
+        out.tmin = common.tmin;
+        out.direction = sent[vectors - 1];
+        out.tmax = common.tmax;
+        sent += vectors;
+    }
+}
+
 }  // namespace
+
+Reply<SentRays> SentRays::of(const protocol::Opened<wire::QueryRays>& message) {
+    const auto block = protocol::only_block(message.blocks, "rays", wire::Dtype::f32,
+                                            {whole_bytes, rangeless_bytes, direction_bytes});
+    if (!block) return tl::unexpected(block.error());
+    const wire::Vec3* origin = message->origin();
+    const bool range = message->tmin() != 0 || message->tmax() != 0;
+    if (block->stride == direction_bytes && origin == nullptr)
+        return refuse(Code::invalid_field,
+                      "rays of 12 bytes are directions: their frame needs an origin");
+    if (block->stride != direction_bytes && origin != nullptr)
+        return refuse(Code::invalid_field,
+                      "the frame has an origin, and so does each of its rays: send directions "
+                      "alone, of 12 bytes");
+    if (block->stride == whole_bytes && range)
+        return refuse(Code::invalid_field,
+                      "the frame has tmin and tmax, and so does each of its rays: send them "
+                      "without, of 24 or 12 bytes");
+    SentRays sent;
+    sent.bytes_ = block->bytes;
+    sent.stride_ = block->stride;
+    sent.common_.origin = vector(origin, sent.common_.origin);
+    sent.common_.tmin = message->tmin();
+    if (message->tmax() != 0) sent.common_.tmax = message->tmax();
+    return sent;
+}
 
 std::span<const Ray> SentRays::rays(std::uint64_t first, std::uint64_t count,
                                     std::vector<Ray>& room) const {
-    if (!short_)
-        return std::span(reinterpret_cast<const Ray*>(bytes_.data()), bytes_.size() / stride)
-            .subspan(first, count);
-    struct ShortRay {
-        Vec3 origin;
-        Vec3 direction;
-    };
-    static_assert(sizeof(ShortRay) == short_stride);
-    const auto* ray = reinterpret_cast<const ShortRay*>(bytes_.data()) + first;
+    const std::byte* sent = bytes_.data() + first * stride_;
+    if (stride_ == whole_bytes) return {reinterpret_cast<const Ray*>(sent), count};
     room.resize(count);
-    constexpr Ray rangeless{};
-    for (Ray& out : room) {
-        // Member by member: a whole Ray is made on the stack first, which takes a third more.
-        out.origin = ray->origin;
-        out.tmin = rangeless.tmin;
-        out.direction = ray->direction;
-        out.tmax = rangeless.tmax;
-        ++ray;
-    }
+    const auto* vectors = reinterpret_cast<const Vec3*>(sent);
+    stride_ == direction_bytes ? widen<1>(vectors, common_, room)
+                               : widen<2>(vectors, common_, room);
     return room;
 }
 

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "engine/integrators/generators.h"
-#include "protocol/blocks.h"
+#include "protocol/control.h"
 #include "protocol/frame.h"
 #include "protocol/wire.h"
 #include "server/errors.h"
@@ -24,26 +24,24 @@
 
 namespace raynest::server {
 
-/// Rays as a client sends them: 8 values each, or 6 without tmin and tmax, which are 0 and +inf.
+/// Rays as a client sends them: whole ones, or only what those of a frame do not have in common.
 class SentRays {
 public:
-    static constexpr std::uint32_t stride = sizeof(Ray);
-    static constexpr std::uint32_t short_stride = sizeof(Ray) - 2 * sizeof(float);
-
     SentRays() = default;
-    /// A block of one of these strides, which must outlive it.
-    explicit SentRays(const protocol::BlockView& block)
-        : bytes_(block.bytes),
-          short_(block.stride == short_stride) {}
+    /// Those of a frame, which must outlive it. INVALID_FIELD where it lacks what they need, or
+    /// says of all what each ray brings.
+    static Reply<SentRays> of(const protocol::Opened<wire::QueryRays>& message);
 
-    [[nodiscard]] bool empty() const { return bytes_.empty(); }
+    [[nodiscard]] bool empty() const { return count() == 0; }
+    [[nodiscard]] std::uint64_t count() const { return bytes_.size() / stride_; }
     /// Rays [first, first + count): where they lie, or written to `room`.
     [[nodiscard]] std::span<const Ray> rays(std::uint64_t first, std::uint64_t count,
                                             std::vector<Ray>& room) const;
 
 private:
     std::span<const std::byte> bytes_;
-    bool short_ = false;
+    std::uint32_t stride_ = sizeof(Ray);
+    Ray common_;  ///< what shorter rays do not bring
 };
 
 /// The bulk part of a frame of rays, or of points.

@@ -17,13 +17,13 @@ namespace raynest::server {
 /// What a kernel wrote for one chunk. One per worker thread, reused from chunk to chunk, so that
 /// the pages of these arrays are touched once and not once per chunk.
 struct TraceBuffers {
-    std::vector<Ray> rays;                            ///< for callers that make their own
-    std::vector<Ray> sent;                            ///< for rays that came without their ranges
-    std::vector<HitRecord> hits;                      ///< hits_max per ray; of `all` packed
-    std::vector<std::uint32_t> order;                 ///< the hit of each row; empty: in order
-    std::vector<std::uint32_t> counts;                ///< hits per ray, multi and all only
-    std::vector<std::uint8_t> flags;                  ///< HitFlags per ray, all only
-    std::vector<Counters> counters;                   ///< per ray, counting only
+    std::vector<Ray> rays;              ///< for callers that make their own
+    std::vector<Ray> sent;              ///< for those that came without what they have in common
+    std::vector<HitRecord> hits;        ///< hits_max per ray; of `all` packed
+    std::vector<std::uint32_t> order;   ///< the hit of each row; empty: in order
+    std::vector<std::uint32_t> counts;  ///< hits per ray, multi and all only
+    std::vector<std::uint8_t> flags;    ///< HitFlags per ray, all only
+    std::vector<Counters> counters;     ///< per ray, counting only
     std::vector<std::vector<std::uint32_t>> outputs;  ///< per output of the intersector: per ray
     std::uint32_t answered = 0;                       ///< rays, from the first on; at least one
 

@@ -82,7 +82,8 @@ wire::QueryT query(Program& program) {
 
 protocol::Frame rays(Program& program, std::uint64_t id, std::uint64_t first) {
     protocol::Bulk bulk;
-    bulk.add("rays", wire::Dtype::f32, 8, 1 + program.below(80));
+    const std::array<std::uint32_t, 3> widths = {8, 6, 3};
+    bulk.add("rays", wire::Dtype::f32, widths[program.below(widths.size())], 1 + program.below(80));
     bulk.allocate();
     constexpr std::array<float, 16> numbers = {0,     1,      -1,     0.5F,   2,     5,  0.1F, 10,
                                                1e30F, -1e30F, 1e-38F, 1e-45F, -0.0F, 20, 4,    3};
@@ -92,6 +93,10 @@ protocol::Frame rays(Program& program, std::uint64_t id, std::uint64_t first) {
     for (std::size_t i = 0; i < values.size(); ++i) values[i] = ray[i % 8];
     wire::QueryRaysT message;
     message.first_ray = first;
+    // Half of the frames say what their rays lack, or what they bring.
+    if (program.below(2) == 0)
+        message.origin = std::make_unique<wire::Vec3>(ray[0], ray[1], ray[2]);
+    if (program.below(2) == 0) message.tmin = ray[3], message.tmax = ray[4];
     return protocol::encode(id, std::move(message), std::move(bulk)).value();
 }
 

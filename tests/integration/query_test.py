@@ -91,6 +91,18 @@ class Queries(DaemonTest):
         self.same(self.query("woods", *rays, "--kind", "all", "--traversal", "reference"),
                   self.query("woods", *rays, "--kind", "all"))
 
+    def test_directions_from_one_origin_are_rays_too(self):
+        rays = numpy.load(self.out / "rays.npy")
+        rays[:, :3] = 1, 2, 3
+        numpy.save(self.out / "whole.npy", rays)
+        for dtype in (numpy.float32, numpy.float64):
+            numpy.save(self.out / "ways.npy", rays[:, 3:].astype(dtype))
+            self.same(self.query("woods", "--rays", self.out / "ways.npy", "--origin", "1,2,3"),
+                      self.query("woods", "--rays", self.out / "whole.npy"))
+        self.query("woods", "--rays", self.out / "ways.npy", code=5, says="(N, 3) with --origin")
+        self.query("woods", "--rays", self.out / "whole.npy", "--origin", "1,2,3", code=5,
+                   says="of shape (N, 3)")
+
     def test_many_hits_per_ray_come_whole_and_sorted_in_many_chunks(self):
         rays = numpy.load(self.out / "up.npy")
         got = self.query("stack", "--rays", self.out / "up.npy", "--kind", "all", "--fields", "t")

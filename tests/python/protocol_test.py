@@ -322,15 +322,32 @@ class RayForms(unittest.TestCase):
         frame = self.frame(far, origin=[1e7, 5e6, -3e6])
         np.testing.assert_array_equal(frame[0, :3], [0.125, 0.25, 0.5])
 
-    def test_one_origin_serves_all_directions(self):
-        frame = self.frame([1, 2, 3], np.eye(3))
-        np.testing.assert_array_equal(frame[:, :3], [[1, 2, 3]] * 3)
-        np.testing.assert_array_equal(frame[:, 3:], np.eye(3))
+    def test_one_origin_travels_once(self):
+        ways = np.eye(3, dtype=np.float32)
+        for directions in (ways, ways.tolist(), ways.astype(np.float64)):
+            for shift, origin in ((None, [1, 2, 3]), ([1, 2, 2.5], [0, 0, 0.5])):
+                rays = Rays([1, 2, 3], directions, shift)
+                self.assertEqual((rays.count, rays.width, rays.common["origin"]), (3, 3, origin))
+                np.testing.assert_array_equal(rays.frame(1, 2), ways[1:])
+        self.assertTrue(np.shares_memory(Rays([1, 2, 3], ways, [1, 1, 1]).frame(1, 2), ways))
+        self.assertEqual(Rays([1, 2, 3], [0, 0, 1]).frame(0, 1).tolist(), [[0, 0, 1]])
+        self.assertEqual(Rays([1e300, 2, 3], ways).common["origin"][0], np.inf)
+        self.assertEqual(Rays(ways, [0, 0, 1]).width, 6)
+
+    def test_a_range_travels_once(self):
+        self.assertEqual(Rays(np.zeros((2, 6)), tmin=1, tmax=2).common, {"tmin": 1, "tmax": 2})
+        self.assertEqual(Rays(np.zeros((2, 6))).common, {"tmin": 0, "tmax": 0})
+        self.assertEqual(Rays(np.zeros((2, 8))).common, {})
 
     def test_segments_leave_their_ends_out(self):
-        rows = segments([0, 0, 0], [[2, 0, 0], [0, 4, 0]], 0.25)
-        np.testing.assert_array_equal(rows, [[0, 0, 0, 0.25, 2, 0, 0, 0.75],
-                                             [0, 0, 0, 0.25, 0, 4, 0, 0.75]])
+        ends = [[2, 0, 0], [0, 4, 0]]
+        for start, origin in (([1, 0, 0], None), ([2, 0, 0], [1, 0, 0])):
+            rays = segments(start, ends, 0.25, origin)
+            self.assertEqual(rays.common, {"tmin": 0.25, "tmax": 0.75, "origin": [1, 0, 0]})
+            np.testing.assert_array_equal(rays.frame(0, 2), np.subtract(ends, start))
+        rays = segments([start] * 2, ends, 0.25, origin)
+        self.assertEqual(rays.common, {"tmin": 0.25, "tmax": 0.75})
+        np.testing.assert_array_equal(rays.frame(0, 2), [[1, 0, 0, 0, 0, 0], [1, 0, 0, -2, 4, 0]])
 
     def test_what_is_no_ray_is_refused(self):
         for rays in ((np.zeros((4, 7)),), (np.zeros(6),), (np.zeros((2, 3)), np.zeros((3, 3))),

@@ -96,6 +96,9 @@ class Rays(WithDaemon):
         self.assertEqual(hits["flags"].tolist(), [1, 1, 1, 1, 1, 1, 0])
         self.assertTrue(np.isinf(hits["t"][:6]).all())
         self.assertEqual(self.woods.trace(np.full((1, 6), 1e300), fields=("flags",))["flags"], [1])
+        for origin in ([1e300, 0, 0], [np.nan, 0, 0]):
+            self.assertEqual(self.woods.trace(origin, rays[:2, 4:7], fields=("flags",))["flags"].tolist(),
+                             [1, 1])
 
     def test_an_origin_keeps_the_digits_of_far_coordinates(self):
         origin = np.array([4e6, 5e6, 100.0])

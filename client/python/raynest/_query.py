@@ -110,7 +110,7 @@ class Query(Answer):
             size = count * ray_bytes
             if self._connection.credit < size + padding(size):
                 return
-            self._connection.queue("QueryRays", {"first_ray": self._sent}, "rays",
+            self._connection.queue("QueryRays", {"first_ray": self._sent, **rays.common}, "rays",
                                    rays.frame(self._sent, count), width=rays.width)
             self._sent += count
 

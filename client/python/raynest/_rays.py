@@ -1,5 +1,6 @@
-"""Rays as users have them, and as they travel: float32 (n, 6) [ox oy oz dx dy dz], or (n, 8)
-[ox oy oz tmin dx dy dz tmax] where they have a range.
+"""Rays as users have them, and as they travel: float32 rows of what they do not have in common.
+(n, 8) are [ox oy oz tmin dx dy dz tmax], (n, 6) [ox oy oz dx dy dz], of one range, and (n, 3)
+[dx dy dz], of one origin as well.
 
 Rays that are that already are sent from where they lie. All others are converted frame by frame
 while they are sent, so that no second copy of them all is ever made.
@@ -7,48 +8,62 @@ while they are sent, so that no second copy of them all is ever made.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, Optional
 
 import numpy as np
 
-from ._arguments import numbers, real
+from ._arguments import float32, numbers, real
 from ._control import Message
 from ._frame import Array
 from .errors import UsageError
 
 
 class Rays:
-    """Checked for shape only: a ray that makes no sense is answered with a miss and flag 1."""
+    """Checked for shape only: a ray that makes no sense is answered with a miss and flag 1. The range
+    is that of rays which bring none of their own."""
 
-    def __init__(self, rays: Any, directions: Any = None, origin: Any = None) -> None:
+    def __init__(self, rays: Any, directions: Any = None, origin: Any = None, *, tmin: float = 0.0,
+                 tmax: float = math.inf) -> None:
         self._shift = None if origin is None else vector("origin", origin)
+        self._origins: Optional[Array]          # of each ray, unless they have one
         self._rows: Optional[Array] = None      # where they came as one array
+        self.common: Message = {"tmin": tmin, "tmax": 0.0 if math.isinf(tmax) else tmax}
         first = numbers("rays", rays)
         if directions is not None:
             self._origins, self._rest = pair(first, directions)
+            if first.ndim == 1:
+                self._origins, self._rows = None, self._rest
+                self.common["origin"] = float32(self._shifted(first)).tolist()
         elif first.ndim == 2 and first.shape[1] in (6, 8):
-            self._rows, self._origins, self._rest = first, first[:, :3], first[:, 3:]
+            self._origins, self._rest = first[:, :3], first[:, 3:]
+            self._rows = first if self._shift is None else None
+            if first.shape[1] == 8:
+                self.common = {}
         else:
             raise UsageError(f"rays of shape {first.shape}: they must be (N, 6) [ox oy oz dx dy dz]"
                              ", (N, 8) [ox oy oz tmin dx dy dz tmax], or origins and directions")
-        self.count = len(self._origins)
-        self.width = 3 + self._rest.shape[1]
+        self.count = len(self._rest)
+        self.width = self._rest.shape[1] + (0 if self._origins is None else 3)
 
     def frame(self, first: int, count: int) -> Array:
         """Rays [first, first + count) as they travel."""
         part = slice(first, first + count)
         rows = None if self._rows is None else self._rows[part]
-        if (rows is not None and self._shift is None and rows.dtype == np.float32
-                and rows.flags.c_contiguous):
+        if rows is not None and rows.dtype == np.float32 and rows.flags.c_contiguous:
             return rows
         out = np.empty((count, self.width), np.float32)
         # What float32 cannot hold becomes infinite, and the daemon flags the ray.
         with np.errstate(over="ignore", invalid="ignore"):
-            # Subtracted as float64, before digits are lost.
-            origins = self._origins[part]
-            out[:, :3] = origins if self._shift is None else origins - self._shift
-            out[:, 3:] = self._rest[part]
+            if self._origins is not None:
+                out[:, :3] = self._shifted(self._origins[part])
+            out[:, self.width - self._rest.shape[1]:] = self._rest[part]
         return out
+
+    def _shifted(self, points: Array) -> Array:
+        """Subtracted as float64, before digits are lost."""
+        shifted: Array = points if self._shift is None else points - self._shift
+        return shifted
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,21 +83,24 @@ def vector(what: str, value: Any) -> Array:
     return out
 
 
-def segments(a: Any, b: Any, margin: float) -> Array:
-    """Rays (N, 8) from a to b in units of their distance, without `margin` at both ends."""
+def segments(a: Any, b: Any, margin: float, origin: Any = None) -> Rays:
+    """Rays from a to b in units of their distance, without `margin` at both ends."""
     if not 0 <= real("margin", margin) < 0.5:
         raise UsageError(f"margin of {margin!r}: it must be a share from 0 to less than 0.5")
     start, end = pair(a, b)
     if not (np.isfinite(start).all() and np.isfinite(end).all()):
         raise UsageError("a point is not finite: no line of sight begins or ends there")
-    rows = np.empty((len(start), 8), np.result_type(start, end, np.float32))
-    rows[:, :3], rows[:, 3], rows[:, 7] = start, margin, 1 - margin
+    # Signed, as the dtype of the points may not be.
     with np.errstate(over="ignore"):
-        # In the dtype of the rows: that of the points may have no negative numbers.
-        np.subtract(end, start, out=rows[:, 4:7], dtype=rows.dtype)
-    if len(rows) and max(rows.max(), -rows.min()) > np.finfo(np.float32).max:
+        ways = np.subtract(end, start, dtype=np.result_type(start, end, np.float32))
+    if max(farthest(start), farthest(ways)) > np.finfo(np.float32).max:
         raise UsageError("points are too far away for float32: it ends at 3e38")
-    return rows
+    return Rays(a if np.ndim(a) == 1 else start, ways, origin, tmin=margin, tmax=1 - margin)
+
+
+def farthest(points: Array) -> float:
+    """The largest coordinate, without its sign."""
+    return max(float(points.max()), -float(points.min())) if points.size else 0.0
 
 
 def pair(first: Any, second: Any) -> tuple[Array, Array]:

@@ -58,8 +58,9 @@ class Scene:
 
         `rays` is (N, 6) [ox oy oz dx dy dz] or (N, 8) [ox oy oz tmin dx dy dz tmax], or it holds
         origins (N, 3) and `directions` is (N, 3); either may be a single (3,). Directions need no
-        unit length: t is in units of it. float32 of the first two forms is sent as it lies; all
-        else is converted on the way, after `origin` (three float64) was subtracted from the origins.
+        unit length: t is in units of it. float32 of the first two forms is sent as it lies, and so
+        are directions with one origin, which travels once; all else is converted on the way, after
+        `origin` (three float64) was subtracted from the origins.
         Or it is made by raynest.generators: then the daemon makes the rays, and none travel.
 
         kind "closest", the default, gives the first hit, "any" only whether there is one (column
@@ -128,8 +129,8 @@ class Scene:
         """Is there anything between points a and b? (N,) bool; a and b are (N, 3), or one is (3,).
         `margin` is the share of each segment that is left out at both ends, so that points on a
         surface do not hide themselves."""
-        hit = self.trace(segments(a, b, margin), kind="any", fields=("hit",), origin=origin,
-                         progress=progress, **job)
+        rays = segments(a, b, margin, self.origin if origin is None else origin)
+        hit = self.trace(rays, kind="any", fields=("hit",), progress=progress, **job)
         return np.asarray(hit["hit"] != 0)
 
     def _source(self, rays: Any, directions: Any, origin: Any) -> Source:
@@ -138,7 +139,7 @@ class Scene:
             if directions is not None:
                 raise UsageError("a generator makes its own directions; pass no others")
             return rays.source(origin)
-        sent = Rays(rays, directions, origin)
+        sent = rays if isinstance(rays, Rays) else Rays(rays, directions, origin)
         return Source(sent, sent.count)
 
     def _query(self, source: Source, kind: Optional[str], fields: Union[str, Sequence[str], None],

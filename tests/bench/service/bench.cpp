@@ -334,14 +334,17 @@ void run(Options options) {
     rays.resize(options.count);
     std::vector<float> values;
     std::vector<float> short_values;  // without the ranges
+    std::vector<float> directions;
     for (const Ray& ray : rays) {
         const auto& o = ray.origin;
         const auto& d = ray.direction;
         values.insert(values.end(), {o.x, o.y, o.z, ray.tmin, d.x, d.y, d.z, ray.tmax});
         short_values.insert(short_values.end(), {o.x, o.y, o.z, d.x, d.y, d.z});
+        directions.insert(directions.end(), {d.x, d.y, d.z});
     }
     const client::RaySource sent(std::move(values), 8);
     const client::RaySource sent_short(std::move(short_values), 6);
+    const client::RaySource sent_fan(std::move(directions), 3, client::Point{});
     const client::RaySource none(std::vector<client::Ray>{});
 
     constexpr std::uint32_t channel_count = 64;
@@ -359,6 +362,7 @@ void run(Options options) {
 
     BareSockets sockets(connection->socket(), sent);
     BareSockets sockets_short(connection->socket(), sent_short);
+    BareSockets sockets_fan(connection->socket(), sent_fan);
     const wire::QueryT null = request_of(options, "null", options.count);
     const wire::QueryT closest = request_of(options, "closest", options.count);
     std::vector<Ray> made(chunk_rays);
@@ -368,6 +372,9 @@ void run(Options options) {
     sides.push_back({"sockets_short", [&](Answer&) { sockets_short.run(); }});
     sides.push_back(
         {"null_short", [&](Answer& answer) { ask(*connection, null, sent_short, answer); }});
+    sides.push_back({"sockets_fan", [&](Answer&) { sockets_fan.run(); }});
+    sides.push_back(
+        {"null_fan", [&](Answer& answer) { ask(*connection, null, sent_fan, answer); }});
     sides.push_back({"in_process", [&](Answer& answer) {
                          for_each_chunk(options.count, [&](auto first, auto count) {
                              in_process.trace(std::span(rays).subspan(first, count), first, answer);
@@ -383,8 +390,8 @@ void run(Options options) {
                      }});
     sides.push_back(
         {"service_lidar", [&](Answer& answer) { ask(*connection, generated, none, answer); }});
-    check_alike(sides[4], sides[5], options.count);
     check_alike(sides[6], sides[7], options.count);
+    check_alike(sides[8], sides[9], options.count);
     if (!options.sides.empty())
         std::erase_if(sides, [&](const Side& side) {
             return std::ranges::find(options.sides, side.name) == options.sides.end();

@@ -6,7 +6,8 @@
 The daemon has one worker, as the side in process has one thread; all else (sockets, encoding, the
 client) is what the service adds. CPU is that of both processes. Each row of `service` is set against
 the row in process that traced the same rays, `null` (canonical misses, nothing traced) against bare
-sockets that move the same bytes in the same pieces; `short` rays travel without their ranges.
+sockets that move the same bytes in the same pieces; `short` rays travel without their ranges, a
+`fan` of them as directions of one origin.
 """
 import argparse
 import json

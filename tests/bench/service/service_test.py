@@ -13,8 +13,8 @@ import unittest
 
 SERVICE = pathlib.Path(__file__).resolve().parent / "service.py"
 BIN_DIR = ""
-OPPONENTS = {"sockets": "", "null": "sockets", "sockets_short": "",
-             "null_short": "sockets_short", "in_process": "", "service": "in_process",
+OPPONENTS = {"sockets": "", "null": "sockets", "sockets_short": "", "null_short": "sockets_short",
+             "sockets_fan": "", "null_fan": "sockets_fan", "in_process": "", "service": "in_process",
              "in_process_lidar": "", "service_lidar": "in_process_lidar"}
 
 

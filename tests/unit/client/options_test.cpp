@@ -79,6 +79,11 @@ TEST_CASE("the options of each command are understood") {
     CHECK(query.job.mask == 0xFF);
     CHECK(query.job.deadline == 2.5);
     CHECK(query.output == "h.npz");
+    CHECK_FALSE(query.origin);
+    const auto fan =
+        command_of<QueryOptions>({"query", "forest", "--origin", "1,-2,3", "--rays", "d.npy"});
+    CHECK(fan.rays_file == "d.npy");
+    CHECK(fan.origin == Point{1, -2, 3});
 
     const auto heatmap = command_of<HeatmapOptions>(
         {"heatmap", "f", "-o", "h.npy", "--lookat", "1,2,3,0,0,0", "--fov", "30", "--size",
@@ -115,6 +120,8 @@ TEST_CASE("mistakes are usage errors in one line") {
                                             "query f --ray 1,2,3,4,5,six",
                                             "query f --ray 1,2,3,4,5,6,",
                                             "query f --rays a --ray 1,2,3,4,5,6",
+                                            "query f --rays a --origin 1,2",
+                                            "query f --ray 1,2,3,4,5,6 --origin 1,2,3",
                                             "query f --ray 1,2,3,4,5,6 --max-hits 0",
                                             "query f --ray 1,2,3,4,5,6 --max-hits 4",
                                             "query f --ray 1,2,3,4,5,6 --kind any --max-hits 4",
