@@ -94,14 +94,14 @@ Result<BlockView> only_block(std::span<const BlockView> blocks, std::string_view
 
 std::size_t Bulk::add(std::string_view name, wire::Dtype dtype, std::uint32_t width,
                       std::uint64_t count) {
-    wire::BlockT block;
-    block.name = name;
-    block.dtype = dtype;
-    block.count = count;
-    block.stride = width * static_cast<std::uint32_t>(dtype_bytes(dtype));
-    block.offset = bytes_;
-    block.bytes = count * block.stride;
-    bytes_ += padded(block.bytes);
+    auto block = std::make_unique<wire::BlockT>();
+    block->name = name;
+    block->dtype = dtype;
+    block->count = count;
+    block->stride = width * static_cast<std::uint32_t>(dtype_bytes(dtype));
+    block->offset = bytes_;
+    block->bytes = count * block->stride;
+    bytes_ += padded(block->bytes);
     blocks_.push_back(std::move(block));
     return blocks_.size() - 1;
 }
@@ -109,13 +109,13 @@ std::size_t Bulk::add(std::string_view name, wire::Dtype dtype, std::uint32_t wi
 void Bulk::allocate() {
     buffer_ = Buffer(bytes_);
     if (bytes_ == 0) return;
-    for (const wire::BlockT& block : blocks_)
-        std::memset(buffer_.data() + block.offset + block.bytes, 0,
-                    padded(block.bytes) - block.bytes);
+    for (const auto& block : blocks_)
+        std::memset(buffer_.data() + block->offset + block->bytes, 0,
+                    padded(block->bytes) - block->bytes);
 }
 
 std::span<std::byte> Bulk::block(std::size_t index) {
-    const wire::BlockT& block = blocks_[index];
+    const wire::BlockT& block = *blocks_[index];
     return buffer_.span().subspan(block.offset, block.bytes);
 }
 

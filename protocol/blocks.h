@@ -72,12 +72,17 @@ public:
 
     [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
     [[nodiscard]] std::size_t count() const { return blocks_.size(); }
-    [[nodiscard]] const std::vector<wire::BlockT>& descriptions() const { return blocks_; }
+    /// As messages have them.
+    [[nodiscard]] const std::vector<std::unique_ptr<wire::BlockT>>& descriptions() const {
+        return blocks_;
+    }
+    /// The descriptions, for the message.
+    std::vector<std::unique_ptr<wire::BlockT>> take_descriptions() { return std::move(blocks_); }
     /// The buffer, for the frame.
     Buffer take() { return std::move(buffer_); }
 
 private:
-    std::vector<wire::BlockT> blocks_;
+    std::vector<std::unique_ptr<wire::BlockT>> blocks_;
     std::uint64_t bytes_ = 0;
     Buffer buffer_;
 };

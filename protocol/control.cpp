@@ -23,21 +23,25 @@ std::vector<std::string> strings(const StringList* list) {
     return out;
 }
 
-Result<Frame> seal(wire::Message type, std::uint64_t request_id, const Bulk& bulk,
-                   const flatbuffers::FlatBufferBuilder& message, const Limits& limits) {
+flatbuffers::FlatBufferBuilder& fresh_builder() {
+    thread_local flatbuffers::FlatBufferBuilder builder;
+    builder.Clear();
+    return builder;
+}
+
+Result<Frame> seal(const FrameHeader& header, const flatbuffers::FlatBufferBuilder& message,
+                   const Limits& limits) {
     Frame frame;
-    frame.header.type = static_cast<std::uint16_t>(type);
+    frame.header = header;
     frame.header.control_bytes = message.GetSize();
-    frame.header.block_count = static_cast<std::uint32_t>(bulk.count());
-    frame.header.bulk_bytes = bulk.bytes();
-    frame.header.request_id = request_id;
+    const auto name = [&] {
+        return std::string(wire::EnumNameMessage(static_cast<wire::Message>(header.type)));
+    };
     if (message.GetSize() > limits.control_bytes_max)
-        return fail(Code::limit_exceeded, std::string(wire::EnumNameMessage(type)) + " takes " +
-                                              std::to_string(message.GetSize()) +
+        return fail(Code::limit_exceeded, name() + " takes " + std::to_string(message.GetSize()) +
                                               " bytes, over control_bytes_max");
     if (frame.header.frame_bytes() > limits.frame_bytes_max)
-        return fail(Code::limit_exceeded,
-                    std::string(wire::EnumNameMessage(type)) + " is over frame_bytes_max");
+        return fail(Code::limit_exceeded, name() + " is over frame_bytes_max");
     frame.control = Buffer(message.GetSize());
     std::memcpy(frame.control.data(), message.GetBufferPointer(), message.GetSize());
     return frame;

@@ -42,20 +42,13 @@ struct Opened {
 using StringList = flatbuffers::Vector<flatbuffers::Offset<flatbuffers::String>>;
 [[nodiscard]] std::vector<std::string> strings(const StringList* list);
 
-/// Copies a finished message into a frame without its bulk part; LIMIT_EXCEEDED naming the message
-/// when it is too large.
-Result<Frame> seal(wire::Message type, std::uint64_t request_id, const Bulk& bulk,
-                   const flatbuffers::FlatBufferBuilder& message, const Limits& limits);
+/// Empty, and the same for each call of a thread: its memory is reused.
+flatbuffers::FlatBufferBuilder& fresh_builder();
 
-/// A frame of a message without bulk: encode(id, wire::InfoT{...}).
-template <class Native>
-Result<Frame> encode(std::uint64_t request_id, const Native& message,
-                     const Limits& limits = Limits{}) {
-    using Table = typename Native::TableType;
-    flatbuffers::FlatBufferBuilder builder;
-    builder.Finish(Table::Pack(builder, &message));
-    return seal(message_of<Table>, request_id, Bulk{}, builder, limits);
-}
+/// Copies a finished message into a frame of this header, as far as that describes type, request
+/// and bulk part, which it lacks; LIMIT_EXCEEDED naming the message when it is too large.
+Result<Frame> seal(const FrameHeader& header, const flatbuffers::FlatBufferBuilder& message,
+                   const Limits& limits);
 
 /// A frame of a message with `blocks`; they are described from `bulk`, whose buffer moves along.
 /// What was not allocated is for the caller to send behind the frame.
@@ -63,14 +56,30 @@ template <class Native>
 Result<Frame> encode(std::uint64_t request_id, Native message, Bulk&& bulk,
                      const Limits& limits = Limits{}) {
     using Table = typename Native::TableType;
-    message.blocks.clear();
-    for (const wire::BlockT& block : bulk.descriptions())
-        message.blocks.push_back(std::make_unique<wire::BlockT>(block));
-    flatbuffers::FlatBufferBuilder builder;
+    FrameHeader header;
+    header.type = static_cast<std::uint16_t>(message_of<Table>);
+    header.block_count = static_cast<std::uint32_t>(bulk.count());
+    header.bulk_bytes = bulk.bytes();
+    header.request_id = request_id;
+    message.blocks = bulk.take_descriptions();
+    flatbuffers::FlatBufferBuilder& builder = fresh_builder();
     builder.Finish(Table::Pack(builder, &message));
-    Result<Frame> frame = seal(message_of<Table>, request_id, bulk, builder, limits);
+    Result<Frame> frame = seal(header, builder, limits);
     if (frame) frame->bulk = bulk.take();
     return frame;
+}
+
+/// A frame of a message without bulk: encode(id, wire::InfoT{...}).
+template <class Native>
+Result<Frame> encode(std::uint64_t request_id, const Native& message,
+                     const Limits& limits = Limits{}) {
+    using Table = typename Native::TableType;
+    FrameHeader header;
+    header.type = static_cast<std::uint16_t>(message_of<Table>);
+    header.request_id = request_id;
+    flatbuffers::FlatBufferBuilder& builder = fresh_builder();
+    builder.Finish(Table::Pack(builder, &message));
+    return seal(header, builder, limits);
 }
 
 /// The ERROR frame; an empty message becomes the table's remedy. Never fails: an overlong message

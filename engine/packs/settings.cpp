@@ -1,6 +1,7 @@
 // Names and values of a request -> what a pack takes.
 #include "engine/packs/registry.h"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -54,11 +55,10 @@ constexpr std::array<const char*, traversal_count + 1> traversal_names = {
 template <class T, std::size_t N>
 Result<T> parse_name(std::string_view what, std::string_view name,
                      const std::array<const char*, N>& known) {
+    const auto* const found = std::find(known.begin(), known.end(), name);
+    if (found != known.end()) return static_cast<T>(found - known.begin());
     std::string names;
-    for (std::size_t value = 0; value < N; ++value) {
-        if (known[value] == name) return static_cast<T>(value);
-        names += (names.empty() ? "" : ", ") + std::string(known[value]);
-    }
+    for (const char* each : known) names += (names.empty() ? "" : ", ") + std::string(each);
     return fail(ErrorCode::param_invalid, "unknown " + std::string(what) + " '" +
                                               std::string(name) + "': use one of " + names);
 }

@@ -210,6 +210,8 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
         std::copy(csr.splits.begin(), csr.splits.end(), bulk.block_as<std::uint64_t>(0).begin());
     std::vector<Target> of_rays;
     std::vector<Target> of_hits;
+    of_rays.reserve(fields_.size());
+    of_hits.reserve(fields_.size());
     for (std::size_t i = 0; i < fields_.size(); ++i)
         (per_ray(fields_[i], plan.query) ? of_rays : of_hits)
             .push_back({fields_[i], bulk.block(first_column + i).data()});

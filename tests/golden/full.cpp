@@ -24,18 +24,21 @@ const reflection::Schema& schema() {
     return *reflection::GetSchema(bytes.data());
 }
 
-/// Builds tables from the inside out, as FlatBuffers wants them.
 /// Items of lists of numbers and vectors: as many as a pose has, and a lidar channels.
 constexpr std::size_t floats = 12;
 const wire::Vec3 vector_of_ones(1, 1, 1);
 
+/// Builds tables from the inside out, as FlatBuffers wants them.
 class Builder {
 public:
     explicit Builder(std::size_t spoilt) : spoilt_(spoilt) { builder_.ForceDefaults(true); }
 
     FullMessage build(wire::Message type, const reflection::Object& object) {
         builder_.Finish(flatbuffers::Offset<void>(table(object, "")));
-        return {protocol::seal(type, 1, {}, builder_, {}).value(), std::move(texts_)};
+        protocol::FrameHeader header;
+        header.type = static_cast<std::uint16_t>(type);
+        header.request_id = 1;
+        return {protocol::seal(header, builder_, {}).value(), std::move(texts_)};
     }
 
 private:

@@ -44,7 +44,7 @@ struct Sample {
         bulk.block_as<std::uint8_t>(5)[0] = 1;
         bulk.block_as<std::uint8_t>(5)[1] = 0;
         for (std::size_t i = 0; i < bulk.count(); ++i) {
-            const wire::BlockT& block = bulk.descriptions()[i];
+            const wire::BlockT& block = *bulk.descriptions()[i];
             columns.push_back({block.name, block.dtype, block.stride, block.count, bulk.block(i)});
         }
     }
