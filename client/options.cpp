@@ -289,7 +289,7 @@ void declare(CLI::App& app, QueryOptions& query) {
             query.origin = {(*numbers)[0], (*numbers)[1], (*numbers)[2]};
             return "";
         },
-        "x,y,z: where all rays of --rays start, which then are directions")
+        "all rays of --rays start at x,y,z, and are directions")
         ->needs(file);
     app.footer(generate_help());
     add_kind(app, query.kind, query.max_hits, query.fields);

@@ -26,23 +26,33 @@ RaySource::RaySource(std::vector<float> values, std::uint32_t width,
       origin_(origin) {}
 
 Result<RaySource> RaySource::open(const std::string& path, const std::optional<Point>& origin) {
+    if (!origin) return open(path, {6, 8}, "(N, 6) or (N, 8), or (N, 3) with --origin");
+    auto source = open(path, {3}, "(N, 3): directions from that origin");
+    if (source) source->origin_ = origin;
+    return source;
+}
+
+Result<RaySource> RaySource::open_points(const std::string& path) {
+    return open(path, {6, 8}, "(N, 6) or (N, 8)");
+}
+
+Result<RaySource> RaySource::open(const std::string& path,
+                                  std::initializer_list<std::uint64_t> widths,
+                                  const std::string& shapes) {
     auto file = read_file(path, rays_file_bytes_max);
     if (!file) return tl::unexpected<Failure>(file.error());
     auto array = parse_npy(std::as_const(*file).span());
     if (!array) return fail(Exit::invalid, path + " " + array.error().message);
-    const std::uint64_t width = array->shape.size() == 2 ? array->shape[1] : 0;
-    const bool shaped = origin ? width == 3 : width == 6 || width == 8;
+    const bool shaped =
+        array->shape.size() == 2 && std::ranges::find(widths, array->shape[1]) != widths.end();
     if (!shaped || (array->dtype != "<f4" && array->dtype != "<f8"))
-        return fail(Exit::invalid, path + " must hold float32 or float64 of shape " +
-                                       (origin ? "(N, 3): directions from that origin"
-                                               : "(N, 6) or (N, 8), or (N, 3) with --origin"));
+        return fail(Exit::invalid, path + " must hold float32 or float64 of shape " + shapes);
     if (array->shape[0] == 0) return fail(Exit::invalid, path + " holds no rays");
     RaySource source;
     source.file_ = std::move(*file);
     source.array_ = std::move(*array);
     source.count_ = source.array_.shape[0];
-    source.width_ = static_cast<std::uint32_t>(width);
-    source.origin_ = origin;
+    source.width_ = static_cast<std::uint32_t>(source.array_.shape[1]);
     return source;
 }
 

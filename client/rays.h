@@ -7,6 +7,7 @@
 #include "protocol/buffer.h"
 
 #include <cstdint>
+#include <initializer_list>
 #include <optional>
 #include <span>
 #include <string>
@@ -23,8 +24,9 @@ public:
     /// An array of shape (N, 6), origins and directions, or (N, 8), with tmin and tmax, or, where
     /// all start from one `origin`, (N, 3), directions; of float32 or float64, which is rounded.
     /// Exit code 5 for anything else.
-    static Result<RaySource> open(const std::string& path,
-                                  const std::optional<Point>& origin = std::nullopt);
+    static Result<RaySource> open(const std::string& path, const std::optional<Point>& origin);
+    /// The same of points, whose directions are normals: each has its own origin.
+    static Result<RaySource> open_points(const std::string& path);
 
     [[nodiscard]] std::uint64_t count() const { return count_; }
     /// Of all rays, which then bring their directions alone.
@@ -39,6 +41,10 @@ public:
 
 private:
     RaySource() = default;
+    /// One of these widths; `shapes` says so to people.
+    static Result<RaySource> open(const std::string& path,
+                                  std::initializer_list<std::uint64_t> widths,
+                                  const std::string& shapes);
     std::vector<float> values_;
     protocol::Buffer file_;
     Array array_;

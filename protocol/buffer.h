@@ -7,9 +7,14 @@
 // has seven buffers).
 #pragma once
 
+#if __has_include(<sanitizer/asan_interface.h>)
 #include <sanitizer/asan_interface.h>
+#else
+#define ASAN_POISON_MEMORY_REGION(start, size) ((void)(start), (void)(size))
+#endif
 
 #include <cstddef>
+#include <limits>
 #include <memory>
 #include <new>
 #include <span>
@@ -33,11 +38,14 @@ public:
     /// Throws std::bad_alloc.
     explicit Buffer(std::size_t size) : size_(size) {
         if (size == 0) return;
-        std::size_t room = size + alignment - __STDCPP_DEFAULT_NEW_ALIGNMENT__;
+        constexpr std::size_t slack = alignment - __STDCPP_DEFAULT_NEW_ALIGNMENT__;
+        if (size > std::numeric_limits<std::size_t>::max() - slack) throw std::bad_alloc();
+        std::size_t room = size + slack;
         memory_ = ::operator new(room);
         void* aligned = memory_;
         data_ = static_cast<std::byte*>(std::align(alignment, size, aligned, room));
-        // So that a read past the end is found all the same. Nothing without AddressSanitizer.
+        // So that who reads beside them is found all the same. Nothing without AddressSanitizer.
+        ASAN_POISON_MEMORY_REGION(memory_, size + slack - room);
         ASAN_POISON_MEMORY_REGION(data_ + size, room - size);
     }
     Buffer(Buffer&& other) noexcept { *this = std::move(other); }

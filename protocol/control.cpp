@@ -23,12 +23,6 @@ std::vector<std::string> strings(const StringList* list) {
     return out;
 }
 
-flatbuffers::FlatBufferBuilder& fresh_builder() {
-    thread_local flatbuffers::FlatBufferBuilder builder;
-    builder.Clear();
-    return builder;
-}
-
 Result<Frame> seal(const FrameHeader& header, const flatbuffers::FlatBufferBuilder& message,
                    const Limits& limits) {
     Frame frame;

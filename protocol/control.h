@@ -42,9 +42,6 @@ struct Opened {
 using StringList = flatbuffers::Vector<flatbuffers::Offset<flatbuffers::String>>;
 [[nodiscard]] std::vector<std::string> strings(const StringList* list);
 
-/// Empty, and the same for each call of a thread: its memory is reused.
-flatbuffers::FlatBufferBuilder& fresh_builder();
-
 /// Copies a finished message into a frame of this header, as far as that describes type, request
 /// and bulk part, which it lacks; LIMIT_EXCEEDED naming the message when it is too large.
 Result<Frame> seal(const FrameHeader& header, const flatbuffers::FlatBufferBuilder& message,
@@ -62,7 +59,7 @@ Result<Frame> encode(std::uint64_t request_id, Native message, Bulk&& bulk,
     header.bulk_bytes = bulk.bytes();
     header.request_id = request_id;
     message.blocks = bulk.take_descriptions();
-    flatbuffers::FlatBufferBuilder& builder = fresh_builder();
+    flatbuffers::FlatBufferBuilder builder;
     builder.Finish(Table::Pack(builder, &message));
     Result<Frame> frame = seal(header, builder, limits);
     if (frame) frame->bulk = bulk.take();
@@ -77,7 +74,7 @@ Result<Frame> encode(std::uint64_t request_id, const Native& message,
     FrameHeader header;
     header.type = static_cast<std::uint16_t>(message_of<Table>);
     header.request_id = request_id;
-    flatbuffers::FlatBufferBuilder& builder = fresh_builder();
+    flatbuffers::FlatBufferBuilder builder;
     builder.Finish(Table::Pack(builder, &message));
     return seal(header, builder, limits);
 }

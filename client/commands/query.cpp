@@ -123,15 +123,16 @@ Result<void> check_whole(const Outcome& outcome) {
 
 Result<void> run(Context& context, const QueryOptions& options) {
     wire::QueryT request = query_message(options);
-    std::string rays_file = options.rays_file;
+    std::string points;
     if (!options.generate.empty()) {
         auto generate = parse_generate(options.generate);
         if (!generate) return tl::unexpected<Failure>(generate.error());
-        rays_file = generate->points;
+        points = generate->points;
         request.generator = std::make_unique<wire::GeneratorT>(std::move(generate->message));
     }
-    Result<RaySource> rays =
-        rays_file.empty() ? RaySource(options.rays) : RaySource::open(rays_file, options.origin);
+    Result<RaySource> rays = RaySource(options.rays);
+    if (!options.rays_file.empty()) rays = RaySource::open(options.rays_file, options.origin);
+    if (!points.empty()) rays = RaySource::open_points(points);
     if (!rays) return tl::unexpected<Failure>(rays.error());
     request.ray_count = rays->count();
     const std::vector<std::string> shown = request.fields;

@@ -100,6 +100,8 @@ class Queries(DaemonTest):
             self.same(self.query("woods", "--rays", self.out / "ways.npy", "--origin", "1,2,3"),
                       self.query("woods", "--rays", self.out / "whole.npy"))
         self.query("woods", "--rays", self.out / "ways.npy", code=5, says="(N, 3) with --origin")
+        self.query("woods", "--generate", "hemisphere", f"points={self.out / 'ways.npy'}", code=5,
+                   says="of shape (N, 6) or (N, 8)\n")
         self.query("woods", "--rays", self.out / "whole.npy", "--origin", "1,2,3", code=5,
                    says="of shape (N, 3)")
 

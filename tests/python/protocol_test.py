@@ -333,6 +333,7 @@ class RayForms(unittest.TestCase):
         self.assertEqual(Rays([1, 2, 3], [0, 0, 1]).frame(0, 1).tolist(), [[0, 0, 1]])
         self.assertEqual(Rays([1e300, 2, 3], ways).common["origin"][0], np.inf)
         self.assertEqual(Rays(ways, [0, 0, 1]).width, 6)
+        self.assertEqual(Rays([1], ways).frame(0, 1).tolist(), [[1, 1, 1, 1, 0, 0]])
 
     def test_a_range_travels_once(self):
         self.assertEqual(Rays(np.zeros((2, 6)), tmin=1, tmax=2).common, {"tmin": 1, "tmax": 2})

@@ -32,7 +32,7 @@ class Rays:
         first = numbers("rays", rays)
         if directions is not None:
             self._origins, self._rest = pair(first, directions)
-            if first.ndim == 1:
+            if first.shape == (3,):
                 self._origins, self._rows = None, self._rest
                 self.common["origin"] = float32(self._shifted(first)).tolist()
         elif first.ndim == 2 and first.shape[1] in (6, 8):
@@ -62,7 +62,10 @@ class Rays:
 
     def _shifted(self, points: Array) -> Array:
         """Subtracted as float64, before digits are lost."""
-        shifted: Array = points if self._shift is None else points - self._shift
+        if self._shift is None:
+            return points
+        with np.errstate(over="ignore", invalid="ignore"):
+            shifted: Array = points - self._shift
         return shifted
 
 
@@ -95,7 +98,7 @@ def segments(a: Any, b: Any, margin: float, origin: Any = None) -> Rays:
         ways = np.subtract(end, start, dtype=np.result_type(start, end, np.float32))
     if max(farthest(start), farthest(ways)) > np.finfo(np.float32).max:
         raise UsageError("points are too far away for float32: it ends at 3e38")
-    return Rays(a if np.ndim(a) == 1 else start, ways, origin, tmin=margin, tmax=1 - margin)
+    return Rays(a if np.shape(a) == (3,) else start, ways, origin, tmin=margin, tmax=1 - margin)
 
 
 def farthest(points: Array) -> float:

@@ -107,7 +107,7 @@ TEST_CASE("rays are read from float32 and float64, six or eight to a row") {
     const test::TemporaryFolder folder;
     const std::vector<float> six = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12};
     write_rays(folder, {"<f4", {2, 6}, std::as_bytes(std::span(six))});
-    auto rays = client::RaySource::open(folder.file("rays.npy"));
+    auto rays = client::RaySource::open(folder.file("rays.npy"), std::nullopt);
     REQUIRE(rays);
     REQUIRE(rays->count() == 2);
     REQUIRE(rays->width() == 6);
@@ -118,18 +118,28 @@ TEST_CASE("rays are read from float32 and float64, six or eight to a row") {
 
     const std::vector<double> eight = {1, 2, 3, 0.5, 5, 6, 7, 100};
     write_rays(folder, {"<f8", {1, 8}, std::as_bytes(std::span(eight))});
-    rays = client::RaySource::open(folder.file("rays.npy"));
+    rays = client::RaySource::open(folder.file("rays.npy"), std::nullopt);
     REQUIRE(rays);
     out.resize(rays->width());
     rays->read(0, out);
     CHECK(out == std::vector<float>{1, 2, 3, 0.5F, 5, 6, 7, 100});
     CHECK(rays->bytes(0, 1).empty());
 
+    const client::Point origin = {1, 2, 3};
+    CHECK(!client::RaySource::open(folder.file("rays.npy"), origin));
+    write_rays(folder, {"<f4", {4, 3}, std::as_bytes(std::span(six))});
+    rays = client::RaySource::open(folder.file("rays.npy"), origin);
+    REQUIRE(rays);
+    CHECK(rays->count() == 4);
+    CHECK(rays->width() == 3);
+    CHECK(rays->origin() == origin);
+
     for (const Array& bad :
          {Array{"<f4", {12}, std::as_bytes(std::span(six))},
           Array{"<f4", {4, 3}, std::as_bytes(std::span(six))},
           Array{"<u4", {2, 6}, std::as_bytes(std::span(six))}, Array{"<f4", {0, 6}, {}}}) {
         write_rays(folder, bad);
-        CHECK(!client::RaySource::open(folder.file("rays.npy")));
+        CHECK(!client::RaySource::open(folder.file("rays.npy"), std::nullopt));
+        CHECK(!client::RaySource::open_points(folder.file("rays.npy")));
     }
 }

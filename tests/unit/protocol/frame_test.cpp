@@ -48,6 +48,23 @@ std::vector<std::byte> all_examples() {
 
 }  // namespace
 
+TEST_CASE("buffers of any size are aligned, hold all their bytes, and move") {
+    CHECK(protocol::Buffer(0).data() == nullptr);
+    CHECK_THROWS_AS(protocol::Buffer(~std::size_t{0}), std::bad_alloc);
+    std::vector<protocol::Buffer> buffers;
+    for (std::size_t size = 1; size < 300; ++size) {
+        buffers.emplace_back(size);
+        std::memset(buffers.back().data(), static_cast<int>(size), size);
+    }
+    for (std::size_t size = 1; size < 300; ++size) {
+        protocol::Buffer taken = std::move(buffers[size - 1]);
+        CHECK(taken.size() == size);
+        CHECK(reinterpret_cast<std::uintptr_t>(taken.data()) % protocol::alignment == 0);
+        CHECK(std::ranges::count(taken.span(), static_cast<std::byte>(size)) == size);
+        CHECK(buffers[size - 1].size() == 0);
+    }
+}
+
 TEST_CASE("a header is 32 little-endian bytes") {
     protocol::FrameHeader header;
     header.type = 0x0102;
