@@ -7,6 +7,7 @@ Ends with a tally of the faults.
 """
 import array
 import collections
+import concurrent.futures
 import itertools
 import os
 import re
@@ -302,9 +303,12 @@ class OthersOnTheWay(FaultTest):
         self.inject("cudaMalloc hold")
         first = self.client.start("query", "hills", "--rays", self.rays, "-o", self.out / "x.npz")
         until(lambda: [job for job in self.client.json("jobs")["jobs"] if job["kind"] == "query"])
-        told, _ = self.query("cuda")
-        self.assertEqual((told["worker"], first.poll()), ("cuda", None))
-        told, answer = self.query("auto", scene=scene)
+        # At once, so that its own patience ends well before that of the scene on the way.
+        with concurrent.futures.ThreadPoolExecutor(1) as thread:
+            waiting = thread.submit(self.query, "auto", scene=scene)
+            told, _ = self.query("cuda")
+            self.assertEqual((told["worker"], first.poll()), ("cuda", None))
+            told, answer = waiting.result()
         self.assertIn("other scenes are on their way to it", told["notes"][0])
         self.assertEqual((answer, first.poll()), (expected, None))
         self.fault.unlink()
