@@ -72,12 +72,8 @@ public:
 
     [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
     [[nodiscard]] std::size_t count() const { return blocks_.size(); }
-    /// As messages have them.
-    [[nodiscard]] const std::vector<std::unique_ptr<wire::BlockT>>& descriptions() const {
-        return blocks_;
-    }
-    /// The descriptions, for the message.
-    std::vector<std::unique_ptr<wire::BlockT>> take_descriptions() { return std::move(blocks_); }
+    /// As messages have them: encode() moves them there.
+    [[nodiscard]] std::vector<std::unique_ptr<wire::BlockT>>& descriptions() { return blocks_; }
     /// The buffer, for the frame.
     Buffer take() { return std::move(buffer_); }
 

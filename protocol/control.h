@@ -58,7 +58,7 @@ Result<Frame> encode(std::uint64_t request_id, Native message, Bulk&& bulk,
     header.block_count = static_cast<std::uint32_t>(bulk.count());
     header.bulk_bytes = bulk.bytes();
     header.request_id = request_id;
-    message.blocks = bulk.take_descriptions();
+    message.blocks = std::move(bulk.descriptions());
     flatbuffers::FlatBufferBuilder builder;
     builder.Finish(Table::Pack(builder, &message));
     Result<Frame> frame = seal(header, builder, limits);

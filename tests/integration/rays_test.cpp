@@ -101,16 +101,12 @@ std::vector<std::byte> columns_of(Peer& peer) {
 
 class Asked : public Served {
 public:
-    std::vector<std::byte> answer_to(const std::vector<protocol::Frame>& frames) {
-        REQUIRE(peer.say(5, query));
-        for (const protocol::Frame& rays : frames) REQUIRE(peer.send_frame(rays));
-        return columns_of(peer);
-    }
+    /// The query's answer to rays in these frames.
     template <class... Frames>
-    std::vector<std::byte> answer(Frames&&... frames) {
-        std::vector<protocol::Frame> all;
-        (all.push_back(std::forward<Frames>(frames)), ...);
-        return answer_to(all);
+    std::vector<std::byte> answer(const Frames&... frames) {
+        REQUIRE(peer.say(5, query));
+        for (const protocol::Frame* rays : {&frames...}) REQUIRE(peer.send_frame(*rays));
+        return columns_of(peer);
     }
 
     wire::QueryT query = query_of(100);
