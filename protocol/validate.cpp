@@ -103,7 +103,10 @@ void check_info(Checks& checks, const wire::SceneInfo& info) {
         .names("skipped_reasons", info.skipped_reasons())
         .numbers("skipped", info.skipped_reasons(), info.skipped_counts())
         .texts("warnings", info.warnings())
-        .names("record_types", info.record_types());
+        .names("record_types", info.record_types())
+        .finite("origin", info.origin_x())
+        .finite("origin", info.origin_y())
+        .finite("origin", info.origin_z());
 }
 
 void check_param(Checks& checks, const wire::Param& param) {
@@ -222,7 +225,11 @@ Result<void> validate(const wire::Load& message, const Limits& limits) {
         .name("primitive", message.primitive())
         .texts("file_names", message.file_names())
         .numbers("files", message.file_names(), message.file_hashes())
-        .numbers("files", message.file_names(), message.file_bytes());
+        .numbers("files", message.file_names(), message.file_bytes())
+        .finite("origin", message.origin_x())
+        .finite("origin", message.origin_y())
+        .finite("origin", message.origin_z())
+        .texts("masks", message.masks());
     if (message.file_names() != nullptr)
         checks.at_most("files", message.file_names()->size(), limits.upload_files_max,
                        "upload_files_max");
@@ -275,6 +282,7 @@ Result<void> validate(const wire::SceneList& message, const Limits& limits) {
         .numbers("epochs", message.names(), message.epochs())
         .numbers("instanced_triangles", message.names(), message.instanced_triangles())
         .numbers("bytes", message.names(), message.bytes())
+        .names("owners", message.owners())
         .result();
 }
 
@@ -282,8 +290,30 @@ Result<void> validate(const wire::Info& message, const Limits& limits) {
     return Checks(limits).name("scene", message.scene()).needs("scene", message.scene()).result();
 }
 
+Result<void> validate(const wire::Parts& message, const Limits& limits) {
+    return Checks(limits)
+        .name("scene", message.scene())
+        .needs("scene", message.scene())
+        .name("kind", message.kind())
+        .result();
+}
+
+Result<void> validate(const wire::PartList& message, const Limits& limits) {
+    return Checks(limits)
+        .names("names", message.names())
+        .numbers("triangles", message.names(), message.triangles())
+        .numbers("placements", message.names(), message.placements())
+        .names("alpha_modes", message.alpha_modes())
+        .equally_long("alpha_modes", message.names(), message.alpha_modes())
+        .result();
+}
+
 Result<void> validate(const wire::Path& message, const Limits& limits) {
-    return Checks(limits).name("scene", message.scene()).needs("scene", message.scene()).result();
+    return Checks(limits)
+        .name("scene", message.scene())
+        .needs("scene", message.scene())
+        .text("text", message.text())
+        .result();
 }
 
 Result<void> validate(const wire::PathName& message, const Limits& limits) {
@@ -297,11 +327,18 @@ Result<void> validate(const wire::PathName& message, const Limits& limits) {
 }
 
 Result<void> validate(const wire::Unload& message, const Limits& limits) {
-    return Checks(limits).name("scene", message.scene()).needs("scene", message.scene()).result();
+    Checks checks(limits);
+    checks.name("scene", message.scene());
+    if (!message.all() && message.idle_ms() == 0) checks.needs("scene", message.scene());
+    return checks.result();
 }
 
 Result<void> validate(const wire::Unloaded& message, const Limits& limits) {
-    return Checks(limits).name("name", message.name()).result();
+    return Checks(limits)
+        .name("name", message.name())
+        .names("names", message.names())
+        .names("holders", message.holders())
+        .result();
 }
 
 Result<void> validate(const wire::Variants&, const Limits&) {

@@ -30,6 +30,8 @@ Result<void> validate(const wire::Loaded& message, const Limits& limits);
 Result<void> validate(const wire::Scenes& message, const Limits& limits);
 Result<void> validate(const wire::SceneList& message, const Limits& limits);
 Result<void> validate(const wire::Info& message, const Limits& limits);
+Result<void> validate(const wire::Parts& message, const Limits& limits);
+Result<void> validate(const wire::PartList& message, const Limits& limits);
 Result<void> validate(const wire::Path& message, const Limits& limits);
 Result<void> validate(const wire::PathName& message, const Limits& limits);
 Result<void> validate(const wire::Unload& message, const Limits& limits);

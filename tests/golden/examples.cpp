@@ -125,6 +125,10 @@ void add_scene_requests(Collection& all) {
     all.add(6, unload);
     all.add(8, wire::VariantsT{});
     all.add(9, wire::StatsT{});
+    wire::PartsT parts;
+    parts.scene = "forest";
+    parts.kind = "meshes";
+    all.add(10, parts);
 }
 
 void add_work_requests(Collection& all) {
@@ -230,6 +234,14 @@ void add_scene_answers(Collection& all) {
     name.instances = {0, 12};
     name.uids = {0, 12};
     all.add(5, name);
+
+    wire::PartListT parts;
+    parts.total = 1;
+    parts.names = {"leaves"};
+    parts.triangles = {24};
+    parts.placements = {460};
+    parts.alpha_modes = {"MASK"};
+    all.add(10, parts);
 
     wire::UnloadedT unloaded;
     unloaded.name = "forest";
@@ -375,7 +387,8 @@ using AnyMessage =
           wire::Loaded, wire::Need, wire::SceneList, wire::SceneInfo, wire::PathName,
           wire::Unloaded, wire::VariantList, wire::Statistics, wire::Started, wire::Chunk,
           wire::Progress, wire::Picture, wire::Done, wire::Jobs, wire::Wait, wire::Fetch,
-          wire::CancelJob, wire::JobList, wire::JobInfo, wire::Detached>;
+          wire::CancelJob, wire::JobList, wire::JobInfo, wire::Detached, wire::Parts,
+          wire::PartList>;
 
 }  // namespace
 
