@@ -33,8 +33,6 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
     if (!model) return gltf::error_of(model);
 
     SceneDescription scene;
-    if (model->skinned) scene.warnings.emplace_back("skins are shown in the pose of the file");
-    if (model->morphed) scene.warnings.emplace_back("morph targets are left out");
     if (auto done = gltf::read_nodes(*model, limits, scene); !done) return gltf::error_of(done);
     if (auto done = gltf::read_materials(*model, limits, scene); !done) return gltf::error_of(done);
     for (const char* shape : {"points", "lines"}) {

@@ -3,8 +3,9 @@
 // Triangles, strips and fans become triangle lists in file order; points and lines are counted and
 // leave an empty geometry, so that a hit's geometry index is the primitive's. Primitives often
 // share one large vertex buffer, so each takes only the vertices it uses.
-#include "engine/assets/gltf_model.h"
+#include "engine/assets/gltf_budget.h"
 #include "engine/assets/gltf_names.h"
+#include "engine/assets/gltf_skins.h"
 #include "engine/scene/snapshot.h"
 
 #include <fmt/format.h>
@@ -14,37 +15,6 @@
 
 namespace raynest::gltf {
 namespace {
-
-/// Decoded geometry is at most 12 times its encoded form (a strip of byte indices) plus slack;
-/// beyond this a small file names the same bytes again and again to cost memory.
-constexpr std::uint64_t decoded_bytes_free = 32ULL << 20;
-constexpr std::uint64_t decoded_bytes_per_byte = 32;
-
-/// What may still be decoded, counted down before anything is allocated.
-struct Budget {
-    std::uint64_t triangles;
-    std::uint64_t bytes;
-
-    Result<void> take_bytes(std::uint64_t count) {
-        if (count > bytes) {
-            return fail(
-                ErrorCode::limit_exceeded,
-                fmt::format("the scene's meshes decode to more than {} times its files; it names "
-                            "the same data again and again",
-                            decoded_bytes_per_byte));
-        }
-        bytes -= count;
-        return {};
-    }
-    Result<void> take_triangles(std::uint64_t count, std::uint64_t limit) {
-        if (count > triangles) {
-            return fail(ErrorCode::limit_exceeded,
-                        fmt::format("the scene has more than {} triangles", limit));
-        }
-        triangles -= count;
-        return {};
-    }
-};
 
 enum Mode {
     mode_points = 0,
@@ -68,15 +38,16 @@ public:
         : model_(model),
           limits_(limits),
           scene_(scene),
-          budget_{limits.triangles_max,
-                  decoded_bytes_free + model.upload_bytes * decoded_bytes_per_byte} {}
+          budget_(model, limits),
+          deformer_(model, budget_) {}
 
     Result<ObjectDescription> read(std::size_t index) {
         const Mesh& mesh = model_.meshes[index];
-        where_ = label("mesh", index, mesh.name);
+        const std::size_t in_file = mesh.pose_of == no_id ? index : mesh.pose_of;
+        where_ = label("mesh", in_file, mesh.name);
         ObjectDescription object;
         object.name = mesh.name;
-        for (const Primitive& primitive : mesh.primitives) {
+        for (const Primitive& primitive : model_.meshes[in_file].primitives) {
             if (primitive.mode < mode_points || primitive.mode > mode_fan) {
                 return refuse(
                     fmt::format("has a primitive of the unknown mode {}", primitive.mode));
@@ -86,7 +57,7 @@ public:
                 object.geometries.emplace_back();
                 continue;
             }
-            auto geometry = read_primitive(primitive);
+            auto geometry = read_primitive(mesh, primitive);
             if (!geometry) return error_of(geometry);
             if (geometry->indices.empty()) geometry = GeometryDescription{};
             object.geometries.push_back(std::move(*geometry));
@@ -99,7 +70,7 @@ private:
         return fail(ErrorCode::scene_invalid, where_ + ' ' + why);
     }
 
-    Result<GeometryDescription> read_primitive(const Primitive& primitive) {
+    Result<GeometryDescription> read_primitive(const Mesh& mesh, const Primitive& primitive) {
         if (primitive.position == no_id) return refuse("has a primitive without POSITION");
         const Accessor& position = model_.accessors[primitive.position];
         if (position.count > 0xFFFFFFFEU) return refuse("has too many vertices");
@@ -109,15 +80,18 @@ private:
         if (auto done = read_triangles(primitive, position, geometry, vertices); !done) {
             return error_of(done);
         }
-        if (auto done = read_positions(position, vertices, geometry); !done) return error_of(done);
+        const Deformed deformed{where_, mesh, primitive,
+                                [&](const Accessor& accessor, bool type_allowed, const char* name) {
+                                    return read_attribute(accessor, position, vertices,
+                                                          type_allowed, name);
+                                }};
+        if (auto done = read_positions(deformed, geometry); !done) return error_of(done);
         for (std::size_t set = 0; set < 2; ++set) {
-            auto done = read_texcoords(primitive.texcoords[set], position, vertices,
-                                       geometry.texcoords[set]);
-            if (!done) return error_of(done);
+            if (auto done = read_texcoords(deformed, set, geometry.texcoords[set]); !done) {
+                return error_of(done);
+            }
         }
-        if (auto done = read_colours(primitive.colour, position, vertices, geometry); !done) {
-            return error_of(done);
-        }
+        if (auto done = read_colours(deformed, geometry); !done) return error_of(done);
         return geometry;
     }
 
@@ -192,13 +166,15 @@ private:
                (model_.quantized && accessor.component != Component::u32);
     }
 
-    Result<void> read_positions(const Accessor& position,
-                                const std::vector<std::uint32_t>& vertices,
-                                GeometryDescription& geometry) {
-        auto values =
-            read_attribute(position, position, vertices,
-                           position.width == 3 && is_float_or_quantized(position), "POSITION");
+    Result<void> read_positions(const Deformed& deformed, GeometryDescription& geometry) {
+        const Accessor& position = model_.accessors[deformed.primitive.position];
+        auto values = deformed.read(
+            position, position.width == 3 && is_float_or_quantized(position), "POSITION");
         if (!values) return error_of(values);
+        if (auto done = deformer_.morph(deformed, morphed_position, 3, *values); !done) return done;
+        if (deformed.mesh.skin != no_id) {
+            if (auto done = deformer_.skin(deformed, *values); !done) return done;
+        }
         std::uint64_t bad = 0;
         geometry.positions.resize(values->size() / 3);
         for (std::size_t i = 0; i < geometry.positions.size(); ++i) {
@@ -212,19 +188,20 @@ private:
         return refuse(fmt::format("has {} vertices that are not finite or lie beyond 1e15", bad));
     }
 
-    Result<void> read_texcoords(std::uint32_t index, const Accessor& position,
-                                const std::vector<std::uint32_t>& vertices,
-                                std::vector<Vec2>& out) {
+    Result<void> read_texcoords(const Deformed& deformed, std::size_t set, std::vector<Vec2>& out) {
+        const std::uint32_t index = deformed.primitive.texcoords[set];
         if (index == no_id) return {};
         const Accessor& accessor = model_.accessors[index];
         const bool normalized_unsigned =
             accessor.normalized &&
             (accessor.component == Component::u8 || accessor.component == Component::u16);
-        auto values = read_attribute(
-            accessor, position, vertices,
+        auto values = deformed.read(
+            accessor,
             accessor.width == 2 && (normalized_unsigned || is_float_or_quantized(accessor)),
             "TEXCOORD");
         if (!values) return error_of(values);
+        const Morphed attribute = set == 0 ? morphed_texcoord_0 : morphed_texcoord_1;
+        if (auto done = deformer_.morph(deformed, attribute, 2, *values); !done) return done;
         out.resize(values->size() / 2);
         std::uint64_t bad = 0;
         for (std::size_t i = 0; i < out.size(); ++i) {
@@ -235,18 +212,19 @@ private:
         return refuse(fmt::format("has {} texture coordinates that are not finite", bad));
     }
 
-    Result<void> read_colours(std::uint32_t index, const Accessor& position,
-                              const std::vector<std::uint32_t>& vertices,
-                              GeometryDescription& geometry) {
+    Result<void> read_colours(const Deformed& deformed, GeometryDescription& geometry) {
+        const std::uint32_t index = deformed.primitive.colour;
         if (index == no_id) return {};
         const Accessor& accessor = model_.accessors[index];
         const bool type = accessor.component == Component::f32 ||
                           (accessor.normalized && (accessor.component == Component::u8 ||
                                                    accessor.component == Component::u16));
-        auto values =
-            read_attribute(accessor, position, vertices,
-                           type && (accessor.width == 3 || accessor.width == 4), "COLOR_0");
+        auto values = deformed.read(accessor, type && (accessor.width == 3 || accessor.width == 4),
+                                    "COLOR_0");
         if (!values) return error_of(values);
+        if (auto done = deformer_.morph(deformed, morphed_colour, accessor.width, *values); !done) {
+            return done;
+        }
         const std::size_t count = values->size() / accessor.width;
         geometry.colours.assign(count * 4, 255);
         for (std::size_t i = 0; i < count; ++i) {
@@ -265,6 +243,7 @@ private:
     const ImportLimits& limits_;
     SceneDescription& scene_;
     Budget budget_;
+    Deformer deformer_;
     std::string where_;
 };
 

@@ -1,14 +1,14 @@
-// The only file that includes tinygltf: runs it behind fences and copies what it read into a Model.
+// Runs tinygltf behind fences and copies what it read into a Model.
 //
 // tinygltf is a JSON reader, not a validator: it accepts indices, ranges and counts of any value.
 // It gets no file system (only the uploaded names), no image decoder, and no chance to throw
 // further. Nothing it produced is used before the checks below.
-#include "engine/assets/gltf_model.h"
+#include "engine/assets/gltf_convert.h"
 #include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_prescan.h"
+#include "engine/assets/gltf_skins.h"
 
 #include <fmt/format.h>
-#include <tiny_gltf.h>
 
 #include <algorithm>
 #include <cmath>
@@ -58,8 +58,7 @@ Result<void> check_extensions(const tinygltf::Model& file) {
     return {};
 }
 
-/// tinygltf complains about members of skins and animations that glTF does not require. Neither is
-/// read here, so neither may stop a scene.
+/// tinygltf complains about members of skins and animations that glTF does not require.
 void drop_harmless_lines(std::string& problem) {
     std::string kept;
     for (std::size_t at = 0; at < problem.size();) {
@@ -107,20 +106,6 @@ Result<void> run_tinygltf(const ImportRequest& request, std::uint64_t upload_byt
     return fail(ErrorCode::scene_invalid,
                 fmt::format("the glTF file is damaged: {}",
                             problem.empty() ? "no reason given" : one_line(problem)));
-}
-
-/// The member of an extension object, or null.
-const tinygltf::Value* member(const tinygltf::ExtensionMap& extensions, const char* extension,
-                              const char* name) {
-    const auto found = extensions.find(extension);
-    if (found == extensions.end() || !found->second.Has(name)) return nullptr;
-    return &found->second.Get(name);
-}
-
-Result<float> finite(double value, std::string_view what) {
-    const auto narrow = static_cast<float>(value);
-    if (std::isfinite(narrow)) return narrow;
-    return fail(ErrorCode::scene_invalid, fmt::format("{} does not fit a float", what));
 }
 
 Result<void> convert_accessors(tinygltf::Model& file, Model& model) {
@@ -177,39 +162,6 @@ Result<void> convert_accessors(tinygltf::Model& file, Model& model) {
             image.bytes = std::as_bytes(std::span(model.storage.back()));
         }
         model.images.push_back(std::move(image));
-    }
-    return {};
-}
-
-Result<void> convert_meshes(tinygltf::Model& file, Model& model) {
-    for (const tinygltf::Mesh& in : file.meshes) {
-        Mesh mesh{one_line(in.name), {}};
-        for (const tinygltf::Primitive& from : in.primitives) {
-            Primitive to;
-            to.mode = from.mode;
-            const auto attribute = [&](const char* name, std::uint32_t& out) -> Result<void> {
-                const auto found = from.attributes.find(name);
-                if (found == from.attributes.end()) return {};
-                const auto index =
-                    required_index(found->second, model.accessors.size(), "accessor");
-                if (!index) return error_of(index);
-                out = *index;
-                return {};
-            };
-            for (const auto& result :
-                 {attribute("POSITION", to.position), attribute("TEXCOORD_0", to.texcoords[0]),
-                  attribute("TEXCOORD_1", to.texcoords[1]), attribute("COLOR_0", to.colour)}) {
-                if (!result) return result;
-            }
-            const auto indices = optional_index(from.indices, model.accessors.size(), "accessor");
-            const auto material = optional_index(from.material, file.materials.size(), "material");
-            if (!indices) return error_of(indices);
-            if (!material) return error_of(material);
-            to.indices = *indices;
-            to.material = *material;
-            mesh.primitives.push_back(to);
-        }
-        model.meshes.push_back(std::move(mesh));
     }
     return {};
 }
@@ -408,7 +360,12 @@ Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
             if (!index) return error_of(index);
             node.children.push_back(*index);
         }
-        if (in.skin >= 0) model.skinned = true;
+        auto weights = finite_list(in.weights, where + ": a morph weight");
+        const auto skin = optional_index(in.skin, file.skins.size(), "skin");
+        if (!weights) return error_of(weights);
+        if (!skin) return error_of(skin);
+        node.weights = std::move(*weights);
+        node.skin = *skin;
         model.nodes.push_back(std::move(node));
     }
     return {};
@@ -445,6 +402,29 @@ Result<void> choose_scene(tinygltf::Model& file, Model& model) {
 
 }  // namespace
 
+const tinygltf::Value* member(const tinygltf::ExtensionMap& extensions, const char* extension,
+                              const char* name) {
+    const auto found = extensions.find(extension);
+    if (found == extensions.end() || !found->second.Has(name)) return nullptr;
+    return &found->second.Get(name);
+}
+
+Result<float> finite(double value, std::string_view what) {
+    const auto narrow = static_cast<float>(value);
+    if (std::isfinite(narrow)) return narrow;
+    return fail(ErrorCode::scene_invalid, fmt::format("{} does not fit a float", what));
+}
+
+Result<std::vector<float>> finite_list(std::span<const double> values, std::string_view what) {
+    std::vector<float> list;
+    for (const double value : values) {
+        const auto narrow = finite(value, what);
+        if (!narrow) return error_of(narrow);
+        list.push_back(*narrow);
+    }
+    return list;
+}
+
 Result<Model> load_model(const ImportRequest& request) {
     Model model;
     for (const NamedBytes& named : request.files) model.upload_bytes += named.bytes.size();
@@ -458,15 +438,12 @@ Result<Model> load_model(const ImportRequest& request) {
     if (auto done = check_extensions(file); !done) return error_of(done);
     model.quantized = std::find(file.extensionsUsed.begin(), file.extensionsUsed.end(),
                                 "KHR_mesh_quantization") != file.extensionsUsed.end();
-    for (const tinygltf::Mesh& mesh : file.meshes) {
-        for (const tinygltf::Primitive& primitive : mesh.primitives) {
-            model.morphed = model.morphed || !primitive.targets.empty();
-        }
-    }
-    for (const auto convert : {convert_accessors, convert_meshes, convert_textures,
-                               convert_materials, convert_cameras, convert_nodes, choose_scene}) {
+    for (const auto convert :
+         {convert_accessors, convert_meshes, convert_textures, convert_materials, convert_cameras,
+          convert_nodes, convert_skins, choose_scene}) {
         if (auto done = convert(file, model); !done) return error_of(done);
     }
+    separate_poses(model);
     return model;
 }
 

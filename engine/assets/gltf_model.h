@@ -48,7 +48,7 @@ struct Accessor {
     std::uint32_t width = 0;
     Component component = Component::f32;
     bool normalized = false;
-    bool scalar_or_vector = true;  ///< matrices are only skinned with, which we do not do
+    bool scalar_or_vector = true;  ///< matrices are those of skins
     /// Elements replaced one by one; values are packed.
     std::uint64_t sparse_count = 0;
     const std::byte* sparse_indices = nullptr;
@@ -90,6 +90,25 @@ struct View {
 Result<View> check_view(const RawView& raw, std::span<const std::vector<unsigned char>> buffers);
 Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> views);
 
+/// Attributes that morph targets may change, and their names in a file.
+enum Morphed : std::uint8_t {
+    morphed_position,
+    morphed_texcoord_0,
+    morphed_texcoord_1,
+    morphed_colour
+};
+inline constexpr std::array<const char*, 4> morphed_names{"POSITION", "TEXCOORD_0", "TEXCOORD_1",
+                                                          "COLOR_0"};
+/// One accessor of differences for each of these attributes, or no_id.
+using MorphTarget = std::array<std::uint32_t, morphed_names.size()>;
+inline constexpr MorphTarget empty_target{no_id, no_id, no_id, no_id};
+
+/// Four joints per vertex and their weights: two accessors.
+struct JointSet {
+    std::uint32_t joints = no_id;
+    std::uint32_t weights = no_id;
+};
+
 struct Primitive {
     int mode = 4;
     std::uint32_t indices = no_id;  ///< accessors
@@ -97,11 +116,24 @@ struct Primitive {
     std::array<std::uint32_t, 2> texcoords{no_id, no_id};
     std::uint32_t colour = no_id;
     std::uint32_t material = no_id;
+    std::vector<MorphTarget> targets;
+    std::vector<JointSet> joint_sets;
 };
 
 struct Mesh {
     std::string name;
     std::vector<Primitive> primitives;
+    std::vector<float> weights;  ///< of the morph targets; those that are not listed are 0
+    /// A posed mesh (gltf_skins.h) has the primitives of this one, and `weights` and `skin` of its
+    /// own.
+    std::uint32_t pose_of = no_id;
+    std::uint32_t skin = no_id;
+};
+
+struct Skin {
+    std::string name;
+    std::uint32_t inverse_bind = no_id;  ///< accessor; no_id: identities
+    std::vector<std::uint32_t> joints;   ///< nodes
 };
 
 /// An encoded picture: a range of a buffer, or bytes of its own. Empty when the file did not come.
@@ -127,6 +159,8 @@ struct Node {
     Matrix local = identity_matrix;
     std::uint32_t mesh = no_id;
     std::uint32_t camera = no_id;
+    std::uint32_t skin = no_id;  ///< set: the mesh stands in the scene's space
+    std::vector<float> weights;  ///< empty: those of the mesh
     Instancing instancing;
     std::vector<std::uint32_t> children;
 };
@@ -146,13 +180,12 @@ struct Model {
     std::vector<MaterialDescription> materials;  ///< `texture` indexes `textures`
     std::vector<TextureDescription> textures;    ///< `image` indexes `images`, or no_id
     std::vector<Image> images;
+    std::vector<Skin> skins;
     std::vector<Node> nodes;
     std::vector<Camera> cameras;
     std::vector<std::uint32_t> roots;  ///< of the chosen scene
     bool quantized = false;            ///< KHR_mesh_quantization is in use
-    bool skinned = false;
-    bool morphed = false;
-    std::uint64_t upload_bytes = 0;  ///< of all files together: what amplification is measured by
+    std::uint64_t upload_bytes = 0;    ///< of all files together: what amplification is measured by
 };
 
 /// The guards after prescan's: tinygltf behind its fences, then every index and range. `json` has

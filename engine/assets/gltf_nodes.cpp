@@ -155,16 +155,19 @@ private:
     Result<void> place_mesh(ObjectDescription& object, const Node& node, const Entry& entry) {
         if (node.mesh == no_id || !traceable_[node.mesh]) return {};
         const std::string name = entry.name.empty() ? model_.meshes[node.mesh].name : entry.name;
+        // A skinned mesh already stands in the scene's space, and so does the object being filled:
+        // subtrees with a skin are not shared.
+        const Matrix& to_object = node.skin == no_id ? entry.to_object : identity_matrix;
         if (node.instancing.count == 0) {
             object.instances.push_back(
-                {node.mesh, round_matrix(entry.to_object), 0xFFFFFFFFU, entry.node, name});
+                {node.mesh, round_matrix(to_object), 0xFFFFFFFFU, entry.node, name});
             return {};
         }
         const auto matrices = placements_of(model_, node.instancing);
         if (!matrices) return error_of(matrices);
         for (std::size_t i = 0; i < matrices->size(); ++i) {
             object.instances.push_back({node.mesh,
-                                        round_matrix(multiply(entry.to_object, (*matrices)[i])),
+                                        round_matrix(multiply(to_object, (*matrices)[i])),
                                         0xFFFFFFFFU, entry.node, fmt::format("{}[{}]", name, i)});
         }
         return {};

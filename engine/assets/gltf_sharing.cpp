@@ -27,6 +27,7 @@ Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order
         const bool places_mesh = node.mesh != no_id && traceable[node.mesh];
         if (places_mesh) {
             shape.placements = std::max(node.instancing.count, 1U);
+            shape.skinned = node.skin != no_id;
             append(key, node.mesh);
             append(key, node.instancing.translation);
             append(key, node.instancing.rotation);
@@ -36,6 +37,7 @@ Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order
             const std::uint32_t of_child = sharing.shape_of[child];
             if (of_child == no_id) continue;
             shape.placements += sharing.shapes[of_child].placements;
+            shape.skinned = shape.skinned || sharing.shapes[of_child].skinned;
             append(key, model.nodes[child].local);
             append(key, of_child);
         }

@@ -25,9 +25,10 @@ struct Shape {
     std::uint32_t uses = 0;        ///< by distinct shapes and by the scene itself
     std::uint32_t levels = 0;      ///< of objects below an object of this shape
     std::uint32_t example = 0;     ///< the first node of this shape in depth-first order
+    bool skinned = false;          ///< holds a mesh that stands in the scene's space: not shared
 
     [[nodiscard]] bool is_shared() const {
-        return uses >= 2 && placements >= 2 && levels + 2 <= gltf_levels_max;
+        return !skinned && uses >= 2 && placements >= 2 && levels + 2 <= gltf_levels_max;
     }
 };
 

@@ -1,38 +1,18 @@
-#include "engine/assets/gltf.h"
-
 #include "engine/scene/snapshot.h"
-#include "tests/unit/engine/assets/samples.h"
+#include "tests/unit/engine/assets/describe.h"
 
 #include <cmath>
 #include <set>
 
 using namespace raynest;
+using test::contains;
+using test::describe;
 using test::GlbWriter;
+using test::must_describe;
 using test::one_triangle_mesh;
+using test::refusal;
 
 namespace {
-
-Result<SceneDescription> describe(const test::Bytes& bytes, const std::string& name = "scene.glb") {
-    const test::Upload upload(name, bytes);
-    return describe_gltf(upload.request(), ImportLimits{});
-}
-
-SceneDescription must_describe(const test::Bytes& bytes) {
-    auto scene = describe(bytes);
-    REQUIRE_MESSAGE(scene.has_value(), (scene ? "" : scene.error().message));
-    return std::move(*scene);
-}
-
-std::string refusal(const test::Bytes& bytes, const std::string& name = "scene.glb") {
-    const auto scene = describe(bytes, name);
-    REQUIRE_FALSE(scene.has_value());
-    CHECK(scene.error().message.find('\n') == std::string::npos);
-    return scene.error().message;
-}
-
-bool contains(const std::string& text, const std::string& part) {
-    return text.find(part) != std::string::npos;
-}
 
 std::string indexed_mesh(GlbWriter& writer, const std::vector<std::uint16_t>& indices, int mode) {
     const int position =

@@ -1,0 +1,52 @@
+// What decoding a file's meshes may cost, counted down before anything is allocated.
+#pragma once
+
+#include "engine/assets/gltf_model.h"
+
+#include <fmt/format.h>
+
+namespace raynest::gltf {
+
+/// Decoded geometry is at most 12 times its encoded form (a strip of byte indices) plus slack;
+/// beyond this a small file names the same bytes again and again to cost memory.
+inline constexpr std::uint64_t decoded_bytes_free = 32ULL << 20;
+inline constexpr std::uint64_t decoded_bytes_per_byte = 32;
+
+/// A posed mesh (gltf_skins.h) is decoded once more than the file has it.
+inline constexpr std::uint64_t posed_bytes_free = 1ULL << 20;
+
+/// What may still be decoded.
+struct Budget {
+    std::uint64_t triangles;
+    std::uint64_t bytes;
+
+    Budget(const Model& model, const ImportLimits& limits)
+        : triangles(limits.triangles_max),
+          bytes(decoded_bytes_free + model.upload_bytes * decoded_bytes_per_byte) {
+        for (const Mesh& mesh : model.meshes) {
+            if (mesh.pose_of != no_id) bytes += posed_bytes_free;
+        }
+    }
+
+    Result<void> take_bytes(std::uint64_t count) {
+        if (count > bytes) {
+            return fail(
+                ErrorCode::limit_exceeded,
+                fmt::format("the scene's meshes decode to more than {} times its files; it names "
+                            "the same data again and again",
+                            decoded_bytes_per_byte));
+        }
+        bytes -= count;
+        return {};
+    }
+    Result<void> take_triangles(std::uint64_t count, std::uint64_t limit) {
+        if (count > triangles) {
+            return fail(ErrorCode::limit_exceeded,
+                        fmt::format("the scene has more than {} triangles", limit));
+        }
+        triangles -= count;
+        return {};
+    }
+};
+
+}  // namespace raynest::gltf

@@ -1,0 +1,70 @@
+// Faults of the glTF reader that once went unnoticed: each of these fails with one of them.
+#include "tests/unit/engine/assets/describe.h"
+
+using namespace raynest;
+using test::GlbWriter;
+using test::must_describe;
+using test::one_triangle_mesh;
+
+namespace {
+
+/// A quarter turn about z after scales of 1, 2 and 3, by column: (0,1,0), (-2,0,0), (0,0,3).
+void check_turned_and_scaled(const Transform& transform) {
+    const std::array<float, 12> expected{0, -2, 0, 7, 1, 0, 0, 8, 0, 0, 3, 9};
+    for (std::size_t i = 0; i < 12; ++i) {
+        CAPTURE(i);
+        CHECK(transform.m[i] == doctest::Approx(expected[i]).epsilon(1e-6));
+    }
+}
+
+}  // namespace
+
+TEST_CASE("a node is scaled before it is turned, and an instance of EXT_mesh_gpu_instancing too") {
+    GlbWriter writer;
+    const std::string mesh = one_triangle_mesh(writer);
+    const float half = 0.70710678F;
+    const int translation = writer.add_floats({7, 8, 9}, "VEC3", 3);
+    const int rotation = writer.add_floats({0, 0, half, half}, "VEC4", 4);
+    const int scale = writer.add_floats({1, 2, 3}, "VEC3", 3);
+    const auto scene = must_describe(writer.glb(mesh + R"(,"nodes":[{"mesh":0,"translation":[7,8,9],
+        "rotation":[0,0,0.7071067811865476,0.7071067811865476],"scale":[1,2,3]},
+        {"mesh":0,"extensions":{"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":)" +
+                                                std::to_string(translation) +
+                                                ",\"ROTATION\":" + std::to_string(rotation) +
+                                                ",\"SCALE\":" + std::to_string(scale) + "}}}}]"));
+    const auto& instances = scene.objects[scene.root].instances;
+    REQUIRE(instances.size() == 2);
+    check_turned_and_scaled(instances[0].transform);
+    check_turned_and_scaled(instances[1].transform);
+}
+
+TEST_CASE("interleaved attributes are read by their stride") {
+    // {x, y, z, u, v} per vertex, 20 bytes apart.
+    const std::vector<float> vertices = {0,    0,    0, 0.1F, 0.2F, 5,    0,   0,
+                                         0.3F, 0.4F, 0, 6,    7,    0.5F, 0.6F};
+    std::string binary(vertices.size() * sizeof(float), '\0');
+    std::memcpy(binary.data(), vertices.data(), binary.size());
+    std::string json = R"({"asset":{"version":"2.0"},"nodes":[{"mesh":0}],
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0,"TEXCOORD_0":1}}]}],
+        "buffers":[{"byteLength":60,"uri":"v.bin"}],
+        "bufferViews":[{"buffer":0,"byteLength":60,"byteStride":20}],
+        "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
+        {"bufferView":0,"byteOffset":12,"componentType":5126,"count":3,"type":"VEC2"}]})";
+    test::Upload upload("scene.gltf", test::to_bytes(json));
+    upload.add("v.bin", test::to_bytes(binary));
+    const auto scene = must_describe(describe_gltf(upload.request(), ImportLimits{}));
+    const GeometryDescription& geometry = scene.objects[0].geometries[0];
+    CHECK(geometry.positions == std::vector<Vec3>{{0, 0, 0}, {5, 0, 0}, {0, 6, 7}});
+    CHECK(geometry.texcoords[0] == std::vector<Vec2>{{0.1F, 0.2F}, {0.3F, 0.4F}, {0.5F, 0.6F}});
+}
+
+TEST_CASE("the alpha of COLOR_0 is kept") {
+    GlbWriter writer;
+    writer.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 3);
+    writer.add<std::uint8_t>({10, 20, 30, 0, 40, 50, 60, 128, 70, 80, 90, 255}, "VEC4", 5121, 4,
+                             ",\"normalized\":true");
+    const auto scene = must_describe(writer.glb(
+        R"("meshes":[{"primitives":[{"attributes":{"POSITION":0,"COLOR_0":1}}]}],"nodes":[{"mesh":0}])"));
+    CHECK(scene.objects[0].geometries[0].colours ==
+          std::vector<std::uint8_t>{10, 20, 30, 0, 40, 50, 60, 128, 70, 80, 90, 255});
+}
