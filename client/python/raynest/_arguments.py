@@ -68,7 +68,11 @@ def whole_numbers(what: str, values: Any) -> Array:
 
 
 def numbers(what: str, value: Any) -> Array:
+    """As an array. What a masked array hides becomes NaN: no number, rather than one that was to be
+    left out."""
     try:
+        if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+            value = value.astype(np.promote_types(value.dtype, np.float32)).filled(np.nan)
         out = np.asarray(value)
     except ValueError:
         raise UsageError(f"{what} must be numbers, in rows of one length") from None

@@ -30,6 +30,8 @@ class Rays:
         self._rows: Optional[Array] = None      # where they came as one array
         self.common: Message = {"tmin": tmin, "tmax": 0.0 if math.isinf(tmax) else tmax}
         first = numbers("rays", rays)
+        if directions is None and first.ndim == 1:  # one ray, or []
+            first = first[None] if first.size else np.empty((0, 6), np.float32)
         if directions is not None:
             self._origins, self._rest = pair(first, directions)
             if first.shape == (3,):
@@ -41,8 +43,8 @@ class Rays:
             if first.shape[1] == 8:
                 self.common = {}
         else:
-            raise UsageError(f"rays of shape {first.shape}: they must be (N, 6) [ox oy oz dx dy dz]"
-                             ", (N, 8) [ox oy oz tmin dx dy dz tmax], or origins and directions")
+            raise UsageError(f"rays of shape {np.shape(rays)}: they must be (N, 6) [ox oy oz dx dy "
+                             "dz], (N, 8) [ox oy oz tmin dx dy dz tmax], or origins and directions")
         self.count = len(self._rest)
         self.width = self._rest.shape[1] + (0 if self._origins is None else 3)
 
@@ -107,8 +109,10 @@ def farthest(points: Array) -> float:
 
 
 def pair(first: Any, second: Any) -> tuple[Array, Array]:
-    """Both as (N, 3); one of them may be a single (3,), which then counts for all of the other."""
-    a, b = numbers("points", first), numbers("directions", second)
+    """Both as (N, 3); one of them may be a single (3,), which then counts for all of the other, and
+    [] is none."""
+    a, b = (out if out.shape != (0,) else out.reshape(0, 3)
+            for out in (numbers("points", first), numbers("directions", second)))
     try:
         a, b = np.broadcast_arrays(a, b)
     except ValueError:

@@ -3,6 +3,8 @@
     builtin:..., root:...     only a name: the daemon has it
     .glb, .gltf               the file and what it names, read beneath its folder
     .npy                      records of a primitive type; `instances` beside it
+    -, /dev/stdin, /dev/fd/N  one of these out of a pipe, told apart by its first bytes; what a
+                              .gltf names is then looked for in the current folder
 """
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ import numpy as np
 from . import _limits, errors
 from ._connection import Connection
 from ._control import Message
-from ._files import read_file, read_file_beneath
+from ._files import is_nameless, read_file, read_file_beneath, sendable
 from ._frame import Array, padding
 from ._gltf import file_names
 from ._hash import content_hash
@@ -41,29 +43,51 @@ class Upload(NamedTuple):
 
 
 def gather(source: str, primitive: str, instances: str) -> Upload:
-    if (primitive or instances) and not source.lower().endswith(".npy"):
-        raise errors.UsageError(f"primitive and instances are for .npy files; {source} is none")
     if source.startswith(("builtin:", "root:")):
+        _check_records(source, False, primitive, instances)
         return Upload(source, "")
     folder, name = os.path.split(source)
     stem, extension = os.path.splitext(name)
-    if extension.lower() in (".glb", ".gltf"):
-        main = File(name, read_file(source, _limits.upload_bytes_max))
-        try:
-            return Upload(name, stem, (main, *_named_files(main, folder)))
-        except errors.InvalidError as error:
-            raise errors.InvalidError(f"{source} {error}", error.name) from None
-    if extension.lower() != ".npy":
+    nameless = is_nameless(source)
+    if not nameless and extension.lower() not in (".glb", ".gltf", ".npy"):
         raise errors.InvalidError(f"{source} is not a .glb, .gltf or .npy file, nor builtin:NAME",
                                   "FILE_INVALID")
-    if not primitive:
+    data = read_file(source, _limits.upload_bytes_max)
+    if nameless:
+        stem, extension, folder = "", _sniff(source, data), "."
+        name = "stdin" + extension
+    records = extension.lower() == ".npy"
+    _check_records(source, records, primitive, instances)
+    main = File(sendable(name), data)
+    if not records:
+        try:
+            return Upload(main.name, sendable(stem), (main, *_named_files(main, folder)))
+        except errors.InvalidError as error:
+            raise errors.InvalidError(f"{source} {error}", error.name) from None
+    files = [main]
+    if instances:
+        left = _limits.upload_bytes_max - len(data)
+        files.append(File("instances.npy", read_file(instances, left)))
+    return Upload(main.name, sendable(stem), tuple(files))
+
+
+def _check_records(source: str, records: bool, primitive: str, instances: str) -> None:
+    if not records and (primitive or instances):
+        raise errors.UsageError(f"primitive and instances are for .npy files; {source} is none")
+    if records and not primitive:
         raise errors.UsageError(f"{source} holds records: say of what, for example with "
                                 "primitive='sphere'")
-    files = [File("points.npy", read_file(source, _limits.upload_bytes_max))]
-    if instances:
-        left = _limits.upload_bytes_max - len(files[0].data)
-        files.append(File("instances.npy", read_file(instances, left)))
-    return Upload("points.npy", stem, tuple(files))
+
+
+def _sniff(source: str, data: bytes) -> str:
+    """The ending that fits the first bytes of a file."""
+    for start, extension in ((b"glTF", ".glb"), (b"\x93NUMPY", ".npy")):
+        if data.startswith(start):
+            return extension
+    if data.lstrip(b" \t\r\n")[:1] == b"{":
+        return ".gltf"
+    raise errors.InvalidError(f"{source} brought neither a .glb, a .gltf nor a .npy",
+                              "FILE_INVALID")
 
 
 def _named_files(main: File, folder: str) -> Iterator[File]:

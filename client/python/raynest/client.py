@@ -11,11 +11,13 @@ from . import _limits
 from ._arguments import none_is_default
 from ._connection import Connection
 from ._control import Message
+from ._files import path_text
 from ._gltf import mesh_glb
 from ._hash import content_hash
 from ._job import Outcome, Progress
 from ._rays import vector
 from ._upload import File, Sender, Upload, gather
+from .errors import UsageError
 from .job import Job, job_infos
 from .scene import Scene
 
@@ -27,6 +29,9 @@ def connect(uri: Optional[str] = None, *, token: Optional[str] = None,
     else at tcp://127.0.0.1:31060. `token`, RAYNEST_TOKEN by default, is reserved: this version's
     daemon asks for none. The daemon sends at most `window_bytes` ahead of what was received; 0 is
     the default."""
+    if not isinstance(uri, (str, type(None))):
+        raise TypeError(f"uri of {uri!r}: it must be a text, as 'tcp://127.0.0.1:31060' or "
+                        "'unix:PATH'")
     return Client(uri, token, window_bytes or _limits.window_bytes)
 
 
@@ -65,15 +70,18 @@ class Client:
              replace: bool = False, build: str = "medium", primitive: str = "",
              instances: Union[str, os.PathLike[str]] = "", progress: Progress = None) -> Scene:
         """Uploads a .glb or .gltf with the files that it names, or a .npy of `primitive` records;
-        or loads "builtin:forest?trees=9" or "root:PATH", which the daemon has.
+        or loads "builtin:forest?trees=9" or "root:PATH", which the daemon has. Out of a pipe, or of
+        stdin as "-", comes one of these files as well; it then needs a `name`.
 
         The scene is called `name`, by default the file's stem. A name that is taken by other
         content is an error unless `replace`, which begins a new epoch. `build` is "fast", "medium"
         or "high": how much time the trees may take for how well they trace.
         """
-        upload = gather(os.fspath(source), primitive, os.fspath(instances))
+        upload = gather(path_text("source", source), primitive, path_text("instances", instances))
         if name is not None:
             upload = upload._replace(scene_name=name)
+        elif upload.files and not upload.scene_name:
+            raise UsageError(f"a scene of {source} has no name of its own: pass name=")
         message = {**upload.message(), "replace": replace, "build": build, "primitive": primitive}
         return self._load(upload, message, progress)
 

@@ -57,7 +57,8 @@ class Scene:
         without this client, and whose fetch() gives them.
 
         `rays` is (N, 6) [ox oy oz dx dy dz] or (N, 8) [ox oy oz tmin dx dy dz tmax], or it holds
-        origins (N, 3) and `directions` is (N, 3); either may be a single (3,). Directions need no
+        origins (N, 3) and `directions` is (N, 3); either may be a single (3,). One ray may also be
+        (6,) or (8,), [] is none, and masked rows are invalid rays. Directions need no
         unit length: t is in units of it. float32 of the first two forms is sent as it lies, and so
         are directions with one origin, which travels once; all else is converted on the way, after
         `origin` (three float64) was subtracted from the origins.
@@ -95,6 +96,7 @@ class Scene:
         self._client.outcome = query.outcome
         columns = answer.columns()
         if source.count == 0:
+            query.outcome.update(rays=0, misses=0)
             columns = {name: column[:int(name == "ray_splits")] for name, column in columns.items()}
         return columns
 

@@ -1,0 +1,135 @@
+#!/usr/bin/env python3
+"""What users pass to the Python client: no rays, one ray, masked rays, pipes, file names that are not
+UTF-8, and what is not of the type that it must be.
+
+  inputs_test.py RAYNESTD RAYNEST FLATC
+"""
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import threading
+from unittest import mock
+
+import numpy as np
+
+import raynest
+from raynest import _files, generators
+from with_daemon import WithDaemon, main
+
+# A triangle as a .gltf of one file: positions (0,0,0) (1,0,0) (0,1,0) in a data URI.
+TRIANGLE = json.dumps({
+    "asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3,
+                   "min": [0, 0, 0], "max": [1, 1, 0]}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}],
+    "buffers": [{"byteLength": 36, "uri": "data:application/octet-stream;base64,"
+                 "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]}).encode()
+
+DOWN = [8, 50, -8, 0, -1, 0]
+
+
+class Inputs(WithDaemon):
+    def fed(self, name, data):
+        """A pipe that `data` is written to once it is read."""
+        path = self.out / name
+        os.mkfifo(path)
+        feeder = threading.Thread(target=lambda: path.write_bytes(data))
+        feeder.start()
+        self.addCleanup(feeder.join)
+        return path
+
+    # ---- rays -----------------------------------------------------------------------------------
+
+    def test_no_rays_have_empty_columns(self):
+        for rays in ([], np.empty((0, 6)), np.empty((0, 8), np.float32), ()):
+            with self.subTest(rays=rays):
+                hits = self.woods.trace(rays, fields=("t", "path", "ng"))
+                self.assertEqual({name: column.shape for name, column in hits.items()},
+                                 {"t": (0,), "path": (0,), "ng": (0, 3)})
+                self.assertEqual((self.client.outcome["rays"], self.client.outcome["misses"]), (0, 0))
+        self.assertEqual(self.woods.trace([], [])["t"].shape, (0,))
+        self.assertEqual(self.woods.trace([], [0, 1, 0])["t"].shape, (0,))
+        self.assertEqual(self.woods.occluded([], []).shape, (0,))
+        self.assertEqual(self.woods.trace([], kind="multi")["ray_splits"].tolist(), [0])
+        self.assertEqual(list(self.woods.stream([])), [])
+
+    def test_one_ray_may_lack_its_brackets(self):
+        one = self.woods.trace(DOWN)
+        self.same(one, self.woods.trace([DOWN]))
+        bounded = [8, 50, -8, 0, 0, -1, 0, np.inf]
+        self.same(one, self.woods.trace(np.array(bounded)))
+        with self.assertRaisesRegex(raynest.UsageError, r"shape \(7,\)"):
+            self.woods.trace(np.zeros(7))
+        with self.assertRaisesRegex(raynest.UsageError, r"shape \(3,\)"):
+            self.woods.trace([1, 2, 3])
+
+    def test_masked_rows_are_invalid_rays(self):
+        rays = np.array([DOWN] * 4, np.float32)
+        for kind in (np.float32, np.float64, np.int32):
+            with self.subTest(kind=kind):
+                masked = np.ma.array(rays.astype(kind))
+                masked[1] = np.ma.masked
+                masked[3, 4] = np.ma.masked
+                hits = self.woods.trace(masked, fields=("t", "hit", "flags"))
+                self.assertEqual((hits["flags"] & 1).tolist(), [0, 1, 0, 1])
+                self.assertEqual(hits["hit"].tolist(), [1, 0, 1, 0])
+        unmasked = np.ma.array(rays)
+        self.same(self.woods.trace(unmasked), self.woods.trace(rays))
+        origins, ways = np.ma.array(rays[:, :3]), rays[:, 3:]
+        origins[2] = np.ma.masked
+        flags = self.woods.trace(origins, ways, fields=("flags",))["flags"]
+        self.assertEqual((flags & 1).tolist(), [0, 0, 1, 0])
+
+    # ---- files ----------------------------------------------------------------------------------
+
+    def test_a_scene_comes_out_of_a_pipe(self):
+        pipe = self.fed("piped.gltf", TRIANGLE)
+        self.assertEqual(self.client.load(pipe, replace=True).name, "piped")
+        program = ("import raynest, sys; c = raynest.connect(sys.argv[1])\n"
+                   "print(c.load(sys.argv[2], *sys.argv[3:]).info['unique_triangles'])")
+        for source in ("-", "/dev/stdin", "/dev/fd/0"):
+            done = subprocess.run([sys.executable, "-c", program, self.daemon.uri, source, "three"],
+                                  input=TRIANGLE, capture_output=True, check=False)
+            self.assertEqual((done.returncode, done.stdout), (0, b"1\n"), done.stderr)
+        done = subprocess.run([sys.executable, "-c", program, self.daemon.uri, "-"],
+                              input=TRIANGLE, capture_output=True, check=False)
+        self.assertIn(b"UsageError: a scene of - has no name of its own: pass name=", done.stderr)
+
+    def test_a_pipe_without_an_end_is_refused(self):
+        with mock.patch.object(_files, "PIPED_BYTES_MAX", 1000):
+            with self.assertRaisesRegex(raynest.InvalidError, "goes on after 1000 bytes"):
+                _files.read_file("/dev/zero", 1 << 40)
+            self.assertEqual(len(_files.read_file(str(self.fed("thousand", b"x" * 1000)), 1 << 40)), 1000)
+        with self.assertRaisesRegex(raynest.InvalidError, "directory"):
+            _files.read_file(str(self.out), 1000)
+
+    def test_names_need_not_be_utf8(self):
+        folder = pathlib.Path(os.fsdecode(os.fsencode(self.out) + b"/caf\xe9"))
+        folder.mkdir()
+        path = folder / os.fsdecode(b"tr\xe8s.gltf")
+        path.write_bytes(TRIANGLE)
+        self.assertEqual(self.client.load(path).name, "tr?s")
+        self.assertEqual(self.client.load(path, "très").name, "très")
+
+    # ---- types ----------------------------------------------------------------------------------
+
+    def test_wrong_types_are_told_clearly(self):
+        for uri in (5, b"tcp://127.0.0.1:31060", pathlib.Path("x")):
+            with self.assertRaisesRegex(TypeError, "uri of .*must be a text, as 'tcp://"):
+                raynest.connect(uri)
+        for source in (b"scene.glb", 5, [1]):
+            with self.assertRaisesRegex(TypeError, "source of type .*must be a str or a path"):
+                self.client.load(source)
+        with self.assertRaisesRegex(TypeError, "instances of type bytes"):
+            self.client.load("balls.npy", primitive="sphere", instances=b"places.npy")
+
+    def test_generators_take_no_points_too(self):
+        rays = generators.hemisphere([], [], samples=4)
+        self.assertEqual(self.woods.trace(rays, reduce="hit_fraction")["hit_fraction"].shape, (0,))
+
+
+if __name__ == "__main__":
+    main()
