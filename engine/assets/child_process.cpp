@@ -70,7 +70,16 @@ Mapping::~Mapping() {
     if (!bytes_.empty()) ::munmap(bytes_.data(), bytes_.size());
 }
 
+std::string system_says(int error) {
+    if (error == EMFILE)
+        return "all file descriptors of this process are used up; raise LimitNOFILE or ulimit -n";
+    if (error == ENFILE)
+        return "all file descriptors of this machine are used up; raise fs.file-max";
+    return std::strerror(error);
+}
+
 Fd out_of_the_way(Fd fd) {
+    if (fd.get() < 0) return fd;
     return Fd(::fcntl(fd.get(), F_DUPFD_CLOEXEC, first_inherited_fd + inherited_max));
 }
 
@@ -78,7 +87,7 @@ Result<Fd> create_memory_file(const char* name) {
     Fd file = out_of_the_way(Fd(::memfd_create(name, MFD_CLOEXEC)));
     if (file.get() >= 0) return file;
     return fail(ErrorCode::io_failed,
-                fmt::format("creating a memory file: {}", std::strerror(errno)));
+                fmt::format("creating a memory file: {}", system_says(errno)));
 }
 
 Result<void> write_all(int fd, const void* bytes, std::size_t size) {
@@ -118,7 +127,7 @@ Result<pid_t> spawn_child(std::span<const std::string> command, std::span<const 
                               arguments.data(), environ);
     if (failed == 0) return pid;
     return fail(ErrorCode::io_failed,
-                fmt::format("'{}' does not start: {}", command[0], std::strerror(failed)));
+                fmt::format("'{}' does not start: {}", command[0], system_says(failed)));
 }
 
 bool bind_to_parent(pid_t parent) {

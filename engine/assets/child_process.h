@@ -53,6 +53,9 @@ private:
     std::span<std::byte> bytes_;
 };
 
+/// What the system says of `error`, an errno; with the remedy where descriptors are used up.
+[[nodiscard]] std::string system_says(int error);
+
 /// What a child's first inherited descriptor is.
 inline constexpr int first_inherited_fd = 3;
 inline constexpr int inherited_max = 4;

@@ -1,5 +1,7 @@
 #include "server/store/source_root.h"
 
+#include "engine/assets/child_process.h"
+
 #include <fcntl.h>
 #include <linux/openat2.h>
 #include <sys/stat.h>
@@ -47,6 +49,8 @@ Result<SourceFile> read_under_root(const std::filesystem::path& root, std::strin
 
     const Descriptor folder(open(root.c_str(), O_PATH | O_DIRECTORY | O_CLOEXEC));
     const Descriptor file(folder.value() < 0 ? -1 : open_beneath(folder.value(), name));
+    if (file.value() < 0 && (errno == EMFILE || errno == ENFILE))
+        return fail(ErrorCode::io_failed, "cannot open root:" + name + ": " + system_says(errno));
     if (file.value() < 0)
         return fail(ErrorCode::scene_invalid, "cannot open root:" + name + ": " +
                                                   std::strerror(errno) +
