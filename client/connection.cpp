@@ -1,13 +1,13 @@
 #include "client/connection.h"
 
 #include "client/interrupt.h"
+#include "protocol/keep_alive.h"
 
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/generic/stream_protocol.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/local/stream_protocol.hpp>
-#include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/socket.h>
 
@@ -18,6 +18,7 @@
 #include <cstdint>
 #include <cstring>
 #include <iterator>
+#include <optional>
 #include <utility>  // before Asio: Boost 1.74 needs std::exchange in C++20
 #include <vector>
 
@@ -37,6 +38,9 @@ constexpr std::chrono::seconds grace{5};
 constexpr int look_ms = 200;
 /// A daemon that has too many callers to accept is called again after this time.
 constexpr int call_again_ms = 20;
+/// Where the daemon could not say why: within an answer that was not read.
+constexpr const char* cut_short =
+    " within an answer: the daemon ended, or this reader paused and gave way to another client";
 /// For what is not bulk: headers and control parts.
 constexpr std::size_t staging_bytes = 4 << 10;
 
@@ -123,9 +127,7 @@ struct Connection::Socket {
         for (const auto& entry : found) endpoints.push_back(entry.endpoint());
         error = connect(endpoints, end);
         if (error) return error;
-        const int on = 1;
-        setsockopt(stream.native_handle(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-        setsockopt(stream.native_handle(), SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
+        protocol::tune_tcp(stream.native_handle());
         return error;
     }
 };
@@ -164,7 +166,7 @@ Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
                                               "; is raynestd running there?");
 
     std::unique_ptr<Connection> connection(new Connection(std::move(socket)));
-    connection->give_up_ = end;
+    connection->patience_ = end - Clock::now();
     if (auto greeted = connection->greet(token); !greeted)
         return tl::unexpected<Failure>(unanswered(greeted.error()));
     return connection;
@@ -201,8 +203,7 @@ void Connection::begin(std::chrono::milliseconds deadline) {
     ++id_;
     credit_ = daemon_.window_bytes;
     consumed_ = 0;
-    give_up_.reset();
-    if (deadline.count() > 0) give_up_ = Clock::now() + deadline + grace;
+    patience_ = deadline.count() > 0 ? deadline + grace : Clock::duration::max();
 }
 
 Result<void> Connection::send(protocol::Result<Frame> frame, std::span<const std::byte> bulk) {
@@ -318,9 +319,10 @@ Result<Frame> Connection::read_frame() {
         const std::size_t count = socket_->stream.receive(parts, 0, error);
         if (error == asio::error::interrupted || error == asio::error::would_block) continue;
         if (error)
-            return fail(Exit::failed, error == asio::error::eof
-                                          ? "the daemon closed the connection"
-                                          : "the connection broke: " + error.message());
+            return fail(Exit::failed,
+                        (error == asio::error::eof ? "the daemon closed the connection"
+                                                   : "the connection broke: " + error.message()) +
+                            (decoder_.idle() ? "" : cut_short));
         const std::size_t direct = std::min(count, room.size());
         decoder_.filled(direct);
         staged_begin_ = 0;
@@ -333,12 +335,14 @@ Result<void> Connection::wait(short events) {
         // The short wait bounds the moment between this test and poll() in which a signal is
         // missed.
         if (interrupted()) return fail(Exit::interrupted, "interrupted; the request was cancelled");
-        if (give_up_ && Clock::now() > *give_up_)
+        if (patience_ < Clock::duration::zero())
             return fail(Exit::deadline,
                         "no answer from the daemon within the deadline; " +
                             std::string(protocol::error_info(protocol::Code::deadline).remedy));
         pollfd waiting{socket_->stream.native_handle(), events, 0};
+        const Clock::time_point begin = Clock::now();
         const int ready = ::poll(&waiting, 1, look_ms);
+        if (patience_ != Clock::duration::max()) patience_ -= Clock::now() - begin;
         if (ready > 0) return {};
         if (ready < 0 && errno != EINTR)
             return fail(Exit::failed, std::string("the connection broke: ") + std::strerror(errno));

@@ -13,7 +13,6 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -45,7 +44,8 @@ public:
     [[nodiscard]] int socket() const;
 
     /// Begins a request; frames of earlier ones are skipped from now on. With a deadline, sending
-    /// and next() give up a little after it, should the daemon itself not answer any more.
+    /// and next() give up a little after it, should the daemon itself not answer any more: only
+    /// the time counts in which it is waited for, not the caller's own.
     template <class Native>
     Result<void> start(const Native& request, std::chrono::milliseconds deadline = {}) {
         begin(deadline);
@@ -103,8 +103,8 @@ private:
     Daemon daemon_;
     std::uint64_t id_ = 0;
     std::uint64_t credit_ = 0;
-    std::uint64_t consumed_ = 0;  ///< bulk bytes not yet granted again
-    std::optional<Clock::time_point> give_up_;
+    std::uint64_t consumed_ = 0;                         ///< bulk bytes not yet granted again
+    Clock::duration patience_ = Clock::duration::max();  ///< with the daemon, in this request
 };
 
 /// An answer together with the frame that holds it.

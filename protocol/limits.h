@@ -48,10 +48,7 @@ struct Limits {
     std::uint64_t principal_connections_max = 1536;
     std::uint64_t waiting_control_bytes_max = 256ULL << 10;
     std::uint64_t total_jobs_max = 256;
-    std::uint64_t header_ms_max = 5000;
-    std::uint64_t bulk_ms_max = 10000;
-    std::uint64_t slow_consumer_ms_max = 10000;
-    std::uint64_t idle_ms_max = 60000;
+    std::uint64_t give_way_ms = 5000;
     std::uint64_t drain_ms_max = 30000;
     std::uint64_t chunk_ms_max = 60000;
     std::uint64_t cuda_rays_max = 128ULL << 10;

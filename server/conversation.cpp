@@ -142,11 +142,10 @@ void Conversation::request(const protocol::Frame& frame) {
         return;
     }
     if (draining_) return refuse_request(id, {Code::draining, "", 0});
-    if (const std::size_t under_way = runner_->size() + feeding_.size();
-        under_way >= services_.limits.jobs_max) {
+    if (jobs() >= services_.limits.jobs_max) {
         ++services_.metrics.jobs_refused;
         return refuse_request(id, {Code::quota,
-                                   "this connection has " + std::to_string(under_way) +
+                                   "this connection has " + std::to_string(jobs()) +
                                        " requests in flight, the limit is jobs_max = " +
                                        std::to_string(services_.limits.jobs_max) +
                                        "; wait for one of them, or open another connection",
@@ -198,6 +197,18 @@ void Conversation::let_go() {
     }
 }
 
+std::uint64_t Conversation::held_bytes() const {
+    std::uint64_t bytes = runner_->held_bytes();
+    for (const auto& [id, job] : feeding_) bytes += job->runner().held_bytes() + job->bytes();
+    return bytes;
+}
+
+bool Conversation::waits_for_client() const {
+    return runner_->waits_for_client() &&
+           std::all_of(feeding_.begin(), feeding_.end(),
+                       [](const auto& fed) { return fed.second->runner().waits_for_client(); });
+}
+
 void Conversation::abandon() {
     runner_->abandon();
     for (const auto& [id, job] : std::exchange(feeding_, {})) {
@@ -235,7 +246,7 @@ void Conversation::drain() {
 
 void Conversation::settle() {
     let_go();
-    if (draining_ && runner_->size() == 0 && feeding_.empty()) give_up({Code::draining, "", 0});
+    if (draining_ && jobs() == 0) give_up({Code::draining, "", 0});
 }
 
 }  // namespace raynest::server

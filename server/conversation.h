@@ -34,11 +34,19 @@ public:
     /// No new jobs; ends the connection when the running ones ended.
     void drain();
 
+    [[nodiscard]] const std::string& principal() const { return caller_.principal; }
     [[nodiscard]] bool greeted() const { return greeted_; }
     /// The last frame was sent: flush, then close.
     [[nodiscard]] bool closing() const { return closing_; }
     [[nodiscard]] Runner& runner() { return *runner_; }
     [[nodiscard]] const Runner& runner() const { return *runner_; }
+
+    /// Requests in flight, those included whose data are to come before they are detached.
+    [[nodiscard]] std::size_t jobs() const { return runner_->size() + feeding_.size(); }
+    /// Bytes of --memory that they and their answers have reserved.
+    [[nodiscard]] std::uint64_t held_bytes() const;
+    /// Is the next move of every request its client's?
+    [[nodiscard]] bool waits_for_client() const;
 
     /// The connection is gone: what still needs it ends.
     void abandon();

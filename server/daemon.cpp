@@ -18,13 +18,12 @@
 #include <sys/resource.h>
 
 #include <algorithm>
-#include <array>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
-#include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <unordered_set>
 #include <utility>
@@ -47,6 +46,8 @@ constexpr unsigned cuda_calls_max = 4;
 constexpr unsigned cuda_spares = 4;
 static_assert(cuda_calls_max <= device::slots_max);
 constexpr std::chrono::milliseconds drain_look{20};
+/// How often peers are looked for whose machine or network is gone.
+constexpr std::chrono::seconds lost_look{5};
 /// For clients to hear that their jobs are given up.
 constexpr std::chrono::milliseconds last_words_time{1000};
 constexpr int exit_forced = 3;
@@ -60,17 +61,22 @@ public:
     Result<void> run();
 
 private:
-    void accept(Socket socket);
+    void accept(Socket socket, Listener::Descriptors descriptors);
+    /// Why there is no place for one connection more, if nobody gives way to it.
+    std::optional<std::string> why_full(const std::string& principal,
+                                        Listener::Descriptors descriptors);
     void await_signal();
     void drain();
     void look_drained();
     void look_after_detached();
+    void look_for_lost();
 
     const Options& options_;
     const std::shared_ptr<const Registry> registry_;
     const protocol::Limits limits_;
     Metrics metrics_;
     Budget budget_;
+    Peers peers_;
     SceneStore scenes_;
     Admission admission_;
     BriefTurn brief_turn_;
@@ -87,9 +93,9 @@ private:
     asio::signal_set signals_;
     asio::steady_timer drain_timer_;
     asio::steady_timer detached_timer_;
+    asio::steady_timer lost_timer_;
     std::vector<std::unique_ptr<Listener>> listeners_;
     std::unordered_set<std::shared_ptr<Session>> sessions_;
-    std::map<std::string, std::size_t> connections_;  ///< of each principal
     Clock::time_point drain_deadline_ = Clock::time_point::max();
     bool cut_short_ = false;  ///< the drain took too long
 };
@@ -141,6 +147,7 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       registry_(std::move(registry)),
       limits_(options.limits),
       budget_(options.memory),
+      peers_(limits_, budget_, metrics_),
       scenes_(budget_, limits_),
       admission_(limits_),
       services_{*registry_,
@@ -153,6 +160,7 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
                 import_command(options),
                 admission_,
                 detached_,
+                peers_,
                 nullptr},
       engine_{compute_,
               blocking_,
@@ -163,7 +171,8 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
               [this](std::function<void()> done) { asio::post(io_, std::move(done)); },
               budget_,
               brief_turn_,
-              coalescer_},
+              coalescer_,
+              peers_},
       detached_(engine_, [this] { look_after_detached(); }),
       cuda_(make_cuda(options, *registry_, budget_, metrics_, limits_, services_.why_no_cuda)),
       compute_(options.threads, Workers::Time::processor, spare_threads(options.threads)),
@@ -171,7 +180,8 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       device_(cuda_ != nullptr ? cuda_->slots() : 0, Workers::Time::clock, cuda_spares),
       signals_(io_, SIGTERM, SIGINT),
       drain_timer_(io_),
-      detached_timer_(io_) {
+      detached_timer_(io_),
+      lost_timer_(io_) {
     services_.cuda = cuda_.get();
 }
 
@@ -180,7 +190,9 @@ Result<void> Daemon::listen() {
         const auto address = parse_address(uri);
         if (!address) return tl::unexpected(address.error());
         auto listener =
-            Listener::open(io_, *address, [this](Socket socket) { accept(std::move(socket)); });
+            Listener::open(io_, *address, [this](Socket socket, Listener::Descriptors descriptors) {
+                accept(std::move(socket), descriptors);
+            });
         if (!listener) return tl::unexpected(listener.error());
         listeners_.push_back(std::move(*listener));
     }
@@ -199,6 +211,7 @@ Result<void> Daemon::run() {
     if (sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN)
         signals_.add(SIGHUP);
     await_signal();
+    look_for_lost();
     if (!options_.ready_file.empty()) {
         // Whoever waits for the file would wait for ever.
         if (const auto written = write_ready_file(options_.ready_file, uris); !written)
@@ -219,42 +232,41 @@ Result<void> Daemon::run() {
     return {};
 }
 
-void Daemon::accept(Socket socket) {
+std::optional<std::string> Daemon::why_full(const std::string& principal,
+                                            Listener::Descriptors descriptors) {
+    if (peers_.size_of(principal) >= limits_.principal_connections_max) {
+        if (peers_.make_room(Resource::connections, principal, 1, Peers::Whose::own))
+            return std::nullopt;
+        return "the daemon has no free connections for " + principal +
+               ", which has all that principal_connections_max = " +
+               std::to_string(limits_.principal_connections_max) + " allows; close one of them";
+    }
+    const bool used_up = descriptors == Listener::Descriptors::used_up;
+    if ((!used_up && peers_.size() < limits_.connections_max) ||
+        peers_.make_room(Resource::connections, principal))
+        return std::nullopt;
+    return "the daemon has no free connections" +
+           (used_up ? ": its file descriptors are used up; raise LimitNOFILE or ulimit -n for it"
+                    : ", connections_max = " + std::to_string(limits_.connections_max)) +
+           "; try again later";
+}
+
+void Daemon::accept(Socket socket, Listener::Descriptors descriptors) {
     ++metrics_.connections_accepted;
     const std::string principal = principal_of(socket);
-    const bool full = sessions_.size() >= limits_.connections_max;
-    const auto held = connections_.find(principal);
-    if (full || (held != connections_.end() && held->second >= limits_.principal_connections_max)) {
+    if (auto why = why_full(principal, descriptors)) {
         ++metrics_.connections_refused;
         ++metrics_.connections_closed;
-        // A few bytes into a fresh socket: they fit, or they do not matter.
-        const protocol::Frame frame = protocol::encode_error(
-            0,
-            {Code::busy,
-             full ? "the daemon has all the connections it takes, connections_max = " +
-                        std::to_string(limits_.connections_max) + "; try again later"
-                  : principal + " has all the connections it may, principal_connections_max = " +
-                        std::to_string(limits_.principal_connections_max) + "; close one of them",
-             1000},
-            true);
-        std::array<std::byte, protocol::header_bytes> header{};
-        protocol::write_header(frame.header, header);
-        const std::array<asio::const_buffer, 2> buffers = {
-            asio::buffer(header), asio::buffer(frame.control.data(), frame.control.size())};
-        SystemError ignored;
-        socket.non_blocking(true, ignored);
-        socket.write_some(buffers, ignored);
-        return;
+        return say_last(socket, {Code::busy, std::move(*why), 1000});
     }
     const auto session =
         std::make_shared<Session>(io_, std::move(socket), principal, services_, engine_,
-                                  [this, principal](const std::shared_ptr<Session>& closed) {
+                                  [this](const std::shared_ptr<Session>& closed) {
                                       sessions_.erase(closed);
-                                      if (--connections_[principal] == 0)
-                                          connections_.erase(principal);
+                                      peers_.leave(*closed);
                                   });
     sessions_.insert(session);
-    ++connections_[principal];
+    peers_.join(*session);
     try {
         session->start();
     } catch (const std::bad_alloc&) {
@@ -289,6 +301,7 @@ void Daemon::drain() {
 }
 
 void Daemon::look_drained() {
+    peers_.dismiss();
     // Jobs of closed connections count too: their tasks still use what the daemon owns.
     const bool drained = sessions_.empty() && admission_.active() == 0;
     if (drained && !cut_short_) return io_.stop();
@@ -316,6 +329,16 @@ void Daemon::look_after_detached() {
         if (error) return;
         detached_.tick(Clock::now());
         look_after_detached();
+    });
+}
+
+void Daemon::look_for_lost() {
+    lost_timer_.expires_after(lost_look);
+    lost_timer_.async_wait([this](const SystemError& error) {
+        if (error) return;
+        const std::unordered_set<std::shared_ptr<Session>> sessions = sessions_;
+        for (const auto& session : sessions) session->stop_if_lost();
+        look_for_lost();
     });
 }
 

@@ -20,7 +20,9 @@ struct Metrics {
     Counter bytes_sent{0};
     Counter bad_frames{0};
     Counter timeouts{0};
-    Counter slow_consumers{0};
+    Counter gave_way_connections{0};
+    Counter gave_way_jobs{0};
+    Counter gave_way_memory{0};
     Counter jobs_started{0};
     Counter jobs_ended{0};
     Counter jobs_cancelled{0};
@@ -50,7 +52,9 @@ inline constexpr std::array metric_table = {
     MetricInfo{"bytes_sent", &Metrics::bytes_sent},
     MetricInfo{"bad_frames", &Metrics::bad_frames},
     MetricInfo{"timeouts", &Metrics::timeouts},
-    MetricInfo{"slow_consumers", &Metrics::slow_consumers},
+    MetricInfo{"gave_way_connections", &Metrics::gave_way_connections},
+    MetricInfo{"gave_way_jobs", &Metrics::gave_way_jobs},
+    MetricInfo{"gave_way_memory", &Metrics::gave_way_memory},
     MetricInfo{"jobs_started", &Metrics::jobs_started},
     MetricInfo{"jobs_ended", &Metrics::jobs_ended},
     MetricInfo{"jobs_cancelled", &Metrics::jobs_cancelled},

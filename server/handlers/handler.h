@@ -33,6 +33,7 @@ struct Services {
     std::vector<std::string> import_child;  ///< command line of the import process
     Admission& admission;
     DetachedJobs& detached;
+    Peers& peers;          ///< io thread only
     device::Worker* cuda;  ///< null: none
     std::string why_no_cuda = "this daemon has no CUDA worker";
 };

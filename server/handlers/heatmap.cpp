@@ -137,7 +137,7 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
         first_pass = std::move(*found);
     }
 
-    auto order = make_order(services, std::move(*plan), message->camera(), message->width(),
+    auto order = make_order(services, caller, std::move(*plan), message->camera(), message->width(),
                             message->height(), protocol::word(message->encode(), "png"),
                             heat_bytes(message->width(), message->height()));
     if (!order) return tl::unexpected(order.error());

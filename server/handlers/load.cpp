@@ -104,6 +104,7 @@ public:
                                                    " is longer than its announced " +
                                                    std::to_string(file.bytes.size()) + " bytes");
         // Piece by piece: an upload that is announced and does not come takes nothing.
+        services_.peers.make_memory(block->count, order_.principal);
         auto lease = services_.budget.reserve(block->count);
         if (!lease)
             return refuse_memory("the rest of the upload", announced_ - received_,
@@ -120,6 +121,8 @@ public:
     std::optional<Task> next() override {
         if (import_started_ || current_ < order_.files.size()) return std::nullopt;
         import_started_ = true;
+        // A copy of the files, and a scene of about their size.
+        services_.peers.make_memory(2 * announced_, order_.principal);
         Task task;
         task.lane = Lane::blocking;
         task.run = [this](const Stop& stop) -> Reply<Frames> {
@@ -135,6 +138,7 @@ public:
         order_.files.clear();
         order_.lease = {};
         reused_ = services_.scenes.holds(snapshot_->hash());
+        if (!reused_) services_.peers.make_memory(snapshot_->bytes().size(), order_.principal);
         auto scene = services_.scenes.publish(order_.name, std::move(snapshot_), order_.replace,
                                               order_.principal);
         if (!scene) return tl::unexpected(scene.error());
@@ -151,6 +155,8 @@ public:
     }
 
     [[nodiscard]] bool finished() const override { return import_started_; }
+    [[nodiscard]] bool needs_input() const override { return current_ < order_.files.size(); }
+    [[nodiscard]] std::uint64_t held_bytes() const override { return order_.lease.bytes(); }
 
     Frames farewell() override {
         wire::LoadedT loaded;
@@ -249,6 +255,7 @@ Reply<void> read_files(const Services& services, const wire::Load& message, Load
     for (std::size_t i = 0; i < names.size(); ++i)
         total += message.file_bytes()->Get(static_cast<flatbuffers::uoffset_t>(i));
     // What does not fit now is not uploaded first; it is reserved as it comes.
+    services.peers.make_memory(total, order.principal);
     if (!services.budget.reserve(total)) return refuse_memory("the upload", total, services.budget);
     for (std::size_t i = 0; i < names.size(); ++i) {
         const auto index = static_cast<flatbuffers::uoffset_t>(i);

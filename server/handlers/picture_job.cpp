@@ -26,9 +26,9 @@ Reply<std::string> check_encode(std::string_view word) {
 
 }  // namespace
 
-Reply<PictureOrder> make_order(const Services& services, Plan plan, const wire::Camera* camera,
-                               std::uint32_t width, std::uint32_t height, std::string_view encode,
-                               std::uint64_t bytes) {
+Reply<PictureOrder> make_order(const Services& services, const Caller& caller, Plan plan,
+                               const wire::Camera* camera, std::uint32_t width,
+                               std::uint32_t height, std::string_view encode, std::uint64_t bytes) {
     PictureOrder order;
     auto word = check_encode(encode);
     if (!word) return tl::unexpected(word.error());
@@ -46,6 +46,7 @@ Reply<PictureOrder> make_order(const Services& services, Plan plan, const wire::
     order.plan = std::move(plan);
     order.width = width;
     order.height = height;
+    services.peers.make_memory(bytes, caller.principal);
     auto lease = services.budget.reserve(bytes);
     if (!lease)
         return refuse(Code::resource_exhausted,

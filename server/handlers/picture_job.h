@@ -35,9 +35,9 @@ struct PictureOrder {
 
 /// `bytes`: what the job holds; reserved from the budget. Asks for a camera of the scene and adds a
 /// note where none was there.
-Reply<PictureOrder> make_order(const Services& services, Plan plan, const wire::Camera* camera,
-                               std::uint32_t width, std::uint32_t height, std::string_view encode,
-                               std::uint64_t bytes);
+Reply<PictureOrder> make_order(const Services& services, const Caller& caller, Plan plan,
+                               const wire::Camera* camera, std::uint32_t width,
+                               std::uint32_t height, std::string_view encode, std::uint64_t bytes);
 
 class PictureJob : public Job {
 public:
@@ -47,6 +47,7 @@ public:
     std::optional<Task> next() override;
     Reply<void> ended() override;
     [[nodiscard]] bool finished() const override;
+    [[nodiscard]] std::uint64_t held_bytes() const override { return order_.lease.bytes(); }
     Frames farewell() override;
     [[nodiscard]] std::optional<Progress> progress() const override;
 
@@ -89,9 +90,7 @@ private:
         std::uint64_t count = 0;
         std::string fallback = {};
     };
-    [[nodiscard]] bool on_cuda(const Run& run) const {
-        return order_.plan.on_cuda(run.fallback);
-    }
+    [[nodiscard]] bool on_cuda(const Run& run) const { return order_.plan.on_cuda(run.fallback); }
     /// The first run that waits, or a part of it; of none the count is 0.
     Run take_run();
     Reply<Frames> trace_run(const Run& run, const Stop& stop);

@@ -139,6 +139,7 @@ public:
         return rows_task();
     }
     [[nodiscard]] bool finished() const override { return sorted_ && sent_ == table_.size(); }
+    [[nodiscard]] std::uint64_t held_bytes() const override { return lease_.bytes(); }
 
 protected:
     [[nodiscard]] std::uint64_t piece_rays(const Piece& rest) const override {
@@ -259,6 +260,7 @@ Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Call
                           "; ask for fewer samples or points");
     const SceneView& scene = plan.scene.snapshot().view();
     const std::uint64_t paths = std::min(source.rays(), scene.objects[scene.root].leaves);
+    services.peers.make_memory(paths * VisibleJob::path_bytes, caller.principal);
     auto lease = services.budget.reserve(paths * VisibleJob::path_bytes);
     if (!lease)
         return refuse(Code::resource_exhausted,

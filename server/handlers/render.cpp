@@ -96,7 +96,7 @@ Reply<Answer> render(const Services& services, const Caller& caller,
         plan->notes.push_back("primary traces one ray per pixel, whatever --spp says");
 
     const std::string_view encode = protocol::word(message->encode(), "png");
-    auto order = make_order(services, std::move(*plan), message->camera(), message->width(),
+    auto order = make_order(services, caller, std::move(*plan), message->camera(), message->width(),
                             message->height(), encode, header_bytes + pixel_bytes(encode) * pixels);
     if (!order) return tl::unexpected(order.error());
     Accepted accepted = accept(order->plan, "render", order->pixels());

@@ -17,7 +17,6 @@ public:
 
     std::optional<Task> next() override { return std::nullopt; }
     [[nodiscard]] bool finished() const override { return awaited_->ended(); }
-    [[nodiscard]] bool patient() const override { return true; }
     Frames farewell() override {
         Frames frames;
         frames.push_back(*protocol::encode(id_, job_info(*awaited_, services_)));

@@ -4,7 +4,7 @@
 
 namespace raynest::server {
 
-Reply<Admission::Slot> Admission::enter(JobRecord record) {
+Reply<Admission::Slot> Admission::enter(JobRecord&& record) {
     const std::string& principal = record.principal;
     const auto known = uses_.find(principal);
     const Use use = known == uses_.end() ? Use{} : known->second;
@@ -33,6 +33,14 @@ Reply<Admission::Slot> Admission::enter(JobRecord record) {
     record.number = ++last_number_;
     jobs_.emplace(last_number_, std::move(record));
     return Slot(this, last_number_);
+}
+
+std::optional<Peers::Whose> Admission::whose_place_lacks(const std::string& principal) const {
+    const auto known = uses_.find(principal);
+    if (known != uses_.end() && known->second.jobs >= limits_.principal_jobs_max)
+        return Peers::Whose::own;
+    if (active() >= limits_.total_jobs_max) return Peers::Whose::everybodys;
+    return std::nullopt;
 }
 
 const JobRecord* Admission::find(std::uint64_t number) const {

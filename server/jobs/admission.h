@@ -7,12 +7,14 @@
 
 #include "protocol/limits.h"
 #include "server/jobs/job.h"
+#include "server/jobs/peers.h"
 
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -68,8 +70,12 @@ public:
     Admission(const Admission&) = delete;
 
     /// A place for a job, which gets its number; QUOTA when the principal has too much in flight,
-    /// BUSY with the time to come back when the daemon has.
-    Reply<Slot> enter(JobRecord record);
+    /// BUSY with the time to come back when the daemon has. Without a place the record stays as it
+    /// is.
+    Reply<Slot> enter(JobRecord&& record);
+
+    /// Whose job would have to end, for the principal to have a place for one more.
+    [[nodiscard]] std::optional<Peers::Whose> whose_place_lacks(const std::string& principal) const;
 
     /// A job took this long: a moving mean says when a place is likely free.
     void record(std::chrono::duration<double> took) { mean_ += 0.1 * (took.count() - mean_); }

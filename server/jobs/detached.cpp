@@ -89,7 +89,12 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
             return refuse(Code::quota, principal + " keeps " + std::to_string(most) +
                                            " detached jobs, as many as principal_results_max "
                                            "allows; fetch or cancel a finished one");
-    auto room = make_room(principal, base_bytes + accepted.result_bytes);
+    const std::uint64_t bytes = base_bytes + accepted.result_bytes;
+    auto room = make_room(principal, bytes);
+    if (!room && room.error().code == Code::resource_exhausted) {
+        engine_.peers.make_memory(bytes, principal);
+        room = make_room(principal, bytes);
+    }
     if (!room) return tl::unexpected(room.error());
     accepted.answer_bytes = 0;  // that is the room
     JobRecord record;
@@ -102,7 +107,7 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
     record.detached = true;
     auto job = std::make_shared<DetachedJob>(
         engine_, std::move(record), std::move(*room),
-        [this, principal](std::uint64_t bytes) { return make_room(principal, bytes); });
+        [this, principal](std::uint64_t more) { return make_room(principal, more); });
     job->set_feeder(feeder);
     const auto number = job->runner().start(request_id, std::move(accepted));
     job->set_feeder(nullptr);

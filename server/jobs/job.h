@@ -122,8 +122,8 @@ public:
     virtual Frames farewell() = 0;
     /// Must its client send more before it can end?
     [[nodiscard]] virtual bool needs_input() const { return false; }
-    /// May it stand still for long without being taken for abandoned?
-    [[nodiscard]] virtual bool patient() const { return false; }
+    /// Bytes of --memory that it has reserved itself, beside its windows.
+    [[nodiscard]] virtual std::uint64_t held_bytes() const { return 0; }
     /// Bulk data for this job; gives the bytes that are free again at once.
     virtual Reply<std::uint64_t> feed(protocol::Frame frame);
     /// Bulk bytes of fed frames that became free since it was last asked, beside those that tasks

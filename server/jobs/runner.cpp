@@ -41,6 +41,14 @@ bool Runner::knows(std::uint64_t id) const {
     return find(id) != nullptr;
 }
 
+Reply<Admission::Slot> Runner::enter(JobRecord record) {
+    auto slot = engine_.admission.enter(std::move(record));
+    if (slot) return slot;
+    const auto whose = engine_.admission.whose_place_lacks(principal_);
+    if (!whose || !engine_.peers.make_room(Resource::jobs, principal_, 1, *whose)) return slot;
+    return engine_.admission.enter(std::move(record));
+}
+
 Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
     const Clock::time_point now = Clock::now();
     const Clock::time_point deadline = accepted.deadline_ms == 0
@@ -60,7 +68,7 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
     record.cancel = [runner = weak_from_this(), id] {
         if (const auto self = runner.lock()) self->cancel(id);
     };
-    auto slot = engine_.admission.enter(std::move(record));
+    auto slot = enter(std::move(record));
     if (!slot) {
         ++engine_.metrics.jobs_refused;
         return tl::unexpected(slot.error());
@@ -68,6 +76,7 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
     const std::uint64_t window = engine_.limits.window_bytes;
     const std::uint64_t input_bytes = std::min(accepted.input_bytes, window);
     const std::uint64_t answer_bytes = std::min(accepted.answer_bytes, window - answers_.bytes());
+    engine_.peers.make_memory(input_bytes + answer_bytes, principal_);
     auto input = engine_.budget.reserve(input_bytes);
     auto answers = engine_.budget.reserve(answer_bytes);
     if (!input || !answers) {
@@ -83,7 +92,7 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
     active->slot = std::move(*slot);
     active->input = std::move(*input);
     active->priority = accepted.priority;
-    active->started = active->last_activity = now;
+    active->started = now;
     active->next_progress = now + tick_period;
     active->credit = window_bytes_;
     active->input_credit = engine_.limits.window_bytes;
@@ -120,7 +129,6 @@ void Runner::feed(protocol::Frame frame) {
         return pump(active);
     }
     active->input_credit -= bytes;
-    active->last_activity = Clock::now();
     guarded(*active, [&] {
         const Reply<std::uint64_t> free = active->job->feed(std::move(frame));
         if (free)
@@ -221,11 +229,18 @@ bool Runner::window_allows(const Task& task) const {
            waiting + task.reply_bytes_max <= engine_.limits.window_bytes;
 }
 
-bool Runner::blocked() const {
-    return std::any_of(jobs_.begin(), jobs_.end(), [&](const ActivePointer& active) {
-        return active->parked && credit_allows(*active, *active->parked) &&
-               !window_allows(*active->parked);
+bool Runner::waits_for_client() const {
+    return std::all_of(jobs_.begin(), jobs_.end(), [](const ActivePointer& active) {
+        return !active->error && active->tasks.empty() &&
+               (active->parked || active->job->needs_input());
     });
+}
+
+std::uint64_t Runner::held_bytes() const {
+    std::uint64_t bytes = answers_.bytes();
+    for (const ActivePointer& active : jobs_)
+        bytes += active->input.bytes() + active->job->held_bytes();
+    return bytes;
 }
 
 Workers& Runner::workers_of(const Task& task) const {
@@ -289,7 +304,6 @@ void Runner::forget(Active& active, std::list<Outstanding>::iterator task) {
 }
 
 void Runner::take_answer(Active& active, Reply<Frames> reply, std::uint64_t input_bytes) {
-    active.last_activity = Clock::now();
     guarded(active, [&] {
         if (reply && !active.error) {
             for (protocol::Frame& frame : *reply) {
@@ -358,25 +372,18 @@ void Runner::tick(Clock::time_point now) {
         if (!active->error && now >= active->stop.deadline()) {
             stop(*active, deadline_error());
             pump(active);
-        } else if (!active->error && active->tasks.empty() && !active->job->patient() &&
-                   now - active->last_activity > milliseconds(engine_.limits.idle_ms_max)) {
-            // A job that neither gets rays nor may send answers must not keep its place for ever.
-            stop(*active, {Code::deadline,
-                           "the client neither sent nor took data of this request for " +
-                               std::to_string(engine_.limits.idle_ms_max / 1000) +
-                               " s; send the rays that are due, or grant credit for answers",
-                           0});
-            pump(active);
         } else if (now >= active->next_progress) {
             active->next_progress = now + tick_period;
-            if (const auto progress = active->job->progress(); progress && !active->error) {
+            // A client that is behind in its reading has no use for it.
+            if (const auto progress = active->job->progress();
+                progress && !active->error && sink_->backlog() == 0) {
                 wire::ProgressT message;
                 message.done = progress->done;
                 message.total = progress->total;
                 message.stage = progress->stage;
                 sink_->send(*protocol::encode(active->id, message));
             }
-            // What a patient job waits for may have come.
+            // What a job waits for beside its client may have come.
             pump(active);
         }
     }

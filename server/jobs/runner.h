@@ -12,6 +12,7 @@
 #include "server/jobs/coalescer.h"
 #include "server/jobs/errand.h"
 #include "server/jobs/job.h"
+#include "server/jobs/peers.h"
 #include "server/jobs/workers.h"
 #include "server/store/budget.h"
 
@@ -45,6 +46,7 @@ struct Engine {
     Budget& budget;
     BriefTurn& brief_turn;
     Coalescer& coalescer;
+    Peers& peers;
 };
 
 class Runner : public std::enable_shared_from_this<Runner> {
@@ -64,7 +66,7 @@ public:
 
     /// Starts a job, with memory for what its client may send before it is taken, and for what may
     /// wait for the client to read it; QUOTA (of the principal; jobs_max is the connection's to
-    /// count), BUSY or RESOURCE_EXHAUSTED when it may not.
+    /// count), BUSY or RESOURCE_EXHAUSTED when it may not, and no peer gives way to it.
     /// Gives the job's number among all of the daemon's.
     Reply<std::uint64_t> start(std::uint64_t id, Accepted accepted);
     /// Is there memory for so many bulk bytes to a job? Not to one that has ended, and not beyond
@@ -87,9 +89,10 @@ public:
     /// Deadlines and progress; the session calls it at next_tick().
     void tick(Clock::time_point now);
     [[nodiscard]] Clock::time_point next_tick() const;
-    /// Does a task wait only because the connection does not take bytes? A job whose client gives
-    /// no credit is parked too, but that costs nothing and is no fault.
-    [[nodiscard]] bool blocked() const;
+    /// Is the next move of every job its client's: to send data, to grant credit, to read?
+    [[nodiscard]] bool waits_for_client() const;
+    /// Bytes of --memory that its jobs and their answers have reserved.
+    [[nodiscard]] std::uint64_t held_bytes() const;
 
     /// The connection is gone: all jobs stop, nothing is sent any more.
     void abandon();
@@ -114,7 +117,6 @@ private:
         Budget::Lease input;  ///< of fed frames that are not free yet
         Priority priority = Priority::normal;
         Clock::time_point started;
-        Clock::time_point last_activity;  ///< data came, or a task ended
         Clock::time_point next_progress;
         std::optional<protocol::Error> error;  ///< why the job ends early
         std::optional<Task> parked;            ///< taken from the job, waits for room
@@ -127,6 +129,8 @@ private:
     using ActivePointer = std::shared_ptr<Active>;
 
     ActivePointer find(std::uint64_t id) const;
+    /// A place for the job, if need be that of a peer that pauses.
+    Reply<Admission::Slot> enter(JobRecord record);
     /// Without memory for `step` the job fails, as it would for lack of it in a task.
     template <class Step>
     void guarded(Active& active, Step step);

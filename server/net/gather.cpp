@@ -18,10 +18,11 @@ void Gather::load(std::deque<protocol::Frame>& outbox) {
         buffers_.emplace_back(headers_[i].data(), headers_[i].size());
         for (const protocol::Buffer* part : {&frame.control, &frame.bulk})
             if (part->size() != 0) buffers_.emplace_back(part->data(), part->size());
+        ends_[i] = buffers_.size();
     }
 }
 
-void Gather::consume(std::size_t bytes) {
+void Gather::skip(std::size_t bytes) {
     while (bytes != 0) {
         asio::const_buffer& front = buffers_[left_];
         const std::size_t part = std::min(bytes, front.size());
@@ -29,10 +30,12 @@ void Gather::consume(std::size_t bytes) {
         bytes -= part;
         if (front.size() == 0) ++left_;
     }
-    if (left_ < buffers_.size()) return;
+}
+
+void Gather::clear() {
     frames_.clear();
     buffers_.clear();
-    left_ = 0;
+    left_ = frames_left_ = 0;
 }
 
 }  // namespace raynest::server

@@ -25,6 +25,11 @@ constexpr int backlog = 128;
 /// When accepting fails (no file descriptors left), it is tried again after this time, doubling.
 constexpr milliseconds backoff_min{10};
 constexpr milliseconds backoff_max{1000};
+constexpr std::chrono::seconds log_period{1};
+
+Fd open_spare() {
+    return Fd(::open("/dev/null", O_RDONLY | O_CLOEXEC));
+}
 
 /// A socket that listens, not yet given to Asio.
 struct Bound {
@@ -126,6 +131,8 @@ Result<std::unique_ptr<Listener>> Listener::open(asio::io_context& io, const Add
     if (!bound) return tl::unexpected(bound.error());
     std::unique_ptr<Listener> listener(new Listener(io, std::move(on_accept)));
     listener->acceptor_.assign({bound->family, 0}, bound->descriptor);
+    listener->acceptor_.non_blocking(true);
+    listener->spare_ = open_spare();
     listener->uri_ = to_uri(bound->address);
     if (unix_address != nullptr) listener->socket_file_ = unix_address->path;
     return listener;
@@ -139,6 +146,28 @@ void Listener::close() {
     socket_file_.clear();
 }
 
+void Listener::hand_on(Socket socket, Descriptors descriptors) {
+    try {
+        on_accept_(std::move(socket), descriptors);
+    } catch (const std::bad_alloc&) {
+        log(LogLevel::error, "accept_failed", {{"listen", uri_}, {"reason", "out of memory"}});
+    }
+}
+
+bool Listener::accept_with_spare() {
+    if (spare_.get() < 0) return false;
+    spare_ = Fd();
+    SystemError error;
+    Socket socket = acceptor_.accept(error);
+    if (const auto now = Clock::now(); now - told_ >= log_period) {
+        told_ = now;
+        log(LogLevel::warn, "descriptors_used_up", {{"listen", uri_}});
+    }
+    if (!error) hand_on(std::move(socket), Descriptors::used_up);
+    spare_ = open_spare();
+    return !error;
+}
+
 void Listener::accept_next() {
     acceptor_.async_accept(
         [this](const SystemError& error, Socket socket) { accepted(error, std::move(socket)); });
@@ -148,13 +177,12 @@ void Listener::accepted(const SystemError& error, Socket socket) {
     if (!acceptor_.is_open()) return;
     if (!error) {
         backoff_ = milliseconds(0);
-        try {
-            on_accept_(std::move(socket));
-        } catch (const std::bad_alloc&) {
-            log(LogLevel::error, "accept_failed", {{"listen", uri_}, {"reason", "out of memory"}});
-        }
+        hand_on(std::move(socket), Descriptors::free);
         return accept_next();
     }
+    const bool used_up = error == boost::system::errc::too_many_files_open ||
+                         error == boost::system::errc::too_many_files_open_in_system;
+    if (used_up && accept_with_spare()) return accept_next();
     // Out of descriptors or memory: spinning would make it worse.
     backoff_ = std::clamp(2 * backoff_, backoff_min, backoff_max);
     if (backoff_ == backoff_max)

@@ -1,10 +1,12 @@
 // Accepts connections on one address and hands them on.
 #pragma once
 
+#include "engine/assets/child_process.h"
 #include "engine/result.h"
 #include "server/address.h"
 #include "server/net/asio.h"
 
+#include <chrono>
 #include <functional>
 #include <memory>
 #include <string>
@@ -14,7 +16,9 @@ namespace raynest::server {
 /// Io thread only; must stay until the io_context has run out of work.
 class Listener {
 public:
-    using OnAccept = std::function<void(Socket)>;
+    enum class Descriptors { free, used_up };
+    /// With used_up there is none left for another connection.
+    using OnAccept = std::function<void(Socket, Descriptors)>;
 
     /// Binds and listens; port 0 takes a free one. A Unix socket is made with mode 0600, and one
     /// that a dead daemon left there is replaced. io_failed says what is in the way.
@@ -32,19 +36,25 @@ public:
     [[nodiscard]] const std::string& uri() const { return uri_; }
 
 private:
+    using Clock = std::chrono::steady_clock;
     Listener(asio::io_context& io, OnAccept on_accept)
         : acceptor_(io),
           pause_(io),
           on_accept_(std::move(on_accept)) {}
     void accept_next();
     void accepted(const SystemError& error, Socket socket);
+    /// Takes the next connection with the spare descriptor; false where that does not go either.
+    bool accept_with_spare();
+    void hand_on(Socket socket, Descriptors descriptors);
 
     asio::basic_socket_acceptor<asio::generic::stream_protocol> acceptor_;
     asio::steady_timer pause_;
     std::chrono::milliseconds backoff_{0};
     OnAccept on_accept_;
     std::string uri_;
-    std::string socket_file_;  ///< of a Unix socket that we made
+    std::string socket_file_;   ///< of a Unix socket that we made
+    Fd spare_;                  ///< so that who comes while descriptors are used up can be told
+    Clock::time_point told_{};  ///< when the log last heard of that
 };
 
 }  // namespace raynest::server

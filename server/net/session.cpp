@@ -1,9 +1,9 @@
 #include "server/net/session.h"
 
+#include "protocol/keep_alive.h"
 #include "server/log.h"
+#include "server/net/lost_peer.h"
 
-#include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <sys/socket.h>
 
 #include <algorithm>
@@ -22,33 +22,14 @@ constexpr std::size_t read_bytes_max = 256 << 10;
 /// Of a bulk part so much is waited for at a time. A wakeup for every segment costs more than the
 /// segment: up to twice the CPU time of a stream, whenever the reader keeps up with the sender.
 constexpr std::size_t expected_bytes_max = 128 << 10;
-/// A bulk part moves its deadline with each of these: 64 KiB/s over bulk_ms_max.
-constexpr std::uint64_t bulk_checkpoint_bytes = 640ULL << 10;
 /// After the closing frame: time for the peer to read it and close.
 constexpr seconds linger_time{1};
 /// Before that: time for the outbox to leave.
 constexpr seconds flush_time{5};
-/// A peer that died without a word is noticed this much after the watchdog, which counts and logs
-/// one that lives and does not read, would have closed it.
-constexpr int keepalive_s = 15;
 /// What a waiting frame costs beside its bytes.
 constexpr std::uint64_t waiting_frame_bytes = 256;
 
 constexpr Clock::time_point never = Clock::time_point::max();
-
-/// Options that TCP needs and Unix sockets do not know: failures do not matter.
-void tune(Socket& socket, const protocol::Limits& limits) {
-    const auto set = [&](int level, int name, int value) {
-        (void)setsockopt(socket.native_handle(), level, name, &value, sizeof value);
-    };
-    set(IPPROTO_TCP, TCP_NODELAY, 1);
-    set(SOL_SOCKET, SO_KEEPALIVE, 1);
-    set(IPPROTO_TCP, TCP_KEEPIDLE, keepalive_s);
-    set(IPPROTO_TCP, TCP_KEEPINTVL, keepalive_s);
-    constexpr std::uint64_t most = 1ULL << 30;
-    set(IPPROTO_TCP, TCP_USER_TIMEOUT,
-        static_cast<int>(std::min(limits.idle_ms_max, most)) + 1000 * keepalive_s);
-}
 
 /// Of what waits and no credit bounds.
 std::uint64_t control_bytes(const protocol::Frame& frame) {
@@ -56,7 +37,23 @@ std::uint64_t control_bytes(const protocol::Frame& frame) {
     return waiting_frame_bytes + protocol::header_bytes + frame.control.size();
 }
 
+/// Progress comes by itself, whatever its reader does: it shows no life.
+bool shows_life(const protocol::Frame& frame) {
+    return frame.header.type != static_cast<std::uint16_t>(wire::Message::Progress);
+}
+
 }  // namespace
+
+void say_last(Socket& socket, const protocol::Error& error) {
+    const protocol::Frame frame = protocol::encode_error(0, error, true);
+    std::array<std::byte, protocol::header_bytes> header{};
+    protocol::write_header(frame.header, header);
+    const std::array<asio::const_buffer, 2> buffers = {
+        asio::buffer(header), asio::buffer(frame.control.data(), frame.control.size())};
+    SystemError ignored;
+    socket.non_blocking(true, ignored);
+    socket.write_some(buffers, ignored);
+}
 
 Session::Session(asio::io_context& io, Socket socket, std::string principal,
                  const Services& services, const Engine& engine, OnClosed on_closed)
@@ -69,9 +66,10 @@ Session::Session(asio::io_context& io, Socket socket, std::string principal,
       decoder_(services.limits),
       stage_(stage_bytes),
       conversation_(services, engine, *this, std::move(principal)),
-      read_deadline_(Clock::now() + milliseconds(services.limits.greeting_ms_max)),
-      close_deadline_(never) {
-    tune(socket_, services.limits);
+      greeting_deadline_(Clock::now() + milliseconds(services.limits.greeting_ms_max)),
+      close_deadline_(never),
+      moved_(Clock::now()) {
+    protocol::tune_tcp(socket_.native_handle());
     SystemError ignored;
     socket_.non_blocking(true, ignored);
     decoder_.set_frame_bytes_max(services.limits.greeting_bytes_max);
@@ -124,8 +122,41 @@ void Session::stop() {
     on_closed_(shared_from_this());
 }
 
+void Session::stop_if_lost() {
+    if (!open_ || !is_lost(socket_.native_handle())) return;
+    log(LogLevel::info, "lost", {{"principal", principal()}});
+    stop();
+}
+
+std::uint64_t Session::holds(Resource resource) const {
+    switch (resource) {
+        case Resource::connections:
+            return 1;
+        case Resource::jobs:
+            return conversation_.jobs();
+        case Resource::memory:
+            return conversation_.held_bytes();
+    }
+    return 0;
+}
+
+std::optional<Clock::time_point> Session::paused_since() const {
+    const bool is_its_turn = open_ && !reading_ && conversation_.greeted() &&
+                             !conversation_.closing() && conversation_.waits_for_client();
+    return is_its_turn ? std::optional(moved_) : std::nullopt;
+}
+
+void Session::give_way(const protocol::Error& why) {
+    if (!open_) return;
+    // Within a frame that its socket does not take no words would reach it.
+    if (backlog_ == 0) say_last(socket_, why);
+    stop();
+}
+
 void Session::send(protocol::Frame frame) {
     if (!open_) return;
+    // An answer that took long is not read yet: its reader's turn begins now.
+    if (backlog_ == 0 && !reading_ && shows_life(frame)) moved_ = Clock::now();
     const std::uint64_t bytes = frame.header.frame_bytes();
     outbox_.push_back(std::move(frame));
     backlog_ += bytes;
@@ -144,11 +175,8 @@ asio::awaitable<void> Session::read_frames() {
     SystemError error;
     while (open_ && !conversation_.closing()) {
         // Whoever does not read its answers gets no more of its requests read.
-        const Clock::time_point paused = Clock::now();
         while (open_ && crowded()) co_await wait(room_);
         if (!open_) co_return;
-        // What we did not read was not late.
-        if (read_deadline_ != never) read_deadline_ += Clock::now() - paused;
         co_await read_some(error);
         if (error) break;
     }
@@ -177,7 +205,6 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
     take_frames(std::span<const std::byte>(stage).first(got - direct));
     reading_ = false;
     write_at_once();
-    move_read_deadline(got);
     settle();
 }
 
@@ -189,37 +216,20 @@ void Session::expect(std::size_t bytes) {
 }
 
 void Session::take_frames(std::span<const std::byte> bytes) {
+    bool moved = false;
     do {
         const auto taken = decoder_.feed(bytes);
         if (!taken) return conversation_.give_up(taken.error());
         bytes = bytes.subspan(*taken);
         if (decoder_.complete()) {
+            if (!std::exchange(moved, true)) moved_ = Clock::now();
             conversation_.receive(decoder_.take());
-            if (conversation_.greeted()) {
+            if (greeting_deadline_ != never && conversation_.greeted()) {
+                greeting_deadline_ = never;
                 decoder_.set_frame_bytes_max(services_.limits.frame_bytes_max);
-                // The next frame has its own time, also where it began in these bytes.
-                read_deadline_ = never;
-                checkpoint_bytes_ = 0;
             }
         }
     } while (open_ && !conversation_.closing() && !bytes.empty());
-}
-
-void Session::move_read_deadline(std::size_t got) {
-    if (!conversation_.greeted()) return;
-    const bool in_bulk = decoder_.in_bulk();
-    if (!in_bulk) checkpoint_bytes_ = 0;
-    if (decoder_.idle()) {
-        read_deadline_ = never;
-    } else if (in_bulk) {
-        const bool first = std::exchange(checkpoint_bytes_, checkpoint_bytes_ + got) == 0;
-        if (first || checkpoint_bytes_ >= bulk_checkpoint_bytes) {
-            read_deadline_ = Clock::now() + milliseconds(services_.limits.bulk_ms_max);
-            checkpoint_bytes_ = 1;
-        }
-    } else if (read_deadline_ == never) {
-        read_deadline_ = Clock::now() + milliseconds(services_.limits.header_ms_max);
-    }
 }
 
 asio::awaitable<void> Session::linger() {
@@ -235,25 +245,20 @@ asio::awaitable<void> Session::linger() {
 // ---- writer -------------------------------------------------------------------------------------
 
 bool Session::gather() {
-    if (gather_.empty() && !outbox_.empty()) {
-        gather_.load(outbox_);
-        gathered_control_ = 0;
-        for (const protocol::Frame& frame : gather_.frames())
-            gathered_control_ += control_bytes(frame);
-        write_started_ = Clock::now();
-    }
+    if (gather_.empty() && !outbox_.empty()) gather_.load(outbox_);
     return !gather_.empty();
 }
 
 void Session::sent(std::size_t bytes) {
     services_.metrics.bytes_sent += bytes;
     backlog_ -= bytes;
-    write_started_ = Clock::now();
-    const std::size_t frames = gather_.frames().size();
-    gather_.consume(bytes);
-    if (!gather_.empty()) return;
-    services_.metrics.frames_sent += frames;
-    control_backlog_ -= std::exchange(gathered_control_, 0);
+    bool moved = false;
+    gather_.consume(bytes, [&](const protocol::Frame& frame) {
+        ++services_.metrics.frames_sent;
+        control_backlog_ -= control_bytes(frame);
+        moved = moved || shows_life(frame);
+    });
+    if (moved) moved_ = Clock::now();
 }
 
 void Session::write_at_once() {
@@ -318,38 +323,18 @@ bool Session::crowded() const {
            control_backlog_ >= services_.limits.waiting_control_bytes_max;
 }
 
-Clock::time_point Session::read_deadline() const {
-    return crowded() ? never : read_deadline_;
-}
-
-Clock::time_point Session::write_deadline() const {
-    if (!writing_) return never;
-    const bool holds_up = crowded() || conversation_.runner().blocked();
-    const protocol::Limits& limits = services_.limits;
-    return write_started_ +
-           milliseconds(holds_up ? limits.slow_consumer_ms_max : limits.idle_ms_max);
-}
-
 Clock::time_point Session::next_deadline() const {
     if (conversation_.closing()) return close_deadline_;
-    return std::min({read_deadline(), conversation_.runner().next_tick(), write_deadline()});
+    return std::min(greeting_deadline_, conversation_.runner().next_tick());
 }
 
 void Session::expire(Clock::time_point now) {
     if (now >= close_deadline_) return stop();
     if (conversation_.closing()) return;
-    if (now >= write_deadline()) {
-        // Its socket is full: no words would reach it.
-        ++services_.metrics.slow_consumers;
-        log(LogLevel::warn, "slow_consumer", {{"backlog_bytes", std::to_string(backlog_)}});
-        return stop();
-    }
     conversation_.runner().tick(now);
-    if (now >= read_deadline()) {
+    if (now >= greeting_deadline_) {
         ++services_.metrics.timeouts;
-        conversation_.give_up(
-            {Code::deadline,
-             conversation_.greeted() ? "a frame came too slowly" : "no Hello came in time", 0});
+        conversation_.give_up({Code::deadline, "no Hello came in time", 0});
     }
     settle();
 }

@@ -1,10 +1,11 @@
 // One connection: a reader, a writer and a watchdog coroutine around a Conversation.
 //
 //   socket ──reader──► FrameDecoder ──► Conversation ──► outbox ──writer──► socket
-//                          watchdog: deadlines of both, ticks of the jobs
+//                          watchdog: ticks of the jobs, deadlines of the greeting and the end
 //
 // All on one single-threaded io_context. The coroutines share this object and end when `open_`
 // turns false; waiting is a timer that others cancel (one waiter each, the predicate tested again).
+// Between greeting and end a peer may take its time, until somebody needs its place (jobs/peers.h).
 #pragma once
 
 #include "protocol/frame.h"
@@ -15,12 +16,16 @@
 #include <deque>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 namespace raynest::server {
 
-class Session final : public Sink, public std::enable_shared_from_this<Session> {
+/// The last words into a socket for which nothing waits: they fit, or they do not matter.
+void say_last(Socket& socket, const protocol::Error& error);
+
+class Session final : public Sink, public Peer, public std::enable_shared_from_this<Session> {
 public:
     using OnClosed = std::function<void(const std::shared_ptr<Session>&)>;
 
@@ -36,6 +41,15 @@ public:
     void give_up();
     /// Closes at once. Idempotent.
     void stop();
+    /// Closes where the peer's machine or network is gone.
+    void stop_if_lost();
+
+    [[nodiscard]] const std::string& principal() const override {
+        return conversation_.principal();
+    }
+    [[nodiscard]] std::uint64_t holds(Resource resource) const override;
+    [[nodiscard]] std::optional<Clock::time_point> paused_since() const override;
+    void give_way(const protocol::Error& why) override;
 
     void send(protocol::Frame frame) override;
     [[nodiscard]] std::uint64_t backlog() const override { return backlog_; }
@@ -61,16 +75,10 @@ private:
 
     /// Hands complete frames on; false when framing is lost.
     void take_frames(std::span<const std::byte> bytes);
-    void move_read_deadline(std::size_t got);
     /// After anything that may have moved a deadline or closed the conversation.
     void settle();
     /// Do so many answers wait that no more requests are read?
     [[nodiscard]] bool crowded() const;
-    /// When the frame on its way must be here; while we do not read, there is no hurry.
-    [[nodiscard]] Clock::time_point read_deadline() const;
-    /// When a peer that does not read is given up; soon where it holds things up. Never while
-    /// nothing waits for the socket: then tasks are slow.
-    [[nodiscard]] Clock::time_point write_deadline() const;
     [[nodiscard]] Clock::time_point next_deadline() const;
     void expire(Clock::time_point now);
 
@@ -84,15 +92,13 @@ private:
     std::vector<std::byte> stage_;
     std::deque<protocol::Frame> outbox_;
     Gather gather_;
-    std::uint64_t backlog_ = 0;           ///< bytes in the outbox and in the gather
-    std::uint64_t control_backlog_ = 0;   ///< of them, what is no bulk, with its cost in memory
-    std::uint64_t gathered_control_ = 0;  ///< of that, in the gather
+    std::uint64_t backlog_ = 0;          ///< bytes in the outbox and in the gather
+    std::uint64_t control_backlog_ = 0;  ///< of them, what is no bulk, with its cost in memory
     Conversation conversation_;
-    Clock::time_point read_deadline_;     ///< of the frame that is on its way
-    Clock::time_point write_started_;     ///< of the gather, or when some of it left
-    Clock::time_point close_deadline_;    ///< once the conversation is closing
-    std::size_t expected_ = 1;            ///< bytes that wake the reader up
-    std::uint64_t checkpoint_bytes_ = 0;  ///< of a bulk part, since its deadline last moved
+    Clock::time_point greeting_deadline_;
+    Clock::time_point close_deadline_;  ///< once the conversation is closing
+    Clock::time_point moved_;           ///< when a whole frame last came or left
+    std::size_t expected_ = 1;          ///< bytes that wake the reader up
     bool open_ = true;
     bool reading_ = false;  ///< frames that came are being handled
     bool writing_ = false;  ///< the writer waits for the socket

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <memory>
 #include <thread>
+#include <utility>
 
 namespace raynest::test {
 namespace {
@@ -47,14 +48,17 @@ void read_slowly(Peer& peer, bool drips, const std::atomic<bool>& over) {
     while (drips && !over && peer.receive_some(256)) std::this_thread::sleep_for(pause);
 }
 
-/// Closes slow readers long before patience ends.
+constexpr std::size_t slow_clients = sanitized ? 10 : 50;
+
+/// Has a place for the slow ones and for `peer`.
 struct ServedInHaste : Served {
-    ServedInHaste() : Served({"--slow_consumer_ms_max", "2000"}) {}
+    ServedInHaste()
+        : Served({"--give_way_ms", "300", "--connections_max", std::to_string(slow_clients + 1)}) {}
 };
 
 TEST_CASE_FIXTURE(ServedInHaste,
-                  "fifty slow readers of 100 MB cost two windows each, and are closed") {
-    constexpr std::size_t clients = sanitized ? 10 : 50;
+                  "fifty slow readers of 100 MB cost two windows each, and give way to newcomers") {
+    constexpr std::size_t clients = slow_clients;
     const Baseline baseline(*this);
     const std::uint64_t before = daemon.resident_bytes();
     wire::HelloT hello;
@@ -72,20 +76,35 @@ TEST_CASE_FIXTURE(ServedInHaste,
         readers.emplace_back(read_slowly, std::ref(*slow.back()), i % 2 == 0, std::cref(over));
     }
     std::size_t meanwhile = 0;
-    CHECK(eventually([&] {
+    double traced = -1;
+    CHECK(eventually([&] {  // until no more fits into their windows
         std::this_thread::sleep_for(pause);
+        const double before_request = counter(peer, "rays");
         meanwhile += served(peer);
-        return counter(peer, "slow_consumers") == clients;
+        return std::exchange(traced, counter(peer, "rays")) == before_request;
     }));
+    CHECK(counter(peer, "gave_way_connections") == 0);
+    std::vector<std::unique_ptr<Peer>> newcomers;
+    CHECK(eventually([&] {
+        CHECK(peer.answers());  // this one does not pause
+        auto newcomer = std::make_unique<Peer>(daemon);
+        if (!newcomer->say(0, wire::HelloT{})) return false;
+        const auto frame = newcomer->read();
+        if (frame && protocol::open<wire::Welcome>(*frame))
+            newcomers.push_back(std::move(newcomer));
+        return newcomers.size() == clients;
+    }));
+    CHECK(counter(peer, "gave_way_connections") == clients);
     over = true;
     for (std::thread& reader : readers) reader.join();
     CHECK(meanwhile >= 1);
+    newcomers.clear();
     const std::uint64_t growth = daemon.resident_bytes_max() - before;
     if (!sanitized) CHECK(growth < clients * 2 * protocol::Limits{}.window_bytes * 11 / 10);
     slow.clear();
     baseline.check(*this);
     tally("slow readers of 100 MB", clients,
-          "closed as slow consumers, " + std::to_string(growth >> 20) + " MiB at most, " +
+          "gave way to newcomers, " + std::to_string(growth >> 20) + " MiB at most, " +
               std::to_string(meanwhile) + " requests of another client served meanwhile");
 }
 

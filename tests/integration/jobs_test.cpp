@@ -206,7 +206,7 @@ TEST_CASE_FIXTURE(Served, "of frames of rays that wait, their rays alone take me
 }
 
 TEST_CASE("answers that nobody reads stay within --memory, after their jobs too") {
-    Served house({"--memory", "64M"});
+    Served house({"--memory", "64M", "--give_way_ms", "600000"});
     const std::uint64_t before = house.daemon.resident_bytes();
     wire::QueryT query = query_of(0);
     query.kind = "null";
@@ -279,24 +279,6 @@ TEST_CASE_FIXTURE(Served, "SIGTERM lets running jobs end, refuses new ones, and 
     CHECK(peer.read_error() == Code::draining);
     CHECK(peer.ends());
     CHECK(daemon.wait() == 0);
-}
-
-TEST_CASE("rays that stop in the middle of a frame end the connection, whatever came before them") {
-    const Daemon daemon({"--bulk_ms_max", "700"});
-    Peer peer(daemon);
-    peer.greet();
-    load_scene(peer);
-    REQUIRE(peer.say(5, query_of(2 * chunk)));
-    const protocol::Frame whole = rays_frame(5, 0, chunk);
-    const protocol::Frame cut = rays_frame(5, chunk, chunk);
-    // One write, so that the end of the first frame and the start of the second come together.
-    std::vector<std::byte> bytes = golden::wire_bytes(whole);
-    const std::vector<std::byte> more = golden::wire_bytes(cut);
-    bytes.insert(bytes.end(), more.begin(), more.end());
-    bytes.resize(bytes.size() - cut.bulk.size() + 100);
-    REQUIRE(peer.send(std::span<const std::byte>(bytes)));
-    CHECK(peer.read_error() == Code::deadline);
-    CHECK(peer.ends());
 }
 
 TEST_CASE_FIXTURE(Served, "a second SIGTERM ends the daemon at once with code 3") {

@@ -107,44 +107,24 @@ TEST_CASE("a request before the greeting ends the connection") {
     CHECK(peer.ends());
 }
 
-TEST_CASE("silence before the greeting, and half a header after it, end in time") {
+TEST_CASE("silence before the greeting ends in time, also when it is broken byte by byte") {
     const Daemon daemon;
     Peer silent(daemon);
-    Peer half(daemon);
-    half.greet();
-    half.send(std::string_view("RYN1half a head"));
-    CHECK(silent.read_error() == Code::deadline);
-    CHECK(silent.ends());
-    CHECK(half.read_error() == Code::deadline);
-    CHECK(half.ends());
-    tally("silence before Hello, half a header after it", 2, "closed with DEADLINE");
-}
-
-TEST_CASE("frames that follow each other without a pause have their own time each") {
-    const Daemon daemon;
-    // Whenever the daemon looks half a frame is there, for longer than one frame may take.
-    const std::vector<std::byte> ping =
-        golden::wire_bytes(protocol::encode(1, wire::PingT{}).value());
-    const auto half = std::span(ping).first(ping.size() / 2);
-    const auto rest = std::span(ping).subspan(half.size());
-    std::vector<std::byte> both(rest.begin(), rest.end());
-    both.insert(both.end(), half.begin(), half.end());
-    CHECK(eventually([&] {
-        Peer peer(daemon);
-        peer.greet();
-        bool served = peer.send(half);
-        auto pause_max = Clock::duration::zero();
-        for (int i = 0; served && i < 6; ++i) {
-            const auto start = Clock::now();
-            std::this_thread::sleep_for(std::chrono::seconds(1));
-            served = peer.send(both) && peer.pongs();
-            pause_max = std::max(pause_max, Clock::now() - start);
-        }
-        // One frame takes too long where this test gets no processor for that time: once more.
-        if (!served)
-            CHECK(pause_max >= std::chrono::milliseconds(protocol::Limits{}.header_ms_max));
-        return served;
-    }));
+    Peer dripping(daemon);
+    const std::vector<std::byte> hello =
+        golden::wire_bytes(protocol::encode(0, wire::HelloT{}).value());
+    const auto begin = Clock::now();
+    const std::chrono::milliseconds most(protocol::Limits{}.greeting_ms_max);
+    for (std::size_t i = 0; i + 1 < hello.size() && Clock::now() < begin + most; ++i) {
+        if (!dripping.send(std::span(hello).subspan(i, 1))) break;
+        std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    }
+    for (Peer* peer : {&silent, &dripping}) {
+        CHECK(peer->read_error() == Code::deadline);
+        CHECK(peer->ends());
+    }
+    CHECK(Clock::now() >= begin + most);
+    tally("silence before Hello, and single bytes of it", 2, "closed with DEADLINE");
 }
 
 TEST_CASE_FIXTURE(Served, "an announced bulk part costs no memory until it comes") {

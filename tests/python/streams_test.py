@@ -7,12 +7,13 @@ break, by an exception, by Ctrl-C, by its deadline.
 import os
 import signal
 import threading
+import time
 
 import numpy as np
 
 import raynest
 from raynest import generators
-from daemon import PATIENCE, until
+from daemon import PATIENCE, Daemon, until
 from with_daemon import FIELDS, WithDaemon, main, rain
 
 # Minutes of work, in pieces that are soon told to stop.
@@ -67,6 +68,28 @@ class Streams(WithDaemon):
         self.assertEqual(stats["jobs_cancelled"], cancelled + 1)
         self.assertEqual(stats["jobs_ended"], stats["jobs_started"])
         self.assertEqual(len(self.woods.trace(rain(5))["t"]), 5)
+
+    def test_a_loop_that_thinks_between_chunks_goes_on(self):
+        daemon = Daemon(self.raynestd, "--give_way_ms", "50")
+        self.addCleanup(daemon.stop)
+        rays = rain(400000)
+        with raynest.connect(daemon.uri) as thinker, raynest.connect(daemon.uri) as other:
+            woods = thinker.load("builtin:forest?trees=20", "woods")
+            whole = woods.trace(rays, fields=FIELDS)
+            stream = woods.stream(rays, fields=FIELDS)
+            chunks = [next(stream)]
+            before = -1  # until the daemon has no more room for answers
+            while (traced := other.stats()["rays"]) != before:
+                before = traced
+                end = time.monotonic() + 0.1
+                while time.monotonic() < end:
+                    other.ping()
+            self.assertEqual(other.stats()["gave_way_connections"], 0)
+            chunks.extend(stream)
+        self.assertEqual(sum(len(columns["t"]) for _, columns in chunks), len(rays))
+        for first, columns in chunks:
+            part = slice(first, first + len(columns["t"]))
+            self.same(columns, {name: column[part] for name, column in whole.items()})
 
     def test_an_open_stream_keeps_the_connection(self):
         stream = self.woods.stream(rain(200000))

@@ -32,6 +32,14 @@ def _connect_unix(path: str, seconds_max: float) -> socket.socket:
     return opened
 
 
+def _keep_alive(opened: socket.socket) -> None:
+    """A daemon whose machine is gone is noticed after 25 s, as protocol/keep_alive.h has it."""
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
+        if hasattr(socket, name):  # not every system has all of them
+            opened.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+
+
 def _connect_tcp(uri: str, seconds_max: float) -> socket.socket:
     address = _TCP.fullmatch(uri)
     if address is None:
@@ -41,5 +49,5 @@ def _connect_tcp(uri: str, seconds_max: float) -> socket.socket:
         raise errors.UsageError(f"{uri!r} needs a port from 1 to 65535")
     opened = socket.create_connection((host, port), seconds_max)
     opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    opened.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    _keep_alive(opened)
     return opened

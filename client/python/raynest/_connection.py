@@ -40,6 +40,8 @@ TICK_MS = 100
 # What follows these is more of the same answer; every other frame ends its request.
 CONTINUED = {"Started", "Chunk", "Progress", "Picture", "Credit", "Need"}
 BUFFERS_MAX = 64  # of one system call
+# Where the daemon could not say why: within an answer that was not read.
+CUT_SHORT = " within an answer: the daemon ended, or this reader paused and gave way to another client"
 
 Frame = tuple[str, Message]
 # Says where the blocks of a frame go: one array for each, of exactly its bytes.
@@ -263,8 +265,9 @@ class Connection:
                     return frame
 
     def _finish_frame(self, place: Place) -> list[Frame]:
-        """Sends the rest of a frame that was begun: whoever pauses in the middle of one reads as a
-        slow client. What comes meanwhile is read, or both ends might wait for the other."""
+        """Sends the rest of a frame that was begun: a pause in the middle of one is the client's,
+        and the first to give way. What comes meanwhile is read, or both ends might wait for the
+        other."""
         frames: list[Frame] = []
         self._flush()
         while self._begun and self._running:
@@ -296,8 +299,8 @@ class Connection:
         return name, message
 
     def _end(self, closing: bool) -> None:
-        """The request is over. Frames that wait are of no use any more, but half a frame would
-        read as a slow client."""
+        """The request is over. Frames that wait are of no use any more, but the daemon waits for the
+        rest of half a frame."""
         self._running = False
         if closing:
             return self.close()
@@ -333,7 +336,7 @@ class Connection:
                                        "longer deadline, or ask for less", "DEADLINE")
 
     def _read_frame(self, place: Place) -> tuple[Header, str, Message]:
-        header = read_header(self._receive_bytes(HEADER.size))
+        header = read_header(self._receive_bytes(HEADER.size, within=False))
         control = self._receive_bytes(header.control_bytes)
         name = SCHEMA.names.get(header.type, "")
         if header.request_id not in (0, self._id) or not name:
@@ -396,9 +399,9 @@ class Connection:
                 self._outbox.popleft()
                 self._begun = False
 
-    def _receive_bytes(self, count: int) -> bytes:
+    def _receive_bytes(self, count: int, within: bool = True) -> bytes:
         data = bytearray(count)
-        self._receive([memoryview(data)] if count else [])
+        self._receive([memoryview(data)] if count else [], within)
         return bytes(data)
 
     def _skip(self, count: int) -> None:
@@ -407,8 +410,8 @@ class Connection:
             self._receive([memoryview(self._scrap)[:part]])
             count -= part
 
-    def _receive(self, views: list[memoryview]) -> None:
-        """Fills all of `views`, in order, none of them empty."""
+    def _receive(self, views: list[memoryview], within: bool = True) -> None:
+        """Fills all of `views`, in order, none of them empty; `within` a frame or at its begin."""
         first = 0
         while first < len(views):
             try:
@@ -417,7 +420,8 @@ class Connection:
                 count = -1
             except OSError as error:
                 self._check_open()
-                raise errors.FailedError(f"the connection broke: {error.strerror}") from None
+                raise errors.FailedError(f"the connection broke: {error.strerror}"
+                                         + within * CUT_SHORT) from None
             if count < 0:
                 self._look_around()
                 self._poll.modify(self._socket, select.POLLIN)
@@ -425,7 +429,7 @@ class Connection:
                 continue
             if count == 0:
                 self._check_open()
-                raise errors.FailedError("the daemon closed the connection")
+                raise errors.FailedError("the daemon closed the connection" + within * CUT_SHORT)
             while first < len(views) and count >= len(views[first]):
                 count -= len(views[first])
                 first += 1

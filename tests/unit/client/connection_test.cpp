@@ -158,6 +158,20 @@ TEST_CASE("a daemon that goes away is a failure, not a hang") {
     CHECK(info.error().message == "the daemon closed the connection");
 }
 
+TEST_CASE("a daemon that goes away within an answer may have wanted the reader's place") {
+    FakeDaemon daemon([](Peer& peer) {
+        peer.welcome();
+        peer.receive();
+        peer.send_bytes(std::vector<std::byte>(7));
+    });
+    const auto connection = Connection::open(daemon.uri(), "");
+    REQUIRE(connection);
+    const auto info = client::ask<wire::SceneInfo>(**connection, info_request());
+    REQUIRE(!info);
+    CHECK(info.error().exit == Exit::failed);
+    CHECK(info.error().message.find("gave way") != std::string::npos);
+}
+
 TEST_CASE("consumed bulk is granted again before the window is used up") {
     constexpr std::uint64_t piece = 1U << 20;
     std::uint64_t granted = 0;

@@ -66,6 +66,7 @@ public:
     Metrics metrics;
     Admission admission{limits};
     Budget budget{1ULL << 30};
+    Peers peers{limits, budget, metrics};
     BriefTurn brief_turn;
     Coalescer coalescer;
     std::uint64_t waiting = 0;
@@ -93,7 +94,8 @@ public:
                   },
                   budget,
                   brief_turn,
-                  coalescer};
+                  coalescer,
+                  peers};
     std::shared_ptr<Runner> runner = std::make_shared<Runner>(engine, *this, "me");
 };
 

@@ -172,8 +172,8 @@ TEST_CASE("what a GPU gives up has all of the CPU, and the GPU is free for other
     Bench bench;
     Workers compute(6);
     const Engine& of = bench.engine;
-    const Engine engine{compute,   of.blocking, of.device, of.admission,  of.metrics,
-                        of.limits, of.post,     of.budget, of.brief_turn, of.coalescer};
+    const Engine engine{compute, of.blocking, of.device,     of.admission, of.metrics, of.limits,
+                        of.post, of.budget,   of.brief_turn, of.coalescer, of.peers};
     const auto runner = std::make_shared<Runner>(engine, bench, "me");
     int handed_out = 0;
     std::atomic<bool> release{false};
@@ -195,7 +195,7 @@ TEST_CASE("never more bytes than the client's credit, and every grant is used") 
     REQUIRE(bench.runner->start(1, accept(std::make_unique<ScriptedJob>(5, bytes))));
     // 1 MiB of credit holds two answers of 400 KiB.
     REQUIRE(bench.run_until([&] { return bench.count(wire::Message::Chunk) == 2; }));
-    CHECK_FALSE(bench.runner->blocked());
+    CHECK(bench.runner->waits_for_client());
     for (std::size_t answers = 3; answers <= 5; ++answers) {
         bench.runner->grant(1, bytes);
         REQUIRE(bench.run_until([&] { return bench.count(wire::Message::Chunk) == answers; }));
@@ -208,7 +208,7 @@ TEST_CASE("a full connection parks its jobs until bytes leave") {
     bench.waiting = bench.limits.window_bytes;
     REQUIRE(bench.runner->start(1, accept(std::make_unique<ScriptedJob>(3, 1000))));
     CHECK(bench.sent.empty());
-    CHECK(bench.runner->blocked());
+    CHECK(bench.runner->waits_for_client());
     bench.waiting = 0;
     bench.runner->pump();
     REQUIRE(bench.run_until_idle());
@@ -302,18 +302,72 @@ TEST_CASE("an expired job in the queue is never run") {
     CHECK(ran == 0);
 }
 
-TEST_CASE("a job whose client does nothing for a minute ends") {
+TEST_CASE("a job waits for its client as long as it takes, and reports to one that reads") {
     Bench bench;
     class Waiting final : public Job {
         std::optional<Task> next() override { return std::nullopt; }
         [[nodiscard]] bool finished() const override { return false; }
+        [[nodiscard]] bool needs_input() const override { return true; }
+        [[nodiscard]] std::optional<Progress> progress() const override { return Progress{}; }
         Frames farewell() override { return {}; }
     };
     REQUIRE(bench.runner->start(1, accept(std::make_unique<Waiting>())));
-    bench.runner->tick(Clock::now() + seconds(59));
+    const Clock::time_point begin = Clock::now();
+    bench.runner->tick(begin + std::chrono::hours(1));
+    CHECK(bench.count(wire::Message::Progress) == 1);
+    bench.waiting = 1;
+    bench.runner->tick(begin + std::chrono::hours(2));
+    CHECK(bench.count(wire::Message::Progress) == 1);
     CHECK(bench.runner->size() == 1);
-    bench.runner->tick(Clock::now() + seconds(61));
-    CHECK(bench.error() == Code::deadline);
+    CHECK(bench.runner->waits_for_client());
+    CHECK_FALSE(bench.error());
+    bench.runner->cancel(1);
+}
+
+/// A connection that has paused since the clock began.
+class Pausing final : public Peer {
+public:
+    Pausing(Engine& engine, Runner& runner) : engine_(engine), runner_(runner) {
+        engine_.peers.join(*this);
+    }
+    ~Pausing() { engine_.peers.leave(*this); }
+    [[nodiscard]] const std::string& principal() const override { return principal_; }
+    [[nodiscard]] std::uint64_t holds(Resource resource) const override {
+        return resource == Resource::memory ? runner_.held_bytes() : runner_.size();
+    }
+    [[nodiscard]] std::optional<Clock::time_point> paused_since() const override {
+        return runner_.waits_for_client() ? std::optional(Clock::time_point()) : std::nullopt;
+    }
+    void give_way(const protocol::Error& /*why*/) override {
+        engine_.peers.leave(*this);
+        runner_.abandon();
+    }
+
+private:
+    Engine& engine_;
+    Runner& runner_;
+    const std::string principal_ = "other";
+};
+
+TEST_CASE("a full daemon takes the places and the memory of jobs that wait for their client") {
+    Bench bench;
+    const auto other = std::make_shared<Runner>(bench.engine, bench, "other");
+    Pausing pausing(bench.engine, *other);
+    Accepted large = accept(std::make_unique<ScriptedJob>(1, 10));
+    large.answer_bytes = bench.limits.window_bytes;
+    REQUIRE(other->start(1, std::move(large)));  // it grants no credit
+    for (std::uint64_t id = 2; id <= bench.limits.total_jobs_max; ++id)
+        REQUIRE(other->start(id, accept(std::make_unique<ScriptedJob>(1, 10))));
+    CHECK(other->held_bytes() == bench.limits.window_bytes);
+    auto rest = bench.budget.reserve(bench.budget.limit() - bench.budget.used());
+    Accepted newcomer = accept(std::make_unique<ScriptedJob>(1, 10));
+    newcomer.answer_bytes = bench.limits.window_bytes;
+    REQUIRE(bench.runner->start(1, std::move(newcomer)));
+    CHECK(bench.metrics.gave_way_jobs == 1);
+    CHECK(other->size() == 0);
+    CHECK(other->held_bytes() == 0);
+    REQUIRE(bench.run_until_idle());
+    CHECK(bench.count(wire::Message::Done) == 1);
 }
 
 TEST_CASE("a full daemon says BUSY and when to come back") {

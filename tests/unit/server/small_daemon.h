@@ -55,6 +55,7 @@ public:
     const std::shared_ptr<const Registry> registry = Registry::load({}).value();
     server::Metrics metrics;
     server::Budget budget{1 << 26};
+    server::Peers peers{limits, budget, metrics};
     server::SceneStore scenes{budget};
     server::Admission admission{limits};
     server::BriefTurn brief_turn;
@@ -64,7 +65,7 @@ public:
     std::vector<protocol::Frame> sent;
     std::deque<std::function<void()>> posted;
     server::Services services{*registry, scenes, budget,    metrics,  limits, {},
-                              {},        {},     admission, detached, nullptr};
+                              {},        {},     admission, detached, peers,  nullptr};
     server::Workers compute{0};
     server::Workers blocking{0};
     server::Workers device{0};
@@ -77,7 +78,8 @@ public:
                           [this](std::function<void()> done) { posted.push_back(std::move(done)); },
                           budget,
                           brief_turn,
-                          coalescer};
+                          coalescer,
+                          peers};
     server::DetachedJobs detached{engine, [] {}};
 };
 

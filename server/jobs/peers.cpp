@@ -1,0 +1,131 @@
+#include "server/jobs/peers.h"
+
+#include "server/log.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+struct Shortage {
+    std::string_view name;
+    std::string_view text;
+    Metrics::Counter Metrics::*gave_way;
+};
+
+const Shortage& shortage(Resource resource) {
+    static constexpr std::array<Shortage, 3> table = {{
+        {"connections", "has no free connections", &Metrics::gave_way_connections},
+        {"jobs", "takes no more requests", &Metrics::gave_way_jobs},
+        {"memory", "has no free memory", &Metrics::gave_way_memory},
+    }};
+    return table[static_cast<std::size_t>(resource)];
+}
+
+std::string seconds_of(Clock::duration time) {
+    return std::to_string(std::chrono::duration_cast<std::chrono::seconds>(time).count());
+}
+
+}  // namespace
+
+void Peers::join(Peer& peer) {
+    if (peers_[peer.principal()].insert(&peer).second) ++size_;
+}
+
+void Peers::leave(Peer& peer) {
+    const auto of = peers_.find(peer.principal());
+    if (of == peers_.end() || of->second.erase(&peer) == 0) return;
+    --size_;
+    if (of->second.empty()) peers_.erase(of);
+}
+
+std::size_t Peers::size_of(const std::string& principal) const {
+    const auto of = peers_.find(principal);
+    return of == peers_.end() ? 0 : of->second.size();
+}
+
+std::optional<Clock::duration> Peers::paused(const Peer& peer, Clock::time_point now) const {
+    const auto since = peer.paused_since();
+    if (!since || now - *since < std::chrono::milliseconds(limits_.give_way_ms))
+        return std::nullopt;
+    return now - *since;
+}
+
+Peers::Choice Peers::choose(Resource resource, const std::string& newcomer, Whose whose) const {
+    const Clock::time_point now = now_();
+    const auto held_by = [&](const std::set<Peer*>& peers) {
+        std::uint64_t sum = 0;
+        for (const Peer* peer : peers) sum += peer->holds(resource);
+        return sum;
+    };
+    const auto own = peers_.find(newcomer);
+    const std::uint64_t newcomer_holds = own == peers_.end() ? 0 : held_by(own->second);
+    Choice choice;
+    std::uint64_t most = 0;
+    for (const auto& [principal, peers] : peers_) {
+        const bool is_own = principal == newcomer;
+        if (!is_own && whose == Whose::own) continue;
+        const std::uint64_t held = is_own ? newcomer_holds : held_by(peers);
+        if (held < newcomer_holds) continue;
+        Choice of;
+        for (Peer* peer : peers) {
+            const std::uint64_t bytes = peer->holds(resource);
+            const auto time = bytes == 0 ? std::nullopt : paused(*peer, now);
+            if (!time) continue;
+            choice.held += bytes;
+            if (of.peer == nullptr || *time > of.paused) of.peer = peer, of.paused = *time;
+        }
+        if (of.peer == nullptr || (choice.peer != nullptr && held <= most)) continue;
+        most = held;
+        choice.peer = of.peer;
+        choice.paused = of.paused;
+    }
+    return choice;
+}
+
+bool Peers::make_room(Resource resource, const std::string& newcomer, std::uint64_t amount,
+                      Whose whose) {
+    const Shortage& what = shortage(resource);
+    for (bool first = true; amount != 0; first = false) {
+        const Choice choice = choose(resource, newcomer, whose);
+        // As long as it is not enough, nobody goes for nothing.
+        if (choice.peer == nullptr || (first && choice.held < amount)) return false;
+        const std::uint64_t held = choice.peer->holds(resource);
+        log(LogLevel::warn, "gave_way",
+            {{"principal", choice.peer->principal()},
+             {"short", std::string(what.name)},
+             {"held", std::to_string(held)},
+             {"paused_s", seconds_of(choice.paused)},
+             {"newcomer", newcomer}});
+        ++(metrics_.*what.gave_way);
+        choice.peer->give_way(
+            {Code::slow_consumer,
+             "nothing moved on this connection for " + seconds_of(choice.paused) +
+                 " s and the daemon " + std::string(what.text) +
+                 ": it gave way to a newcomer; read answers as they come, or ask again later",
+             0});
+        amount -= std::min(amount, held);
+    }
+    return true;
+}
+
+void Peers::make_memory(std::uint64_t bytes, const std::string& newcomer) {
+    const std::uint64_t free = budget_.limit() - budget_.used();
+    if (bytes > free) static_cast<void>(make_room(Resource::memory, newcomer, bytes - free));
+}
+
+void Peers::dismiss() {
+    const Clock::time_point now = now_();
+    std::vector<Peer*> paused_ones;
+    for (const auto& [principal, peers] : peers_)
+        for (Peer* peer : peers)
+            if (paused(*peer, now)) paused_ones.push_back(peer);
+    for (Peer* peer : paused_ones) peer->give_way({Code::draining, "", 0});
+}
+
+}  // namespace raynest::server
