@@ -4,6 +4,7 @@
 #include "engine/result.h"
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -18,6 +19,12 @@ struct UnixAddress {
     std::string path;
 };
 using Address = std::variant<TcpAddress, UnixAddress>;
+
+/// Who may connect to a Unix socket: the mode and the group of its file.
+struct SocketAccess {
+    unsigned mode = 0600;
+    std::optional<unsigned> group;  ///< number of a group; none: the daemon's own
+};
 
 /// "localhost" means 127.0.0.1. Addresses other than loopback are refused: until there is a token,
 /// whoever can connect may do everything.

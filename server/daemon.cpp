@@ -1,5 +1,6 @@
 #include "server/daemon.h"
 
+#include "engine/packs/load.h"
 #include "protocol/control.h"
 #include "server/handlers/handler.h"
 #include "server/handlers/tracing.h"
@@ -178,7 +179,7 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       compute_(options.threads, Workers::Time::processor, spare_threads(options.threads)),
       blocking_(imports_max, Workers::Time::clock),
       device_(cuda_ != nullptr ? cuda_->slots() : 0, Workers::Time::clock, cuda_spares),
-      signals_(io_, SIGTERM, SIGINT),
+      signals_(io_, SIGTERM, SIGINT, SIGHUP),
       drain_timer_(io_),
       detached_timer_(io_),
       lost_timer_(io_) {
@@ -190,9 +191,10 @@ Result<void> Daemon::listen() {
         const auto address = parse_address(uri);
         if (!address) return tl::unexpected(address.error());
         auto listener =
-            Listener::open(io_, *address, [this](Socket socket, Listener::Descriptors descriptors) {
-                accept(std::move(socket), descriptors);
-            });
+            Listener::open(io_, *address, options_.socket,
+                           [this](Socket socket, Listener::Descriptors descriptors) {
+                               accept(std::move(socket), descriptors);
+                           });
         if (!listener) return tl::unexpected(listener.error());
         listeners_.push_back(std::move(*listener));
     }
@@ -206,10 +208,6 @@ Result<void> Daemon::run() {
         uris.push_back(listener->uri());
         log(LogLevel::info, "listening", {{"uri", listener->uri()}});
     }
-    // Not where it is ignored on purpose, as nohup does.
-    struct sigaction hangup {};
-    if (sigaction(SIGHUP, nullptr, &hangup) == 0 && hangup.sa_handler != SIG_IGN)
-        signals_.add(SIGHUP);
     await_signal();
     look_for_lost();
     if (!options_.ready_file.empty()) {
@@ -226,8 +224,7 @@ Result<void> Daemon::run() {
             log(LogLevel::error, "handler_failed", {{"reason", error.what()}});
         }
     }
-    std::error_code ignored;
-    if (!options_.ready_file.empty()) std::filesystem::remove(options_.ready_file, ignored);
+    if (!options_.ready_file.empty()) remove_ready_file(options_.ready_file);
     log(LogLevel::info, "stopped");
     return {};
 }
@@ -277,9 +274,11 @@ void Daemon::accept(Socket socket, Listener::Descriptors descriptors) {
 void Daemon::await_signal() {
     signals_.async_wait([this](const SystemError& error, int signal) {
         if (error) return;
+        if (signal == SIGHUP) {
+            log(LogLevel::info, "hangup_ignored");
+            return await_signal();
+        }
         const bool draining = drain_deadline_ != Clock::time_point::max();
-        // A terminal that closes may say so twice.
-        if (draining && signal == SIGHUP) return await_signal();
         if (draining) {
             log(LogLevel::warn, "stopping_at_once");
             std::_Exit(exit_forced);
@@ -350,6 +349,13 @@ void raise_descriptor_limit() {
     (void)setrlimit(RLIMIT_NOFILE, &limit);
 }
 
+void warn_of_empty(const std::vector<std::filesystem::path>& pack_dirs) {
+    for (const auto& folder : pack_dirs)
+        if (const auto packs = packs_in(folder); packs && packs->empty())
+            log(LogLevel::warn, "pack_dir_empty",
+                {{"folder", folder.string()}, {"reason", "it holds no .so file"}});
+}
+
 int failed(const Error& error) {
     std::fprintf(stderr, "raynestd: %s\n", error.message.c_str());
     return 1;
@@ -360,6 +366,10 @@ int failed(const Error& error) {
 int run_daemon(const Options& options) {
     (void)std::signal(SIGPIPE, SIG_IGN);
     raise_descriptor_limit();
+    // Before anything listens: a file of somebody else's ends the start.
+    if (!options.ready_file.empty())
+        if (const auto free = check_ready_file(options.ready_file); !free)
+            return failed(free.error());
     StateLock lock;
     if (!options.state.empty()) {
         auto taken = StateLock::take(options.state);
@@ -368,6 +378,7 @@ int run_daemon(const Options& options) {
     }
     const auto registry = Registry::load({options.pack_dirs, options.target});
     if (!registry) return failed(registry.error());
+    warn_of_empty(options.pack_dirs);
     Daemon daemon(options, *registry);
     if (const auto listening = daemon.listen(); !listening) return failed(listening.error());
     if (const auto ended = daemon.run(); !ended) return failed(ended.error());

@@ -16,7 +16,7 @@ inline constexpr std::string_view device_worker_flag = "--device-worker";
 
 /// Runs until SIGTERM or SIGINT; returns the exit code: 0 after a drain, 1 with a line on stderr
 /// when packs, addresses or the state folder cannot be had. A second one of these signals, or a
-/// drain of over drain_ms_max, ends the process with code 3. A closed terminal's SIGHUP drains too.
+/// drain of over drain_ms_max, ends the process with code 3. SIGHUP is logged and ignored.
 int run_daemon(const Options& options);
 
 }  // namespace raynest::server

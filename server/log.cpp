@@ -67,6 +67,10 @@ void set_log_level(LogLevel level) {
     logger().set_level(to_spdlog(level));
 }
 
+bool is_logged(LogLevel level) {
+    return logger().should_log(to_spdlog(level));
+}
+
 std::string format_event(std::string_view event, std::initializer_list<LogField> fields) {
     std::string line(event);
     for (const auto& [key, value] : fields) {
@@ -79,7 +83,7 @@ std::string format_event(std::string_view event, std::initializer_list<LogField>
 }
 
 void log(LogLevel level, std::string_view event, std::initializer_list<LogField> fields) {
-    if (!logger().should_log(to_spdlog(level))) return;
+    if (!is_logged(level)) return;
     // The line is data, not a format string.
     logger().log(to_spdlog(level), spdlog::string_view_t(format_event(event, fields)));
 }

@@ -18,6 +18,8 @@ using LogField = std::pair<std::string_view, std::string>;
 /// Events below `level` are dropped from now on. Thread-safe, as is log().
 void set_log_level(LogLevel level);
 
+/// Is an event of this level written? Ask before a line costs something to make.
+[[nodiscard]] bool is_logged(LogLevel level);
 void log(LogLevel level, std::string_view event, std::initializer_list<LogField> fields = {});
 
 /// The line that log() writes, without time and level.

@@ -4,10 +4,14 @@
 #include "server/address.h"
 
 #include <CLI/CLI.hpp>
+#include <grp.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <charconv>
 #include <iostream>
+#include <optional>
+#include <string_view>
 #include <thread>
 
 namespace raynest::server {
@@ -33,7 +37,55 @@ struct Words {
     std::string http = "off";
     std::string log_level = "info";
     std::string cuda = "auto";
+    std::string socket_mode;
+    std::string socket_group;
 };
+
+/// principal_jobs_max -> principal-jobs-max: how options are spelled.
+std::string hyphened(std::string_view name) {
+    std::string text(name);
+    std::replace(text.begin(), text.end(), '_', '-');
+    return text;
+}
+
+/// Octal; none where it is no mode that the owner could use.
+std::optional<unsigned> to_mode(const std::string& text) {
+    unsigned mode = 0;
+    const char* last = text.data() + text.size();
+    const auto [end, error] = std::from_chars(text.data(), last, mode, 8);
+    if (error != std::errc{} || end != last || mode > 0777 || (mode & 0600U) != 0600)
+        return std::nullopt;
+    return mode;
+}
+
+std::string mode_fault(const std::string& text) {
+    return to_mode(text) ? "" : "'" + text + "' is not a mode of 0600 to 0777, such as 0660";
+}
+
+/// The number of a group by its name or number.
+std::optional<unsigned> to_group(const std::string& text) {
+    unsigned number = 0;
+    const char* last = text.data() + text.size();
+    const auto [end, error] = std::from_chars(text.data(), last, number);
+    if (error == std::errc{} && end == last) return number;
+    // Before any thread starts.
+    const group* known = getgrnam(text.c_str());  // NOLINT(concurrency-mt-unsafe)
+    return known == nullptr ? std::nullopt : std::optional<unsigned>(known->gr_gid);
+}
+
+std::string group_fault(const std::string& text) {
+    return to_group(text) ? "" : "there is no group '" + text + "'";
+}
+
+SocketAccess to_socket_access(const Words& words) {
+    SocketAccess access;
+    if (!words.socket_group.empty()) {
+        access.group = to_group(words.socket_group);
+        access.mode = 0660;
+    }
+    if (!words.socket_mode.empty()) access.mode = *to_mode(words.socket_mode);
+    return access;
+}
 
 LogLevel to_log_level(const std::string& word) {
     if (word == "error") return LogLevel::error;
@@ -56,6 +108,12 @@ void declare(CLI::App& app, Options& options, Words& words) {
            "tcp://HOST:PORT or unix:PATH, repeatable; loopback only; port 0 picks a free one")
         ->check(CLI::Validator(address_fault, ""))
         ->default_str(options.listen.front());
+    app.add_option("--socket-mode", words.socket_mode,
+                   "Mode of a unix:PATH socket, octal; 0600, with --socket-group 0660")
+        ->check(CLI::Validator(mode_fault, ""));
+    app.add_option("--socket-group", words.socket_group,
+                   "Group that a unix:PATH socket is opened to, by name or number")
+        ->check(CLI::Validator(group_fault, ""));
     app.add_option("--http", words.http, "Diagnostics port; this version has none: only 'off'")
         ->check(CLI::IsMember({"off"}))
         ->capture_default_str();
@@ -80,13 +138,14 @@ void declare(CLI::App& app, Options& options, Words& words) {
         ->check(CLI::IsMember({"auto", "off"}) | CLI::ExistingFile)
         ->capture_default_str();
     app.add_option("--ready-file", options.ready_file,
-                   "Written once requests are served: {\"listen\":[...],\"http\":...,\"pid\":...}");
+                   "Written once requests are served: {\"listen\":[...],\"http\":...,\"pid\":...}; "
+                   "replaces an empty file or an older ready file, nothing else");
     app.add_option("--log-level", words.log_level, "error, warn, info or debug")
         ->check(CLI::IsMember({"error", "warn", "info", "debug"}))
         ->capture_default_str();
     for (const protocol::LimitInfo& limit : protocol::limit_table())
         if (limit.policy)
-            app.add_option("--" + std::string(limit.name), options.limits.*limit.value,
+            app.add_option("--" + hyphened(limit.name), options.limits.*limit.value,
                            "Limit: " + std::string(limit.text))
                 ->check(CLI::Range(std::uint64_t{1}, limit_max))
                 ->group("Limits")
@@ -117,6 +176,22 @@ void print_config(const CLI::App& app) {
                       << limit.text << '\n';
 }
 
+/// How an option is spelled now that was spelled with underscores; empty where that is no such one.
+std::string respelled(const CLI::App& app, const std::string& flag) {
+    const std::string now = hyphened(flag);
+    const bool old = now != flag && app.get_option_no_throw(now) != nullptr;
+    return old ? flag + " is now spelled " + now : "";
+}
+
+void refuse_old_spelling(const CLI::App& app, int argc, const char* const* argv) {
+    for (int i = 1; i < argc; ++i) {
+        const std::string argument = argv[i];
+        if (!argument.starts_with("--")) continue;
+        const std::string complaint = respelled(app, argument.substr(0, argument.find('=')));
+        if (!complaint.empty()) throw CLI::ParseError(complaint, CLI::ExitCodes::ExtrasError);
+    }
+}
+
 }  // namespace
 
 ParsedOptions parse_options(int argc, const char* const* argv) {
@@ -136,7 +211,9 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
         app.add_flag("--print-config", print, "Print all options and limits, then exit")
             ->configurable(false);
         app.set_version_flag("--version", "raynestd " RAYNEST_VERSION);
+        refuse_old_spelling(app, argc, argv);
         app.parse(argc, argv);
+        options.socket = to_socket_access(words);
         options.log_level = to_log_level(words.log_level);
         options.cuda_pack = to_cuda_pack(words.cuda);
         if (!print) return {options, 0};

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "protocol/limits.h"
+#include "server/address.h"
 #include "server/log.h"
 
 #include <cstdint>
@@ -25,6 +26,7 @@ struct Options {
     std::string target = "auto";
     std::filesystem::path cuda_pack;  ///< for the CUDA worker; empty: none
     std::filesystem::path ready_file;
+    SocketAccess socket;  ///< of every unix:PATH
     LogLevel log_level = LogLevel::info;
     protocol::Limits limits;
 };

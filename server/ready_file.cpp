@@ -6,30 +6,88 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdint>
 #include <fstream>
+#include <optional>
 #include <system_error>
 
 namespace raynest::server {
 
+namespace {
+
+/// Longer than any that was written: one address for each --listen.
+constexpr std::uintmax_t ready_file_bytes_max = 1 << 20;
+constexpr int names_max = 100;
+
+/// The pid of a ready file; 0 for an empty file, none for anything else.
+std::optional<std::int64_t> pid_of(const std::filesystem::path& path) {
+    std::error_code error;
+    if (!std::filesystem::is_regular_file(std::filesystem::symlink_status(path, error)))
+        return std::nullopt;
+    const std::uintmax_t bytes = std::filesystem::file_size(path, error);
+    if (error || bytes > ready_file_bytes_max) return std::nullopt;
+    if (bytes == 0) return 0;
+    std::ifstream file(path);
+    const auto content = nlohmann::json::parse(file, nullptr, false);
+    const bool ours = content.is_object() && content.size() == 3 && content.contains("listen") &&
+                      content.contains("http") && content.contains("pid") &&
+                      content["pid"].is_number_integer();
+    return ours ? std::optional(content["pid"].get<std::int64_t>()) : std::nullopt;
+}
+
+tl::unexpected<Error> not_written(const std::filesystem::path& path) {
+    return fail(ErrorCode::io_failed,
+                "cannot write the ready file " + path.string() +
+                    "; give --ready-file a name in a folder that can be written");
+}
+
+/// A new file beside `path`; -1 when there can be none.
+int make_beside(const std::filesystem::path& path, std::filesystem::path& made) {
+    const std::string stem = ".raynest-ready-" + std::to_string(getpid()) + "-";
+    for (int i = 0; i < names_max; ++i) {
+        made = path.parent_path() / (stem + std::to_string(i));
+        const int file = open(made.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
+        if (file >= 0 || errno != EEXIST) return file;
+    }
+    return -1;
+}
+
+}  // namespace
+
+Result<void> check_ready_file(const std::filesystem::path& path) {
+    std::error_code error;
+    const auto status = std::filesystem::symlink_status(path, error);
+    if (status.type() == std::filesystem::file_type::not_found || pid_of(path)) return {};
+    return fail(ErrorCode::io_failed,
+                path.string() +
+                    " is neither empty nor a ready file, and is left as it is; give "
+                    "--ready-file another name");
+}
+
 Result<void> write_ready_file(const std::filesystem::path& path,
                               std::span<const std::string> listen) {
+    if (auto free = check_ready_file(path); !free) return free;
     const nlohmann::json content = {
         {"listen", std::vector<std::string>(listen.begin(), listen.end())},
         {"http", "off"},
         {"pid", getpid()},
     };
-    std::filesystem::path temporary = path;
-    temporary += ".tmp";
-    std::ofstream out(temporary, std::ios::trunc);
-    out << content.dump() << '\n';
-    out.close();
+    const std::string text = content.dump() + '\n';
+    std::filesystem::path temporary;
+    const int file = make_beside(path, temporary);
+    if (file < 0) return not_written(path);
+    const bool written = write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size());
+    const bool closed = close(file) == 0;
     std::error_code error;
-    if (out) std::filesystem::rename(temporary, path, error);
-    if (!out || error)
-        return fail(ErrorCode::io_failed,
-                    "cannot write the ready file " + path.string() +
-                        "; give --ready-file a name in a folder that can be written");
-    return {};
+    if (written && closed) std::filesystem::rename(temporary, path, error);
+    if (written && closed && !error) return {};
+    std::filesystem::remove(temporary, error);
+    return not_written(path);
+}
+
+void remove_ready_file(const std::filesystem::path& path) {
+    std::error_code ignored;
+    if (pid_of(path) == getpid()) std::filesystem::remove(path, ignored);
 }
 
 Result<StateLock> StateLock::take(const std::filesystem::path& directory) {

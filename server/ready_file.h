@@ -10,10 +10,17 @@
 
 namespace raynest::server {
 
+/// May a ready file be put there? Where nothing is, or an empty file, or an older ready file;
+/// io_failed names anything else.
+Result<void> check_ready_file(const std::filesystem::path& path);
+
 /// Writes {"listen":[...],"http":"off","pid":N} beside `path`, then renames: a reader sees the
-/// whole file or none.
+/// whole file or none. Fails as check_ready_file() does.
 Result<void> write_ready_file(const std::filesystem::path& path,
                               std::span<const std::string> listen);
+
+/// Removes the ready file of this process, and nothing else.
+void remove_ready_file(const std::filesystem::path& path);
 
 /// An exclusive lock on DIR/lock for as long as it lives. Move-only.
 class StateLock {

@@ -38,7 +38,8 @@ std::string key_list(const Builtin& builtin) {
     return fmt::format("{}", fmt::join(texts, ", "));
 }
 
-/// One "key=value" into `values`; false when the key is unknown or the value out of range.
+/// One "key=value" into `values`, which hold what was given; false when the key is unknown or given
+/// already, or the value out of range.
 bool assign(const Builtin& builtin, std::string_view assignment, BuiltinValues& values) {
     const std::size_t equals = assignment.find('=');
     if (equals == std::string_view::npos) return false;
@@ -48,8 +49,8 @@ bool assign(const Builtin& builtin, std::string_view assignment, BuiltinValues& 
         std::uint64_t value = 0;
         const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
         if (error != std::errc{} || end != text.data() + text.size()) return false;
-        values[std::string(key.name)] = value;
-        return value >= key.minimum && value <= key.maximum;
+        return values.emplace(key.name, value).second && value >= key.minimum &&
+               value <= key.maximum;
     }
     return false;
 }
@@ -63,17 +64,18 @@ Result<SceneDescription> describe_builtin(std::string_view source) {
     for (const Builtin& builtin : builtins) {
         if (builtin.name != name) continue;
         BuiltinValues values;
-        for (const BuiltinKey& key : builtin.keys) values.emplace(key.name, key.initial);
         std::string_view rest = source.substr(std::min(name.size() + 1, source.size()));
         while (!rest.empty()) {
             const std::string_view assignment = rest.substr(0, rest.find('&'));
             if (!assign(builtin, assignment, values)) {
                 return fail(ErrorCode::scene_invalid,
-                            fmt::format("builtin:{} does not take '{}'; its keys are {}", name,
-                                        assignment.substr(0, 60), key_list(builtin)));
+                            fmt::format("builtin:{} does not take '{}'; it takes each of these "
+                                        "keys once: {}",
+                                        name, assignment.substr(0, 60), key_list(builtin)));
             }
             rest.remove_prefix(std::min(assignment.size() + 1, rest.size()));
         }
+        for (const BuiltinKey& key : builtin.keys) values.emplace(key.name, key.initial);
         return builtin.describe(values);
     }
     return fail(ErrorCode::scene_invalid,

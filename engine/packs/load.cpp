@@ -42,6 +42,20 @@ tl::unexpected<Error> other_headers(const std::filesystem::path& path, std::uint
 
 }  // namespace
 
+Result<std::vector<std::filesystem::path>> packs_in(const std::filesystem::path& folder) {
+    std::error_code error;
+    std::vector<std::filesystem::path> packs;
+    for (std::filesystem::directory_iterator it(folder, error), end; !error && it != end;
+         it.increment(error)) {
+        if (it->path().extension() == ".so") packs.push_back(it->path());
+    }
+    if (error)
+        return fail(ErrorCode::pack_invalid,
+                    "cannot read the pack directory " + folder.string() + ": " + error.message());
+    std::sort(packs.begin(), packs.end());
+    return packs;
+}
+
 Result<const Pack*> load_pack(const std::filesystem::path& path) {
     const auto door = find_door<PackEntry>(path, pack_symbol);
     if (!door) return tl::unexpected(door.error());

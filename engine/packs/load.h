@@ -5,12 +5,16 @@
 #include "engine/result.h"
 
 #include <filesystem>
+#include <vector>
 
 namespace raynest {
 
 /// Stays loaded: its functions are in use for the life of the process. pack_invalid, with what to
 /// do, where it is no pack of this tree; says nothing about whether this machine runs it.
 Result<const Pack*> load_pack(const std::filesystem::path& path);
+
+/// The files in this folder that are loaded as packs, in order of their names.
+Result<std::vector<std::filesystem::path>> packs_in(const std::filesystem::path& folder);
 
 /// Both doors of a pack for a device.
 struct DevicePack {

@@ -28,18 +28,9 @@ Result<std::vector<std::filesystem::path>> find_packs(
     const std::vector<std::filesystem::path>& dirs) {
     std::vector<std::filesystem::path> found;
     for (const auto& dir : dirs) {
-        std::error_code error;
-        std::vector<std::filesystem::path> here;
-        for (std::filesystem::directory_iterator it(dir, error), end; !error && it != end;
-             it.increment(error)) {
-            if (it->path().extension() == ".so") here.push_back(it->path());
-        }
-        if (error) {
-            return fail(ErrorCode::pack_invalid,
-                        "cannot read the pack directory " + dir.string() + ": " + error.message());
-        }
-        std::sort(here.begin(), here.end());
-        found.insert(found.end(), here.begin(), here.end());
+        const auto here = packs_in(dir);
+        if (!here) return tl::unexpected(here.error());
+        found.insert(found.end(), here->begin(), here->end());
     }
     return found;
 }

@@ -1,6 +1,7 @@
 #include "server/jobs/runner.h"
 
 #include "protocol/control.h"
+#include "server/jobs/job_log.h"
 
 #include <algorithm>
 #include <exception>
@@ -344,6 +345,8 @@ void Runner::finish(const ActivePointer& active) {
     if (!active->tasks.empty()) return;
     jobs_.remove(active);
     ++engine_.metrics.jobs_ended;
+    if (const JobRecord* record = engine_.admission.find(active->slot.number()))
+        log_job(*record, Clock::now(), active->error);
     engine_.admission.record(Clock::now() - active->started);
     if (sink_ != nullptr && !active->error)
         guarded(*active, [&] {

@@ -55,11 +55,15 @@ Result<int> make_socket(const Address& address, int family) {
     return descriptor;
 }
 
+/// Binds, calls `prepare`, which names the call that failed or null, and listens: nobody can
+/// connect before that.
+template <class Prepare>
 Result<Bound> finish(int descriptor, int family, const Address& address, const sockaddr* name,
-                     socklen_t size) {
-    const bool bound = bind(descriptor, name, size) == 0;
-    if (bound && listen(descriptor, backlog) == 0) return Bound{descriptor, family, address};
-    const auto error = failed(address, bound ? "listen" : "bind");
+                     socklen_t size, Prepare prepare) {
+    const char* call = bind(descriptor, name, size) == 0 ? prepare() : "bind";
+    if (call == nullptr && listen(descriptor, backlog) != 0) call = "listen";
+    if (call == nullptr) return Bound{descriptor, family, address};
+    const auto error = failed(address, call);
     close(descriptor);
     return error;
 }
@@ -81,7 +85,8 @@ Result<Bound> bind_tcp(TcpAddress address) {
     if (!descriptor) return tl::unexpected(descriptor.error());
     const int reuse = 1;
     (void)setsockopt(*descriptor, SOL_SOCKET, SO_REUSEADDR, &reuse, sizeof reuse);
-    auto bound = finish(*descriptor, family, address, name, size);
+    auto bound =
+        finish(*descriptor, family, address, name, size, []() -> const char* { return nullptr; });
     if (!bound) return bound;
     getsockname(*descriptor, name, &size);
     address.port = ntohs(is_v4 ? v4.sin_port : v6.sin6_port);
@@ -106,27 +111,39 @@ Result<void> clear_path(const UnixAddress& address, const sockaddr_un& name) {
     return {};
 }
 
-Result<Bound> bind_unix(const UnixAddress& address) {
+Result<Bound> bind_unix(const UnixAddress& address, const SocketAccess& access) {
     sockaddr_un name{};
     name.sun_family = AF_UNIX;
     std::copy(address.path.begin(), address.path.end(), name.sun_path);
     if (const auto clear = clear_path(address, name); !clear) return tl::unexpected(clear.error());
     const auto descriptor = make_socket(address, AF_UNIX);
     if (!descriptor) return tl::unexpected(descriptor.error());
-    // The mode must be right before anybody can connect.
-    const mode_t before = umask(0177);
-    auto bound = finish(*descriptor, AF_UNIX, address, reinterpret_cast<const sockaddr*>(&name),
-                        sizeof name);
-    umask(before);
-    return bound;
+    // The file gets the socket's mode less the umask, so never more than is asked for; the group
+    // comes before what the group may do.
+    const auto prepare = [&]() -> const char* {
+        const char* path = address.path.c_str();
+        if (access.group && chown(path, static_cast<uid_t>(-1), *access.group) != 0) {
+            const int why = errno;
+            unlink(path);
+            errno = why;
+            return "chown to --socket-group";
+        }
+        return chmod(path, access.mode) == 0 ? nullptr : "chmod to --socket-mode";
+    };
+    if (fchmod(*descriptor, 0600) != 0) {
+        close(*descriptor);
+        return failed(address, "fchmod");
+    }
+    return finish(*descriptor, AF_UNIX, address, reinterpret_cast<const sockaddr*>(&name),
+                  sizeof name, prepare);
 }
 
 }  // namespace
 
 Result<std::unique_ptr<Listener>> Listener::open(asio::io_context& io, const Address& address,
-                                                 OnAccept on_accept) {
+                                                 const SocketAccess& access, OnAccept on_accept) {
     const auto* unix_address = std::get_if<UnixAddress>(&address);
-    const auto bound = unix_address != nullptr ? bind_unix(*unix_address)
+    const auto bound = unix_address != nullptr ? bind_unix(*unix_address, access)
                                                : bind_tcp(std::get<TcpAddress>(address));
     if (!bound) return tl::unexpected(bound.error());
     std::unique_ptr<Listener> listener(new Listener(io, std::move(on_accept)));

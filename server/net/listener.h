@@ -20,10 +20,11 @@ public:
     /// With used_up there is none left for another connection.
     using OnAccept = std::function<void(Socket, Descriptors)>;
 
-    /// Binds and listens; port 0 takes a free one. A Unix socket is made with mode 0600, and one
-    /// that a dead daemon left there is replaced. io_failed says what is in the way.
+    /// Binds and listens; port 0 takes a free one. A Unix socket has the mode and group of `access`
+    /// before anybody can connect, and one that a dead daemon left there is replaced. io_failed
+    /// says what is in the way.
     static Result<std::unique_ptr<Listener>> open(asio::io_context& io, const Address& address,
-                                                  OnAccept on_accept);
+                                                  const SocketAccess& access, OnAccept on_accept);
     ~Listener() { close(); }
     Listener(const Listener&) = delete;
 

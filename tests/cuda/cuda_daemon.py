@@ -47,8 +47,8 @@ def why_no_worker(daemon):
 class CudaTest(unittest.TestCase):
     """A daemon with a fake GPU for each class."""
     environment = {}
-    arguments = ("--cuda_retry_ms", "200", "--cuda_retry_ms_max", "1000",
-                 "--cuda_call_ms_max", "60000")
+    arguments = ("--cuda-retry-ms", "200", "--cuda-retry-ms-max", "1000",
+                 "--cuda-call-ms-max", "60000")
     scenes = (("builtin:forest?trees=20", "woods"),)
 
     @classmethod

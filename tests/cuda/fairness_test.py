@@ -46,7 +46,7 @@ class Waiting(HeldTest):
         folder = tempfile.TemporaryDirectory()
         cls.addClassCleanup(folder.cleanup)
         socket = f"unix:{folder.name}/socket"
-        cls.arguments = (*CudaTest.arguments, "--cuda_rays_max", str(FRAME), "--listen", socket)
+        cls.arguments = (*CudaTest.arguments, "--cuda-rays-max", str(FRAME), "--listen", socket)
         super().setUpClass()
         cls.other = Client(PROGRAMS[1], socket)  # another principal
 

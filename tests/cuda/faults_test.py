@@ -19,13 +19,13 @@ import unittest
 from cuda_daemon import FRAME, PATIENCE, PROGRAMS, RAYS, CudaTest, device_workers, npy, until
 
 TALLY = collections.defaultdict(lambda: [0, 0, 0])  # of a fault: jobs, chunks traced again, bytes that differ
-SOON = ("--cuda_retry_ms", "200", "--cuda_retry_ms_max", "200")
-SMALL_CALLS = ("--cuda_rays_max", str(FRAME))
+SOON = ("--cuda-retry-ms", "200", "--cuda-retry-ms-max", "200")
+SMALL_CALLS = ("--cuda-rays-max", str(FRAME))
 
 
 class FaultTest(CudaTest):
     """A scene that ends three processes is left to the CPU: each fault has one of its own."""
-    arguments = (*SOON, *SMALL_CALLS, "--cuda_call_ms_max", "60000")
+    arguments = (*SOON, *SMALL_CALLS, "--cuda-call-ms-max", "60000")
     seeds = itertools.count(100)
 
     def setUp(self):
@@ -197,7 +197,7 @@ class Faults(FaultTest):
 
 class Hang(FaultTest):
     """A worker that gets no processor for so long is lost, too: there may be more faults than one."""
-    arguments = (*SOON, *SMALL_CALLS, "--cuda_call_ms_max", "5000")
+    arguments = (*SOON, *SMALL_CALLS, "--cuda-call-ms-max", "5000")
 
     def test_a_job_ends_with_the_same_bytes_and_a_note(self):
         for call in ("cudaStreamSynchronize", "cudaLaunchKernel", "cudaMemcpyAsync"):
@@ -210,7 +210,7 @@ class Hang(FaultTest):
 
 class HangingLoad(FaultTest):
     """Has the time of a call, and what its bytes take: a job's deadline waits for it."""
-    arguments = (*SOON, *SMALL_CALLS, "--cuda_call_ms_max", "5000", "--cuda_start_ms_max", "600000")
+    arguments = (*SOON, *SMALL_CALLS, "--cuda-call-ms-max", "5000", "--cuda-start-ms-max", "600000")
 
     def test_a_job_ends_with_the_same_bytes_and_a_note(self):
         self.survive("cudaMemcpy hang 3", "no answer within 5")
@@ -264,7 +264,7 @@ class OutOfMemory(FaultTest):
 
 class OthersMeanwhile(FaultTest):
     """What the device takes its time for holds up nobody else."""
-    arguments = (*SOON, "--cuda_call_ms_max", "1000000")
+    arguments = (*SOON, "--cuda-call-ms-max", "1000000")
 
     def test_a_job_of_the_cpu_does_not_wait_for_a_worker_that_stands_still(self):
         worker = device_workers(self.daemon.process.pid)[0]
@@ -291,7 +291,7 @@ class OthersMeanwhile(FaultTest):
 
 class OthersOnTheWay(FaultTest):
     """While a scene gets there calls of others go on, and who waits for its turn does not for ever."""
-    arguments = (*SOON, *SMALL_CALLS, "--cuda_call_ms_max", "8000")
+    arguments = (*SOON, *SMALL_CALLS, "--cuda-call-ms-max", "8000")
 
     @unittest.skipIf("RAYNEST_PATIENCE" in os.environ,
                      "sanitizers need longer for a query than the one patience outlasts the other")
@@ -321,7 +321,7 @@ class OthersOnTheWay(FaultTest):
 class Breaker(CudaTest):
     """A device that somebody else has for himself may be free later."""
     environment = {"RAYNEST_FAKE_CUDA_ALWAYS": "cudaSetDevice 46"}
-    arguments = ("--cuda_retry_ms", "50", "--cuda_retry_ms_max", "300", "--log-level", "debug")
+    arguments = ("--cuda-retry-ms", "50", "--cuda-retry-ms-max", "300", "--log-level", "debug")
 
     def test_it_is_left_alone_for_twice_as_long_each_time(self):
         def pauses():

@@ -267,7 +267,7 @@ class WrongPack(unittest.TestCase):
 
     def render(self, cuda, *options):
         """A daemon with this pack, and what a command of its client came to."""
-        daemon = Daemon(PROGRAMS[0], "--cuda", cuda, "--cuda_start_ms_max", "1000000")
+        daemon = Daemon(PROGRAMS[0], "--cuda", cuda, "--cuda-start-ms-max", "1000000")
         self.addCleanup(daemon.stop)
         client = Client(PROGRAMS[1], daemon.uri)
         client.json("load", "builtin:terrain?size=16", "--name", "hills")

@@ -53,7 +53,7 @@ constexpr std::size_t slow_clients = sanitized ? 10 : 50;
 /// Has a place for the slow ones and for `peer`.
 struct ServedInHaste : Served {
     ServedInHaste()
-        : Served({"--give_way_ms", "300", "--connections_max", std::to_string(slow_clients + 1)}) {}
+        : Served({"--give-way-ms", "300", "--connections-max", std::to_string(slow_clients + 1)}) {}
 };
 
 TEST_CASE_FIXTURE(ServedInHaste,

@@ -126,7 +126,7 @@ class Detach(DaemonTest):
         self.expect(5, "wait", "999999", says="raynest jobs")
 
     def test_only_so_many_jobs_are_kept(self):
-        daemon = Daemon(self.raynestd, "--principal_results_max", "3")
+        daemon = Daemon(self.raynestd, "--principal-results-max", "3")
         self.addCleanup(daemon.stop)
         client = Client(self.raynest, daemon.uri)
         client.json("load", "builtin:terrain?size=16", "--name", "hills")

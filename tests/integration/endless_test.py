@@ -138,7 +138,7 @@ class Endless(DaemonTest):
             daemon.stop()
 
     def test_who_waits_for_a_daemon_that_ends_is_told(self):
-        daemon = Daemon(self.raynestd, "--drain_ms_max", "300")
+        daemon = Daemon(self.raynestd, "--drain-ms-max", "300")
         self.addCleanup(daemon.folder.cleanup)
         client = Client(self.raynest, daemon.uri)
         client.json("load", "builtin:flake?depth=16", "--name", "flake")
@@ -153,7 +153,7 @@ class Endless(DaemonTest):
             self.assertIn("shutting down", errors)
 
     def test_nobody_holds_a_thread_for_ever(self):
-        daemon = Daemon(self.raynestd, "--chunk_ms_max", "200")
+        daemon = Daemon(self.raynestd, "--chunk-ms-max", "200")
         try:
             client = Client(self.raynest, daemon.uri)
             client.json("load", "builtin:flake?depth=16", "--name", "flake")

@@ -125,7 +125,7 @@ TEST_CASE_FIXTURE(Served, "a connection has only so many requests in flight") {
 }
 
 TEST_CASE("a principal has only so many rays in flight, over all connections") {
-    const Daemon daemon({"--principal_rays_max", "1000"});
+    const Daemon daemon({"--principal-rays-max", "1000"});
     Peer peer(daemon);
     peer.greet();
     load_scene(peer);
@@ -206,7 +206,7 @@ TEST_CASE_FIXTURE(Served, "of frames of rays that wait, their rays alone take me
 }
 
 TEST_CASE("answers that nobody reads stay within --memory, after their jobs too") {
-    Served house({"--memory", "64M", "--give_way_ms", "600000"});
+    Served house({"--memory", "64M", "--give-way-ms", "600000"});
     const std::uint64_t before = house.daemon.resident_bytes();
     wire::QueryT query = query_of(0);
     query.kind = "null";

@@ -111,7 +111,7 @@ class LoadTest(DaemonTest):
 
     def test_the_controls_answer_what_the_daemon_does_and_refuse_nothing(self):
         # One job at a time: most of what these clients ask is refused.
-        daemon = Daemon(self.raynestd, "--total_jobs_max", "1")
+        daemon = Daemon(self.raynestd, "--total-jobs-max", "1")
         self.addCleanup(daemon.stop)
         client = Client(self.raynest, daemon.uri)
         client.json("load", "builtin:terrain?size=32", "--name", "hills")

@@ -25,7 +25,7 @@ using Bytes = std::vector<std::byte>;
 struct Hasty : Served {
     explicit Hasty(std::vector<std::string> arguments = {})
         : Served([&] {
-              arguments.insert(arguments.end(), {"--give_way_ms", "50"});
+              arguments.insert(arguments.end(), {"--give-way-ms", "50"});
               return arguments;
           }()) {}
 };
@@ -118,7 +118,7 @@ TEST_CASE_FIXTURE(Hasty, "a frame that stops in the middle waits for its rest") 
 }
 
 TEST_CASE("a newcomer gets the place of the connection that moved a whole frame longest ago") {
-    const Daemon daemon({"--give_way_ms", "50", "--connections_max", "3"});
+    const Daemon daemon({"--give-way-ms", "50", "--connections-max", "3"});
     Crowd crowd;
     for (int i = 0; i < 3; ++i) join(crowd, daemon);
     // Bytes that make no frame do not count: the first one stays the first to go.
@@ -140,7 +140,7 @@ TEST_CASE("a newcomer gets the place of the connection that moved a whole frame 
 }
 
 TEST_CASE("where nobody pauses a newcomer hears that the daemon is full") {
-    const Daemon daemon({"--connections_max", "2", "--give_way_ms", "600000"});
+    const Daemon daemon({"--connections-max", "2", "--give-way-ms", "600000"});
     Crowd crowd;
     join(crowd, daemon);
     join(crowd, daemon);
@@ -157,7 +157,7 @@ TEST_CASE("where nobody pauses a newcomer hears that the daemon is full") {
 }
 
 TEST_CASE("a request takes the place of one whose client pauses") {
-    Hasty house({"--total_jobs_max", "2"});
+    Hasty house({"--total-jobs-max", "2"});
     Crowd crowd;
     for (int i = 0; i < 2; ++i) {
         Peer& guest = join(crowd, house.daemon);

@@ -70,7 +70,7 @@ class Streams(WithDaemon):
         self.assertEqual(len(self.woods.trace(rain(5))["t"]), 5)
 
     def test_a_loop_that_thinks_between_chunks_goes_on(self):
-        daemon = Daemon(self.raynestd, "--give_way_ms", "50")
+        daemon = Daemon(self.raynestd, "--give-way-ms", "50")
         self.addCleanup(daemon.stop)
         rays = rain(400000)
         with raynest.connect(daemon.uri) as thinker, raynest.connect(daemon.uri) as other:

@@ -52,7 +52,7 @@ class Served:
     def __init__(self, programs, pack, folder):
         self.folder = pathlib.Path(folder)
         # The tests' fake of a GPU is slow: it may take seconds for a call.
-        self.daemon = Daemon(programs / "raynestd", "--cuda", pack, "--cuda_call_ms_max", "60000")
+        self.daemon = Daemon(programs / "raynestd", "--cuda", pack, "--cuda-call-ms-max", "60000")
         self.client = Client(programs / "raynest", self.daemon.uri)
 
     def wait_until_up(self):

@@ -6,11 +6,19 @@
 #include <nlohmann/json.hpp>
 #include <unistd.h>
 
+#include <cstddef>
+#include <filesystem>
 #include <fstream>
+#include <iterator>
+#include <string>
 #include <vector>
 
 namespace raynest::server {
 namespace {
+
+std::ptrdiff_t files_in(const std::filesystem::path& folder) {
+    return std::distance(std::filesystem::directory_iterator(folder), {});
+}
 
 TEST_CASE("the ready file holds addresses and pid, and no half-written one is left") {
     const test::TemporaryFolder folder;
@@ -22,7 +30,45 @@ TEST_CASE("the ready file holds addresses and pid, and no half-written one is le
     CHECK(content["listen"] == nlohmann::json(listen));
     CHECK(content["http"] == "off");
     CHECK(content["pid"] == getpid());
-    CHECK_FALSE(std::filesystem::exists(path.string() + ".tmp"));
+    CHECK(files_in(folder.path()) == 1);
+}
+
+TEST_CASE("a ready file takes the place of an empty file or an older one, and of nothing else") {
+    const test::TemporaryFolder folder;
+    const auto path = folder.path() / "ready.json";
+    const auto put = [&](const std::string& text) { std::ofstream(path) << text; };
+    for (const char* text : {"", R"({"listen":["tcp://127.0.0.1:1"],"http":"off","pid":17})"}) {
+        CAPTURE(text);
+        put(text);
+        CHECK(check_ready_file(path));
+        CHECK(write_ready_file(path, {}));
+    }
+    for (const char* text : {"precious", "{}", "[1]", R"({"listen":[],"http":"off"})",
+                             R"({"listen":[],"http":"off","pid":1,"more":2})"}) {
+        CAPTURE(text);
+        put(text);
+        const auto refused = write_ready_file(path, {});
+        REQUIRE_FALSE(refused);
+        CHECK(refused.error().message.find(path.string()) != std::string::npos);
+        CHECK(std::filesystem::file_size(path) == std::string(text).size());
+    }
+    // Neither a folder nor what a link leads to.
+    const auto link = folder.path() / "link";
+    std::filesystem::create_symlink(path, link);
+    CHECK_FALSE(check_ready_file(link));
+    CHECK_FALSE(check_ready_file(folder.path()));
+    CHECK(files_in(folder.path()) == 2);
+}
+
+TEST_CASE("at the end a daemon removes its own ready file and no other") {
+    const test::TemporaryFolder folder;
+    const auto path = folder.path() / "ready.json";
+    REQUIRE(write_ready_file(path, {}));
+    remove_ready_file(path);
+    CHECK_FALSE(std::filesystem::exists(path));
+    std::ofstream(path) << R"({"listen":[],"http":"off","pid":1})";
+    remove_ready_file(path);
+    CHECK(std::filesystem::exists(path));
 }
 
 TEST_CASE("a ready file that cannot be written is an error that names it") {

@@ -1,0 +1,49 @@
+#include "server/jobs/job_log.h"
+
+#include "server/log.h"
+
+#include <new>
+#include <string>
+
+namespace raynest::server {
+namespace {
+
+constexpr std::chrono::seconds long_job{1};
+
+LogLevel level_of(const JobRecord& record, Clock::time_point ended,
+                  const std::optional<protocol::Error>& error) {
+    const bool matters = record.detached || ended - record.started > long_job ||
+                         (error && (error->code == Code::cancelled || record.kind == "load"));
+    return matters ? LogLevel::info : LogLevel::debug;
+}
+
+/// "done", or the name of the error and what it says.
+std::string outcome(const std::optional<protocol::Error>& error) {
+    if (!error) return "done";
+    const std::string name(protocol::error_info(error->code).name);
+    return error->message.empty() ? name : name + ": " + error->message;
+}
+
+}  // namespace
+
+void log_job(const JobRecord& record, Clock::time_point ended,
+             const std::optional<protocol::Error>& error) {
+    const LogLevel level = level_of(record, ended, error);
+    if (!is_logged(level)) return;
+    try {
+        const double seconds = std::chrono::duration<double>(ended - record.started).count();
+        log(level, "job",
+            {{"number", std::to_string(record.number)},
+             {"principal", record.principal},
+             {"kind", record.kind},
+             {"scene", record.scene},
+             {"seconds", std::to_string(seconds)},
+             {"rays", std::to_string(record.rays)},
+             {"detached", record.detached ? "yes" : "no"},
+             {"outcome", outcome(error)}});
+    } catch (const std::bad_alloc&) {
+        // The job's end matters more than its line.
+    }
+}
+
+}  // namespace raynest::server
