@@ -47,6 +47,8 @@ Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts, st
                                        const HeatOptions& options);
 /// What the legend needs; a narrower map is widened on the right.
 inline constexpr std::uint32_t heat_picture_width_min = 288;
+/// Rows of the legend at most.
+inline constexpr std::uint32_t heat_legend_height_max = 256;
 /// The map with a legend strip added below, so that the picture is higher than `height`: palette,
 /// ticks, unit, min/mean/p50/p99/max and the clipped share. `statistics` as heat_statistics gave
 /// it.

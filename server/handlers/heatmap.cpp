@@ -20,6 +20,16 @@ std::uint64_t heat_bytes(std::uint32_t width, std::uint32_t height) {
     return pixel_bytes * std::max(width, heat_picture_width_min) * height;
 }
 
+/// Bytes of the finished payload at most.
+std::uint64_t payload_bytes_max(std::uint32_t width, std::uint32_t height,
+                                std::string_view encode) {
+    if (encode == "png")
+        return png_bytes_max(std::max(width, heat_picture_width_min),
+                             height + heat_legend_height_max);
+    if (encode == "exr") return exr_bytes_max(width, height, 1);
+    return sizeof(std::uint32_t) * width * height;
+}
+
 class HeatmapJob final : public PictureJob {
 public:
     /// `first_pass` finds the hits without counting; there for necessary work only.
@@ -142,7 +152,8 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
                             heat_bytes(message->width(), message->height()));
     if (!order) return tl::unexpected(order.error());
     Accepted accepted = accept(order->plan, "heatmap", order->pixels());
-    accepted.answer_bytes = accepted.result_bytes = order->lease.bytes();
+    accepted.answer_bytes = accepted.result_bytes =
+        picture_answer_bytes(caller, payload_bytes_max(order->width, order->height, order->encode));
     accepted.job = std::make_unique<HeatmapJob>(services, caller, std::move(*order),
                                                 std::move(*options), std::move(first_pass));
     return Answer{std::move(accepted)};

@@ -14,6 +14,13 @@ namespace {
 
 constexpr std::uint64_t piece_bytes_max = 1ULL << 20;
 
+/// Header, control message and padding of a frame with a piece of the payload.
+constexpr std::uint64_t piece_overhead_bytes = 512;
+
+std::uint64_t piece_bytes(const Caller& caller) {
+    return std::min(piece_bytes_max, caller.window_bytes / 2);
+}
+
 Reply<std::string> check_encode(std::string_view word) {
     if (word == "raw") return std::string(word);
     if (word != "png" && word != "exr")
@@ -25,6 +32,11 @@ Reply<std::string> check_encode(std::string_view word) {
 }
 
 }  // namespace
+
+std::uint64_t picture_answer_bytes(const Caller& caller, std::uint64_t payload_bytes) {
+    const std::uint64_t pieces = payload_bytes / (piece_bytes(caller) - protocol::alignment) + 1;
+    return payload_bytes + pieces * piece_overhead_bytes;
+}
 
 Reply<PictureOrder> make_order(const Services& services, const Caller& caller, Plan plan,
                                const wire::Camera* camera, std::uint32_t width,
@@ -53,8 +65,9 @@ Reply<PictureOrder> make_order(const Services& services, const Caller& caller, P
                       "a picture of " + std::to_string(width) + "x" + std::to_string(height) +
                           " takes " + std::to_string(bytes) + " bytes while it is made, " +
                           std::to_string(services.budget.limit() - services.budget.used()) +
-                          " of --memory are free; ask for a smaller --size, or for PNG in place of "
-                          "EXR");
+                          " of --memory are free; ask for a smaller one" +
+                          (order.encode == "exr" ? ", or for PNG in place of EXR" : "") +
+                          ", or start raynestd with more --memory");
     order.lease = std::move(*lease);
     return order;
 }
@@ -65,7 +78,7 @@ PictureJob::PictureJob(const Services& services, const Caller& caller, PictureOr
       order_(std::move(order)),
       chunk_rays_(order_.plan.chunk_rays_max(services.limits)),
       cuda_rays_(order_.plan.cuda_rays_max(services.limits)),
-      piece_bytes_(std::min(piece_bytes_max, caller.window_bytes / 2)),
+      piece_bytes_(piece_bytes(caller)),
       runs_{{0, order_.pixels()}} {}
 
 Frames PictureJob::greeting() {

@@ -33,6 +33,9 @@ struct PictureOrder {
     [[nodiscard]] std::uint64_t pixels() const { return std::uint64_t{width} * height; }
 };
 
+/// Bytes of the frames that carry a payload of so many bytes at most: what its answer takes.
+[[nodiscard]] std::uint64_t picture_answer_bytes(const Caller& caller, std::uint64_t payload_bytes);
+
 /// `bytes`: what the job holds; reserved from the budget. Asks for a camera of the scene and adds a
 /// note where none was there.
 Reply<PictureOrder> make_order(const Services& services, const Caller& caller, Plan plan,

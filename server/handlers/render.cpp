@@ -18,8 +18,13 @@ constexpr std::uint64_t pixel_bytes(std::string_view encode) {
     if (encode == "exr") return 6 * sizeof(Vec4);
     return sizeof(Vec4) + (encode == "png" ? 4 : 2) * rgba;
 }
-/// Of an encoded file whose picture is small: its header.
-constexpr std::uint64_t header_bytes = 4096;
+/// Bytes of the finished payload at most.
+std::uint64_t payload_bytes_max(std::uint32_t width, std::uint32_t height,
+                                std::string_view encode) {
+    if (encode == "png") return png_bytes_max(width, height);
+    if (encode == "exr") return exr_bytes_max(width, height, 4);
+    return std::uint64_t{4} * width * height;
+}
 
 Result<std::vector<std::byte>> encode_linear_exr(std::uint32_t width, std::uint32_t height,
                                                  std::span<const Vec4> pixels) {
@@ -97,10 +102,12 @@ Reply<Answer> render(const Services& services, const Caller& caller,
 
     const std::string_view encode = protocol::word(message->encode(), "png");
     auto order = make_order(services, caller, std::move(*plan), message->camera(), message->width(),
-                            message->height(), encode, header_bytes + pixel_bytes(encode) * pixels);
+                            message->height(), encode,
+                            image_header_bytes_max + pixel_bytes(encode) * pixels);
     if (!order) return tl::unexpected(order.error());
     Accepted accepted = accept(order->plan, "render", order->pixels());
-    accepted.answer_bytes = accepted.result_bytes = order->lease.bytes();
+    accepted.answer_bytes = accepted.result_bytes =
+        picture_answer_bytes(caller, payload_bytes_max(order->width, order->height, order->encode));
     accepted.job = std::make_unique<RenderJob>(services, caller, std::move(*order));
     return Answer{std::move(accepted)};
 }

@@ -12,6 +12,11 @@ namespace {
 /// Headers, control messages, and the record of an answer without bulk.
 constexpr std::uint64_t base_bytes = 16ULL << 10;
 
+/// What helps where an answer is too large to be kept.
+constexpr const char* smaller_answer =
+    "ask for less (a smaller picture, PNG in place of raw or EXR, fewer rays or fields), or do not "
+    "detach: an attached answer is not kept";
+
 template <class Table>
 bool is(const protocol::Frame& frame) {
     return frame.header.type == static_cast<std::uint16_t>(protocol::message_of<Table>);
@@ -132,15 +137,17 @@ Reply<Budget::Lease> DetachedJobs::make_room(const std::string& principal, std::
                 Code::quota,
                 "the answer needs " + std::to_string(bytes) + " bytes more, " + principal +
                     " keeps " + std::to_string(kept()) +
-                    ", the limit is principal_result_bytes_max = " + std::to_string(most) +
-                    "; fetch or cancel a finished job, or ask for less");
+                    ", the limit is principal_result_bytes_max = " + std::to_string(most) + "; " +
+                    (bytes > most ? "" : "fetch or cancel a finished job, or ") + smaller_answer +
+                    ", or start raynestd with a larger --principal-result-bytes-max");
     auto room = engine_.budget.reserve(bytes);
     while (!room && drop_fetched("")) room = engine_.budget.reserve(bytes);
     if (!room)
         return refuse(Code::resource_exhausted,
                       "the answer needs " + std::to_string(bytes) + " bytes more, " +
                           std::to_string(engine_.budget.limit() - engine_.budget.used()) +
-                          " of --memory are free; fetch or cancel a finished job");
+                          " of --memory are free; fetch or cancel a finished job, or " +
+                          smaller_answer + ", or start raynestd with more --memory");
     return std::move(*room);
 }
 

@@ -176,8 +176,8 @@ class Detach(DaemonTest):
         self.expect(0, "fetch", query, "-o", self.out / "right.npz")
 
     def test_more_than_one_principal_may_keep_is_refused_before_it_runs(self):
-        self.expect(6, "render", "woods", "--size", "8192x8192", "--detach",
-                    says="principal_result_bytes_max")
+        self.expect(6, "query", "woods", "--generate", "equirectangular", "size=8192x8192",
+                    "--detach", says="principal_result_bytes_max")
         self.assertFalse([job for job in self.listed().values()
                           if job["total"] == 8192 * 8192])
 

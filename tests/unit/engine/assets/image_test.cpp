@@ -3,6 +3,8 @@
 #include "tests/unit/engine/assets/samples.h"
 
 #include <cstdlib>
+#include <cstring>
+#include <utility>
 #if defined(__SANITIZE_ADDRESS__)
 #include <sanitizer/lsan_interface.h>
 #endif
@@ -41,6 +43,30 @@ TEST_CASE("a PNG comes back bit for bit, straight alpha included" * doctest::tes
     const auto file = encode_png(64, 48, rgba);
     REQUIRE(file.has_value());
     CHECK(pixels_of(*file) == rgba);
+}
+
+TEST_CASE("files of noise, which nothing compresses, are no larger than promised" *
+          doctest::test_suite("images")) {
+    if (!test::have_images()) return;
+    for (const auto& [width, height] :
+         {std::pair{1U, 1U}, {1U, 3000U}, {3000U, 1U}, {700U, 401U}}) {
+        std::vector<std::uint8_t> rgba(std::size_t{4} * width * height);
+        std::uint64_t state = 1;
+        for (std::uint8_t& value : rgba) {
+            state = state * 6364136223846793005U + 1442695040888963407U;
+            value = static_cast<std::uint8_t>(state >> 56);
+        }
+        const auto png = encode_png(width, height, rgba);
+        REQUIRE(png);
+        CHECK(png->size() >= rgba.size());
+        CHECK(png->size() <= png_bytes_max(width, height));
+        std::vector<std::uint32_t> words(std::size_t{width} * height);
+        std::memcpy(words.data(), rgba.data(), rgba.size());
+        const std::vector<Channel> channels = {{"a", {}, words}, {"b", {}, words}};
+        const auto exr = encode_exr(width, height, channels);
+        REQUIRE(exr);
+        CHECK(exr->size() <= exr_bytes_max(width, height, 2));
+    }
 }
 
 TEST_CASE("grey, grey with alpha, palette and 16-bit pictures become RGBA8" *

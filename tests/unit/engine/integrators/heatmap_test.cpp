@@ -166,6 +166,7 @@ TEST_CASE("no text of a legend reaches the picture's edge") {
                 const auto map =
                     heat_picture(width, 1, counts, statistics_of(counts, options), options);
                 REQUIRE(map.has_value());
+                CHECK(map->height <= 1 + heat_legend_height_max);
                 const std::array<int, 3> paper = pixel(*map, 0, map->height - 1);
                 for (std::uint32_t y = 1; y < map->height; ++y) {
                     for (std::uint32_t x = 1; x <= 6; ++x)
