@@ -1,7 +1,9 @@
 #include "client/numbers.h"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
+#include <utility>
 
 namespace raynest::client {
 namespace {
@@ -36,6 +38,22 @@ Result<std::vector<float>> parse_numbers(const std::string& text, const std::str
         numbers.push_back(value);
     }
     return numbers;
+}
+
+Result<std::uint64_t> parse_duration(const std::string& text) {
+    static constexpr std::array<std::pair<char, double>, 4> units = {
+        {{'s', 1e3}, {'m', 60e3}, {'h', 3600e3}, {'d', 86400e3}}};
+    constexpr double days_max = 36500;
+    double number = 0;
+    const char* last = text.data() + text.size();
+    const auto [end, error] = std::from_chars(text.data(), last, number);
+    for (const auto& [letter, milliseconds] : units) {
+        if (error != std::errc{} || end + 1 != last || *end != letter) continue;
+        const double product = number * milliseconds;
+        if (product >= 1 && product <= days_max * units.back().second)
+            return static_cast<std::uint64_t>(product);
+    }
+    return misshapen(text, "a time such as 90s, 30m, 1h or 2d");
 }
 
 Result<std::vector<float>> parse_numbers(const std::string& text, std::size_t few, std::size_t many,

@@ -4,6 +4,7 @@
 #include "client/failure.h"
 
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -19,5 +20,8 @@ Result<std::vector<float>> parse_numbers(const std::string& text, const std::str
 /// `few` or `many` of them.
 Result<std::vector<float>> parse_numbers(const std::string& text, std::size_t few, std::size_t many,
                                          const std::string& shape);
+
+/// "90s", "30m", "1h" or "2d" -> milliseconds, at least 1.
+Result<std::uint64_t> parse_duration(const std::string& text);
 
 }  // namespace raynest::client

@@ -232,7 +232,19 @@ void declare(CLI::App& app, InfoOptions& info) {
     add_scene(app, info.scene);
 }
 void declare(CLI::App& app, UnloadOptions& unload) {
-    add_scene(app, unload.scene);
+    CLI::Option_group& which = *app.add_option_group("Scenes", "one of");
+    which.require_option(1);
+    which.add_option("SCENE", unload.scenes, "names of loaded scenes (see: raynest scenes)");
+    which.add_flag("--all", unload.all, "every scene of yours");
+    add_parsed(
+        which, "--idle",
+        [&unload](const std::string& text) -> std::string {
+            const auto milliseconds = parse_duration(text);
+            if (!milliseconds) return milliseconds.error().message;
+            unload.idle_ms = *milliseconds;
+            return "";
+        },
+        "every scene of yours that was not used for so long: 90s, 30m, 1h, 2d");
 }
 
 void declare(CLI::App& app, PathOptions& path) {

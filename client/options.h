@@ -51,8 +51,11 @@ struct PathOptions {
     std::uint64_t id = 0;
     std::uint64_t epoch = 0;
 };
+/// Scenes by name, or all, or those that were not used for `idle_ms`.
 struct UnloadOptions {
-    std::string scene;
+    std::vector<std::string> scenes;
+    bool all = false;
+    std::uint64_t idle_ms = 0;
 };
 struct VariantsOptions {};
 struct StatsOptions {};

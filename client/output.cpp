@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <iostream>
+#include <utility>
 
 namespace raynest::client {
 namespace {
@@ -80,6 +81,14 @@ std::string seconds_text(double seconds) {
     std::array<char, 32> text;
     std::snprintf(text.data(), text.size(), "%.3f s", seconds);
     return text.data();
+}
+
+std::string age_text(double seconds) {
+    static constexpr std::array<std::pair<double, char>, 3> units = {
+        {{86400, 'd'}, {3600, 'h'}, {60, 'm'}}};
+    for (const auto& [unit, letter] : units)
+        if (seconds >= unit) return std::to_string(static_cast<long>(seconds / unit)) + letter;
+    return std::to_string(static_cast<long>(seconds)) + 's';
 }
 
 std::string float_text(float value) {

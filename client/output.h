@@ -29,6 +29,8 @@ void print_table(const std::vector<std::vector<std::string>>& rows);
 [[nodiscard]] std::string bytes_text(std::uint64_t bytes);
 /// "0.412 s".
 [[nodiscard]] std::string seconds_text(double seconds);
+/// "12s", "5m", "3h", "2d": in the largest unit that gives at least 1.
+[[nodiscard]] std::string age_text(double seconds);
 /// The shortest text that reads as the same float, as JSON wants it ("null" when not finite).
 [[nodiscard]] std::string float_text(float value);
 

@@ -283,6 +283,10 @@ Result<void> validate(const wire::SceneList& message, const Limits& limits) {
         .numbers("instanced_triangles", message.names(), message.instanced_triangles())
         .numbers("bytes", message.names(), message.bytes())
         .names("owners", message.owners())
+        .equally_long("owners", message.names(), message.owners())
+        .numbers("age_ms", message.names(), message.age_ms())
+        .numbers("idle_ms", message.names(), message.idle_ms())
+        .numbers("holders", message.names(), message.holders())
         .result();
 }
 

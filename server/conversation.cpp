@@ -21,6 +21,7 @@ Conversation::Conversation(const Services& services, const Engine& engine, Sink&
       sink_(sink),
       runner_(std::make_shared<Runner>(engine, sink, principal)) {
     caller_.principal = std::move(principal);
+    caller_.connection = services_.scenes.connect();
 }
 
 Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
@@ -211,6 +212,7 @@ bool Conversation::waits_for_client() const {
 
 void Conversation::abandon() {
     runner_->abandon();
+    services_.scenes.disconnect(caller_);
     for (const auto& [id, job] : std::exchange(feeding_, {})) {
         job->set_feeder(nullptr);
         services_.detached.cancel(job->record().number);

@@ -7,7 +7,7 @@ namespace raynest::client {
 Result<void> run(Context& context, const ScenesOptions&) {
     Json scenes = Json::array();
     std::vector<std::vector<std::string>> rows = {
-        {"SCENE", "EPOCH", "TRIANGLES", "MEMORY", "HASH"}};
+        {"SCENE", "EPOCH", "TRIANGLES", "MEMORY", "OWNER", "AGE", "UNUSED", "OPEN", "HASH"}};
     wire::ScenesT request;
     // The daemon answers page by page; an empty page ends a list that shrank meanwhile.
     for (bool more = true; more;) {
@@ -21,12 +21,21 @@ Result<void> run(Context& context, const ScenesOptions&) {
             const std::uint64_t epoch = list.epochs()->Get(i);
             const std::uint64_t triangles = list.instanced_triangles()->Get(i);
             const std::uint64_t bytes = list.bytes()->Get(i);
+            const std::string owner = list.owners()->Get(i)->str();
+            const double age = static_cast<double>(list.age_ms()->Get(i)) / 1e3;
+            const double idle = static_cast<double>(list.idle_ms()->Get(i)) / 1e3;
+            const std::uint32_t holders = list.holders()->Get(i);
             scenes.push_back(Json{{"name", names[k]},
                                   {"hash", hashes[k]},
                                   {"epoch", epoch},
                                   {"instanced_triangles", triangles},
-                                  {"bytes", bytes}});
+                                  {"bytes", bytes},
+                                  {"owner", owner},
+                                  {"age_seconds", age},
+                                  {"idle_seconds", idle},
+                                  {"holders", holders}});
             rows.push_back({names[k], std::to_string(epoch), grouped(triangles), bytes_text(bytes),
+                            owner, age_text(age), age_text(idle), std::to_string(holders),
                             hashes[k]});
         }
         request.first += static_cast<std::uint32_t>(names.size());

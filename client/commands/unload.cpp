@@ -1,21 +1,67 @@
-// raynest unload SCENE: drop the caller's reference.
+// raynest unload: drop scenes by name, all of the caller's, or those that were not used for long.
 #include "client/commands/commands.h"
 #include "client/output.h"
 
 #include <iostream>
 
 namespace raynest::client {
+namespace {
+
+struct Unloaded {
+    std::string name;
+    std::vector<std::string> holders;  ///< known where the scene was asked for by name
+};
+
+Result<void> unload(Context& context, const wire::UnloadT& request, std::vector<Unloaded>& done) {
+    const bool many = request.all || request.idle_ms != 0;
+    // Many come page by page, the last one empty.
+    while (true) {
+        const auto reply = ask<wire::Unloaded>(context.connection, request);
+        if (!reply) return tl::unexpected<Failure>(reply.error());
+        const std::vector<std::string> names = protocol::strings((*reply)->names());
+        for (const std::string& name : names)
+            done.push_back({name, protocol::strings((*reply)->holders())});
+        if (!many || names.empty()) return {};
+    }
+}
+
+void print(Context& context, const UnloadOptions& options, const std::vector<Unloaded>& done) {
+    if (context.json) {
+        Json names = Json::array();
+        Json holders = Json::object();
+        for (const Unloaded& scene : done) {
+            names.push_back(scene.name);
+            if (!scene.holders.empty()) holders[scene.name] = scene.holders;
+        }
+        return print_json(Json{{"unloaded", names}, {"holders", holders}});
+    }
+    for (const Unloaded& scene : done) {
+        std::cout << "unloaded " << scene.name << '\n';
+        if (scene.holders.empty()) continue;
+        std::cout << "  still held by ";
+        for (std::size_t i = 0; i < scene.holders.size(); ++i)
+            std::cout << (i == 0 ? "" : ", ") << scene.holders[i];
+        std::cout << ", for whom the name works on\n";
+    }
+    if (done.empty() && options.scenes.empty()) std::cout << "nothing to unload\n";
+}
+
+}  // namespace
 
 Result<void> run(Context& context, const UnloadOptions& options) {
+    std::vector<Unloaded> done;
     wire::UnloadT request;
-    request.scene = options.scene;
-    const auto reply = ask<wire::Unloaded>(context.connection, request);
-    if (!reply) return tl::unexpected<Failure>(reply.error());
-    if (context.json)
-        print_json(Json{{"unloaded", protocol::text((*reply)->name())}});
-    else
-        std::cout << "unloaded " << protocol::text((*reply)->name()) << '\n';
-    return {};
+    request.all = options.all;
+    request.idle_ms = options.idle_ms;
+    Result<void> result;
+    if (options.scenes.empty()) result = unload(context, request, done);
+    for (const std::string& scene : options.scenes) {
+        request.scene = scene;
+        result = unload(context, request, done);
+        if (!result) break;
+    }
+    if (result || !done.empty()) print(context, options, done);
+    return result;
 }
 
 }  // namespace raynest::client

@@ -38,9 +38,8 @@ struct Services {
     std::string why_no_cuda = "this daemon has no CUDA worker";
 };
 
-/// Who asks.
-struct Caller {
-    std::string principal;
+/// The connection that asks, and its request.
+struct Caller : ConnectionId {
     std::uint64_t request_id = 0;
     std::uint64_t window_bytes = 0;  ///< credit that the client grants at the start
 };

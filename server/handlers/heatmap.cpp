@@ -135,14 +135,14 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     if (count != "traversed" && count != "necessary")
         return refuse(Code::invalid_field, "unknown count '" + std::string(count) +
                                                "': use one of traversed, necessary");
-    auto plan = make_plan(services, *message->job(), query_closest, true);
+    auto plan = make_plan(services, caller, *message->job(), query_closest, true);
     if (!plan) return tl::unexpected(plan.error());
     const std::uint64_t pixels = std::uint64_t{message->width()} * message->height();
     if (auto chosen = choose_worker(services, pixels, *plan); !chosen)
         return tl::unexpected(chosen.error());
     std::optional<Plan> first_pass;
     if (count == "necessary") {
-        auto found = make_plan(services, *message->job(), query_closest, false);
+        auto found = make_plan(services, caller, *message->job(), query_closest, false);
         if (!found) return tl::unexpected(found.error());
         first_pass = std::move(*found);
     }

@@ -1,4 +1,4 @@
-// INFO: what a scene holds.
+// INFO: what a scene holds; the connection keeps it from then on where it says `hold`.
 #include "server/handlers/handler.h"
 #include "server/handlers/scene_info.h"
 
@@ -6,7 +6,9 @@ namespace raynest::server {
 
 Reply<Answer> info(const Services& services, const Caller& caller,
                    const protocol::Opened<wire::Info>& message) {
-    const auto scene = services.scenes.find(protocol::text(message->scene()), 0);
+    const std::string_view name = protocol::text(message->scene());
+    const auto scene = message->hold() ? services.scenes.open(name, caller)
+                                       : services.scenes.find(name, 0, caller);
     if (!scene) return tl::unexpected(scene.error());
     return answer_with(caller, scene_info(*scene, services.limits), services);
 }

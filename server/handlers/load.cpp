@@ -61,10 +61,9 @@ struct LoadOrder {
     std::string source;
     std::string name;
     std::string primitive;
-    std::string principal;
+    ConnectionId caller;
     BuildQuality build = BuildQuality::medium;
-    bool replace = false;
-    Clock::time_point deadline = Clock::time_point::max();
+    Publication publication;
     std::vector<UploadFile> files;
     Budget::Lease lease;  ///< of what has come of the files
 };
@@ -104,7 +103,7 @@ public:
                                                    " is longer than its announced " +
                                                    std::to_string(file.bytes.size()) + " bytes");
         // Piece by piece: an upload that is announced and does not come takes nothing.
-        services_.peers.make_memory(block->count, order_.principal);
+        services_.peers.make_memory(block->count, order_.caller.principal);
         auto lease = services_.budget.reserve(block->count);
         if (!lease)
             return refuse_memory("the rest of the upload", announced_ - received_,
@@ -122,7 +121,7 @@ public:
         if (import_started_ || current_ < order_.files.size()) return std::nullopt;
         import_started_ = true;
         // A copy of the files, and a scene of about their size.
-        services_.peers.make_memory(2 * announced_, order_.principal);
+        services_.peers.make_memory(2 * announced_, order_.caller.principal);
         Task task;
         task.lane = Lane::blocking;
         task.run = [this](const Stop& stop) -> Reply<Frames> {
@@ -138,9 +137,10 @@ public:
         order_.files.clear();
         order_.lease = {};
         reused_ = services_.scenes.holds(snapshot_->hash());
-        if (!reused_) services_.peers.make_memory(snapshot_->bytes().size(), order_.principal);
-        auto scene = services_.scenes.publish(order_.name, std::move(snapshot_), order_.replace,
-                                              order_.principal);
+        if (!reused_)
+            services_.peers.make_memory(snapshot_->bytes().size(), order_.caller.principal);
+        auto scene = services_.scenes.publish(order_.name, std::move(snapshot_), order_.publication,
+                                              order_.caller);
         if (!scene) return tl::unexpected(scene.error());
         scene_ = std::move(*scene);
         ++services_.metrics.scenes_loaded;
@@ -150,7 +150,8 @@ public:
              {"hash", scene_->snapshot().hash()},
              {"bytes", std::to_string(scene_->snapshot().statistics().bytes)},
              {"huge_bytes", std::to_string(scene_->snapshot().huge_bytes())},
-             {"principal", order_.principal}});
+             {"seconds", std::to_string(seconds())},
+             {"principal", order_.caller.principal}});
         return {};
     }
 
@@ -161,7 +162,7 @@ public:
     Frames farewell() override {
         wire::LoadedT loaded;
         loaded.info = std::make_unique<wire::SceneInfoT>(scene_info(*scene_, services_.limits));
-        loaded.seconds = std::chrono::duration<double>(Clock::now() - started_).count();
+        loaded.seconds = seconds();
         loaded.reused = reused_;
         Frames frames;
         frames.push_back(*protocol::encode(id_, loaded));
@@ -174,6 +175,10 @@ public:
     }
 
 private:
+    [[nodiscard]] double seconds() const {
+        return std::chrono::duration<double>(Clock::now() - started_).count();
+    }
+
     /// Files of no bytes, and the one that has just got its last, need no piece.
     void skip_complete_files() {
         while (current_ < order_.files.size() &&
@@ -215,11 +220,7 @@ private:
         limits.scene_bytes_max = services_.budget.limit() - services_.budget.used();
         limits.bytes_max =
             std::min(limits.bytes_max, import_base_bytes + import_growth * limits.scene_bytes_max);
-        const Clock::time_point now = Clock::now();
-        if (order_.deadline < now + limits.time_max)
-            limits.time_max =
-                std::max(std::chrono::ceil<std::chrono::seconds>(order_.deadline - now),
-                         std::chrono::seconds(1));
+        // At the deadline the runner stops the task, and the child with it.
         auto snapshot = import_in_child(request, limits, services_.import_child,
                                         [&] { return !stop.requested(); });
         if (stop.requested()) return refuse(Code::cancelled, "");
@@ -255,7 +256,7 @@ Reply<void> read_files(const Services& services, const wire::Load& message, Load
     for (std::size_t i = 0; i < names.size(); ++i)
         total += message.file_bytes()->Get(static_cast<flatbuffers::uoffset_t>(i));
     // What does not fit now is not uploaded first; it is reserved as it comes.
-    services.peers.make_memory(total, order.principal);
+    services.peers.make_memory(total, order.caller.principal);
     if (!services.budget.reserve(total)) return refuse_memory("the upload", total, services.budget);
     for (std::size_t i = 0; i < names.size(); ++i) {
         const auto index = static_cast<flatbuffers::uoffset_t>(i);
@@ -279,14 +280,14 @@ Reply<Answer> load(const Services& services, const Caller& caller,
     order.source = protocol::text(message->source());
     order.name = protocol::word(message->name(), default_name(order.source));
     order.primitive = protocol::text(message->primitive());
-    order.principal = caller.principal;
-    order.replace = message->replace();
+    order.caller = caller;
+    order.publication = {message->replace(), message->temporary()};
     if (order.name.empty() || order.name.size() > services.limits.name_bytes_max)
         return refuse(Code::invalid_field, "the scene needs a name of 1.." +
                                                std::to_string(services.limits.name_bytes_max) +
                                                " bytes; pass --name");
     // What cannot be kept is not uploaded first.
-    if (const auto quota = services.scenes.check_quota(order.name, caller.principal, 0); !quota)
+    if (const auto quota = services.scenes.check_quota(order.name, caller, 0); !quota)
         return tl::unexpected(quota.error());
     if (const auto files = read_files(services, *message.table, order); !files)
         return tl::unexpected(files.error());
@@ -295,8 +296,6 @@ Reply<Answer> load(const Services& services, const Caller& caller,
     accepted.kind = "load";
     accepted.scene = order.name;
     accepted.deadline_ms = message->deadline_ms();
-    if (accepted.deadline_ms != 0)
-        order.deadline = Clock::now() + std::chrono::milliseconds(accepted.deadline_ms);
     for (const UploadFile& file : order.files) accepted.input_bytes += file.bytes.size();
     accepted.job = std::make_unique<LoadJob>(services, caller, std::move(order));
     return Answer{std::move(accepted)};

@@ -7,7 +7,8 @@ namespace raynest::server {
 
 Reply<Answer> path(const Services& services, const Caller& caller,
                    const protocol::Opened<wire::Path>& message) {
-    const auto scene = services.scenes.find(protocol::text(message->scene()), message->epoch());
+    const auto scene =
+        services.scenes.find(protocol::text(message->scene()), message->epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
     const auto steps = expand_path(scene->snapshot().view(), message->path());
     // The engine calls any damage of a scene invalid; here it is the request that names no path.

@@ -49,7 +49,8 @@ RecordNormal record_normal(std::uint32_t type, const void* registry) {
 
 }  // namespace
 
-Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query query, bool counting) {
+Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
+                      Query query, bool counting) {
     using protocol::text;
     using protocol::word;
     const auto priority = parse_priority(word(job.priority(), "normal"));
@@ -60,7 +61,7 @@ Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query quer
     if (!traversal) return refuse_word(traversal.error());
 
     Plan plan;
-    auto scene = services.scenes.find(text(job.scene()), job.epoch());
+    auto scene = services.scenes.find(text(job.scene()), job.epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
     plan.scene = std::move(*scene);
     const auto variant =

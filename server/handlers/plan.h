@@ -58,7 +58,8 @@ struct Plan {
 
 /// Looks everything up; the error names the word that is wrong. `counting` forces the latency
 /// traversal on the CPU, and a note says so.
-Reply<Plan> make_plan(const Services& services, const wire::Job& job, Query query, bool counting);
+Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
+                      Query query, bool counting);
 
 /// What a handler hands over for this plan, but for the job itself.
 [[nodiscard]] Accepted accept(const Plan& plan, const char* kind, std::uint64_t rays);

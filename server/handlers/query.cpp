@@ -268,7 +268,7 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     if (!kind) return tl::unexpected(kind.error());
     auto columns = Columns::choose(protocol::strings(message->fields()), kind->query);
     if (!columns) return tl::unexpected(columns.error());
-    auto plan = make_plan(services, *message->job(), kind->query, columns->counting());
+    auto plan = make_plan(services, caller, *message->job(), kind->query, columns->counting());
     if (!plan) return tl::unexpected(plan.error());
     plan->untraced = kind->untraced;
     plan->reads_rays = reduce.empty() && columns->read_rays();

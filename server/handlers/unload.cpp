@@ -1,15 +1,37 @@
-// UNLOAD: drops the caller's reference to a scene; running jobs keep theirs.
+// UNLOAD: drops references to one scene, to all of the caller's, or to those not used for long.
+// Running jobs and other connections keep theirs.
 #include "server/handlers/handler.h"
+#include "server/log.h"
+
+#include <algorithm>
+#include <chrono>
 
 namespace raynest::server {
+namespace {
+
+/// A century: what a clock of nanoseconds can still count.
+constexpr std::uint64_t idle_ms_max = 100ULL * 366 * 24 * 3600 * 1000;
+/// Names of the longest kind of one answer; the client asks again until there are none.
+constexpr std::size_t unloads_max = 128;
+
+}  // namespace
 
 Reply<Answer> unload(const Services& services, const Caller& caller,
                      const protocol::Opened<wire::Unload>& message) {
-    const std::string_view name = protocol::text(message->scene());
-    if (const auto gone = services.scenes.unload(name, caller.principal); !gone)
-        return tl::unexpected(gone.error());
     wire::UnloadedT unloaded;
-    unloaded.name = name;
+    if (message->all() || message->idle_ms() != 0) {
+        const std::uint64_t idle_ms = message->all() ? 0 : message->idle_ms();
+        const std::chrono::milliseconds idle(std::min(idle_ms, idle_ms_max));
+        unloaded.names = services.scenes.unload_idle(idle, unloads_max, caller);
+    } else {
+        unloaded.name = protocol::text(message->scene());
+        auto holders = services.scenes.unload(unloaded.name, caller);
+        if (!holders) return tl::unexpected(holders.error());
+        unloaded.names = {unloaded.name};
+        unloaded.holders = std::move(*holders);
+    }
+    for (const std::string& name : unloaded.names)
+        log(LogLevel::info, "unloaded", {{"scene", name}, {"principal", caller.principal}});
     return answer_with(caller, unloaded, services);
 }
 

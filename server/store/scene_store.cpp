@@ -1,10 +1,81 @@
 #include "server/store/scene_store.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace raynest::server {
+namespace {
 
-Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const Snapshot> snapshot) {
+/// Scenes that a refusal proposes to unload.
+constexpr std::size_t proposals_max = 3;
+
+std::string counted(std::size_t count, const char* thing) {
+    return std::to_string(count) + " " + thing + (count == 1 ? "" : "s");
+}
+
+}  // namespace
+
+bool SceneStore::Entry::held_by(const ConnectionId& caller) const {
+    const auto found = holders.find(caller.principal);
+    return found != holders.end() && found->second.contains(caller.connection);
+}
+
+bool SceneStore::Entry::temporary_of(const ConnectionId& caller) const {
+    return held_by(caller) && holders.at(caller.principal).at(caller.connection);
+}
+
+bool SceneStore::Entry::charged_to(const std::string& principal) const {
+    return owners.contains(principal) || holders.contains(principal);
+}
+
+std::size_t SceneStore::Entry::connections() const {
+    std::size_t count = 0;
+    for (const auto& [principal, numbers] : holders) count += numbers.size();
+    return count;
+}
+
+bool SceneStore::Entry::release(const ConnectionId& caller) noexcept {
+    const auto found = holders.find(caller.principal);
+    if (found != holders.end()) {
+        found->second.erase(caller.connection);
+        if (found->second.empty()) holders.erase(found);
+    }
+    return owners.empty() && holders.empty();
+}
+
+bool SceneStore::Entry::only_of(const std::string& principal) const {
+    if (owners.empty()) return holders.size() == 1 && holders.contains(principal);
+    return owners.size() == 1 && owners.contains(principal);
+}
+
+template <class AnyEntries>
+auto SceneStore::resolve(AnyEntries& entries, std::string_view name, const ConnectionId& caller) {
+    auto found = entries.end();
+    const auto [first, last] = entries.equal_range(name);
+    for (auto entry = first; entry != last; ++entry) {
+        if (entry->second.held_by(caller)) return entry;
+        if (entry->second.listed) found = entry;
+    }
+    return found;
+}
+
+SceneStore::Entries::iterator SceneStore::listed(std::string_view name) {
+    const auto [first, last] = entries_.equal_range(name);
+    const auto found =
+        std::find_if(first, last, [](const auto& entry) { return entry.second.listed; });
+    return found == last ? entries_.end() : found;
+}
+
+void SceneStore::disconnect(const ConnectionId& caller) noexcept {
+    for (auto entry = entries_.begin(); entry != entries_.end();) {
+        const auto next = std::next(entry);
+        if (entry->second.held_by(caller) && entry->second.release(caller)) entries_.erase(entry);
+        entry = next;
+    }
+}
+
+Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const Snapshot> snapshot,
+                                                         const std::string& principal) {
     std::weak_ptr<const HeldScene>& known = by_hash_[snapshot->hash()];
     if (auto held = known.lock()) return held;
 
@@ -14,70 +85,106 @@ Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const S
         return refuse(Code::resource_exhausted,
                       "the scene takes " + std::to_string(bytes) + " bytes, " +
                           std::to_string(budget_.limit() - budget_.used()) +
-                          " of --memory are free; unload a scene or start raynestd with more");
+                          " of --memory are free; start raynestd with more, or " +
+                          advice(principal));
     auto held =
         std::make_shared<const HeldScene>(HeldScene{std::move(snapshot), std::move(*lease)});
     known = held;
     return held;
 }
 
-Reply<void> SceneStore::check_quota(const std::string& name, const std::string& principal,
+std::string SceneStore::advice(const std::string& principal) const {
+    std::vector<const Entry*> candidates;
+    for (const auto& [name, entry] : entries_)
+        if (entry.owners.contains(principal)) candidates.push_back(&entry);
+    if (candidates.empty())
+        return "unload a scene, or close the connections that hold scenes without a name";
+    std::sort(candidates.begin(), candidates.end(),
+              [](const Entry* a, const Entry* b) { return a->used < b->used; });
+    candidates.resize(std::min(candidates.size(), proposals_max));
+    std::string names;
+    for (const Entry* candidate : candidates)
+        names += (names.empty() ? "'" : ", '") + candidate->scene.name + "'";
+    return "unload scenes (raynest unload NAME, or --idle 1h); least recently used: " + names;
+}
+
+Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& caller,
                                     std::uint64_t bytes) const {
+    const std::string& principal = caller.principal;
     std::uint64_t scenes = 0;
     std::uint64_t held = 0;
-    for (const auto& [other, entry] : entries_) {
-        if (other == name || !entry.principals.contains(principal)) continue;
+    for (const auto& [name, entry] : entries_) {
+        if (&entry == changed || !entry.charged_to(principal)) continue;
         ++scenes;
         held += entry.scene.snapshot().bytes().size();
     }
     if (scenes >= limits_.principal_scenes_max)
-        return refuse(Code::quota, principal + " holds " + std::to_string(scenes) +
-                                       " scenes, the limit is principal_scenes_max = " +
-                                       std::to_string(limits_.principal_scenes_max) +
-                                       "; unload one");
+        return refuse(Code::quota, principal + " holds " + counted(scenes, "scene") +
+                                       ", the limit is principal_scenes_max = " +
+                                       std::to_string(limits_.principal_scenes_max) + "; " +
+                                       advice(principal));
     if (bytes > limits_.principal_scene_bytes_max ||
         held > limits_.principal_scene_bytes_max - bytes)
-        return refuse(Code::quota,
-                      principal + " holds " + std::to_string(held) + " bytes of scenes, " +
-                          std::to_string(bytes) + " more are over principal_scene_bytes_max = " +
-                          std::to_string(limits_.principal_scene_bytes_max) + "; unload one");
+        return refuse(Code::quota, principal + " holds " + std::to_string(held) +
+                                       " bytes of scenes, " + std::to_string(bytes) +
+                                       " more are over principal_scene_bytes_max = " +
+                                       std::to_string(limits_.principal_scene_bytes_max) + "; " +
+                                       advice(principal));
     return {};
 }
 
+Reply<void> SceneStore::check_quota(std::string_view name, const ConnectionId& caller,
+                                    std::uint64_t bytes) const {
+    const auto known = resolve(entries_, name, caller);
+    return check_quota(known == entries_.end() ? nullptr : &known->second, caller, bytes);
+}
+
 Reply<NamedScene> SceneStore::publish(const std::string& name,
-                                      std::shared_ptr<const Snapshot> snapshot, bool replace,
-                                      const std::string& principal) {
+                                      std::shared_ptr<const Snapshot> snapshot, Publication how,
+                                      const ConnectionId& caller) {
     std::erase_if(by_hash_, [](const auto& known) { return known.second.expired(); });
 
-    const auto found = entries_.find(name);
+    const auto found = listed(name);
     const bool taken = found != entries_.end();
-    if (const auto quota = check_quota(name, principal, snapshot->bytes().size()); !quota)
+    if (const auto quota = check_quota(name, caller, snapshot->bytes().size()); !quota)
         return tl::unexpected(quota.error());
-    if (taken && found->second.scene.snapshot().hash() == snapshot->hash()) {
-        found->second.principals.insert(principal);
-        return found->second.scene;
-    }
-    if (taken && !replace)
+    const bool equal = taken && found->second.scene.snapshot().hash() == snapshot->hash();
+    if (taken && !equal && !how.replace)
         return refuse(Code::name_taken, "another scene is called '" + name +
                                             "'; load this one with --name NAME, or put it in the "
                                             "other's place with --replace");
-    // Whoever else holds it would find another scene, charged to its own quota.
-    if (taken &&
-        (found->second.principals.size() > 1 || !found->second.principals.contains(principal)))
+    // Other principals that keep the name would find another scene.
+    if (taken && !equal && !found->second.only_of(caller.principal))
         return refuse(Code::not_allowed, "scene '" + name +
                                              "' is held by others too; load this one with "
                                              "--name NAME");
-    auto held = hold(std::move(snapshot));
-    if (!held) return tl::unexpected(held.error());
 
     // Complete before it is in the table, so that lack of memory leaves what was there.
     Entry entry = taken ? found->second : Entry();
-    entry.scene.name = name;
-    entry.scene.held = std::move(*held);
-    ++entry.scene.epoch;
-    entry.principals.insert(principal);
+    entry.used = now_();
+    if (!equal) {
+        auto held = hold(std::move(snapshot), caller.principal);
+        if (!held) return tl::unexpected(held.error());
+        entry.scene.name = name;
+        entry.scene.held = std::move(*held);
+        ++entry.scene.epoch;
+        entry.owner = caller.principal;
+        entry.loaded = entry.used;
+    }
+    if (!how.temporary) entry.owners.insert(caller.principal);
+    const bool temporary = how.temporary && (!entry.held_by(caller) || entry.temporary_of(caller));
+    entry.holders[caller.principal].insert_or_assign(caller.connection, temporary);
     NamedScene scene = entry.scene;
-    entries_.insert_or_assign(name, std::move(entry));
+    if (taken)
+        found->second = std::move(entry);
+    else
+        entries_.emplace(name, std::move(entry));
+    // The caller's name no longer means a scene that was unloaded and that it holds still.
+    const auto [first, last] = entries_.equal_range(name);
+    const auto before = std::find_if(first, last, [&](const auto& known) {
+        return !known.second.listed && known.second.held_by(caller);
+    });
+    if (before != last && before->second.release(caller)) entries_.erase(before);
     return scene;
 }
 
@@ -86,8 +193,9 @@ bool SceneStore::holds(const std::string& hash) const {
     return known != by_hash_.end() && !known->second.expired();
 }
 
-Reply<NamedScene> SceneStore::find(std::string_view name, std::uint64_t epoch) const {
-    const auto found = entries_.find(name);
+Reply<NamedScene> SceneStore::find(std::string_view name, std::uint64_t epoch,
+                                   const ConnectionId& caller) const {
+    const auto found = resolve(entries_, name, caller);
     if (found == entries_.end())
         return refuse(Code::scene_unknown, "scene '" + std::string(name) +
                                                "' is not loaded; run: raynest load FILE --name " +
@@ -97,27 +205,80 @@ Reply<NamedScene> SceneStore::find(std::string_view name, std::uint64_t epoch) c
         return refuse(Code::scene_unknown, "scene '" + scene.name + "' is at epoch " +
                                                std::to_string(scene.epoch) + ", not " +
                                                std::to_string(epoch) + "; ask without --epoch");
+    found->second.used = now_();
     return scene;
 }
 
-Reply<bool> SceneStore::unload(std::string_view name, const std::string& principal) {
-    const auto found = entries_.find(name);
+Reply<NamedScene> SceneStore::open(std::string_view name, const ConnectionId& caller) {
+    auto scene = find(name, 0, caller);
+    if (!scene) return scene;
+    Entry& entry = resolve(entries_, name, caller)->second;
+    if (entry.held_by(caller)) return scene;
+    if (const auto quota = check_quota(&entry, caller, scene->snapshot().bytes().size()); !quota)
+        return tl::unexpected(quota.error());
+    entry.holders[caller.principal].emplace(caller.connection, false);
+    return scene;
+}
+
+Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
+                                                   const ConnectionId& caller) {
+    const auto found = resolve(entries_, name, caller);
     if (found == entries_.end())
         return refuse(Code::scene_unknown,
                       "scene '" + std::string(name) + "' is not loaded; run: raynest scenes");
-    if (found->second.principals.erase(principal) == 0)
+    Entry& entry = found->second;
+    const bool temporary_of_mine = entry.owners.empty() && entry.holders.contains(caller.principal);
+    if (!entry.owners.contains(caller.principal) && !entry.held_by(caller) && !temporary_of_mine)
         return refuse(Code::not_allowed, "scene '" + std::string(name) +
                                              "' was loaded by others; only they unload it");
-    const bool last = found->second.principals.empty();
+
+    if (!entry.temporary_of(caller)) {
+        entry.owners.erase(caller.principal);
+        entry.listed = !entry.owners.empty();
+    }
+    const bool last = entry.release(caller);
+    std::vector<std::string> holders;
+    for (const std::string& owner : entry.owners) holders.push_back(owner + " (by its name)");
+    for (const auto& [principal, connections] : entry.holders)
+        holders.push_back(principal + " (" + counted(connections.size(), "connection") + ")");
     if (last) entries_.erase(found);
-    return last;
+    return holders;
 }
 
-std::vector<NamedScene> SceneStore::list() const {
-    std::vector<NamedScene> scenes;
+std::vector<std::string> SceneStore::unload_idle(Clock::duration idle, std::size_t most,
+                                                 const ConnectionId& caller) {
+    const Clock::time_point now = now_();
+    std::vector<std::string> names;
+    for (const auto& [name, entry] : entries_) {
+        if (names.size() == most) break;
+        const bool mine =
+            entry.held_by(caller) || (entry.listed && entry.owners.contains(caller.principal));
+        // One that the caller holds hides another of that name.
+        if (mine && now - entry.used >= idle && &resolve(entries_, name, caller)->second == &entry)
+            names.push_back(name);
+    }
+    for (const std::string& name : names) (void)unload(name, caller);
+    return names;
+}
+
+std::vector<SceneStore::Listed> SceneStore::list(const ConnectionId& caller) const {
+    const Clock::time_point now = now_();
+    std::vector<Listed> scenes;
     scenes.reserve(entries_.size());
-    for (const auto& [name, entry] : entries_) scenes.push_back(entry.scene);
+    for (auto entry = entries_.begin(); entry != entries_.end();
+         entry = entries_.upper_bound(entry->first)) {
+        const auto meant = resolve(entries_, entry->first, caller);
+        if (meant == entries_.end()) continue;
+        const Entry& known = meant->second;
+        scenes.push_back(
+            {known.scene, known.owner, now - known.loaded, now - known.used, known.connections()});
+    }
     return scenes;
+}
+
+std::size_t SceneStore::unlisted() const {
+    return static_cast<std::size_t>(std::count_if(
+        entries_.begin(), entries_.end(), [](const auto& entry) { return !entry.second.listed; }));
 }
 
 }  // namespace raynest::server

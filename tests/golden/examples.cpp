@@ -224,6 +224,10 @@ void add_scene_answers(Collection& all) {
     list.epochs = {1};
     list.instanced_triangles = {460763};
     list.bytes = {1U << 20};
+    list.owners = {"uid:1000"};
+    list.age_ms = {90'000};
+    list.idle_ms = {1500};
+    list.holders = {2};
     all.add(3, list);
 
     all.add(4, *forest_info());
@@ -245,6 +249,8 @@ void add_scene_answers(Collection& all) {
 
     wire::UnloadedT unloaded;
     unloaded.name = "forest";
+    unloaded.names = {"forest"};
+    unloaded.holders = {"uid:1000 (2 connections)"};
     all.add(6, unloaded);
 
     wire::VariantListT variants;

@@ -94,10 +94,10 @@ def float32(value: Any) -> Array:
         return np.asarray(value).astype(np.float32)
 
 
-def milliseconds(deadline: Optional[float]) -> int:
-    """Of a deadline in seconds, None and 0 are none."""
-    seconds = 0.0 if deadline is None else real("deadline", deadline)
+def milliseconds(time: Optional[float], name: str = "deadline") -> int:
+    """Of a time in seconds, None and 0 are none."""
+    seconds = 0.0 if time is None else real(name, time)
     if not 0 <= seconds < 1 << 22:
-        raise UsageError(f"deadline of {deadline!r}: it must be a number of seconds from 0 to "
+        raise UsageError(f"{name} of {time!r}: it must be a number of seconds from 0 to "
                          f"{1 << 22}")
     return math.ceil(1000 * seconds)

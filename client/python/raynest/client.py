@@ -8,16 +8,17 @@ from types import TracebackType
 from typing import Any, Iterator, Optional, Union
 
 from . import _limits
-from ._arguments import none_is_default
+from ._arguments import milliseconds, none_is_default
 from ._connection import Connection
 from ._control import Message
 from ._files import path_text
 from ._gltf import mesh_glb
+from ._handles import Handles
 from ._hash import content_hash
 from ._job import Outcome, Progress
 from ._rays import vector
 from ._upload import File, Sender, Upload, gather
-from .errors import UsageError
+from .errors import InvalidError, UsageError
 from .job import Job, job_infos
 from .scene import Scene
 
@@ -41,6 +42,7 @@ class Client:
 
     def __init__(self, uri: Optional[str], token: Optional[str], window_bytes: int) -> None:
         self.connection = Connection(uri, token, window_bytes)
+        self.handles = Handles()
         self.outcome = Outcome()
         """What the last trace, stream or picture ran, and how it went."""
 
@@ -49,7 +51,8 @@ class Client:
         return self.connection.uri
 
     def close(self) -> None:
-        """Ends the connection; scenes stay in the daemon."""
+        """Ends the connection. Scenes that have a name stay in the daemon; meshes without one go,
+        unless another connection holds them."""
         self.connection.close()
 
     def __enter__(self) -> Client:
@@ -87,24 +90,29 @@ class Client:
 
     @none_is_default
     def mesh(self, vertices: Any, faces: Any, name: Optional[str] = None, *, origin: Any = None,
-             replace: bool = False, build: str = "medium", progress: Progress = None) -> Scene:
+             keep: bool = False, replace: bool = False, build: str = "medium",
+             progress: Progress = None) -> Scene:
         """A scene of triangles: vertices (N, 3), faces (M, 3); the column prim is a row of faces.
 
         float64 vertices become float32 after `origin` was subtracted; rays of this scene are
         shifted alike, and of all columns only position tells. Without a name it is called after its
-        content and `build`: the same mesh is built only once.
+        content and `build`: the same mesh is built only once. Such a scene belongs to this
+        connection: it goes with the last Scene object of it (`with c.mesh(...) as s:`), at the
+        latest with the connection. A name or `keep` keeps it in the daemon.
         """
         shift = None if origin is None else vector("origin", origin)
         data = mesh_glb(vertices, faces, shift)
         built = "" if build == "medium" else f"-{build}"
         upload = Upload("mesh.glb", name or f"mesh-{content_hash(data):016x}{built}",
                         (File("mesh.glb", data),))
-        message = {**upload.message(), "replace": replace, "build": build}
+        message = {**upload.message(), "replace": replace, "build": build,
+                   "temporary": not name and not keep}
         scene = self._load(upload, message, progress)
         scene.origin = shift
         return scene
 
     def _load(self, upload: Upload, message: Message, progress: Progress) -> Scene:
+        self.drop_unused()
         sender = Sender(self.connection, upload)
         frames = self.connection.exchange("Load", message, feed=sender.feed)
         name = upload.scene_name
@@ -118,20 +126,51 @@ class Client:
                     progress(news["done"], news["total"], news["stage"])
                 if progress and kind in ("Need", "Credit"):
                     progress(sender.sent, sender.total, "uploading")
+        self.handles.loaded(name, bool(message.get("temporary")))
         return Scene(self, name)
 
     def scene(self, name: str) -> Scene:
-        """A scene that is loaded; InvalidError where it is not. Of a mesh that was loaded with an
-        `origin`, which the daemon does not know: set that of the scene, or pass it with rays."""
-        scene = Scene(self, name)
-        return Scene(self, scene.info["name"])
+        """A scene that is loaded; InvalidError where it is not. This connection holds it from then
+        on: it works until the connection ends, also when others unload it. Of a mesh that was
+        loaded with an `origin`, which the daemon does not know: set that of the scene, or pass it
+        with rays."""
+        info = self.connection.ask("Info", {"scene": name, "hold": True}, "SceneInfo")
+        return Scene(self, info["name"])
 
     def scenes(self) -> list[dict[str, Any]]:
-        """What is loaded: name, hash, epoch, instanced_triangles and bytes of each scene."""
+        """What is loaded: name, hash, epoch, instanced_triangles, bytes, owner, age_seconds,
+        idle_seconds (since a request last used it) and holders (the open connections that loaded or
+        opened it) of each scene."""
         columns = {"name": "names", "hash": "hashes", "epoch": "epochs",
-                   "instanced_triangles": "instanced_triangles", "bytes": "bytes"}
-        return [dict(zip(columns, row)) for page in self._pages("Scenes", "SceneList", "names")
-                for row in zip(*(page[plural] for plural in columns.values()))]
+                   "instanced_triangles": "instanced_triangles", "bytes": "bytes",
+                   "owner": "owners", "age_seconds": "age_ms", "idle_seconds": "idle_ms",
+                   "holders": "holders"}
+        scenes = [dict(zip(columns, row)) for page in self._pages("Scenes", "SceneList", "names")
+                  for row in zip(*(page[plural] for plural in columns.values()))]
+        for scene in scenes:
+            scene["age_seconds"] /= 1000
+            scene["idle_seconds"] /= 1000
+        return scenes
+
+    @none_is_default
+    def unload_all(self, *, idle: float = 0.0) -> list[str]:
+        """Unloads all scenes of this owner, as Scene.unload() does, or those that were not used for
+        `idle` seconds; gives their names."""
+        idle_ms = milliseconds(idle, "idle")
+        message: Message = {"idle_ms": idle_ms} if idle_ms else {"all": True}
+        names: list[str] = []
+        while unloaded := self.connection.ask("Unload", message, "Unloaded")["names"]:
+            names += unloaded  # a page of them
+            for name in unloaded:
+                self.handles.unloaded(name)
+        return names
+
+    def drop_unused(self) -> None:
+        """Unloads the meshes without a name whose Scene objects are all gone; mesh() and load() do
+        it first."""
+        for name in () if self.connection.closed else self.handles.take_unused():
+            with contextlib.suppress(InvalidError):  # somebody else has unloaded it
+                self.connection.ask("Unload", {"scene": name}, "Unloaded")
 
     # ---- jobs -----------------------------------------------------------------------------------
 

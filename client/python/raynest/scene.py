@@ -4,6 +4,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import reprlib
+from types import TracebackType
 from typing import (Any, Generator, Iterable, Iterator, Literal, Mapping, Optional, Sequence, Union,
                     overload)
 
@@ -32,6 +33,27 @@ class Scene:
         self.name = name
         self.origin = origin
         self._client = client
+        self._open = True
+        client.handles.enter(name)
+
+    def __del__(self) -> None:
+        if getattr(self, "_open", False):
+            self._client.handles.leave(self.name)
+
+    def close(self) -> None:
+        """Ends this object's use of the scene. Of a mesh without a name that unloads it, unless
+        another Scene object or connection holds it; a scene with a name stays."""
+        if self._open:
+            self._open = False
+            self._client.handles.leave(self.name)
+            self._client.drop_unused()
+
+    def __enter__(self) -> Scene:
+        return self
+
+    def __exit__(self, kind: Optional[type[BaseException]], error: Optional[BaseException],
+                 traceback: Optional[TracebackType]) -> None:
+        self.close()
 
     def __repr__(self) -> str:
         return f"<raynest.Scene {self.name!r} at {self._client.uri}>"
@@ -229,9 +251,13 @@ class Scene:
             for path in unique.tolist()]
         return names[0] if paths.ndim == 0 else [names[i] for i in index.ravel()]
 
-    def unload(self) -> None:
-        """Drops the name; the daemon frees the scene when nothing uses it any more."""
-        self._client.connection.ask("Unload", {"scene": self.name}, "Unloaded")
+    def unload(self) -> list[str]:
+        """Drops the name's hold of the scene and this connection's. Gives who holds it still, as
+        "uid:1000 (2 connections)": for them the name works on, for others it is free. The daemon
+        frees the scene when nobody holds it and no job uses it."""
+        reply = self._client.connection.ask("Unload", {"scene": self.name}, "Unloaded")
+        self._client.handles.unloaded(self.name)
+        return list(reply["holders"])
 
 
 def scene_info(message: Mapping[str, Any]) -> dict[str, Any]:

@@ -55,6 +55,35 @@ TEST_CASE("every text of every message is checked") {
     CHECK(texts > 80);
 }
 
+TEST_CASE("the lists of a SceneList are equally long") {
+    const auto full = [] {
+        wire::SceneListT list;
+        list.names = list.hashes = list.owners = {"a"};
+        list.epochs = list.instanced_triangles = list.bytes = list.age_ms = list.idle_ms = {1};
+        list.holders = {1};
+        return list;
+    };
+    const auto is_valid = [](const wire::SceneListT& list) {
+        return protocol::open<wire::SceneList>(*protocol::encode(1, list)).has_value();
+    };
+    CHECK(is_valid(full()));
+    for (const auto list :
+         {&wire::SceneListT::epochs, &wire::SceneListT::instanced_triangles,
+          &wire::SceneListT::bytes, &wire::SceneListT::age_ms, &wire::SceneListT::idle_ms}) {
+        auto spoilt = full();
+        (spoilt.*list).clear();
+        CHECK_FALSE(is_valid(spoilt));
+    }
+    for (const auto list : {&wire::SceneListT::hashes, &wire::SceneListT::owners}) {
+        auto spoilt = full();
+        (spoilt.*list).emplace_back("b");
+        CHECK_FALSE(is_valid(spoilt));
+    }
+    auto spoilt = full();
+    spoilt.holders = {1, 2};
+    CHECK_FALSE(is_valid(spoilt));
+}
+
 TEST_CASE("a complaint names the field and the limit") {
     wire::RenderT render;
     render.job = std::make_unique<wire::JobT>();

@@ -17,7 +17,7 @@ Reply<Answer> ask(SmallDaemon& daemon, const wire::LoadT& message,
     const auto frame = protocol::encode(1, message, daemon.limits).value();
     const auto opened = protocol::open<wire::Load>(frame, daemon.limits);
     REQUIRE(opened);
-    return load(daemon.services, {principal, 1, 1 << 20}, *opened);
+    return load(daemon.services, {{principal, 1}, 1, 1 << 20}, *opened);
 }
 
 std::unique_ptr<Job> accepted(Reply<Answer> answer) {
@@ -70,6 +70,20 @@ TEST_CASE("an upload takes of the budget what has come of it, not what it announ
     REQUIRE_FALSE(refused);
     CHECK(refused.error().code == Code::resource_exhausted);
     CHECK(refused.error().message.find("--memory") != std::string::npos);
+}
+
+TEST_CASE("a file that does not have the hash that was announced is not imported") {
+    SmallDaemon daemon;
+    daemon.services.import_child = {"false"};
+    wire::LoadT message = upload_of(1000);
+    message.file_hashes[0] ^= 1;
+    const auto job = accepted(ask(daemon, message));
+    REQUIRE(job->feed(piece_of(1000)));
+    const StopFlag stop(Clock::time_point::max());
+    const auto ended = job->next()->run(stop);
+    REQUIRE_FALSE(ended);
+    CHECK(ended.error().code == Code::scene_invalid);
+    CHECK(ended.error().message.find("a.glb") != std::string::npos);
 }
 
 TEST_CASE("the copy of the files that an import gets is reserved too") {

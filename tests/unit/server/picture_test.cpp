@@ -21,7 +21,7 @@ Accepted ask(SmallDaemon& daemon, std::uint32_t width, std::uint32_t height,
     const auto frame = protocol::encode(1, message, daemon.limits).value();
     const auto opened = protocol::open<wire::Render>(frame, daemon.limits);
     REQUIRE(opened);
-    auto answer = render(daemon.services, {"me", 1, 1 << 20}, *opened);
+    auto answer = render(daemon.services, {{"me", 1}, 1, 1 << 20}, *opened);
     REQUIRE_MESSAGE(answer, (answer ? "" : answer.error().message));
     return std::move(std::get<Accepted>(*answer));
 }
@@ -40,6 +40,17 @@ TEST_CASE("a picture reserves what its encoder takes") {
     // Floats, their planes, their rows, and a file as large as any of those.
     CHECK(taken("exr") >= 100 * 100 * 16 * 4);
     CHECK(daemon.budget.used() == before);
+}
+
+TEST_CASE("a detached picture reserves what its answer is at most") {
+    SmallDaemon daemon;
+    const std::uint64_t raw = 100 * 100 * 4;
+    for (const char* encode : {"raw", "png"}) {
+        if (std::string(encode) == "png" && !images_available()) continue;
+        const std::uint64_t reserved = ask(daemon, 100, 100, encode).result_bytes;
+        CHECK(reserved >= raw);
+        CHECK(reserved <= raw + 10'000);
+    }
 }
 
 TEST_CASE("a picture that nobody waits for is not encoded") {

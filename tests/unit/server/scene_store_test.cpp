@@ -18,23 +18,28 @@ std::shared_ptr<const Snapshot> square(float size) {
     return bake(scene);
 }
 
+/// A connection of its own, whenever one is asked for by this name.
+ConnectionId of(const std::string& principal, std::uint64_t connection = 1) {
+    return {principal, connection};
+}
+
 TEST_CASE("other content under a taken name needs replace, and is a new epoch") {
     Budget budget(1 << 30);
     SceneStore store(budget);
-    const auto first = store.publish("a", square(1), false, "me");
+    const auto first = store.publish("a", square(1), {}, of("me"));
     REQUIRE(first);
     CHECK(first->epoch == 1);
-    CHECK(store.publish("a", square(1), false, "me")->epoch == 1);
+    CHECK(store.publish("a", square(1), {}, of("me"))->epoch == 1);
 
-    const auto taken = store.publish("a", square(2), false, "me");
+    const auto taken = store.publish("a", square(2), {}, of("me"));
     REQUIRE_FALSE(taken);
     CHECK(taken.error().code == Code::name_taken);
-    const auto second = store.publish("a", square(2), true, "me");
+    const auto second = store.publish("a", square(2), {.replace = true}, of("me"));
     REQUIRE(second);
     CHECK(second->epoch == 2);
-    CHECK(store.find("a", 2));
-    CHECK(store.find("a", 0)->epoch == 2);
-    const auto old = store.find("a", 1);
+    CHECK(store.find("a", 2, of("me")));
+    CHECK(store.find("a", 0, of("me"))->epoch == 2);
+    const auto old = store.find("a", 1, of("me"));
     REQUIRE_FALSE(old);
     CHECK(old.error().code == Code::scene_unknown);
     // Whoever holds the first still has it.
@@ -44,14 +49,14 @@ TEST_CASE("other content under a taken name needs replace, and is a new epoch") 
 TEST_CASE("equal content is held once, and memory returns with the last holder") {
     Budget budget(1 << 30);
     SceneStore store(budget);
-    auto running = store.publish("a", square(1), false, "me");
+    auto running = store.publish("a", square(1), {}, of("me"));
     const std::uint64_t used = budget.used();
     CHECK(used > 0);
-    CHECK(store.publish("b", square(1), false, "me"));
+    CHECK(store.publish("b", square(1), {}, of("me")));
     CHECK(budget.used() == used);
-    CHECK(store.list().size() == 2);
-    CHECK(store.unload("a", "me"));
-    CHECK(store.unload("b", "me"));
+    CHECK(store.list(of("me")).size() == 2);
+    CHECK(store.unload("a", of("me")));
+    CHECK(store.unload("b", of("me")));
     CHECK(budget.used() == used);
     CHECK(store.holds(running->snapshot().hash()));
     running = refuse(Code::cancelled, "");
@@ -61,37 +66,42 @@ TEST_CASE("equal content is held once, and memory returns with the last holder")
 TEST_CASE("a scene stays until its last owner unloads it") {
     Budget budget(1 << 30);
     SceneStore store(budget);
-    REQUIRE(store.publish("a", square(1), false, "me"));
-    REQUIRE(store.publish("a", square(1), false, "you"));
-    CHECK(store.unload("a", "stranger").error().code == Code::not_allowed);
-    CHECK(*store.unload("a", "me") == false);
-    CHECK(store.find("a", 0));
-    CHECK(*store.unload("a", "you") == true);
-    CHECK(store.find("a", 0).error().code == Code::scene_unknown);
-    CHECK(store.unload("a", "you").error().code == Code::scene_unknown);
+    REQUIRE(store.publish("a", square(1), {}, of("me")));
+    REQUIRE(store.publish("a", square(1), {}, of("you", 2)));
+    CHECK(store.unload("a", of("stranger", 3)).error().code == Code::not_allowed);
+    const auto mine = store.unload("a", of("me"));
+    REQUIRE(mine);
+    CHECK(*mine == std::vector<std::string>{"you (by its name)", "you (1 connection)"});
+    CHECK(store.find("a", 0, of("me")));
+    CHECK(store.unload("a", of("you", 2))->empty());
+    CHECK(store.find("a", 0, of("you", 2)).error().code == Code::scene_unknown);
+    CHECK(store.unload("a", of("you", 2)).error().code == Code::scene_unknown);
 }
 
 TEST_CASE("what others hold too is not replaced") {
     Budget budget(1 << 30);
     SceneStore store(budget);
-    REQUIRE(store.publish("a", square(1), false, "me"));
-    CHECK(store.publish("a", square(2), true, "you").error().code == Code::not_allowed);
-    REQUIRE(store.publish("a", square(1), false, "you"));
-    CHECK(store.publish("a", square(2), true, "me").error().code == Code::not_allowed);
-    CHECK(store.find("a", 0)->epoch == 1);
-    REQUIRE(store.unload("a", "me"));
-    CHECK(store.publish("a", square(2), true, "you")->epoch == 2);
+    REQUIRE(store.publish("a", square(1), {}, of("me")));
+    CHECK(store.publish("a", square(2), {.replace = true}, of("you")).error().code ==
+          Code::not_allowed);
+    REQUIRE(store.publish("a", square(1), {}, of("you")));
+    CHECK(store.publish("a", square(2), {.replace = true}, of("me")).error().code ==
+          Code::not_allowed);
+    CHECK(store.find("a", 0, of("me"))->epoch == 1);
+    REQUIRE(store.unload("a", of("me")));
+    CHECK(store.publish("a", square(2), {.replace = true}, of("you"))->epoch == 2);
 }
 
 TEST_CASE("a scene beyond the budget is refused, and the name stays as it was") {
     const std::uint64_t bytes = square(1)->bytes().size();
     Budget budget(bytes + bytes / 2);
     SceneStore store(budget);
-    REQUIRE(store.publish("a", square(1), false, "me"));
-    CHECK(store.publish("a", square(2), true, "me").error().code == Code::resource_exhausted);
-    CHECK(store.find("a", 0)->epoch == 1);
-    CHECK(store.publish("b", square(2), false, "me").error().code == Code::resource_exhausted);
-    CHECK(store.list().size() == 1);
+    REQUIRE(store.publish("a", square(1), {}, of("me")));
+    CHECK(store.publish("a", square(2), {.replace = true}, of("me")).error().code ==
+          Code::resource_exhausted);
+    CHECK(store.find("a", 0, of("me"))->epoch == 1);
+    CHECK(store.publish("b", square(2), {}, of("me")).error().code == Code::resource_exhausted);
+    CHECK(store.list(of("me")).size() == 1);
 }
 
 TEST_CASE("names out of a file are made safe to send, and long lists are cut with a word") {
@@ -106,7 +116,7 @@ TEST_CASE("names out of a file are made safe to send, and long lists are cut wit
     scene.warnings.assign(50, std::string(5000, 'w'));
     Budget budget(1 << 30);
     SceneStore store(budget);
-    const auto named = store.publish("a", bake(scene), false, "me");
+    const auto named = store.publish("a", bake(scene), {}, of("me"));
     REQUIRE(named);
     const protocol::Limits limits;
     const auto frame = protocol::encode(1, scene_info(*named, limits), limits);
@@ -130,29 +140,29 @@ TEST_CASE("a principal holds so many scenes and so many bytes of them, and no mo
     protocol::Limits limits;
     limits.principal_scenes_max = 2;
     SceneStore store(budget, limits);
-    REQUIRE(store.publish("a", square(1), false, "me"));
-    REQUIRE(store.publish("b", square(2), false, "me"));
-    const auto third = store.publish("c", square(3), false, "me");
+    REQUIRE(store.publish("a", square(1), {}, of("me")));
+    REQUIRE(store.publish("b", square(2), {}, of("me")));
+    const auto third = store.publish("c", square(3), {}, of("me"));
     REQUIRE_FALSE(third);
     CHECK(third.error().code == Code::quota);
     CHECK(third.error().message.find("principal_scenes_max") != std::string::npos);
-    CHECK_FALSE(store.check_quota("c", "me", 0));
+    CHECK_FALSE(store.check_quota("c", of("me"), 0));
     // What it holds already may change, others may load, and unloading makes room.
-    CHECK(store.publish("b", square(3), true, "me"));
-    CHECK(store.publish("c", square(3), false, "you"));
-    CHECK_FALSE(store.publish("c", square(3), false, "me"));
-    CHECK(store.unload("a", "me"));
-    CHECK(store.publish("c", square(3), false, "me"));
+    CHECK(store.publish("b", square(3), {.replace = true}, of("me")));
+    CHECK(store.publish("c", square(3), {}, of("you")));
+    CHECK_FALSE(store.publish("c", square(3), {}, of("me")));
+    CHECK(store.unload("a", of("me")));
+    CHECK(store.publish("c", square(3), {}, of("me")));
 
     limits.principal_scenes_max = 10;
     limits.principal_scene_bytes_max = square(1)->bytes().size() + 1;
     SceneStore small(budget, limits);
-    REQUIRE(small.publish("a", square(1), false, "me"));
-    const auto second = small.publish("b", square(2), false, "me");
+    REQUIRE(small.publish("a", square(1), {}, of("me")));
+    const auto second = small.publish("b", square(2), {}, of("me"));
     REQUIRE_FALSE(second);
     CHECK(second.error().code == Code::quota);
     CHECK(second.error().message.find("principal_scene_bytes_max") != std::string::npos);
-    CHECK(small.publish("a", square(2), true, "me"));
+    CHECK(small.publish("a", square(2), {.replace = true}, of("me")));
 }
 
 }  // namespace

@@ -23,7 +23,7 @@ public:
         SceneDescription forest = tree_scene();
         forest.cameras.resize(1);
         forest.cameras[0].name = "overview";
-        scenes.publish("forest", bake(forest), false, "owner").value();
+        scenes.publish("forest", bake(forest), {}, {"owner", scenes.connect()}).value();
     }
 
     void send(protocol::Frame frame) override { sent.push_back(std::move(frame)); }
@@ -56,7 +56,7 @@ public:
     server::Metrics metrics;
     server::Budget budget{1 << 26};
     server::Peers peers{limits, budget, metrics};
-    server::SceneStore scenes{budget};
+    server::SceneStore scenes{budget, {}, [] { return server::SceneStore::Clock::time_point(); }};
     server::Admission admission{limits};
     server::BriefTurn brief_turn;
     server::Coalescer coalescer;

@@ -195,14 +195,10 @@ class RayMeshIntersector:
         return self._scene
 
     def _drop(self) -> None:
-        """Unloads the scene, unless another user of the same mesh was first."""
+        """Unloads the scene, unless another user of the same mesh has it still."""
         scene, self._scene = self._scene, None
-        try:
-            if scene is not None:
-                scene.unload()
-        except InvalidError as error:
-            if error.name != "SCENE_UNKNOWN":
-                raise
+        if scene is not None:
+            scene.close()
 
     def _locations(self, found: Crossings, origins: Array, directions: Array) -> Array:
         """Where rays meet the planes of their triangles, in float64; in a plane, where t says."""

@@ -1,0 +1,163 @@
+#!/usr/bin/env python3
+"""What an administrator meets: the ready file, signals, the log, the Unix socket, empty folders.
+
+  administration_test.py RAYNESTD RAYNEST
+"""
+import os
+import pathlib
+import re
+import signal
+import stat
+import subprocess
+import sys
+import tempfile
+import unittest
+
+from daemon import Client, Daemon, PATIENCE, until
+
+RAY = "0,50,0,0,-1,0"
+
+
+class Administration(unittest.TestCase):
+    raynestd = raynest = None
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def daemon(self, *arguments):
+        daemon = Daemon(self.raynestd, *arguments)
+        self.addCleanup(daemon.stop)
+        return daemon
+
+    def refused(self, *arguments):
+        """What a daemon says that does not start."""
+        done = subprocess.run([self.raynestd, "--cuda", "off", *map(str, arguments)], text=True,
+                              stdin=subprocess.DEVNULL, capture_output=True, timeout=PATIENCE)
+        return done.returncode, done.stderr
+
+    def lines(self, daemon, event):
+        """The log's lines of an event, each as a dict of its fields and `level`."""
+        found = []
+        for line in daemon.log().splitlines():
+            words = re.findall(r'(?:[^\s"]|"(?:\\.|[^"\\])*")+', line)
+            if len(words) > 2 and words[2] == event:
+                fields = dict(word.split("=", 1) for word in words[3:])
+                found.append({"level": words[1], **fields})
+        return found
+
+    def level_after(self, job):
+        """Where the line of a job stands that nothing but its time can make matter."""
+        return "info" if float(job["seconds"]) > 1 else "debug"
+
+    def test_a_ready_file_replaces_nothing_that_is_not_its_own(self):
+        ready = self.folder / "ready.json"
+        ready.write_text("precious\n")
+        listen = ("--listen", "tcp://127.0.0.1:0", "--ready-file", ready)
+        code, said = self.refused(*listen)
+        self.assertEqual(code, 1)
+        self.assertIn(f"{ready} is neither empty nor a ready file", said)
+        self.assertEqual(ready.read_text(), "precious\n")
+        ready.write_text("")
+        process = subprocess.Popen([self.raynestd, "--cuda", "off", *map(str, listen)],
+                                   stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            until(lambda: ready.read_text() != "")
+            self.assertIn(str(process.pid), ready.read_text())
+        finally:
+            process.terminate()
+            self.assertEqual(process.wait(PATIENCE), 0)
+        self.assertFalse(ready.exists())
+        self.assertEqual(list(self.folder.iterdir()), [])
+
+    def test_a_hangup_is_logged_and_ignored(self):
+        daemon = self.daemon()
+        client = Client(self.raynest, daemon.uri)
+        daemon.process.send_signal(signal.SIGHUP)
+        until(lambda: self.lines(daemon, "hangup_ignored"))
+        self.assertEqual(self.lines(daemon, "hangup_ignored")[0]["level"], "info")
+        self.assertEqual(client.run("scenes").returncode, 0)
+
+    def test_a_pack_folder_without_packs_is_warned_of(self):
+        daemon = self.daemon("--pack-dir", self.folder)
+        line = self.lines(daemon, "pack_dir_empty")[0]
+        self.assertEqual(line["level"], "warning")
+        self.assertIn(str(self.folder), line["folder"])
+
+    def test_a_unix_socket_is_opened_to_a_group(self):
+        group = next((g for g in os.getgroups() if g != os.getgid()), os.getgid())
+        for arguments, mode in ((("--socket-mode", "0660"), 0o660),
+                                (("--socket-group", str(group)), 0o660),
+                                (("--socket-group", str(group), "--socket-mode", "0600"), 0o600),
+                                ((), 0o600)):
+            path = self.folder / "socket"
+            before = os.umask(0o077)  # which must not take away what was asked for
+            try:
+                daemon = Daemon(self.raynestd, "--listen", f"unix:{path}", *arguments)
+            finally:
+                os.umask(before)
+            try:
+                status = path.stat()
+                self.assertEqual(stat.S_IMODE(status.st_mode), mode, arguments)
+                if "--socket-group" in arguments:
+                    self.assertEqual(status.st_gid, group)
+                self.assertEqual(Client(self.raynest, f"unix:{path}").run("scenes").returncode, 0)
+            finally:
+                daemon.stop()
+            self.assertFalse(path.exists())
+
+    def test_the_log_has_a_line_for_each_job_and_says_what_matters_at_info(self):
+        daemon = self.daemon("--log-level", "debug")
+        client = Client(self.raynest, daemon.uri)
+        scene = "builtin:forest?trees=5"
+        self.assertEqual(client.run("load", scene, "--name", "woods").returncode, 0)
+        self.assertEqual(client.run("query", "woods", "--ray", RAY).returncode, 0)
+        number = str(client.json("render", "woods", "--size", "8x8", "--detach")["job"])
+        self.assertEqual(client.run("wait", number).returncode, 0)
+        self.assertNotEqual(client.run("load", "builtin:forest?trees=0").returncode, 0)
+        self.assertEqual(client.run("unload", "woods").returncode, 0)
+
+        until(lambda: len(self.lines(daemon, "job")) >= 4)
+        jobs = self.lines(daemon, "job")
+        query, = (job for job in jobs if job["kind"] == "query")
+        self.assertEqual((query["level"], query["scene"], query["rays"], query["outcome"]),
+                         (self.level_after(query), "woods", "1", "done"))
+        self.assertEqual(query["principal"], "127.0.0.1")
+        self.assertGreater(float(query["seconds"]), 0)
+        render, = (job for job in jobs if job["kind"] == "render")
+        self.assertEqual((render["level"], render["number"], render["detached"], render["rays"]),
+                         ("info", number, "yes", "64"))
+        loads = [job for job in jobs if job["kind"] == "load"]
+        self.assertEqual((loads[0]["level"], loads[0]["outcome"]),
+                         (self.level_after(loads[0]), "done"))
+        self.assertEqual(loads[1]["level"], "info")
+        self.assertRegex(loads[1]["outcome"], "SCENE_INVALID: .*trees")
+        self.assertEqual(self.lines(daemon, "loaded")[0]["level"], "info")
+        self.assertEqual(self.lines(daemon, "unloaded")[0]["scene"], "woods")
+
+    def test_a_job_that_is_cancelled_is_logged_at_info(self):
+        daemon = self.daemon()
+        client = Client(self.raynest, daemon.uri)
+        self.assertEqual(client.run("load", "builtin:forest?trees=2000").returncode, 0)
+        job = client.json("render", "forest", "--size", "4096x4096", "--traversal", "reference",
+                          "--detach")["job"]
+        self.assertEqual(client.run("cancel", job).returncode, 0)
+        until(lambda: "kind=render" in daemon.log())
+        line, = (line for line in self.lines(daemon, "job") if line["kind"] == "render")
+        self.assertEqual((line["level"], line["number"], line["outcome"]),
+                         ("info", str(job), "CANCELLED"))
+
+    def test_keys_of_built_in_scenes_are_known_ones_and_given_once(self):
+        client = Client(self.raynest, self.daemon().uri)
+        for keys, fault in (("tree=9", "tree=9"), ("trees=1&trees=2", "trees=2"),
+                            ("trees=1&seed=2&trees=1", "trees=1"), ("trees", "trees")):
+            done = client.run("load", "builtin:forest?" + keys)
+            self.assertEqual(done.returncode, 5, done.stderr)
+            self.assertIn(f"'{fault}'", done.stderr)
+            self.assertIn("leaves (1..200", done.stderr)
+
+
+if __name__ == "__main__":
+    Administration.raynestd, Administration.raynest = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1])

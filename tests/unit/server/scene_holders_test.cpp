@@ -1,0 +1,202 @@
+// Who keeps a scene: names, and the connections that loaded or opened it.
+#include "server/store/scene_store.h"
+#include "tests/unit/engine/small_scenes.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+using Names = std::vector<std::string>;
+
+std::shared_ptr<const Snapshot> square(float size) {
+    SceneDescription scene;
+    scene.objects.resize(1);
+    scene.objects[0].geometries = {test::unit_square()};
+    for (Vec3& p : scene.objects[0].geometries[0].positions) p *= size;
+    return test::bake(scene);
+}
+
+float size_of(const Reply<NamedScene>& scene) {
+    return scene->snapshot().bounds().upper.x;
+}
+
+struct Store {
+    Budget budget{1 << 30};
+    protocol::Limits limits;
+    SceneStore::Clock::time_point now{std::chrono::hours(1)};
+    SceneStore scenes{budget, limits, [this] { return now; }};
+    // Two programs of one principal, and one of another.
+    const ConnectionId a{"me", scenes.connect()};
+    const ConnectionId b{"me", scenes.connect()};
+    const ConnectionId stranger{"you", scenes.connect()};
+
+    [[nodiscard]] Names names(const ConnectionId& caller) const {
+        Names names;
+        for (const auto& listed : scenes.list(caller)) names.push_back(listed.scene.name);
+        return names;
+    }
+};
+
+TEST_CASE("unloading takes nothing from another connection, and its name works on there") {
+    Store store;
+    SceneStore& scenes = store.scenes;
+    REQUIRE(scenes.publish("town", square(1), {}, store.a));
+    REQUIRE(scenes.open("town", store.b));
+    REQUIRE(scenes.open("town", store.stranger));
+    const auto holders = scenes.unload("town", store.a);
+    REQUIRE(holders);
+    CHECK(*holders == Names{"me (1 connection)", "you (1 connection)"});
+    CHECK(scenes.find("town", 0, store.a).error().code == Code::scene_unknown);
+    CHECK(size_of(scenes.find("town", 0, store.b)) == 1);
+    CHECK(scenes.unlisted() == 1);
+
+    // The name is free: others give it another meaning, for all but those that hold the first.
+    REQUIRE(scenes.publish("town", square(2), {}, store.a));
+    CHECK(size_of(scenes.find("town", 0, store.a)) == 2);
+    CHECK(size_of(scenes.find("town", 0, store.b)) == 1);
+    CHECK(size_of(scenes.find("town", 0, store.stranger)) == 1);
+    CHECK(store.names(store.b) == Names{"town"});
+
+    // The last holder of the first frees its memory.
+    const std::uint64_t both = store.budget.used();
+    scenes.disconnect(store.b);
+    CHECK(store.budget.used() == both);
+    scenes.disconnect(store.stranger);
+    CHECK(store.budget.used() < both);
+    CHECK(scenes.unlisted() == 0);
+    CHECK(size_of(scenes.find("town", 0, store.b)) == 2);
+}
+
+TEST_CASE("who loads a name anew has no longer the scene that was unloaded") {
+    Store store;
+    SceneStore& scenes = store.scenes;
+    REQUIRE(scenes.publish("town", square(1), {}, store.a));
+    REQUIRE(scenes.open("town", store.b));
+    REQUIRE(scenes.unload("town", store.a));
+    REQUIRE(scenes.publish("town", square(3), {}, store.b));
+    CHECK(size_of(scenes.find("town", 0, store.b)) == 3);
+    CHECK(scenes.size() == 1);
+}
+
+TEST_CASE("a name keeps its scene when all connections are gone") {
+    Store store;
+    REQUIRE(store.scenes.publish("town", square(1), {}, store.a));
+    store.scenes.disconnect(store.a);
+    store.scenes.disconnect(store.a);
+    CHECK(store.scenes.find("town", 0, store.b));
+    CHECK(store.scenes.unload("town", store.b)->empty());
+    CHECK(store.budget.used() == 0);
+}
+
+TEST_CASE("a temporary scene goes with its connections") {
+    Store store;
+    SceneStore& scenes = store.scenes;
+    const Publication temporary{.temporary = true};
+    REQUIRE(scenes.publish("mesh", square(1), temporary, store.a));
+    REQUIRE(scenes.publish("mesh", square(1), temporary, store.b));
+    CHECK(scenes.find("mesh", 0, store.stranger));
+    REQUIRE(scenes.unload("mesh", store.a));
+    CHECK(scenes.find("mesh", 0, store.a));  // as long as b has it
+    scenes.disconnect(store.b);
+    CHECK(scenes.find("mesh", 0, store.a).error().code == Code::scene_unknown);
+    CHECK(store.budget.used() == 0);
+}
+
+TEST_CASE("unloading a temporary scene leaves what others keep by that name") {
+    Store store;
+    SceneStore& scenes = store.scenes;
+    const Publication temporary{.temporary = true};
+    REQUIRE(scenes.publish("mesh", square(1), {}, store.a));
+    scenes.disconnect(store.a);
+    REQUIRE(scenes.publish("mesh", square(1), temporary, store.b));
+    CHECK(*scenes.unload("mesh", store.b) == Names{"me (by its name)"});
+    CHECK(scenes.find("mesh", 0, store.b));
+    // Loaded by its name as well, it is unloaded as such.
+    REQUIRE(scenes.publish("mesh", square(1), {}, store.b));
+    REQUIRE(scenes.publish("mesh", square(1), temporary, store.b));
+    CHECK(scenes.unload("mesh", store.b)->empty());
+    CHECK_FALSE(scenes.find("mesh", 0, store.b));
+}
+
+TEST_CASE("another principal opens and lets go, but does not unload or replace") {
+    Store store;
+    SceneStore& scenes = store.scenes;
+    REQUIRE(scenes.publish("town", square(1), {}, store.a));
+    CHECK(scenes.unload("town", store.stranger).error().code == Code::not_allowed);
+    CHECK(scenes.publish("town", square(2), {.replace = true}, store.stranger).error().code ==
+          Code::not_allowed);
+    REQUIRE(scenes.open("town", store.stranger));
+    CHECK(*scenes.unload("town", store.stranger) == Names{"me (by its name)", "me (1 connection)"});
+    CHECK(scenes.find("town", 0, store.stranger));
+    // Who opened a scene does not keep its owner from replacing it.
+    REQUIRE(scenes.open("town", store.stranger));
+    REQUIRE(scenes.publish("town", square(2), {.replace = true}, store.b));
+    CHECK(size_of(scenes.find("town", 0, store.stranger)) == 2);
+}
+
+TEST_CASE("jobs keep a scene that nobody else holds") {
+    Store store;
+    REQUIRE(store.scenes.publish("town", square(1), {}, store.a));
+    auto job = store.scenes.find("town", 0, store.b);
+    CHECK(store.scenes.unload("town", store.a)->empty());
+    CHECK(store.budget.used() > 0);
+    job = refuse(Code::cancelled, "");
+    CHECK(store.budget.used() == 0);
+}
+
+TEST_CASE("what was not used for long, or all, is unloaded at once") {
+    Store store;
+    SceneStore& scenes = store.scenes;
+    REQUIRE(scenes.publish("old", square(1), {}, store.a));
+    REQUIRE(scenes.publish("used", square(2), {}, store.a));
+    REQUIRE(scenes.publish("theirs", square(3), {}, store.stranger));
+    store.now += std::chrono::minutes(50);
+    REQUIRE(scenes.find("used", 0, store.b));
+    REQUIRE(scenes.publish("new", square(4), {}, store.b));
+    store.now += std::chrono::minutes(20);
+    const auto listed = scenes.list(store.a);
+    REQUIRE(listed.size() == 4);
+    CHECK(listed[1].scene.name == "old");
+    CHECK(listed[1].owner == "me");
+    CHECK(listed[1].age == std::chrono::minutes(70));
+    CHECK(listed[1].idle == std::chrono::minutes(70));
+    CHECK(listed[3].idle == std::chrono::minutes(20));
+    CHECK(listed[3].holders == 1);
+
+    const auto hour = std::chrono::hours(1);
+    CHECK(scenes.unload_idle(hour, 128, store.b) == Names{"old"});
+    CHECK(scenes.unload_idle(hour, 128, store.b).empty());
+    CHECK(scenes.unload_idle({}, 1, store.b) == Names{"new"});
+    CHECK(scenes.unload_idle({}, 128, store.b) == Names{"used"});
+    CHECK(store.names(store.b) == Names{"theirs"});
+}
+
+TEST_CASE("quotas count what is opened too, and name what was used the least recently") {
+    Store store;
+    protocol::Limits limits;
+    limits.principal_scenes_max = 4;
+    SceneStore scenes(store.budget, limits, [&] { return store.now; });
+    for (const char* name : {"one", "two", "three", "four"}) {
+        store.now += std::chrono::seconds(1);
+        REQUIRE(scenes.publish(name, square(1), {}, store.a));
+    }
+    store.now += std::chrono::seconds(1);
+    REQUIRE(scenes.find("one", 0, store.a));
+    const auto full = scenes.publish("five", square(1), {}, store.a);
+    REQUIRE_FALSE(full);
+    CHECK(full.error().code == Code::quota);
+    CHECK(full.error().message.find("least recently used: 'two', 'three', 'four'") !=
+          std::string::npos);
+    CHECK(full.error().message.find("raynest unload") != std::string::npos);
+    REQUIRE(scenes.publish("theirs", square(2), {}, store.stranger));
+    CHECK(scenes.open("theirs", store.a).error().code == Code::quota);
+    CHECK(scenes.open("one", store.b));
+}
+
+}  // namespace
+}  // namespace raynest::server
