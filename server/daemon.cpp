@@ -262,9 +262,9 @@ void Daemon::accept(Socket socket, Listener::Descriptors descriptors) {
                                       sessions_.erase(closed);
                                       peers_.leave(*closed);
                                   });
-    sessions_.insert(session);
-    peers_.join(*session);
     try {
+        sessions_.insert(session);
+        peers_.join(*session);
         session->start();
     } catch (const std::bad_alloc&) {
         session->stop();

@@ -39,8 +39,8 @@ void Peers::join(Peer& peer) {
 
 void Peers::leave(Peer& peer) {
     const auto of = peers_.find(peer.principal());
-    if (of == peers_.end() || of->second.erase(&peer) == 0) return;
-    --size_;
+    if (of == peers_.end()) return;
+    size_ -= of->second.erase(&peer);
     if (of->second.empty()) peers_.erase(of);
 }
 

@@ -27,6 +27,11 @@ constexpr milliseconds backoff_min{10};
 constexpr milliseconds backoff_max{1000};
 constexpr std::chrono::seconds log_period{1};
 
+bool used_up(const SystemError& error) {
+    return error == boost::system::errc::too_many_files_open ||
+           error == boost::system::errc::too_many_files_open_in_system;
+}
+
 Fd open_spare() {
     return Fd(::open("/dev/null", O_RDONLY | O_CLOEXEC));
 }
@@ -149,7 +154,6 @@ Result<std::unique_ptr<Listener>> Listener::open(asio::io_context& io, const Add
     std::unique_ptr<Listener> listener(new Listener(io, std::move(on_accept)));
     listener->acceptor_.assign({bound->family, 0}, bound->descriptor);
     listener->acceptor_.non_blocking(true);
-    listener->spare_ = open_spare();
     listener->uri_ = to_uri(bound->address);
     if (unix_address != nullptr) listener->socket_file_ = unix_address->path;
     return listener;
@@ -171,21 +175,8 @@ void Listener::hand_on(Socket socket, Descriptors descriptors) {
     }
 }
 
-bool Listener::accept_with_spare() {
-    if (spare_.get() < 0) return false;
-    spare_ = Fd();
-    SystemError error;
-    Socket socket = acceptor_.accept(error);
-    if (const auto now = Clock::now(); now - told_ >= log_period) {
-        told_ = now;
-        log(LogLevel::warn, "descriptors_used_up", {{"listen", uri_}});
-    }
-    if (!error) hand_on(std::move(socket), Descriptors::used_up);
-    spare_ = open_spare();
-    return !error;
-}
-
 void Listener::accept_next() {
+    if (spare_.get() < 0) spare_ = open_spare();
     acceptor_.async_accept(
         [this](const SystemError& error, Socket socket) { accepted(error, std::move(socket)); });
 }
@@ -197,9 +188,35 @@ void Listener::accepted(const SystemError& error, Socket socket) {
         hand_on(std::move(socket), Descriptors::free);
         return accept_next();
     }
-    const bool used_up = error == boost::system::errc::too_many_files_open ||
-                         error == boost::system::errc::too_many_files_open_in_system;
-    if (used_up && accept_with_spare()) return accept_next();
+    if (!used_up(error) || spare_.get() < 0) return accept_later(error);
+    // That is so before anybody comes: accept() looks for a descriptor first.
+    acceptor_.async_wait(acceptor_.wait_read, [this](const SystemError& cancelled) {
+        if (cancelled || !acceptor_.is_open()) return;
+        const SystemError failed = accept_newcomer();
+        if (!failed || failed == asio::error::would_block) return accept_next();
+        accept_later(failed);
+    });
+}
+
+SystemError Listener::accept_newcomer() {
+    SystemError error;
+    Socket socket = acceptor_.accept(error);
+    if (!used_up(error)) {
+        if (!error) hand_on(std::move(socket), Descriptors::free);
+        return error;
+    }
+    if (const auto now = Clock::now(); now - told_ >= log_period) {
+        told_ = now;
+        log(LogLevel::warn, "descriptors_used_up", {{"listen", uri_}});
+    }
+    spare_ = Fd();
+    socket = acceptor_.accept(error);
+    if (!error) hand_on(std::move(socket), Descriptors::used_up);
+    spare_ = open_spare();
+    return error;
+}
+
+void Listener::accept_later(const SystemError& error) {
     // Out of descriptors or memory: spinning would make it worse.
     backoff_ = std::clamp(2 * backoff_, backoff_min, backoff_max);
     if (backoff_ == backoff_max)

@@ -44,8 +44,9 @@ private:
           on_accept_(std::move(on_accept)) {}
     void accept_next();
     void accepted(const SystemError& error, Socket socket);
-    /// Takes the next connection with the spare descriptor; false where that does not go either.
-    bool accept_with_spare();
+    /// Takes who waits, with the spare descriptor where there is no other.
+    SystemError accept_newcomer();
+    void accept_later(const SystemError& error);
     void hand_on(Socket socket, Descriptors descriptors);
 
     asio::basic_socket_acceptor<asio::generic::stream_protocol> acceptor_;

@@ -146,8 +146,8 @@ class Connections(unittest.TestCase):
         self.addCleanup(daemon.stop)
         client = Client(self.raynest, daemon.uri)
         client.json("load", "builtin:terrain?size=16", "--name", "hills")
-        rays = 1000 * 500
-        paused = client.start("query", "hills", "--generate", "equirectangular", "size=1000x500",
+        rays = 600 * 500
+        paused = client.start("query", "hills", "--generate", "equirectangular", "size=600x500",
                               "--fields", "t,path,position,ng,uv")
         self.addCleanup(paused.kill)
         before = -1  # until the daemon has no more room for answers
