@@ -56,6 +56,7 @@ struct Crowded {
                       {},
                       daemon.admission,
                       daemon.detached,
+                      daemon.peers,
                       nullptr};
     Caller caller;
 };
