@@ -249,7 +249,8 @@ void declare(CLI::App& app, UnloadOptions& unload) {
 
 void declare(CLI::App& app, PathOptions& path) {
     add_scene(app, path.scene);
-    add_whole(app, "ID", path.id, std::uint64_t{0}, any_whole, "the path of a hit")->required();
+    app.add_option("PATH", path.path, "the path of a hit: its id, or its text as birch-17/leaves")
+        ->required();
     add_epoch(app, path.epoch);
 }
 
@@ -367,7 +368,7 @@ public:
                          "upload a scene, or have the daemon make one");
         add<ScenesOptions>("scenes", "scenes", "list the loaded scenes");
         add<InfoOptions>("info", "info forest", "describe a scene");
-        add<PathOptions>("path", "path forest 77", "name the instances of a path id");
+        add<PathOptions>("path", "path forest 77", "the text of a path id, and the id of a text");
         add<UnloadOptions>("unload", "unload forest", "drop a scene");
         add<VariantsOptions>("variants", "variants", "list intersectors and their parameters");
         add<StatsOptions>("stats", "stats", "counters of the daemon");

@@ -48,7 +48,7 @@ struct InfoOptions {
 };
 struct PathOptions {
     std::string scene;
-    std::uint64_t id = 0;
+    std::string path;  ///< an id, or a text such as birch-17/leaves
     std::uint64_t epoch = 0;
 };
 /// Scenes by name, or all, or those that were not used for `idle_ms`.

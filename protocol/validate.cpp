@@ -327,6 +327,7 @@ Result<void> validate(const wire::PathName& message, const Limits& limits) {
         .names("steps", message.steps())
         .numbers("instances", message.steps(), message.instances())
         .numbers("uids", message.steps(), message.uids())
+        .numbers("nodes", message.steps(), message.nodes())
         .result();
 }
 

@@ -1,4 +1,4 @@
-// raynest path SCENE ID: which instances a path id stands for.
+// raynest path SCENE PATH: which steps a path stands for, given its id or its text.
 #include "client/commands/commands.h"
 #include "client/output.h"
 
@@ -9,24 +9,30 @@ namespace raynest::client {
 Result<void> run(Context& context, const PathOptions& options) {
     wire::PathT request;
     request.scene = options.scene;
-    request.path = options.id;
+    request.text = options.path;
     request.epoch = options.epoch;
     const auto reply = ask<wire::PathName>(context.connection, request);
     if (!reply) return tl::unexpected<Failure>(reply.error());
     const wire::PathName& path = *reply->message.table;
     if (!context.json) {
-        std::cout << protocol::text(path.name()) << '\n';
+        if (options.path.find_first_not_of("0123456789") == std::string::npos)
+            std::cout << protocol::text(path.name()) << '\n';
+        else
+            std::cout << path.path() << '\n';
         return {};
     }
     Json steps = Json::array();
     const std::vector<std::string> names = protocol::strings(path.steps());
     for (std::size_t k = 0; k < names.size(); ++k) {
         const auto i = static_cast<flatbuffers::uoffset_t>(k);
+        const std::uint32_t node = path.nodes()->Get(i);
         steps.push_back(Json{{"name", names[k]},
                              {"instance", path.instances()->Get(i)},
-                             {"uid", path.uids()->Get(i)}});
+                             {"uid", path.uids()->Get(i)},
+                             {"node", node == 0xFFFFFFFF ? Json(nullptr) : Json(node)}});
     }
-    print_json(Json{{"path", options.id}, {"name", protocol::text(path.name())}, {"steps", steps}});
+    print_json(
+        Json{{"path", path.path()}, {"name", protocol::text(path.name())}, {"steps", steps}});
     return {};
 }
 

@@ -45,13 +45,6 @@ std::string_view front_of(std::string_view text, std::size_t bytes_max) {
     return text.substr(0, bytes_max);
 }
 
-std::string_view back_of(std::string_view text, std::size_t bytes_max) {
-    if (text.size() <= bytes_max) return text;
-    text.remove_prefix(text.size() - bytes_max);
-    while (!text.empty() && is_inside(text.front())) text.remove_prefix(1);
-    return text;
-}
-
 void leave_out(SceneDescription& scene, const std::string& kind, std::string why) {
     constexpr std::uint64_t warnings_max = 8;  // of a kind
     const std::uint64_t count = ++scene.skipped[kind];

@@ -16,9 +16,8 @@ namespace raynest::gltf {
 /// no backslash, no control character, and no separator or dot hidden behind a percent sign.
 [[nodiscard]] bool is_safe_name(std::string_view uri);
 
-/// The first or the last bytes of UTF-8 text, at most `bytes_max`, without a part of a character.
+/// The first bytes of UTF-8 text, at most `bytes_max`, without a part of a character.
 [[nodiscard]] std::string_view front_of(std::string_view text, std::size_t bytes_max);
-[[nodiscard]] std::string_view back_of(std::string_view text, std::size_t bytes_max);
 
 /// Foreign text for a message: control characters become spaces, and it ends before it bores.
 [[nodiscard]] std::string one_line(std::string_view text, std::size_t length_max = 160);

@@ -1,9 +1,10 @@
 // The node tree -> objects, instances and cameras.
 //
 // A mesh becomes an object, a node with a mesh an instance of it. Nodes that stand alone disappear:
-// their transforms are composed (in double) and their names joined, so that a flat scene and one
-// with shared subtrees print the same path. Shared subtrees (gltf_sharing.h) become objects in
-// between. Declaration order is depth-first node order throughout; every walk is iterative.
+// their transforms are composed (in double). Shared subtrees (gltf_sharing.h) become objects in
+// between. Paths are named by the nodes themselves, so that a flat scene and one with shared
+// subtrees print the same path. Declaration order is depth-first node order throughout; every walk
+// is iterative.
 #include "engine/assets/gltf_model.h"
 #include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_sharing.h"
@@ -20,19 +21,10 @@
 namespace raynest::gltf {
 namespace {
 
-/// Joined names longer than this keep their end: a chain of a million nodes must not cost a million
-/// squared.
-constexpr std::size_t name_bytes_max = 256;
 /// A placement takes at least 12 bytes in a file; nodes may share a list of placements. Far more
 /// instances than the file has bytes for are made to cost memory.
 constexpr std::uint64_t instances_free = 1U << 20;
 constexpr std::uint64_t bytes_per_instance = 4;
-
-std::string joined(const std::string& prefix, const std::string& name) {
-    if (name.empty()) return prefix;
-    const std::string path = prefix.empty() ? name : prefix + '/' + name;
-    return std::string(back_of(path, name_bytes_max));
-}
 
 std::vector<std::uint32_t> depth_first(const Model& model) {
     std::vector<std::uint32_t> order;
@@ -103,8 +95,8 @@ public:
             if (!shape.is_shared()) continue;
             ObjectDescription object;
             object.name = model_.nodes[shape.example].name;
-            // The object stands in the space of its top node and is named by its instances.
-            if (auto done = fill(object, {{shape.example, identity_matrix, {}, true}}); !done) {
+            // The object stands in the space of its top node.
+            if (auto done = fill(object, {{shape.example, identity_matrix, true}}); !done) {
                 return done;
             }
             object_of_[s] = static_cast<std::uint32_t>(scene_.objects.size());
@@ -114,7 +106,7 @@ public:
         root.name = "scene";
         std::vector<Entry> stack;
         for (auto node = model_.roots.rbegin(); node != model_.roots.rend(); ++node) {
-            stack.push_back({*node, model_.nodes[*node].local, model_.nodes[*node].name, false});
+            stack.push_back({*node, model_.nodes[*node].local, false});
         }
         if (auto done = fill(root, std::move(stack)); !done) return done;
         scene_.root = static_cast<std::uint32_t>(scene_.objects.size());
@@ -126,27 +118,24 @@ private:
     struct Entry {
         std::uint32_t node;
         Matrix to_object;  ///< from the node's space to that of the object being filled
-        std::string name;
-        bool is_top;  ///< the shared subtree that is being written itself
+        bool is_top;       ///< the shared subtree that is being written itself
     };
 
     Result<void> fill(ObjectDescription& object, std::vector<Entry> stack) {
         while (!stack.empty()) {
-            const Entry entry = std::move(stack.back());
+            const Entry entry = stack.back();
             stack.pop_back();
             const std::uint32_t shape = sharing_.shape_of[entry.node];
             if (shape == no_id) continue;
             if (!entry.is_top && object_of_[shape] != no_id) {
-                object.instances.push_back({object_of_[shape], round_matrix(entry.to_object),
-                                            0xFFFFFFFFU, entry.node, entry.name});
+                place(object, object_of_[shape], entry.to_object);
                 continue;
             }
             const Node& node = model_.nodes[entry.node];
             if (auto done = place_mesh(object, node, entry); !done) return done;
             for (auto child = node.children.rbegin(); child != node.children.rend(); ++child) {
-                const Node& below = model_.nodes[*child];
-                stack.push_back({*child, multiply(entry.to_object, below.local),
-                                 joined(entry.name, below.name), false});
+                const Matrix& local = model_.nodes[*child].local;
+                stack.push_back({*child, multiply(entry.to_object, local), false});
             }
         }
         return {};
@@ -154,23 +143,21 @@ private:
 
     Result<void> place_mesh(ObjectDescription& object, const Node& node, const Entry& entry) {
         if (node.mesh == no_id || !traceable_[node.mesh]) return {};
-        const std::string name = entry.name.empty() ? model_.meshes[node.mesh].name : entry.name;
         // A skinned mesh already stands in the scene's space, and so does the object being filled:
         // subtrees with a skin are not shared.
         const Matrix& to_object = node.skin == no_id ? entry.to_object : identity_matrix;
         if (node.instancing.count == 0) {
-            object.instances.push_back(
-                {node.mesh, round_matrix(to_object), 0xFFFFFFFFU, entry.node, name});
+            place(object, node.mesh, to_object);
             return {};
         }
         const auto matrices = placements_of(model_, node.instancing);
         if (!matrices) return error_of(matrices);
-        for (std::size_t i = 0; i < matrices->size(); ++i) {
-            object.instances.push_back({node.mesh,
-                                        round_matrix(multiply(to_object, (*matrices)[i])),
-                                        0xFFFFFFFFU, entry.node, fmt::format("{}[{}]", name, i)});
-        }
+        for (const Matrix& matrix : *matrices) place(object, node.mesh, multiply(to_object, matrix));
         return {};
+    }
+
+    static void place(ObjectDescription& object, std::uint32_t child, const Matrix& to_object) {
+        object.instances.push_back({child, round_matrix(to_object), 0xFFFFFFFFU, 0, {}});
     }
 
     const Model& model_;
@@ -195,6 +182,48 @@ Result<void> check_instance_count(const Model& model, const std::vector<std::uin
         }
     }
     return {};
+}
+
+/// What paths call a node: by its name, else by that of its mesh.
+const std::string& path_name_of(const Model& model, const Node& node) {
+    if (!node.name.empty() || node.mesh == no_id) return node.name;
+    return model.meshes[node.mesh].name;
+}
+
+/// The nodes of the scene as steps of paths, breadth first. A node without a name and a mesh is no
+/// step: its children count as those of its parent.
+void name_paths(const Model& model, const std::vector<std::uint32_t>& order,
+                const std::vector<bool>& traceable, SceneDescription& scene) {
+    constexpr std::uint32_t the_scene = no_id;
+    std::vector<std::uint32_t> node_of{the_scene};  // by path node
+    std::vector<std::uint32_t> number_of(model.nodes.size(), 0);
+    scene.path_nodes.push_back({0, {}, no_id, 0});
+    std::vector<std::uint32_t> stack;
+    for (std::uint32_t parent = 0; parent < node_of.size(); ++parent) {
+        const auto& below =
+            node_of[parent] == the_scene ? model.roots : model.nodes[node_of[parent]].children;
+        stack.assign(below.rbegin(), below.rend());
+        while (!stack.empty()) {
+            const std::uint32_t index = stack.back();
+            const Node& node = model.nodes[index];
+            stack.pop_back();
+            const std::string& name = path_name_of(model, node);
+            if (name.empty() && node.mesh == no_id) {
+                stack.insert(stack.end(), node.children.rbegin(), node.children.rend());
+                continue;
+            }
+            const bool placed = node.mesh != no_id && traceable[node.mesh];
+            number_of[index] = static_cast<std::uint32_t>(node_of.size());
+            node_of.push_back(index);
+            scene.path_nodes.push_back(
+                {parent, name, index, placed ? std::max(node.instancing.count, 1U) : 0});
+        }
+    }
+    for (const std::uint32_t index : order) {
+        const Node& node = model.nodes[index];
+        if (node.mesh != no_id && traceable[node.mesh])
+            scene.placed_nodes.push_back(number_of[index]);
+    }
 }
 
 /// Camera nodes in node order, in the world.
@@ -260,6 +289,7 @@ Result<void> read_nodes(const Model& model, const ImportLimits& limits, SceneDes
     const Sharing sharing = find_sharing(model, order, traceable);
     SceneWriter writer(model, sharing, traceable, scene);
     if (auto done = writer.write(); !done) return done;
+    name_paths(model, order, traceable, scene);
     read_cameras(model, scene);
     return {};
 }

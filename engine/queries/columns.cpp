@@ -55,6 +55,15 @@ Ends ends_of(const SceneView& scene, std::uint64_t path) {
     return ends;
 }
 
+/// User id of a placement: where the scene was read from a tree, the index of its node there.
+std::uint32_t uid_of(const ColumnSource& source, std::uint64_t path) {
+    const PathTable* const paths = source.paths;
+    if (paths != nullptr && paths->node_count != 0)
+        return paths->nodes[paths->run_of(path).node].source;
+    const std::uint32_t innermost = ends_of(*source.scene, path).innermost;
+    return innermost == no_id ? no_id : source.scene->instance_infos[innermost].uid;
+}
+
 Vec3 world_position(const Ray& ray, float t) {
     return point_along(ray.origin, ray.direction, t);
 }
@@ -201,10 +210,7 @@ void write_column(Field field, const ColumnSource& source, std::byte* out) {
         case Field::inst:
             return each(no_id, [&](Hit h, At) { return ends_of(scene, h.path).outermost; });
         case Field::uid:
-            return each(no_id, [&](Hit h, At) {
-                const std::uint32_t innermost = ends_of(scene, h.path).innermost;
-                return innermost == no_id ? no_id : scene.instance_infos[innermost].uid;
-            });
+            return each(no_id, [&](Hit h, At) { return uid_of(source, h.path); });
         case Field::uv:
             return each(Vec2(0), [&](Hit h, At) {
                 return geometry_of(source, h) == nullptr ? Vec2(0) : Vec2(h.u, h.v);

@@ -10,6 +10,7 @@
 #include <string_view>
 
 #include "engine/geometry/hit.h"
+#include "engine/geometry/path.h"
 #include "engine/geometry/ray.h"
 #include "engine/geometry/views.h"
 #include "engine/result.h"
@@ -52,6 +53,7 @@ struct ColumnSource {
     std::span<const Counters> counters = {};  ///< one per ray, or empty
     RecordNormal (*record_normal)(std::uint32_t type, const void* context) = nullptr;
     const void* context = nullptr;
+    const PathTable* paths = nullptr;  ///< null: user ids are those of instances
 };
 
 /// Writes an element of field_bytes(field) per hit (counters: per ray), canonical for misses.

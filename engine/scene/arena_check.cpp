@@ -38,7 +38,7 @@ public:
         for (const auto step :
              {&Checker::check_header, &Checker::check_sections, &Checker::make_view,
               &Checker::check_names, &Checker::check_surfaces, &Checker::check_cameras,
-              &Checker::check_objects}) {
+              &Checker::check_objects, &Checker::check_paths}) {
             if (auto checked = (this->*step)(); !checked) return tl::unexpected(checked.error());
         }
         return view_;
@@ -92,8 +92,9 @@ private:
     }
 
     Result<void> make_view() {
-        for (const Section section : {Section::objects, Section::instances, Section::geometries,
-                                      Section::materials, Section::textures, Section::cameras}) {
+        for (const Section section :
+             {Section::objects, Section::instances, Section::geometries, Section::materials,
+              Section::textures, Section::cameras, Section::path_nodes, Section::path_runs}) {
             if (size_of(section) >= no_id) return broken("it has too many records");
         }
         const auto count = [&](Section section) {
@@ -348,6 +349,42 @@ private:
         }
         if (leaves != object.leaves || levels != object.levels || levels > scene_depth_max) {
             return broken("the paths or levels of object " + std::to_string(index));
+        }
+        return {};
+    }
+
+    /// Every path belongs to a run, every run to a node, and nodes to nodes before them.
+    Result<void> check_paths() {
+        const PathTable paths = format::path_table(arena_.data());
+        const std::uint64_t numbers = size_of(Section::instance_numbers);
+        if (numbers != 0 && (numbers != view_.instance_count || paths.node_count != 0))
+            return broken("instances and their numbers do not match");
+        const std::uint64_t leaves = view_.objects[view_.root].leaves;
+        if (paths.node_count == 0) {
+            if (paths.run_count != 0) return broken("its paths have no nodes");
+            return {};
+        }
+        if (leaves != 0 && (paths.run_count == 0 || paths.runs[0].first_path != 0))
+            return broken("its paths do not start at 0");
+        for (std::uint32_t i = 0; i < paths.node_count; ++i) {
+            const PathNode& node = paths.nodes[i];
+            const std::uint32_t first = node.first_run;
+            const bool sound = is_name(node.name) &&
+                               (i == 0 ? node.parent == 0 : node.parent < i) &&
+                               (i < 2 || paths.nodes[i - 1].parent <= node.parent) &&
+                               (first == no_id ||
+                                (i != 0 && first < paths.run_count && paths.runs[first].node == i));
+            if (!sound) return broken("path node " + std::to_string(i));
+        }
+        for (std::uint32_t r = 0; r < paths.run_count; ++r) {
+            const PathRun& run = paths.runs[r];
+            const std::uint64_t end =
+                r + 1 < paths.run_count ? paths.runs[r + 1].first_path : leaves;
+            const bool sound = run.node < paths.node_count && run.first_path < end &&
+                               end - run.first_path <= no_id - run.number &&
+                               (paths.nodes[run.node].first_run == r ||
+                                (r != 0 && paths.runs[r - 1].node == run.node));
+            if (!sound) return broken("path run " + std::to_string(r));
         }
         return {};
     }

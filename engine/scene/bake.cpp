@@ -3,6 +3,7 @@
 #include "engine/scene/description_check.h"
 #include "engine/scene/graph.h"
 #include "engine/scene/opacity.h"
+#include "engine/scene/path_table.h"
 #include "engine/scene/placed_box.h"
 
 #include <tbb/parallel_for.h>
@@ -62,6 +63,10 @@ public:
         for (const GraphObject& object : graph_.objects) {
             if (auto added = add_object(object); !added) return tl::unexpected(added.error());
         }
+        add_path_nodes(description_, graph_, content_);
+        auto& numbers = content_.instance_numbers;
+        if (std::all_of(numbers.begin(), numbers.end(), [](auto n) { return n == no_id; }))
+            numbers.clear();
         for (const auto& [reason, count] : graph_.skipped) {
             content_.skips.push_back({count, content_.names.add(reason), 0});
         }
@@ -232,8 +237,22 @@ private:
             object.origin_error = std::max(object.origin_error, errors[i]);
             content_.instance_paddings.push_back(paddings[i]);
             content_.instances.push_back(node.instances[i]);
-            content_.instance_infos.push_back(
-                {declared.transform, declared.uid, content_.names.add(declared.name)});
+            content_.instance_infos.push_back({declared.transform, declared.uid, 0});
+        }
+        if (description_.path_nodes.empty()) name_instances(node);
+    }
+
+    /// The instances that were added last, by their own names or else those of their objects; what
+    /// is left out as singular has a number as well.
+    void name_instances(const GraphObject& node) {
+        std::vector<std::uint32_t> names;
+        for (const InstanceDescription& declared : description_.objects[node.source].instances)
+            names.push_back(content_.names.add(step_name(description_, declared)));
+        const std::vector<std::uint32_t> numbers = number_siblings(names);
+        const std::size_t first = content_.instance_infos.size() - node.declared_as.size();
+        for (std::size_t i = 0; i < node.declared_as.size(); ++i) {
+            content_.instance_infos[first + i].name = names[node.declared_as[i]];
+            content_.instance_numbers.push_back(numbers[node.declared_as[i]]);
         }
     }
 
@@ -247,7 +266,8 @@ private:
     double build_seconds_ = 0;
 };
 
-/// Section counts are u32 in the view; checked before anything is built.
+/// Section counts are u32 in the view, and nodes name every placement; checked before anything is
+/// built.
 Result<void> check_counts(const SceneDescription& description, const Graph& graph) {
     std::uint64_t instances = 0;
     std::uint64_t geometries = 0;
@@ -259,6 +279,10 @@ Result<void> check_counts(const SceneDescription& description, const Graph& grap
         return fail(ErrorCode::limit_exceeded,
                     "the scene has more than 2^32 instances or geometries: nest them in groups");
     }
+    std::uint64_t named = 0;
+    for (const PathNodeDescription& node : description.path_nodes) named += node.placements;
+    if (!description.path_nodes.empty() && named != graph.declared_leaves)
+        return fail(ErrorCode::scene_invalid, "the path nodes do not name every placement");
     return {};
 }
 

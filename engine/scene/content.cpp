@@ -137,6 +137,9 @@ Arena write_arena(const Content& content) {
         content.skips.size(),
         content.warnings.size(),
         content.record_types.size(),
+        content.path_nodes.size(),
+        content.path_runs.size(),
+        content.instance_numbers.size(),
     };
 
     format::Header header{
@@ -169,6 +172,9 @@ Arena write_arena(const Content& content) {
     copy(Section::skips, content.skips);
     copy(Section::warnings, content.warnings);
     copy(Section::record_types, content.record_types);
+    copy(Section::path_nodes, content.path_nodes);
+    copy(Section::path_runs, content.path_runs);
+    copy(Section::instance_numbers, content.instance_numbers);
     content.attributes.write(at(Section::attributes));
     return arena;
 }

@@ -73,6 +73,9 @@ struct Content {
     std::vector<format::SkipRecord> skips;
     std::vector<format::NameOffset> warnings;
     std::vector<format::NameOffset> record_types;
+    std::vector<PathNode> path_nodes;
+    std::vector<PathRun> path_runs;
+    std::vector<std::uint32_t> instance_numbers;  ///< PathTable::numbers
     NameTable names;
     AttributePlan attributes;
     std::deque<std::vector<std::uint8_t>> opacities;  ///< per geometry; attributes point into them

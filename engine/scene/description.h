@@ -83,9 +83,22 @@ struct CameraDescription {
     float aspect = 0;
 };
 
+/// A node of the tree that the scene was read from, and how many placements are its own.
+struct PathNodeDescription {
+    std::uint32_t parent = 0;  ///< its index among the nodes
+    std::string name;
+    std::uint32_t source = 0;  ///< index in the file
+    std::uint32_t placements = 0;
+};
+
 struct SceneDescription {
     std::vector<ObjectDescription> objects;
     std::uint32_t root = 0;
+    /// Names the paths of a scene whose source is a tree of nodes: its instances need no names then.
+    /// Breadth first, the scene itself first; empty: paths are named by instances.
+    std::vector<PathNodeDescription> path_nodes;
+    /// Nodes with placements in the order of their paths, singular instances counted: depth first.
+    std::vector<std::uint32_t> placed_nodes;
     BuildQuality build = BuildQuality::medium;
     std::vector<MaterialDescription> materials;
     std::vector<TextureDescription> textures;

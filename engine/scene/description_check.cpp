@@ -156,6 +156,32 @@ Result<void> check_object(const SceneDescription& description, std::uint32_t ind
     return {};
 }
 
+/// Nodes are in order, and those with placements are listed once, as many as the objects make.
+Result<void> check_path_nodes(const SceneDescription& description) {
+    const auto& nodes = description.path_nodes;
+    std::uint64_t listed = 0;
+    std::uint64_t placing = 0;
+    for (std::size_t i = 0; i < nodes.size(); ++i) {
+        if (nodes[i].parent > (i == 0 ? 0 : i - 1) ||
+            (i > 1 && nodes[i].parent < nodes[i - 1].parent))
+            return invalid("path node " + std::to_string(i) + " stands before its parent");
+        listed += nodes[i].placements;
+        if (nodes[i].placements != 0) ++placing;
+    }
+    std::vector<bool> seen(nodes.size(), false);
+    for (const std::uint32_t node : description.placed_nodes) {
+        if (node == 0 || node >= nodes.size() || nodes[node].placements == 0 || seen[node])
+            return invalid("path node " + std::to_string(node) + " is no node with placements");
+        seen[node] = true;
+    }
+    if (nodes.size() >= no_id || listed >= no_id)
+        return fail(ErrorCode::limit_exceeded,
+                    "the scene names more than 2^32 nodes or placements");
+    if (placing != description.placed_nodes.size())
+        return invalid("not every path node with placements is listed");
+    return {};
+}
+
 /// What Snapshot::open asks of the names in an arena.
 Result<void> check_names(const SceneDescription& description) {
     const auto limit = [](const std::string& what, std::size_t most) {
@@ -197,6 +223,7 @@ Result<void> check_description(const SceneDescription& description) {
         return fail(ErrorCode::limit_exceeded, "the scene has more than 2^32 objects");
     }
     if (auto checked = check_names(description); !checked) return checked;
+    if (auto checked = check_path_nodes(description); !checked) return checked;
     if (auto checked = check_surfaces(description); !checked) return checked;
     for (std::uint32_t i = 0; i < description.objects.size(); ++i) {
         if (auto checked = check_object(description, i); !checked) return checked;

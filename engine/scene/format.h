@@ -6,6 +6,7 @@
 
 #include "engine/bvh/build.h"
 #include "engine/bvh/node.h"
+#include "engine/geometry/path.h"
 #include "engine/geometry/triangle.h"
 #include "engine/geometry/views.h"
 
@@ -41,6 +42,9 @@ enum class Section : std::uint32_t {
     skips,
     warnings,
     record_types,
+    path_nodes,
+    path_runs,
+    instance_numbers,
     count_
 };
 inline constexpr std::size_t section_count = static_cast<std::size_t>(Section::count_);
@@ -63,12 +67,15 @@ inline constexpr std::array<std::uint32_t, section_count> element_size{
     sizeof(SkipRecord),
     sizeof(NameOffset),
     sizeof(NameOffset),
+    sizeof(PathNode),
+    sizeof(PathRun),
+    sizeof(std::uint32_t),
 };
 // No record has padding: its bytes are its content, so the content hash is well defined.
 static_assert(sizeof(ObjectRecord) == 120 && sizeof(InstanceInfo) == 56);
 static_assert(sizeof(GeometryRecord) == 64 && sizeof(MaterialRecord) == 64);
 static_assert(sizeof(TextureRecord) == 40 && sizeof(CameraRecord) == 64);
-static_assert(sizeof(SkipRecord) == 16);
+static_assert(sizeof(SkipRecord) == 16 && sizeof(PathNode) == 20 && sizeof(PathRun) == 16);
 
 struct SectionEntry {
     std::uint64_t offset;  ///< from the start of the arena
@@ -78,7 +85,7 @@ struct SectionEntry {
 };
 
 inline constexpr std::array<char, 8> magic{'R', 'N', 'S', 'C', 'E', 'N', 'E', '\0'};
-inline constexpr std::uint32_t version = 4;
+inline constexpr std::uint32_t version = 5;
 inline constexpr std::uint32_t byte_order = 0x01020304;
 inline constexpr std::uint64_t alignment = 64;
 
@@ -107,6 +114,19 @@ template <class T>
 
 [[nodiscard]] inline std::uint64_t section_size(const std::byte* arena, Section which) {
     return reinterpret_cast<const Header*>(arena)->sections[static_cast<std::size_t>(which)].count;
+}
+
+/// Of an arena whose header and section table were checked.
+[[nodiscard]] inline PathTable path_table(const std::byte* arena) {
+    PathTable table;
+    table.nodes = section<PathNode>(arena, Section::path_nodes);
+    table.runs = section<PathRun>(arena, Section::path_runs);
+    if (section_size(arena, Section::instance_numbers) != 0)
+        table.numbers = section<std::uint32_t>(arena, Section::instance_numbers);
+    table.names_bytes = section_size(arena, Section::names);
+    table.node_count = static_cast<std::uint32_t>(section_size(arena, Section::path_nodes));
+    table.run_count = static_cast<std::uint32_t>(section_size(arena, Section::path_runs));
+    return table;
 }
 
 }  // namespace raynest::format

@@ -134,6 +134,7 @@ private:
         Graph graph;
         graph.skipped = description_.skipped;
         const Entry& root = entries_[description_.root];
+        graph.declared_leaves = root.declared.leaves;
         std::uint64_t lost_unique = 0;
         for (const std::uint32_t index : order_) {
             if (!entries_[index].traced) lost_unique += own_triangles(description_.objects[index]);

@@ -32,6 +32,8 @@ struct GraphObject {
 
 struct Graph {
     std::vector<GraphObject> objects;  ///< what the root reaches, children first, the root last
+    std::uint64_t declared_leaves =
+        0;  ///< placements of the root, those behind singular instances too
     std::map<std::string, std::uint64_t> skipped;
 };
 

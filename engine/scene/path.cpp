@@ -1,30 +1,285 @@
+// Paths and their texts, both ways.
 #include "engine/geometry/path.h"
 
 #include "engine/scene/snapshot.h"
 
-namespace raynest {
+#include <fmt/format.h>
 
-Result<std::vector<PathStep>> expand_path(const SceneView& scene, std::uint64_t path) {
+#include <algorithm>
+#include <charconv>
+#include <cstring>
+#include <optional>
+#include <span>
+
+namespace raynest {
+namespace {
+
+bool is_digit(char c) {
+    return c >= '0' && c <= '9';
+}
+
+/// The number of an instance among those of its name in its object, or no_id.
+std::uint32_t number_of(const PathTable& paths, std::uint32_t instance) {
+    return paths.numbers == nullptr ? no_id : paths.numbers[instance];
+}
+
+/// Children of a node are neighbours.
+std::pair<std::uint32_t, std::uint32_t> children_of(const PathTable& paths, std::uint32_t node) {
+    const auto below = [](const PathNode& child, std::uint32_t parent) {
+        return child.parent < parent;
+    };
+    // Node 0 is its own parent.
+    const PathNode* const nodes = paths.nodes;
+    const PathNode* const end = nodes + paths.node_count;
+    const PathNode* const first = std::lower_bound(nodes + 1, end, node, below);
+    return {first - nodes, std::lower_bound(first, end, node + 1, below) - nodes};
+}
+
+std::vector<PathStep> expand_nodes(const Snapshot& scene, std::uint64_t path) {
+    const PathTable& paths = scene.paths();
+    const PathRun& run = paths.run_of(path);
     std::vector<PathStep> steps;
-    const ObjectRecord* parent = &scene.objects[scene.root];
-    const ObjectRecord* const leaf = walk_path(scene, path, [&](std::uint32_t index) {
-        const InstanceRecord& instance = scene.instances[index];
-        const InstanceInfo& info = scene.instance_infos[index];
-        const ObjectRecord& object = scene.objects[instance.object];
+    std::size_t bytes = 0;
+    for (std::uint32_t at = run.node; at != 0; at = paths.nodes[at].parent) {
+        const PathNode& node = paths.nodes[at];
+        PathStep& step = steps.emplace_back();
+        step.instance = at - children_of(paths, node.parent).first;
+        step.uid = step.node = node.source;
+        std::uint32_t number = node.number;
+        if (at == run.node && number != no_id)
+            number = run.number + static_cast<std::uint32_t>(path - run.first_path);
+        step.name = numbered(scene.view().names + node.name, number);
+        bytes += step.name.size() + 1;
+        // Stop where more would be cut anyway: a tree may be a million nodes deep.
+        if (steps.size() > path_steps_max || bytes > path_text_bytes_max) break;
+    }
+    std::reverse(steps.begin(), steps.end());
+    return steps;
+}
+
+std::vector<PathStep> expand_instances(const Snapshot& scene, std::uint64_t path) {
+    const SceneView& view = scene.view();
+    std::vector<PathStep> steps;
+    const ObjectRecord* parent = &view.objects[view.root];
+    walk_path(view, path, [&](std::uint32_t index) {
+        const InstanceInfo& info = view.instance_infos[index];
         PathStep& step = steps.emplace_back();
         step.instance = index - parent->first_instance;
-        step.object = instance.object;
         step.uid = info.uid;
-        step.name = scene.names + info.name;
-        if (step.name.empty()) step.name = scene.names + object.name;
-        if (step.name.empty()) step.name = '#' + std::to_string(step.instance);
-        parent = &object;
+        step.name = numbered(view.names + info.name, number_of(scene.paths(), index));
+        parent = &view.objects[view.instances[index].object];
     });
-    if (leaf == nullptr) {
-        return fail(ErrorCode::scene_invalid,
-                    "the scene has no path " + std::to_string(path) + ": it has " +
-                        std::to_string(scene.objects[scene.root].leaves) + ", counted from 0");
+    return steps;
+}
+
+/// Drops outer steps beyond the limits on texts.
+void shorten(std::vector<PathStep>& steps) {
+    std::size_t bytes = 0;
+    std::size_t kept = 0;
+    for (; kept < steps.size() && kept < path_steps_max; ++kept) {
+        bytes += steps[steps.size() - 1 - kept].name.size() + 1;
+        if (bytes > path_text_bytes_max) break;
     }
+    if (kept == steps.size()) return;
+    steps.erase(steps.begin(), steps.end() - static_cast<std::ptrdiff_t>(kept) - 1);
+    steps.front() = PathStep{};
+    steps.front().name = "...";
+}
+
+/// A step of a text: a name, and a number where it has one.
+struct Token {
+    std::string_view name;
+    std::uint32_t number = no_id;
+};
+
+Token token_of(std::string_view text) {
+    const std::size_t mark = text.rfind('#');
+    Token token{text.substr(0, mark)};
+    if (mark == std::string_view::npos) return token;
+    const char* const end = text.data() + text.size();
+    const auto [stop, error] = std::from_chars(text.data() + mark + 1, end, token.number);
+    // A number that is none matches no name: those hold no '#'.
+    if (error != std::errc() || stop != end || token.number == no_id) token = {text};
+    return token;
+}
+
+/// Offset of a name: each is stored once.
+std::optional<std::uint32_t> offset_of(const Snapshot& scene, std::string_view name) {
+    if (name.empty()) return 0;
+    const std::string_view all(scene.view().names, scene.paths().names_bytes);
+    std::string bounded(1, '\0');
+    (bounded += name) += '\0';
+    const std::size_t at = all.find(bounded);
+    if (at == std::string_view::npos) return std::nullopt;
+    return static_cast<std::uint32_t>(at + 1);
+}
+
+/// Walks down a text, one step at a time.
+class Finder {
+public:
+    Finder(const Snapshot& scene, std::string_view text)
+        : scene_(scene),
+          paths_(scene.paths()),
+          text_(text) {}
+
+    Result<std::uint64_t> find() {
+        std::size_t end = 0;
+        for (std::size_t first = 0; first <= text_.size(); first = end + 1) {
+            end = std::min(text_.find('/', first), text_.size());
+            at_ = text_.substr(0, first == 0 ? 0 : first - 1);
+            const Token token = token_of(text_.substr(first, end - first));
+            const auto name = offset_of(scene_, token.name);
+            const bool found =
+                name && (paths_.node_count != 0 ? enter_node(*name, token.number)
+                                                : enter_instance(*name, token.number));
+            if (!found) return no_such(token, name, text_.substr(first, end - first));
+        }
+        return paths_.node_count != 0 ? path_of_node() : path_of_object();
+    }
+
+private:
+    bool enter_node(std::uint32_t name, std::uint32_t number) {
+        // A node with several placements stands for several numbers; nothing is below but the
+        // first.
+        if (number_ != no_id && number_ != paths_.nodes[node_].number) return false;
+        const auto [first, end] = children_of(paths_, node_);
+        std::uint32_t found = no_id;
+        for (std::uint32_t i = first; i < end; ++i) {
+            const PathNode& node = paths_.nodes[i];
+            if (node.name != name || (node.number == no_id) != (number == no_id)) continue;
+            if (number == no_id || node.number <= number) found = i;
+        }
+        if (found == no_id) return false;
+        node_ = found;
+        number_ = number;
+        return true;
+    }
+
+    bool enter_instance(std::uint32_t name, std::uint32_t number) {
+        const SceneView& view = scene_.view();
+        const ObjectRecord& object = view.objects[object_];
+        for (std::uint32_t i = 0; i < object.instance_count; ++i) {
+            const std::uint32_t index = object.first_instance + i;
+            if (view.instance_infos[index].name != name || number_of(paths_, index) != number)
+                continue;
+            path_ += view.instances[index].path_base;
+            object_ = view.instances[index].object;
+            return true;
+        }
+        return false;
+    }
+
+    [[nodiscard]] Result<std::uint64_t> path_of_node() const {
+        const PathNode& node = paths_.nodes[node_];
+        const std::uint32_t wanted = number_ == no_id ? 0 : number_;
+        for (std::uint32_t r = node.first_run; r < paths_.run_count; ++r) {
+            const PathRun& run = paths_.runs[r];
+            if (run.node != node_) break;
+            const std::uint64_t end = r + 1 < paths_.run_count
+                                          ? paths_.runs[r + 1].first_path
+                                          : scene_.view().objects[scene_.view().root].leaves;
+            if (wanted >= run.number && wanted - run.number < end - run.first_path)
+                return run.first_path + (wanted - run.number);
+        }
+        return nothing_placed();
+    }
+
+    [[nodiscard]] Result<std::uint64_t> path_of_object() const {
+        if (scene_.view().objects[object_].has_own_primitives()) return path_;
+        return nothing_placed();
+    }
+
+    [[nodiscard]] tl::unexpected<Error> nothing_placed() const {
+        std::string hint;
+        for (const std::string& name : names_below())
+            hint += fmt::format("{}{}/{}", hint.empty() ? "; below it: " : ", ", text_, name);
+        return refuse(fmt::format("'{}' places nothing that can be hit{}", shown(text_), hint));
+    }
+
+    [[nodiscard]] tl::unexpected<Error> no_such(const Token& token,
+                                                std::optional<std::uint32_t> name,
+                                                std::string_view step) const {
+        const std::string where = at_.empty() ? "the scene" : fmt::format("'{}'", shown(at_));
+        if (token.number == no_id && name && is_repeated(*name)) {
+            const char* const slash = at_.empty() ? "" : "/";
+            return refuse(fmt::format("{} has several '{}': give the number, as '{}{}{}#0'", where,
+                                      shown(step), shown(at_), slash, shown(step)));
+        }
+        std::string hint;
+        for (const std::string& below : names_below())
+            hint += fmt::format("{}{}", hint.empty() ? "; there are: " : ", ", below);
+        return refuse(fmt::format("{} has no '{}'{}", where, shown(step), hint));
+    }
+
+    [[nodiscard]] bool is_repeated(std::uint32_t name) const {
+        bool repeated = false;
+        each_below([&](std::uint32_t other, std::uint32_t number) {
+            repeated = other == name && number != no_id;
+            return !repeated;
+        });
+        return repeated;
+    }
+
+    /// The first few steps that would go on from here.
+    [[nodiscard]] std::vector<std::string> names_below() const {
+        constexpr std::size_t few = 5;
+        std::vector<std::string> names;
+        each_below([&](std::uint32_t name, std::uint32_t number) {
+            names.push_back(names.size() == few ? "..."
+                                                : numbered(scene_.view().names + name, number));
+            return names.size() <= few;
+        });
+        return names;
+    }
+
+    /// Calls visit(name, number) for each step below this one until it says false.
+    template <class Visit>
+    void each_below(Visit&& visit) const {
+        if (paths_.node_count != 0) {
+            const auto [first, end] = children_of(paths_, node_);
+            for (std::uint32_t i = first; i < end; ++i)
+                if (!visit(paths_.nodes[i].name, paths_.nodes[i].number)) return;
+            return;
+        }
+        const SceneView& view = scene_.view();
+        const ObjectRecord& object = view.objects[object_];
+        for (std::uint32_t i = 0; i < object.instance_count; ++i) {
+            const std::uint32_t index = object.first_instance + i;
+            if (!visit(view.instance_infos[index].name, number_of(paths_, index))) return;
+        }
+    }
+
+    [[nodiscard]] static std::string shown(std::string_view text) {
+        constexpr std::size_t most = 200;
+        return fmt::format("{}{}", text.substr(0, most), text.size() > most ? "..." : "");
+    }
+
+    [[nodiscard]] static tl::unexpected<Error> refuse(std::string why) {
+        return fail(ErrorCode::scene_invalid, std::move(why));
+    }
+
+    const Snapshot& scene_;
+    const PathTable& paths_;
+    const std::string_view text_;
+    std::string_view at_;                        ///< the steps behind
+    std::uint32_t node_ = 0;                     ///< where there are nodes
+    std::uint32_t number_ = no_id;               ///< of the last step
+    std::uint32_t object_ = scene_.view().root;  ///< where there are none
+    std::uint64_t path_ = 0;
+};
+
+}  // namespace
+
+Result<std::vector<PathStep>> expand_path(const Snapshot& scene, std::uint64_t path) {
+    const std::uint64_t paths = scene.statistics().instances;
+    if (path >= paths) {
+        return fail(ErrorCode::scene_invalid, "the scene has no path " + std::to_string(path) +
+                                                  ": it has " + std::to_string(paths) +
+                                                  ", counted from 0");
+    }
+    auto steps =
+        scene.paths().node_count != 0 ? expand_nodes(scene, path) : expand_instances(scene, path);
+    shorten(steps);
     return steps;
 }
 
@@ -35,6 +290,37 @@ std::string path_name(const std::vector<PathStep>& steps) {
         name += step.name;
     }
     return name;
+}
+
+Result<std::uint64_t> find_path(const Snapshot& scene, std::string_view text) {
+    return Finder(scene, text).find();
+}
+
+std::string path_step_text(std::string_view name) {
+    const bool digits = std::all_of(name.begin(), name.end(), is_digit);
+    std::string text;
+    for (std::size_t i = 0; i < name.size(); ++i) {
+        const char c = name[i];
+        const bool escaped = c == '/' || c == '#' || c == '%' || (digits && i == 0);
+        // Cut between characters: what goes on with 10xxxxxx belongs to the one before.
+        const bool starts = (static_cast<unsigned char>(c) & 0xC0U) != 0x80U;
+        constexpr std::size_t longest = 4;  // bytes of a character
+        if (starts && text.size() + longest > path_step_bytes_max) break;
+        if (!escaped) {
+            text += c;
+            continue;
+        }
+        constexpr const char* hex = "0123456789ABCDEF";
+        const auto byte = static_cast<unsigned char>(c);
+        ((text += '%') += hex[byte >> 4U]) += hex[byte & 15U];
+    }
+    return text;
+}
+
+std::string numbered(std::string_view step, std::uint32_t number) {
+    std::string text(step);
+    if (number != no_id) (text += '#') += std::to_string(number);
+    return text;
 }
 
 }  // namespace raynest

@@ -40,6 +40,7 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(Arena arena, double build
     const std::shared_ptr<Snapshot> snapshot(new Snapshot);
     const std::byte* const base = arena.data();
     snapshot->view_ = *view;
+    snapshot->paths_ = format::path_table(base);
 
     SceneStatistics& s = snapshot->statistics_;
     for (std::uint32_t i = 0; i < view->object_count; ++i) {

@@ -6,6 +6,7 @@
 #pragma once
 
 #include "engine/bvh/pages.h"
+#include "engine/geometry/path.h"
 #include "engine/geometry/views.h"
 #include "engine/result.h"
 #include "engine/scene/description.h"
@@ -75,6 +76,7 @@ public:
     static Result<std::shared_ptr<const Snapshot>> open(Arena arena, double build_seconds = 0);
 
     [[nodiscard]] const SceneView& view() const { return view_; }
+    [[nodiscard]] const PathTable& paths() const { return paths_; }
     [[nodiscard]] const SceneStatistics& statistics() const { return statistics_; }
     [[nodiscard]] std::span<const std::byte> bytes() const {
         return {arena_.data(), arena_.size()};
@@ -91,23 +93,38 @@ private:
     Snapshot() = default;
     Arena arena_;
     SceneView view_;
+    PathTable paths_;
     SceneStatistics statistics_;
     std::string hash_;
     std::vector<std::string> record_types_;
 };
 
+/// Limits on texts of paths: what has more steps or bytes keeps its end, behind a step "...".
+inline constexpr std::size_t path_step_bytes_max = 240;  ///< of a name, before its number
+inline constexpr std::size_t path_steps_max = 480;
+inline constexpr std::size_t path_text_bytes_max = 4000;
+
 /// One step of an expanded path id, outermost first.
 struct PathStep {
-    std::uint32_t instance = 0;  ///< declaration index in its parent
-    std::uint32_t object = 0;
+    std::uint32_t instance = 0;  ///< its place among the steps of its parent, as declared
     std::uint32_t uid = 0;
-    std::string name;  ///< of the instance, else of its object, else "#<instance>"
+    std::uint32_t node = no_id;  ///< index of the node in the file, where that has nodes
+    std::string name;            ///< spelled as in path texts, with its number
 };
 
 /// Expands a flat path id; fails with scene_invalid when the scene has no such path.
-Result<std::vector<PathStep>> expand_path(const SceneView& scene, std::uint64_t path);
+Result<std::vector<PathStep>> expand_path(const Snapshot& scene, std::uint64_t path);
 
-/// Names joined by '/', e.g. "stand/tree-12/leaves".
+/// Names joined by '/', e.g. "stand#3/tree-12/leaves".
 std::string path_name(const std::vector<PathStep>& steps);
+
+/// The path of such a text, the other way round; fails with scene_invalid and what there is instead.
+Result<std::uint64_t> find_path(const Snapshot& scene, std::string_view text);
+
+/// A name as path texts spell it: '/', '#', '%' and the first digit of a name of digits alone are
+/// percent-encoded, and it is cut after path_step_bytes_max.
+std::string path_step_text(std::string_view name);
+/// The same with its number behind it; no_id is none.
+std::string numbered(std::string_view step, std::uint32_t number);
 
 }  // namespace raynest

@@ -132,6 +132,7 @@ bool Plan::has_small_trees() const {
 ColumnSource Plan::source(const Registry& registry) const {
     ColumnSource source;
     source.scene = &scene.snapshot().view();
+    source.paths = &scene.snapshot().paths();
     source.record_normal = record_normal;
     source.context = &registry;
     return source;

@@ -236,7 +236,9 @@ void add_scene_answers(Collection& all) {
     name.name = "stand/tree-12";
     name.steps = {"stand", "tree-12"};
     name.instances = {0, 12};
-    name.uids = {0, 12};
+    name.uids = {3, 17};
+    name.nodes = {3, 17};
+    name.path = 460;
     all.add(5, name);
 
     wire::PartListT parts;

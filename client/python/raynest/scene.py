@@ -246,10 +246,40 @@ class Scene:
         a text for one, a list for many; "" for a miss. An id belongs to its epoch."""
         paths = whole_numbers("a path id", ids)
         unique, index = np.unique(paths, return_inverse=True)
-        names = ["" if path == MISS else str(self._client.connection.ask(
-            "Path", {"scene": self.name, "epoch": epoch, "path": path}, "PathName")["name"])
-            for path in unique.tolist()]
+        names = ["" if path == MISS else self._path({"path": path}, epoch)["name"]
+                 for path in unique.tolist()]
         return names[0] if paths.ndim == 0 else [names[i] for i in index.ravel()]
+
+    @overload
+    def path_ids(self, texts: str, *, epoch: int = 0) -> int: ...
+    @overload
+    def path_ids(self, texts: Sequence[str], *, epoch: int = 0) -> Array: ...
+
+    def path_ids(self, texts: Any, *, epoch: int = 0) -> Any:
+        """The ids of such texts, the other way round: a number for one, an array of u64 for many."""
+        if isinstance(texts, str):
+            return self.path(texts, epoch=epoch)["path"]
+        return np.array([self.path(text, epoch=epoch)["path"] for text in texts], np.uint64)
+
+    def path(self, which: Union[int, str], *, epoch: int = 0) -> dict[str, Any]:
+        """A path given by its id or its text: path (the id), name (the text) and steps, outermost
+        first: name, instance (its place among the steps of its parent), uid, and node, its index in
+        a glTF file, else None."""
+        if isinstance(which, str):
+            if not which:
+                raise UsageError("a path must not be empty: pass an id or a text")
+            message = self._path({"text": which}, epoch)
+        else:
+            message = self._path({"path": whole("a path id", which, 2**64 - 1, 0)}, epoch)
+        columns = zip(message["steps"], message["instances"], message["uids"], message["nodes"])
+        return {"path": message["path"], "name": message["name"], "steps": [
+            {"name": name, "instance": instance, "uid": uid,
+             "node": None if node == 2**32 - 1 else node}
+            for name, instance, uid, node in columns]}
+
+    def _path(self, which: Message, epoch: int) -> Message:
+        message = {"scene": self.name, "epoch": epoch, **which}
+        return self._client.connection.ask("Path", message, "PathName")
 
     def unload(self) -> list[str]:
         """Drops the name's hold of the scene and this connection's. Gives who holds it still, as

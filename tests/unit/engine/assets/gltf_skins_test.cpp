@@ -173,7 +173,9 @@ TEST_CASE("a skinned mesh takes its place from its joints and not from its node"
         {"translation":[0,1,0],"children":[3]},{)" +
         quarter_turn_json + "}]"));
     check_bent(scene);
-    CHECK(scene.objects[scene.root].instances[0].name == "all/body");
+    const PathNodeDescription& body = scene.path_nodes[scene.placed_nodes.at(0)];
+    CHECK(body.name == "body");
+    CHECK(scene.path_nodes[body.parent].name == "all");
 }
 
 TEST_CASE("every vertex of simple_skin with joint 2 bent agrees with float64") {

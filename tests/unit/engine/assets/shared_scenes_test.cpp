@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <ctime>
 #include <map>
+#include <set>
 
 using namespace raynest;
 namespace fs = std::filesystem;
@@ -119,6 +120,26 @@ TEST_CASE("the temple as nodes and as EXT_mesh_gpu_instancing is the same scene"
     // Its library items hold several meshes each: sharing them is a level of its own.
     CHECK(nodes.levels == 3);
     CHECK(instanced.levels == 2);
+}
+
+TEST_CASE("paths of the temples have texts of their own, which find them again") {
+    if (!test::have_shared_scenes()) return;
+    for (const char* name : {"cocoa_temple.glb", "temple.glb", "cocoa_temple_gpuinst.glb"}) {
+        CAPTURE(name);
+        const test::Upload upload(test::shared_scene(name));
+        const auto scene = import_here(upload.request(), ImportLimits{}, registry());
+        REQUIRE(scene.has_value());
+        std::set<std::string> texts;
+        for (std::uint64_t path = 0; path < (*scene)->statistics().instances; ++path) {
+            const auto steps = expand_path(**scene, path);
+            REQUIRE(steps.has_value());
+            const std::string text = path_name(*steps);
+            CHECK(texts.insert(text).second);
+            const auto found = find_path(**scene, text);
+            REQUIRE(found.has_value());
+            CHECK(*found == path);
+        }
+    }
 }
 
 TEST_CASE("every hostile file ends in one line or in a scene, in time") {

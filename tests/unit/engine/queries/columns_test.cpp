@@ -37,9 +37,9 @@ HitRecord hit_at(const SceneView& scene, std::uint64_t path, std::uint32_t trian
     hit.v = 0.5F;
     hit.triangle = triangle;
     hit.path = path;
-    const auto steps = expand_path(scene, path);
-    REQUIRE(steps.has_value());
-    hit.object = steps->empty() ? scene.root : steps->back().object;
+    const ObjectRecord* const object = walk_path(scene, path, [](std::uint32_t) {});
+    REQUIRE(object != nullptr);
+    hit.object = static_cast<std::uint32_t>(object - scene.objects);
     hit.front = 1;
     return hit;
 }

@@ -171,7 +171,7 @@ private:
     }
 
     bool reads_path(std::uint64_t path) const {
-        const auto steps = expand_path(view_, path);
+        const auto steps = expand_path(scene_, path);
         return steps && steps->size() < scene_depth_max;
     }
 
