@@ -1,5 +1,6 @@
 #include "client/generator.h"
 
+#include "client/job.h"
 #include "client/numbers.h"
 #include "protocol/limits.h"
 
@@ -87,23 +88,17 @@ wire::CameraT& camera_of(Generate& to) {
 }
 
 Result<void> read_look_at(Generate& to, const std::string& text) {
-    const auto v = parse_numbers(text, 6, 9, "ex,ey,ez,ax,ay,az[,ux,uy,uz]");
-    if (!v) return tl::unexpected<Failure>(v.error());
-    const auto vector = [&](std::size_t at) {
-        return std::make_unique<wire::Vec3>((*v)[at], (*v)[at + 1], (*v)[at + 2]);
-    };
-    wire::CameraT& camera = camera_of(to);
-    camera.look_at = true;
-    camera.eye = vector(0);
-    camera.at = vector(3);
-    camera.up = v->size() == 9 ? vector(6) : std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
+    auto numbers = parse_world(text, 6, 9, "ex,ey,ez,ax,ay,az[,ux,uy,uz]");
+    if (!numbers) return tl::unexpected<Failure>(numbers.error());
+    camera_of(to);
+    to.look_at = std::move(*numbers);
     return {};
 }
 
 Result<void> read_pose(Generate& to, const std::string& text) {
-    auto numbers = parse_numbers(text, 12, 12, "12 numbers, the rows of a 3x4 matrix");
+    auto numbers = parse_world(text, 12, 12, "12 numbers, the rows of a 3x4 matrix");
     if (!numbers) return tl::unexpected<Failure>(numbers.error());
-    to.message.pose = std::move(*numbers);
+    to.pose = std::move(*numbers);
     return {};
 }
 
@@ -187,7 +182,8 @@ constexpr std::array keys = {
     Key{"lookat", sensors, "ex,ey,ez,ax,ay,az[,ux,uy,uz], instead: eye, point looked at, up",
         read_look_at},
     Key{"pose", sensors & ~camera,
-        "sensor to world, 12 numbers, row by row, instead; all but camera", read_pose},
+        "sensor to world, 12 numbers, row by row, instead (the identity); all but camera",
+        read_pose},
     Key{"fov", camera, "vertical angle of view in degrees",
         [](Generate& to, const std::string& text) {
             return read_number(text, camera_of(to).fov_degrees);
@@ -268,6 +264,19 @@ Result<void> complete(Generate& to, unsigned kind, const Given& given) {
 }
 
 }  // namespace
+
+wire::GeneratorT Generate::at(const WorldPoint& origin) const {
+    wire::GeneratorT placed = message;
+    std::vector<double> matrix = pose;
+    // Without a place it stands where the world begins.
+    const bool is_sensor = (kind_of(message.kind) & (sensors & ~camera)) != 0;
+    if (is_sensor && matrix.empty() && placed.camera == nullptr)
+        matrix = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    for (std::size_t i = 0; i < matrix.size(); ++i)
+        placed.pose.push_back(static_cast<float>(matrix[i] - (i % 4 == 3 ? origin[i / 4] : 0)));
+    if (placed.camera != nullptr) client::look_at(*placed.camera, look_at, origin);
+    return placed;
+}
 
 Result<Generate> parse_generate(std::span<const std::string> words) {
     if (words.empty()) return fail(Exit::usage, "--generate needs a kind");

@@ -1,5 +1,7 @@
 #include "client/job.h"
 
+#include "client/scene_origin.h"
+
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -27,18 +29,24 @@ std::unique_ptr<wire::JobT> job_message(const JobOptions& options) {
     return job;
 }
 
-std::unique_ptr<wire::CameraT> camera_message(const CameraOptions& options) {
+std::unique_ptr<wire::CameraT> camera_message(const CameraOptions& options,
+                                              const WorldPoint& origin) {
     auto camera = std::make_unique<wire::CameraT>();
     camera->name = options.name;
     camera->fov_degrees = options.fov_degrees;
-    const std::vector<float>& v = options.look_at;
-    if (v.size() < 6) return camera;
-    camera->look_at = true;
-    camera->eye = std::make_unique<wire::Vec3>(v[0], v[1], v[2]);
-    camera->at = std::make_unique<wire::Vec3>(v[3], v[4], v[5]);
-    camera->up = v.size() == 9 ? std::make_unique<wire::Vec3>(v[6], v[7], v[8])
-                               : std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
+    look_at(*camera, options.look_at, origin);
     return camera;
+}
+
+void look_at(wire::CameraT& camera, const std::vector<double>& v, const WorldPoint& origin) {
+    if (v.size() < 6) return;
+    const auto vector = [&](std::size_t at, const WorldPoint& less) {
+        return std::make_unique<wire::Vec3>(less_origin({v[at], v[at + 1], v[at + 2]}, less));
+    };
+    camera.look_at = true;
+    camera.eye = vector(0, origin);
+    camera.at = vector(3, origin);
+    camera.up = v.size() == 9 ? vector(6, {}) : std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
 }
 
 Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
@@ -53,6 +61,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.precision = protocol::text(started.precision());
         outcome.worker = protocol::text(started.worker());
         outcome.epoch = started.epoch();
+        outcome.origin = origin_of(started);
         outcome.rays_announced = started.rays();
         outcome.worker_reason = protocol::text(started.worker_reason());
         outcome.notes = protocol::strings(started.notes());
@@ -68,6 +77,8 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.hits = done.hits();
         outcome.misses = done.misses();
         outcome.truncated = done.truncated();
+        outcome.invalid = done.invalid();
+        outcome.first_invalid = done.first_invalid();
         outcome.rows = done.rows();
         outcome.seconds = done.seconds();
         outcome.traversal = protocol::word(done.traversal(), outcome.traversal);
@@ -124,6 +135,12 @@ std::string outcome_text(const Outcome& outcome) {
 
 void print_notes(const Outcome& outcome) {
     for (const std::string& note : outcome.notes) std::cerr << "raynest: " << note << '\n';
+    if (outcome.invalid != 0)
+        std::cerr << "raynest: " << grouped(outcome.invalid) << " of " << grouped(outcome.rays)
+                  << " rays are not valid and count as misses, the first is ray "
+                  << outcome.first_invalid
+                  << ": something in it is not finite, its direction is zero, or tmin is negative "
+                     "or beyond tmax\n";
 }
 
 }  // namespace raynest::client

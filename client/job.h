@@ -15,7 +15,10 @@
 namespace raynest::client {
 
 [[nodiscard]] std::unique_ptr<wire::JobT> job_message(const JobOptions& options);
-[[nodiscard]] std::unique_ptr<wire::CameraT> camera_message(const CameraOptions& options);
+[[nodiscard]] std::unique_ptr<wire::CameraT> camera_message(const CameraOptions& options,
+                                                            const WorldPoint& origin);
+/// Nine numbers or six, eye, at and up, or none: then the camera stays as it is.
+void look_at(wire::CameraT& camera, const std::vector<double>& v, const WorldPoint& origin);
 /// Of --deadline; 0 when there is none.
 [[nodiscard]] std::chrono::milliseconds deadline_of(const JobOptions& options);
 
@@ -25,7 +28,9 @@ struct Outcome {
     std::uint64_t epoch = 0;
     std::vector<std::string> notes;
     std::uint64_t rays_announced = 0;  ///< of a query, by STARTED
+    WorldPoint origin{};               ///< of the scene, by STARTED
     std::uint64_t rays = 0, hits = 0, misses = 0, truncated = 0;
+    std::uint64_t invalid = 0, first_invalid = 0;
     std::optional<std::uint64_t> rows;  ///< of a query, by DONE
     double seconds = 0;
     wire::HeatStatisticsT heat;  ///< of a heat map

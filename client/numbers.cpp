@@ -12,6 +12,24 @@ tl::unexpected<Failure> misshapen(const std::string& text, const std::string& sh
     return fail(Exit::usage, "'" + text + "' is not " + shape);
 }
 
+template <class Number>
+Result<std::vector<Number>> parse_as(const std::string& text, const std::string& shape,
+                                     char separator) {
+    std::vector<Number> numbers;
+    for (const std::string& part : split(text, separator)) {
+        const char* begin = part.c_str() + (part.starts_with('+') ? 1 : 0);
+        Number value = 0;
+        const auto [end, error] = std::from_chars(begin, part.c_str() + part.size(), value);
+        if (error == std::errc::result_out_of_range)
+            return fail(Exit::usage, "'" + part + "' does not fit a " +
+                                         std::to_string(8 * sizeof value) + "-bit float");
+        if (error != std::errc{} || end != part.c_str() + part.size())
+            return misshapen(text, shape);
+        numbers.push_back(value);
+    }
+    return numbers;
+}
+
 }  // namespace
 
 std::vector<std::string> split(std::string_view text, char separator) {
@@ -26,18 +44,7 @@ std::vector<std::string> split(std::string_view text, char separator) {
 
 Result<std::vector<float>> parse_numbers(const std::string& text, const std::string& shape,
                                          char separator) {
-    std::vector<float> numbers;
-    for (const std::string& part : split(text, separator)) {
-        const char* begin = part.c_str() + (part.starts_with('+') ? 1 : 0);
-        float value = 0;
-        const auto [end, error] = std::from_chars(begin, part.c_str() + part.size(), value);
-        if (error == std::errc::result_out_of_range)
-            return fail(Exit::usage, "'" + part + "' does not fit a 32-bit float");
-        if (error != std::errc{} || end != part.c_str() + part.size())
-            return misshapen(text, shape);
-        numbers.push_back(value);
-    }
-    return numbers;
+    return parse_as<float>(text, shape, separator);
 }
 
 Result<std::uint64_t> parse_duration(const std::string& text) {
@@ -59,6 +66,13 @@ Result<std::uint64_t> parse_duration(const std::string& text) {
 Result<std::vector<float>> parse_numbers(const std::string& text, std::size_t few, std::size_t many,
                                          const std::string& shape) {
     auto numbers = parse_numbers(text, shape);
+    if (numbers && numbers->size() != few && numbers->size() != many) return misshapen(text, shape);
+    return numbers;
+}
+
+Result<std::vector<double>> parse_world(const std::string& text, std::size_t few, std::size_t many,
+                                        const std::string& shape) {
+    auto numbers = parse_as<double>(text, shape, ',');
     if (numbers && numbers->size() != few && numbers->size() != many) return misshapen(text, shape);
     return numbers;
 }

@@ -14,12 +14,15 @@ namespace raynest::client {
 /// What stands between the separators, empty parts too.
 [[nodiscard]] std::vector<std::string> split(std::string_view text, char separator = ',');
 
-/// "1,2.5,inf" -> numbers; `shape` is how the text should look.
+/// "1,2.5,inf" -> numbers that fit a float32; `shape` is how the text should look.
 Result<std::vector<float>> parse_numbers(const std::string& text, const std::string& shape,
                                          char separator = ',');
 /// `few` or `many` of them.
 Result<std::vector<float>> parse_numbers(const std::string& text, std::size_t few, std::size_t many,
                                          const std::string& shape);
+/// The same in float64, for what an origin is subtracted from.
+Result<std::vector<double>> parse_world(const std::string& text, std::size_t few, std::size_t many,
+                                        const std::string& shape);
 
 /// "90s", "30m", "1h" or "2d" -> milliseconds, at least 1.
 Result<std::uint64_t> parse_duration(const std::string& text);

@@ -132,7 +132,7 @@ void add_camera(CLI::App& app, CameraOptions& camera) {
     CLI::Option* look_at = add_parsed(
         app, "--lookat",
         [&camera](const std::string& text) -> std::string {
-            const auto numbers = parse_numbers(text, 6, 9, "ex,ey,ez,ax,ay,az[,ux,uy,uz]");
+            const auto numbers = parse_world(text, 6, 9, "ex,ey,ez,ax,ay,az[,ux,uy,uz]");
             if (!numbers) return numbers.error().message;
             camera.look_at = *numbers;
             return "";
@@ -212,6 +212,17 @@ void add_detach(CLI::App& app, JobOptions& job, const std::string* required_outp
     });
 }
 
+template <class Take>
+CLI::Option* add_point(CLI::App& app, const std::string& name, const std::string& text, Take take) {
+    const auto read = [take](const std::string& value) -> std::string {
+        const auto numbers = parse_world(value, 3, 3, "x,y,z");
+        if (!numbers) return numbers.error().message;
+        take(WorldPoint{(*numbers)[0], (*numbers)[1], (*numbers)[2]});
+        return "";
+    };
+    return add_parsed(app, name, read, text)->type_name("X,Y,Z");
+}
+
 void declare(CLI::App& app, LoadOptions& load) {
     app.add_option("SOURCE", load.source,
                    "FILE.glb, FILE.gltf, FILE.npy, builtin:NAME[?key=value&...] or root:PATH")
@@ -223,6 +234,10 @@ void declare(CLI::App& app, LoadOptions& load) {
     app.add_option("--primitive", load.primitive,
                    "what the records of a .npy are: sphere, or a type of a loaded pack");
     app.add_option("--instances", load.instances, "FILE.npy with 3x4 placements of them");
+    add_point(app, "--origin",
+              "a point near a scene that lies far from zero: its digits are kept by subtracting "
+              "it. Rays and answers stay in the world",
+              [&load](const WorldPoint& point) { load.origin = point; });
 }
 
 void declare(CLI::App&, ScenesOptions&) {}
@@ -283,7 +298,7 @@ void declare(CLI::App& app, QueryOptions& query) {
     CLI::Option* file =
         rays.add_option("--rays", query.rays_file,
                         "FILE.npy of shape (N, 6): o d, or (N, 8): ox oy oz tmin dx dy dz tmax, "
-                        "or with --origin (N, 3): d");
+                        "or with --from (N, 3): d");
     rays.add_option_function<std::vector<std::string>>(
             "--generate",
             [&query](const std::vector<std::string>& words) {
@@ -294,16 +309,17 @@ void declare(CLI::App& app, QueryOptions& query) {
             "KIND key=value...: the daemon makes them; camera | pinhole | orthographic | "
             "equirectangular | lidar | hemisphere")
         ->expected(1, -1);
+    add_point(app, "--from", "all rays of --rays start at x,y,z, and are directions",
+              [&query](const WorldPoint& point) { query.from = point; })
+        ->needs(file);
     add_parsed(
         app, "--origin",
-        [&query](const std::string& text) -> std::string {
-            const auto numbers = parse_numbers(text, 3, 3, "x,y,z");
-            if (!numbers) return numbers.error().message;
-            query.origin = {(*numbers)[0], (*numbers)[1], (*numbers)[2]};
-            return "";
+        [](const std::string&) -> std::string {
+            return "is an option of load, and the scene keeps it; where rays start is said with "
+                   "--from x,y,z";
         },
-        "all rays of --rays start at x,y,z, and are directions")
-        ->needs(file);
+        "")
+        ->group("");
     app.footer(generate_help());
     add_kind(app, query.kind, query.max_hits, query.fields);
     app.add_option("--reduce", query.reduce,
@@ -432,13 +448,13 @@ private:
 
 }  // namespace
 
-Result<Ray> parse_ray(const std::string& text) {
-    const auto numbers = parse_numbers(text, 6, 8, "ox,oy,oz,dx,dy,dz[,tmin,tmax]");
+Result<WorldRay> parse_ray(const std::string& text) {
+    const auto numbers = parse_world(text, 6, 8, "ox,oy,oz,dx,dy,dz[,tmin,tmax]");
     if (!numbers) return tl::unexpected<Failure>(numbers.error());
-    const std::vector<float>& n = *numbers;
+    const std::vector<double>& n = *numbers;
     const bool bounded = n.size() == 8;
-    return Ray{n[0], n[1], n[2], bounded ? n[6] : 0.0F,
-               n[3], n[4], n[5], bounded ? n[7] : std::numeric_limits<float>::infinity()};
+    return WorldRay{n[0], n[1], n[2], bounded ? n[6] : 0.0,
+                    n[3], n[4], n[5], bounded ? n[7] : std::numeric_limits<double>::infinity()};
 }
 
 Result<Parsed> parse_options(int argc, const char* const* argv) {

@@ -13,7 +13,9 @@
 namespace raynest::client {
 
 using Ray = std::array<float, 8>;  ///< ox oy oz tmin dx dy dz tmax
-using Point = std::array<float, 3>;
+using WorldRay = std::array<double, 8>;
+/// A point in the world; what travels is less the scene's origin.
+using WorldPoint = std::array<double, 3>;
 
 /// Common to render, query and heatmap.
 struct JobOptions {
@@ -32,7 +34,7 @@ struct JobOptions {
 
 struct CameraOptions {
     std::string name;
-    std::vector<float> look_at;  ///< empty, 6 or 9 values
+    std::vector<double> look_at;  ///< empty, 6 or 9 values, in the world
     float fov_degrees = 0;
     std::uint32_t width = 960;
     std::uint32_t height = 540;
@@ -40,6 +42,7 @@ struct CameraOptions {
 
 struct LoadOptions {
     std::string source, name, build, primitive, instances;
+    WorldPoint origin{};
     bool replace = false;
 };
 struct ScenesOptions {};
@@ -72,11 +75,11 @@ struct RenderOptions : PictureOptions {
 };
 struct QueryOptions {
     JobOptions job;
-    std::vector<Ray> rays;
+    std::vector<WorldRay> rays;
     std::vector<std::string> generate;  ///< a kind and key=value (generator.h), or empty
     std::string rays_file, kind, reduce, output;
-    std::optional<Point> origin;  ///< of all rays of the file
-    std::uint32_t max_hits = 0;   ///< 0: what the kind has by default
+    std::optional<WorldPoint> from;  ///< where all rays of the file start
+    std::uint32_t max_hits = 0;      ///< 0: what the kind has by default
     std::vector<std::string> fields;
 };
 struct HeatmapOptions : PictureOptions {
@@ -125,6 +128,6 @@ struct Parsed {
 Result<Parsed> parse_options(int argc, const char* const* argv);
 
 /// "ox,oy,oz,dx,dy,dz[,tmin,tmax]".
-Result<Ray> parse_ray(const std::string& text);
+Result<WorldRay> parse_ray(const std::string& text);
 
 }  // namespace raynest::client

@@ -91,11 +91,24 @@ std::string age_text(double seconds) {
     return std::to_string(static_cast<long>(seconds)) + 's';
 }
 
-std::string float_text(float value) {
+namespace {
+
+template <class Number>
+std::string shortest_text(Number value) {
     if (!std::isfinite(value)) return "null";
     std::array<char, 32> text;
     const auto [end, error] = std::to_chars(text.data(), text.data() + text.size(), value);
     return std::string(text.data(), end);
+}
+
+}  // namespace
+
+std::string float_text(float value) {
+    return shortest_text(value);
+}
+
+std::string world_text(float relative, double origin) {
+    return origin == 0 ? float_text(relative) : shortest_text(double{relative} + origin);
 }
 
 }  // namespace raynest::client

@@ -33,5 +33,7 @@ void print_table(const std::vector<std::vector<std::string>>& rows);
 [[nodiscard]] std::string age_text(double seconds);
 /// The shortest text that reads as the same float, as JSON wants it ("null" when not finite).
 [[nodiscard]] std::string float_text(float value);
+/// The same of a coordinate in the world, of which the scene's origin was subtracted.
+[[nodiscard]] std::string world_text(float relative, double origin);
 
 }  // namespace raynest::client

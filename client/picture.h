@@ -6,6 +6,7 @@
 #include "client/options.h"
 #include "client/output.h"
 #include "client/progress.h"
+#include "client/scene_origin.h"
 
 #include <cstddef>
 #include <cstdint>
@@ -22,7 +23,6 @@ template <class Request>
 [[nodiscard]] Request picture_request(const PictureOptions& options) {
     Request request;
     request.job = job_message(options.job);
-    request.camera = camera_message(options.camera);
     request.width = options.camera.width;
     request.height = options.camera.height;
     request.encode = encoding_of(options.output);
@@ -41,11 +41,22 @@ Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progre
 
 template <class Request>
 Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,
-                                    const PictureOptions& options, const Request& request) {
+                                    const PictureOptions& options, Request request) {
+    SceneOrigin origin;
+    if (!options.camera.look_at.empty()) {
+        const auto asked = ask_origin(connection, options.job.scene);
+        if (!asked) return tl::unexpected<Failure>(asked.error());
+        origin = *asked;
+    }
+    request.camera = camera_message(options.camera, origin.point);
     if (auto started = connection.start(request, deadline_of(options.job)); !started)
         return tl::unexpected<Failure>(started.error());
     auto picture = receive_picture(connection, progress);
     progress.clear();
+    if (picture && picture->outcome.detached == 0 && !options.camera.look_at.empty()) {
+        if (auto same = check_origin(origin.point, picture->outcome.origin); !same)
+            return tl::unexpected<Failure>(same.error());
+    }
     return picture;
 }
 

@@ -1,5 +1,7 @@
 #include "client/query.h"
 
+#include "client/scene_origin.h"
+
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -23,8 +25,10 @@ tl::unexpected<Failure> nonsense(const char* what) {
 /// Keeps chunks until those before them have come.
 class Reorder {
 public:
-    Reorder(bool splits, const std::function<Result<void>(const QueryChunk&)>& consume)
+    Reorder(bool splits, const Outcome& outcome,
+            const std::function<Result<void>(const QueryChunk&)>& consume)
         : splits_(splits),
+          outcome_(outcome),
           consume_(consume) {}
 
     /// A chunk of an answer that has at most `rows`.
@@ -72,10 +76,12 @@ private:
             if (column.count != (is_hit_field(column.name) ? chunk.splits.back() : chunk.count))
                 return nonsense("a column of the wrong length");
         chunk.columns = columns;
+        chunk.origin = outcome_.origin;
         return consume_(chunk);
     }
 
     bool splits_;
+    const Outcome& outcome_;  ///< STARTED has come before the first chunk
     const std::function<Result<void>(const QueryChunk&)>& consume_;
     std::uint64_t next_ = 0;
     std::vector<std::uint64_t> one_hit_each_;  ///< 0, 1, 2, ...: the splits where each ray has one
@@ -104,8 +110,8 @@ Result<void> send_rays(Connection& connection, const RaySource& rays, std::uint6
     bulk.add("rays", wire::Dtype::f32, rays.width(), count);
     wire::QueryRaysT message;
     message.first_ray = first;
-    if (const auto& origin = rays.origin())
-        message.origin = std::make_unique<wire::Vec3>((*origin)[0], (*origin)[1], (*origin)[2]);
+    if (const auto& from = rays.common_origin())
+        message.origin = std::make_unique<wire::Vec3>(*from);
     if (const auto ready = rays.bytes(first, count); !ready.empty())
         return connection.send_bulk(std::move(message), std::move(bulk), ready);
     bulk.allocate();
@@ -123,6 +129,10 @@ bool is_hit_field(std::string_view name) {
     return std::find(hit_fields.begin(), hit_fields.end(), name) != hit_fields.end();
 }
 
+bool is_point_field(std::string_view name) {
+    return name == "position" || name == "origin";
+}
+
 Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
                           const RaySource& rays, Progress& progress,
                           const std::function<Result<void>(const QueryChunk&)>& consume) {
@@ -130,7 +140,7 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
     if (auto started = connection.start(request, deadline); !started)
         return tl::unexpected<Failure>(started.error());
     Outcome outcome;
-    Reorder reorder(has_splits(request.kind), consume);
+    Reorder reorder(has_splits(request.kind), outcome, consume);
     std::uint64_t sent = 0;
     while (true) {
         while (sent < rays.count()) {
@@ -144,6 +154,9 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
         if (!frame) return tl::unexpected<Failure>(frame.error());
         if (auto taken = take_news(*frame, outcome); !taken)
             return tl::unexpected<Failure>(taken.error());
+        if (is<wire::Started>(*frame))
+            if (auto same = check_origin(rays.scene_origin(), outcome.origin); !same)
+                return tl::unexpected<Failure>(same.error());
         if (is<wire::Detached>(*frame)) return outcome;
         if (is<wire::Done>(*frame)) break;
         if (is<wire::Chunk>(*frame)) {
@@ -181,7 +194,7 @@ Result<Outcome> fetch_query(Connection& connection, const wire::FetchT& request,
             const auto chunk = protocol::open<wire::Chunk>(*frame);
             if (!chunk) return tl::unexpected<Failure>(failure(chunk.error()));
             const bool multi = protocol::find_block(chunk->blocks, "ray_splits") != nullptr;
-            reorder.emplace(multi, consume);
+            reorder.emplace(multi, outcome, consume);
         }
         if (auto added = reorder->add(std::move(*frame), protocol::Limits{}.rays_max); !added)
             return tl::unexpected<Failure>(added.error());

@@ -23,7 +23,11 @@ struct QueryChunk {
     std::uint32_t count = 0;
     std::span<const std::uint64_t> splits;
     std::span<const protocol::BlockView> columns;  ///< ray_splits is not among them
+    WorldPoint origin{};                           ///< to be added to columns of points
 };
+
+/// Does this column hold points, which travel less the scene's origin?
+[[nodiscard]] bool is_point_field(std::string_view name);
 
 /// Has a ray of this kind any number of hits?
 [[nodiscard]] bool has_splits(std::string_view kind);

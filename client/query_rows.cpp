@@ -19,7 +19,8 @@ T value_at(const BlockView& block, std::uint64_t index) {
 }
 
 /// One value of an element as text, the same for tables and JSON.
-std::string value_text(const BlockView& block, std::uint64_t element, std::uint32_t part) {
+std::string value_text(const BlockView& block, std::uint64_t element, std::uint32_t part,
+                       const WorldPoint& origin) {
     const std::uint64_t index = element * block.width() + part;
     switch (block.dtype) {
         case wire::Dtype::u8:
@@ -29,7 +30,8 @@ std::string value_text(const BlockView& block, std::uint64_t element, std::uint3
         case wire::Dtype::u64:
             return std::to_string(value_at<std::uint64_t>(block, index));
         case wire::Dtype::f32:
-            return float_text(value_at<float>(block, index));
+            return world_text(value_at<float>(block, index),
+                              is_point_field(block.name) && part < 3 ? origin[part] : 0);
     }
     return "null";
 }
@@ -44,16 +46,17 @@ std::vector<std::string> titles_of(const BlockView& block) {
     return titles;
 }
 
-std::string json_member(const BlockView& block, std::uint64_t element) {
+std::string json_member(const BlockView& block, std::uint64_t element, const WorldPoint& origin) {
     const std::vector<std::string> titles = titles_of(block);
     std::string text;
     if (titles.size() == 1 || block.name == "uv") {
         for (std::uint32_t i = 0; i < titles.size(); ++i)
-            text += (i == 0 ? "\"" : ",\"") + titles[i] + "\":" + value_text(block, element, i);
+            text +=
+                (i == 0 ? "\"" : ",\"") + titles[i] + "\":" + value_text(block, element, i, origin);
         return text;
     }
     for (std::uint32_t i = 0; i < block.width(); ++i)
-        text += (i == 0 ? "" : ",") + value_text(block, element, i);
+        text += (i == 0 ? "" : ",") + value_text(block, element, i, origin);
     return "\"" + std::string(block.name) + "\":[" + text + "]";
 }
 
@@ -121,11 +124,20 @@ std::pair<std::uint64_t, std::uint64_t> hits_of(const QueryChunk& chunk, std::ui
     return {chunk.splits[ray], miss ? chunk.splits[ray] : chunk.splits[ray + 1]};
 }
 
+/// Told by the column `flags`, shown or not.
+bool is_invalid(const QueryChunk& chunk, std::uint32_t ray) {
+    constexpr std::uint8_t flag_invalid = 1;
+    const BlockView* flags = protocol::find_block(chunk.columns, "flags");
+    return flags != nullptr && flags->dtype == wire::Dtype::u8 && flags->count == chunk.count &&
+           (value_at<std::uint8_t>(*flags, ray) & flag_invalid) != 0;
+}
+
 }  // namespace
 
 void QueryRows::print_json_ray(const QueryChunk& chunk, const std::vector<Column>& columns,
                                std::uint32_t ray) const {
     std::string line = "{\"ray\":" + std::to_string(chunk.first_ray + ray);
+    if (is_invalid(chunk, ray)) line += ",\"invalid\":true";
     const auto [first, last] = hits_of(chunk, ray);
     if (kind_ == "any") {
         line += std::string(",\"hit\":") + (first != last ? "true" : "false");
@@ -135,14 +147,15 @@ void QueryRows::print_json_ray(const QueryChunk& chunk, const std::vector<Column
             std::string members;
             for (const Column& column : columns)
                 if (column.of_hits)
-                    members += (members.empty() ? "" : ",") + json_member(*column.block, hit);
+                    members += (members.empty() ? "" : ",") +
+                               json_member(*column.block, hit, chunk.origin);
             line += (hit == first ? "{" : ",{") + members + "}";
         }
         line += "]";
     }
     for (const Column& column : columns)
         if (!column.of_hits && !(kind_ == "any" && column.block->name == "hit"))
-            line += "," + json_member(*column.block, ray);
+            line += "," + json_member(*column.block, ray, chunk.origin);
     std::cout << line << "}\n";
 }
 
@@ -166,8 +179,9 @@ void QueryRows::print_table_ray(const QueryChunk& chunk, const std::vector<Colum
             for (std::uint32_t part = 0; part < block.width(); ++part) {
                 const bool blank = column.of_hits && first == last;
                 const std::uint64_t element = column.of_hits ? hit : ray;
-                line += "  " + set_right(blank ? "-" : value_text(block, element, part),
-                                         width_of(block.dtype));
+                line +=
+                    "  " + set_right(blank ? "-" : value_text(block, element, part, chunk.origin),
+                                     width_of(block.dtype));
             }
         }
         std::cout << line << '\n';
@@ -192,8 +206,8 @@ Result<void> ReducedRows::print(const QueryChunk& chunk) {
             line = json_ ? "\"" + number_ + "\":" + number + ","
                          : set_right(number, number_width) + "  ";
         for (const BlockView& block : chunk.columns)
-            line += json_ ? json_member(block, row) + ","
-                          : set_right(value_text(block, row, 0), width_of(block.dtype)) + "  ";
+            line += json_ ? json_member(block, row, {}) + ","
+                          : set_right(value_text(block, row, 0, {}), width_of(block.dtype)) + "  ";
         line.resize(line.size() - (json_ ? 1 : 2));
         std::cout << (json_ ? "{" + line + "}" : line) << '\n';
     }

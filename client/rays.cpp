@@ -1,6 +1,7 @@
 #include "client/rays.h"
 
 #include "client/files.h"
+#include "client/scene_origin.h"
 
 #include <algorithm>
 #include <cstring>
@@ -13,30 +14,35 @@ constexpr std::uint64_t rays_file_bytes_max = 1ULL << 40;
 
 }  // namespace
 
-RaySource::RaySource(const std::vector<Ray>& rays) : count_(rays.size()) {
+RaySource::RaySource(const std::vector<WorldRay>& rays, const WorldPoint& scene_origin)
+    : count_(rays.size()),
+      scene_origin_(scene_origin) {
     values_.reserve(rays.size() * width_);
-    for (const Ray& ray : rays) values_.insert(values_.end(), ray.begin(), ray.end());
+    for (const WorldRay& ray : rays)
+        for (std::size_t i = 0; i < ray.size(); ++i)
+            values_.push_back(static_cast<float>(ray[i] - (i < 3 ? scene_origin[i] : 0)));
 }
 
 RaySource::RaySource(std::vector<float> values, std::uint32_t width,
-                     const std::optional<Point>& origin)
+                     const std::optional<wire::Vec3>& common_origin)
     : values_(std::move(values)),
       count_(values_.size() / width),
       width_(width),
-      origin_(origin) {}
+      common_origin_(common_origin) {}
 
-Result<RaySource> RaySource::open(const std::string& path, const std::optional<Point>& origin) {
-    if (!origin) return open(path, {6, 8}, "(N, 6) or (N, 8), or (N, 3) with --origin");
-    auto source = open(path, {3}, "(N, 3): directions from that origin");
-    if (source) source->origin_ = origin;
+Result<RaySource> RaySource::open(const std::string& path, const std::optional<WorldPoint>& from,
+                                  const WorldPoint& scene_origin) {
+    if (!from) return open(path, scene_origin, {6, 8}, "(N, 6) or (N, 8), or (N, 3) with --from");
+    auto source = open(path, scene_origin, {3}, "(N, 3): directions from that point");
+    if (source) source->common_origin_ = less_origin(*from, scene_origin);
     return source;
 }
 
-Result<RaySource> RaySource::open_points(const std::string& path) {
-    return open(path, {6, 8}, "(N, 6) or (N, 8)");
+Result<RaySource> RaySource::open_points(const std::string& path, const WorldPoint& scene_origin) {
+    return open(path, scene_origin, {6, 8}, "(N, 6) or (N, 8)");
 }
 
-Result<RaySource> RaySource::open(const std::string& path,
+Result<RaySource> RaySource::open(const std::string& path, const WorldPoint& scene_origin,
                                   std::initializer_list<std::uint64_t> widths,
                                   const std::string& shapes) {
     auto file = read_file(path, rays_file_bytes_max);
@@ -49,6 +55,7 @@ Result<RaySource> RaySource::open(const std::string& path,
         return fail(Exit::invalid, path + " must hold float32 or float64 of shape " + shapes);
     if (array->shape[0] == 0) return fail(Exit::invalid, path + " holds no rays");
     RaySource source;
+    source.scene_origin_ = scene_origin;
     source.file_ = std::move(*file);
     source.array_ = std::move(*array);
     source.count_ = source.array_.shape[0];
@@ -59,7 +66,7 @@ Result<RaySource> RaySource::open(const std::string& path,
 std::span<const std::byte> RaySource::bytes(std::uint64_t first, std::uint64_t count) const {
     if (!values_.empty())
         return std::as_bytes(std::span(values_).subspan(first * width_, count * width_));
-    if (array_.dtype != "<f4") return {};
+    if (array_.dtype != "<f4" || subtracts()) return {};
     return array_.bytes.subspan(first * ray_bytes(), count * ray_bytes());
 }
 
@@ -68,13 +75,24 @@ void RaySource::read(std::uint64_t first, std::span<float> out) const {
         std::memcpy(out.data(), ready.data(), ready.size());
         return;
     }
-    const std::byte* value = array_.bytes.data() + first * width_ * sizeof(double);
-    for (float& rounded : out) {
-        double exact;
-        std::memcpy(&exact, value, sizeof exact);
-        rounded = static_cast<float>(exact);
-        value += sizeof exact;
+    const bool is_double = array_.dtype == "<f8";
+    const std::size_t size = is_double ? sizeof(double) : sizeof(float);
+    const std::byte* value = array_.bytes.data() + first * width_ * size;
+    for (std::size_t i = 0; i < out.size(); ++i, value += size) {
+        double exact = 0;
+        float single = 0;
+        if (is_double)
+            std::memcpy(&exact, value, sizeof exact);
+        else
+            std::memcpy(&single, value, sizeof single), exact = double{single};
+        const std::size_t column = i % width_;
+        if (subtracts() && column < 3) exact -= scene_origin_[column];
+        out[i] = static_cast<float>(exact);
     }
+}
+
+bool RaySource::subtracts() const {
+    return width_ != 3 && scene_origin_ != WorldPoint{};
 }
 
 }  // namespace raynest::client

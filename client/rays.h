@@ -5,6 +5,7 @@
 #include "client/npy.h"
 #include "client/options.h"
 #include "protocol/buffer.h"
+#include "protocol/wire.h"
 
 #include <cstdint>
 #include <initializer_list>
@@ -17,20 +18,25 @@ namespace raynest::client {
 
 class RaySource {
 public:
-    explicit RaySource(const std::vector<Ray>& rays);
+    /// Rays of the command line, less the scene's origin.
+    explicit RaySource(const std::vector<WorldRay>& rays, const WorldPoint& scene_origin = {});
     /// `width` values for each ray, as they travel: 3 with an origin, else 6 or 8.
     RaySource(std::vector<float> values, std::uint32_t width,
-              const std::optional<Point>& origin = std::nullopt);
+              const std::optional<wire::Vec3>& common_origin = std::nullopt);
     /// An array of shape (N, 6), origins and directions, or (N, 8), with tmin and tmax, or, where
-    /// all start from one `origin`, (N, 3), directions; of float32 or float64, which is rounded.
+    /// all start at one point, (N, 3), directions; of float32 or float64, which is rounded.
     /// Exit code 5 for anything else.
-    static Result<RaySource> open(const std::string& path, const std::optional<Point>& origin);
+    static Result<RaySource> open(const std::string& path, const std::optional<WorldPoint>& from,
+                                  const WorldPoint& scene_origin = {});
     /// The same of points, whose directions are normals: each has its own origin.
-    static Result<RaySource> open_points(const std::string& path);
+    static Result<RaySource> open_points(const std::string& path,
+                                         const WorldPoint& scene_origin = {});
 
     [[nodiscard]] std::uint64_t count() const { return count_; }
     /// Of all rays, which then bring their directions alone.
-    [[nodiscard]] const std::optional<Point>& origin() const { return origin_; }
+    [[nodiscard]] const std::optional<wire::Vec3>& common_origin() const { return common_origin_; }
+    /// What was subtracted from the points of rays.
+    [[nodiscard]] const WorldPoint& scene_origin() const { return scene_origin_; }
     /// Values of a ray as it travels: 3, 6 or 8.
     [[nodiscard]] std::uint32_t width() const { return width_; }
     [[nodiscard]] std::uint64_t ray_bytes() const { return width_ * sizeof(float); }
@@ -42,15 +48,19 @@ public:
 private:
     RaySource() = default;
     /// One of these widths; `shapes` says so to people.
-    static Result<RaySource> open(const std::string& path,
+    static Result<RaySource> open(const std::string& path, const WorldPoint& scene_origin,
                                   std::initializer_list<std::uint64_t> widths,
                                   const std::string& shapes);
+    /// True where rays of the file are not sent as they lie in it.
+    [[nodiscard]] bool subtracts() const;
+
     std::vector<float> values_;
     protocol::Buffer file_;
     Array array_;
     std::uint64_t count_ = 0;
     std::uint32_t width_ = 8;
-    std::optional<Point> origin_;
+    std::optional<wire::Vec3> common_origin_;
+    WorldPoint scene_origin_{};
 };
 
 }  // namespace raynest::client

@@ -1,5 +1,7 @@
 #include "client/scene_info.h"
 
+#include "client/scene_origin.h"
+
 #include <iomanip>
 #include <iostream>
 #include <sstream>
@@ -45,6 +47,24 @@ std::string tree_text(const wire::SceneInfo& info) {
            " B/triangle";
 }
 
+/// A corner of the scene's box in the world.
+Json corner(const wire::SceneInfo& info, const wire::Vec3* relative) {
+    if (relative == nullptr) return Json::array();
+    const WorldPoint origin = origin_of(info);
+    Json json = Json::array();
+    for (const auto& [x, shift] : {std::pair{relative->x(), origin[0]},
+                                   {relative->y(), origin[1]},
+                                   {relative->z(), origin[2]}})
+        json.push_back(Json::parse(world_text(x, shift)));
+    return json;
+}
+
+std::string corner_text(const wire::SceneInfo& info, const wire::Vec3* relative) {
+    std::string text;
+    for (const Json& x : corner(info, relative)) text += (text.empty() ? "" : ", ") + x.dump();
+    return "(" + text + ")";
+}
+
 }  // namespace
 
 Json scene_json(const wire::SceneInfo& info) {
@@ -54,6 +74,7 @@ Json scene_json(const wire::SceneInfo& info) {
     json["epoch"] = info.epoch();
     json["unique_triangles"] = info.unique_triangles();
     json["instanced_triangles"] = info.instanced_triangles();
+    json["degenerate_triangles"] = info.degenerate_triangles();
     json["instances"] = info.instances();
     json["levels"] = info.levels();
     json["materials"] = info.materials();
@@ -67,6 +88,9 @@ Json scene_json(const wire::SceneInfo& info) {
     json["leaf_blocks"] = info.leaf_blocks();
     json["tree_bytes"] = info.tree_bytes();
     json["bytes_per_triangle"] = bytes_per_triangle(info);
+    json["origin"] = origin_of(info);
+    json["box_min"] = corner(info, info.box_min());
+    json["box_max"] = corner(info, info.box_max());
     json["cameras"] = protocol::strings(info.cameras());
     json["skipped"] = skipped_json(info);
     json["warnings"] = protocol::strings(info.warnings());
@@ -80,6 +104,7 @@ void print_scene(const wire::SceneInfo& info) {
                       std::string(protocol::text(info.hash())) + ")"},
         {"triangles", grouped(info.unique_triangles()) + " unique, " +
                           grouped(info.instanced_triangles()) + " instanced"},
+        {"box", corner_text(info, info.box_min()) + " to " + corner_text(info, info.box_max())},
         {"instances", grouped(info.instances()) + " on " + std::to_string(info.levels()) +
                           (info.levels() == 1 ? " level" : " levels")},
         {"materials", std::to_string(info.materials()) + ", " +
@@ -88,6 +113,12 @@ void print_scene(const wire::SceneInfo& info) {
         {"tree", tree_text(info)},
         {"cameras", joined(protocol::strings(info.cameras()))},
     };
+    if (info.degenerate_triangles() != 0)
+        rows.push_back({"degenerate", grouped(info.degenerate_triangles()) +
+                                          " triangles without area, which nothing can hit"});
+    if (const WorldPoint origin = origin_of(info); origin != WorldPoint{})
+        rows.push_back({"origin", joined({Json(origin[0]).dump(), Json(origin[1]).dump(),
+                                          Json(origin[2]).dump()})});
     const std::vector<std::string> types = protocol::strings(info.record_types());
     if (!types.empty()) rows.push_back({"primitives", joined(types)});
     const Json skipped = skipped_json(info);

@@ -435,6 +435,9 @@ Result<void> validate(const wire::Started& message, const Limits& limits) {
         .name("camera", message.camera())
         .texts("notes", message.notes())
         .text("worker_reason", message.worker_reason())
+        .finite("origin", message.origin_x())
+        .finite("origin", message.origin_y())
+        .finite("origin", message.origin_z())
         .result();
 }
 

@@ -7,6 +7,7 @@
 #include "client/generator.h"
 #include "client/npy.h"
 #include "client/query_rows.h"
+#include "client/scene_origin.h"
 
 #include <algorithm>
 #include <functional>
@@ -39,10 +40,19 @@ std::string numpy_dtype(wire::Dtype dtype) {
 /// Grows whole columns out of chunks.
 class Columns {
 public:
-    explicit Columns(bool splits) : has_splits_(splits) {}
+    /// Without those that are not `shown`, if that says any; outputs of an intersector always are.
+    Columns(bool splits, const std::vector<std::string>& shown)
+        : has_splits_(splits),
+          hides_hit_(!shown.empty() && std::ranges::find(shown, "hit") == shown.end()) {}
 
     Result<void> append(const QueryChunk& chunk) {
         for (const protocol::BlockView& block : chunk.columns) {
+            if (block.name == "hit" && hides_hit_) continue;
+            if (is_point_field(block.name) && block.dtype == wire::Dtype::f32 &&
+                block.width() == 3) {
+                append_points(chunk, block);
+                continue;
+            }
             Column& column = columns_[std::string(block.name)];
             if (column.bytes.empty()) column.dtype = block.dtype, column.width = block.width();
             if (column.dtype != block.dtype || column.width != block.width())
@@ -63,7 +73,8 @@ public:
         for (const auto& [name, column] : columns_) {
             std::vector<std::uint64_t> shape = {column.count};
             if (column.width > 1) shape.push_back(column.width);
-            arrays.push_back({name, {numpy_dtype(column.dtype), shape, column.bytes}});
+            const std::string dtype = column.is_world ? "<f8" : numpy_dtype(column.dtype);
+            arrays.push_back({name, {dtype, shape, column.bytes}});
         }
         return format_npz(arrays);
     }
@@ -74,8 +85,28 @@ private:
         std::uint32_t width = 1;
         std::uint64_t count = 0;
         std::vector<std::byte> bytes;
+        bool is_world = false;  ///< float64 in the file
     };
+
+    /// In the world; the position of a miss stays 0.
+    void append_points(const QueryChunk& chunk, const protocol::BlockView& block) {
+        Column& column = columns_[std::string(block.name)];
+        column.width = 3, column.is_world = true;
+        const protocol::BlockView* hit = protocol::find_block(chunk.columns, "hit");
+        const bool tells = hit != nullptr && hit->count == block.count &&
+                           block.name == "position" && hit->dtype == wire::Dtype::u8;
+        const std::span<const float> points = block.values<float>();
+        for (std::uint64_t i = 0; i < 3 * block.count; ++i) {
+            const bool missed = tells && hit->bytes[i / 3] == std::byte{0};
+            const double value = double{points[i]} + (missed ? 0 : chunk.origin[i % 3]);
+            const auto bytes = std::as_bytes(std::span(&value, 1));
+            column.bytes.insert(column.bytes.end(), bytes.begin(), bytes.end());
+        }
+        column.count += block.count;
+    }
+
     bool has_splits_;
+    bool hides_hit_;
     std::map<std::string, Column> columns_;
     std::vector<std::uint64_t> splits_ = {0};
 };
@@ -123,24 +154,35 @@ Result<void> check_whole(const Outcome& outcome) {
 
 Result<void> run(Context& context, const QueryOptions& options) {
     wire::QueryT request = query_message(options);
+    const auto scene = ask_origin(context.connection, options.job.scene);
+    if (!scene) return tl::unexpected<Failure>(scene.error());
+    const WorldPoint& origin = scene->point;
+    // A job that goes on without us does not say which scene it found.
+    if (options.job.detach && options.job.epoch == 0) request.job->epoch = scene->epoch;
     std::string points;
     if (!options.generate.empty()) {
-        auto generate = parse_generate(options.generate);
+        const auto generate = parse_generate(options.generate);
         if (!generate) return tl::unexpected<Failure>(generate.error());
         points = generate->points;
-        request.generator = std::make_unique<wire::GeneratorT>(std::move(generate->message));
+        request.generator = std::make_unique<wire::GeneratorT>(generate->at(origin));
     }
-    Result<RaySource> rays = RaySource(options.rays);
-    if (!options.rays_file.empty()) rays = RaySource::open(options.rays_file, options.origin);
-    if (!points.empty()) rays = RaySource::open_points(points);
+    Result<RaySource> rays = RaySource(options.rays, origin);
+    if (!options.rays_file.empty()) rays = RaySource::open(options.rays_file, options.from, origin);
+    if (!points.empty()) rays = RaySource::open_points(points, origin);
     if (!rays) return tl::unexpected<Failure>(rays.error());
     request.ray_count = rays->count();
     const std::vector<std::string> shown = request.fields;
-    // Rows tell misses from hits by this column, shown or not.
-    const std::vector<std::string>& fields = request.fields;
-    const bool has_hit = std::find(fields.begin(), fields.end(), "hit") != fields.end();
-    if (options.output.empty() && request.reduce.empty() && !has_splits(request.kind) && !has_hit)
-        request.fields.push_back("hit");
+    // Rows tell misses from hits and invalid rays by these columns, shown or not; and points of a
+    // file are 0 where a ray misses.
+    const auto need = [&fields = request.fields](const char* name) {
+        if (std::find(fields.begin(), fields.end(), name) == fields.end())
+            fields.emplace_back(name);
+    };
+    const bool has_points = std::any_of(shown.begin(), shown.end(), is_point_field);
+    if (request.reduce.empty()) {
+        if ((options.output.empty() || has_points) && !has_splits(request.kind)) need("hit");
+        if (options.output.empty() && !options.job.detach) need("flags");
+    }
 
     return deliver_query(
         context, options.output, request.reduce.empty() ? request.kind : request.reduce, shown,
@@ -157,7 +199,7 @@ Result<void> deliver_query(Context& context, const std::string& output, const st
         if (auto writable = check_writable(output); !writable) return writable;
     }
     ChunkConsumer print;
-    Columns columns(has_splits(what));
+    Columns columns(has_splits(what), shown);
     const auto outcome = ask([&](const QueryChunk& chunk) {
         if (!rows) return columns.append(chunk);
         if (!print) print = row_printer(what, shown, chunk, context.json);
@@ -177,6 +219,8 @@ Result<void> deliver_query(Context& context, const std::string& output, const st
     if (context.json) {
         Json json = outcome_json(*outcome);
         json["truncated"] = outcome->truncated;
+        json["invalid"] = outcome->invalid;
+        if (outcome->invalid != 0) json["first_invalid"] = outcome->first_invalid;
         json["file"] = output;
         print_json(json);
     } else {

@@ -2,6 +2,7 @@
 #include "engine/assets/gltf.h"
 
 #include "engine/assets/gltf_model.h"
+#include "engine/assets/gltf_precision.h"
 #include "engine/assets/gltf_prescan.h"
 
 #include <fmt/format.h>
@@ -29,10 +30,12 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
         json = *chunk;
     }
     if (auto done = gltf::prescan_json(json, is_glb, limits); !done) return gltf::error_of(done);
-    const auto model = gltf::load_model(request);
+    auto model = gltf::load_model(request);
     if (!model) return gltf::error_of(model);
+    gltf::move_world(*model, request.origin);
 
     SceneDescription scene;
+    scene.origin = request.origin;
     if (auto done = gltf::read_nodes(*model, limits, scene); !done) return gltf::error_of(done);
     if (auto done = gltf::read_materials(*model, limits, scene); !done) return gltf::error_of(done);
     for (const char* shape : {"points", "lines"}) {

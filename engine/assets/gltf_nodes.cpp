@@ -7,6 +7,7 @@
 // is iterative.
 #include "engine/assets/gltf_model.h"
 #include "engine/assets/gltf_names.h"
+#include "engine/assets/gltf_precision.h"
 #include "engine/assets/gltf_sharing.h"
 #include "engine/scene/camera_pose.h"
 #include "engine/scene/graph.h"
@@ -86,6 +87,7 @@ public:
           sharing_(sharing),
           traceable_(traceable),
           scene_(scene),
+          placements_(scene.objects, scene.origin),
           object_of_(sharing.shapes.size(), no_id) {}
 
     /// The shared subtrees, then the root; the meshes' objects are already in the scene.
@@ -99,6 +101,7 @@ public:
             if (auto done = fill(object, {{shape.example, identity_matrix, true}}); !done) {
                 return done;
             }
+            placements_.add(object);
             object_of_[s] = static_cast<std::uint32_t>(scene_.objects.size());
             scene_.objects.push_back(std::move(object));
         }
@@ -111,6 +114,7 @@ public:
         if (auto done = fill(root, std::move(stack)); !done) return done;
         scene_.root = static_cast<std::uint32_t>(scene_.objects.size());
         scene_.objects.push_back(std::move(root));
+        scene_.rounding = placements_.rounding();
         return {};
     }
 
@@ -152,18 +156,21 @@ private:
         }
         const auto matrices = placements_of(model_, node.instancing);
         if (!matrices) return error_of(matrices);
-        for (const Matrix& matrix : *matrices) place(object, node.mesh, multiply(to_object, matrix));
+        for (const Matrix& matrix : *matrices)
+            place(object, node.mesh, multiply(to_object, matrix));
         return {};
     }
 
-    static void place(ObjectDescription& object, std::uint32_t child, const Matrix& to_object) {
-        object.instances.push_back({child, round_matrix(to_object), 0xFFFFFFFFU, 0, {}});
+    void place(ObjectDescription& object, std::uint32_t child, const Matrix& to_object) {
+        object.instances.push_back(
+            {child, placements_.round(child, to_object), 0xFFFFFFFFU, 0, {}});
     }
 
     const Model& model_;
     const Sharing& sharing_;
     const std::vector<bool>& traceable_;
     SceneDescription& scene_;
+    Placements placements_;
     std::vector<std::uint32_t> object_of_;
 };
 
@@ -226,11 +233,11 @@ void name_paths(const Model& model, const std::vector<std::uint32_t>& order,
     }
 }
 
-/// Camera nodes in node order, in the world.
+/// Camera nodes in node order, in the scene's space.
 void read_cameras(const Model& model, SceneDescription& scene) {
     struct Entry {
         std::uint32_t node;
-        Matrix to_world;
+        Matrix to_scene;
     };
     std::vector<Entry> found;
     std::vector<Entry> stack;
@@ -241,14 +248,14 @@ void read_cameras(const Model& model, SceneDescription& scene) {
         const Node& node = model.nodes[entry.node];
         if (node.camera != no_id) found.push_back(entry);
         for (const std::uint32_t child : node.children) {
-            stack.push_back({child, multiply(entry.to_world, model.nodes[child].local)});
+            stack.push_back({child, multiply(entry.to_scene, model.nodes[child].local)});
         }
     }
     std::sort(found.begin(), found.end(),
               [](const Entry& a, const Entry& b) { return a.node < b.node; });
     for (const Entry& entry : found) {
         const Node& node = model.nodes[entry.node];
-        const std::optional<Transform> pose = camera_pose(entry.to_world);
+        const std::optional<Transform> pose = camera_pose(entry.to_scene);
         const Camera& camera = model.cameras[node.camera];
         const std::string& name = node.name.empty() ? camera.name : node.name;
         const char* const fault = !camera.perspective ? "is orthographic"

@@ -46,7 +46,16 @@ Error named(const ImportRequest& request, Error error) {
 Result<SceneDescription> describe(const ImportRequest& request, const ImportLimits& limits,
                                   const Registry& registry) {
     const std::string_view source = request.source;
-    if (source.starts_with("builtin:")) return check_primitives(describe_builtin(source), registry);
+    if (!is_origin(request.origin)) {
+        return fail(ErrorCode::scene_invalid, "the origin is not finite, or lies beyond 1e15");
+    }
+    if (source.starts_with("builtin:")) {
+        if (request.origin != WorldPoint{}) {
+            return fail(ErrorCode::scene_invalid,
+                        "a built-in scene lies around zero: only files take an origin");
+        }
+        return check_primitives(describe_builtin(source), registry);
+    }
     if (request.files.empty() || request.files.front().bytes.empty()) {
         return fail(ErrorCode::scene_invalid, "the scene file is empty");
     }

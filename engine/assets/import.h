@@ -29,6 +29,7 @@ struct ImportRequest {
     std::vector<NamedBytes> files;  ///< files[0] is the main file; empty for built-in scenes
     std::string primitive;          ///< record type of a .npy, e.g. "sphere"
     BuildQuality build = BuildQuality::medium;
+    WorldPoint origin{};  ///< subtracted from world coordinates before they are rounded
 };
 
 struct ImportLimits {

@@ -26,6 +26,7 @@ struct RequestHeader {
     std::uint32_t primitive_bytes = 0;
     std::uint32_t file_count = 0;
     BuildQuality build = BuildQuality::medium;
+    WorldPoint origin{};
 };
 struct FileHeader {
     std::uint64_t bytes = 0;
@@ -79,6 +80,7 @@ Result<void> write_request(int fd, const ImportRequest& request, const ImportLim
     header.source_bytes = static_cast<std::uint32_t>(request.source.size());
     header.primitive_bytes = static_cast<std::uint32_t>(request.primitive.size());
     header.build = request.build;
+    header.origin = request.origin;
     header.file_count = static_cast<std::uint32_t>(request.files.size());
     if (request.source.size() > text_bytes_max || request.primitive.size() > text_bytes_max ||
         request.files.size() > files_max) {
@@ -111,6 +113,7 @@ Result<Message> parse_request(std::span<const std::byte> bytes) {
     message.limits = header.limits;
     message.parent = header.parent;
     message.request.build = header.build;
+    message.request.origin = header.origin;
     const auto take_text = [&](std::uint64_t size, std::string& text) {
         const std::byte* from = size > text_bytes_max ? nullptr : cursor.take(size);
         if (from != nullptr) text.assign(reinterpret_cast<const char*>(from), size);

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <cstring>
@@ -12,7 +14,16 @@ namespace {
 struct Array {
     std::vector<std::uint64_t> shape;
     std::vector<float> values;
+    double rounding = 0;  ///< the largest distance by which float32 moved a row's point
 };
+
+/// The point in each row of an array, and what is subtracted from it.
+struct Points {
+    std::array<std::size_t, 3> columns;
+    WorldPoint origin;
+};
+constexpr std::array<std::size_t, 3> record_point{0, 1, 2};
+constexpr std::array<std::size_t, 3> matrix_point{3, 7, 11};  ///< the translation of a 3x4 matrix
 
 tl::unexpected<Error> refuse(const std::string& name, const std::string& why) {
     return fail(ErrorCode::scene_invalid, fmt::format("'{}' {}", name, why));
@@ -43,9 +54,16 @@ bool parse_shape(std::string_view text, std::vector<std::uint64_t>& shape) {
     return at != end;
 }
 
+template <class Number>
+double read(const char* bytes) {
+    Number value = 0;
+    std::memcpy(&value, bytes, sizeof value);
+    return double{value};
+}
+
 /// Format: magic, version, header length (2 bytes, from version 2 on 4), a Python dictionary,
 /// values.
-Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits) {
+Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits, const Points& points) {
     constexpr std::string_view magic = "\x93NUMPY";
     const std::string_view bytes(reinterpret_cast<const char*>(file.bytes.data()),
                                  file.bytes.size());
@@ -88,24 +106,54 @@ Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits) {
     if (count > values.size() / item) return refuse(file.name, "is cut short");
 
     array.values.resize(count);
-    std::uint64_t bad = 0;
-    for (std::uint64_t i = 0; i < count; ++i) {
-        if (is_double) {
-            double value = 0;
-            std::memcpy(&value, values.data() + i * item, item);
-            array.values[i] = static_cast<float>(value);
-        } else {
-            std::memcpy(&array.values[i], values.data() + i * item, item);
-        }
-        bad += std::isfinite(array.values[i]) ? 0U : 1U;
+    const std::uint64_t width = count / array.shape[0];
+    std::vector<double> shift(width);
+    std::vector<bool> is_point(width);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const std::size_t column = points.columns[axis];
+        if (column < width) shift[column] = points.origin[axis], is_point[column] = true;
     }
+    std::uint64_t bad = 0;
+    double moved_max = 0;  // squared, as `moved`
+    for (std::uint64_t row = 0; row < count; row += width) {
+        double moved = 0;
+        for (std::uint64_t i = 0; i < width; ++i) {
+            const char* const at = values.data() + (row + i) * item;
+            const double exact = (is_double ? read<double>(at) : read<float>(at)) - shift[i];
+            const auto rounded = static_cast<float>(exact);
+            array.values[row + i] = rounded;
+            bad += std::isfinite(rounded) ? 0U : 1U;
+            if (!is_point[i]) continue;
+            const double off = double{rounded} - exact;
+            moved += off * off;
+        }
+        moved_max = std::max(moved_max, moved);
+    }
+    array.rounding = std::sqrt(moved_max);
     if (bad != 0)
         return refuse(file.name, fmt::format("has {} values that are not finite float32", bad));
     return array;
 }
 
+/// Do the first three values say where a record is, so that its bounds move with them?
+bool moves_with_point(const PackPrimitive& primitive, std::span<const float> example) {
+    std::vector<float> record(example.begin(), example.end());
+    Box before;
+    Box after;
+    primitive.bounds(record.data(), 1, &before);
+    const float step = 1 + glm::length(glm::max(glm::abs(before.lower), glm::abs(before.upper)));
+    for (const std::size_t axis : record_point) record[axis] += step;
+    primitive.bounds(record.data(), 1, &after);
+    const auto moved = [&](const Vec3& from, const Vec3& to) {
+        const Vec3 off = glm::abs(to - from - Vec3(step));
+        return std::max({off.x, off.y, off.z}) <= 1e-5F * step;
+    };
+    return moved(before.lower, after.lower) && moved(before.upper, after.upper);
+}
+
 Result<ObjectDescription> read_records(const ImportRequest& request, const ImportLimits& limits,
-                                       const Registry& registry) {
+                                       const Registry& registry, const WorldPoint& origin,
+                                       double& rounding) {
     const NamedBytes& file = request.files.front();
     const PackPrimitive* primitive =
         request.primitive.empty() ? nullptr : registry.find_primitive(request.primitive);
@@ -116,7 +164,7 @@ Result<ObjectDescription> read_records(const ImportRequest& request, const Impor
                         "see `raynest variants`",
                         request.primitive));
     }
-    auto array = read_array(file, limits);
+    auto array = read_array(file, limits, {record_point, origin});
     if (!array) return tl::unexpected<Error>(array.error());
     if (array->shape.size() != 2 || array->shape[1] * 4 != primitive->record_size) {
         return refuse(file.name, fmt::format("must have shape (N, {}) for primitives of type '{}'",
@@ -127,6 +175,16 @@ Result<ObjectDescription> read_records(const ImportRequest& request, const Impor
         return fail(ErrorCode::limit_exceeded,
                     fmt::format("the scene has more than {} primitives", limits.triangles_max));
     }
+
+    const std::uint64_t width = array->shape[1];
+    if (origin != WorldPoint{} &&
+        (width < 3 || !moves_with_point(*primitive, std::span(array->values).first(width)))) {
+        return fail(ErrorCode::scene_unsupported,
+                    fmt::format("the first three values of a {} are not its place, so no origin "
+                                "can be subtracted from them: do that before saving",
+                                request.primitive));
+    }
+    rounding = std::max(rounding, array->rounding);
 
     ObjectDescription object;
     object.name = request.primitive + "s";
@@ -139,8 +197,10 @@ Result<ObjectDescription> read_records(const ImportRequest& request, const Impor
 }
 
 Result<std::vector<InstanceDescription>> read_instances(const NamedBytes& file,
-                                                        const ImportLimits& limits) {
-    auto array = read_array(file, limits);
+                                                        const ImportLimits& limits,
+                                                        const WorldPoint& origin,
+                                                        double& rounding) {
+    auto array = read_array(file, limits, {matrix_point, origin});
     if (!array) return tl::unexpected<Error>(array.error());
     const std::vector<std::uint64_t>& shape = array->shape;
     const bool flat = shape.size() == 2 && shape[1] == 12;
@@ -150,6 +210,7 @@ Result<std::vector<InstanceDescription>> read_instances(const NamedBytes& file,
         return fail(ErrorCode::limit_exceeded,
                     fmt::format("the scene has more than {} instances", limits.instances_max));
     }
+    rounding = std::max(rounding, array->rounding);
     std::vector<InstanceDescription> instances(shape[0]);
     for (std::size_t i = 0; i < instances.size(); ++i) {
         instances[i].object = 0;
@@ -163,16 +224,20 @@ Result<std::vector<InstanceDescription>> read_instances(const NamedBytes& file,
 
 Result<SceneDescription> describe_npy(const ImportRequest& request, const ImportLimits& limits,
                                       const Registry& registry) {
-    auto object = read_records(request, limits, registry);
-    if (!object) return tl::unexpected<Error>(object.error());
     SceneDescription scene;
+    scene.origin = request.origin;
+    // Records that are placed lie around zero; their placements are in the world.
+    const bool is_placed = request.files.size() > 1;
+    auto object = read_records(request, limits, registry, is_placed ? WorldPoint{} : scene.origin,
+                               scene.rounding);
+    if (!object) return tl::unexpected<Error>(object.error());
     scene.objects.push_back(std::move(*object));
     for (std::size_t i = 1; i < request.files.size(); ++i) {
         if (request.files[i].name != "instances.npy" || scene.root != 0) {
             return refuse(request.files[i].name,
                           "is not wanted; placements come as 'instances.npy'");
         }
-        auto instances = read_instances(request.files[i], limits);
+        auto instances = read_instances(request.files[i], limits, scene.origin, scene.rounding);
         if (!instances) return tl::unexpected<Error>(instances.error());
         scene.objects.push_back({"scene", {}, std::move(*instances), {}, {}, {}});
         scene.root = 1;

@@ -12,7 +12,7 @@
 namespace raynest {
 
 /// Cuts a pattern into surfaces, on TEXCOORD_0 where there is one, else on the hit's (u, v).
-/// Only +, -, *, floor and comparisons: the same bits on every target.
+/// Only +, -, *, /, sqrt, floor and comparisons: the same bits on every target.
 struct ProceduralMask {
     static constexpr const char* text = "a computed pattern cuts holes, on TEXCOORD_0 or (u, v)";
     enum class Pattern : std::uint32_t { heart, checker, discs, noise };
@@ -29,7 +29,7 @@ struct ProceduralMask {
     static constexpr auto params = std::tuple{
         param("pattern", &Params::pattern, patterns, "shape that stays solid"),
         param("scale", &Params::scale, 1e-3F, 1e6F, "cells per unit of u and v"),
-        param("fill", &Params::fill, 0.0F, 1.0F, "share of each cell that is solid, roughly"),
+        param("fill", &Params::fill, 0.0F, 1.0F, "share of the surface that is solid"),
         param("seed", &Params::seed, 0U, 0xFFFFFFFFU, "of pattern=noise"),
         param(
             "on", &Params::on, targets,
@@ -38,7 +38,9 @@ struct ProceduralMask {
     RAYNEST_FN ProceduralMask(const SceneView& view, const Params& values)
         : scene(view),
           p(values),
-          everywhere(values.on == On::all || view.masked_materials == 0) {}
+          everywhere(values.on == On::all || view.masked_materials == 0),
+          heart_inverted(values.fill > heart_share_max),
+          heart_size(std::sqrt((heart_inverted ? 1.0F - values.fill : values.fill) / heart_area)) {}
 
     RAYNEST_FN auto operator()(const auto& ray, const TriangleLike auto& triangle) {
         auto hits = intersect(ray, triangle);
@@ -68,25 +70,32 @@ private:
     [[nodiscard]] RAYNEST_FN bool inside_cell(float x, float y, float column, float row) const {
         switch (p.pattern) {
             case Pattern::heart: {
-                // (a^2 + b^2 - 1)^3 < a^2 b^3, the usual heart curve, about 1.2 wide; t points down
-                // in glTF.
-                const float size = 0.25F + p.fill;
-                const float a = (x - 0.5F) * 2.6F / size;
-                const float b = (0.55F - y) * 2.6F / size;
+                // (a^2 + b^2 - 1)^3 < a^2 b^3, the usual heart curve; t points down in glTF. A size
+                // of 0 makes a and b infinite or NaN: nothing is inside.
+                const float a = (x - 0.5F) / heart_size;
+                const float b = (0.55F - y) / heart_size;
                 const float r = fused(a, a, fused(b, b, -1.0F));
-                return r * r * r < a * a * (b * b * b);
+                return (r * r * r < a * a * (b * b * b)) != heart_inverted;
             }
             case Pattern::checker: {
-                const float corner = p.fill;
-                const bool left = x < corner;
-                const bool top = y < corner;
-                return left == top;
+                // Two of the cell's four quarters are solid at fill = 0.5. Below it each of them
+                // shrinks to its middle, above it the two holes do.
+                const bool left = x < 0.5F;
+                const bool top = y < 0.5F;
+                const float a = x - (left ? 0.25F : 0.75F);
+                const float b = y - (top ? 0.25F : 0.75F);
+                const float reach = 8.0F * (a * a > b * b ? a * a : b * b);
+                return left == top ? p.fill >= 0.5F || reach < p.fill
+                                   : p.fill > 0.5F && reach >= 1.0F - p.fill;
             }
             case Pattern::discs: {
-                // Area pi r^2 of a cell of area 1; a full cell at fill = 1.
-                const float a = x - 0.5F;
-                const float b = y - 0.5F;
-                return fused(a, a, b * b) <= p.fill * 0.31830989F || p.fill >= 1.0F;
+                // A disc in the middle as long as it has room, then four quarters of a hole around
+                // the corners.
+                const bool fits = p.fill <= disc_share_max;
+                const float a = fits ? x - 0.5F : 0.5F - std::abs(x - 0.5F);
+                const float b = fits ? y - 0.5F : 0.5F - std::abs(y - 0.5F);
+                const float square = fused(a, a, b * b) * 3.14159265F;
+                return fits ? square < p.fill : square >= 1.0F - p.fill;
             }
             case Pattern::noise:
                 return hash(column, row) < p.fill;
@@ -107,9 +116,16 @@ private:
         return static_cast<float>((h ^ h >> 15) >> 8) * 0x1p-24F;
     }
 
+    /// Area of the heart curve. Up to this share a heart fits its cell; above, it is the hole.
+    static constexpr float heart_area = 3.66197F;
+    static constexpr float heart_share_max = 0.7F;
+    static constexpr float disc_share_max = 0.78539816F;  ///< pi / 4
+
     const SceneView& scene;
     Params p;
     bool everywhere;
+    bool heart_inverted;
+    float heart_size;  ///< in cells, of the curve's unit
 };
 
 }  // namespace raynest

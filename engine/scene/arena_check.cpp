@@ -71,6 +71,7 @@ private:
         if (header.build > BuildQuality::high || header.unused != 0) {
             return broken("its build quality does not exist");
         }
+        if (!is_origin(header.origin)) return broken("its origin is not finite or beyond 1e15");
         if (header.bytes != arena_.size()) return broken("its length is not what its header says");
         return {};
     }

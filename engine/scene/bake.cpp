@@ -5,6 +5,7 @@
 #include "engine/scene/opacity.h"
 #include "engine/scene/path_table.h"
 #include "engine/scene/placed_box.h"
+#include "engine/scene/precision.h"
 
 #include <tbb/parallel_for.h>
 
@@ -67,11 +68,19 @@ public:
         auto& numbers = content_.instance_numbers;
         if (std::all_of(numbers.begin(), numbers.end(), [](auto n) { return n == no_id; }))
             numbers.clear();
+        // There is one zero: -0 would be other content.
+        for (std::size_t i = 0; i < 3; ++i) content_.origin[i] = description_.origin[i] + 0.0;
+        content_.degenerate_triangles = degenerate_triangles_;
         for (const auto& [reason, count] : graph_.skipped) {
             content_.skips.push_back({count, content_.names.add(reason), 0});
         }
         for (const std::string& warning : description_.warnings) {
             content_.warnings.push_back(content_.names.add(warning));
+        }
+        const std::string rounded = rounding_warning(description_.rounding, description_.origin,
+                                                     content_.objects.back().bounds);
+        if (!rounded.empty() && content_.warnings.size() < scene_warnings_max) {
+            content_.warnings.push_back(content_.names.add(rounded));
         }
         if (content_.skips.size() > scene_skips_max) {
             return fail(ErrorCode::limit_exceeded, "the scene has more reasons for skips than " +
@@ -133,6 +142,9 @@ private:
         boxes.reserve(std::size_t{object.triangle_count} + object.record_count +
                       node.instances.size());
         add_triangle_bounds(source, boxes);
+        for (const GeometryDescription& geometry : source.geometries) {
+            degenerate_triangles_ += count_degenerate(geometry);
+        }
         boxes.insert(boxes.end(), source.record_bounds.begin(), source.record_bounds.end());
         add_instances(node, object, boxes);
         const auto far = std::count_if(boxes.begin(), boxes.end(),
@@ -263,6 +275,7 @@ private:
     std::uint64_t node_count_ = 0;
     std::uint64_t block_count_ = 0;
     std::uint64_t record_bytes_ = 0;
+    std::uint64_t degenerate_triangles_ = 0;
     double build_seconds_ = 0;
 };
 

@@ -60,6 +60,8 @@ private:
 
 struct Content {
     BuildQuality build = BuildQuality::medium;
+    WorldPoint origin{};
+    std::uint64_t degenerate_triangles = 0;
     std::vector<const ObjectDescription*> sources;  ///< one per object
     std::vector<Tree> trees;                        ///< one per object
     std::vector<ObjectRecord> objects;

@@ -18,6 +18,9 @@
 
 namespace raynest {
 
+/// A point in the world, in more digits than float32 has.
+using WorldPoint = std::array<double, 3>;
+
 struct ImageDescription {
     std::uint32_t width = 0;
     std::uint32_t height = 0;
@@ -94,11 +97,15 @@ struct PathNodeDescription {
 struct SceneDescription {
     std::vector<ObjectDescription> objects;
     std::uint32_t root = 0;
-    /// Names the paths of a scene whose source is a tree of nodes: its instances need no names then.
-    /// Breadth first, the scene itself first; empty: paths are named by instances.
+    /// Names the paths of a scene whose source is a tree of nodes: its instances need no names
+    /// then. Breadth first, the scene itself first; empty: paths are named by instances.
     std::vector<PathNodeDescription> path_nodes;
     /// Nodes with placements in the order of their paths, singular instances counted: depth first.
     std::vector<std::uint32_t> placed_nodes;
+    /// What was subtracted from world coordinates: all others here are relative to it.
+    WorldPoint origin{};
+    /// The largest distance by which rounding to float32 moved a vertex or a placement.
+    double rounding = 0;
     BuildQuality build = BuildQuality::medium;
     std::vector<MaterialDescription> materials;
     std::vector<TextureDescription> textures;

@@ -85,7 +85,7 @@ struct SectionEntry {
 };
 
 inline constexpr std::array<char, 8> magic{'R', 'N', 'S', 'C', 'E', 'N', 'E', '\0'};
-inline constexpr std::uint32_t version = 5;
+inline constexpr std::uint32_t version = 6;
 inline constexpr std::uint32_t byte_order = 0x01020304;
 inline constexpr std::uint64_t alignment = 64;
 
@@ -96,9 +96,11 @@ struct Header {
     std::uint64_t bytes;       ///< of the whole arena
     BuildQuality build;        ///< of the trees
     std::uint32_t unused;
+    std::array<double, 3> origin;  ///< subtracted from world coordinates
+    std::uint64_t degenerate_triangles;
     std::array<SectionEntry, section_count> sections;
 };
-static_assert(sizeof(Header) == 32 + 24 * section_count);
+static_assert(sizeof(Header) == 64 + 24 * section_count);
 
 [[nodiscard]] constexpr std::uint64_t aligned(std::uint64_t offset) {
     return (offset + alignment - 1) / alignment * alignment;

@@ -57,7 +57,10 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(Arena arena, double build
     s.nodes = format::section_size(base, Section::nodes);
     s.leaf_blocks = format::section_size(base, Section::blocks);
     s.trees = measure_trees(*view);
-    s.build = reinterpret_cast<const format::Header*>(base)->build;
+    const auto& header = *reinterpret_cast<const format::Header*>(base);
+    s.build = header.build;
+    s.degenerate_triangles = header.degenerate_triangles;
+    snapshot->origin_ = header.origin;
     s.build_seconds = build_seconds;
     for (std::uint32_t i = 0; i < view->camera_count; ++i) {
         s.cameras.emplace_back(view->names + view->cameras[i].name);

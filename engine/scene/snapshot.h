@@ -26,6 +26,12 @@ namespace raynest {
 /// Limits on what may become a snapshot.
 inline constexpr std::uint32_t scene_depth_max = 32;
 inline constexpr float coordinate_max = 1e15F;
+/// Of each coordinate; false for NaN.
+[[nodiscard]] inline bool is_origin(const WorldPoint& point) {
+    constexpr double most{coordinate_max};
+    const auto fits = [](double x) { return x >= -most && x <= most; };
+    return fits(point[0]) && fits(point[1]) && fits(point[2]);
+}
 inline constexpr std::uint64_t scene_paths_max = 1ULL << 63;
 inline constexpr std::uint32_t record_size_max = 4096;  ///< bytes of one record
 inline constexpr std::uint32_t texture_side_max =
@@ -44,6 +50,8 @@ using Arena = Pages;
 struct SceneStatistics {
     std::uint64_t unique_triangles = 0;
     std::uint64_t instanced_triangles = 0;
+    /// Triangles that nothing can hit, each once; the other counts include them.
+    std::uint64_t degenerate_triangles = 0;
     std::uint64_t instances = 0;  ///< leaf placements: paths to objects with own primitives
     std::uint32_t levels = 0;
     std::uint32_t materials = 0;
@@ -83,6 +91,8 @@ public:
     }
     /// Bytes of the arena on huge pages (Pages::huge_bytes).
     [[nodiscard]] std::size_t huge_bytes() const { return arena_.huge_bytes(); }
+    /// World coordinates less this are those of the view, of rays and of answers.
+    [[nodiscard]] const WorldPoint& origin() const { return origin_; }
     [[nodiscard]] const Box& bounds() const { return view_.objects[view_.root].bounds; }
     /// Hex of the arena's 128-bit content hash (scene/hash.h).
     [[nodiscard]] const std::string& hash() const { return hash_; }
@@ -94,6 +104,7 @@ private:
     Arena arena_;
     SceneView view_;
     PathTable paths_;
+    WorldPoint origin_{};
     SceneStatistics statistics_;
     std::string hash_;
     std::vector<std::string> record_types_;
@@ -118,7 +129,8 @@ Result<std::vector<PathStep>> expand_path(const Snapshot& scene, std::uint64_t p
 /// Names joined by '/', e.g. "stand#3/tree-12/leaves".
 std::string path_name(const std::vector<PathStep>& steps);
 
-/// The path of such a text, the other way round; fails with scene_invalid and what there is instead.
+/// The path of such a text, the other way round; fails with scene_invalid and what there is
+/// instead.
 Result<std::uint64_t> find_path(const Snapshot& scene, std::string_view text);
 
 /// A name as path texts spell it: '/', '#', '%' and the first digit of a name of digits alone are

@@ -233,10 +233,7 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
 
     Tally::Counts counts;
     counts.rays = rays.size();
-    for (const HitRecord& ray : source.hits) {
-        counts.misses += ray.hit == 0 ? 1 : 0;
-        counts.truncated += (ray.flags & hit_truncated) != 0 ? 1 : 0;
-    }
+    counts.add_rays(source.hits, source.order, first_ray);
     if (plan.untraced) counts.misses = rays.size();
     counts.hits = many ? hit_count : rays.size() - counts.misses;
     tally.add(buffers, counts);

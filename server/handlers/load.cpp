@@ -64,6 +64,7 @@ struct LoadOrder {
     ConnectionId caller;
     BuildQuality build = BuildQuality::medium;
     Publication publication;
+    WorldPoint origin{};
     std::vector<UploadFile> files;
     Budget::Lease lease;  ///< of what has come of the files
 };
@@ -192,6 +193,7 @@ private:
         request.source = order_.source;
         request.primitive = order_.primitive;
         request.build = order_.build;
+        request.origin = order_.origin;
         for (const UploadFile& file : order_.files) {
             if (protocol::content_hash(file.bytes.span()) != file.hash)
                 return refuse(Code::scene_invalid,
@@ -282,6 +284,7 @@ Reply<Answer> load(const Services& services, const Caller& caller,
     order.primitive = protocol::text(message->primitive());
     order.caller = caller;
     order.publication = {message->replace(), message->temporary()};
+    order.origin = {message->origin_x(), message->origin_y(), message->origin_z()};
     if (order.name.empty() || order.name.size() > services.limits.name_bytes_max)
         return refuse(Code::invalid_field, "the scene needs a name of 1.." +
                                                std::to_string(services.limits.name_bytes_max) +

@@ -162,6 +162,10 @@ wire::StartedT started(const Plan& plan, const protocol::Limits& limits) {
     message.worker = plan.worker.name();
     message.worker_reason = clean_text(plan.worker.reason, limits.text_bytes_max);
     message.notes = plan.notes;
+    const WorldPoint& origin = plan.scene.snapshot().origin();
+    message.origin_x = origin[0];
+    message.origin_y = origin[1];
+    message.origin_z = origin[2];
     return message;
 }
 

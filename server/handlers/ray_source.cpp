@@ -115,7 +115,7 @@ Reply<SensorPointer> make_lidar(const Request& request) {
             channels[i].origin_offset = vector(m.origin_offsets()->Get(i), Vec3(0));
     }
     Mount mount = request.mount;
-    if (size(m.pose()) == 0) mount.pose = lidar_pose(mount.pose);
+    if (size(m.pose()) == 0 && m.camera() != nullptr) mount.pose = lidar_pose(mount.pose);
     const ImageSize grid{m.azimuth_count(), static_cast<std::uint32_t>(channels.size())};
     return std::make_shared<LateSensor>(
         grid, [=, start = static_cast<double>(m.azimuth_start()),

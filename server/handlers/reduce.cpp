@@ -13,11 +13,12 @@
 namespace raynest::server {
 namespace {
 
-Tally::Counts count_hits(const TraceBuffers& buffers) {
+/// Of a piece whose first ray this is.
+Tally::Counts count_hits(const TraceBuffers& buffers, std::uint64_t first_ray) {
     Tally::Counts counts;
     counts.rays = buffers.hits.size();
-    for (const HitRecord& hit : buffers.hits) counts.hits += hit.hit;
-    counts.misses = counts.rays - counts.hits;
+    counts.add_rays(buffers.hits, buffers.order, first_ray);
+    counts.hits = counts.rays - counts.misses;
     return counts;
 }
 
@@ -71,7 +72,7 @@ protected:
         const bool whole = piece.count >= each || add_part(piece, hits.front());
         auto frames = whole ? fractions(piece.first / each, hits) : Reply<Frames>(Frames{});
         if (!frames) return frames;
-        tally_.add(buffers, count_hits(buffers));
+        tally_.add(buffers, count_hits(buffers, piece.first));
         services_.metrics.rays += piece.count;
         return frames;
     }
@@ -163,7 +164,7 @@ protected:
             const std::lock_guard lock(mutex_);
             for (const auto& [path, count] : counts) counts_[path] += count;
         }
-        tally_.add(buffers, count_hits(buffers));
+        tally_.add(buffers, count_hits(buffers, piece.first));
         services_.metrics.rays += piece.count;
         return Frames{};
     }

@@ -66,6 +66,11 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& lim
     info.box_min = vector(snapshot.bounds().lower);
     info.box_max = vector(snapshot.bounds().upper);
 
+    info.origin_x = snapshot.origin()[0];
+    info.origin_y = snapshot.origin()[1];
+    info.origin_z = snapshot.origin()[2];
+    info.degenerate_triangles = statistics.degenerate_triangles;
+
     TextBudget texts(limits);
     for (const auto& [reason, count] : statistics.skipped)
         if (texts.append(info.skipped_reasons, reason, limits.name_bytes_max))

@@ -127,6 +127,19 @@ void Tally::begin() {
     first_.compare_exchange_strong(none, now);
 }
 
+void Tally::Counts::add_rays(std::span<const HitRecord> records,
+                             std::span<const std::uint32_t> order, std::uint64_t first) {
+    for (const HitRecord& ray : records) {
+        misses += ray.hit == 0 ? 1 : 0;
+        truncated += (ray.flags & hit_truncated) != 0 ? 1 : 0;
+        invalid += (ray.flags & hit_invalid_ray) != 0 ? 1 : 0;
+    }
+    if (invalid == 0) return;
+    std::size_t row = 0;
+    while ((records[order.empty() ? row : order[row]].flags & hit_invalid_ray) == 0) ++row;
+    first_invalid = first + row;
+}
+
 void Tally::add(const TraceBuffers& buffers, const Counts& counts) {
     traversals_ |= 1U << buffers.traversal;
     ++(buffers.on_cuda ? cuda_chunks_ : cpu_chunks_);
@@ -139,6 +152,13 @@ void Tally::add(const TraceBuffers& buffers, const Counts& counts) {
     hits_ += counts.hits;
     misses_ += counts.misses;
     truncated_ += counts.truncated;
+    if (counts.invalid != 0) {
+        invalid_ += counts.invalid;
+        std::uint64_t first = first_invalid_;
+        while (first > counts.first_invalid &&
+               !first_invalid_.compare_exchange_weak(first, counts.first_invalid)) {
+        }
+    }
     const Ticks now = (Clock::now() - accepted_).count();
     Ticks last = last_;
     while (last < now && !last_.compare_exchange_weak(last, now)) {
@@ -154,6 +174,8 @@ wire::DoneT Tally::done(const Plan& plan) const {
     message.hits = hits_;
     message.misses = misses_;
     message.truncated = truncated_;
+    message.invalid = invalid_;
+    if (message.invalid != 0) message.first_invalid = first_invalid_;
     message.seconds = seconds(last_ - first_);
     message.queued_seconds = seconds(first_);
     const std::uint32_t ran = traversals_;

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <limits>
 #include <mutex>
 #include <span>
 #include <string>
@@ -74,6 +75,13 @@ public:
         std::uint64_t hits = 0;
         std::uint64_t misses = 0;     ///< rays without a hit
         std::uint64_t truncated = 0;  ///< rays with more hits than their budget
+        std::uint64_t invalid = 0;    ///< rays that are none: misses, too
+        std::uint64_t first_invalid = 0;
+
+        /// Adds a record of each ray but to `hits`: rows of the query from `first` on, in `order`
+        /// as in TraceBuffers.
+        void add_rays(std::span<const HitRecord> records, std::span<const std::uint32_t> order,
+                      std::uint64_t first);
     };
     void add(const TraceBuffers& buffers, const Counts& counts);
 
@@ -89,6 +97,8 @@ private:
     std::atomic<std::uint64_t> hits_{0};
     std::atomic<std::uint64_t> misses_{0};
     std::atomic<std::uint64_t> truncated_{0};
+    std::atomic<std::uint64_t> invalid_{0};
+    std::atomic<std::uint64_t> first_invalid_{std::numeric_limits<std::uint64_t>::max()};
     std::atomic<std::uint32_t> traversals_{0};  ///< bit t: traversal t gave answers
     std::atomic<Ticks> first_{0};               ///< since accepted_; 0: nothing began yet
     std::atomic<Ticks> last_{0};

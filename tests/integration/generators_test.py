@@ -127,13 +127,23 @@ class Generators(DaemonTest):
                     f"azimuth_offsets={words(offsets)}", f"origin_offsets={words(origins)}",
                     f"pose={words(pose)}"], *placed(pose, directions, places))
 
-    def test_a_lidar_without_a_pose_stands_upright_and_looks_along_minus_z(self):
+    def test_a_lidar_without_a_place_has_the_identity_as_its_pose(self):
+        elevations = numpy.linspace(-15, 15, 5)
+        directions, _ = self.lidar(elevations, numpy.zeros(5), numpy.zeros((5, 3)), 0, 360, 100)
+        sweep = "lidar", "elevations=-15:15:5", "azimuths=0:360:100"
+        for place in ((), ("pose=1,0,0,0,0,1,0,0,0,0,1,0",)):
+            origins, got = self.generated(*sweep, *place)
+            self.assertTrue((origins == 0).all())
+            self.assertLess(numpy.abs(got - directions).max(), ULP)
+
+    def test_a_lidar_at_a_look_at_stands_upright_and_looks_ahead(self):
         elevations = numpy.linspace(-15, 15, 5)
         directions, _ = self.lidar(elevations, numpy.zeros(5), numpy.zeros((5, 3)), 0, 360, 100)
         # x ahead, y left, z up are the world's -z, -x, +y.
         world = numpy.stack([-directions[:, 1], directions[:, 2], -directions[:, 0]], axis=1)
-        origins, got = self.generated("lidar", "elevations=-15:15:5", "azimuths=0:360:100")
-        self.assertTrue((origins == 0).all())
+        origins, got = self.generated("lidar", "elevations=-15:15:5", "azimuths=0:360:100",
+                                      "lookat=1,2,3,1,2,0")
+        self.assertTrue((origins == [1, 2, 3]).all())
         self.assertLess(numpy.abs(got - world).max(), ULP)
 
     def test_hemisphere_rays_are_a_shifted_lattice_of_the_seed(self):

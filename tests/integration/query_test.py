@@ -97,12 +97,12 @@ class Queries(DaemonTest):
         numpy.save(self.out / "whole.npy", rays)
         for dtype in (numpy.float32, numpy.float64):
             numpy.save(self.out / "ways.npy", rays[:, 3:].astype(dtype))
-            self.same(self.query("woods", "--rays", self.out / "ways.npy", "--origin", "1,2,3"),
+            self.same(self.query("woods", "--rays", self.out / "ways.npy", "--from", "1,2,3"),
                       self.query("woods", "--rays", self.out / "whole.npy"))
-        self.query("woods", "--rays", self.out / "ways.npy", code=5, says="(N, 3) with --origin")
+        self.query("woods", "--rays", self.out / "ways.npy", code=5, says="(N, 3) with --from")
         self.query("woods", "--generate", "hemisphere", f"points={self.out / 'ways.npy'}", code=5,
                    says="of shape (N, 6) or (N, 8)\n")
-        self.query("woods", "--rays", self.out / "whole.npy", "--origin", "1,2,3", code=5,
+        self.query("woods", "--rays", self.out / "whole.npy", "--from", "1,2,3", code=5,
                    says="of shape (N, 3)")
 
     def test_many_hits_per_ray_come_whole_and_sorted_in_many_chunks(self):

@@ -67,7 +67,12 @@ class Generators(WithDaemon):
         self.check(generators.lidar(elevations, (-60, 120, 100), azimuth_offsets=offsets,
                                     origin_offsets=places, pose=POSE),
                    *self.placed(ways.reshape(-1, 3), turned.reshape(-1, 3)))
-        # Without a pose it stands as a camera does.
+        # Without any place its pose is the identity, and with a look-at it stands as a camera does.
+        for pose in (None, np.eye(3, 4)):
+            origins, ways = self.made(generators.lidar([0], (0, 360, 4), pose=pose))
+            np.testing.assert_allclose(origins, 0)
+            np.testing.assert_allclose(ways, [[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]],
+                                       atol=ULP)
         origins, ways = self.made(generators.lidar([0], (0, 360, 4),
                                                    look_at=([1, 2, 3], [1, 2, 0])))
         np.testing.assert_allclose(origins, [[1, 2, 3]] * 4, atol=ULP)

@@ -15,7 +15,8 @@ from . import generators
 from ._version import VERSION as __version__
 from .client import Client, connect
 from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError,
-                     InvalidError, NotAllowedError, ProtocolError, UsageError)
+                     InvalidError, NotAllowedError, ProtocolError, RayWarning, SceneWarning,
+                     UsageError)
 from .job import Job
 from .scene import Scene
 
@@ -23,5 +24,5 @@ if sys.byteorder != "little":
     raise ImportError("raynest: columns travel as they lie in memory: little endian machines only")
 
 __all__ = ["BusyError", "CancelledError", "Client", "ConnectError", "DeadlineError", "Error",
-           "FailedError", "InvalidError", "Job", "NotAllowedError", "ProtocolError", "Scene",
-           "UsageError", "connect", "generators", "__version__"]
+           "FailedError", "InvalidError", "Job", "NotAllowedError", "ProtocolError", "RayWarning",
+           "Scene", "SceneWarning", "UsageError", "connect", "generators", "__version__"]

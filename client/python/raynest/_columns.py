@@ -33,6 +33,9 @@ REDUCED: dict[str, dict[str, tuple[np.dtype[Any], int]]] = {
     "hit_fraction": {"hit_fraction": (_F32, 1)},
     "visible_pixels": {"path": (_U64, 1), "pixels": (_U32, 1)}}
 
+# Points: float32 less the scene's origin on their way, float64 in the world here.
+POINTS = ("position", "origin")
+
 _KNOWN = {**OF_HITS, **OF_RAYS, **REDUCED["hit_fraction"], **REDUCED["visible_pixels"]}
 
 
@@ -58,6 +61,16 @@ class Chunk:
             rows = self.count + 1 if block.name == "ray_splits" else self.count
             if block.count != (self.hits if self.csr and block.name in OF_HITS else rows):
                 raise ProtocolError(f"the daemon sent a column '{block.name}' of a wrong length")
+
+    def to_world(self, origin: Array) -> None:
+        """Once it has arrived. The position of a miss stays 0."""
+        for name in POINTS:
+            if name not in self.columns:
+                continue
+            points = self.columns[name].astype(np.float64)
+            hit = self.columns.get("hit") if name == "position" and not self.csr else None
+            points[slice(None) if hit is None else hit != 0] += origin
+            self.columns[name] = points
 
     def check_splits(self) -> None:
         """Of CSR, once it has arrived: do the splits rise from 0 to the number of hits?"""
@@ -93,7 +106,8 @@ class Answered:
 
 class Whole:
     """Columns of all rows of an answer: allocated once, filled in place. Where their length is
-    known only at the end, as that of CSR hits, they stay in their chunks until then."""
+    known only at the end, as that of CSR hits, they stay in their chunks until then; and so do
+    points, which arrive in another type."""
 
     def __init__(self, rows: Optional[int]) -> None:
         self._rows = rows
@@ -102,7 +116,7 @@ class Whole:
 
     def place(self, chunk: Chunk) -> list[Array]:
         self._chunks.append(chunk)
-        return [block.array() if self._rows is None or (
+        return [block.array() if self._rows is None or block.name in POINTS or (
                     chunk.csr and (block.name in OF_HITS or block.name == "ray_splits"))
                 else self._column(block, self._rows)[chunk.first:chunk.first + chunk.count]
                 for block in chunk.blocks]

@@ -108,18 +108,21 @@ def triangles(vertices: Any, faces: Any) -> tuple[Array, Array]:
     return points, corners
 
 
-def mesh_glb(vertices: Any, faces: Any, origin: Any = None) -> bytes:
+def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3)) -> bytes:
     """One mesh as a .glb: vertices (N, 3), faces (M, 3) of indices. `origin` is subtracted before
-    the vertices become float32. Triangle i of the scene is row i of `faces`."""
+    the vertices become float32, and is the place of their node: in the file, too, they are where
+    they were. Triangle i of the scene is row i of `faces`."""
     points, corners = triangles(vertices, faces)
+    moves = bool(origin.any())
     with np.errstate(over="ignore"):
-        positions = (points if origin is None else points - origin).astype("<f4")
+        positions = (points - origin if moves else points).astype("<f4")
     indices = corners.astype("<u4")
     if not np.isfinite(positions).all():
         raise UsageError("vertices must be finite in float32")
     document = {
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "name": "mesh"}],
+        "nodes": [{"mesh": 0, "name": "mesh",
+                   **({"translation": origin.tolist()} if moves else {})}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
         "accessors": [
             {"bufferView": 0, "componentType": _FLOAT, "type": "VEC3", "count": len(positions),

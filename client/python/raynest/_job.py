@@ -6,7 +6,8 @@ from typing import Any, Callable, Mapping, Optional, TypedDict
 
 from ._arguments import milliseconds
 from ._control import Message
-from .errors import UsageError
+from ._frame import Array
+from .errors import RayWarning, UsageError, warn
 
 # Called with how much is done, of how much, and a word for the stage.
 Progress = Optional[Callable[[int, int, str], object]]
@@ -36,6 +37,29 @@ class Outcome(dict[str, Any]):
             notes = [*self.get("notes", []), *message.get("notes", [])]
             self.update({key: value for key, value in message.items() if value not in ("", None)})
             self["notes"] = notes
+        if name == "Started":
+            self["origin"] = origin_of(self)
+        if name == "Done" and not self["invalid"]:
+            del self["first_invalid"]
+
+    def warn_of_rays(self) -> None:
+        if self.get("invalid"):
+            warn(f"{self['invalid']} of {self['rays']} rays are not valid and count as misses, the "
+                 f"first is ray {self['first_invalid']}: something in it is not finite, its "
+                 "direction is zero, or tmin is negative or beyond tmax", RayWarning)
+
+
+class SceneMoved(Exception):
+    """The name that was asked for now is a scene with another origin."""
+
+    def __init__(self, origin: Array) -> None:
+        super().__init__("the scene was replaced by one with another origin")
+        self.origin = origin
+
+
+def origin_of(message: dict[str, Any]) -> list[float]:
+    """Of a scene, in place of its three fields."""
+    return [message.pop(f"origin_{axis}") for axis in "xyz"]
 
 
 def job_message(scene: str, options: JobOptions) -> Message:

@@ -11,7 +11,7 @@ from ._arguments import float32, numbers, real, whole
 from ._connection import Connection
 from ._control import Message
 from ._frame import DTYPES, Array, Block
-from ._job import Outcome, Progress
+from ._job import Outcome, Progress, SceneMoved
 from .errors import ProtocolError, UsageError
 
 # What an encoded pixel takes at most: an EXR of four floats; legend and header come on top.
@@ -42,10 +42,13 @@ def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]], fo
 
 class Picture:
     """A "render" or "heatmap", whose pieces come in order. `shape` is its width, height and encode;
-    when a job is fetched, the first piece says them."""
+    when a job is fetched, the first piece says them. SceneMoved ends it if the scene's origin is not
+    `origin`, where that was subtracted from the camera's place."""
 
-    def __init__(self, kind: str, shape: Optional[Message] = None) -> None:
+    def __init__(self, kind: str, shape: Optional[Message] = None,
+                 origin: Optional[Array] = None) -> None:
         self.outcome = Outcome()
+        self._origin = origin
         self._kind = kind
         self._shape = shape
         self._payload: Optional[Array] = None
@@ -59,6 +62,9 @@ class Picture:
         with connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:
                 self.outcome.take(kind, news)
+                if kind == "Started" and self._origin is not None \
+                        and self.outcome["origin"] != self._origin.tolist():
+                    raise SceneMoved(np.array(self.outcome["origin"]))
                 if kind == "Progress" and progress:
                     progress(news["done"], news["total"], news["stage"])
         if self._shape is None or self._payload is None or self._received != len(self._payload):

@@ -4,12 +4,14 @@ from __future__ import annotations
 import contextlib
 from typing import Callable, Generator, Optional, Sequence
 
+import numpy as np
+
 from . import _limits
 from ._columns import CSR, REDUCED, Answered, Chunk
 from ._connection import Connection
 from ._control import Message
 from ._frame import Array, Block, padding
-from ._job import Outcome
+from ._job import Outcome, SceneMoved
 from ._rays import Source
 from .errors import ProtocolError
 
@@ -28,6 +30,10 @@ class Answer:
     def __init__(self, connection: Connection, request: str, message: Message,
                  seconds: float = 0.0) -> None:
         self.outcome = Outcome()
+        self.origin: Optional[Array] = None
+        """What was subtracted from the rays, where that is known."""
+        self.hidden: tuple[str, ...] = ()
+        """Columns that nobody asked for."""
         self._connection = connection
         self._seconds = seconds
         self._request, self._message = request, message
@@ -54,13 +60,22 @@ class Answer:
         with contextlib.closing(frames):
             for name, message in frames:
                 self.outcome.take(name, message)
+                if name == "Started":
+                    self._check_origin(np.array(self.outcome["origin"]))
                 if name == "Chunk":
                     chunk = arrived.pop()
                     if chunk.csr:
                         chunk.check_splits()
+                    chunk.to_world(np.zeros(3) if self.origin is None else self.origin)
+                    for column in self.hidden:
+                        del chunk.columns[column]
                     yield chunk
         if self.answered != (self.outcome.get("rows") if self.rows is None else self.rows):
             raise ProtocolError("the daemon ended a query before its last answer")
+
+    def _check_origin(self, origin: Array) -> None:
+        """That of the scene that is being asked."""
+        self.origin = origin
 
     def feed(self) -> None:
         """Sends what the daemon still lacks, as far as credit allows."""
@@ -82,12 +97,20 @@ class Answer:
 
 
 class Query(Answer):
-    """`message` as in the schema, but for its rays."""
+    """`message` as in the schema, but for its rays, from which `origin` was subtracted. Where
+    `expects_origin`, SceneMoved ends it if the scene has another one."""
 
-    def __init__(self, connection: Connection, message: Message, source: Source) -> None:
+    def __init__(self, connection: Connection, message: Message, source: Source, origin: Array,
+                 expects_origin: bool) -> None:
+        # The position of a miss is 0 on its way, and stays 0.
+        hidden: tuple[str, ...] = ()
+        if origin.any() and message["kind"] in ("closest", "null") and \
+                "position" in message["fields"] and "hit" not in message["fields"]:
+            message["fields"], hidden = [*message["fields"], "hit"], ("hit",)
         super().__init__(connection, "Query", {
             **message, "ray_count": source.sent.count, "generator": source.generator},
             message["job"]["deadline_ms"] / 1000)
+        self.origin, self.hidden, self._expects_origin = origin, hidden, expects_origin
         reduce = message["reduce"]
         self.fields = message["fields"] or tuple(REDUCED.get(reduce, ()))
         self.csr = message["kind"] in CSR
@@ -95,6 +118,10 @@ class Query(Answer):
         self._sent = 0
         if reduce != "visible_pixels":
             self.rows = source.sent.count if reduce == "hit_fraction" else source.count
+
+    def _check_origin(self, origin: Array) -> None:
+        if self._expects_origin and (origin != self.origin).any():
+            raise SceneMoved(origin)
 
     def rows_max(self) -> int:
         most = self._source.count if self.rows is None else self.rows

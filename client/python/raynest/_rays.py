@@ -25,7 +25,9 @@ class Rays:
 
     def __init__(self, rays: Any, directions: Any = None, origin: Any = None, *, tmin: float = 0.0,
                  tmax: float = math.inf) -> None:
-        self._shift = None if origin is None else vector("origin", origin)
+        # Nothing to subtract: float32 is sent as it lies.
+        shift = np.zeros(3) if origin is None else vector("origin", origin)
+        self._shift = shift if shift.any() else None
         self._origins: Optional[Array]          # of each ray, unless they have one
         self._rows: Optional[Array] = None      # where they came as one array
         self.common: Message = {"tmin": tmin, "tmax": 0.0 if math.isinf(tmax) else tmax}
@@ -88,10 +90,21 @@ def vector(what: str, value: Any) -> Array:
     return out
 
 
-def segments(a: Any, b: Any, margin: float, origin: Any = None) -> Rays:
-    """Rays from a to b in units of their distance, without `margin` at both ends."""
+# The share of a line of sight that is left out at both ends, unless the user says more.
+SEGMENT_MARGIN = 1e-4
+
+
+def segments(a: Any, b: Any, margin: Optional[float], margin_distance: Optional[float],
+             origin: Any) -> Rays:
+    """Rays from a to b in units of their distance, without a share `margin` at both ends or without
+    `margin_distance`."""
+    if margin is not None and margin_distance is not None:
+        raise UsageError("margin is a share and margin_distance a distance: pass one of them")
+    margin = SEGMENT_MARGIN if margin is None else margin
     if not 0 <= real("margin", margin) < 0.5:
         raise UsageError(f"margin of {margin!r}: it must be a share from 0 to less than 0.5")
+    if margin_distance is not None and not 0 <= real("margin_distance", margin_distance) < math.inf:
+        raise UsageError(f"margin_distance of {margin_distance!r}: it must be a distance, 0 or more")
     start, end = pair(a, b)
     if not (np.isfinite(start).all() and np.isfinite(end).all()):
         raise UsageError("a point is not finite: no line of sight begins or ends there")
@@ -100,7 +113,13 @@ def segments(a: Any, b: Any, margin: float, origin: Any = None) -> Rays:
         ways = np.subtract(end, start, dtype=np.result_type(start, end, np.float32))
     if max(farthest(start), farthest(ways)) > np.finfo(np.float32).max:
         raise UsageError("points are too far away for float32: it ends at 3e38")
-    return Rays(a if np.shape(a) == (3,) else start, ways, origin, tmin=margin, tmax=1 - margin)
+    if margin_distance is None:
+        return Rays(a if np.shape(a) == (3,) else start, ways, origin, tmin=margin, tmax=1 - margin)
+    lengths = np.linalg.norm(ways.astype(np.float64), axis=1)
+    # Of a segment that is shorter than both ends an interval without a hit is left.
+    ends = np.minimum(0.5, np.divide(margin_distance, lengths, out=np.full(len(ways), 0.5),
+                                     where=lengths > 0))
+    return Rays(np.column_stack([start, ends, ways, 1 - ends]), origin=origin)
 
 
 def farthest(points: Array) -> float:

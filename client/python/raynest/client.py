@@ -7,6 +7,8 @@ import time
 from types import TracebackType
 from typing import Any, Iterator, Optional, Union
 
+import numpy as np
+
 from . import _limits
 from ._arguments import milliseconds, none_is_default
 from ._connection import Connection
@@ -16,11 +18,12 @@ from ._gltf import mesh_glb
 from ._handles import Handles
 from ._hash import content_hash
 from ._job import Outcome, Progress
+from ._precision import rounding_warning
 from ._rays import vector
 from ._upload import File, Sender, Upload, gather
-from .errors import InvalidError, UsageError
+from .errors import InvalidError, ProtocolError, SceneWarning, UsageError, warn
 from .job import Job, job_infos
-from .scene import Scene
+from .scene import Scene, scene_info
 
 
 @none_is_default
@@ -70,7 +73,7 @@ class Client:
 
     @none_is_default
     def load(self, source: Union[str, os.PathLike[str]], name: Optional[str] = None, *,
-             replace: bool = False, build: str = "medium", primitive: str = "",
+             origin: Any = None, replace: bool = False, build: str = "medium", primitive: str = "",
              instances: Union[str, os.PathLike[str]] = "", progress: Progress = None) -> Scene:
         """Uploads a .glb or .gltf with the files that it names, or a .npy of `primitive` records;
         or loads "builtin:forest?trees=9" or "root:PATH", which the daemon has. Out of a pipe, or of
@@ -79,14 +82,19 @@ class Client:
         The scene is called `name`, by default the file's stem. A name that is taken by other
         content is an error unless `replace`, which begins a new epoch. `build` is "fast", "medium"
         or "high": how much time the trees may take for how well they trace.
+
+        Far from zero float32 has few digits for what is small: `origin`, three float64 near the
+        scene, is subtracted before they are lost. It stays with the scene, and rays, cameras and
+        positions are in the world for every client. A SceneWarning says where it would help.
         """
         upload = gather(path_text("source", source), primitive, path_text("instances", instances))
         if name is not None:
             upload = upload._replace(scene_name=name)
         elif upload.files and not upload.scene_name:
             raise UsageError(f"a scene of {source} has no name of its own: pass name=")
-        message = {**upload.message(), "replace": replace, "build": build, "primitive": primitive}
-        return self._load(upload, message, progress)
+        message = {**upload.message(), **_origin_message(origin), "replace": replace,
+                   "build": build, "primitive": primitive}
+        return self._load(upload, message, progress)[0]
 
     @none_is_default
     def mesh(self, vertices: Any, faces: Any, name: Optional[str] = None, *, origin: Any = None,
@@ -94,48 +102,54 @@ class Client:
              progress: Progress = None) -> Scene:
         """A scene of triangles: vertices (N, 3), faces (M, 3); the column prim is a row of faces.
 
-        float64 vertices become float32 after `origin` was subtracted; rays of this scene are
-        shifted alike, and of all columns only position tells. Without a name it is called after its
-        content and `build`: the same mesh is built only once. Such a scene belongs to this
-        connection: it goes with the last Scene object of it (`with c.mesh(...) as s:`), at the
-        latest with the connection. A name or `keep` keeps it in the daemon.
+        float64 vertices become float32 after `origin` was subtracted, as in load(); a SceneWarning
+        says when they lose digits that count. Without a name it is called after its content and
+        `build`: the same mesh is built only once. Such a scene belongs to this connection: it goes
+        with the last Scene object of it (`with c.mesh(...) as s:`), at the latest with the
+        connection. A name or `keep` keeps it in the daemon.
         """
-        shift = None if origin is None else vector("origin", origin)
+        shift = np.zeros(3) if origin is None else vector("origin", origin)
         data = mesh_glb(vertices, faces, shift)
         built = "" if build == "medium" else f"-{build}"
         upload = Upload("mesh.glb", name or f"mesh-{content_hash(data):016x}{built}",
                         (File("mesh.glb", data),))
-        message = {**upload.message(), "replace": replace, "build": build,
+        message = {**upload.message(), **_origin_message(shift), "replace": replace, "build": build,
                    "temporary": not name and not keep}
-        scene = self._load(upload, message, progress)
-        scene.origin = shift
+        scene, info = self._load(upload, message, progress)
+        lost = rounding_warning(vertices, faces, shift, info["degenerate_triangles"])
+        if lost:
+            warn(lost, SceneWarning)
         return scene
 
-    def _load(self, upload: Upload, message: Message, progress: Progress) -> Scene:
+    def _load(self, upload: Upload, message: Message,
+              progress: Progress) -> tuple[Scene, dict[str, Any]]:
         self.drop_unused()
         sender = Sender(self.connection, upload)
         frames = self.connection.exchange("Load", message, feed=sender.feed)
-        name = upload.scene_name
+        loaded: Message = {}
         with self.connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:
                 if kind == "Need":
                     sender.need(news["files"])
                 elif kind == "Loaded":
-                    name = news["info"]["name"] if news["info"] else name
+                    loaded = news
                 elif progress and kind == "Progress":
                     progress(news["done"], news["total"], news["stage"])
                 if progress and kind in ("Need", "Credit"):
                     progress(sender.sent, sender.total, "uploading")
-        self.handles.loaded(name, bool(message.get("temporary")))
-        return Scene(self, name)
+        if not loaded.get("info"):
+            raise ProtocolError("the daemon ended a load without its scene")
+        info = scene_info(loaded["info"])
+        for text in info["warnings"]:
+            warn(text, SceneWarning)
+        self.handles.loaded(info["name"], bool(message.get("temporary")))
+        return Scene(self, info["name"], info["origin"]), info
 
     def scene(self, name: str) -> Scene:
         """A scene that is loaded; InvalidError where it is not. This connection holds it from then
-        on: it works until the connection ends, also when others unload it. Of a mesh that was
-        loaded with an `origin`, which the daemon does not know: set that of the scene, or pass it
-        with rays."""
-        info = self.connection.ask("Info", {"scene": name, "hold": True}, "SceneInfo")
-        return Scene(self, info["name"])
+        on: it works until the connection ends, also when others unload it."""
+        info = scene_info(self.connection.ask("Info", {"scene": name, "hold": True}, "SceneInfo"))
+        return Scene(self, info["name"], info["origin"])
 
     def scenes(self) -> list[dict[str, Any]]:
         """What is loaded: name, hash, epoch, instanced_triangles, bytes, owner, age_seconds,
@@ -210,3 +224,8 @@ class Client:
             first += len(page[entries])
             if first >= page["total"] or not page[entries]:
                 return
+
+
+def _origin_message(origin: Any) -> Message:
+    shift = (0.0, 0.0, 0.0) if origin is None else vector("origin", origin).tolist()
+    return dict(zip(("origin_x", "origin_y", "origin_z"), shift))

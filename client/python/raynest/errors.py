@@ -12,9 +12,16 @@
     └── CancelledError       130  the request was cancelled
 
 `name` tells apart what shares a class: InvalidError is SCENE_UNKNOWN, JOB_UNKNOWN, ...
+Warning (a UserWarning)
+    ├── SceneWarning         what load() and mesh() could not take as it was
+    └── RayWarning           rays of a query were not valid
+
 Ctrl-C raises KeyboardInterrupt as everywhere in Python, after the request was cancelled.
 """
 from __future__ import annotations
+
+import sys
+import warnings
 
 
 class Error(Exception):
@@ -64,6 +71,28 @@ class DeadlineError(Error, TimeoutError):
 
 class CancelledError(Error):
     exit_code = 130
+
+
+class Warning(UserWarning):
+    """Anything that went well but for what its text says."""
+
+
+class SceneWarning(Warning):
+    pass
+
+
+class RayWarning(Warning):
+    pass
+
+
+def warn(text: str, category: type[Warning]) -> None:
+    """Warns of the line that called this package."""
+    package = __name__.partition(".")[0]
+    level = 1
+    frame = sys._getframe()
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, category, level)
 
 
 INTERNAL: tuple[str, type[Error]] = ("INTERNAL", FailedError)

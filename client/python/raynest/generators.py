@@ -6,8 +6,10 @@
     hits = scene.trace(sweep, fields=("t", "direction"))
 
 Images go row by row from the top, pixel (x, y) has its centre at (x + 0.5, y + 0.5). A sensor looks
-along -Z, +X to the right, +Y up; a lidar's x is ahead, y left, z up. Angles are degrees. The
-formulas are in PROTOCOL.md, 6; the columns `origin` and `direction` tell what they gave.
+along -Z, +X to the right, +Y up; a lidar's x is ahead, y left, z up. A pose takes that frame to the
+world, and without a pose, camera or look_at it is the identity. A camera or look_at makes a lidar
+look where a camera would, upright. Angles are degrees. The formulas are in PROTOCOL.md, 6; the
+columns `origin` and `direction` tell what they gave.
 """
 from __future__ import annotations
 
@@ -32,7 +34,7 @@ class Mount(TypedDict, total=False):
 
     pose: Any                   # sensor to world, (3, 4) or (4, 4); without it as
     camera: Union[str, int, None]       # this camera of the scene, by name or index, or as
-    look_at: Optional[Sequence[Any]]    # (eye, at) or (eye, at, up); else at the origin, along -Z
+    look_at: Optional[Sequence[Any]]    # (eye, at) or (eye, at, up); else the pose is the identity
     tmin: Optional[float]
     tmax: Optional[float]       # in units of t
 
@@ -58,10 +60,13 @@ class Generator:
             return Source(Rays(self._points, origin=origin), self.count, self._message)
         shift = np.zeros(3) if origin is None else vector("origin", origin)
         message = dict(self._message)
-        if self._pose is not None:
-            message["pose"] = _floats("pose", self._pose - np.pad(shift[:, None], ((0, 0), (3, 0))))
         look_at, camera = self._mount.get("look_at"), self._mount.get("camera")
         camera = "" if camera is None else camera
+        pose = self._pose
+        if pose is None and message["kind"] != "camera" and camera == "" and look_at is None:
+            pose = np.eye(3, 4)
+        if pose is not None:
+            message["pose"] = _floats("pose", pose - np.pad(shift[:, None], ((0, 0), (3, 0))))
         if camera != "" or look_at is not None or self._fov:
             message["camera"] = camera_message(camera, look_at, self._fov, shift)
         return Source(Rays(np.empty((0, 8), np.float32)), self.count, message)

@@ -69,6 +69,7 @@ class Job:
                 if progress:
                     progress(answer.answered, max(info["total"], answer.answered), "fetching")
         client.outcome = answer.outcome
+        answer.outcome.warn_of_rays()
         return rows.columns()
 
     def cancel(self) -> None:

@@ -5,34 +5,34 @@ import contextlib
 import dataclasses
 import reprlib
 from types import TracebackType
-from typing import (Any, Generator, Iterable, Iterator, Literal, Mapping, Optional, Sequence, Union,
-                    overload)
+from typing import (Any, Callable, Generator, Iterable, Iterator, Literal, Mapping, Optional,
+                    Sequence, Union, overload)
 
 import numpy as np
 
 from . import _limits
 from . import client as clients  # which imports this module: its names are there later
 from ._arguments import Unpack, none_is_default, whole, whole_numbers
-from ._columns import MISS, Columns, Whole, anywhere
+from ._columns import MISS, Chunk, Columns, Whole, anywhere
 from ._control import Message
 from ._frame import Array
-from ._job import JobOptions, Progress, job_message
+from ._job import JobOptions, Progress, SceneMoved, job_message, origin_of
 from ._picture import Picture, camera_message, size_message
 from ._query import Query
-from ._rays import Rays, Source, segments
-from .errors import UsageError
+from ._rays import Rays, Source, segments, vector
+from .errors import InvalidError, UsageError
 from .generators import Generator as RayGenerator
 from .job import Job
 
 
 class Scene:
-    """Made by Client.load(), mesh() and scene(). `origin`, of a mesh whose vertices were shifted by
-    it, is what rays are shifted by as well."""
+    """Made by Client.load(), mesh() and scene(). Rays, cameras and positions are in the world: the
+    scene's origin is subtracted on the way there, and added on the way back, in float64."""
 
-    def __init__(self, client: clients.Client, name: str, origin: Optional[Array] = None) -> None:
+    def __init__(self, client: clients.Client, name: str, origin: Sequence[float]) -> None:
         self.name = name
-        self.origin = origin
         self._client = client
+        self._origin = np.array(origin)
         self._open = True
         client.handles.enter(name)
 
@@ -58,6 +58,11 @@ class Scene:
     def __repr__(self) -> str:
         return f"<raynest.Scene {self.name!r} at {self._client.uri}>"
 
+    @property
+    def origin(self) -> Array:
+        """Three float64: what was subtracted from the scene's coordinates when it was loaded."""
+        return self._origin.copy()
+
     # ---- rays -----------------------------------------------------------------------------------
 
     @overload
@@ -82,8 +87,9 @@ class Scene:
         origins (N, 3) and `directions` is (N, 3); either may be a single (3,). One ray may also be
         (6,) or (8,), [] is none, and masked rows are invalid rays. Directions need no
         unit length: t is in units of it. float32 of the first two forms is sent as it lies, and so
-        are directions with one origin, which travels once; all else is converted on the way, after
-        `origin` (three float64) was subtracted from the origins.
+        are directions with one origin, which travels once; all else is converted on the way. Of a
+        scene with an origin that is subtracted first, in float64. `origin` takes its place for this
+        call: with (0, 0, 0) rays and answers are relative to the scene's.
         Or it is made by raynest.generators: then the daemon makes the rays, and none travel.
 
         kind "closest", the default, gives the first hit, "any" only whether there is one (column
@@ -98,13 +104,24 @@ class Scene:
         each point's rays that hit, 0 of a point or normal that is no valid one. "visible_pixels"
         gives the columns path, ascending, and pixels: how many rays meet that path first.
         """
-        source = self._source(rays, directions, origin)
+        if detach:
+            self._look_up(job)
+        answer = self._at(origin, lambda shift, expected: self._trace(
+            self._source(rays, directions, shift), shift, expected, kind, fields, max_hits, job,
+            reduce, progress, detach))
+        if not detach:
+            self._client.outcome.warn_of_rays()
+        return answer
+
+    def _trace(self, source: Source, origin: Array, expected: bool, kind: Optional[str],
+               fields: Union[str, Sequence[str], None], max_hits: Optional[int], job: JobOptions,
+               reduce: str, progress: Progress, detach: bool) -> Union[Columns, Job]:
         # A query has at least one ray: for none at all an invalid one is asked about, so that
         # errors and dtypes are those of any other query.
         asked = source if source.count else dataclasses.replace(
             source, sent=Rays(np.zeros((1, 8), np.float32)), count=1,
             generator=source.generator and {**source.generator, "samples": 1})
-        query = self._query(asked, kind, fields, max_hits, job, reduce)
+        query = self._query(asked, origin, expected, kind, fields, max_hits, job, reduce)
         if detach:
             if source.count == 0:
                 raise UsageError("a detached job needs rays: pass some, or leave detach away")
@@ -118,7 +135,8 @@ class Scene:
         self._client.outcome = query.outcome
         columns = answer.columns()
         if source.count == 0:
-            query.outcome.update(rays=0, misses=0)
+            query.outcome.pop("first_invalid", None)
+            query.outcome.update(rays=0, misses=0, invalid=0)
             columns = {name: column[:int(name == "ray_splits")] for name, column in columns.items()}
         return columns
 
@@ -136,29 +154,70 @@ class Scene:
         """
         first = 0
         for block in rays if isinstance(rays, Iterator) else (rays,):
-            source = self._source(block, directions, origin)
+            count = 0
+            for chunk in self._stream(block, directions, origin, kind, fields, max_hits, job):
+                count += chunk.count
+                yield first + chunk.first, chunk.columns
+            if count:
+                job["epoch"] = self._client.outcome.get("epoch")
+            first += count
+
+    def _stream(self, rays: Any, directions: Any, origin: Any, kind: Optional[str],
+                fields: Union[str, Sequence[str], None], max_hits: Optional[int],
+                job: JobOptions) -> Iterator[Chunk]:
+        try:
+            shift = self._shift(origin)
+            source = self._source(rays, directions, shift)
             if source.count == 0:
-                continue
-            query = self._query(source, kind, fields, max_hits, job)
+                return
+            query = self._query(source, shift, origin is None, kind, fields, max_hits, job)
             with contextlib.closing(query.chunks(anywhere)) as chunks:
-                for chunk in chunks:
-                    yield first + chunk.first, chunk.columns
+                yield from chunks
+        except SceneMoved as moved:  # before the first chunk
+            self._origin = moved.origin
+            yield from self._stream(rays, directions, origin, kind, fields, max_hits, job)
+        else:
             self._client.outcome = query.outcome
-            job["epoch"] = query.outcome.get("epoch")
-            first += source.count
+            query.outcome.warn_of_rays()
 
     @none_is_default
-    def occluded(self, a: Any, b: Any, *, margin: float = 1e-4, origin: Any = None,
+    def occluded(self, a: Any, b: Any, *, margin: Optional[float] = None,
+                 margin_distance: Optional[float] = None, origin: Any = None,
                  progress: Progress = None, **job: Unpack[JobOptions]) -> Array:
         """Is there anything between points a and b? (N,) bool; a and b are (N, 3), or one is (3,).
-        `margin` is the share of each segment that is left out at both ends, so that points on a
-        surface do not hide themselves."""
-        rays = segments(a, b, margin, self.origin if origin is None else origin)
-        hit = self.trace(rays, kind="any", fields=("hit",), progress=progress, **job)
-        return np.asarray(hit["hit"] != 0)
+        Both ends of each segment are left out, so that points on a surface do not hide themselves:
+        a share `margin` of it (1e-4), or `margin_distance` in the scene's units, metres in glTF.
+        Nothing is in the way on a segment that is no longer than both its ends."""
+        def ask(shift: Array, expected: bool) -> Any:
+            source = self._source(segments(a, b, margin, margin_distance, shift), None, shift)
+            return self._trace(source, shift, expected, "any", ("hit",), None, job, "", progress,
+                               False)
+        return np.asarray(self._at(origin, ask)["hit"] != 0)
 
-    def _source(self, rays: Any, directions: Any, origin: Any) -> Source:
-        origin = self.origin if origin is None else origin
+    def _shift(self, origin: Any) -> Array:
+        return self._origin if origin is None else vector("origin", origin)
+
+    def _at(self, origin: Any, ask: Callable[[Array, bool], Any]) -> Any:
+        """What ask(shift, expected) gives, with the scene's origin unless `origin` says another; and
+        again where the scene turns out to be another one by now, which lies elsewhere."""
+        try:
+            return ask(self._shift(origin), origin is None)
+        except SceneMoved as moved:
+            self._origin = moved.origin
+        try:
+            return ask(self._origin, True)
+        except SceneMoved:
+            raise InvalidError(f"the scene '{self.name}' is being replaced by others with other "
+                               "origins; ask again", "SCENE_UNKNOWN") from None
+
+    def _look_up(self, job: JobOptions) -> None:
+        """For a job that answers nothing now: holds it to the epoch whose origin is known."""
+        info = self.info
+        self._origin = np.array(info["origin"])
+        if not job.get("epoch"):
+            job["epoch"] = info["epoch"]
+
+    def _source(self, rays: Any, directions: Any, origin: Array) -> Source:
         if isinstance(rays, RayGenerator):
             if directions is not None:
                 raise UsageError("a generator makes its own directions; pass no others")
@@ -166,8 +225,9 @@ class Scene:
         sent = rays if isinstance(rays, Rays) else Rays(rays, directions, origin)
         return Source(sent, sent.count)
 
-    def _query(self, source: Source, kind: Optional[str], fields: Union[str, Sequence[str], None],
-               max_hits: Optional[int], job: JobOptions, reduce: str = "") -> Query:
+    def _query(self, source: Source, origin: Array, expected: bool, kind: Optional[str],
+               fields: Union[str, Sequence[str], None], max_hits: Optional[int], job: JobOptions,
+               reduce: str = "") -> Query:
         if kind is None:
             kind = "any" if reduce == "hit_fraction" else "closest"
         if isinstance(fields, str):
@@ -183,7 +243,7 @@ class Scene:
         return Query(self._client.connection, {
             "job": job_message(self.name, job), "kind": kind, "fields": list(fields),
             "max_hits": 0 if max_hits is None else whole("max_hits", max_hits, _limits.all_hits_max),
-            "reduce": reduce}, source)
+            "reduce": reduce}, source, origin, expected)
 
     # ---- pictures -------------------------------------------------------------------------------
 
@@ -217,17 +277,23 @@ class Scene:
     def _picture(self, name: str, camera: Union[str, int], look_at: Optional[Sequence[Any]],
                  fov: float, size: tuple[int, int], progress: Progress, detach: bool,
                  job: JobOptions, fields: Message) -> Any:
+        if detach:
+            self._look_up(job)
         options = job_message(self.name, job)
         shape = {**size_message(size), "encode": fields["encode"]}
-        message = {"job": {**options, "detach": detach}, **shape,
-                   "camera": camera_message(camera, look_at, fov, self.origin), **fields}
         connection = self._client.connection
-        if detach:
-            return Job(self._client, connection.ask(name, message, "Detached")["job"])
-        picture = Picture(name.lower(), shape)
-        pixels = picture.receive(connection, name, message, progress, options["deadline_ms"] / 1000)
-        self._client.outcome = picture.outcome
-        return pixels
+
+        def ask(origin: Array, _expected: bool) -> Any:
+            message = {"job": {**options, "detach": detach}, **shape,
+                       "camera": camera_message(camera, look_at, fov, origin), **fields}
+            if detach:
+                return Job(self._client, connection.ask(name, message, "Detached")["job"])
+            picture = Picture(name.lower(), shape, None if look_at is None else origin)
+            pixels = picture.receive(connection, name, message, progress,
+                                     options["deadline_ms"] / 1000)
+            self._client.outcome = picture.outcome
+            return pixels
+        return self._at(None, ask)
 
     # ---- what it is -----------------------------------------------------------------------------
 
@@ -291,7 +357,10 @@ class Scene:
 
 
 def scene_info(message: Mapping[str, Any]) -> dict[str, Any]:
-    """A SceneInfo with its lists of reasons and counts as one dict."""
+    """A SceneInfo with its lists of reasons and counts as one dict, and its box in the world."""
     info = dict(message)
+    info["origin"] = origin = origin_of(info)
+    for corner in ("box_min", "box_max"):
+        info[corner] = [x + shift for x, shift in zip(info[corner] or (), origin)]
     info["skipped"] = dict(zip(info.pop("skipped_reasons"), info.pop("skipped_counts")))
     return info

@@ -67,11 +67,11 @@ TEST_CASE("a lidar's channels are a list or an evenly divided range") {
 TEST_CASE("a sensor stands where a camera, a look-at or a pose says") {
     CHECK(parsed({"camera"}).message.camera == nullptr);
     CHECK(parsed({"camera", "camera=side", "fov=20"}).message.camera->name == "side");
-    const auto look_at = parsed({"equirectangular", "lookat=1,2,3,4,5,6"}).message;
+    const auto look_at = parsed({"equirectangular", "lookat=1,2,3,4,5,6"}).at({});
     CHECK(look_at.camera->look_at);
     CHECK(look_at.camera->at->z() == 6);
     CHECK(look_at.camera->up->y() == 1);
-    CHECK(parsed({"lidar", "pose=1,0,0,0,0,1,0,0,0,0,1,9"}).message.pose.back() == 9);
+    CHECK(parsed({"lidar", "pose=1,0,0,0,0,1,0,0,0,0,1,9"}).at({}).pose.back() == 9);
 }
 
 TEST_CASE("a hemisphere has points, samples and a seed; nothing else has points") {

@@ -103,6 +103,34 @@ TEST_CASE("an archive ends with a directory of its members") {
     CHECK(text.find("PK\x06\x06") != std::string::npos);
 }
 
+TEST_CASE("the scene's origin is subtracted from where rays start, before digits are lost") {
+    const test::TemporaryFolder folder;
+    const client::WorldPoint origin = {500'000, 4'500'000, 100};
+    std::vector<float> out(6);
+    const std::vector<double> exact = {500'000.015625, 4'500'000.015625, 101, 0, 0, -1};
+    write_rays(folder, {"<f8", {1, 6}, std::as_bytes(std::span(exact))});
+    auto rays = client::RaySource::open(folder.file("rays.npy"), std::nullopt, origin);
+    REQUIRE(rays);
+    rays->read(0, out);
+    CHECK(out == std::vector<float>{0.015625F, 0.015625F, 1, 0, 0, -1});
+
+    const std::vector<float> narrow = {500'000.5F, 4'500'000, 101, 0, 0, -1};
+    write_rays(folder, {"<f4", {1, 6}, std::as_bytes(std::span(narrow))});
+    rays = client::RaySource::open(folder.file("rays.npy"), std::nullopt, origin);
+    REQUIRE(rays);
+    CHECK(rays->bytes(0, 1).empty());
+    rays->read(0, out);
+    CHECK(out == std::vector<float>{0.5F, 0, 1, 0, 0, -1});
+
+    const std::vector<float> ways = {0, 0, -1};
+    write_rays(folder, {"<f4", {1, 3}, std::as_bytes(std::span(ways))});
+    rays = client::RaySource::open(folder.file("rays.npy"),
+                                   client::WorldPoint{500'001, 4'500'002, 103}, origin);
+    REQUIRE(rays);
+    CHECK(*rays->common_origin() == wire::Vec3(1, 2, 3));
+    CHECK(rays->bytes(0, 1).size() == 12);
+}
+
 TEST_CASE("rays are read from float32 and float64, six or eight to a row") {
     const test::TemporaryFolder folder;
     const std::vector<float> six = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12};
@@ -125,14 +153,15 @@ TEST_CASE("rays are read from float32 and float64, six or eight to a row") {
     CHECK(out == std::vector<float>{1, 2, 3, 0.5F, 5, 6, 7, 100});
     CHECK(rays->bytes(0, 1).empty());
 
-    const client::Point origin = {1, 2, 3};
-    CHECK(!client::RaySource::open(folder.file("rays.npy"), origin));
+    const client::WorldPoint from = {1, 2, 3};
+    CHECK(!client::RaySource::open(folder.file("rays.npy"), from));
     write_rays(folder, {"<f4", {4, 3}, std::as_bytes(std::span(six))});
-    rays = client::RaySource::open(folder.file("rays.npy"), origin);
+    rays = client::RaySource::open(folder.file("rays.npy"), from);
     REQUIRE(rays);
     CHECK(rays->count() == 4);
     CHECK(rays->width() == 3);
-    CHECK(rays->origin() == origin);
+    REQUIRE(rays->common_origin());
+    CHECK(*rays->common_origin() == wire::Vec3(1, 2, 3));
 
     for (const Array& bad :
          {Array{"<f4", {12}, std::as_bytes(std::span(six))},

@@ -71,7 +71,7 @@ TEST_CASE("the options of each command are understood") {
     REQUIRE(query.rays.size() == 2);
     CHECK(query.rays[0][3] == 0);
     CHECK(std::isinf(query.rays[0][7]));
-    CHECK(query.rays[1] == Ray{-1, -2, -3, 0.5F, 0, 1, 0, 9});
+    CHECK(query.rays[1] == WorldRay{-1, -2, -3, 0.5, 0, 1, 0, 9});
     CHECK(query.kind == "multi");
     CHECK(query.max_hits == 4);
     CHECK(query.fields == std::vector<std::string>{"t", "path"});
@@ -79,11 +79,11 @@ TEST_CASE("the options of each command are understood") {
     CHECK(query.job.mask == 0xFF);
     CHECK(query.job.deadline == 2.5);
     CHECK(query.output == "h.npz");
-    CHECK_FALSE(query.origin);
+    CHECK_FALSE(query.from);
     const auto fan =
-        command_of<QueryOptions>({"query", "forest", "--origin", "1,-2,3", "--rays", "d.npy"});
+        command_of<QueryOptions>({"query", "forest", "--from", "1,-2,3", "--rays", "d.npy"});
     CHECK(fan.rays_file == "d.npy");
-    CHECK(fan.origin == Point{1, -2, 3});
+    CHECK(fan.from == WorldPoint{1, -2, 3});
 
     const auto heatmap = command_of<HeatmapOptions>(
         {"heatmap", "f", "-o", "h.npy", "--lookat", "1,2,3,0,0,0", "--fov", "30", "--size",
@@ -97,6 +97,13 @@ TEST_CASE("the options of each command are understood") {
         {"load", "a.npy", "--primitive", "sphere", "--instances", "b.npy", "--replace"});
     CHECK(load.primitive == "sphere");
     CHECK(load.replace);
+    CHECK(load.origin == WorldPoint{});
+    const auto far =
+        command_of<LoadOptions>({"load", "a.glb", "--origin", "500000.015625,4500000,-1"});
+    CHECK(far.origin == WorldPoint{500'000.015625, 4'500'000, -1});
+    const auto moved = parse({"query", "f", "--rays", "a.npy", "--origin", "1,2,3"});
+    REQUIRE_FALSE(moved);
+    CHECK(moved.error().message.find("--from") != std::string::npos);
     CHECK(command_of<PathOptions>({"path", "f", "birch-17/leaves"}).path == "birch-17/leaves");
 }
 
@@ -120,8 +127,8 @@ TEST_CASE("mistakes are usage errors in one line") {
                                             "query f --ray 1,2,3,4,5,six",
                                             "query f --ray 1,2,3,4,5,6,",
                                             "query f --rays a --ray 1,2,3,4,5,6",
-                                            "query f --rays a --origin 1,2",
-                                            "query f --ray 1,2,3,4,5,6 --origin 1,2,3",
+                                            "query f --rays a --from 1,2",
+                                            "query f --ray 1,2,3,4,5,6 --from 1,2,3",
                                             "query f --ray 1,2,3,4,5,6 --max-hits 0",
                                             "query f --ray 1,2,3,4,5,6 --max-hits 4",
                                             "query f --ray 1,2,3,4,5,6 --kind any --max-hits 4",

@@ -19,10 +19,10 @@ using client::Ray;
 namespace {
 
 client::RaySource some_rays(std::size_t count) {
-    std::vector<Ray> rays(count);
+    std::vector<client::WorldRay> rays(count);
     for (std::size_t i = 0; i < count; ++i)
-        rays[i] = {static_cast<float>(i), 0, 0, 0, 0, 0, 1, 100};
-    return client::RaySource(std::move(rays));
+        rays[i] = {static_cast<double>(i), 0, 0, 0, 0, 0, 1, 100};
+    return client::RaySource(rays);
 }
 
 wire::QueryT query_of(const std::string& kind, std::uint64_t count) {

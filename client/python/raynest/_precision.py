@@ -1,0 +1,41 @@
+"""What float32 costs a mesh that came in float64."""
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ._frame import Array
+from ._gltf import triangles
+
+# Share of a mesh's size from which on the distance is worth a warning.
+NOTABLE_SHARE = 1e-5
+
+
+def rounding_warning(vertices: Any, faces: Any, origin: Array, degenerate: int) -> str:
+    """Says how far float32 moved the vertices, and an origin that avoids that; "" where that is
+    little and no triangle vanished. `degenerate` counts the triangles without area in float32."""
+    points, corners = triangles(vertices, faces)
+    exact = points.astype(np.float64) - origin
+    moved = _longest(exact.astype(np.float32) - exact)
+    low, high = exact.min(0), exact.max(0)
+    size = float(np.linalg.norm(high - low))
+    vanished = degenerate - _flat(exact, corners) if degenerate and moved else 0
+    if moved <= NOTABLE_SHARE * size and vanished <= 0:
+        return ""
+    step = 10.0 ** math.ceil(math.log10(max(size, moved)))
+    near = tuple((np.round(((low + high) / 2 + origin) / step) * step + 0.0).tolist())
+    gone = f" and leaves {vanished} of {len(corners)} triangles without area" if vanished > 0 else ""
+    return (f"rounding to float32 moves vertices by up to {moved:.2g}{gone}; the mesh's size is "
+            f"{size:.3g}. Pass an origin near it, for example origin={near}")
+
+
+def _longest(rows: Array) -> float:
+    return float(np.sqrt((rows * rows).sum(1).max()))
+
+
+def _flat(points: Array, corners: Array) -> int:
+    """Triangles that have no area in float64 either."""
+    a, b, c = (points[corners[:, corner]] for corner in range(3))
+    return int((np.cross(b - a, c - a) == 0).all(1).sum())

@@ -1,0 +1,236 @@
+#!/usr/bin/env python3
+"""Scenes far from zero, asked in world coordinates from the command line and from Python; and rays
+that are not valid.
+
+  origin_test.py RAYNESTD RAYNEST
+"""
+import json
+import pathlib
+import sys
+import unittest
+import warnings
+
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
+
+import raynest
+from raynest import generators
+from daemon import DaemonTest
+
+FAR = np.array([5e5, 4.5e6, 100.0])
+# A square of 20 cm, its corners at places that float32 cannot tell apart out there.
+SQUARE = FAR + [[0.1, 0.1, 0], [0.3, 0.1, 0], [0.3, 0.3, 0], [0.1, 0.3, 0]]
+FACES = [[0, 1, 2], [0, 2, 3]]
+ABOVE = FAR + [0.2, 0.25, 1]
+DOWN = [0, 0, -1]
+
+
+def words(*numbers):
+    return ",".join(repr(float(x)) for x in np.ravel(numbers))
+
+
+class Origin(DaemonTest):
+    def setUp(self):
+        self.python = raynest.connect(self.daemon.uri)
+        self.addCleanup(self.python.close)
+
+    def test_a_mesh_from_python_is_hit_by_the_command_line(self):
+        self.python.mesh(SQUARE, FACES, "square", origin=FAR)
+        ray = words(ABOVE, DOWN)
+        line = self.client.json("query", "square", "--ray", ray, "--fields", "t,prim,position")
+        hit, = line["hits"]
+        self.assertEqual((hit["t"], hit["prim"]), (1, 1))
+        np.testing.assert_allclose(hit["position"], ABOVE + DOWN, rtol=0, atol=1e-7)
+
+        info = self.client.json("info", "square")
+        self.assertEqual(info["origin"], FAR.tolist())
+        np.testing.assert_allclose(info["box_min"], SQUARE[0], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(info["box_max"], SQUARE[2], rtol=0, atol=1e-6)
+        told = self.python.scene("square").info
+        for key in ("origin", "box_min", "box_max"):
+            np.testing.assert_allclose(told[key], info[key], rtol=0, atol=1e-7)
+
+    def test_a_file_from_the_command_line_is_hit_by_python(self):
+        points = np.array([[*(FAR + [0.2, 0.2, 0]), 0.05], [*(FAR + [9.5, 0, 0]), 0.5]])
+        np.save(self.out / "points.npy", points)
+        self.client.json("load", self.out / "points.npy", "--primitive", "sphere", "--name", "balls",
+                         "--origin", words(FAR))
+        scene = self.python.scene("balls")
+        self.assertEqual(scene.origin.tolist(), FAR.tolist())
+        # Origins and directions, (N, 6), (N, 8) and float32 directions from one point: each form.
+        start = FAR + [0.2, 0.2, 1]
+        for rays in ((start, [DOWN]), ([[*start, *DOWN]],), ([[*start, 0, *DOWN, 9]],),
+                     (start, np.array([DOWN], np.float32))):
+            hit = scene.trace(*rays, fields=("t", "position"))
+            np.testing.assert_allclose(hit["t"], 0.95, atol=1e-6)
+            self.assertEqual(hit["position"].dtype, np.float64)
+            np.testing.assert_allclose(hit["position"], [FAR + [0.2, 0.2, 0.05]], atol=1e-6)
+        self.assertTrue(scene.occluded(start, start - [0, 0, 2])[0])
+        # The position of a miss is 0, and no column comes that was not asked for.
+        miss = scene.trace([[*start, 0, 0, 1]], fields=("position",))
+        self.assertEqual((list(miss), miss["position"].tolist()), (["position"], [[0, 0, 0]]))
+        (_, piece), = scene.stream([[*start, *DOWN]], fields=("position",))
+        np.testing.assert_allclose(piece["position"], [FAR + [0.2, 0.2, 0.05]], atol=1e-6)
+
+    def test_files_of_rays_and_columns_are_in_the_world(self):
+        self.python.mesh(SQUARE, FACES, "square", origin=FAR)
+        hits = self.out / "hits.npz"
+        for name, rays, more in (("six", [[*ABOVE, *DOWN]], ()),
+                                 ("eight", [[*ABOVE, 0, *DOWN, 5]], ()),
+                                 ("three", [DOWN], ("--from", words(ABOVE)))):
+            np.save(self.out / f"{name}.npy", np.array(rays))
+            done = self.client.run("query", "square", "--rays", self.out / f"{name}.npy", *more,
+                                   "--fields", "t,position", "-o", hits)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            with np.load(hits) as columns:
+                self.assertEqual(sorted(columns), ["position", "t"])
+                self.assertEqual(columns["position"].dtype, np.float64)
+                np.testing.assert_allclose(columns["position"], [ABOVE + DOWN], atol=1e-7)
+
+    def test_generators_and_cameras_stand_in_the_world(self):
+        scene = self.python.mesh(SQUARE, FACES, "square", origin=FAR)
+        pose = np.column_stack([np.eye(3), ABOVE])
+        for place in ({"pose": pose}, {"look_at": (ABOVE, ABOVE + DOWN)}):
+            seen = scene.trace(generators.pinhole(9, size=(3, 3), **place),
+                               fields=("t", "origin", "position"))
+            self.assertEqual(seen["t"][4], 1)
+            np.testing.assert_allclose(seen["origin"], [ABOVE] * 9, atol=1e-6)
+            np.testing.assert_allclose(seen["position"][4], ABOVE + DOWN, atol=1e-6)
+        look_at = words(ABOVE, ABOVE + DOWN)
+        for place in ("pose=" + words(pose), "lookat=" + look_at):
+            done = self.client.run("--json", "query", "square", "--generate", "pinhole", "size=3x3",
+                                   "fx=9", place)
+            self.assertEqual(json.loads(done.stdout.splitlines()[4])["hits"][0]["t"], 1)
+        # Without a place a sensor stands where the world begins, not where the scene does.
+        lidar = scene.trace(generators.lidar([0], (0, 360, 4)), fields=("origin",))
+        np.testing.assert_allclose(lidar["origin"], 0, atol=0.5)
+        by_python = scene.render(look_at=(ABOVE, ABOVE + DOWN), size=(8, 8))
+        picture = self.out / "picture.npy"
+        done = self.client.run("render", "square", "--lookat", look_at, "--size", "8x8", "-o",
+                               picture)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        np.testing.assert_array_equal(np.load(picture), by_python)
+        self.assertGreater(by_python[..., 3].max(), 0)
+
+    def test_detached_answers_are_in_the_world(self):
+        scene = self.python.mesh(SQUARE, FACES, "square", origin=FAR)
+        job = scene.trace([[*ABOVE, *DOWN]], fields=("t", "position"), detach=True).wait()
+        np.testing.assert_allclose(job.fetch()["position"], [ABOVE + DOWN], atol=1e-7)
+        line = self.client.json("fetch", job.number)
+        np.testing.assert_allclose(line["hits"][0]["position"], ABOVE + DOWN, atol=1e-7)
+
+    def test_a_scene_that_moves_takes_its_clients_along(self):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            scene = self.python.mesh(SQUARE, FACES, "moving", origin=FAR)
+            other = raynest.connect(self.daemon.uri)
+            self.addCleanup(other.close)
+            other.mesh(SQUARE - FAR, FACES, "moving", replace=True)
+            near = ABOVE - FAR
+            self.assertEqual(scene.trace([[*near, *DOWN]], fields=("t",))["t"][0], 1)
+            self.assertEqual(scene.origin.tolist(), [0, 0, 0])
+            other.mesh(SQUARE, FACES, "moving", origin=FAR + 1, replace=True)
+            hit = list(scene.stream([[*ABOVE, *DOWN]], fields=("t", "position")))[0][1]
+            np.testing.assert_allclose(hit["position"], [ABOVE + DOWN], atol=1e-6)
+
+    def test_an_origin_of_a_call_takes_the_place_of_the_scenes(self):
+        scene = self.python.mesh(SQUARE, FACES, "square", origin=FAR)
+        hit = scene.trace([[*(ABOVE - FAR), *DOWN]], fields=("t", "position"), origin=(0, 0, 0))
+        np.testing.assert_allclose(hit["position"], [ABOVE - FAR + DOWN], atol=1e-6)
+
+    def test_what_float32_loses_is_said(self):
+        with self.assertWarnsRegex(raynest.SceneWarning, r"moves vertices by up to 0\.\d+ and leaves "
+                                   r"2 of 2 triangles .* origin=\(500000\.0, 4500000\.0, 100\.0\)"):
+            lost = self.python.mesh(SQUARE, FACES, "lost")
+        self.assertEqual(lost.info["degenerate_triangles"], 2)
+        self.assertEqual(lost.info["unique_triangles"], 2)
+        np.save(self.out / "far.npy", np.array([[*(FAR + 0.1), 0.05]]))
+        done = self.client.run("load", self.out / "far.npy", "--primitive", "sphere")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("for example origin 500000,4500000,100", done.stdout)
+        with self.assertWarnsRegex(raynest.SceneWarning, "with an origin near it"):
+            self.python.load(self.out / "far.npy", "again", primitive="sphere")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            self.python.mesh(SQUARE, FACES, "kept", origin=FAR)
+            self.python.mesh(SQUARE - FAR, FACES, "near")
+            # A triangle that never had an area is counted, and no reason to warn.
+            flat = self.python.mesh([[0, 0, 0.1], [1, 1, 0.1], [2, 2, 0.1], [0, 1, 0.1]],
+                                    [[0, 1, 2], [0, 1, 3]], "flat")
+        self.assertEqual(flat.info["degenerate_triangles"], 1)
+
+
+class InvalidRays(DaemonTest):
+    RAYS = np.array([[0, 50, 0, 0, -1, 0], [0, 50, 0, 0, 0, 0], [np.nan, 0, 0, 0, -1, 0],
+                     [1, 50, 0, 0, 1, 0]])
+
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.client.json("load", "builtin:terrain?size=8", "--name", "hills")
+
+    def test_the_command_line_says_how_many_and_which_is_first(self):
+        rays = [word for ray in ("0,50,0,0,-1,0", "0,50,0,0,0,0", "1,50,0,0,1,0",
+                                 "0,50,0,0,-1,0,9,3") for word in ("--ray", ray)]
+        done = self.client.run("--json", "query", "hills", *rays)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        lines = [json.loads(line) for line in done.stdout.splitlines()]
+        self.assertEqual([line.get("invalid") for line in lines], [None, True, None, True])
+        self.assertNotIn("flags", lines[1])
+        self.assertIn("2 of 4 rays are not valid and count as misses, the first is ray 1", done.stderr)
+        summary = self.client.json("query", "hills", *rays, "-o", self.out / "hits.npz")
+        self.assertEqual((summary["invalid"], summary["first_invalid"], summary["misses"]),
+                         (2, 1, 3))
+
+    def test_python_warns_and_counts_in_every_form(self):
+        with raynest.connect(self.daemon.uri) as client:
+            hills = client.scene("hills")
+            eight = np.insert(self.RAYS, [3, 6], [0, np.inf], axis=1)
+            eight[3, 3] = -1
+            forms = (((self.RAYS,), 2, 1), ((eight,), 3, 1),
+                     (([np.nan, 0, 0], np.ones((5, 3))), 5, 0))
+            for kind in ("closest", "any", "multi", "all"):
+                for rays, count, first in forms:
+                    with self.assertWarnsRegex(raynest.RayWarning,
+                                               f"{count} of .* first is ray {first}:"):
+                        hills.trace(*rays, kind=kind)
+                    self.assertEqual((client.outcome["invalid"], client.outcome["first_invalid"]),
+                                     (count, first))
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                hills.trace(self.RAYS[:1])
+                self.assertEqual(client.outcome["invalid"], 0)
+                hills.trace(np.empty((0, 6)))
+                self.assertEqual(client.outcome["invalid"], 0)
+                self.assertEqual(hills.occluded([[0, 50, 0]], [[0, 50, 0]]).tolist(), [False])
+
+    def test_many_chunks_and_parts_that_are_traced_again_count_once(self):
+        with raynest.connect(self.daemon.uri) as client, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            rays = np.tile([0.0, 50, 0, 0, -1, 0], (50_000, 1))
+            rays[40_000::1000, 3:] = 0
+            rays[123, 0] = np.inf
+            for kind in ("closest", "all"):
+                client.scene("hills").trace(rays, kind=kind, fields=("flags",))
+                self.assertEqual((client.outcome["invalid"], client.outcome["first_invalid"]),
+                                 (11, 123))
+
+    def test_a_margin_may_be_a_distance(self):
+        with raynest.connect(self.daemon.uri) as client:
+            wall = client.mesh([[-9, -9, 0], [9, -9, 0], [0, 9, 0]], [[0, 1, 2]], "wall")
+            a, b = [0, 0, 0.5], [[0, 0, -1], [0, 0, -100], [0, 0, 0.4], [0, 0, 0.5]]
+            self.assertEqual(wall.occluded(a, b).tolist(), [True, True, False, False])
+            self.assertEqual(wall.occluded(a, b, margin_distance=0.4).tolist(),
+                             [True, True, False, False])
+            self.assertEqual(wall.occluded(a, b, margin_distance=0.6).tolist(),
+                             [False, False, False, False])
+            for wrong in ({"margin_distance": -1}, {"margin_distance": np.nan},
+                          {"margin_distance": 1, "margin": 0.1}):
+                with self.assertRaises(raynest.UsageError):
+                    wall.occluded(a, b, **wrong)
+
+
+if __name__ == "__main__":
+    DaemonTest.raynestd, DaemonTest.raynest = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1])
