@@ -9,8 +9,8 @@
 
 namespace raynest::client {
 
-std::chrono::milliseconds deadline_of(const JobOptions& options) {
-    return std::chrono::milliseconds(std::llround(options.deadline * 1000));
+std::chrono::milliseconds deadline_of(double seconds) {
+    return std::chrono::milliseconds(std::llround(seconds * 1000));
 }
 
 std::unique_ptr<wire::JobT> job_message(const JobOptions& options) {
@@ -25,7 +25,7 @@ std::unique_ptr<wire::JobT> job_message(const JobOptions& options) {
     job->worker = options.worker;
     job->priority = options.priority;
     job->detach = options.detach;
-    job->deadline_ms = static_cast<std::uint32_t>(deadline_of(options).count());
+    job->deadline_ms = static_cast<std::uint32_t>(deadline_of(options.deadline).count());
     return job;
 }
 
@@ -55,6 +55,8 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
         const wire::Started& started = *opened->table;
         outcome.scene = protocol::text(started.scene());
+        outcome.hash = protocol::text(started.hash());
+        outcome.camera = protocol::text(started.camera());
         outcome.intersector = protocol::text(started.intersector());
         outcome.target = protocol::text(started.target());
         outcome.traversal = protocol::text(started.traversal());
@@ -81,6 +83,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.first_invalid = done.first_invalid();
         outcome.rows = done.rows();
         outcome.seconds = done.seconds();
+        outcome.queued_seconds = done.queued_seconds();
         outcome.traversal = protocol::word(done.traversal(), outcome.traversal);
         // Why another one was chosen explains nothing: what came in between, the notes tell.
         if (const std::string ran(protocol::word(done.worker(), outcome.worker));
@@ -107,19 +110,27 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
 }
 
 Json outcome_json(const Outcome& outcome) {
-    return Json{{"scene", outcome.scene},
-                {"epoch", outcome.epoch},
-                {"intersector", outcome.intersector},
-                {"target", outcome.target},
-                {"traversal", outcome.traversal},
-                {"precision", outcome.precision},
-                {"worker", outcome.worker},
-                {"worker_reason", outcome.worker_reason},
-                {"notes", outcome.notes},
-                {"rays", outcome.rays},
-                {"hits", outcome.hits},
-                {"misses", outcome.misses},
-                {"seconds", outcome.seconds}};
+    Json json{{"scene", outcome.scene},
+              {"hash", outcome.hash},
+              {"epoch", outcome.epoch},
+              {"intersector", outcome.intersector},
+              {"target", outcome.target},
+              {"traversal", outcome.traversal},
+              {"precision", outcome.precision},
+              {"worker", outcome.worker},
+              {"worker_reason", outcome.worker_reason},
+              {"camera", outcome.camera},
+              {"notes", outcome.notes},
+              {"rays", outcome.rays},
+              {"hits", outcome.hits},
+              {"misses", outcome.misses},
+              {"truncated", outcome.truncated},
+              {"invalid", outcome.invalid},
+              {"rows", outcome.rows.value_or(0)},
+              {"seconds", outcome.seconds},
+              {"queued_seconds", outcome.queued_seconds}};
+    if (outcome.invalid != 0) json["first_invalid"] = outcome.first_invalid;
+    return json;
 }
 
 std::string outcome_text(const Outcome& outcome) {

@@ -20,11 +20,12 @@ namespace raynest::client {
 /// Nine numbers or six, eye, at and up, or none: then the camera stays as it is.
 void look_at(wire::CameraT& camera, const std::vector<double>& v, const WorldPoint& origin);
 /// Of --deadline; 0 when there is none.
-[[nodiscard]] std::chrono::milliseconds deadline_of(const JobOptions& options);
+[[nodiscard]] std::chrono::milliseconds deadline_of(double seconds);
 
 /// STARTED and DONE in one: filled as their frames come.
 struct Outcome {
-    std::string scene, intersector, target, traversal, precision, worker, worker_reason;
+    std::string scene, hash, intersector, target, traversal, precision, worker, worker_reason;
+    std::string camera;  ///< of a picture
     std::uint64_t epoch = 0;
     std::vector<std::string> notes;
     std::uint64_t rays_announced = 0;  ///< of a query, by STARTED
@@ -32,7 +33,7 @@ struct Outcome {
     std::uint64_t rays = 0, hits = 0, misses = 0, truncated = 0;
     std::uint64_t invalid = 0, first_invalid = 0;
     std::optional<std::uint64_t> rows;  ///< of a query, by DONE
-    double seconds = 0;
+    double seconds = 0, queued_seconds = 0;
     wire::HeatStatisticsT heat;  ///< of a heat map
     std::uint64_t detached = 0;  ///< number of the job that goes on without us; 0: it has ended
 };

@@ -18,8 +18,8 @@ Json job_json(const wire::JobInfo& info) {
         {"left_seconds",
          info.left_ms() == 0 ? Json(nullptr) : Json(static_cast<double>(info.left_ms()) / 1e3)},
         {"bytes", info.bytes()},
-        {"worker", protocol::text(info.worker())}};
-    if (info.code() != 0) json["error"] = protocol::text(info.error());
+        {"worker", protocol::text(info.worker())},
+        {"error", info.code() == 0 ? Json(nullptr) : Json(protocol::text(info.error()))}};
     return json;
 }
 

@@ -77,4 +77,23 @@ Result<std::vector<double>> parse_world(const std::string& text, std::size_t few
     return numbers;
 }
 
+Result<std::uint32_t> parse_mask(std::string_view text) {
+    std::string_view digits = text;
+    if (digits.starts_with("0x") || digits.starts_with("0X")) digits.remove_prefix(2);
+    std::uint32_t mask = 0;
+    const char* const end = digits.data() + digits.size();
+    const auto [stop, error] = std::from_chars(digits.data(), end, mask, 16);
+    if (error == std::errc{} && stop == end && digits.size() <= 8) return mask;
+    return misshapen(std::string(text), "a mask of 1 to 8 hexadecimal digits");
+}
+
+Result<void> check_mask_rule(std::string_view rule) {
+    const std::size_t equals = rule.rfind('=');
+    if (equals == 0 || equals == std::string_view::npos)
+        return misshapen(std::string(rule), "GLOB=HEX, as 'stand-*/birch-*=F0'");
+    if (const auto mask = parse_mask(rule.substr(equals + 1)); !mask)
+        return tl::unexpected<Failure>(mask.error());
+    return {};
+}
+
 }  // namespace raynest::client

@@ -27,4 +27,9 @@ Result<std::vector<double>> parse_world(const std::string& text, std::size_t few
 /// "90s", "30m", "1h" or "2d" -> milliseconds, at least 1.
 Result<std::uint64_t> parse_duration(const std::string& text);
 
+/// 1 to 8 hex digits, perhaps after 0x.
+Result<std::uint32_t> parse_mask(std::string_view text);
+/// "GLOB=HEX"; the daemon reads it again.
+Result<void> check_mask_rule(std::string_view rule);
+
 }  // namespace raynest::client

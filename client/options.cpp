@@ -92,6 +92,11 @@ void add_epoch(CLI::App& app, std::uint64_t& epoch) {
               "that epoch of the scene (the current one)");
 }
 
+void add_deadline(CLI::App& app, double& deadline, const char* text) {
+    add_number(app, "--deadline", deadline, 0.001, 4.0e6,
+               "a number of seconds from 0.001 to 4000000", text);
+}
+
 void add_job(CLI::App& app, JobOptions& job) {
     add_scene(app, job.scene);
     app.add_option("--intersector", job.intersector,
@@ -111,18 +116,15 @@ void add_job(CLI::App& app, JobOptions& job) {
     add_parsed(
         app, "--mask",
         [&job](const std::string& text) -> std::string {
-            std::string_view digits = text;
-            if (digits.rfind("0x", 0) == 0 || digits.rfind("0X", 0) == 0) digits.remove_prefix(2);
-            const char* end = digits.data() + digits.size();
-            const auto read = std::from_chars(digits.data(), end, job.mask, 16);
-            const bool good = read.ec == std::errc{} && read.ptr == end;
-            return good ? "" : "'" + text + "' is not a 32-bit hexadecimal number";
+            const auto mask = parse_mask(text);
+            if (!mask) return mask.error().message;
+            job.mask = *mask;
+            return "";
         },
         "only instances with one of these bits, hexadecimal (FFFFFFFF)");
     add_epoch(app, job.epoch);
     app.add_option("--worker", job.worker, "auto | cpu | cuda");
-    add_number(app, "--deadline", job.deadline, 0.001, 4.0e6,
-               "a number of seconds from 0.001 to 4000000", "give up after so many seconds");
+    add_deadline(app, job.deadline, "give up after so many seconds");
     app.add_option("--priority", job.priority, "low | normal | high");
 }
 
@@ -231,6 +233,19 @@ void declare(CLI::App& app, LoadOptions& load) {
                    "name of the scene (the file's stem; forest for builtin:forest?trees=5)");
     app.add_flag("--replace", load.replace, "a new epoch of a name that is taken");
     app.add_option("--build", load.build, "fast | medium | high");
+    app.add_option_function<std::vector<std::string>>(
+           "--set-mask",
+           [&load](const std::vector<std::string>& rules) {
+               for (const std::string& rule : rules)
+                   if (const auto good = check_mask_rule(rule); !good)
+                       throw CLI::ValidationError("--set-mask", good.error().message);
+               load.masks = rules;
+           },
+           "GLOB=HEX: the mask of placements whose path is GLOB or lies below it, where * stands "
+           "for "
+           "any text; may be repeated, the last match wins (see: query --mask)")
+        ->take_all()
+        ->allow_extra_args(false);
     app.add_option("--primitive", load.primitive,
                    "what the records of a .npy are: sphere, or a type of a loaded pack");
     app.add_option("--instances", load.instances, "FILE.npy with 3x4 placements of them");
@@ -245,6 +260,9 @@ void declare(CLI::App&, VariantsOptions&) {}
 void declare(CLI::App&, StatsOptions&) {}
 void declare(CLI::App& app, InfoOptions& info) {
     add_scene(app, info.scene);
+    app.add_flag("--meshes", info.meshes, "list its meshes: triangles of one copy, and placements");
+    app.add_flag("--materials", info.materials,
+                 "list its materials: alpha mode, and what uses them");
 }
 void declare(CLI::App& app, UnloadOptions& unload) {
     CLI::Option_group& which = *app.add_option_group("Scenes", "one of");
@@ -276,7 +294,7 @@ void declare(CLI::App& app, RenderOptions& render) {
                "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
     add_detach(app, render.job, &render.output);
     app.add_option("--integrator", render.integrator, "primary");
-    add_whole(app, "--spp", render.samples, 1U, 65536U, "samples per pixel (1)");
+    add_whole(app, "--spp,--samples", render.samples, 1U, 65536U, "samples per pixel (1)");
     add_whole(app, "--seed", render.seed, std::uint64_t{0}, any_whole, "of the random numbers (0)");
 }
 
@@ -351,6 +369,7 @@ void add_job_number(CLI::App& app, std::uint64_t& job) {
 void declare(CLI::App&, JobsOptions&) {}
 void declare(CLI::App& app, WaitOptions& wait) {
     add_job_number(app, wait.job);
+    add_deadline(app, wait.deadline, "end the wait, not the job, after so many seconds");
 }
 void declare(CLI::App& app, FetchOptions& fetch) {
     add_job_number(app, fetch.job);

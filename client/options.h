@@ -43,11 +43,14 @@ struct CameraOptions {
 struct LoadOptions {
     std::string source, name, build, primitive, instances;
     WorldPoint origin{};
+    std::vector<std::string> masks;  ///< "GLOB=HEX"
     bool replace = false;
 };
 struct ScenesOptions {};
 struct InfoOptions {
     std::string scene;
+    bool meshes = false;
+    bool materials = false;
 };
 struct PathOptions {
     std::string scene;
@@ -89,6 +92,7 @@ struct HeatmapOptions : PictureOptions {
 struct JobsOptions {};
 struct WaitOptions {
     std::uint64_t job = 0;
+    double deadline = 0;  ///< seconds; 0 = none
 };
 struct FetchOptions {
     std::uint64_t job = 0;

@@ -49,7 +49,7 @@ Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,
         origin = *asked;
     }
     request.camera = camera_message(options.camera, origin.point);
-    if (auto started = connection.start(request, deadline_of(options.job)); !started)
+    if (auto started = connection.start(request, deadline_of(options.job.deadline)); !started)
         return tl::unexpected<Failure>(started.error());
     auto picture = receive_picture(connection, progress);
     progress.clear();

@@ -47,6 +47,8 @@ std::vector<std::string> titles_of(const BlockView& block) {
 }
 
 std::string json_member(const BlockView& block, std::uint64_t element, const WorldPoint& origin) {
+    if (block.name == "hit" && block.dtype == wire::Dtype::u8)
+        return value_at<std::uint8_t>(block, element) != 0 ? "\"hit\":true" : "\"hit\":false";
     const std::vector<std::string> titles = titles_of(block);
     std::string text;
     if (titles.size() == 1 || block.name == "uv") {

@@ -20,6 +20,15 @@ Json skipped_json(const wire::SceneInfo& info) {
     return skipped;
 }
 
+/// {type: n} of primitives other than triangles.
+Json records_json(const wire::SceneInfo& info) {
+    Json records = Json::object();
+    const std::vector<std::string> types = protocol::strings(info.record_types());
+    for (std::size_t i = 0; i < types.size(); ++i)
+        records[types[i]] = info.record_counts()->Get(static_cast<flatbuffers::uoffset_t>(i));
+    return records;
+}
+
 std::string joined(const std::vector<std::string>& items) {
     std::string line;
     for (const std::string& item : items) line += (line.empty() ? "" : ", ") + item;
@@ -79,6 +88,8 @@ Json scene_json(const wire::SceneInfo& info) {
     json["levels"] = info.levels();
     json["materials"] = info.materials();
     json["mask_materials"] = info.mask_materials();
+    json["meshes"] = info.meshes();
+    json["records"] = records_json(info);
     json["bytes"] = info.bytes();
     json["build"] = protocol::text(info.build());
     json["build_seconds"] = info.build_seconds();
@@ -119,8 +130,12 @@ void print_scene(const wire::SceneInfo& info) {
     if (const WorldPoint origin = origin_of(info); origin != WorldPoint{})
         rows.push_back({"origin", joined({Json(origin[0]).dump(), Json(origin[1]).dump(),
                                           Json(origin[2]).dump()})});
-    const std::vector<std::string> types = protocol::strings(info.record_types());
-    if (!types.empty()) rows.push_back({"primitives", joined(types)});
+    const Json records = records_json(info);
+    for (const auto& [type, count] : records.items())
+        rows.insert(rows.begin() + 2,
+                    {"records", grouped(count.get<std::uint64_t>()) + " " + type});
+    // A scene of spheres has no triangles to speak of.
+    if (!records.empty() && info.unique_triangles() == 0) rows.erase(rows.begin() + 1);
     const Json skipped = skipped_json(info);
     for (const auto& [reason, count] : skipped.items())
         rows.push_back({"skipped", grouped(count.get<std::uint64_t>()) + " " + reason});

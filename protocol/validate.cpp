@@ -104,6 +104,7 @@ void check_info(Checks& checks, const wire::SceneInfo& info) {
         .numbers("skipped", info.skipped_reasons(), info.skipped_counts())
         .texts("warnings", info.warnings())
         .names("record_types", info.record_types())
+        .numbers("record_counts", info.record_types(), info.record_counts())
         .finite("origin", info.origin_x())
         .finite("origin", info.origin_y())
         .finite("origin", info.origin_z());
@@ -307,6 +308,7 @@ Result<void> validate(const wire::PartList& message, const Limits& limits) {
         .names("names", message.names())
         .numbers("triangles", message.names(), message.triangles())
         .numbers("placements", message.names(), message.placements())
+        .numbers("records", message.names(), message.records())
         .names("alpha_modes", message.alpha_modes())
         .equally_long("alpha_modes", message.names(), message.alpha_modes())
         .result();

@@ -30,9 +30,15 @@ void print_statistics(const wire::HeatStatisticsT& heat) {
 }
 
 Json statistics_json(const wire::HeatStatisticsT& heat) {
-    return Json{{"metric", heat.metric},  {"min", heat.min}, {"mean", heat.mean},
-                {"p50", heat.p50},        {"p99", heat.p99}, {"max", heat.max},
-                {"clipped", heat.clipped}};
+    return Json{{"metric", heat.metric},
+                {"min", heat.min},
+                {"mean", heat.mean},
+                {"p50", heat.p50},
+                {"p99", heat.p99},
+                {"max", heat.max},
+                {"clipped", heat.clipped},
+                {"range_low", heat.range_low},
+                {"range_high", heat.range_high}};
 }
 
 }  // namespace

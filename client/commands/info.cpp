@@ -1,10 +1,73 @@
-// raynest info SCENE: its counts, cameras and what was skipped.
+// raynest info SCENE: its counts, cameras and what was skipped; or its meshes and materials.
 #include "client/commands/commands.h"
 #include "client/scene_info.h"
 
 namespace raynest::client {
+namespace {
+
+struct Parts {
+    Json json = Json::array();
+    std::vector<std::vector<std::string>> rows;
+};
+
+/// All pages of them; `kind` is meshes or materials.
+Result<Parts> list_parts(Connection& connection, const std::string& scene,
+                         const std::string& kind) {
+    const bool meshes = kind == "meshes";
+    Parts parts;
+    parts.rows.push_back(
+        meshes ? std::vector<std::string>{"MESH", "TRIANGLES", "RECORDS", "PLACEMENTS"}
+               : std::vector<std::string>{"MATERIAL", "ALPHA", "TRIANGLES", "PLACEMENTS"});
+    wire::PartsT request;
+    request.scene = scene;
+    request.kind = kind;
+    for (bool more = true; more;) {
+        const auto page = ask<wire::PartList>(connection, request);
+        if (!page) return tl::unexpected<Failure>(page.error());
+        const wire::PartList& list = *page->message.table;
+        const std::vector<std::string> names = protocol::strings(list.names());
+        const std::vector<std::string> alpha_modes = protocol::strings(list.alpha_modes());
+        for (std::size_t k = 0; k < names.size(); ++k) {
+            const auto i = static_cast<flatbuffers::uoffset_t>(k);
+            const std::uint64_t triangles = list.triangles()->Get(i);
+            const std::uint64_t records = list.records()->Get(i);
+            const std::uint64_t placements = list.placements()->Get(i);
+            Json json{{"name", names[k]}, {"triangles", triangles}, {"placements", placements}};
+            if (meshes)
+                json["records"] = records;
+            else
+                json["alpha_mode"] = alpha_modes[k];
+            parts.json.push_back(std::move(json));
+            const std::string name = names[k].empty() ? "-" : names[k];
+            if (meshes)
+                parts.rows.push_back(
+                    {name, grouped(triangles), grouped(records), grouped(placements)});
+            else
+                parts.rows.push_back(
+                    {name, alpha_modes[k], grouped(triangles), grouped(placements)});
+        }
+        request.first += static_cast<std::uint32_t>(names.size());
+        more = !names.empty() && request.first < list.total();
+    }
+    return parts;
+}
+
+}  // namespace
 
 Result<void> run(Context& context, const InfoOptions& options) {
+    Json lists = Json::object();
+    for (const auto& [wanted, kind] :
+         {std::pair{options.meshes, "meshes"}, std::pair{options.materials, "materials"}}) {
+        if (!wanted) continue;
+        auto parts = list_parts(context.connection, options.scene, kind);
+        if (!parts) return tl::unexpected<Failure>(parts.error());
+        if (!context.json) print_table(parts->rows);
+        lists[kind] = std::move(parts->json);
+    }
+    if (options.meshes || options.materials) {
+        if (context.json) print_json(lists);
+        return {};
+    }
     wire::InfoT request;
     request.scene = options.scene;
     const auto info = ask<wire::SceneInfo>(context.connection, request);

@@ -18,6 +18,7 @@ wire::LoadT load_message(const LoadOptions& options, const Upload& upload) {
     load.origin_x = options.origin[0];
     load.origin_y = options.origin[1];
     load.origin_z = options.origin[2];
+    load.masks = options.masks;
     for (const UploadFile& file : upload.files) {
         load.file_names.push_back(file.name);
         load.file_hashes.push_back(file.hash);

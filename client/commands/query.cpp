@@ -218,9 +218,6 @@ Result<void> deliver_query(Context& context, const std::string& output, const st
     if (auto written = write_file(output, columns.npz()); !written) return written;
     if (context.json) {
         Json json = outcome_json(*outcome);
-        json["truncated"] = outcome->truncated;
-        json["invalid"] = outcome->invalid;
-        if (outcome->invalid != 0) json["first_invalid"] = outcome->first_invalid;
         json["file"] = output;
         print_json(json);
     } else {

@@ -1,6 +1,7 @@
 // raynest wait ID: until a detached job has ended.
 #include "client/commands/commands.h"
 #include "client/interrupt.h"
+#include "client/job.h"
 #include "client/jobs.h"
 
 #include <iostream>
@@ -11,7 +12,9 @@ namespace raynest::client {
 Result<void> run(Context& context, const WaitOptions& options) {
     wire::WaitT request;
     request.job = options.job;
-    if (auto started = context.connection.start(request); !started) return started;
+    const auto deadline = deadline_of(options.deadline);
+    request.deadline_ms = static_cast<std::uint32_t>(deadline.count());
+    if (auto started = context.connection.start(request, deadline); !started) return started;
     while (true) {
         auto frame = context.connection.next();
         if (!frame && interrupted()) {

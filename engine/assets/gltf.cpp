@@ -33,11 +33,19 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
     auto model = gltf::load_model(request);
     if (!model) return gltf::error_of(model);
     gltf::move_world(*model, request.origin);
+    auto rules = MaskRules::parse(request.masks);
+    if (!rules) return gltf::error_of(rules);
 
     SceneDescription scene;
     scene.origin = request.origin;
-    if (auto done = gltf::read_nodes(*model, limits, scene); !done) return gltf::error_of(done);
+    if (auto done = gltf::read_nodes(*model, limits, *rules, scene); !done)
+        return gltf::error_of(done);
     if (auto done = gltf::read_materials(*model, limits, scene); !done) return gltf::error_of(done);
+    if (model->bad_masks != 0)
+        scene.warnings.push_back(fmt::format(
+            "{} nodes have an extras.raynest.mask that is no mask; give a whole number, "
+            "or a text of 1 to 8 hex digits",
+            model->bad_masks));
     for (const char* shape : {"points", "lines"}) {
         if (const auto found = scene.skipped.find(shape); found != scene.skipped.end()) {
             scene.warnings.push_back(

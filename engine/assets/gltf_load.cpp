@@ -338,6 +338,18 @@ Result<Instancing> convert_instancing(const tinygltf::Node& in, const Model& mod
     return instancing;
 }
 
+/// extras.raynest.mask: a whole number, or a text of hex digits. tinygltf reads numbers as int; the
+/// bits of 4294967295 arrive as -1.
+void convert_mask(const tinygltf::Node& in, Node& node, Model& model) {
+    if (!in.extras.IsObject() || !in.extras.Has("raynest")) return;
+    const tinygltf::Value& ours = in.extras.Get("raynest");
+    if (!ours.IsObject() || !ours.Has("mask")) return;
+    const tinygltf::Value& value = ours.Get("mask");
+    if (value.IsInt()) node.mask = static_cast<std::uint32_t>(value.GetNumberAsInt());
+    if (value.IsString()) node.mask = MaskRules::parse_mask(value.Get<std::string>());
+    if (!node.mask) ++model.bad_masks;
+}
+
 Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
     for (const tinygltf::Node& in : file.nodes) {
         const std::string where = label("node", model.nodes.size(), in.name);
@@ -366,6 +378,7 @@ Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
         if (!skin) return error_of(skin);
         node.weights = std::move(*weights);
         node.skin = *skin;
+        convert_mask(in, node, model);
         model.nodes.push_back(std::move(node));
     }
     return {};

@@ -8,6 +8,7 @@
 #pragma once
 
 #include "engine/assets/import.h"
+#include "engine/assets/mask_rules.h"
 #include "engine/geometry/hit.h"
 #include "engine/result.h"
 #include "engine/scene/description.h"
@@ -16,6 +17,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -162,6 +164,7 @@ struct Node {
     std::uint32_t skin = no_id;  ///< set: the mesh stands in the scene's space
     std::vector<float> weights;  ///< empty: those of the mesh
     Instancing instancing;
+    std::optional<std::uint32_t> mask;  ///< extras.raynest.mask
     std::vector<std::uint32_t> children;
 };
 
@@ -185,6 +188,7 @@ struct Model {
     std::vector<Camera> cameras;
     std::vector<std::uint32_t> roots;  ///< of the chosen scene
     bool quantized = false;            ///< KHR_mesh_quantization is in use
+    std::uint64_t bad_masks = 0;       ///< extras.raynest.mask that are no mask
     std::uint64_t upload_bytes = 0;    ///< of all files together: what amplification is measured by
 };
 
@@ -234,7 +238,8 @@ Result<std::vector<ObjectDescription>> read_meshes(const Model& model,
 Result<void> read_materials(const Model& model, const ImportLimits& limits,
                             SceneDescription& scene);
 
-/// Objects, instances and cameras of the chosen scene.
-Result<void> read_nodes(const Model& model, const ImportLimits& limits, SceneDescription& scene);
+/// Objects, instances and cameras of the chosen scene; `rules` give masks.
+Result<void> read_nodes(const Model& model, const ImportLimits& limits, MaskRules& rules,
+                        SceneDescription& scene);
 
 }  // namespace raynest::gltf

@@ -5,6 +5,7 @@
 // between. Paths are named by the nodes themselves, so that a flat scene and one with shared
 // subtrees print the same path. Declaration order is depth-first node order throughout; every walk
 // is iterative.
+#include "engine/assets/gltf_masks.h"
 #include "engine/assets/gltf_model.h"
 #include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_precision.h"
@@ -82,10 +83,11 @@ Result<std::vector<Matrix>> placements_of(const Model& model, const Instancing& 
 class SceneWriter {
 public:
     SceneWriter(const Model& model, const Sharing& sharing, const std::vector<bool>& traceable,
-                SceneDescription& scene)
+                const Masks& masks, SceneDescription& scene)
         : model_(model),
           sharing_(sharing),
           traceable_(traceable),
+          masks_(masks),
           scene_(scene),
           placements_(scene.objects, scene.origin),
           object_of_(sharing.shapes.size(), no_id) {}
@@ -132,7 +134,7 @@ private:
             const std::uint32_t shape = sharing_.shape_of[entry.node];
             if (shape == no_id) continue;
             if (!entry.is_top && object_of_[shape] != no_id) {
-                place(object, object_of_[shape], entry.to_object);
+                place(object, object_of_[shape], entry.to_object, mask_all);
                 continue;
             }
             const Node& node = model_.nodes[entry.node];
@@ -151,24 +153,25 @@ private:
         // subtrees with a skin are not shared.
         const Matrix& to_object = node.skin == no_id ? entry.to_object : identity_matrix;
         if (node.instancing.count == 0) {
-            place(object, node.mesh, to_object);
+            place(object, node.mesh, to_object, masks_.of(entry.node, 0));
             return {};
         }
         const auto matrices = placements_of(model_, node.instancing);
         if (!matrices) return error_of(matrices);
-        for (const Matrix& matrix : *matrices)
-            place(object, node.mesh, multiply(to_object, matrix));
+        for (std::uint32_t i = 0; i < matrices->size(); ++i)
+            place(object, node.mesh, multiply(to_object, (*matrices)[i]), masks_.of(entry.node, i));
         return {};
     }
 
-    void place(ObjectDescription& object, std::uint32_t child, const Matrix& to_object) {
-        object.instances.push_back(
-            {child, placements_.round(child, to_object), 0xFFFFFFFFU, 0, {}});
+    void place(ObjectDescription& object, std::uint32_t child, const Matrix& to_object,
+               std::uint32_t mask) {
+        object.instances.push_back({child, placements_.round(child, to_object), mask, 0, {}});
     }
 
     const Model& model_;
     const Sharing& sharing_;
     const std::vector<bool>& traceable_;
+    const Masks& masks_;
     SceneDescription& scene_;
     Placements placements_;
     std::vector<std::uint32_t> object_of_;
@@ -273,7 +276,8 @@ void read_cameras(const Model& model, SceneDescription& scene) {
 
 }  // namespace
 
-Result<void> read_nodes(const Model& model, const ImportLimits& limits, SceneDescription& scene) {
+Result<void> read_nodes(const Model& model, const ImportLimits& limits, MaskRules& rules,
+                        SceneDescription& scene) {
     const std::vector<std::uint32_t> order = depth_first(model);
     if (auto done = check_instance_count(model, order, limits); !done) return done;
 
@@ -293,10 +297,13 @@ Result<void> read_nodes(const Model& model, const ImportLimits& limits, SceneDes
     }
     scene.objects = std::move(*meshes);
 
-    const Sharing sharing = find_sharing(model, order, traceable);
-    SceneWriter writer(model, sharing, traceable, scene);
-    if (auto done = writer.write(); !done) return done;
     name_paths(model, order, traceable, scene);
+    const auto masks = read_masks(model, order, rules, scene);
+    if (!masks) return error_of(masks);
+
+    const Sharing sharing = find_sharing(model, order, traceable, *masks);
+    SceneWriter writer(model, sharing, traceable, *masks, scene);
+    if (auto done = writer.write(); !done) return done;
     read_cameras(model, scene);
     return {};
 }

@@ -15,7 +15,7 @@ void append(std::string& key, const T& value) {
 }  // namespace
 
 Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order,
-                     const std::vector<bool>& traceable) {
+                     const std::vector<bool>& traceable, const Masks& masks) {
     Sharing sharing;
     sharing.shape_of.assign(model.nodes.size(), no_id);
     std::unordered_map<std::string, std::uint32_t> known;
@@ -32,6 +32,11 @@ Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order
             append(key, node.instancing.translation);
             append(key, node.instancing.rotation);
             append(key, node.instancing.scale);
+            // One mask, or one for each placement: equal accessors have equally many.
+            const bool one_each = masks.is_by_placement(*at);
+            append(key, one_each);
+            for (std::uint32_t i = 0; i < (one_each ? shape.placements : 1); ++i)
+                append(key, masks.of(*at, i));
         }
         for (const std::uint32_t child : node.children) {
             const std::uint32_t of_child = sharing.shape_of[child];

@@ -2,12 +2,13 @@
 //
 // glTF gives every node one parent, so exporters write a tree that stands a thousand times a
 // thousand times. Two subtrees are equal when they place the same meshes with the same transforms
-// relative to their top; names do not matter. Numbering the distinct ones from the leaves up
-// (hash-consing) finds them all in one pass. A subtree becomes an object of its own where that
-// pays: it is used at least twice, and it holds at least two placements. What that would nest too
-// deep is not shared: its parts are.
+// relative to their top, with the same masks; names do not matter. Numbering the distinct ones from
+// the leaves up (hash-consing) finds them all in one pass. A subtree becomes an object of its own
+// where that pays: it is used at least twice, and it holds at least two placements. What that would
+// nest too deep is not shared: its parts are.
 #pragma once
 
+#include "engine/assets/gltf_masks.h"
 #include "engine/assets/gltf_model.h"
 
 #include <cstdint>
@@ -40,6 +41,6 @@ struct Sharing {
 /// `order` lists the nodes of the scene, parents before children; `traceable` the meshes that have
 /// triangles. Iterative and linear in nodes plus the text of their keys.
 Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order,
-                     const std::vector<bool>& traceable);
+                     const std::vector<bool>& traceable, const Masks& masks);
 
 }  // namespace raynest::gltf

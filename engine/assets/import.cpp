@@ -3,6 +3,7 @@
 
 #include "engine/assets/gltf.h"
 #include "engine/assets/gltf_names.h"
+#include "engine/assets/mask_rules.h"
 #include "engine/assets/npy.h"
 
 #include <fmt/format.h>
@@ -26,6 +27,15 @@ Result<SceneDescription> check_primitives(Result<SceneDescription> scene,
                                     object.record_type));
         }
     }
+    return scene;
+}
+
+/// With the masks of the request; glTF has its own way (gltf_masks.h).
+Result<SceneDescription> masked(const ImportRequest& request, Result<SceneDescription> scene) {
+    if (!scene) return scene;
+    auto rules = MaskRules::parse(request.masks);
+    if (!rules) return tl::unexpected<Error>(rules.error());
+    if (auto done = apply_masks(*rules, *scene); !done) return tl::unexpected<Error>(done.error());
     return scene;
 }
 
@@ -54,7 +64,7 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
             return fail(ErrorCode::scene_invalid,
                         "a built-in scene lies around zero: only files take an origin");
         }
-        return check_primitives(describe_builtin(source), registry);
+        return masked(request, check_primitives(describe_builtin(source), registry));
     }
     if (request.files.empty() || request.files.front().bytes.empty()) {
         return fail(ErrorCode::scene_invalid, "the scene file is empty");
@@ -68,7 +78,8 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
         }
     }
     if (is_gltf(source)) return describe_gltf(request, limits);
-    if (has_extension(source, ".npy")) return describe_npy(request, limits, registry);
+    if (has_extension(source, ".npy"))
+        return masked(request, describe_npy(request, limits, registry));
     return fail(
         ErrorCode::scene_unsupported,
         fmt::format("'{}' is not a scene that RayNest reads: .glb, .gltf, .npy, or builtin:forest, "

@@ -30,6 +30,7 @@ struct ImportRequest {
     std::string primitive;          ///< record type of a .npy, e.g. "sphere"
     BuildQuality build = BuildQuality::medium;
     WorldPoint origin{};  ///< subtracted from world coordinates before they are rounded
+    std::vector<std::string> masks;  ///< rules "GLOB=HEX" (mask_rules.h)
 };
 
 struct ImportLimits {

@@ -15,6 +15,7 @@ namespace {
 constexpr std::uint64_t request_magic = 0x31545345'554E5952ULL;
 constexpr std::uint64_t result_magic = 0x31544C53'554E5952ULL;
 constexpr std::uint32_t files_max = 65536;
+constexpr std::uint32_t masks_max = 65536;
 constexpr std::uint32_t text_bytes_max = 65536;
 constexpr std::uint32_t status_arena = 0;
 
@@ -25,6 +26,7 @@ struct RequestHeader {
     std::uint32_t source_bytes = 0;
     std::uint32_t primitive_bytes = 0;
     std::uint32_t file_count = 0;
+    std::uint32_t mask_count = 0;
     BuildQuality build = BuildQuality::medium;
     WorldPoint origin{};
 };
@@ -82,13 +84,19 @@ Result<void> write_request(int fd, const ImportRequest& request, const ImportLim
     header.build = request.build;
     header.origin = request.origin;
     header.file_count = static_cast<std::uint32_t>(request.files.size());
+    header.mask_count = static_cast<std::uint32_t>(request.masks.size());
     if (request.source.size() > text_bytes_max || request.primitive.size() > text_bytes_max ||
-        request.files.size() > files_max) {
+        request.files.size() > files_max || request.masks.size() > masks_max) {
         return fail(ErrorCode::limit_exceeded, "a scene may have at most 65536 files");
     }
     auto done = write_all(fd, &header, sizeof header);
     if (done) done = write_all(fd, request.source.data(), request.source.size());
     if (done) done = write_all(fd, request.primitive.data(), request.primitive.size());
+    for (const std::string& mask : request.masks) {
+        const std::uint64_t bytes = mask.size();
+        if (done) done = write_all(fd, &bytes, sizeof bytes);
+        if (done) done = write_all(fd, mask.data(), mask.size());
+    }
     for (const NamedBytes& file : request.files) {
         const FileHeader file_header{file.bytes.size(), file.name.size()};
         if (done) done = write_all(fd, &file_header, sizeof file_header);
@@ -106,7 +114,7 @@ Result<Message> parse_request(std::span<const std::byte> bytes) {
     if (at == nullptr) return damaged;
     std::memcpy(static_cast<void*>(&header), at, sizeof header);
     if (header.magic != request_magic || header.file_count > files_max ||
-        header.build > BuildQuality::high) {
+        header.mask_count > masks_max || header.build > BuildQuality::high) {
         return damaged;
     }
     Message message;
@@ -122,6 +130,13 @@ Result<Message> parse_request(std::span<const std::byte> bytes) {
     if (!take_text(header.source_bytes, message.request.source) ||
         !take_text(header.primitive_bytes, message.request.primitive)) {
         return damaged;
+    }
+    for (std::uint32_t i = 0; i < header.mask_count; ++i) {
+        std::uint64_t size = 0;
+        at = cursor.take(sizeof size);
+        if (at == nullptr) return damaged;
+        std::memcpy(&size, at, sizeof size);
+        if (!take_text(size, message.request.masks.emplace_back())) return damaged;
     }
     for (std::uint32_t i = 0; i < header.file_count; ++i) {
         FileHeader file_header;

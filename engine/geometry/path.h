@@ -28,8 +28,8 @@ struct PathRun {
 };
 
 /// How paths are named. A scene that was read from a tree of nodes keeps that tree, because equal
-/// subtrees share their instances and still have names of their own. Any other scene is named by its
-/// instances, and `numbers` tells apart those of one name in one object.
+/// subtrees share their instances and still have names of their own. Any other scene is named by
+/// its instances, and `numbers` tells apart those of one name in one object.
 struct PathTable {
     const PathNode* nodes = nullptr;         ///< breadth first, so that siblings are neighbours
     const PathRun* runs = nullptr;           ///< in the order of paths, without gaps

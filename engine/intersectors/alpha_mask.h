@@ -17,8 +17,8 @@ struct AlphaMask {
         float cutoff = -1;
     };
     static constexpr auto params = std::tuple{
-        param("cutoff", &Params::cutoff, 0.0F, 1.0F,
-              "least alpha that is hit, for MASK materials; default: each material's own")};
+        param("cutoff", &Params::cutoff, -1.0F, 1.0F,
+              "least alpha that is hit, for MASK materials; below 0: each material's own")};
 
     RAYNEST_FN AlphaMask(const SceneView& view, const Params& values)
         : scene(view),

@@ -39,6 +39,7 @@ private:
         State state = State::unseen;
         bool traced = false;
         Placements declared;
+        std::uint32_t mask = 0;  ///< union of what it holds
         GraphObject object;
     };
 
@@ -96,6 +97,7 @@ private:
         object.traced.triangles = own_triangles(source);
         object.traced.leaves = object.traced.triangles + source.record_bounds.size() != 0 ? 1U : 0U;
         entry.declared = object.traced;
+        if (object.traced.leaves != 0) entry.mask = ~0U;
         for (std::uint32_t i = 0; i < source.instances.size(); ++i) {
             const InstanceDescription& instance = source.instances[i];
             const Entry& child = entries_[instance.object];
@@ -106,7 +108,9 @@ private:
             InstanceRecord record{};
             record.to_object = by_columns(to_object);
             record.object = instance.object;
-            record.mask = instance.mask;
+            // A group without a mask of its own need not be entered where nothing in it counts.
+            record.mask = instance.mask == ~0U ? child.mask : instance.mask;
+            entry.mask |= record.mask;
             record.path_base = object.traced.leaves;
             if (!add(object.traced, child.object.traced)) return too_many_paths(index);
             object.levels = std::max(object.levels, child.object.levels + 1);

@@ -13,20 +13,54 @@ namespace {
 
 using format::Section;
 
-/// Triangles below the root, each as often as it is placed.
-Result<std::uint64_t> count_placed_triangles(const SceneView& scene) {
-    std::vector<std::uint64_t> below(scene.object_count);
-    for (std::uint32_t i = 0; i < scene.object_count; ++i) {
+/// How often each object is placed below the root. Groups of nothing may stand more often than a
+/// number holds; what has primitives does not (scene_paths_max).
+std::vector<std::uint64_t> count_placements(const SceneView& scene) {
+    std::vector<std::uint64_t> placements(scene.object_count, 0);
+    placements[scene.root] = 1;
+    for (std::uint32_t i = scene.object_count; i-- > 0;) {
         const ObjectRecord& object = scene.objects[i];
-        below[i] = object.triangle_count;
         for (std::uint32_t k = 0; k < object.instance_count; ++k) {
-            const InstanceRecord& instance = scene.instances[object.first_instance + k];
-            if (__builtin_add_overflow(below[i], below[instance.object], &below[i])) {
-                return fail(ErrorCode::limit_exceeded, "the scene places more than 2^64 triangles");
-            }
+            std::uint64_t& sum = placements[scene.instances[object.first_instance + k].object];
+            if (__builtin_add_overflow(sum, placements[i], &sum)) sum = ~std::uint64_t{0};
         }
     }
-    return below[scene.root];
+    return placements;
+}
+
+/// Triangles below the root, each as often as it is placed.
+Result<std::uint64_t> count_placed_triangles(const SceneView& scene,
+                                             const std::vector<std::uint64_t>& placements) {
+    std::uint64_t sum = 0;
+    for (std::uint32_t i = 0; i < scene.object_count; ++i) {
+        const std::uint64_t triangles = scene.objects[i].triangle_count;
+        std::uint64_t placed = 0;
+        if (triangles == 0) continue;
+        if (__builtin_mul_overflow(triangles, placements[i], &placed) ||
+            __builtin_add_overflow(sum, placed, &sum)) {
+            return fail(ErrorCode::limit_exceeded, "the scene places more than 2^64 triangles");
+        }
+    }
+    return sum;
+}
+
+std::vector<MaterialUse> count_material_uses(const SceneView& scene,
+                                             const std::vector<std::uint64_t>& placements) {
+    std::vector<MaterialUse> uses(scene.material_count);
+    std::vector<std::uint32_t> last_user(scene.material_count, no_id);
+    for (std::uint32_t i = 0; i < scene.object_count; ++i) {
+        const ObjectRecord& object = scene.objects[i];
+        for (std::uint32_t k = 0; k < object.geometry_count; ++k) {
+            const GeometryRecord& geometry = scene.geometries[object.first_geometry + k];
+            if (geometry.material == no_id || geometry.triangle_count == 0) continue;
+            MaterialUse& use = uses[geometry.material];
+            use.triangles += geometry.triangle_count;
+            // All placements together are paths, at most 2^63.
+            if (std::exchange(last_user[geometry.material], i) != i)
+                use.placements += placements[i];
+        }
+    }
+    return uses;
 }
 
 }  // namespace
@@ -34,7 +68,8 @@ Result<std::uint64_t> count_placed_triangles(const SceneView& scene) {
 Result<std::shared_ptr<const Snapshot>> Snapshot::open(Arena arena, double build_seconds) {
     const auto view = check_arena({arena.data(), arena.size()});
     if (!view) return tl::unexpected(view.error());
-    const auto placed = count_placed_triangles(*view);
+    const std::vector<std::uint64_t> placements = count_placements(*view);
+    const auto placed = count_placed_triangles(*view, placements);
     if (!placed) return tl::unexpected(placed.error());
 
     const std::shared_ptr<Snapshot> snapshot(new Snapshot);
@@ -45,7 +80,9 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(Arena arena, double build
     SceneStatistics& s = snapshot->statistics_;
     for (std::uint32_t i = 0; i < view->object_count; ++i) {
         s.unique_triangles += view->objects[i].triangle_count;
+        if (view->objects[i].has_own_primitives()) snapshot->meshes_.push_back({i, placements[i]});
     }
+    snapshot->material_uses_ = count_material_uses(*view, placements);
     s.instanced_triangles = *placed;
     s.instances = view->objects[view->root].leaves;
     s.levels = view->objects[view->root].levels;
@@ -77,6 +114,12 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(Arena arena, double build
     };
     append_names(Section::warnings, s.warnings);
     append_names(Section::record_types, snapshot->record_types_);
+    for (const std::string& type : snapshot->record_types_) {
+        std::uint64_t& count = snapshot->record_counts_.emplace_back(0);
+        for (std::uint32_t i = 0; i < view->object_count; ++i)
+            if (view->objects[i].record_type == primitive_type(type.c_str()))
+                count += view->objects[i].record_count;
+    }
 
     snapshot->hash_ = content_hash({base, arena.size()});
     snapshot->arena_ = std::move(arena);

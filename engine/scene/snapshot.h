@@ -69,6 +69,18 @@ struct SceneStatistics {
     std::vector<std::string> warnings;
 };
 
+/// An object with primitives of its own, and how often it is placed.
+struct MeshUse {
+    std::uint32_t object = 0;
+    std::uint64_t placements = 0;
+};
+
+/// Triangles of all meshes that use a material, each once, and the placements of those meshes.
+struct MaterialUse {
+    std::uint64_t triangles = 0;
+    std::uint64_t placements = 0;
+};
+
 class Snapshot {
 public:
     /// Builds every object's tree and lays the arena out. Fails with scene_invalid or
@@ -98,6 +110,11 @@ public:
     [[nodiscard]] const std::string& hash() const { return hash_; }
     /// Names of the primitive types in use beside triangles ("sphere").
     [[nodiscard]] const std::vector<std::string>& record_types() const { return record_types_; }
+    /// Records of each of them, every object once.
+    [[nodiscard]] const std::vector<std::uint64_t>& record_counts() const { return record_counts_; }
+    [[nodiscard]] const std::vector<MeshUse>& meshes() const { return meshes_; }
+    /// One per material.
+    [[nodiscard]] const std::vector<MaterialUse>& material_uses() const { return material_uses_; }
 
 private:
     Snapshot() = default;
@@ -108,6 +125,9 @@ private:
     SceneStatistics statistics_;
     std::string hash_;
     std::vector<std::string> record_types_;
+    std::vector<std::uint64_t> record_counts_;
+    std::vector<MeshUse> meshes_;
+    std::vector<MaterialUse> material_uses_;
 };
 
 /// Limits on texts of paths: what has more steps or bytes keeps its end, behind a step "...".

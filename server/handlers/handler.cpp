@@ -22,13 +22,11 @@ constexpr Handler line{protocol::message_of<Table>, verified<Table, handle>};
 
 /// THE LIST of requests.
 constexpr std::array table = {
-    line<wire::Load, load>,     line<wire::Scenes, scenes>,
-    line<wire::Info, info>,     line<wire::Path, path>,
-    line<wire::Unload, unload>, line<wire::Variants, variants>,
-    line<wire::Stats, stats>,   line<wire::Query, query>,
-    line<wire::Render, render>, line<wire::Heatmap, heatmap>,
-    line<wire::Jobs, jobs>,     line<wire::Wait, wait>,
-    line<wire::Fetch, fetch>,   line<wire::CancelJob, cancel_job>,
+    line<wire::Load, load>,         line<wire::Scenes, scenes>,   line<wire::Info, info>,
+    line<wire::Parts, parts>,       line<wire::Path, path>,       line<wire::Unload, unload>,
+    line<wire::Variants, variants>, line<wire::Stats, stats>,     line<wire::Query, query>,
+    line<wire::Render, render>,     line<wire::Heatmap, heatmap>, line<wire::Jobs, jobs>,
+    line<wire::Wait, wait>,         line<wire::Fetch, fetch>,     line<wire::CancelJob, cancel_job>,
 };
 
 }  // namespace

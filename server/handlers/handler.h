@@ -49,6 +49,7 @@ using Answer = std::variant<Frames, Accepted>;
 Reply<Answer> load(const Services&, const Caller&, const protocol::Opened<wire::Load>&);
 Reply<Answer> scenes(const Services&, const Caller&, const protocol::Opened<wire::Scenes>&);
 Reply<Answer> info(const Services&, const Caller&, const protocol::Opened<wire::Info>&);
+Reply<Answer> parts(const Services&, const Caller&, const protocol::Opened<wire::Parts>&);
 Reply<Answer> path(const Services&, const Caller&, const protocol::Opened<wire::Path>&);
 Reply<Answer> unload(const Services&, const Caller&, const protocol::Opened<wire::Unload>&);
 Reply<Answer> variants(const Services&, const Caller&, const protocol::Opened<wire::Variants>&);

@@ -4,6 +4,7 @@
 //
 // The import runs in a process of its own; a thread of the blocking lane waits for it.
 #include "engine/assets/import.h"
+#include "engine/assets/mask_rules.h"
 #include "protocol/hash.h"
 #include "server/handlers/handler.h"
 #include "server/handlers/scene_info.h"
@@ -65,6 +66,7 @@ struct LoadOrder {
     BuildQuality build = BuildQuality::medium;
     Publication publication;
     WorldPoint origin{};
+    std::vector<std::string> masks;
     std::vector<UploadFile> files;
     Budget::Lease lease;  ///< of what has come of the files
 };
@@ -194,6 +196,7 @@ private:
         request.primitive = order_.primitive;
         request.build = order_.build;
         request.origin = order_.origin;
+        request.masks = order_.masks;
         for (const UploadFile& file : order_.files) {
             if (protocol::content_hash(file.bytes.span()) != file.hash)
                 return refuse(Code::scene_invalid,
@@ -285,6 +288,9 @@ Reply<Answer> load(const Services& services, const Caller& caller,
     order.caller = caller;
     order.publication = {message->replace(), message->temporary()};
     order.origin = {message->origin_x(), message->origin_y(), message->origin_z()};
+    order.masks = protocol::strings(message->masks());
+    if (const auto rules = MaskRules::parse(order.masks); !rules)
+        return refuse(Code::invalid_field, rules.error().message);
     if (order.name.empty() || order.name.size() > services.limits.name_bytes_max)
         return refuse(Code::invalid_field, "the scene needs a name of 1.." +
                                                std::to_string(services.limits.name_bytes_max) +

@@ -53,6 +53,7 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& lim
     info.levels = statistics.levels;
     info.materials = statistics.materials;
     info.mask_materials = statistics.mask_materials;
+    info.meshes = static_cast<std::uint32_t>(snapshot.meshes().size());
     info.bytes = statistics.bytes;
     info.build = build_quality_names[static_cast<std::size_t>(statistics.build)];
     info.build_seconds = statistics.build_seconds;
@@ -75,8 +76,9 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& lim
     for (const auto& [reason, count] : statistics.skipped)
         if (texts.append(info.skipped_reasons, reason, limits.name_bytes_max))
             info.skipped_counts.push_back(count);
-    for (const std::string& type : snapshot.record_types())
-        if (!texts.append(info.record_types, type, limits.name_bytes_max)) break;
+    for (std::size_t i = 0; i < snapshot.record_types().size(); ++i)
+        if (texts.append(info.record_types, snapshot.record_types()[i], limits.name_bytes_max))
+            info.record_counts.push_back(snapshot.record_counts()[i]);
     for (const std::string& camera : statistics.cameras)
         if (!texts.append(info.cameras, camera, limits.name_bytes_max)) break;
     for (const std::string& warning : statistics.warnings)

@@ -77,6 +77,7 @@ std::unique_ptr<wire::SceneInfoT> forest_info() {
     info->skipped_counts = {1};
     info->warnings = {"node 43 is singular and was skipped"};
     info->record_types = {"sphere"};
+    info->record_counts = {20};
     info->box_min = std::make_unique<wire::Vec3>(-1.0F, 0.0F, -1.0F);
     info->box_max = std::make_unique<wire::Vec3>(1.0F, 2.0F, 1.0F);
     return info;
@@ -247,6 +248,7 @@ void add_scene_answers(Collection& all) {
     parts.triangles = {24};
     parts.placements = {460};
     parts.alpha_modes = {"MASK"};
+    parts.records = {0};
     all.add(10, parts);
 
     wire::UnloadedT unloaded;

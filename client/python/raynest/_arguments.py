@@ -6,7 +6,7 @@ import inspect
 import math
 import operator
 import reprlib
-from typing import TYPE_CHECKING, Any, Callable, Optional, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Callable, Iterable, Mapping, Optional, TypeVar, Union, cast
 
 import numpy as np
 
@@ -55,6 +55,22 @@ def whole(what: str, value: Any, most: int, least: int = 1) -> int:
         raise UsageError(f"{what} of {reprlib.repr(value)}: it must be a whole number from {least} "
                          f"to {most}")
     return number
+
+
+# What placements are seen by, by patterns of their paths.
+Masks = Union[Mapping[str, int], Iterable[tuple[str, int]]]
+
+
+def mask_rules(masks: Masks) -> list[str]:
+    """As Load has them, "GLOB=HEX"."""
+    rules = []
+    for pair in masks.items() if isinstance(masks, Mapping) else masks:
+        if not isinstance(pair, (tuple, list)) or len(pair) != 2 or \
+                not isinstance(pair[0], str) or not pair[0]:
+            raise UsageError(f"masks of {reprlib.repr(masks)}: it must be a dict of patterns and "
+                             "masks, as {'stand-*': 0x1}, or a list of such pairs")
+        rules.append(f"{pair[0]}={whole('a mask', pair[1], 2**32 - 1, 0):X}")
+    return rules
 
 
 def whole_numbers(what: str, values: Any) -> Array:

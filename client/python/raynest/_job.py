@@ -29,18 +29,25 @@ class JobOptions(TypedDict, total=False):
 
 
 class Outcome(dict[str, Any]):
-    """What ran and how it went: intersector, target, traversal, epoch, rays, hits, misses, seconds,
-    notes, of a heat map `heat`, ..."""
+    """What ran and how it went, in the words of `raynest --json`: intersector, target, traversal,
+    epoch, rays, hits, misses, seconds, notes, ...; of a heat map also metric, min, mean, p50, p99, max
+    and clipped, which `heat` has as one dict."""
 
     def take(self, name: str, message: Message) -> None:
-        if name in ("Started", "Done"):
-            notes = [*self.get("notes", []), *message.get("notes", [])]
-            self.update({key: value for key, value in message.items() if value not in ("", None)})
-            self["notes"] = notes
+        if name not in ("Started", "Done"):
+            return
+        notes = [*self.get("notes", []), *message.get("notes", [])]
+        if message["worker"] not in ("", self.get("worker", message["worker"])):
+            self["worker_reason"] = ""  # why another one was chosen explains nothing
+        # The words of Done are those that have changed.
+        self.update({key: value for key, value in message.items()
+                     if value is not None and (name == "Started" or value != "")})
+        self.update(self.get("heat", {}))
+        self["notes"] = notes
+        if not self.get("invalid"):
+            self.pop("first_invalid", None)
         if name == "Started":
             self["origin"] = origin_of(self)
-        if name == "Done" and not self["invalid"]:
-            del self["first_invalid"]
 
     def warn_of_rays(self) -> None:
         if self.get("invalid"):

@@ -76,6 +76,8 @@ class Schema:
             kind = words[2 if many else 1]
             kind = self._underlying.get(kind, kind)
             default = words[words.index("=") + 1] if "=" in words else "0"
+            if kind in ("float", "double"):
+                default = str(float(default))
             fields.append(Field(field, kind, many, _number(default), "required" in words))
         home[name] = tuple(fields)
 

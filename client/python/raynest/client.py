@@ -10,7 +10,7 @@ from typing import Any, Iterator, Optional, Union
 import numpy as np
 
 from . import _limits
-from ._arguments import milliseconds, none_is_default
+from ._arguments import Masks, mask_rules, milliseconds, none_is_default
 from ._connection import Connection
 from ._control import Message
 from ._files import path_text
@@ -21,6 +21,7 @@ from ._job import Outcome, Progress
 from ._precision import rounding_warning
 from ._rays import vector
 from ._upload import File, Sender, Upload, gather
+from ._words import scene_info, variant_info
 from .errors import InvalidError, ProtocolError, SceneWarning, UsageError, warn
 from .job import Job, job_infos
 from .scene import Scene, scene_info
@@ -74,7 +75,8 @@ class Client:
     @none_is_default
     def load(self, source: Union[str, os.PathLike[str]], name: Optional[str] = None, *,
              origin: Any = None, replace: bool = False, build: str = "medium", primitive: str = "",
-             instances: Union[str, os.PathLike[str]] = "", progress: Progress = None) -> Scene:
+             instances: Union[str, os.PathLike[str]] = "", masks: Masks = (),
+             progress: Progress = None) -> Scene:
         """Uploads a .glb or .gltf with the files that it names, or a .npy of `primitive` records;
         or loads "builtin:forest?trees=9" or "root:PATH", which the daemon has. Out of a pipe, or of
         stdin as "-", comes one of these files as well; it then needs a `name`.
@@ -86,6 +88,10 @@ class Client:
         Far from zero float32 has few digits for what is small: `origin`, three float64 near the
         scene, is subtracted before they are lost. It stays with the scene, and rays, cameras and
         positions are in the world for every client. A SceneWarning says where it would help.
+
+        `masks` says which placements trace(mask=) sees: {"stand-*": 0x1} gives those whose path is
+        that, or lies below it, this mask in place of 0xFFFFFFFF. "*" stands for any text; of
+        several patterns, in a dict or a list of pairs, the last match wins.
         """
         upload = gather(path_text("source", source), primitive, path_text("instances", instances))
         if name is not None:
@@ -93,7 +99,7 @@ class Client:
         elif upload.files and not upload.scene_name:
             raise UsageError(f"a scene of {source} has no name of its own: pass name=")
         message = {**upload.message(), **_origin_message(origin), "replace": replace,
-                   "build": build, "primitive": primitive}
+                   "build": build, "primitive": primitive, "masks": mask_rules(masks)}
         return self._load(upload, message, progress)[0]
 
     @none_is_default
@@ -159,7 +165,7 @@ class Client:
                    "instanced_triangles": "instanced_triangles", "bytes": "bytes",
                    "owner": "owners", "age_seconds": "age_ms", "idle_seconds": "idle_ms",
                    "holders": "holders"}
-        scenes = [dict(zip(columns, row)) for page in self._pages("Scenes", "SceneList", "names")
+        scenes = [dict(zip(columns, row)) for page in self.pages("Scenes", "SceneList", "names")
                   for row in zip(*(page[plural] for plural in columns.values()))]
         for scene in scenes:
             scene["age_seconds"] /= 1000
@@ -195,14 +201,14 @@ class Client:
 
     def jobs(self) -> list[dict[str, Any]]:
         """What runs for all clients, and detached jobs whose answers are kept: job (its number),
-        owner, kind, scene, state, done of total, age_ms, left_ms, bytes, ..."""
+        owner, kind, scene, state, done of total, age_seconds, left_seconds, bytes, ..."""
         return list(job_infos(self.connection))
 
     # ---- the daemon -----------------------------------------------------------------------------
 
     def variants(self) -> list[dict[str, Any]]:
-        """The intersectors: name, text, target, queries, params and outputs of each."""
-        return [variant for page in self._pages("Variants", "VariantList", "variants")
+        """The intersectors: name, text, target, queries, params (with their default) and outputs."""
+        return [variant_info(variant) for page in self.pages("Variants", "VariantList", "variants")
                 for variant in page["variants"]]
 
     def stats(self) -> dict[str, float]:
@@ -216,10 +222,11 @@ class Client:
         self.connection.ask("Ping", {"payload": 1}, "Pong")
         return time.perf_counter() - begin
 
-    def _pages(self, name: str, answer: str, entries: str) -> Iterator[Message]:
+    def pages(self, name: str, answer: str, entries: str, **request: Any) -> Iterator[Message]:
+        """The answers to a request that lists something."""
         first = 0
         while True:
-            page = self.connection.ask(name, {"first": first}, answer)
+            page = self.connection.ask(name, {**request, "first": first}, answer)
             yield page
             first += len(page[entries])
             if first >= page["total"] or not page[entries]:

@@ -17,6 +17,7 @@ from ._control import Message
 from ._job import Progress
 from ._picture import Picture
 from ._query import Answer
+from ._words import job_info
 
 
 class Job:
@@ -85,6 +86,6 @@ def job_infos(connection: Connection, after: int = 0) -> Iterator[Message]:
             if info["job"] <= after:
                 raise errors.ProtocolError("the daemon listed a job twice, or one not asked for")
             after = info["job"]
-            yield info
+            yield job_info(info)
         if not page["more"] or not page["jobs"]:
             return

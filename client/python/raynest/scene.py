@@ -20,6 +20,7 @@ from ._job import JobOptions, Progress, SceneMoved, job_message, origin_of
 from ._picture import Picture, camera_message, size_message
 from ._query import Query
 from ._rays import Rays, Source, segments, vector
+from ._words import path_info, scene_info
 from .errors import InvalidError, UsageError
 from .generators import Generator as RayGenerator
 from .job import Job
@@ -250,16 +251,18 @@ class Scene:
     @none_is_default
     def render(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
                fov: float = 0.0, size: tuple[int, int] = (960, 540), integrator: str = "primary",
-               samples: int = 1, seed: int = 0, encode: str = "raw", progress: Progress = None,
-               detach: bool = False, **job: Unpack[JobOptions]) -> Any:
+               spp: int = 1, seed: int = 0, encode: str = "raw", progress: Progress = None,
+               detach: bool = False, samples: Optional[int] = None,
+               **job: Unpack[JobOptions]) -> Any:
         """A picture: (height, width, 4) of u8, sRGB and alpha, row 0 on top; with `encode` "png" or
         "exr" the bytes of such a file; with `detach` a Job whose fetch() gives it.
 
         The camera is one of the scene's by name or index, the first one by default, or `look_at` is
-        (eye, at) or (eye, at, up); `fov` is vertical, in degrees.
+        (eye, at) or (eye, at, up); `fov` is vertical, in degrees. `spp`, or `samples`, is how many
+        rays a pixel has.
         """
         return self._picture("Render", camera, look_at, fov, size, progress, detach, job, {
-            "integrator": integrator, "samples": samples, "seed": seed, "encode": encode})
+            "integrator": integrator, "samples": spp if samples is None else samples, "seed": seed, "encode": encode})
 
     @none_is_default
     def heatmap(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
@@ -302,6 +305,23 @@ class Scene:
         """Counts of triangles and instances, levels, materials, cameras, bytes, epoch, ..."""
         return scene_info(self._client.connection.ask("Info", {"scene": self.name}, "SceneInfo"))
 
+    @property
+    def meshes(self) -> list[dict[str, Any]]:
+        """Its meshes in the words of `raynest info --meshes`: name, triangles and records (of another
+        primitive type) of one copy, placements."""
+        return self._parts("meshes", ("name", "triangles", "records", "placements"))
+
+    @property
+    def materials(self) -> list[dict[str, Any]]:
+        """Its materials: name, alpha_mode, triangles and placements of the meshes that use it."""
+        return self._parts("materials", ("name", "alpha_mode", "triangles", "placements"))
+
+    def _parts(self, kind: str, keys: Sequence[str]) -> list[dict[str, Any]]:
+        plural = {"name": "names", "alpha_mode": "alpha_modes"}
+        pages = self._client.pages("Parts", "PartList", "names", scene=self.name, kind=kind)
+        return [dict(zip(keys, row)) for page in pages
+                for row in zip(*(page[plural.get(key, key)] for key in keys))]
+
     @overload
     def path_of(self, ids: int, *, epoch: int = 0) -> str: ...
     @overload
@@ -337,11 +357,7 @@ class Scene:
             message = self._path({"text": which}, epoch)
         else:
             message = self._path({"path": whole("a path id", which, 2**64 - 1, 0)}, epoch)
-        columns = zip(message["steps"], message["instances"], message["uids"], message["nodes"])
-        return {"path": message["path"], "name": message["name"], "steps": [
-            {"name": name, "instance": instance, "uid": uid,
-             "node": None if node == 2**32 - 1 else node}
-            for name, instance, uid, node in columns]}
+        return path_info(message)
 
     def _path(self, which: Message, epoch: int) -> Message:
         message = {"scene": self.name, "epoch": epoch, **which}
@@ -354,13 +370,3 @@ class Scene:
         reply = self._client.connection.ask("Unload", {"scene": self.name}, "Unloaded")
         self._client.handles.unloaded(self.name)
         return list(reply["holders"])
-
-
-def scene_info(message: Mapping[str, Any]) -> dict[str, Any]:
-    """A SceneInfo with its lists of reasons and counts as one dict, and its box in the world."""
-    info = dict(message)
-    info["origin"] = origin = origin_of(info)
-    for corner in ("box_min", "box_max"):
-        info[corner] = [x + shift for x, shift in zip(info[corner] or (), origin)]
-    info["skipped"] = dict(zip(info.pop("skipped_reasons"), info.pop("skipped_counts")))
-    return info

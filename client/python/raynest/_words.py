@@ -1,0 +1,55 @@
+"""What the daemon answers, in the keys and types of `raynest --json`: one word for one thing."""
+from __future__ import annotations
+
+from typing import Any
+
+from ._control import Message
+from ._job import origin_of
+
+_NO_NODE = 2**32 - 1
+
+
+def scene_info(message: Message) -> dict[str, Any]:
+    """Of SceneInfo: lists of names and counts become dicts, points lists, boxes are in the world."""
+    info = dict(message)
+    info["origin"] = origin = origin_of(info)
+    triangles = info["unique_triangles"]
+    info["bytes_per_triangle"] = info["tree_bytes"] / triangles if triangles else 0.0
+    info["skipped"] = dict(zip(info.pop("skipped_reasons"), info.pop("skipped_counts")))
+    info["records"] = dict(zip(info.pop("record_types"), info.pop("record_counts")))
+    for corner in ("box_min", "box_max"):
+        info[corner] = [x + shift + 0.0 for x, shift in zip(info[corner] or (), origin)]  # no -0
+    return info
+
+
+def path_info(message: Message) -> dict[str, Any]:
+    columns = zip(message["steps"], message["instances"], message["uids"], message["nodes"])
+    return {"path": message["path"], "name": message["name"], "steps": [
+        {"name": name, "instance": instance, "uid": uid, "node": None if node == _NO_NODE else node}
+        for name, instance, uid, node in columns]}
+
+
+def variant_info(message: Message) -> dict[str, Any]:
+    return {**message, "params": [_param(param) for param in message["params"]]}
+
+
+def _param(message: Message) -> dict[str, Any]:
+    """A parameter has a range, or choices, of which the default is one."""
+    param = {key: message[key] for key in ("name", "type", "text")}
+    if not message["choices"]:
+        return {**param, "minimum": message["minimum"], "maximum": message["maximum"],
+                "default": message["initial"]}
+    param["choices"] = message["choices"]
+    if 0 <= message["initial"] < len(message["choices"]):
+        param["default"] = message["choices"][int(message["initial"])]
+    return param
+
+
+def job_info(message: Message) -> dict[str, Any]:
+    """Of JobInfo: times in seconds, and why it failed, else None."""
+    info = dict(message)
+    info["age_seconds"] = info.pop("age_ms") / 1000
+    left = info.pop("left_ms")
+    info["left_seconds"] = left / 1000 if left else None
+    info["error"] = info["error"] if info.pop("code") else None
+    return info

@@ -1,0 +1,29 @@
+// Masks of a glTF's placements.
+#pragma once
+
+#include "engine/assets/gltf_model.h"
+#include "engine/assets/mask_rules.h"
+
+#include <cstdint>
+#include <unordered_map>
+#include <vector>
+
+namespace raynest::gltf {
+
+/// By node, or by placement where those of one node may differ.
+struct Masks {
+    std::vector<std::uint32_t> by_node;  ///< empty: all of them are mask_all
+    std::unordered_map<std::uint32_t, std::vector<std::uint32_t>> by_placement;
+
+    [[nodiscard]] bool is_by_placement(std::uint32_t node) const {
+        return by_placement.contains(node);
+    }
+    [[nodiscard]] std::uint32_t of(std::uint32_t node, std::uint32_t placement) const;
+};
+
+/// `order` lists the nodes of the scene, parents before children; `scene` has its path nodes, and
+/// is warned about rules that match nothing.
+Result<Masks> read_masks(const Model& model, const std::vector<std::uint32_t>& order,
+                         MaskRules& rules, SceneDescription& scene);
+
+}  // namespace raynest::gltf
