@@ -3,6 +3,8 @@
 #include "engine/assets/import.h"
 #include "engine/assets/import_wire.h"
 
+#include <sys/prctl.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <csignal>
@@ -10,6 +12,25 @@
 #include <string_view>
 
 namespace wire = raynest::wire;
+
+namespace {
+
+rlim_t limit_of(decltype(RLIMIT_AS) resource) {
+    rlimit limit{};
+    ::getrlimit(resource, &limit);
+    return limit.rlim_cur;
+}
+
+/// What holds of this process, a bit each, as the exit code.
+int report_limits() {
+    return (::prctl(PR_GET_NO_NEW_PRIVS, 0, 0, 0, 0) == 1 ? 1 : 0) |
+           (::prctl(PR_GET_DUMPABLE) == 0 ? 2 : 0) | (limit_of(RLIMIT_NOFILE) <= 64 ? 4 : 0) |
+           (limit_of(RLIMIT_FSIZE) != RLIM_INFINITY ? 8 : 0) |
+           (limit_of(RLIMIT_CPU) != RLIM_INFINITY ? 16 : 0) |
+           (limit_of(RLIMIT_AS) != RLIM_INFINITY ? 32 : 0);
+}
+
+}  // namespace
 
 int main(int count, char** words) {
     const std::string_view mode = count > 1 ? words[1] : "";
@@ -42,6 +63,8 @@ int main(int count, char** words) {
         const auto result = raynest::import_here(message->request, {}, **registry);
         return wire::write_result(wire::result_fd, result) ? 0 : 1;
     }
-    if (mode != "--import-child") return 0;
-    return registry ? raynest::import_child_main(**registry) : 9;
+    if (mode != "--import-child" && mode != "--report-limits") return 0;
+    if (!registry) return 9;
+    const int code = raynest::import_child_main(**registry);
+    return mode == "--import-child" ? code : report_limits();
 }
