@@ -1,15 +1,17 @@
 #include "client/files.h"
 
 #include <fcntl.h>
+#include <linux/openat2.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <new>
-#include <string_view>
 #include <system_error>
 #include <utility>
 
@@ -90,26 +92,54 @@ Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_
     return read_all(file, path, bytes_max);
 }
 
-Result<protocol::Buffer> read_file_beneath(const std::string& folder, const std::string& name,
-                                           std::uint64_t bytes_max) {
-    Descriptor at(::open(folder.empty() ? "." : folder.c_str(), O_PATH | O_DIRECTORY | O_CLOEXEC));
-    if (!at) return refuse(folder, std::strerror(errno));
-    std::string_view rest = name;
-    while (true) {
-        const std::size_t slash = rest.find('/');
-        const std::string component(rest.substr(0, slash));
-        if (component.empty() || component == "." || component == ".." ||
-            component.find('\0') != std::string::npos)
-            return refuse(name, "is not a plain name beneath the scene's folder");
-        const bool last = slash == std::string_view::npos;
+namespace {
+
+/// For kernels without openat2 (before 5.6): no link is followed at all.
+int open_without_links(int folder, const std::string& name) {
+    Descriptor at(::dup(folder));
+    for (std::size_t begin = 0;;) {
+        const std::size_t end = std::min(name.find('/', begin), name.size());
+        const std::string component = name.substr(begin, end - begin);
+        errno = EXDEV;
+        if (component.empty() || component == "..") return -1;
+        const bool last = end == name.size();
         const int flags = O_NOFOLLOW | (last ? read_flags : O_PATH | O_DIRECTORY | O_CLOEXEC);
-        Descriptor next(::openat(at.get(), component.c_str(), flags));
-        if (!next && errno == ELOOP) return refuse(name, "goes through a symbolic link");
-        if (!next) return refuse(name, std::strerror(errno));
-        if (last) return read_all(next, name, bytes_max);
-        at = std::move(next);
-        rest.remove_prefix(slash + 1);
+        const int next = ::openat(at.get(), component.c_str(), flags);
+        if (last || next < 0) return next;
+        at = Descriptor(next);
+        begin = end + 1;
     }
+}
+
+int open_beneath(int folder, const std::string& name) {
+    open_how how{};
+    how.flags = read_flags;
+    how.resolve = RESOLVE_BENEATH | RESOLVE_NO_MAGICLINKS;
+    const auto file =
+        static_cast<int>(::syscall(SYS_openat2, folder, name.c_str(), &how, sizeof how));
+    return file < 0 && errno == ENOSYS ? open_without_links(folder, name) : file;
+}
+
+}  // namespace
+
+Result<std::optional<protocol::Buffer>> read_file_beneath(const std::string& folder,
+                                                          const std::string& name,
+                                                          std::uint64_t bytes_max) {
+    const Descriptor at(
+        ::open(folder.empty() ? "." : folder.c_str(), O_PATH | O_DIRECTORY | O_CLOEXEC));
+    if (!at) return refuse(folder, std::strerror(errno));
+    if (name.find('\0') != std::string::npos) return refuse(name, "is not the name of a file");
+    const Descriptor file(open_beneath(at.get(), name));
+    if (file) {
+        auto bytes = read_all(file, name, bytes_max);
+        if (!bytes) return tl::unexpected<Failure>(bytes.error());
+        return std::optional(std::move(*bytes));
+    }
+    if (errno == ENOENT || errno == ENOTDIR) return std::nullopt;
+    if (errno == EXDEV)
+        return refuse(
+            name, "link leaves the folder; only relative links that end inside it are followed");
+    return refuse(name, errno == ELOOP ? "links lead in a circle" : std::strerror(errno));
 }
 
 Result<void> write_file(const std::string& path, std::span<const std::byte> bytes) {

@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 
@@ -15,11 +16,12 @@ namespace raynest::client {
 /// without being waited for. Exit code 5, naming the file.
 Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_max);
 
-/// The same for `name` (components separated by '/') beneath `folder`: no "..", no absolute name,
-/// no symbolic link in any component, so that a scene from a stranger cannot have other files
-/// uploaded.
-Result<protocol::Buffer> read_file_beneath(const std::string& folder, const std::string& name,
-                                           std::uint64_t bytes_max);
+/// The same for `name` beneath `folder`; nothing where there is no such file. Symbolic links are
+/// followed as long as they stay in the folder, so that a scene from a stranger cannot have other
+/// files uploaded; the kernel sees to that (openat2).
+Result<std::optional<protocol::Buffer>> read_file_beneath(const std::string& folder,
+                                                          const std::string& name,
+                                                          std::uint64_t bytes_max);
 
 /// Whether write_file has a chance: asked before work of minutes, whose result would be lost.
 Result<void> check_writable(const std::string& path);

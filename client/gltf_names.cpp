@@ -83,14 +83,16 @@ constexpr std::size_t chunk_header_bytes = 8;
 
 /// Walks header and chunks; the JSON chunk comes first.
 Result<std::span<const std::byte>> glb_json(std::span<const std::byte> file) {
-    if (file.size() < glb_header_bytes + chunk_header_bytes)
-        return fail(Exit::invalid, "is cut within its GLB header");
+    if (file.size() < glb_header_bytes) return fail(Exit::invalid, "is cut within its GLB header");
     if (word_at(file, 4) != 2)
         return fail(Exit::invalid, "is GLB version " + std::to_string(word_at(file, 4)) +
                                        "; only version 2 can be read");
-    if (word_at(file, 8) != file.size())
+    if (word_at(file, 8) > file.size())
         return fail(Exit::invalid, "says that it has " + std::to_string(word_at(file, 8)) +
                                        " bytes, but has " + std::to_string(file.size()));
+    file = file.first(word_at(file, 8));  // bytes behind the scene are not part of it
+    if (file.size() < glb_header_bytes + chunk_header_bytes)
+        return fail(Exit::invalid, "is cut within its GLB header");
     std::span<const std::byte> found;
     for (std::size_t at = glb_header_bytes; at < file.size();) {
         if (file.size() - at < chunk_header_bytes)
@@ -121,36 +123,39 @@ Result<std::span<const std::byte>> gltf_json(std::span<const std::byte> file) {
     return text;
 }
 
-Result<std::string> decode_uri(const std::string& uri) {
-    const auto refuse = [&](const char* why) {
-        const std::string shown = protocol::printable(uri) ? uri.substr(0, 80) : "(not printable)";
-        return fail(Exit::invalid, "names the file '" + shown + "', which " + why);
-    };
-    if (uri.empty()) return refuse("is empty");
-    if (uri.find(':') != std::string::npos) return refuse("has a scheme");
-
-    std::string name;
+std::optional<std::string> file_of_uri(std::string_view uri) {
+    std::string decoded;
     for (std::size_t i = 0; i < uri.size(); ++i) {
         if (uri[i] != '%') {
-            name += uri[i];
+            decoded += uri[i];
             continue;
         }
-        const auto letter = protocol::percent_code(std::string_view(uri).substr(i));
-        if (!letter) return refuse("is wrongly percent-encoded");
-        if (*letter == '.' || *letter == '/') return refuse("hides a dot or a slash");
-        name += *letter;
+        const auto letter = protocol::percent_code(uri.substr(i));
+        // An encoded dot or slash must not become part of the path's structure.
+        if (!letter || *letter == '.' || *letter == '/') return std::nullopt;
+        decoded += *letter;
         i += 2;
     }
-    if (name.size() > 1024 || !protocol::printable(name)) return refuse("is not printable");
-    if (name.find('\\') != std::string::npos || name.find(':') != std::string::npos)
-        return refuse("is not a relative path");
-    for (std::size_t begin = 0; begin <= name.size();) {
-        const std::size_t end = std::min(name.find('/', begin), name.size());
-        const std::string_view component = std::string_view(name).substr(begin, end - begin);
-        if (component.empty() || component == "." || component == "..")
-            return refuse("is not a plain path beneath the scene's folder");
+    if (!protocol::printable(decoded) || decoded.find_first_of("\\:") != std::string::npos)
+        return std::nullopt;
+    std::vector<std::string_view> components;
+    for (std::size_t begin = 0; begin <= decoded.size();) {
+        const std::size_t end = std::min(decoded.find('/', begin), decoded.size());
+        const std::string_view component = std::string_view(decoded).substr(begin, end - begin);
+        if (component.empty() || (component == ".." && components.empty())) return std::nullopt;
+        if (component == "..")
+            components.pop_back();
+        else if (component != ".")
+            components.push_back(component);
         begin = end + 1;
     }
+    std::string name;
+    for (const std::string_view component : components) {
+        if (!name.empty()) name += '/';
+        name += component;
+    }
+    constexpr std::size_t name_bytes_max = 1024;
+    if (name.empty() || name.size() > name_bytes_max) return std::nullopt;
     return name;
 }
 
@@ -162,9 +167,8 @@ Result<std::vector<std::string>> gltf_names(std::span<const std::byte> json_text
     std::vector<std::string> names;
     for (const std::string& uri : collector.uris) {
         if (uri.rfind("data:", 0) == 0) continue;
-        Result<std::string> name = decode_uri(uri);
-        if (!name) return tl::unexpected<Failure>(name.error());
-        if (std::find(names.begin(), names.end(), *name) == names.end())
+        auto name = file_of_uri(uri);
+        if (name && std::find(names.begin(), names.end(), *name) == names.end())
             names.push_back(std::move(*name));
     }
     return names;

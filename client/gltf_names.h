@@ -8,8 +8,10 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace raynest::client {
@@ -20,13 +22,15 @@ inline constexpr std::size_t json_depth_max = 64;
 /// The JSON text of a .gltf or .glb; a GLB's header and chunk lengths are checked. Exit code 5.
 Result<std::span<const std::byte>> gltf_json(std::span<const std::byte> file);
 
-/// The uris of buffers and images, percent-decoded, without data: uris and repetitions, in file
-/// order. Exit code 5 for text that is no JSON object, is nested too deeply, or has a uri that is
-/// not a relative path of plain components.
+/// The files that buffers and images name, each once, in file order. What names no file beneath the
+/// scene's folder is left out: the daemon says so where it matters. Exit code 5 for text that is no
+/// JSON object or is nested too deeply.
 Result<std::vector<std::string>> gltf_names(std::span<const std::byte> json);
 
-/// The file name that a uri stands for. Refuses schemes, absolute names, "..", "%2e", "%2f", NUL,
-/// backslashes and what is not printable.
-Result<std::string> decode_uri(const std::string& uri);
+/// The file that a URI stands for: percent-decoded once, "./" dropped, "a/.." cancelled. Nothing
+/// where the URI has a scheme, is absolute, leaves the scene's folder, hides a dot or a slash
+/// behind a percent sign, or is not printable. The daemon applies the same rule
+/// (tests/golden/gltf_uris.json).
+std::optional<std::string> file_of_uri(std::string_view uri);
 
 }  // namespace raynest::client

@@ -70,10 +70,12 @@ Result<void> gather_gltf(const std::string& path, Gatherer& gatherer, Upload& up
         return blame(failure(Exit::invalid, "names " + std::to_string(names->size()) +
                                                 " files; pack it into one .glb"));
     for (const std::string& name : *names) {
-        if (name == upload.files[0].name) return blame(failure(Exit::invalid, "names itself"));
+        if (name == upload.files[0].name) continue;
         auto bytes = read_file_beneath(folder_of(path), name, gatherer.left());
         if (!bytes) return blame(failure(bytes.error().exit, "names " + bytes.error().message));
-        if (auto added = gatherer.add(name, std::move(bytes)); !added) return added;
+        // Whether it is missed is for the daemon to say.
+        if (!*bytes) continue;
+        if (auto added = gatherer.add(name, std::move(**bytes)); !added) return added;
     }
     return {};
 }

@@ -10,6 +10,7 @@ namespace {
 
 constexpr std::uint32_t magic_gltf = 0x46546C67;
 constexpr std::uint32_t chunk_json = 0x4E4F534A;
+constexpr std::uint32_t chunk_bin = 0x004E4942;
 
 std::uint32_t read_u32(std::span<const std::byte> file, std::size_t at) {
     std::uint32_t value = 0;
@@ -23,7 +24,7 @@ bool starts_as_glb(std::span<const std::byte> file) {
     return file.size() >= 4 && read_u32(file, 0) == magic_gltf;
 }
 
-Result<std::span<const std::byte>> open_glb(std::span<const std::byte> file) {
+Result<Glb> open_glb(std::span<const std::byte> file) {
     if (file.size() < 12 || read_u32(file, 0) != magic_gltf) {
         return fail(ErrorCode::scene_invalid, "the GLB file has no glTF header");
     }
@@ -32,15 +33,16 @@ Result<std::span<const std::byte>> open_glb(std::span<const std::byte> file) {
             ErrorCode::scene_unsupported,
             fmt::format("GLB version {} is not supported; export the scene as glTF 2.0", version));
     }
-    if (const std::uint32_t total = read_u32(file, 8); total != file.size()) {
+    const std::uint32_t total = read_u32(file, 8);
+    if (total > file.size()) {
         return fail(ErrorCode::scene_invalid,
                     fmt::format("the GLB header promises {} bytes but the file has {}; it is cut "
                                 "short or damaged",
                                 total, file.size()));
     }
+    file = file.first(total);  // bytes behind the scene are not part of it
 
-    // Chunk 0 is the JSON; what follows is only measured here.
-    std::span<const std::byte> json;
+    Glb glb;
     std::size_t at = 12;
     for (std::size_t index = 0; at < file.size(); ++index) {
         if (file.size() - at < 8) {
@@ -56,13 +58,14 @@ Result<std::span<const std::byte>> open_glb(std::span<const std::byte> file) {
         }
         const auto chunk = file.subspan(at, length);
         if (index == 0 && type != chunk_json) break;
-        if (index == 0) json = chunk;
+        if (index == 0) glb.json = chunk;
+        if (index == 1 && type == chunk_bin) glb.binary = chunk;
         at += length;
     }
-    if (json.empty()) {
+    if (glb.json.empty()) {
         return fail(ErrorCode::scene_invalid, "the GLB file does not start with a JSON chunk");
     }
-    return json;
+    return glb;
 }
 
 }  // namespace raynest::gltf

@@ -23,14 +23,15 @@ bool has_extension(std::string_view source, std::string_view extension) {
 Result<SceneDescription> describe_gltf(const ImportRequest& request, const ImportLimits& limits) {
     const std::span<const std::byte> main = request.files.front().bytes;
     const bool is_glb = gltf::starts_as_glb(main) || has_extension(request.source, ".glb");
-    std::span<const std::byte> json = main;
+    gltf::Glb text{main, {}};
     if (is_glb) {
-        const auto chunk = gltf::open_glb(main);
-        if (!chunk) return gltf::error_of(chunk);
-        json = *chunk;
+        const auto glb = gltf::open_glb(main);
+        if (!glb) return gltf::error_of(glb);
+        text = *glb;
     }
-    if (auto done = gltf::prescan_json(json, is_glb, limits); !done) return gltf::error_of(done);
-    auto model = gltf::load_model(request);
+    const auto prescan = gltf::prescan_json(text.json, limits);
+    if (!prescan) return gltf::error_of(prescan);
+    auto model = gltf::load_model(request, text, *prescan);
     if (!model) return gltf::error_of(model);
     gltf::move_world(*model, request.origin);
     auto rules = MaskRules::parse(request.masks);
@@ -38,9 +39,11 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
 
     SceneDescription scene;
     scene.origin = request.origin;
+    scene.warnings = model->warnings;
     if (auto done = gltf::read_nodes(*model, limits, *rules, scene); !done)
         return gltf::error_of(done);
     if (auto done = gltf::read_materials(*model, limits, scene); !done) return gltf::error_of(done);
+    if (model->hidden_instances != 0) scene.skipped["hidden_instances"] = model->hidden_instances;
     if (model->bad_masks != 0)
         scene.warnings.push_back(fmt::format(
             "{} nodes have an extras.raynest.mask that is no mask; give a whole number, "

@@ -99,12 +99,13 @@ std::uint32_t size_of(Component component) {
     return 4;
 }
 
-Result<View> check_view(const RawView& raw, std::span<const std::vector<unsigned char>> buffers) {
+Result<View> check_view(const RawView& raw, std::span<const Fetched> buffers) {
     if (raw.buffer < 0 || static_cast<std::uint64_t>(raw.buffer) >= buffers.size()) {
         return refuse(
             fmt::format("refers to buffer {}, but there are {}", raw.buffer, buffers.size()));
     }
-    const auto bytes = std::as_bytes(std::span(buffers[static_cast<std::size_t>(raw.buffer)]));
+    const Fetched& buffer = buffers[static_cast<std::size_t>(raw.buffer)];
+    const auto bytes = std::as_bytes(std::span(buffer.bytes));
     if (raw.offset > bytes.size() || raw.length > bytes.size() - raw.offset || raw.length == 0) {
         return refuse(fmt::format("has {} bytes from byte {} on, outside its buffer of {} bytes",
                                   raw.length, raw.offset, bytes.size()));
@@ -120,12 +121,13 @@ Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> vi
     if (!component_of(raw.component_type, out.component)) {
         return refuse(fmt::format("has the unknown component type {}", raw.component_type));
     }
-    if (raw.width == 0 || raw.count == 0 || raw.count > 0xFFFFFFFFU) {
+    if (raw.width == 0) return refuse("has a type that glTF does not know");
+    if (raw.count == 0 || raw.count > 0xFFFFFFFFU) {
         return refuse(fmt::format("has {} elements of {} components", raw.count, raw.width));
     }
     // Before the range: floats where indices belong are too long for their bufferView as well.
     if (raw.holds_indices && (raw.width != 1 || !is_unsigned(out.component) || raw.normalized)) {
-        return refuse("holds indices, which must be plain unsigned integers");
+        return refuse("holds indices but no plain unsigned integers");
     }
     out.count = raw.count;
     out.width = raw.width;
@@ -152,9 +154,7 @@ Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> vi
         }
         // glTF aligns to the buffer's start, which the allocator aligns for us.
         const auto start = reinterpret_cast<std::uintptr_t>(view->bytes.data());
-        if ((start + raw.offset) % component != 0 || out.stride % component != 0) {
-            return refuse(fmt::format("is not aligned to its components of {} bytes", component));
-        }
+        out.misaligned = (start + raw.offset) % component != 0 || out.stride % component != 0;
         out.data = place(*view, raw.offset, raw.count, out.stride, element);
         if (out.data == nullptr) {
             return refuse(
@@ -169,7 +169,8 @@ Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> vi
         const View* values = view_of(raw.sparse_values_view);
         const bool index_type = component_of(raw.sparse_component_type, out.sparse_component) &&
                                 is_unsigned(out.sparse_component);
-        if (indices == nullptr || values == nullptr || !index_type || raw.sparse_count < 1 ||
+        if (indices == nullptr || values == nullptr || !indices->fault.empty() ||
+            !values->fault.empty() || !index_type || raw.sparse_count < 1 ||
             static_cast<std::uint64_t>(raw.sparse_count) > raw.count ||
             raw.sparse_indices_offset < 0 || raw.sparse_values_offset < 0) {
             return refuse("is sparse and names bufferViews, types or counts that do not exist");
@@ -187,22 +188,26 @@ Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> vi
     return out;
 }
 
-Result<std::vector<float>> read_floats(const Accessor& accessor,
-                                       std::span<const std::uint32_t> elements) {
+namespace {
+
+/// Reads elements of an accessor into `out`, `width` values each, by `read_element(from, to)`:
+/// those listed in `elements`, all when the list is empty.
+template <class T, class ReadElement>
+Result<std::vector<T>> read_elements(const Accessor& accessor,
+                                     std::span<const std::uint32_t> elements,
+                                     const ReadElement& read_element) {
+    if (!accessor.fault.empty()) return refuse("needs " + accessor.fault);
     const std::uint32_t width = accessor.width;
-    const std::uint32_t component = size_of(accessor.component);
-    const auto read_element = [&](const std::byte* from, float* to) {
-        for (std::uint32_t c = 0; c < width; ++c) {
-            to[c] = load_component(from + std::size_t{c} * component, accessor.component,
-                                   accessor.normalized);
-        }
-    };
+    if (accessor.data == nullptr && accessor.count > zero_filled_max) {
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("has an accessor of {} elements without a bufferView; at most {} "
+                                "are allowed",
+                                accessor.count, zero_filled_max));
+    }
     if (accessor.sparse_count == 0) {
-        if (accessor.data == nullptr)
-            return refuse("has an attribute whose accessor has no bufferView");
         const std::uint64_t count = elements.empty() ? accessor.count : elements.size();
-        std::vector<float> out(count * width);
-        for (std::uint64_t i = 0; i < count; ++i) {
+        std::vector<T> out(count * width);
+        for (std::uint64_t i = 0; accessor.data != nullptr && i < count; ++i) {
             const std::uint64_t element = elements.empty() ? i : elements[i];
             read_element(accessor.data + element * accessor.stride, out.data() + i * width);
         }
@@ -210,17 +215,11 @@ Result<std::vector<float>> read_floats(const Accessor& accessor,
     }
 
     // A sparse accessor is written out in full, then picked from.
-    if (accessor.data == nullptr && accessor.count > zero_filled_max) {
-        return fail(
-            ErrorCode::limit_exceeded,
-            fmt::format("has a sparse accessor of {} elements without a bufferView; at most {} are "
-                        "allowed",
-                        accessor.count, zero_filled_max));
-    }
-    std::vector<float> full(accessor.count * width, 0.0F);
+    std::vector<T> full(accessor.count * width);
     for (std::uint64_t i = 0; accessor.data != nullptr && i < accessor.count; ++i) {
         read_element(accessor.data + i * accessor.stride, full.data() + i * width);
     }
+    const std::uint64_t value_bytes = std::uint64_t{width} * size_of(accessor.component);
     for (std::uint64_t i = 0; i < accessor.sparse_count; ++i) {
         const std::uint32_t index =
             load_index(accessor.sparse_indices + i * size_of(accessor.sparse_component),
@@ -229,11 +228,11 @@ Result<std::vector<float>> read_floats(const Accessor& accessor,
             return refuse(fmt::format("has a sparse accessor that replaces element {} of {}", index,
                                       accessor.count));
         }
-        read_element(accessor.sparse_values + i * std::uint64_t{width} * component,
+        read_element(accessor.sparse_values + i * value_bytes,
                      full.data() + std::uint64_t{index} * width);
     }
     if (elements.empty()) return full;
-    std::vector<float> out(elements.size() * width);
+    std::vector<T> out(elements.size() * width);
     for (std::size_t i = 0; i < elements.size(); ++i) {
         std::copy_n(full.data() + std::uint64_t{elements[i]} * width, width,
                     out.data() + i * width);
@@ -241,16 +240,23 @@ Result<std::vector<float>> read_floats(const Accessor& accessor,
     return out;
 }
 
+}  // namespace
+
+Result<std::vector<float>> read_floats(const Accessor& accessor,
+                                       std::span<const std::uint32_t> elements) {
+    const std::size_t component = size_of(accessor.component);
+    return read_elements<float>(accessor, elements, [&](const std::byte* from, float* to) {
+        for (std::uint32_t c = 0; c < accessor.width; ++c) {
+            to[c] = load_component(from + c * component, accessor.component, accessor.normalized);
+        }
+    });
+}
+
 Result<std::vector<std::uint32_t>> read_indices(const Accessor& accessor) {
-    if (accessor.data == nullptr || accessor.sparse_count != 0) {
-        return fail(ErrorCode::scene_unsupported,
-                    "has indices in a sparse accessor; re-export with plain ones");
-    }
-    std::vector<std::uint32_t> out(accessor.count);
-    for (std::uint64_t i = 0; i < accessor.count; ++i) {
-        out[i] = load_index(accessor.data + i * accessor.stride, accessor.component);
-    }
-    return out;
+    return read_elements<std::uint32_t>(accessor, {},
+                                        [&](const std::byte* from, std::uint32_t* to) {
+                                            *to = load_index(from, accessor.component);
+                                        });
 }
 
 }  // namespace raynest::gltf

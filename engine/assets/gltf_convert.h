@@ -17,8 +17,11 @@ const tinygltf::Value* member(const tinygltf::ExtensionMap& extensions, const ch
 Result<float> finite(double value, std::string_view what);
 Result<std::vector<float>> finite_list(std::span<const double> values, std::string_view what);
 
-/// The accessors are converted before the meshes, the nodes before the skins.
+/// The accessors are converted before the meshes, the nodes before the skins, the pictures before
+/// the textures, and those before the materials.
 Result<void> convert_meshes(tinygltf::Model& file, Model& model);
 Result<void> convert_skins(tinygltf::Model& file, Model& model);
+Result<void> convert_textures(tinygltf::Model& file, Model& model);
+Result<void> convert_materials(tinygltf::Model& file, Model& model);
 
 }  // namespace raynest::gltf

@@ -73,6 +73,7 @@ private:
     Result<GeometryDescription> read_primitive(const Mesh& mesh, const Primitive& primitive) {
         if (primitive.position == no_id) return refuse("has a primitive without POSITION");
         const Accessor& position = model_.accessors[primitive.position];
+        if (!position.fault.empty()) return refuse("needs " + position.fault);
         if (position.count > 0xFFFFFFFEU) return refuse("has too many vertices");
         GeometryDescription geometry;
         geometry.material = primitive.material;
@@ -144,6 +145,7 @@ private:
     Result<std::vector<float>> read_attribute(const Accessor& accessor, const Accessor& position,
                                               const std::vector<std::uint32_t>& vertices,
                                               bool type_allowed, const char* name) {
+        if (!accessor.fault.empty()) return refuse("needs " + accessor.fault);
         if (!type_allowed || !accessor.scalar_or_vector) {
             return refuse(fmt::format("has a {} of the wrong type", name));
         }

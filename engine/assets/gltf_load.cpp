@@ -1,14 +1,14 @@
 // Runs tinygltf behind fences and copies what it read into a Model.
 //
 // tinygltf is a JSON reader, not a validator: it accepts indices, ranges and counts of any value.
-// It gets no file system (only the uploaded names), no image decoder, and no chance to throw
-// further. Nothing it produced is used before the checks below.
+// It gets no file system, no image decoder, and no chance to throw further. Nothing it produced is
+// used before the checks below.
 #include "engine/assets/gltf_convert.h"
 #include "engine/assets/gltf_names.h"
-#include "engine/assets/gltf_prescan.h"
 #include "engine/assets/gltf_skins.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -19,34 +19,25 @@
 namespace raynest::gltf {
 namespace {
 
-bool upload_has(const std::string& name, void* user) {
-    return static_cast<Upload*>(user)->has(name);
-}
-
-bool upload_read(std::vector<unsigned char>* out, std::string* error, const std::string& name,
-                 void* user) {
-    const auto bytes = static_cast<Upload*>(user)->read(name);
-    if (!bytes) *error = "refused";
-    if (!bytes) return false;
-    const auto* first = reinterpret_cast<const unsigned char*>(bytes->data());
-    out->assign(first, first + bytes->size());
+/// Keeps nothing: a picture's bytes are found by its bufferView. Here the pointer and the length
+/// are unchecked.
+bool leave_picture(tinygltf::Image*, int, std::string*, std::string*, int, int,
+                   const unsigned char*, int, void*) {
     return true;
 }
 
-/// Keeps encoded bytes for later. For a picture inside a buffer it must not even look: the pointer
-/// and the length are unchecked there.
-bool keep_encoded(tinygltf::Image* image, int, std::string*, std::string*, int, int,
-                  const unsigned char* bytes, int size, void*) {
-    if (image->bufferView < 0 && size > 0) image->image.assign(bytes, bytes + size);
-    return true;
-}
-
-Result<void> check_extensions(const tinygltf::Model& file) {
+/// Extensions that are read, or that do not change what a ray hits.
+bool is_known(const std::string& name) {
     static const std::set<std::string, std::less<>> known{
         "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "KHR_texture_transform",
-        "KHR_lights_punctual", "EXT_texture_webp"};
+        "KHR_lights_punctual",     "EXT_texture_webp",      "KHR_node_visibility",
+        "KHR_animation_pointer",   "KHR_xmp_json_ld"};
+    return known.contains(name) || name.starts_with("KHR_materials_");
+}
+
+Result<void> check_extensions(const tinygltf::Model& file, Model& model) {
     for (const std::string& name : file.extensionsRequired) {
-        if (known.contains(name) || name.starts_with("KHR_materials_")) continue;
+        if (is_known(name)) continue;
         const bool compressed = name == "KHR_draco_mesh_compression" ||
                                 name == "EXT_meshopt_compression" || name == "KHR_texture_basisu";
         return fail(
@@ -54,6 +45,16 @@ Result<void> check_extensions(const tinygltf::Model& file) {
             fmt::format("the scene requires the extension '{}', which RayNest does not read; {}",
                         one_line(name.substr(0, 80)),
                         compressed ? "re-export without compression" : "re-export without it"));
+    }
+    std::set<std::string, std::less<>> unknown;
+    for (const std::string& name : file.extensionsUsed) {
+        if (!is_known(name)) unknown.insert(one_line(name, 80));
+    }
+    if (!unknown.empty()) {
+        constexpr std::size_t list_bytes_max = 400;
+        model.warnings.push_back(
+            fmt::format("the scene uses extensions that RayNest does not read: {}",
+                        one_line(fmt::format("{}", fmt::join(unknown, ", ")), list_bytes_max)));
     }
     return {};
 }
@@ -73,51 +74,127 @@ void drop_harmless_lines(std::string& problem) {
     problem = kept.find_first_not_of(" \n") == std::string::npos ? std::string() : kept;
 }
 
-Result<void> run_tinygltf(const ImportRequest& request, std::uint64_t upload_bytes,
-                          tinygltf::Model& file) {
-    const std::span<const std::byte> main = request.files.front().bytes;
-    const auto* bytes = reinterpret_cast<const unsigned char*>(main.data());
-    Upload upload(request, 4 * upload_bytes);
-
-    std::string problem;
+/// tinygltf's word about a text: an empty `problem` is a scene.
+Result<void> run_tinygltf(std::span<const std::byte> text, tinygltf::Model& file,
+                          std::string& problem) {
+    const auto size = static_cast<unsigned>(text.size());
     std::string warning;
     bool loaded = false;
     try {
         tinygltf::TinyGLTF loader;
-        loader.SetImageLoader(keep_encoded, nullptr);
-        loader.SetFsCallbacks({upload_has, [](const std::string& name, void*) { return name; },
-                               upload_read, nullptr, &upload});
-        const auto size = static_cast<unsigned>(main.size());
-        loaded = starts_as_glb(main)
-                     ? loader.LoadBinaryFromMemory(&file, &problem, &warning, bytes, size, "")
-                     : loader.LoadASCIIFromString(&file, &problem, &warning,
-                                                  reinterpret_cast<const char*>(bytes), size, "");
+        loader.SetImageLoader(leave_picture, nullptr);
+        loader.SetFsCallbacks({[](const std::string&, void*) { return false; },
+                               [](const std::string& name, void*) { return name; },
+                               [](std::vector<unsigned char>*, std::string*, const std::string&,
+                                  void*) { return false; },
+                               nullptr, nullptr});
+        loaded =
+            starts_as_glb(text)
+                ? loader.LoadBinaryFromMemory(&file, &problem, &warning,
+                                              reinterpret_cast<const unsigned char*>(text.data()),
+                                              size, "")
+                : loader.LoadASCIIFromString(&file, &problem, &warning,
+                                             reinterpret_cast<const char*>(text.data()), size, "");
     } catch (const std::bad_alloc&) {
         return fail(ErrorCode::out_of_memory,
                     "the scene needs more memory than an import may take; start raynestd with a "
                     "larger --memory");
     } catch (...) {  // what tinygltf lets through speaks of containers, not of glTF
-        return fail(ErrorCode::scene_invalid, "the glTF file is damaged; export it again");
+        problem = "its parts do not fit together";
     }
-
     drop_harmless_lines(problem);
-    if (loaded && problem.empty()) return {};
-    if (problem.find("File not found") != std::string::npos) return upload.missing_file();
-    return fail(ErrorCode::scene_invalid,
-                fmt::format("the glTF file is damaged: {}",
-                            problem.empty() ? "no reason given" : one_line(problem)));
+    if (!loaded && problem.empty()) problem = "no reason given";
+    return {};
 }
 
-Result<void> convert_accessors(tinygltf::Model& file, Model& model) {
-    for (tinygltf::Buffer& buffer : file.buffers) model.storage.push_back(std::move(buffer.data));
-    std::vector<View> views;
-    for (const tinygltf::BufferView& view : file.bufferViews) {
-        auto checked = check_view({view.buffer, view.byteOffset, view.byteLength, view.byteStride},
-                                  model.storage);
-        if (!checked) return blame(label("bufferView", views.size(), view.name), checked.error());
-        views.push_back(*checked);
+/// What tinygltf made of a scene, and the bytes that belong to it.
+struct Parsed {
+    tinygltf::Model file;
+    std::vector<Fetched> buffers;
+    std::vector<FetchedImage> images;
+};
+
+/// A scene whose only bytes are a BIN chunk is read as it is. Any other, and one that tinygltf
+/// refuses, is rewritten first (gltf_bytes.h).
+Result<Parsed> parse(const ImportRequest& request, const Glb& text, const Prescan& prescan,
+                     std::uint64_t upload_bytes) {
+    Parsed parsed;
+    std::string problem;
+    if (prescan.one_binary) {
+        auto done = run_tinygltf(request.files.front().bytes, parsed.file, problem);
+        if (!done) return error_of(done);
+        if (problem.empty()) {
+            for (tinygltf::Buffer& buffer : parsed.file.buffers)
+                parsed.buffers.push_back({std::move(buffer.data)});
+            for (const tinygltf::Image& image : parsed.file.images)
+                parsed.images.push_back({image.name, image.bufferView, {}});
+            return parsed;
+        }
+        parsed = {};
+        problem.clear();
     }
 
+    Upload upload(request, 4 * upload_bytes);
+    auto rewritten = rewrite(text.json, text.binary, upload);
+    if (!rewritten) return error_of(rewritten);
+    const std::span<const char> json(rewritten->json);
+    if (auto done = run_tinygltf(std::as_bytes(json), parsed.file, problem); !done)
+        return error_of(done);
+    if (!problem.empty()) {
+        return fail(ErrorCode::scene_invalid, "the glTF file is damaged: " + one_line(problem));
+    }
+    for (const std::size_t index : rewritten->untyped) parsed.file.accessors[index].type = 0;
+    for (const std::size_t index : rewritten->unplaced)
+        parsed.file.accessors[index].bufferView = -1;
+    if (!rewritten->unplaced.empty()) parsed.file.bufferViews.pop_back();
+    parsed.buffers = std::move(rewritten->buffers);
+    parsed.images = std::move(rewritten->images);
+    return parsed;
+}
+
+std::vector<View> convert_views(const std::vector<tinygltf::BufferView>& in, const Model& model) {
+    std::vector<View> views;
+    for (const tinygltf::BufferView& from : in) {
+        const auto buffer = static_cast<std::size_t>(from.buffer);
+        if (buffer < model.storage.size() && !model.storage[buffer].fault.empty()) {
+            views.push_back(
+                {{}, 0, fmt::format("buffer {}, which {}", buffer, model.storage[buffer].fault)});
+            continue;
+        }
+        auto checked = check_view({from.buffer, from.byteOffset, from.byteLength, from.byteStride},
+                                  model.storage);
+        if (!checked) {
+            checked = View{{},
+                           0,
+                           label("bufferView", views.size(), from.name) + ", which " +
+                               checked.error().message};
+        }
+        views.push_back(std::move(*checked));
+    }
+    return views;
+}
+
+Image convert_image(FetchedImage& in, const std::vector<View>& views, Model& model) {
+    Image image{one_line(in.name), {}, std::move(in.fetched.fault)};
+    if (in.view >= 0 && static_cast<std::size_t>(in.view) < views.size()) {
+        const View& view = views[static_cast<std::size_t>(in.view)];
+        image.bytes = view.bytes;
+        if (!view.fault.empty()) image.fault = "needs " + view.fault;
+    } else if (in.view >= 0) {
+        image.fault = fmt::format("is in bufferView {}, but there are {}", in.view, views.size());
+    } else {
+        model.storage.push_back(std::move(in.fetched));
+        image.bytes = std::as_bytes(std::span(model.storage.back().bytes));
+    }
+    if (image.bytes.empty() && image.fault.empty()) image.fault = "is empty";
+    return image;
+}
+
+Result<void> convert_accessors(Parsed& parsed, Model& model) {
+    const tinygltf::Model& file = parsed.file;
+    model.storage = std::move(parsed.buffers);
+    const std::vector<View> views = convert_views(file.bufferViews, model);
+    std::uint64_t misaligned = 0;
     std::vector<bool> holds_indices(file.accessors.size(), false);
     for (const tinygltf::Mesh& mesh : file.meshes) {
         for (const tinygltf::Primitive& primitive : mesh.primitives) {
@@ -145,148 +222,28 @@ Result<void> convert_accessors(tinygltf::Model& file, Model& model) {
             raw.sparse_values_view = in.sparse.values.bufferView;
             raw.sparse_values_offset = in.sparse.values.byteOffset;
         }
-        auto checked = check_accessor(raw, views);
-        if (!checked)
-            return blame(label("accessor", model.accessors.size(), in.name), checked.error());
-        model.accessors.push_back(*checked);
+        const auto view = static_cast<std::size_t>(in.bufferView);
+        Accessor accessor;
+        if (view < views.size() && !views[view].fault.empty()) {
+            accessor.fault = views[view].fault;
+        } else if (auto checked = check_accessor(raw, views)) {
+            accessor = std::move(*checked);
+        } else {
+            accessor.fault = label("accessor", model.accessors.size(), in.name) + ", which " +
+                             checked.error().message;
+        }
+        misaligned += accessor.misaligned ? 1U : 0U;
+        model.accessors.push_back(std::move(accessor));
+    }
+    if (misaligned != 0) {
+        model.warnings.push_back(fmt::format(
+            "{} accessors are not aligned to their components; they are read byte by byte",
+            misaligned));
     }
 
     // Pictures inside buffers point there; the bytes of the others move behind the buffers.
-    for (tinygltf::Image& in : file.images) {
-        const auto view = optional_index(in.bufferView, views.size(), "bufferView");
-        if (!view) return error_of(view);
-        Image image{one_line(in.name.empty() ? in.uri : in.name), {}};
-        if (*view != no_id) image.bytes = views[*view].bytes;
-        if (*view == no_id && !in.image.empty()) {
-            model.storage.push_back(std::move(in.image));
-            image.bytes = std::as_bytes(std::span(model.storage.back()));
-        }
-        model.images.push_back(std::move(image));
-    }
-    return {};
-}
-
-Result<Wrap> convert_wrap(int value) {
-    switch (value) {
-        case TINYGLTF_TEXTURE_WRAP_REPEAT:
-            return Wrap::repeat;
-        case TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE:
-            return Wrap::clamp;
-        case TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT:
-            return Wrap::mirror;
-        default:
-            return fail(ErrorCode::scene_invalid,
-                        fmt::format("sampler wrap mode {} is unknown", value));
-    }
-}
-
-Result<void> convert_textures(tinygltf::Model& file, Model& model) {
-    for (const tinygltf::Texture& in : file.textures) {
-        // A WebP picture stands in an extension, with a fallback in the usual place.
-        int source_index = in.source;
-        if (const auto* webp = member(in.extensions, "EXT_texture_webp", "source")) {
-            if (webp->IsInt()) source_index = webp->GetNumberAsInt();
-        }
-        const auto source = optional_index(source_index, model.images.size(), "image");
-        const auto sampler = optional_index(in.sampler, file.samplers.size(), "sampler");
-        if (!source) return error_of(source);
-        if (!sampler) return error_of(sampler);
-        TextureDescription texture{*source};
-        if (*sampler != no_id) {
-            const tinygltf::Sampler& from = file.samplers[*sampler];
-            const auto wrap_s = convert_wrap(from.wrapS);
-            const auto wrap_t = convert_wrap(from.wrapT);
-            if (!wrap_s) return error_of(wrap_s);
-            if (!wrap_t) return error_of(wrap_t);
-            texture.wrap_s = *wrap_s;
-            texture.wrap_t = *wrap_t;
-            texture.nearest = from.magFilter == TINYGLTF_TEXTURE_FILTER_NEAREST;
-        }
-        model.textures.push_back(texture);
-    }
-    return {};
-}
-
-/// KHR_texture_transform as two rows of an affine map. The extension's text turns the UVs counter-
-/// clockwise as seen on the image, whose v runs down: u' = c u + s v. (Its GLSL snippet has the
-/// other sign; viewers follow the text and the Khronos test model.)
-Result<void> convert_uv_transform(const tinygltf::TextureInfo& info,
-                                  MaterialDescription& material) {
-    constexpr const char* extension = "KHR_texture_transform";
-    double offset[2] = {0, 0};
-    double scale[2] = {1, 1};
-    double rotation = 0;
-    const auto read_pair = [&](const char* name, double(&pair)[2]) {
-        const tinygltf::Value* value = member(info.extensions, extension, name);
-        if (value == nullptr) return true;
-        if (!value->IsArray() || value->ArrayLen() != 2) return false;
-        for (int i = 0; i < 2; ++i) {
-            if (!value->Get(i).IsNumber()) return false;
-            pair[i] = value->Get(i).GetNumberAsDouble();
-        }
-        return true;
-    };
-    bool valid = read_pair("offset", offset) && read_pair("scale", scale);
-    if (const auto* value = member(info.extensions, extension, "rotation")) {
-        valid = valid && value->IsNumber();
-        if (valid) rotation = value->GetNumberAsDouble();
-    }
-    if (const auto* value = member(info.extensions, extension, "texCoord")) {
-        valid = valid && value->IsInt() && value->GetNumberAsInt() >= 0;
-        if (valid) material.texcoord = static_cast<std::uint32_t>(value->GetNumberAsInt());
-    }
-    const double c = std::cos(rotation);
-    const double s = std::sin(rotation);
-    const double rows[6] = {c * scale[0],  s * scale[1], offset[0],
-                            -s * scale[0], c * scale[1], offset[1]};
-    for (std::size_t i = 0; i < 6 && valid; ++i) {
-        material.uv_transform[i] = static_cast<float>(rows[i]);
-        valid = std::isfinite(material.uv_transform[i]);
-    }
-    if (valid) return {};
-    return fail(ErrorCode::scene_invalid,
-                "a KHR_texture_transform does not hold the numbers it must");
-}
-
-Result<void> convert_materials(tinygltf::Model& file, Model& model) {
-    for (const tinygltf::Material& in : file.materials) {
-        const tinygltf::PbrMetallicRoughness& pbr = in.pbrMetallicRoughness;
-        MaterialDescription material;
-        material.name = one_line(in.name);
-        material.double_sided = in.doubleSided;
-        const std::string where = label("material", model.materials.size(), in.name);
-        if (in.alphaMode == "MASK")
-            material.alpha_mode = AlphaMode::mask;
-        else if (in.alphaMode == "BLEND")
-            material.alpha_mode = AlphaMode::blend;
-        else if (in.alphaMode != "OPAQUE") {
-            return fail(ErrorCode::scene_invalid, where + " has an unknown alphaMode");
-        }
-        const auto cutoff = finite(in.alphaCutoff, where + ": alphaCutoff");
-        if (!cutoff) return error_of(cutoff);
-        if (*cutoff < 0)
-            return fail(ErrorCode::scene_invalid, where + " has a negative alphaCutoff");
-        material.cutoff = *cutoff;
-        if (pbr.baseColorFactor.size() != 4) {
-            return fail(ErrorCode::scene_invalid, where + ": baseColorFactor must be four numbers");
-        }
-        for (int i = 0; i < 4; ++i) {
-            const auto value = finite(pbr.baseColorFactor[static_cast<std::size_t>(i)],
-                                      where + ": baseColorFactor");
-            if (!value) return error_of(value);
-            material.base_colour[i] = *value;
-        }
-        const auto texture =
-            optional_index(pbr.baseColorTexture.index, model.textures.size(), "texture");
-        if (!texture) return error_of(texture);
-        material.texture = *texture;
-        if (pbr.baseColorTexture.texCoord < 0) {
-            return fail(ErrorCode::scene_invalid, where + " has a negative texCoord");
-        }
-        material.texcoord = static_cast<std::uint32_t>(pbr.baseColorTexture.texCoord);
-        if (auto done = convert_uv_transform(pbr.baseColorTexture, material); !done) return done;
-        model.materials.push_back(std::move(material));
-    }
+    for (FetchedImage& image : parsed.images)
+        model.images.push_back(convert_image(image, views, model));
     return {};
 }
 
@@ -310,7 +267,11 @@ Result<Instancing> convert_instancing(const tinygltf::Node& in, const Model& mod
         const bool integer_rotation =
             width == 4 && accessor.normalized &&
             (accessor.component == Component::i8 || accessor.component == Component::i16);
-        if (accessor.width != width || !accessor.scalar_or_vector || accessor.data == nullptr ||
+        if (!accessor.fault.empty()) {
+            return fail(ErrorCode::scene_invalid,
+                        "EXT_mesh_gpu_instancing needs " + accessor.fault);
+        }
+        if (accessor.width != width || !accessor.scalar_or_vector ||
             (accessor.component != Component::f32 && !integer_rotation)) {
             return fail(ErrorCode::scene_invalid,
                         fmt::format("EXT_mesh_gpu_instancing: {} has the wrong type", name));
@@ -379,27 +340,39 @@ Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
         node.weights = std::move(*weights);
         node.skin = *skin;
         convert_mask(in, node, model);
+        if (const auto* visible = member(in.extensions, "KHR_node_visibility", "visible"))
+            node.visible = !visible->IsBool() || visible->Get<bool>();
         model.nodes.push_back(std::move(node));
     }
     return {};
 }
 
+/// A camera that cannot be is shown with what is taken where a file says nothing.
 Result<void> convert_cameras(tinygltf::Model& file, Model& model) {
+    const auto odd = [&](const std::string& name, const char* what, const char* instead) {
+        model.warnings.push_back(fmt::format(
+            "{} has {}; {} is taken", label("camera", model.cameras.size(), name), what, instead));
+    };
+    const auto is_positive = [](double value) {
+        const auto narrow = static_cast<float>(value);
+        return std::isfinite(narrow) && narrow > 0;
+    };
     for (const tinygltf::Camera& in : file.cameras) {
-        Camera camera{one_line(in.name), in.type == "perspective"};
-        if (camera.perspective) {
-            const auto yfov = finite(in.perspective.yfov, "a camera's yfov");
-            const auto aspect = finite(in.perspective.aspectRatio, "a camera's aspectRatio");
-            if (!yfov) return error_of(yfov);
-            if (!aspect) return error_of(aspect);
-            if (!(*yfov > 0 && *yfov < 3.14159F) || *aspect < 0) {
-                return fail(
-                    ErrorCode::scene_invalid,
-                    fmt::format("camera {} has a yfov outside (0, pi) or a negative aspectRatio",
-                                model.cameras.size()));
-            }
-            camera.yfov = *yfov;
-            camera.aspect = *aspect;
+        Camera camera;
+        camera.name = one_line(in.name);
+        if (in.type == "perspective") {
+            const bool fits = is_positive(in.perspective.yfov) && in.perspective.yfov < 3.14159;
+            if (!fits) odd(in.name, "a yfov outside (0, pi)", "0.7");
+            camera.yfov = fits ? static_cast<float>(in.perspective.yfov) : 0.7F;
+            if (is_positive(in.perspective.aspectRatio))
+                camera.aspect = static_cast<float>(in.perspective.aspectRatio);
+        } else {
+            const double xmag = std::abs(in.orthographic.xmag);  // negative: it mirrors
+            const double ymag = std::abs(in.orthographic.ymag);
+            const bool fits = is_positive(xmag) && is_positive(ymag) && is_positive(xmag / ymag);
+            if (!fits) odd(in.name, "an xmag or ymag that is 0 or not finite", "1");
+            camera.ymag = fits ? static_cast<float>(ymag) : 1.0F;
+            camera.aspect = fits ? static_cast<float>(xmag / ymag) : 1.0F;
         }
         model.cameras.push_back(std::move(camera));
     }
@@ -407,10 +380,16 @@ Result<void> convert_cameras(tinygltf::Model& file, Model& model) {
 }
 
 Result<void> choose_scene(tinygltf::Model& file, Model& model) {
-    const auto scene = optional_index(file.defaultScene, file.scenes.size(), "scene");
-    if (!scene) return error_of(scene);
+    const bool exists =
+        file.defaultScene >= 0 && static_cast<std::size_t>(file.defaultScene) < file.scenes.size();
+    if (!exists && file.defaultScene != -1) {
+        model.warnings.push_back(fmt::format(
+            "the file chooses scene {}, but has {}; {}", file.defaultScene, file.scenes.size(),
+            file.scenes.empty() ? "all nodes are shown" : "scene 0 is shown"));
+    }
     if (file.scenes.empty()) return set_roots(model, nullptr);
-    return set_roots(model, &file.scenes[*scene == no_id ? 0 : *scene].nodes);
+    return set_roots(model,
+                     &file.scenes[exists ? static_cast<std::size_t>(file.defaultScene) : 0].nodes);
 }
 
 }  // namespace
@@ -438,22 +417,23 @@ Result<std::vector<float>> finite_list(std::span<const double> values, std::stri
     return list;
 }
 
-Result<Model> load_model(const ImportRequest& request) {
+Result<Model> load_model(const ImportRequest& request, const Glb& text, const Prescan& prescan) {
     Model model;
     for (const NamedBytes& named : request.files) model.upload_bytes += named.bytes.size();
-    tinygltf::Model file;
-    if (auto done = run_tinygltf(request, model.upload_bytes, file); !done) return error_of(done);
+    auto parsed = parse(request, text, prescan, model.upload_bytes);
+    if (!parsed) return error_of(parsed);
+    tinygltf::Model& file = parsed->file;
     if (!file.asset.version.starts_with("2.")) {
         return fail(ErrorCode::scene_unsupported,
                     fmt::format("glTF version '{}' is not supported; export the scene as glTF 2.0",
                                 one_line(file.asset.version.substr(0, 20))));
     }
-    if (auto done = check_extensions(file); !done) return error_of(done);
+    if (auto done = check_extensions(file, model); !done) return error_of(done);
     model.quantized = std::find(file.extensionsUsed.begin(), file.extensionsUsed.end(),
                                 "KHR_mesh_quantization") != file.extensionsUsed.end();
-    for (const auto convert :
-         {convert_accessors, convert_meshes, convert_textures, convert_materials, convert_cameras,
-          convert_nodes, convert_skins, choose_scene}) {
+    if (auto done = convert_accessors(*parsed, model); !done) return error_of(done);
+    for (const auto convert : {convert_meshes, convert_textures, convert_materials, convert_cameras,
+                               convert_nodes, convert_skins, choose_scene}) {
         if (auto done = convert(file, model); !done) return error_of(done);
     }
     separate_poses(model);

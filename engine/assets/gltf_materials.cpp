@@ -2,8 +2,7 @@
 //
 // A texture that is missing or damaged does not stop a scene: the material stays without it, the
 // count and the reason are reported. Lack of memory does: else a busy machine would make another
-// scene of the same file. (A picture whose bytes lie outside their buffer was refused
-// when the bufferViews were checked.)
+// scene of the same file.
 #include "engine/assets/gltf_model.h"
 #include "engine/assets/gltf_names.h"
 #include "engine/assets/image.h"
@@ -31,8 +30,7 @@ public:
         if (read_[image] != not_read) return read_[image];
         const Image& from = model_.images[image];
         const std::string name = label("texture", image, from.name);
-        if (from.bytes.empty())
-            return read_[image] = missing(name + " did not come with the scene");
+        if (!from.fault.empty()) return read_[image] = missing(name + ' ' + from.fault);
         auto picture = decode_image(from.bytes, limits_.image_side_max,
                                     std::min(limits_.image_bytes_max, bytes_left_));
         if (!picture && picture.error().code == ErrorCode::out_of_memory)
@@ -41,6 +39,16 @@ public:
         bytes_left_ -= picture->rgba.size();
         scene_.images.push_back(std::move(*picture));
         return read_[image] = static_cast<std::uint32_t>(scene_.images.size() - 1);
+    }
+
+    /// A picture that no material asked for is not missed, but its author may want to know.
+    void warn_of_unused() {
+        for (std::uint32_t i = 0; i < read_.size(); ++i) {
+            const Image& image = model_.images[i];
+            if (read_[i] != not_read || image.fault.empty()) continue;
+            leave_out(scene_, "unused_pictures",
+                      label("unused picture", i, image.name) + ' ' + image.fault);
+        }
     }
 
 private:
@@ -89,6 +97,7 @@ Result<void> read_materials(const Model& model, const ImportLimits& limits,
         if (material.texture == no_id) material.texcoord = 0;
         scene.materials.push_back(std::move(material));
     }
+    pictures.warn_of_unused();
     return {};
 }
 

@@ -4,9 +4,13 @@
 //   description
 //
 // Everything in a Model has been validated by index and range: an index is below the size of what
-// it indexes or is no_id, and every byte an accessor can reach lies inside its buffer.
+// it indexes or is no_id, and every byte an accessor can reach lies inside its buffer. A buffer,
+// bufferView, accessor or picture that is damaged says so in its `fault`, which matters to those
+// who use it.
 #pragma once
 
+#include "engine/assets/gltf_bytes.h"
+#include "engine/assets/gltf_prescan.h"
 #include "engine/assets/import.h"
 #include "engine/assets/mask_rules.h"
 #include "engine/geometry/hit.h"
@@ -56,6 +60,9 @@ struct Accessor {
     const std::byte* sparse_indices = nullptr;
     Component sparse_component = Component::u32;
     const std::byte* sparse_values = nullptr;
+    bool misaligned = false;  ///< to its components, as glTF asks; reading it costs nothing more
+    /// The element that keeps it from being read: "accessor 3, which has a type that ...".
+    std::string fault = {};
 };
 
 /// A bufferView and an accessor as a file states them: numbers of any value.
@@ -83,13 +90,15 @@ struct RawAccessor {
     std::int64_t sparse_values_offset = 0;
 };
 
-/// A bufferView that has passed check_view.
+/// A bufferView that has passed check_view, or what keeps it from being read.
 struct View {
     std::span<const std::byte> bytes;
     std::uint64_t stride = 0;
+    std::string fault = {};
 };
-/// Errors say what is wrong and leave it to blame() to say with what.
-Result<View> check_view(const RawView& raw, std::span<const std::vector<unsigned char>> buffers);
+/// Both read only what is without a fault, and leave it to the caller to name what errors are
+/// about.
+Result<View> check_view(const RawView& raw, std::span<const Fetched> buffers);
 Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> views);
 
 /// Attributes that morph targets may change, and their names in a file.
@@ -138,10 +147,11 @@ struct Skin {
     std::vector<std::uint32_t> joints;   ///< nodes
 };
 
-/// An encoded picture: a range of a buffer, or bytes of its own. Empty when the file did not come.
+/// An encoded picture: a range of a buffer, or bytes of its own, or the reason why there are none.
 struct Image {
     std::string name;
     std::span<const std::byte> bytes;
+    std::string fault = {};
 };
 
 /// A double-precision 3x4 map, row-major as Transform: composed down the graph, rounded once.
@@ -163,6 +173,7 @@ struct Node {
     std::uint32_t camera = no_id;
     std::uint32_t skin = no_id;  ///< set: the mesh stands in the scene's space
     std::vector<float> weights;  ///< empty: those of the mesh
+    bool visible = true;  ///< KHR_node_visibility: false hides the meshes of the node and all below
     Instancing instancing;
     std::optional<std::uint32_t> mask;  ///< extras.raynest.mask
     std::vector<std::uint32_t> children;
@@ -170,14 +181,13 @@ struct Node {
 
 struct Camera {
     std::string name;
-    bool perspective = true;
-    float yfov = 0;
+    float yfov = 0;  ///< these as in CameraDescription
     float aspect = 0;
+    float ymag = 0;
 };
 
 struct Model {
-    std::vector<std::vector<unsigned char>>
-        storage;  ///< buffers and pictures that others point into
+    std::vector<Fetched> storage;  ///< buffers and pictures that others point into
     std::vector<Accessor> accessors;
     std::vector<Mesh> meshes;
     std::vector<MaterialDescription> materials;  ///< `texture` indexes `textures`
@@ -186,22 +196,26 @@ struct Model {
     std::vector<Skin> skins;
     std::vector<Node> nodes;
     std::vector<Camera> cameras;
-    std::vector<std::uint32_t> roots;  ///< of the chosen scene
-    bool quantized = false;            ///< KHR_mesh_quantization is in use
-    std::uint64_t bad_masks = 0;       ///< extras.raynest.mask that are no mask
-    std::uint64_t upload_bytes = 0;    ///< of all files together: what amplification is measured by
+    std::vector<std::uint32_t> roots;    ///< of the chosen scene
+    bool quantized = false;              ///< KHR_mesh_quantization is in use
+    std::uint64_t hidden_instances = 0;  ///< placements of meshes that visibility took away
+    std::uint64_t bad_masks = 0;         ///< extras.raynest.mask that are no mask
+    std::vector<std::string> warnings;
+    std::uint64_t upload_bytes = 0;  ///< of all files together: what amplification is measured by
 };
 
-/// The guards after prescan's: tinygltf behind its fences, then every index and range. `json` has
-/// passed prescan_json. The model owns its bytes and never points into the request.
-Result<Model> load_model(const ImportRequest& request);
+/// The guards after prescan's: tinygltf behind its fences, then every index and range. `text` is
+/// request.files[0], opened; its JSON has passed prescan_json. The model owns its bytes and never
+/// points into the request.
+Result<Model> load_model(const ImportRequest& request, const Glb& text, const Prescan& prescan);
 
 /// An index of the file: -1 stands for absent and gives no_id, anything else must be below `size`.
 Result<std::uint32_t> optional_index(std::int64_t value, std::size_t size, std::string_view what);
 Result<std::uint32_t> required_index(std::int64_t value, std::size_t size, std::string_view what);
 
 /// Checks that the nodes form a forest, and sets model.roots to those listed, or to every node
-/// without a parent when the file has no scene.
+/// without a parent when the file has no scene. A listed node that stands below another listed one,
+/// or is listed twice, is placed once, with a warning. Takes the meshes of hidden nodes away.
 Result<void> set_roots(Model& model, const std::vector<int>* listed);
 
 /// A node's transform from `matrix` (16, column-major) or TRS, as the file states them: the right

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <charconv>
 #include <utility>
 
 namespace raynest::gltf {
@@ -15,28 +16,46 @@ bool is_inside(char byte) {
 
 }  // namespace
 
-bool is_safe_name(std::string_view uri) {
-    if (uri.empty() || uri.size() > 4096 || uri.front() == '/' || uri.front() == '~') return false;
+std::optional<std::string> file_of_uri(std::string_view uri) {
+    constexpr std::size_t name_bytes_max = 1024;
+    if (uri.empty() || uri.size() > 3 * name_bytes_max) return std::nullopt;
+    std::string decoded;
     for (std::size_t i = 0; i < uri.size(); ++i) {
-        const auto c = static_cast<unsigned char>(uri[i]);
-        if (c < 0x20 || c == 0x7F || c == '\\' || c == ':') return false;
-        if (c != '%') continue;
-        // What a percent sign hides must not be part of the path's structure, or another percent
-        // sign.
-        const std::string_view code = uri.substr(i + 1, 2);
-        for (const char* hidden :
-             {"2e", "2E", "2f", "2F", "5c", "5C", "25", "3a", "3A", "7f", "7F"}) {
-            if (code == hidden) return false;
+        char c = uri[i];
+        if (c == '%') {
+            unsigned code = 0;
+            const char* const digits = uri.data() + i + 1;
+            const char* const end = digits + 2;
+            if (uri.size() - i < 3 || std::from_chars(digits, end, code, 16).ptr != end) {
+                return std::nullopt;
+            }
+            c = static_cast<char>(code);
+            i += 2;
+            // An encoded dot or slash must not become part of the path's structure.
+            if (c == '.' || c == '/') return std::nullopt;
         }
-        if (code.size() < 2 || code[0] == '0' || code[0] == '1') return false;
+        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F || c == '\\' || c == ':') {
+            return std::nullopt;
+        }
+        decoded += c;
     }
-    for (std::size_t at = 0; at <= uri.size();) {
-        const std::size_t end = std::min(uri.find('/', at), uri.size());
-        const std::string_view part = uri.substr(at, end - at);
-        if (part.empty() || part == "..") return false;
-        at = end + 1;
+    std::string name;
+    for (std::string_view rest = decoded;;) {
+        const std::string_view part = rest.substr(0, rest.find('/'));
+        if (part.empty()) return std::nullopt;
+        if (part == "..") {
+            if (name.empty()) return std::nullopt;
+            const std::size_t parent = name.rfind('/');
+            name.resize(parent == std::string::npos ? 0 : parent);
+        } else if (part != ".") {
+            if (!name.empty()) name += '/';
+            name += part;
+        }
+        if (part.size() == rest.size()) break;
+        rest.remove_prefix(part.size() + 1);
     }
-    return true;
+    if (name.empty() || name.size() > name_bytes_max) return std::nullopt;
+    return name;
 }
 
 std::string_view front_of(std::string_view text, std::size_t bytes_max) {
@@ -67,43 +86,17 @@ std::string label(std::string_view kind, std::uint64_t index, std::string_view n
     return fmt::format("{} {} ('{}')", kind, index, one_line(name, 60));
 }
 
-bool Upload::has(std::string_view name) {
-    if (find(name) != nullptr) return true;
-    if (missing_.empty()) missing_ = name;
-    return false;
-}
-
 Result<std::span<const std::byte>> Upload::read(std::string_view name) {
-    const NamedBytes* file = find(name);
-    if (file == nullptr || file->bytes.size() > bytes_left_) {
+    // files[0] is the scene itself.
+    const auto others = std::span(request_.files).subspan(1);
+    const auto file = std::find_if(others.begin(), others.end(),
+                                   [&](const NamedBytes& other) { return other.name == name; });
+    if (file == others.end()) return std::span<const std::byte>();
+    if (file->bytes.size() > bytes_left_) {
         return fail(ErrorCode::limit_exceeded, "the scene names the same file again and again");
     }
     bytes_left_ -= file->bytes.size();
     return file->bytes;
-}
-
-tl::unexpected<Error> Upload::missing_file() const {
-    if (missing_.empty() || missing_ == "./") {
-        return fail(ErrorCode::scene_invalid,
-                    "a buffer of the scene has no data: it names no file");
-    }
-    if (missing_.starts_with("data:")) {
-        return fail(ErrorCode::scene_invalid,
-                    "the scene has a data URI that is not base64 of a known type");
-    }
-    return fail(ErrorCode::scene_invalid,
-                fmt::format("the scene names the file '{}', which did not come with it",
-                            one_line(missing_)));
-}
-
-const NamedBytes* Upload::find(std::string_view name) const {
-    while (name.starts_with("./")) name.remove_prefix(2);
-    if (!is_safe_name(name)) return nullptr;
-    // files[0] is the scene itself.
-    for (std::size_t i = 1; i < request_.files.size(); ++i) {
-        if (request_.files[i].name == name) return &request_.files[i];
-    }
-    return nullptr;
 }
 
 }  // namespace raynest::gltf

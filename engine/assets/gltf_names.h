@@ -6,15 +6,17 @@
 #include "engine/scene/description.h"
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 
 namespace raynest::gltf {
 
-/// May this URI (percent-encoded or decoded) name an uploaded file? Relative, no "..", no scheme,
-/// no backslash, no control character, and no separator or dot hidden behind a percent sign.
-[[nodiscard]] bool is_safe_name(std::string_view uri);
+/// The uploaded file that a URI stands for: percent-decoded once, "./" dropped, "a/.." cancelled.
+/// Nothing where the URI has a scheme, is absolute, leaves the scene's folder, or hides a dot or a
+/// separator behind a percent sign. Clients apply the same rule (tests/golden/gltf_uris.txt).
+[[nodiscard]] std::optional<std::string> file_of_uri(std::string_view uri);
 
 /// The first bytes of UTF-8 text, at most `bytes_max`, without a part of a character.
 [[nodiscard]] std::string_view front_of(std::string_view text, std::size_t bytes_max);
@@ -37,17 +39,13 @@ public:
         : request_(request),
           bytes_left_(bytes_max) {}
 
-    [[nodiscard]] bool has(std::string_view name);
+    /// The file's bytes; without data where it did not come. limit_exceeded when the scene reads
+    /// more than `bytes_max`.
     Result<std::span<const std::byte>> read(std::string_view name);
-    /// The error for the first name that was asked for and is not there.
-    [[nodiscard]] tl::unexpected<Error> missing_file() const;
 
 private:
-    [[nodiscard]] const NamedBytes* find(std::string_view name) const;
-
     const ImportRequest& request_;
     std::uint64_t bytes_left_;
-    std::string missing_;
 };
 
 }  // namespace raynest::gltf

@@ -29,28 +29,30 @@ public:
     using string_t = nlohmann::json::string_t;
     using binary_t = nlohmann::json::binary_t;
 
-    Scan(std::size_t bytes, bool is_glb, const ImportLimits& limits)
+    Scan(std::size_t bytes, const ImportLimits& limits)
         : limits_(limits),
-          objects_max_(objects_free + bytes / json_bytes_per_object),
-          is_glb_(is_glb) {}
+          objects_max_(objects_free + bytes / json_bytes_per_object) {}
 
     [[nodiscard]] const Error& error() const { return error_; }
+    [[nodiscard]] const Prescan& found() const { return found_; }
 
     bool null() { return scalar("null"); }
     bool boolean(bool) { return scalar("a boolean"); }
     bool number_integer(number_integer_t) { return true; }
     bool number_unsigned(number_unsigned_t value) {
-        if (value != 0 || !at("buffers", "byteLength")) return true;
-        return refuse(ErrorCode::scene_invalid, "a buffer of the scene has a byteLength of 0");
+        // tinygltf throws on such a buffer.
+        if (value == 0 && at("buffers", "byteLength")) found_.one_binary = false;
+        return true;
     }
     bool number_float(number_float_t, const string_t&) { return true; }
     bool binary(binary_t&) { return true; }
 
     bool string(string_t& value) {
         if (!scalar("a string")) return false;
+        if (at("images", "uri")) found_.one_binary = false;
         if (!at("buffers", "uri")) return true;
-        has_uri_ = true;
-        if (value.starts_with("data:") || is_safe_name(value)) return true;
+        found_.one_binary = false;
+        if (value.starts_with("data:") || file_of_uri(value)) return true;
         return refuse(ErrorCode::scene_invalid,
                       fmt::format("the scene names the file '{}'; only files beside or below the "
                                   "scene file may be used",
@@ -68,16 +70,12 @@ public:
             return refuse(ErrorCode::limit_exceeded,
                           fmt::format("the scene has more than {} nodes", limits_.nodes_max));
         }
-        if (in_top_array("buffers")) has_uri_ = false;
+        if (in_top_array("buffers") && ++buffers_ > 1) found_.one_binary = false;
         return open({});
     }
 
     bool end_object() {
         levels_.pop_back();
-        if (in_top_array("buffers") && is_glb_ && !has_uri_ && ++binary_buffers_ > 1) {
-            return refuse(ErrorCode::scene_invalid,
-                          "more than one buffer claims the binary chunk of the GLB file");
-        }
         return true;
     }
 
@@ -147,30 +145,28 @@ private:
 
     const ImportLimits& limits_;
     std::uint64_t objects_max_;
-    bool is_glb_;
     std::vector<Level> levels_;
     std::uint64_t objects_ = 0;
     std::uint64_t nodes_ = 0;
-    std::uint64_t binary_buffers_ = 0;
-    bool has_uri_ = false;
+    std::uint64_t buffers_ = 0;
+    Prescan found_;
     Error error_;
 };
 
 }  // namespace
 
-Result<void> prescan_json(std::span<const std::byte> json, bool is_glb,
-                          const ImportLimits& limits) {
+Result<Prescan> prescan_json(std::span<const std::byte> json, const ImportLimits& limits) {
     if (json.size() > limits.json_bytes_max) {
         return fail(ErrorCode::limit_exceeded,
                     fmt::format("the scene's JSON has {} MiB; at most {} are allowed",
                                 json.size() >> 20, limits.json_bytes_max >> 20));
     }
     const auto* first = reinterpret_cast<const char*>(json.data());
-    Scan scan(json.size(), is_glb, limits);
+    Scan scan(json.size(), limits);
     if (!nlohmann::json::sax_parse(first, first + json.size(), &scan)) {
         return tl::unexpected<Error>(scan.error());
     }
-    return {};
+    return scan.found();
 }
 
 }  // namespace raynest::gltf

@@ -108,6 +108,7 @@ Result<void> Deformer::morph(const Deformed& vertices, Morphed attribute, std::s
 
 Result<std::vector<float>> Deformer::inverse_bind_matrices(const Skin& skin) {
     const Accessor& accessor = model_.accessors[skin.inverse_bind];
+    if (!accessor.fault.empty()) return fail(ErrorCode::scene_invalid, "needs " + accessor.fault);
     if (accessor.width != 16 || accessor.component != Component::f32) {
         return fail(ErrorCode::scene_invalid, "has inverseBindMatrices of the wrong type");
     }

@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 namespace raynest::gltf {
 
 Result<std::uint32_t> optional_index(std::int64_t value, std::size_t size, std::string_view what) {
@@ -19,6 +21,59 @@ Result<std::uint32_t> required_index(std::int64_t value, std::size_t size, std::
     return fail(ErrorCode::scene_invalid,
                 fmt::format("the scene refers to {} -1, but there are {}", what, size));
 }
+
+namespace {
+
+/// Sets model.roots to the listed nodes, but for those whose parent is in the scene already.
+Result<void> place_listed(Model& model, const std::vector<int>& listed,
+                          const std::vector<std::uint32_t>& parents_first,
+                          std::vector<bool>& in_scene) {
+    for (const int node : listed) {
+        const auto index = required_index(node, model.nodes.size(), "scene node");
+        if (!index) return error_of(index);
+        if (!in_scene[*index]) model.roots.push_back(*index);
+        in_scene[*index] = true;
+    }
+    std::vector<bool> has_parent(model.nodes.size(), false);
+    std::vector<bool> is_below(model.nodes.size(), false);
+    for (const std::uint32_t node : parents_first) {
+        for (const std::uint32_t child : model.nodes[node].children) {
+            has_parent[child] = true;
+            is_below[child] = in_scene[node];
+            in_scene[child] = in_scene[child] || in_scene[node];
+        }
+    }
+    std::erase_if(model.roots, [&](std::uint32_t node) { return is_below[node]; });
+    if (const std::size_t again = listed.size() - model.roots.size(); again != 0) {
+        model.warnings.push_back(
+            fmt::format("the scene lists {} nodes that it has already; each is shown once", again));
+    }
+    const auto inner = std::count_if(model.roots.begin(), model.roots.end(),
+                                     [&](std::uint32_t node) { return has_parent[node]; });
+    if (inner != 0) {
+        model.warnings.push_back(
+            fmt::format("the scene lists {} nodes without their parents; each stands by its own "
+                        "transform",
+                        inner));
+    }
+    return {};
+}
+
+/// KHR_node_visibility: a hidden node hides the meshes of all below it. The nodes stay, as skins
+/// may be bound to them, and so do cameras.
+void hide(Model& model, const std::vector<std::uint32_t>& parents_first,
+          const std::vector<bool>& in_scene) {
+    for (const std::uint32_t index : parents_first) {
+        Node& node = model.nodes[index];
+        if (node.visible) continue;
+        for (const std::uint32_t child : node.children) model.nodes[child].visible = false;
+        if (node.mesh != no_id && in_scene[index])
+            model.hidden_instances += std::max(node.instancing.count, 1U);
+        node.mesh = no_id;
+    }
+}
+
+}  // namespace
 
 Result<void> set_roots(Model& model, const std::vector<int>* listed) {
     std::vector<bool> placed(model.nodes.size(), false);
@@ -42,34 +97,24 @@ Result<void> set_roots(Model& model, const std::vector<int>* listed) {
     for (std::uint32_t i = 0; i < model.nodes.size(); ++i) {
         if (!placed[i]) orphans.push_back(i);
     }
-    std::vector<std::uint32_t> stack = orphans;
-    std::size_t reached = 0;
-    while (!stack.empty()) {
-        const std::vector<std::uint32_t>& children = model.nodes[stack.back()].children;
-        stack.pop_back();
-        ++reached;
-        stack.insert(stack.end(), children.begin(), children.end());
+    std::vector<std::uint32_t> order = orphans;  // parents before their children
+    order.reserve(model.nodes.size());
+    for (std::size_t i = 0; i < order.size(); ++i) {
+        const std::vector<std::uint32_t>& children = model.nodes[order[i]].children;
+        order.insert(order.end(), children.begin(), children.end());
     }
-    if (reached != model.nodes.size()) {
+    if (order.size() != model.nodes.size()) {
         return fail(ErrorCode::scene_invalid,
                     fmt::format("{} nodes of the scene are their own ancestors",
-                                model.nodes.size() - reached));
+                                model.nodes.size() - order.size()));
     }
 
-    if (listed == nullptr) {
+    std::vector<bool> in_scene(model.nodes.size(), listed == nullptr);
+    if (listed == nullptr)
         model.roots = std::move(orphans);
-        return {};
-    }
-    for (const int node : *listed) {
-        const auto index = required_index(node, model.nodes.size(), "scene node");
-        if (!index) return error_of(index);
-        if (placed[*index]) {
-            return fail(ErrorCode::scene_invalid,
-                        fmt::format("the scene lists node {}, which stands elsewhere too", *index));
-        }
-        placed[*index] = true;
-        model.roots.push_back(*index);
-    }
+    else if (auto done = place_listed(model, *listed, order, in_scene); !done)
+        return done;
+    hide(model, order, in_scene);
     return {};
 }
 

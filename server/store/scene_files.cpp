@@ -2,7 +2,6 @@
 
 #include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_prescan.h"
-#include "protocol/text.h"
 
 #include <nlohmann/json.hpp>
 
@@ -12,16 +11,6 @@ namespace raynest::server {
 namespace {
 
 using Json = nlohmann::json;
-
-std::string percent_decoded(std::string_view uri) {
-    std::string name;
-    for (std::size_t i = 0; i < uri.size(); ++i) {
-        const auto code = protocol::percent_code(uri.substr(i));
-        name += code.value_or(uri[i]);
-        if (code) i += 2;
-    }
-    return name;
-}
 
 /// Collects `uri` of the objects in the top-level arrays "buffers" and "images", and builds
 /// nothing: a document of any depth costs one word per level.
@@ -36,10 +25,10 @@ public:
     bool number_float(number_float_t, const string_t&) override { return true; }
     bool binary(binary_t&) override { return true; }
     bool string(string_t& value) override {
-        if (depth_ != 3 || !in_files_ || key_ != "uri" || !gltf::is_safe_name(value)) return true;
-        std::string name = percent_decoded(value);
-        if (std::find(names.begin(), names.end(), name) == names.end())
-            names.push_back(std::move(name));
+        if (depth_ != 3 || !in_files_ || key_ != "uri") return true;
+        auto name = gltf::file_of_uri(value);
+        if (name && std::find(names.begin(), names.end(), *name) == names.end())
+            names.push_back(std::move(*name));
         return names.size() <= names_max;
     }
     bool start_object(std::size_t) override { return ++depth_ <= depth_max; }
@@ -70,7 +59,7 @@ std::vector<std::string> named_files(std::span<const std::byte> main_file) {
     if (gltf::starts_as_glb(main_file)) {
         const auto chunk = gltf::open_glb(main_file);
         if (!chunk) return {};
-        json = *chunk;
+        json = chunk->json;
     }
     UriCollector collector;
     const char* text = reinterpret_cast<const char*>(json.data());
@@ -81,27 +70,29 @@ std::vector<std::string> named_files(std::span<const std::byte> main_file) {
 Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, std::string_view path,
                                            std::size_t files_max, std::uint64_t bytes_max,
                                            Budget& budget) {
-    auto main = read_under_root(root, path, bytes_max, budget);
+    const std::filesystem::path whole(path);
+    const std::filesystem::path folder = whole.parent_path();
+    auto main = read_under_root(root, folder, whole.filename().string(), bytes_max, budget);
     if (!main) return tl::unexpected(main.error());
-    const std::filesystem::path folder = std::filesystem::path(main->name).parent_path();
-    main->name = std::filesystem::path(main->name).filename().string();
+    if (!*main)
+        return fail(ErrorCode::scene_invalid,
+                    "cannot open root:" + std::string(path) + ": there is no such file");
 
-    const std::vector<std::string> names = named_files(main->bytes);
+    const std::vector<std::string> names = named_files((*main)->bytes);
     if (names.size() >= files_max)
         return fail(ErrorCode::limit_exceeded, "root:" + std::string(path) + " names over " +
                                                    std::to_string(files_max) + " files");
-    std::uint64_t left = bytes_max - main->bytes.size();
+    std::uint64_t left = bytes_max - (*main)->bytes.size();
     std::vector<SourceFile> files;
-    files.push_back(std::move(*main));
+    files.push_back(std::move(**main));
     for (const std::string& name : names) {
-        auto file = read_under_root(root, (folder / name).string(), left, budget);
-        if (!file && (file.error().code == ErrorCode::limit_exceeded ||
-                      file.error().code == ErrorCode::out_of_memory))
-            return tl::unexpected(file.error());
-        if (!file) continue;
-        left -= file->bytes.size();
-        file->name = name;
-        files.push_back(std::move(*file));
+        if (name == files.front().name) continue;
+        auto file = read_under_root(root, folder, name, left, budget);
+        if (!file) return tl::unexpected(file.error());
+        // Whether it is missed is for the import to say.
+        if (!*file) continue;
+        left -= (*file)->bytes.size();
+        files.push_back(std::move(**file));
     }
     return files;
 }

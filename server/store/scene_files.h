@@ -17,9 +17,9 @@ namespace raynest::server {
 /// for bytes that are no glTF: the import will say what is wrong. Unsafe names are left out.
 [[nodiscard]] std::vector<std::string> named_files(std::span<const std::byte> main_file);
 
-/// The main file first, under its own name; then what it names and what can be opened beneath its
-/// folder. What is missing is for the import to report; what the limits or the budget do not allow
-/// is an error. Blocking.
+/// The main file first, under its own name; then what it names beneath its folder. What is missing
+/// is for the import to report; a link that leaves the folder, and what the limits or the budget do
+/// not allow, is an error. Blocking.
 Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, std::string_view path,
                                            std::size_t files_max, std::uint64_t bytes_max,
                                            Budget& budget);

@@ -9,7 +9,6 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <cstring>
 #include <utility>
 
 namespace raynest::server {
@@ -28,46 +27,61 @@ private:
     int value_;
 };
 
-int open_beneath(int folder, const std::string& path) {
+int open_beneath(int folder, const std::string& path, std::uint64_t flags) {
     open_how how{};
-    how.flags = O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY;
-    how.resolve = RESOLVE_BENEATH | RESOLVE_NO_SYMLINKS | RESOLVE_NO_MAGICLINKS;
+    how.flags = flags;
+    how.resolve = RESOLVE_BENEATH | RESOLVE_NO_MAGICLINKS;
     return static_cast<int>(syscall(SYS_openat2, folder, path.c_str(), &how, sizeof how));
+}
+
+tl::unexpected<Error> cannot_open(const std::string& name) {
+    const int error = errno;
+    const bool scarce = error == EMFILE || error == ENFILE;
+    std::string why = system_says(error);
+    if (error == EXDEV)
+        why = "link leaves the folder; only relative links that end inside it are followed";
+    if (error == ELOOP) why = "links lead in a circle";
+    return fail(scarce ? ErrorCode::io_failed : ErrorCode::scene_invalid,
+                "cannot open root:" + name + ": " + why);
 }
 
 }  // namespace
 
-Result<SourceFile> read_under_root(const std::filesystem::path& root, std::string_view path,
-                                   std::uint64_t bytes_max, Budget& budget) {
-    const std::string name(path);
+Result<std::optional<SourceFile>> read_under_root(const std::filesystem::path& root,
+                                                  const std::filesystem::path& folder,
+                                                  const std::string& name, std::uint64_t bytes_max,
+                                                  Budget& budget) {
+    const std::string shown = (folder / name).string();
     if (root.empty())
         return fail(ErrorCode::scene_unsupported,
-                    "root:" + name + " needs a daemon that was started with --scene-root DIR");
-    if (name.empty() || name.front() == '/' || name.find('\0') != std::string::npos)
+                    "root:" + shown + " needs a daemon that was started with --scene-root DIR");
+    if (name.empty() || shown.front() == '/' || shown.find('\0') != std::string::npos)
         return fail(ErrorCode::scene_invalid,
                     "root:PATH takes the path of a file below --scene-root, without a leading /");
 
-    const Descriptor folder(open(root.c_str(), O_PATH | O_DIRECTORY | O_CLOEXEC));
-    const Descriptor file(folder.value() < 0 ? -1 : open_beneath(folder.value(), name));
-    if (file.value() < 0 && (errno == EMFILE || errno == ENFILE))
-        return fail(ErrorCode::io_failed, "cannot open root:" + name + ": " + system_says(errno));
-    if (file.value() < 0)
-        return fail(ErrorCode::scene_invalid, "cannot open root:" + name + ": " +
-                                                  std::strerror(errno) +
-                                                  " (links and .. are not followed)");
+    constexpr std::uint64_t folder_flags = O_PATH | O_DIRECTORY | O_CLOEXEC;
+    const Descriptor top(open(root.c_str(), folder_flags));
+    const Descriptor inside(
+        open_beneath(top.value(), folder.empty() ? "." : folder.string(), folder_flags));
+    const Descriptor file(
+        inside.value() < 0
+            ? -1
+            : open_beneath(inside.value(), name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY));
+    if (file.value() < 0 && (errno == ENOENT || errno == ENOTDIR)) return std::nullopt;
+    if (file.value() < 0) return cannot_open(shown);
     struct stat status {};
     if (fstat(file.value(), &status) != 0 || !S_ISREG(status.st_mode))
-        return fail(ErrorCode::scene_invalid, "root:" + name + " is not a regular file");
+        return fail(ErrorCode::scene_invalid, "root:" + shown + " is not a regular file");
     const auto size = static_cast<std::uint64_t>(status.st_size);
     if (size > bytes_max)
-        return fail(ErrorCode::limit_exceeded, "root:" + name + " has " + std::to_string(size) +
+        return fail(ErrorCode::limit_exceeded, "root:" + shown + " has " + std::to_string(size) +
                                                    " bytes, the limit is " +
                                                    std::to_string(bytes_max));
 
     auto lease = budget.reserve(size);
     if (!lease)
         return fail(ErrorCode::out_of_memory,
-                    "root:" + name + " has " + std::to_string(size) + " bytes, " +
+                    "root:" + shown + " has " + std::to_string(size) + " bytes, " +
                         std::to_string(budget.limit() - budget.used()) +
                         " of --memory are free; unload a scene or start raynestd with more");
 
@@ -81,7 +95,7 @@ Result<SourceFile> read_under_root(const std::filesystem::path& root, std::strin
         if (got <= 0) return fail(ErrorCode::io_failed, "cannot read root:" + name + " to its end");
         done += static_cast<std::size_t>(got);
     }
-    return result;
+    return std::optional(std::move(result));
 }
 
 }  // namespace raynest::server

@@ -1,7 +1,8 @@
 // root:PATH: files under --scene-root, and nothing else.
 //
-// The kernel resolves the path with RESOLVE_BENEATH and RESOLVE_NO_SYMLINKS, so that no "..", link
-// or race leaves the folder; FIFOs and devices are refused after a non-blocking open.
+// The kernel resolves each path with RESOLVE_BENEATH, so that no "..", link or race leaves the
+// folder; links that end inside it are followed. FIFOs and devices are refused after a non-blocking
+// open.
 #pragma once
 
 #include "engine/result.h"
@@ -10,6 +11,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -23,10 +25,12 @@ struct SourceFile {
     Budget::Lease lease;  ///< of the bytes
 };
 
-/// The regular file `path` under `root`, at most `bytes_max` long, reserved from the budget before
-/// it is read: out_of_memory where that has too little left. Blocking. The messages name the path
-/// as asked for, never the folder.
-Result<SourceFile> read_under_root(const std::filesystem::path& root, std::string_view path,
-                                   std::uint64_t bytes_max, Budget& budget);
+/// The regular file `name` beneath `folder`, which lies beneath `root`; nothing where it is absent.
+/// At most `bytes_max` long, and reserved from the budget before it is read: out_of_memory where
+/// that has too little left. Blocking. The messages name the path as asked for, never the root.
+Result<std::optional<SourceFile>> read_under_root(const std::filesystem::path& root,
+                                                  const std::filesystem::path& folder,
+                                                  const std::string& name, std::uint64_t bytes_max,
+                                                  Budget& budget);
 
 }  // namespace raynest::server

@@ -12,6 +12,8 @@ from .errors import InvalidError
 # O_NONBLOCK: a pipe without a writer opens at once, and is then refused.
 _READ = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
+_LINKS_MAX = 40  # as many as Linux follows
+_LEAVES = "link leaves the folder; only relative links that end inside it are followed"
 
 
 # Of a pipe or a device, which says nowhere how much will come.
@@ -62,29 +64,69 @@ def read_file(path: str, bytes_max: int) -> bytes:
     return data
 
 
-def read_file_beneath(folder: str, name: str, bytes_max: int) -> bytes:
-    """`name` is relative to `folder` and stays in it: no link is followed on the way."""
-    *folders, last = name.split("/")
-    at = -1
+def read_file_beneath(folder: str, name: str, bytes_max: int) -> bytes | None:
+    """`name` is relative to `folder`; None where there is no such file. Symbolic links are followed
+    as long as they stay in the folder."""
     try:
-        at = os.open(folder or ".", _FOLDER)
-        for component in folders:
-            next_at = os.open(component, _FOLDER | os.O_NOFOLLOW, dir_fd=at)
-            os.close(at)
-            at = next_at
-        return _read_all(os.open(last, _READ | os.O_NOFOLLOW, dir_fd=at), name, bytes_max)
+        return _read_all(_open_beneath(folder or ".", name), name, bytes_max)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
     except OSError as error:
         raise _refuse(name, error.strerror) from None
+
+
+def _open_beneath(folder: str, name: str) -> int:
+    """Opens one component after the other, and takes links apart itself: each step starts at an open
+    folder, so that none can be exchanged on the way."""
+    rest = name.split("/")[::-1]
+    links = 0
+    path = [os.open(folder, _FOLDER)]  # from the folder down to where the next component is looked up
+    try:
+        while True:
+            component = rest.pop()
+            if component == "..":
+                os.close(path.pop())
+                if not path:
+                    raise _refuse(name, _LEAVES)
+            elif component not in ("", "."):
+                try:
+                    flags = _FOLDER if rest else _READ
+                    opened = os.open(component, flags | os.O_NOFOLLOW, dir_fd=path[-1])
+                except OSError:
+                    # A link, or what the system had to say of it: that is said again below.
+                    target = _link(component, path[-1])
+                    if target is None:
+                        raise
+                    links += 1
+                    if links > _LINKS_MAX:
+                        raise _refuse(name, "links lead in a circle") from None
+                    if target.startswith("/"):
+                        raise _refuse(name, _LEAVES) from None
+                    rest += target.split("/")[::-1]
+                    continue
+                if not rest:
+                    return opened
+                path.append(opened)
+            if not rest:
+                return os.dup(path[-1])
     finally:
-        if at >= 0:
-            os.close(at)
+        for descriptor in path:
+            os.close(descriptor)
+
+
+def _link(component: str, folder: int) -> str | None:
+    try:
+        return os.readlink(component, dir_fd=folder)
+    except OSError:
+        return None
 
 
 def _read_all(descriptor: int, name: str, bytes_max: int) -> bytes:
+    status = os.fstat(descriptor)
+    if not stat.S_ISREG(status.st_mode):
+        os.close(descriptor)
+        raise _refuse(name, "is not a regular file")
     with open(descriptor, "rb") as file:
-        status = os.fstat(descriptor)
-        if not stat.S_ISREG(status.st_mode):
-            raise _refuse(name, "is not a regular file")
         if status.st_size > bytes_max:
             raise _refuse(name, f"has {status.st_size} bytes; at most {bytes_max} are taken")
         return file.read(status.st_size)

@@ -30,7 +30,8 @@ def _refuse(why: str) -> NoReturn:
 # ---- reading ------------------------------------------------------------------------------------
 
 def file_names(data: bytes) -> list[str]:
-    """The files that buffers and images of a .gltf or .glb name, each once."""
+    """The files that buffers and images of a .gltf or .glb name, each once. What names no file
+    beneath the scene's folder is left out: the daemon says so where it matters."""
     text = _glb_json(data) if data[:4] == b"glTF" else data
     if len(text) > JSON_BYTES_MAX:
         _refuse(f"has {len(text)} bytes of JSON; at most {JSON_BYTES_MAX} are read")
@@ -47,8 +48,9 @@ def file_names(data: bytes) -> list[str]:
         items = root.get(key)
         for item in items if isinstance(items, list) else []:
             uri = item.get("uri") if isinstance(item, dict) else None
-            if isinstance(uri, str) and not uri.startswith("data:"):
-                names[decode_uri(uri)] = None
+            name = file_of_uri(uri) if isinstance(uri, str) else None
+            if name is not None:
+                names[name] = None
     return list(names)
 
 
@@ -58,37 +60,37 @@ def _glb_json(data: bytes) -> bytes:
     _, version, length, json_bytes, kind = struct.unpack_from("<5I", data)
     if version != 2:
         _refuse(f"is GLB version {version}; only version 2 can be read")
-    if length != len(data):
+    if length > len(data):
         _refuse(f"says that it has {length} bytes, but has {len(data)}")
-    if kind != _JSON or json_bytes > len(data) - 20:
+    if kind != _JSON or json_bytes > length - 20:
         _refuse("does not begin with a JSON chunk that it holds")
     return data[20:20 + json_bytes]
 
 
-def decode_uri(uri: str) -> str:
-    """The file that a uri stands for: plain components beneath the scene's folder."""
-    def refuse(why: str) -> NoReturn:
-        _refuse(f"names the file {uri[:80]!r}, which {why}")
-
-    if ":" in uri:
-        refuse("has a scheme")
+def file_of_uri(uri: str) -> str | None:
+    """The file that a URI stands for: percent-decoded once, "./" dropped, "a/.." cancelled. None
+    where it has a scheme, is absolute, leaves the scene's folder, hides a dot or a slash, or is not
+    printable. The daemon applies the same rule (tests/golden/gltf_uris.json)."""
     encoded = uri.encode("utf-8", "surrogatepass")
     for escape in _ESCAPE.findall(encoded):
-        if not escape:
-            refuse("is wrongly percent-encoded")
-        if bytes.fromhex(escape.decode()) in b"./":
-            refuse("hides a dot or a slash")
+        if not escape or bytes.fromhex(escape.decode()) in b"./":
+            return None
     try:
         name = _ESCAPE.sub(lambda match: bytes.fromhex(match[1].decode()), encoded).decode("utf-8")
     except UnicodeDecodeError:
-        refuse("is not printable")
-    if len(encoded) > NAME_BYTES_MAX or not name.isprintable():
-        refuse("is not printable")
-    if "\\" in name or ":" in name:
-        refuse("is not a relative path")
-    if any(component in ("", ".", "..") for component in name.split("/")):
-        refuse("is not a plain path beneath the scene's folder")
-    return name
+        return None
+    if not name.isprintable() or "\\" in name or ":" in name:
+        return None
+    components: list[str] = []
+    for component in name.split("/"):
+        if component == "" or (component == ".." and not components):
+            return None
+        if component == "..":
+            components.pop()
+        elif component != ".":
+            components.append(component)
+    name = "/".join(components)
+    return name if 0 < len(name.encode()) <= NAME_BYTES_MAX else None
 
 
 # ---- writing ------------------------------------------------------------------------------------

@@ -92,17 +92,20 @@ def _sniff(source: str, data: bytes) -> str:
 
 def _named_files(main: File, folder: str) -> Iterator[File]:
     others = file_names(main.data)
-    if len(others) >= _limits.upload_files_max or main.name in others:
-        raise errors.InvalidError(f"names itself, or {len(others)} files; pack it into one .glb",
+    if len(others) >= _limits.upload_files_max:
+        raise errors.InvalidError(f"names {len(others)} files; pack it into one .glb",
                                   "FILE_INVALID")
     left = _limits.upload_bytes_max - len(main.data)
     for other in others:
         try:
-            file = File(other, read_file_beneath(folder, other, left))
+            data = read_file_beneath(folder, other, left)
         except errors.InvalidError as error:
             raise errors.InvalidError(f"names {error}", error.name) from None
-        left -= len(file.data)
-        yield file
+        # Whether a file is missed is for the daemon to say.
+        if data is None or other == main.name:
+            continue
+        left -= len(data)
+        yield File(other, data)
 
 
 class Sender:

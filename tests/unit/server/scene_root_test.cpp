@@ -17,16 +17,24 @@ std::span<const std::byte> bytes_of(const std::string& text) {
     return std::as_bytes(std::span(text));
 }
 
+/// A file right below the root, or below `folder` there.
+Result<std::optional<SourceFile>> read(const test::TemporaryFolder& root, const std::string& path,
+                                       std::uint64_t bytes_max, Budget& budget,
+                                       const std::string& folder = {}) {
+    return read_under_root(root.path(), folder, path, bytes_max, budget);
+}
+
 TEST_CASE("a file beneath the root is read whole") {
     Budget budget(1 << 20);
     const test::TemporaryFolder folder;
     folder.write("sub/a.gltf", "content");
-    const auto file = read_under_root(folder.path(), "sub/a.gltf", 100, budget);
+    const auto file = read(folder, "sub/a.gltf", 100, budget);
     REQUIRE(file);
-    CHECK(file->bytes.size() == 7);
-    CHECK(read_under_root(folder.path(), "sub/../sub/a.gltf", 100, budget));
-    CHECK(read_under_root(folder.path(), "sub/a.gltf", 6, budget).error().code ==
-          ErrorCode::limit_exceeded);
+    REQUIRE(*file);
+    CHECK((*file)->bytes.size() == 7);
+    CHECK(read(folder, "sub/../sub/a.gltf", 100, budget)->has_value());
+    CHECK(read(folder, "a.gltf", 100, budget, "sub")->has_value());
+    CHECK(read(folder, "sub/a.gltf", 6, budget).error().code == ErrorCode::limit_exceeded);
 }
 
 TEST_CASE("nothing outside of the root is opened, and no message names a folder") {
@@ -38,22 +46,47 @@ TEST_CASE("nothing outside of the root is opened, and no message names a folder"
     std::filesystem::create_directory(folder.path() / "directory");
     std::filesystem::create_symlink(outside.path() / "secret", folder.path() / "link");
     std::filesystem::create_symlink("a", folder.path() / "inner");
+    std::filesystem::create_symlink("round", folder.path() / "around");
+    std::filesystem::create_symlink("around", folder.path() / "round");
+    std::filesystem::create_symlink(folder.path() / "a", folder.path() / "absolute");
+    std::filesystem::create_symlink("directory/../../" + folder.path().filename().string() + "/a",
+                                    folder.path() / "out_and_in");
     std::filesystem::create_directory_symlink(outside.path(), folder.path() / "linked");
     REQUIRE(mkfifo((folder.path() / "fifo").c_str(), 0600) == 0);
 
     const std::string sibling = "../" + outside.path().filename().string() + "/secret";
-    for (const std::string& path :
-         {std::string(""), std::string("."), std::string(".."), std::string("/etc/passwd"),
-          std::string("../etc/passwd"), sibling, std::string("directory"), std::string("link"),
-          std::string("inner"), std::string("linked/secret"), std::string("fifo"),
-          std::string("missing"), std::string("a\0b", 3), std::string("a/"),
-          std::string("/proc/self/environ"), std::string("~/x"), std::string("file:///etc/passwd"),
-          std::string("%2e%2e/x"), std::string(5000, 'x')}) {
-        const auto file = read_under_root(folder.path(), path, 100, budget);
-        CHECK_FALSE_MESSAGE(file, path);
-        CHECK(file.error().message.find(folder.path().string()) == std::string::npos);
+    for (const std::string& path : {std::string(""),
+                                    std::string("."),
+                                    std::string(".."),
+                                    std::string("/etc/passwd"),
+                                    std::string("../etc/passwd"),
+                                    sibling,
+                                    std::string("directory"),
+                                    std::string("link"),
+                                    std::string("round"),
+                                    std::string("absolute"),
+                                    std::string("out_and_in"),
+                                    std::string("linked/secret"),
+                                    std::string("fifo"),
+                                    std::string("missing"),
+                                    std::string("a\0b", 3),
+                                    std::string("a/"),
+                                    std::string("/proc/self/environ"),
+                                    std::string("~/x"),
+                                    std::string("file:///etc/passwd"),
+                                    std::string("%2e%2e/x"),
+                                    std::string(5000, 'x')}) {
+        const auto file = read(folder, path, 100, budget);
+        CHECK_FALSE_MESSAGE((file && *file), path);
+        if (!file) CHECK(file.error().message.find(folder.path().string()) == std::string::npos);
+        CHECK_FALSE((read(folder, "a", 100, budget, path) && path != "."));
     }
-    CHECK_FALSE(read_under_root({}, "a", 100, budget));
+    CHECK(read(folder, "inner", 100, budget)->has_value());
+    CHECK(read(folder, "link", 100, budget).error().message.find("link leaves the folder") !=
+          std::string::npos);
+    CHECK(read(folder, "round", 100, budget).error().message.find("in a circle") !=
+          std::string::npos);
+    CHECK_FALSE(read_under_root({}, {}, "a", 100, budget));
 }
 
 TEST_CASE("a glTF's files are found by their names, once each, and unsafe ones are left out") {
@@ -72,17 +105,22 @@ TEST_CASE("a scene is read with what it names beneath its own folder") {
     Budget budget(1 << 20);
     const test::TemporaryFolder folder;
     folder.write("sub/scene.gltf",
-                 R"({"buffers":[{"uri":"a.bin"},{"uri":"missing.bin"},{"uri":"link.bin"}]})");
+                 R"({"buffers":[{"uri":"./a.bin"},{"uri":"missing.bin"},{"uri":"scene.gltf"}]})");
+    folder.write("sub/outside.gltf", R"({"images":[{"uri":"link.bin"}]})");
     folder.write("sub/a.bin", "1234");
     folder.write("other.bin", "secret");
     std::filesystem::create_symlink("../other.bin", folder.path() / "sub/link.bin");
+    const auto outside = read_scene(folder.path(), "sub/outside.gltf", 10, 1000, budget);
+    REQUIRE_FALSE(outside);
+    CHECK(outside.error().message.find("root:sub/link.bin: link leaves") != std::string::npos);
+    CHECK_FALSE(read_scene(folder.path(), "sub/none.gltf", 10, 1000, budget));
     const auto files = read_scene(folder.path(), "sub/scene.gltf", 10, 1000, budget);
     REQUIRE(files);
     REQUIRE(files->size() == 2);
     CHECK((*files)[0].name == "scene.gltf");
     CHECK((*files)[1].name == "a.bin");
     CHECK((*files)[1].bytes.size() == 4);
-    CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 2, 1000, budget));
+    CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 3, 1000, budget));
     const std::uint64_t bytes = (*files)[0].bytes.size() + (*files)[1].bytes.size();
     CHECK(read_scene(folder.path(), "sub/scene.gltf", 10, bytes, budget));
     CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 10, bytes - 1, budget));

@@ -3,6 +3,8 @@
 #include "engine/assets/gltf.h"
 #include "tests/unit/engine/assets/samples.h"
 
+#include <nlohmann/json.hpp>
+
 using namespace raynest;
 
 namespace {
@@ -16,6 +18,24 @@ std::string trees(int count) {
 }
 
 }  // namespace
+
+TEST_CASE("a URI names a file beside or below the scene, or none") {
+    std::ifstream table(RAYNEST_SOURCE_DIR "/tests/golden/gltf_uris.json");
+    const auto cases = nlohmann::json::parse(table);
+    REQUIRE(cases.size() > 40);
+    for (const auto& entry : cases) {
+        const auto uri = entry[0].get<std::string>();
+        CAPTURE(uri);
+        const auto name = gltf::file_of_uri(uri);
+        if (entry[1].is_null())
+            CHECK_FALSE(name.has_value());
+        else
+            CHECK(name == entry[1].get<std::string>());
+    }
+    CHECK(gltf::file_of_uri(std::string(1024, 'a')).has_value());
+    CHECK_FALSE(gltf::file_of_uri(std::string(1025, 'a')).has_value());
+    CHECK_FALSE(gltf::file_of_uri(std::string("a\0b", 3)).has_value());
+}
 
 TEST_CASE("text is cut between characters") {
     CHECK(gltf::front_of("abc", 2) == "ab");

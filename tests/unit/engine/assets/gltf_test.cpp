@@ -287,18 +287,23 @@ TEST_CASE("cameras come in node order, without their node's scale") {
     const std::string mesh = one_triangle_mesh(writer);
     const auto scene = must_describe(writer.glb(mesh + R"(,
         "cameras":[{"type":"perspective","perspective":{"yfov":0.8,"znear":0.1,"aspectRatio":2}},
-                   {"type":"orthographic","orthographic":{"xmag":1,"ymag":1,"znear":0.1,"zfar":9}}],
+                   {"type":"orthographic","orthographic":{"xmag":3,"ymag":2,"znear":0.1,"zfar":9}}],
         "nodes":[{"children":[2],"scale":[5,5,5]},{"name":"flat","camera":1},
                  {"name":"eye","camera":0,"translation":[0,0,1]},{"mesh":0},
                  {"scale":[1e30,1e30,1e30],"children":[5,6]},{"camera":0,"scale":[1e30,1e30,1e30]},
                  {"camera":0,"translation":[1e30,0,0]}])"));
-    REQUIRE(scene.cameras.size() == 2);  // a scale may be no float, a place must be
-    CHECK(scene.cameras[1].to_world == Transform{});
-    CHECK(scene.cameras[0].name == "eye");
-    CHECK(scene.cameras[0].yfov == 0.8F);
-    CHECK(scene.cameras[0].aspect == 2);
-    CHECK(scene.cameras[0].to_world.m == std::array<float, 12>{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 5});
-    CHECK(scene.skipped.at("cameras") == 2);
+    REQUIRE(scene.cameras.size() == 3);  // a scale may be no float, a place must be
+    CHECK(scene.cameras[2].to_world == Transform{});
+    CHECK(scene.cameras[0].name == "flat");
+    CHECK(scene.cameras[0].yfov == 0);
+    CHECK(scene.cameras[0].ymag == 2);
+    CHECK(scene.cameras[0].aspect == 1.5F);
+    CHECK(scene.cameras[1].name == "eye");
+    CHECK(scene.cameras[1].yfov == 0.8F);
+    CHECK(scene.cameras[1].ymag == 0);
+    CHECK(scene.cameras[1].aspect == 2);
+    CHECK(scene.cameras[1].to_world.m == std::array<float, 12>{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 5});
+    CHECK(scene.skipped.at("cameras") == 1);
 }
 
 TEST_CASE("what is left out a thousand times is counted, and warned about a few times") {
@@ -307,7 +312,7 @@ TEST_CASE("what is left out a thousand times is counted, and warned about a few 
     std::string nodes = R"({"mesh":0})";
     std::string materials;
     for (int i = 0; i < 1000; ++i) {
-        nodes += R"(,{"camera":0})";
+        nodes += R"(,{"camera":0,"scale":[0,0,0]})";
         if (i > 0) materials += ',';
         materials += R"({"pbrMetallicRoughness":{"baseColorTexture":{"index":)" +
                      std::to_string(i) + R"(}}})";
@@ -356,8 +361,9 @@ TEST_CASE("the chosen scene is placed, and only that") {
     CHECK(
         must_describe(writer.glb(mesh + scenes + ",\"scene\":1")).objects.back().instances.size() ==
         2);
-    CHECK(contains(refusal(writer.glb(mesh + R"(,"scenes":[{"nodes":[1,1]}])")),
-                   "stands elsewhere too"));
+    const auto twice = must_describe(writer.glb(mesh + R"(,"scenes":[{"nodes":[1,1]}])"));
+    CHECK(twice.objects.back().instances.size() == 1);
+    CHECK(twice.warnings.size() == 1);
 }
 
 TEST_CASE("what a small file cannot honestly hold is refused before it costs memory") {
@@ -393,23 +399,13 @@ TEST_CASE("a refusal names the element at fault and its own fault, not a consequ
     CHECK(contains(refusal(writer.glb(mesh + R"(,"nodes":[{"mesh":0,"children":[0]}])")),
                    "node 0 is its own child"));
 
-    GlbWriter misaligned;
-    misaligned.add<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 5126, 3, ",\"byteOffset\":2");
-    CHECK(contains(refusal(misaligned.glb("\"nodes\":[]")), "accessor 0 is not aligned"));
-
     // Read as floats, three 16-bit indices reach beyond their bufferView, too.
     GlbWriter floats;
     floats.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 3);
     floats.add<std::uint16_t>({0, 1, 2}, "SCALAR", 5126, 1);
     CHECK(contains(refusal(floats.glb(R"("nodes":[{"mesh":0}],"meshes":[{"primitives":[
                        {"attributes":{"POSITION":0},"indices":1}]}])")),
-                   "accessor 1 holds indices, which must be plain unsigned integers"));
-
-    CHECK(contains(refusal(test::to_bytes(R"({"asset":{"version":"2.0"},"nodes":[{"mesh":0}],
-                       "accessors":[{"componentType":5126,"count":3,"type":"VEC3"}],
-                       "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]})"),
-                           "scene.gltf"),
-                   "mesh 0 has an attribute whose accessor has no bufferView"));
+                   "mesh 0 needs accessor 1, which holds indices but no plain unsigned integers"));
 }
 
 TEST_CASE("an import that fails names its file") {
@@ -452,6 +448,7 @@ TEST_CASE("a scene reads the files that came with it, and no others") {
     };
     CHECK(load("a.bin", "a.bin"));
     CHECK(load("./a.bin", "a.bin"));
+    CHECK(load("x/../a.bin", "a.bin"));
     CHECK(load("sub/a%20b.bin", "sub/a b.bin"));
     CHECK_FALSE(load("b.bin", "a.bin"));
 
@@ -468,8 +465,7 @@ TEST_CASE("a scene reads the files that came with it, and no others") {
          {std::string("secret.bin"), std::string("../secret.bin"), std::string("%2e%2e/secret.bin"),
           std::string("..%2fsecret.bin"), std::string("%2E%2E%2Fsecret.bin"),
           "x/../../secret.bin" + std::string(), absolute, "/" + absolute, "file://" + absolute,
-          std::string("~/secret.bin"), std::string("..%5csecret.bin"),
-          std::string("%252e%252e/secret.bin")}) {
+          std::string("..%5csecret.bin"), std::string("%252e%252e/secret.bin")}) {
         CAPTURE(uri);
         CHECK_FALSE(load(uri, "other.bin"));
         // Even a file that was uploaded under such a name is not served.
