@@ -261,8 +261,7 @@ void read_cameras(const Model& model, SceneDescription& scene) {
         const std::optional<Transform> pose = camera_pose(entry.to_scene);
         const Camera& camera = model.cameras[node.camera];
         const std::string& name = node.name.empty() ? camera.name : node.name;
-        const char* const fault = !camera.perspective ? "is orthographic"
-                                  : !pose             ? "is without a usable pose"
+        const char* const fault = !pose ? "is without a usable pose"
                                   : scene.cameras.size() == scene_cameras_max ? "is one of too many"
                                                                               : nullptr;
         if (fault != nullptr) {
@@ -270,7 +269,7 @@ void read_cameras(const Model& model, SceneDescription& scene) {
                       fmt::format("camera '{}' {} and was left out", one_line(name, 60), fault));
             continue;
         }
-        scene.cameras.push_back({name, *pose, camera.yfov, camera.aspect});
+        scene.cameras.push_back({name, *pose, camera.yfov, camera.aspect, camera.ymag});
     }
 }
 

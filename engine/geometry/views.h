@@ -143,10 +143,10 @@ struct ObjectRecord {
 
 struct CameraRecord {
     Transform to_world;   ///< scale removed; looks along -Z, +Y up
-    float yfov;           ///< radians, vertical
+    float yfov;           ///< radians, vertical; 0 of an orthographic camera
     float aspect;         ///< width over height, 0 when the file does not say
     std::uint32_t name;   ///< offset in `names`
-    std::uint32_t unused;
+    float ymag;           ///< orthographic: half of the height that it shows; else 0
 };
 
 struct SceneView {

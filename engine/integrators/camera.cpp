@@ -32,32 +32,11 @@ Transform look(const glm::dvec3& eye, const glm::dvec3& forward, glm::dvec3 up) 
     return pose_of(x, y, z, eye);
 }
 
-/// Frames the bounding box from (+x, +y, +z) at 40 degrees, whole in any picture
-/// that is at least as wide as high.
+/// "automatic": as framing() says, looking along the diagonal exactly.
 Camera framing_camera(const Box& bounds) {
-    constexpr double margin = 1.05;
-    const bool empty = bounds.is_empty();
-    const glm::dvec3 lower = empty ? glm::dvec3(-1) : glm::dvec3(bounds.lower);
-    const glm::dvec3 upper = empty ? glm::dvec3(1) : glm::dvec3(bounds.upper);
-    const glm::dvec3 center = 0.5 * (lower + upper);
-    const glm::dvec3 backward = glm::normalize(glm::dvec3(1));
-    const glm::dvec3 right = glm::normalize(glm::cross(glm::dvec3(0, 1, 0), backward));
-    const glm::dvec3 up = glm::cross(backward, right);
-
-    // Each corner asks for a distance at which it appears on the edge of the picture.
-    const double tangent = std::tan(default_fov / 2);
-    double distance = 0;
-    for (unsigned corner = 0; corner < 8; ++corner) {
-        const glm::dvec3 p =
-            glm::dvec3((corner & 1) != 0 ? upper.x : lower.x, (corner & 2) != 0 ? upper.y : lower.y,
-                       (corner & 4) != 0 ? upper.z : lower.z) -
-            center;
-        const double aside = std::max(std::abs(glm::dot(p, right)), std::abs(glm::dot(p, up)));
-        distance = std::max(distance, margin * aside / tangent + glm::dot(p, backward));
-    }
-    if (distance == 0) distance = 1;  // a single point
-    return {look(center + distance * backward, -backward, glm::dvec3(0, 1, 0)),
-            static_cast<float>(default_fov), "automatic"};
+    const Framing view = framing(bounds);
+    return {look(view.eye, glm::dvec3(-1), glm::dvec3(0, 1, 0)), static_cast<float>(default_fov),
+            "automatic"};
 }
 
 /// Index of the camera by its name, else by its number, else no_id.
@@ -103,10 +82,36 @@ Result<Camera> camera_of_request(const Snapshot& scene, const CameraRequest& req
                                                  "'; there are: " + camera_list(scene));
     }
     const CameraRecord& record = view.cameras[index];
-    return Camera{record.to_world, record.yfov, scene.statistics().cameras[index]};
+    return Camera{record.to_world, record.yfov, scene.statistics().cameras[index], record.ymag,
+                  record.aspect};
 }
 
 }  // namespace
+
+Framing framing(const Box& bounds) {
+    constexpr double margin = 1.05;
+    const bool empty = bounds.is_empty();
+    const glm::dvec3 lower = empty ? glm::dvec3(-1) : glm::dvec3(bounds.lower);
+    const glm::dvec3 upper = empty ? glm::dvec3(1) : glm::dvec3(bounds.upper);
+    const glm::dvec3 center = 0.5 * (lower + upper);
+    const glm::dvec3 backward = glm::normalize(glm::dvec3(1));
+    const glm::dvec3 right = glm::normalize(glm::cross(glm::dvec3(0, 1, 0), backward));
+    const glm::dvec3 up = glm::cross(backward, right);
+
+    // Each corner asks for a distance at which it appears on the edge of the picture.
+    const double tangent = std::tan(default_fov / 2);
+    double distance = 0;
+    for (unsigned corner = 0; corner < 8; ++corner) {
+        const glm::dvec3 p =
+            glm::dvec3((corner & 1) != 0 ? upper.x : lower.x, (corner & 2) != 0 ? upper.y : lower.y,
+                       (corner & 4) != 0 ? upper.z : lower.z) -
+            center;
+        const double aside = std::max(std::abs(glm::dot(p, right)), std::abs(glm::dot(p, up)));
+        distance = std::max(distance, margin * aside / tangent + glm::dot(p, backward));
+    }
+    if (distance == 0) distance = 1;  // a single point
+    return {center + distance * backward, center};
+}
 
 Result<Camera> choose_camera(const Snapshot& scene, const CameraRequest& request) {
     const float fov = request.fov_degrees;
@@ -115,6 +120,10 @@ Result<Camera> choose_camera(const Snapshot& scene, const CameraRequest& request
                     "the field of view must lie between 0 and 180 degrees");
     }
     auto camera = camera_of_request(scene, request);
+    if (camera && fov != 0 && camera->ymag != 0) {
+        return fail(ErrorCode::param_invalid,
+                    "camera '" + camera->name + "' is orthographic: it has no field of view");
+    }
     if (camera && fov != 0) camera->yfov = static_cast<float>(static_cast<double>(fov) * degree);
     return camera;
 }

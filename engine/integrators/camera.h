@@ -1,4 +1,4 @@
-// Pinhole cameras: glTF cameras, look-at, and the one that frames a scene.
+// Cameras: those of glTF, look-at, and the one that frames a scene.
 #pragma once
 
 #include "engine/math/vec.h"
@@ -9,11 +9,13 @@
 
 namespace raynest {
 
-/// Looks along -Z of `to_world`, +Y up; yfov in radians, vertical.
+/// Looks along -Z of `to_world`, +Y up.
 struct Camera {
     Transform to_world;
-    float yfov = 0.7F;
+    float yfov = 0.7F;  ///< perspective: radians, vertical
     std::string name;
+    float ymag = 0;    ///< orthographic: half of the height that it shows at least; else 0
+    float aspect = 0;  ///< width over height of what an orthographic camera shows at least; 0: any
 };
 
 struct CameraRequest {
@@ -22,6 +24,13 @@ struct CameraRequest {
     Vec3 eye{0}, at{0}, up{0, 1, 0};
     float fov_degrees = 0;  ///< vertical; 0 = the camera's own, 40 for look-at
 };
+
+/// A look-at of 40 degrees that has a bounding box whole in any picture at least as wide as high,
+/// seen from (+x, +y, +z).
+struct Framing {
+    glm::dvec3 eye, at;
+};
+[[nodiscard]] Framing framing(const Box& bounds);
 
 /// The requested camera; scene_invalid naming the cameras there are. Without any in the file: one
 /// that frames the bounding box from (+x, +y, +z) at 40 degrees, named "automatic".

@@ -2,6 +2,7 @@
 
 #include "engine/math/random.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -43,6 +44,19 @@ Pinhole pinhole(const Camera& camera, ImageSize size) {
     const double half_height = 0.5 * size.height;
     const double step = std::tan(static_cast<double>(camera.yfov) / 2) / half_height;
     return {{pose_of(camera.to_world)}, size, 0.5 * size.width, half_height, step, step};
+}
+
+Sensor camera_sensor(const Camera& camera, const Mount& limits, ImageSize size) {
+    const Mount mount{pose_of(camera.to_world), limits.tmin, limits.tmax};
+    if (camera.ymag == 0) {
+        Pinhole sensor = pinhole(camera, size);
+        sensor.mount = mount;
+        return sensor;
+    }
+    const double ymag = camera.ymag;
+    const double aspect = static_cast<double>(size.width) / size.height;
+    const double height = 2 * std::max(ymag, ymag * static_cast<double>(camera.aspect) / aspect);
+    return Orthographic{mount, size, aspect * height, height};
 }
 
 Equirectangular::Equirectangular(const Mount& mount, ImageSize size) : mount_(mount), size_(size) {

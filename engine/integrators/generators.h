@@ -17,7 +17,7 @@
 namespace raynest {
 
 [[nodiscard]] Pose pose_of(const Transform& to_world);
-/// The rays of a picture that this camera takes.
+/// The rays of a picture that this perspective camera takes.
 [[nodiscard]] Pinhole pinhole(const Camera& camera, ImageSize size);
 
 /// Parallel rays, one per cell of a window that lies around the sensor.
@@ -95,6 +95,10 @@ private:
 };
 
 using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar>;
+
+/// The rays of a picture that this camera takes: a Pinhole, or for an orthographic camera parallel
+/// rays, whose pixels are square and show at least xmag and ymag.
+[[nodiscard]] Sensor camera_sensor(const Camera& camera, const Mount& limits, ImageSize size);
 
 /// Rays come row by row: of an image from the top, of a lidar channel by channel.
 [[nodiscard]] ImageSize ray_grid(const Sensor& sensor);

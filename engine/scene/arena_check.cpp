@@ -201,10 +201,13 @@ private:
     Result<void> check_cameras() {
         for (std::uint32_t i = 0; i < view_.camera_count; ++i) {
             const CameraRecord& camera = view_.cameras[i];
-            const bool sound = is_finite(camera.to_world.m) && camera.yfov > 0 &&
-                               camera.yfov < std::numbers::pi_v<float> && camera.aspect >= 0 &&
-                               std::isfinite(camera.aspect) && is_name(camera.name) &&
-                               camera.unused == 0;
+            const bool perspective =
+                camera.ymag == 0 && camera.yfov > 0 && camera.yfov < std::numbers::pi_v<float>;
+            const bool orthographic =
+                camera.ymag > 0 && std::isfinite(camera.ymag) && camera.yfov == 0;
+            const bool sound = is_finite(camera.to_world.m) && (perspective || orthographic) &&
+                               camera.aspect >= 0 && std::isfinite(camera.aspect) &&
+                               is_name(camera.name);
             if (!sound) return broken("camera " + std::to_string(i));
         }
         return {};

@@ -82,8 +82,9 @@ struct ObjectDescription {
 struct CameraDescription {
     std::string name;
     Transform to_world;
-    float yfov = 0.7F;
-    float aspect = 0;
+    float yfov = 0.7F;  ///< radians, vertical; 0 of an orthographic camera
+    float aspect = 0;   ///< width over height, 0: as the picture
+    float ymag = 0;     ///< orthographic: half of the height that it shows
 };
 
 /// A node of the tree that the scene was read from, and how many placements are its own.

@@ -68,11 +68,14 @@ Result<void> check_surfaces(const SceneDescription& description) {
         }
     }
     for (const CameraDescription& camera : description.cameras) {
-        if (!all_finite(camera.to_world.m) || !(camera.yfov > 0) ||
-            !(camera.yfov < std::numbers::pi_v<float>) || !(camera.aspect >= 0) ||
-            !std::isfinite(camera.aspect)) {
+        const bool perspective =
+            camera.ymag == 0 && camera.yfov > 0 && camera.yfov < std::numbers::pi_v<float>;
+        const bool orthographic = camera.ymag > 0 && std::isfinite(camera.ymag) && camera.yfov == 0;
+        if (!all_finite(camera.to_world.m) || !(perspective || orthographic) ||
+            !(camera.aspect >= 0) || !std::isfinite(camera.aspect)) {
             return invalid("camera '" + camera.name +
-                           "' needs a finite pose, a field of view in (0, pi) and an aspect >= 0");
+                           "' needs a finite pose, an aspect >= 0, and either a field of view in "
+                           "(0, pi) or a ymag above 0");
         }
     }
     return {};

@@ -44,7 +44,7 @@ void add_cameras(const SceneDescription& description, Content& content) {
         Transform along_z;
         for (const std::size_t i : {3U, 7U, 11U}) along_z.m[i] = camera.to_world.m[i];
         content.cameras.push_back({camera_pose(to_world).value_or(along_z), camera.yfov,
-                                   camera.aspect, content.names.add(camera.name), 0});
+                                   camera.aspect, content.names.add(camera.name), camera.ymag});
     }
 }
 

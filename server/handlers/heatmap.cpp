@@ -42,6 +42,7 @@ public:
           counts_(blank<std::uint32_t>()) {}
 
 protected:
+    [[nodiscard]] std::string_view command() const override { return "heatmap"; }
     Reply<void> expose(std::uint64_t first, std::span<Ray> rays, const Stop& stop,
                        TraceBuffers& buffers) override {
         // Necessary work is what lies before the hit: with tmax there, order no longer matters.

@@ -6,6 +6,8 @@
 #include "server/handlers/scene_info.h"
 
 #include <algorithm>
+#include <array>
+#include <cstdio>
 #include <cstring>
 #include <utility>
 
@@ -76,6 +78,7 @@ PictureJob::PictureJob(const Services& services, const Caller& caller, PictureOr
     : services_(services),
       id_(caller.request_id),
       order_(std::move(order)),
+      sensor_(camera_sensor(order_.camera, {}, {order_.width, order_.height})),
       chunk_rays_(order_.plan.chunk_rays_max(services.limits)),
       cuda_rays_(order_.plan.cuda_rays_max(services.limits)),
       piece_bytes_(piece_bytes(caller)),
@@ -122,9 +125,31 @@ bool PictureJob::finished() const {
 Frames PictureJob::farewell() {
     wire::DoneT done = tally_.done(order_.plan);
     complete(done);
+    if (std::string line = hint(); !line.empty()) done.notes.push_back(std::move(line));
     Frames frames;
     frames.push_back(*protocol::encode(id_, done));
     return frames;
+}
+
+std::string PictureJob::hint() const {
+    const Snapshot& scene = order_.plan.scene.snapshot();
+    if (scene.bounds().is_empty()) return {};
+    const bool nothing = tally_.misses() == order_.pixels();
+    // Every pixel, but for a few cracks and edges, is the back of something.
+    const bool backs = order_.plan.query == query_closest && tally_.misses() == 0 &&
+                       backs_ > order_.pixels() / 100 * 99;
+    if (!nothing && !backs) return {};
+    const Framing view = framing(scene.bounds());
+    std::array<char, 160> lookat{};
+    std::snprintf(lookat.data(), lookat.size(), "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g", view.eye.x,
+                  view.eye.y, view.eye.z, view.at.x, view.at.y, view.at.z);
+    const std::string camera = "camera '" + order_.camera.name + "' ";
+    return clean_text(
+        camera +
+            (nothing ? "sees nothing" : "sees only backs of surfaces, as from inside of them") +
+            "; to frame the scene: raynest " + std::string(command()) + ' ' +
+            order_.plan.scene.name + " --lookat " + lookat.data(),
+        services_.limits.text_bytes_max);
 }
 
 std::optional<Progress> PictureJob::progress() const {
@@ -158,7 +183,7 @@ Reply<Frames> PictureJob::trace_run(const Run& run, const Stop& stop) {
     TraceBuffers& buffers = TraceBuffers::of_this_thread();
     buffers.fallback = run.fallback;
     buffers.rays.resize(run.count);
-    generate_tiles(pinhole(order_.camera, {order_.width, order_.height}), run.first, buffers.rays);
+    generate_tiles(sensor_, run.first, buffers.rays);
     if (const auto exposed = expose(run.first, buffers.rays, stop, buffers); !exposed) {
         if (!on_cuda(run) || buffers.fallback.empty()) return tl::unexpected(exposed.error());
         const std::lock_guard lock(mutex_);
@@ -168,6 +193,9 @@ Reply<Frames> PictureJob::trace_run(const Run& run, const Stop& stop) {
     const auto missed = std::count_if(buffers.hits.begin(), buffers.hits.end(),
                                       [](const HitRecord& hit) { return hit.hit == 0; });
     const auto misses = static_cast<std::uint64_t>(missed);
+    backs_ += static_cast<std::uint64_t>(
+        std::count_if(buffers.hits.begin(), buffers.hits.end(),
+                      [](const HitRecord& hit) { return hit.hit != 0 && hit.front == 0; }));
     tally_.add(buffers, {run.count, run.count - misses, misses, 0});
     services_.metrics.rays += run.count;
     return Frames{};
@@ -175,9 +203,12 @@ Reply<Frames> PictureJob::trace_run(const Run& run, const Stop& stop) {
 
 Reply<void> PictureJob::trace_camera(std::uint64_t first, std::span<const Ray> rays,
                                      const Stop& stop, TraceBuffers& buffers) const {
-    const PinholeRays made{pinhole(order_.camera, {order_.width, order_.height}), first, true};
-    return trace(order_.plan, rays, stop, buffers,
-                 order_.plan.on_cuda(buffers.fallback) ? &made : nullptr);
+    // A GPU makes the rays of a pinhole itself.
+    const auto* const pinhole = std::get_if<Pinhole>(&sensor_);
+    if (pinhole == nullptr || !order_.plan.on_cuda(buffers.fallback))
+        return trace(order_.plan, rays, stop, buffers);
+    const PinholeRays made{*pinhole, first, true};
+    return trace(order_.plan, rays, stop, buffers, &made);
 }
 
 Task PictureJob::encode_task() {

@@ -5,12 +5,15 @@
 #pragma once
 
 #include "engine/integrators/camera.h"
+#include "engine/integrators/generators.h"
 #include "server/handlers/tracing.h"
 
+#include <atomic>
 #include <cstdint>
 #include <mutex>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace raynest::server {
@@ -64,6 +67,8 @@ protected:
     /// Worker thread: traces camera rays of expose().
     Reply<void> trace_camera(std::uint64_t first, std::span<const Ray> rays, const Stop& stop,
                              TraceBuffers& buffers) const;
+    /// The command line's word for such a picture.
+    [[nodiscard]] virtual std::string_view command() const = 0;
     /// Adds to DONE what only this kind of picture knows.
     virtual void complete(wire::DoneT& /*done*/) const {}
 
@@ -94,6 +99,8 @@ private:
         std::string fallback = {};
     };
     [[nodiscard]] bool on_cuda(const Run& run) const { return order_.plan.on_cuda(run.fallback); }
+    /// A line for a user whose camera sees nothing, or only the backs of surfaces; else empty.
+    [[nodiscard]] std::string hint() const;
     /// The first run that waits, or a part of it; of none the count is 0.
     Run take_run();
     Reply<Frames> trace_run(const Run& run, const Stop& stop);
@@ -104,10 +111,12 @@ private:
     const Services& services_;
     const std::uint64_t id_;
     const PictureOrder order_;
+    const Sensor sensor_;
     const std::uint64_t chunk_rays_;
     const std::uint64_t cuda_rays_;
     const std::uint64_t piece_bytes_;
     Tally tally_;
+    std::atomic<std::uint64_t> backs_{0};  ///< hits on the back of a surface
     Stage stage_ = Stage::tracing;
     std::uint64_t chunks_running_ = 0;
     std::mutex mutex_;

@@ -65,10 +65,7 @@ SensorPointer ready(Sensor sensor) {
 Reply<SensorPointer> make_camera(const Request& request) {
     auto camera = camera_of(request);
     if (!camera) return tl::unexpected(camera.error());
-    Pinhole sensor = pinhole(*camera, request.size);
-    sensor.mount.tmin = request.mount.tmin;
-    sensor.mount.tmax = request.mount.tmax;
-    return ready(sensor);
+    return ready(camera_sensor(*camera, request.mount, request.size));
 }
 
 Reply<SensorPointer> make_pinhole(const Request& request) {

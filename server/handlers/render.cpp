@@ -47,6 +47,7 @@ public:
           pixels_(blank<Vec4>()) {}
 
 protected:
+    [[nodiscard]] std::string_view command() const override { return "render"; }
     Reply<void> expose(std::uint64_t first, std::span<Ray> rays, const Stop& stop,
                        TraceBuffers& buffers) override {
         if (const auto traced = trace_camera(first, rays, stop, buffers); !traced) return traced;
