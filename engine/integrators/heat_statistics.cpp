@@ -74,12 +74,11 @@ Result<Range> parse_range(const HeatOptions& options, const HeatStatistics& stat
 
 }  // namespace
 
-Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts, std::uint64_t misses,
+Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts,
                                        const HeatOptions& options) {
     if (auto checked = check_options(options); !checked) return tl::unexpected(checked.error());
     HeatStatistics statistics;
     statistics.rays = counts.size();
-    statistics.misses = misses;
     if (!counts.empty()) {
         std::vector<std::uint32_t> sorted(counts.begin(), counts.end());
         statistics.p50 = percentile(sorted, 50);

@@ -31,7 +31,7 @@ struct HeatStatistics {
     std::uint32_t min = 0, p50 = 0, p99 = 0, max = 0;
     double mean = 0;
     double clipped = 0;  ///< share of pixels above the range
-    std::uint64_t rays = 0, misses = 0;
+    std::uint64_t rays = 0;
     double range_low = 0, range_high = 0;
 };
 
@@ -43,7 +43,7 @@ struct HeatOptions {
 };
 
 /// Fails with param_invalid, naming the choices.
-Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts, std::uint64_t misses,
+Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts,
                                        const HeatOptions& options);
 /// What the legend needs; a narrower map is widened on the right.
 inline constexpr std::uint32_t heat_picture_width_min = 288;

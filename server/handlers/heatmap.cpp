@@ -65,8 +65,7 @@ protected:
 
     Reply<Payload> develop() override {
         const std::span<const std::uint32_t> counts(counts_.get(), order().pixels());
-        const std::uint64_t misses = tally().misses();
-        const auto statistics = heat_statistics(counts, misses, options_);
+        const auto statistics = heat_statistics(counts, options_);
         if (!statistics) return refuse(statistics.error());
         statistics_ = *statistics;
 
@@ -121,7 +120,7 @@ Reply<HeatOptions> heat_options(const wire::Heatmap& message) {
     options.scale = word(message.scale(), options.scale);
     options.range = word(message.range(), options.range);
     constexpr std::array<std::uint32_t, 1> sample = {0};
-    if (const auto dry = heat_statistics(sample, 0, options); !dry)
+    if (const auto dry = heat_statistics(sample, options); !dry)
         return refuse(Code::invalid_field, dry.error().message);
     return options;
 }

@@ -88,7 +88,6 @@ protected:
 
     [[nodiscard]] const PictureOrder& order() const { return order_; }
     [[nodiscard]] const Registry& registry() const { return services_.registry; }
-    [[nodiscard]] const Tally& tally() const { return tally_; }
 
 private:
     enum class Stage { tracing, encoding, sending };

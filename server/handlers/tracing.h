@@ -86,7 +86,6 @@ public:
     void add(const TraceBuffers& buffers, const Counts& counts);
 
     [[nodiscard]] std::uint64_t rays() const { return rays_; }
-    [[nodiscard]] std::uint64_t misses() const { return misses_; }
     /// Rays, hits, times, target, traversal, worker and notes of DONE.
     [[nodiscard]] wire::DoneT done(const Plan& plan) const;
 

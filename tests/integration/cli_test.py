@@ -3,7 +3,6 @@
 
   cli_test.py RAYNESTD RAYNEST
 """
-import ast
 import json
 import shutil
 import signal
@@ -13,21 +12,10 @@ import unittest
 import zipfile
 
 from daemon import Client, Daemon, DaemonTest, PATIENCE, closed_port, until
-from npy import npy
+from npy import npy, read_npy
 
 DOWN = "0.3,1000,0.4,0,-1,0"
 UP = "0.3,1000,0.4,0,1,0"
-
-
-def read_npy(data):
-    """dtype, shape and values of a .npy, without numpy."""
-    assert data[:6] == b"\x93NUMPY", data[:6]
-    size = struct.unpack("<H", data[8:10])[0]
-    header = ast.literal_eval(data[10:10 + size].decode())
-    letter = {"<f4": "f", "<u4": "I", "<u8": "Q", "|u1": "B"}[header["descr"]]
-    body = data[10 + size:]
-    values = struct.unpack(f"<{len(body) // struct.calcsize(letter)}{letter}", body)
-    return header["descr"], header["shape"], values
 
 
 class Cli(DaemonTest):

@@ -171,7 +171,7 @@ TEST_CASE_FIXTURE(Served, "a storm of requests and their cancels ends each of th
 TEST_CASE("a daemon without descriptors tells newcomers, logs so rarely, and recovers") {
     constexpr std::size_t descriptors_max = 64;
     const auto start = std::chrono::steady_clock::now();
-    const Daemon daemon({"--give_way_ms", "600000"}, descriptors_max);
+    const Daemon daemon({"--give-way-ms", "600000"}, descriptors_max);
     Peer first(daemon);
     first.greet();
     const auto is_welcome = [](Peer& guest) {

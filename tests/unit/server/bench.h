@@ -46,6 +46,26 @@ public:
         }
         return true;
     }
+    /// Runs what waits for `by_hand`, which has no threads, and takes completions, until neither is
+    /// left.
+    void settle(Workers& by_hand) {
+        do {
+            for (;;) {
+                std::unique_lock lock(mutex_);
+                if (posted_.empty()) break;
+                const std::function<void()> next = std::move(posted_.front());
+                posted_.pop_front();
+                lock.unlock();
+                next();
+            }
+        } while (by_hand.run_one());
+    }
+    /// This bench's engine, but for what computes.
+    [[nodiscard]] Engine engine_with(Workers& compute) const {
+        return {compute,           engine.blocking,  engine.device, engine.admission,
+                engine.metrics,    engine.limits,    engine.post,   engine.budget,
+                engine.brief_turn, engine.coalescer, engine.peers};
+    }
     bool run_until_idle() {
         return run_until([&] { return runner->size() == 0 && admission.active() == 0; });
     }

@@ -5,6 +5,7 @@
 
 #include <doctest/doctest.h>
 
+#include <limits>
 #include <new>
 #include <stdexcept>
 #include <thread>
@@ -171,9 +172,7 @@ private:
 TEST_CASE("what a GPU gives up has all of the CPU, and the GPU is free for others") {
     Bench bench;
     Workers compute(6);
-    const Engine& of = bench.engine;
-    const Engine engine{compute, of.blocking, of.device,     of.admission, of.metrics, of.limits,
-                        of.post, of.budget,   of.brief_turn, of.coalescer, of.peers};
+    const Engine engine = bench.engine_with(compute);
     const auto runner = std::make_shared<Runner>(engine, bench, "me");
     int handed_out = 0;
     std::atomic<bool> release{false};
@@ -181,7 +180,7 @@ TEST_CASE("what a GPU gives up has all of the CPU, and the GPU is free for other
     // One for each thread, one that waits for one and one that waits for its turn.
     const bool all = bench.run_until([&] { return handed_out == 8; });
     std::atomic<bool> on_device{false};
-    of.device.submit("other", Priority::normal, [&] { on_device = true; });
+    engine.device.submit("other", Priority::normal, [&] { on_device = true; });
     while (!on_device) std::this_thread::yield();
     release = true;
     CHECK(all);
@@ -189,18 +188,44 @@ TEST_CASE("what a GPU gives up has all of the CPU, and the GPU is free for other
     CHECK(handed_out == 20);
 }
 
-TEST_CASE("never more bytes than the client's credit, and every grant is used") {
+/// A job of five answers that two of which use up the credit, with all that can happen done.
+struct Credited {
+    static constexpr std::uint64_t bytes = 400 << 10;
     Bench bench;
-    constexpr std::uint64_t bytes = 400 << 10;
-    REQUIRE(bench.runner->start(1, accept(std::make_unique<ScriptedJob>(5, bytes))));
-    // 1 MiB of credit holds two answers of 400 KiB.
-    REQUIRE(bench.run_until([&] { return bench.count(wire::Message::Chunk) == 2; }));
-    CHECK(bench.runner->waits_for_client());
-    for (std::size_t answers = 3; answers <= 5; ++answers) {
-        bench.runner->grant(1, bytes);
-        REQUIRE(bench.run_until([&] { return bench.count(wire::Message::Chunk) == answers; }));
+    Workers by_hand{0};
+    const Engine engine = bench.engine_with(by_hand);
+    const std::shared_ptr<Runner> runner = std::make_shared<Runner>(engine, bench, "me");
+
+    Credited() {
+        runner->set_window(Bench::window);
+        REQUIRE(runner->start(1, accept(std::make_unique<ScriptedJob>(5, bytes))));
+        bench.settle(by_hand);
     }
-    CHECK(bench.run_until_idle());
+    ~Credited() { runner->abandon(); }
+    std::size_t answers_after(std::uint64_t grant) {
+        runner->grant(1, grant);
+        bench.settle(by_hand);
+        return bench.count(wire::Message::Chunk);
+    }
+};
+
+TEST_CASE_FIXTURE(Credited, "never more bytes than the client's credit, and every grant is used") {
+    // 1 MiB of credit holds two answers of 400 KiB.
+    CHECK(bench.count(wire::Message::Chunk) == 2);
+    CHECK(runner->waits_for_client());
+    CHECK(answers_after(bytes) == 3);
+    CHECK(answers_after(bytes) == 4);
+    CHECK(runner->size() == 1);
+    CHECK(answers_after(bytes) == 5);
+    CHECK(runner->size() == 0);
+    CHECK_FALSE(bench.error());
+}
+
+TEST_CASE_FIXTURE(Credited, "grants never wrap around: the largest one, twice, lets the job end") {
+    answers_after(std::numeric_limits<std::uint64_t>::max());
+    CHECK(answers_after(std::numeric_limits<std::uint64_t>::max()) == 5);
+    CHECK(runner->size() == 0);
+    CHECK_FALSE(bench.error());
 }
 
 TEST_CASE("a full connection parks its jobs until bytes leave") {

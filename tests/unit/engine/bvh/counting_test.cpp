@@ -116,7 +116,47 @@ private:
     Counters& counters_;
 };
 
+/// Sees only the children at even places of a node.
+struct EveryOtherBox {
+    auto operator()(const auto& ray, const BoxLike auto& boxes) {
+        auto spans = intersect(ray, boxes);
+        spans.mask &= 0x55U;
+        return spans;
+    }
+};
+
+/// The closest hit of a ray as an intersector sees the scene.
+template <class Isect>
+HitRecord closest(const Ray& ray, const SceneView& view, Isect& isect) {
+    RayView start = outermost_view(ray, &view, 0, 0xFFFFFFFFU, 0);
+    start.object = &view.objects[view.root];
+    ClosestHit query;
+    BoxRay boxed(start);
+    traverse(boxed, Bvh{&view, view.root}, isect, query);
+    return query.best;
+}
+
 }  // namespace
+
+TEST_CASE("an intersector with boxes of its own answers alike, counted or not") {
+    conformance::Random random(10);
+    const auto scene = Snapshot::bake(conformance::nested_scene(3, 4));
+    REQUIRE(scene.has_value());
+    const SceneView& view = (*scene)->view();
+    int different = 0;
+    int hidden = 0;
+    for (const Ray& ray : conformance::random_rays(2000, 6, random)) {
+        Opaque opaque;
+        EveryOtherBox other;
+        Counters counters;
+        Counting<EveryOtherBox> counting{other, &counters};
+        const float plain = closest(ray, view, other).t;
+        different += closest(ray, view, counting).t != plain;
+        hidden += closest(ray, view, opaque).t != plain;
+    }
+    CHECK(different == 0);
+    CHECK(hidden > 100);
+}
 
 TEST_CASE("node, box, leaf, primitive and instance counts equal those of a scalar walk") {
     conformance::Random random(9);

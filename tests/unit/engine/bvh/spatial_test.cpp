@@ -122,6 +122,29 @@ All trace_all(const Variant& variant, const Snapshot& scene, Traversal traversal
     return all;
 }
 
+/// The first `budget` hits of each ray, as All has them.
+All trace_multi(const Variant& variant, const Snapshot& scene, Traversal traversal,
+                std::uint32_t budget, const std::vector<Ray>& rays) {
+    const auto function = find_function(variant, query_multi, precision_fast, traversal, false);
+    REQUIRE(function.has_value());
+    std::vector<HitRecord> room(rays.size() * budget);
+    All multi{std::vector<std::uint32_t>(rays.size()), {}, {}};
+    TraceCall call{};
+    call.scene = &scene.view();
+    call.rays = rays.data();
+    call.ray_count = static_cast<std::uint32_t>(rays.size());
+    call.hits_max = budget;
+    call.mask = 0xFFFFFFFFU;
+    call.hits = room.data();
+    call.hit_counts = multi.counts.data();
+    REQUIRE((*function)(&call) == trace_ok);
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+        const auto first = room.begin() + static_cast<std::ptrdiff_t>(i * budget);
+        multi.hits.insert(multi.hits.end(), first, first + multi.counts[i]);
+    }
+    return multi;
+}
+
 /// RAYNEST_SPATIAL_RAYS sets how many rays of each kind are traced.
 std::uint32_t ray_count() {
     const char* const text = std::getenv("RAYNEST_SPATIAL_RAYS");
@@ -184,6 +207,29 @@ TEST_CASE("of all hits each comes once, though a high build names a triangle in 
         const auto cut = std::count(all.flags.begin(), all.flags.end(), hit_truncated);
         CHECK((cut > 0) == (budget == 2));
         CHECK(*std::max_element(all.counts.begin(), all.counts.end()) > (budget == 2 ? 1 : 3));
+    }
+}
+
+TEST_CASE("multi gives the first hits of all, each once, though several leaves name a triangle") {
+    const auto registry = Registry::load({{}, "auto"});
+    REQUIRE(registry.has_value());
+    const Variant& opaque = *(*registry)->find("opaque");
+    conformance::Random random(13);
+    const SceneDescription description = needles(600, 5);
+    const auto rays = grazing_rays(description, 5000, random);
+    const auto high = baked(description, BuildQuality::high);
+    for (const std::uint32_t budget : {2U, 8U}) {
+        const All expected = trace_all(opaque, *high, traversal_latency, budget, rays);
+        for (const Traversal traversal : {traversal_latency, traversal_batch}) {
+            if (!find_function(opaque, query_multi, precision_fast, traversal, false)) continue;
+            CAPTURE(budget);
+            CAPTURE(traversal);
+            const All multi = trace_multi(opaque, *high, traversal, budget, rays);
+            CHECK(multi.counts == expected.counts);
+            REQUIRE(multi.hits.size() == expected.hits.size());
+            CHECK(std::memcmp(multi.hits.data(), expected.hits.data(),
+                              multi.hits.size() * sizeof(HitRecord)) == 0);
+        }
     }
 }
 

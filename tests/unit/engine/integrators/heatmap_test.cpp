@@ -25,7 +25,7 @@ std::vector<std::uint32_t> one_to(std::uint32_t n) {
 
 HeatStatistics statistics_of(const std::vector<std::uint32_t>& counts,
                              const HeatOptions& options = {}) {
-    const auto statistics = heat_statistics(counts, 0, options);
+    const auto statistics = heat_statistics(counts, options);
     REQUIRE(statistics.has_value());
     return *statistics;
 }
@@ -33,6 +33,27 @@ HeatStatistics statistics_of(const std::vector<std::uint32_t>& counts,
 std::array<int, 3> pixel(const Picture& picture, std::uint32_t x, std::uint32_t y) {
     const std::uint8_t* at = &picture.rgba[4 * (std::size_t{y} * picture.width + x)];
     return {at[0], at[1], at[2]};
+}
+
+/// Is the text written somewhere below the map, and does nothing touch it?
+bool shows(const Picture& picture, std::uint32_t map_height, const std::string& text) {
+    constexpr Colour ink{255, 255, 255};
+    Picture drawn{text_width(text, 1), line_advance - 2, {}};
+    drawn.rgba.resize(std::size_t{4} * drawn.width * drawn.height);
+    draw_text(drawn, 0, 0, text, 1, ink);
+    const std::array<int, 3> paper = pixel(picture, 0, picture.height - 1);
+    const auto is_here = [&](std::uint32_t left, std::uint32_t top) {
+        for (std::uint32_t y = 0; y < drawn.height; ++y)
+            for (std::uint32_t x = 0; x < drawn.width; ++x)
+                if ((pixel(picture, left + x, top + y) != paper) !=
+                    (pixel(drawn, x, y) == std::array{255, 255, 255}))
+                    return false;
+        return true;
+    };
+    for (std::uint32_t top = map_height; top + drawn.height <= picture.height; ++top)
+        for (std::uint32_t left = 0; left + drawn.width <= picture.width; ++left)
+            if (is_here(left, top)) return true;
+    return false;
 }
 
 }  // namespace
@@ -65,7 +86,7 @@ TEST_CASE("ranges are p99, auto or two numbers") {
 
 TEST_CASE("unknown options are refused and the choices named") {
     const auto message = [](const HeatOptions& options) {
-        const auto statistics = heat_statistics(one_to(4), 0, options);
+        const auto statistics = heat_statistics(one_to(4), options);
         REQUIRE_FALSE(statistics.has_value());
         CHECK(statistics.error().code == ErrorCode::param_invalid);
         return statistics.error().message;
@@ -131,6 +152,26 @@ TEST_CASE("the legend shows the palette from end to end") {
         for (std::uint32_t x = 0; x < 900; ++x) shown.insert(pixel(*picture, x, y));
     }
     for (const Colour& c : palette) CHECK(shown.count({c.r, c.g, c.b}) == 1);
+}
+
+TEST_CASE("the legend says the statistics, each under its own word") {
+    const std::vector<std::uint32_t> counts(4, 5);
+    HeatStatistics statistics;
+    statistics.min = 12;
+    statistics.mean = 34.56;
+    statistics.p50 = 78;
+    statistics.p99 = 901;
+    statistics.max = 2345;
+    statistics.clipped = 0.067;
+    statistics.range_high = 901;
+    const auto picture = heat_picture(4, 1, counts, statistics, {.metric = "prims"});
+    REQUIRE(picture.has_value());
+    for (const char* words : {"min 12", "mean 34.6", "p50 78", "p99 901", "max 2345",
+                              "clipped 6.7%", "primitives tested per ray"}) {
+        CAPTURE(words);
+        CHECK(shows(*picture, 1, words));
+    }
+    CHECK_FALSE(shows(*picture, 1, "max 901"));
 }
 
 TEST_CASE("a picture too narrow for the legend is widened on its right, not the legend cut") {

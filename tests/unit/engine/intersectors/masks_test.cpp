@@ -5,6 +5,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <utility>
 #include <vector>
@@ -85,6 +86,21 @@ TEST_CASE("alpha_mask keeps MASK texels at or above the material's cutoff") {
     CHECK_FALSE(is_hit(scene, 0.2F, 0.2F, "alpha_mask"));
     CHECK(is_hit(scene, 0.8F, 0.2F, "alpha_mask"));  // 128/255 >= 0.5
     CHECK(is_hit(scene, 0.8F, 0.8F, "opaque"));
+}
+
+TEST_CASE("alpha that equals the cutoff is hit, beside other texels and all over") {
+    for (const std::uint8_t beside : {std::uint8_t{0}, std::uint8_t{255}}) {
+        CAPTURE(int{beside});
+        for (const AlphaMode mode : {AlphaMode::mask, AlphaMode::blend}) {
+            const auto scene =
+                quad(material(mode, 0.5F, 0.5F), alphas(255, 0, beside, beside), true);
+            CHECK(is_hit(scene, 0.2F, 0.8F, "alpha_mask"));
+            CHECK_FALSE(is_hit(scene, 0.8F, 0.8F, "alpha_mask"));
+        }
+        const auto above = quad(material(AlphaMode::mask, std::nextafter(0.5F, 1.0F), 0.5F),
+                                alphas(255, 0, beside, beside), true);
+        CHECK_FALSE(is_hit(above, 0.2F, 0.8F, "alpha_mask"));
+    }
 }
 
 TEST_CASE("--set cutoff overrides MASK materials only") {

@@ -1,5 +1,6 @@
 #include "engine/queries/columns.h"
 
+#include "engine/packs/registry.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <doctest/doctest.h>
@@ -163,6 +164,41 @@ TEST_CASE("normals are unit length and outward under rotation, stretching and mi
     // A shear along z of x: the plane leans, its normal stays perpendicular to it.
     const Transform shear{{1, 0, 0, 0, 0, 1, 0, 0, 2, 0, 1, 0}};
     CHECK(is_close(normal_under(shear), glm::normalize(Vec3(-2, 0, 1))));
+}
+
+TEST_CASE("front says whether the ray meets the side that the normal points to, also mirrored") {
+    const auto registry = Registry::load({});
+    REQUIRE(registry.has_value());
+    const auto closest = find_function(*(*registry)->find("opaque"), query_closest, precision_fast,
+                                       traversal_latency, false);
+    REQUIRE(closest.has_value());
+    for (const Transform& transform :
+         {scaling(1, 1, 1), scaling(-1, 1, 1), scaling(1, 1, -1), scaling(-1, -2, -3)}) {
+        const auto scene = placed_square(transform);
+        std::vector<Ray> rays(2);
+        for (std::size_t i = 0; i < 2; ++i) {
+            const float z = i == 0 ? 1.0F : -1.0F;
+            rays[i].origin = transform.point({0.5F, 0.25F, 0}) + Vec3(0, 0, z);
+            rays[i].direction = {0, 0, -z};
+        }
+        std::vector<HitRecord> hits(2);
+        TraceCall call{};
+        call.scene = &scene->view();
+        call.rays = rays.data();
+        call.ray_count = 2;
+        call.hits_max = 1;
+        call.mask = 0xFFFFFFFFU;
+        call.hits = hits.data();
+        REQUIRE((*closest)(&call) == trace_ok);
+        const ColumnSource source{&scene->view(), rays, hits};
+        CHECK(column<std::uint8_t>(Field::hit, source, 2) == std::vector<std::uint8_t>{1, 1});
+        const auto normals = column<Vec3>(Field::ng, source, 2);
+        const auto front = column<std::uint8_t>(Field::front, source, 2);
+        for (std::size_t i = 0; i < 2; ++i) {
+            CHECK(normals[0] == normals[i]);
+            CHECK((front[i] == 1) == (glm::dot(normals[i], rays[i].direction) < 0));
+        }
+    }
 }
 
 TEST_CASE("normals of tiny triangles do not vanish") {

@@ -1,0 +1,69 @@
+#!/usr/bin/env python3
+"""Pictures hold what the camera sees: each channel of an EXR by its name, and the counts of a heat map.
+
+  picture_test.py RAYNESTD RAYNEST
+"""
+import base64
+import json
+import struct
+import sys
+import unittest
+
+from daemon import DaemonTest
+from exr import read_exr
+from npy import read_npy
+
+COLOUR = (0.75, 0.5, 0.25, 1.0)
+SQUARE = (-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, -1, 0, 1, 1, 0, -1, 1, 0)
+
+
+def coloured_square():
+    """A glTF: two triangles in the plane z = 0 whose base colour differs in each channel."""
+    positions = struct.pack("<18f", *SQUARE)
+    return json.dumps({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": COLOUR}}],
+        "buffers": [{"byteLength": len(positions),
+                     "uri": "data:application/octet-stream;base64," + base64.b64encode(positions).decode()}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(positions)}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 6, "type": "VEC3",
+                       "min": [-1, -1, 0], "max": [1, 1, 0]}]})
+
+
+class Pictures(DaemonTest):
+    VIEW = ("--size", "40x36", "--lookat", "0,0,4,0,0,0", "--fov", "45")
+
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        (cls.out / "square.gltf").write_text(coloured_square())
+        cls.client.json("load", cls.out / "square.gltf", "--name", "square")
+
+    def test_channels_of_an_exr_have_the_surface_s_colour_by_name(self):
+        told = self.client.json("render", "square", "-o", self.out / "a.exr", *self.VIEW)
+        width, height, channels = read_exr((self.out / "a.exr").read_bytes())
+        self.assertEqual((width, height, sorted(channels)), (40, 36, ["A", "B", "G", "R"]))
+        # The pixel in the middle meets the square head-on.
+        middle = [channels[name][18 * 40 + 20] for name in "RGBA"]
+        for value, expected in zip(middle, COLOUR):
+            self.assertAlmostEqual(value, expected, delta=0.01)
+        self.assertEqual([channels[name][0] for name in "RGBA"],
+                         [*struct.unpack("<3f", struct.pack("<3f", *3 * [0.18])), 0])
+        self.assertEqual((told["hits"], told["misses"]), (sum(a == 1 for a in channels["A"]), channels["A"].count(0)))
+        self.assertTrue(0 < told["misses"] < told["rays"] == 40 * 36)
+
+    def test_the_exr_of_a_heat_map_has_the_counts_of_the_raw_one(self):
+        for ending in ("exr", "npy"):
+            told = self.client.json("heatmap", "square", "--metric", "prims", "-o", self.out / f"h.{ending}", *self.VIEW)
+            self.assertEqual(told["rays"], 40 * 36)
+        width, height, channels = read_exr((self.out / "h.exr").read_bytes())
+        _, shape, counts = read_npy((self.out / "h.npy").read_bytes())
+        self.assertEqual((height, width, list(channels)), (*shape, ["prims"]))
+        self.assertEqual(tuple(channels["prims"]), tuple(counts))
+        self.assertGreater(max(counts), 0)
+
+
+if __name__ == "__main__":
+    Pictures.raynestd, Pictures.raynest = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1])
