@@ -1,14 +1,21 @@
 #!/usr/bin/env bash
 # Installs what is missing, builds, runs all tests.
-#   bash tests/run.sh [--yes] [--sanitize] [CTEST ARGUMENT...]    for example: bash tests/run.sh -R wire
+#   bash tests/run.sh [--yes] [--sanitize] [--long] [CTEST ARGUMENT...]
+# for example: bash tests/run.sh -R wire
 # The last line is "N passed, N failed", plus ", N skipped" where some had nothing to run on.
 # --sanitize builds twice more, beneath build/, and runs the unit and integration tests with the checks
 # of .ci/asan.cmake and of .ci/tsan.cmake instead.
+# --long adds what is slow and rarely fails: four times as many rays at edges, load tests that go on for
+# seconds. Before a release, and after a change to box tests or to `raynest load-test`.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 yes=0 sanitize=0
-while [[ ${1:-} == --yes || ${1:-} == --sanitize ]]; do
-    [[ $1 == --yes ]] && yes=1 || sanitize=1
+while [[ ${1:-} == --yes || ${1:-} == --sanitize || ${1:-} == --long ]]; do
+    case $1 in
+        --yes) yes=1 ;;
+        --sanitize) sanitize=1 ;;
+        --long) export RAYNEST_LONG=1 ;;
+    esac
     shift
 done
 cpu_minutes=20

@@ -1,5 +1,8 @@
-// Is this program slowed down, and its freed memory kept, by a sanitizer?
+// How much a test may do: is this program slowed down, and its freed memory kept, by a sanitizer?
+// Is this the long run?
 #pragma once
+
+#include <cstdlib>
 
 namespace raynest::test {
 
@@ -13,6 +16,12 @@ inline constexpr bool sanitized = false;
 template <class Count>
 constexpr Count sanitized_share(Count whole, Count divisor) {
     return sanitized ? whole / divisor : whole;
+}
+
+/// `whole` where tests/run.sh was called with --long, else the usual share of it.
+template <class Count>
+Count usual_share(Count whole, Count divisor) {
+    return std::getenv("RAYNEST_LONG") != nullptr ? whole : whole / divisor;
 }
 
 }  // namespace raynest::test

@@ -5,8 +5,11 @@
 // outside this tree goes through it too (--pack-dir). A difference is a difference of bytes. The
 // reference itself is held to what must be true of any answer (promises.h).
 //
-//   conformance [--target v2|v3|v4|cuda]... [--pack-dir DIR]... [--intersector NAME]
-//               [--edge-rays N]
+//   conformance [--against v3] [--target v2|v3|v4|cuda]... [--pack-dir DIR]... [--intersector NAME]
+//               [--edge-rays N] [--rays N]
+//
+// --against: the reference of this target answers, too, and its other kernels are left out. --rays:
+// rays of each kind and scene (1500).
 //
 //   conformance --kernels all        how many kernels each pack holds, and nothing else
 //
@@ -64,7 +67,7 @@ void print_ray(const Case& test, const Answer& answer, const Answer& expected, s
     }
 }
 
-std::vector<Case> make_cases(std::uint32_t edge_ray_count) {
+std::vector<Case> make_cases(std::uint32_t edge_ray_count, std::uint32_t ray_count) {
     std::vector<Case> cases;
     Random random(7);
     const auto baked = [](const std::string& name, const SceneDescription& scene) {
@@ -75,8 +78,8 @@ std::vector<Case> make_cases(std::uint32_t edge_ray_count) {
         return *snapshot;
     };
     const auto add = [&](std::string name, std::uint32_t depth, const SceneDescription& scene,
-                         std::uint32_t rays_whole, float half) {
-        const std::uint32_t rays_each = test::sanitized_share(rays_whole, 10U);
+                         float half) {
+        const std::uint32_t rays_each = test::sanitized_share(ray_count, 10U);
         Case test{name, depth, baked(name, scene), {}};
         const auto append = [&](const std::vector<Ray>& more) {
             test.rays.insert(test.rays.end(), more.begin(), more.end());
@@ -90,13 +93,14 @@ std::vector<Case> make_cases(std::uint32_t edge_ray_count) {
         cases.push_back(std::move(test));
     };
     for (const std::uint32_t depth : {1U, 2U, 3U, 4U, 8U}) {
-        add("nested-" + std::to_string(depth), depth, nested_scene(depth, 1), 1500, 8);
+        add("nested-" + std::to_string(depth), depth, nested_scene(depth, 1), 8);
     }
-    add("spheres-1", 1, sphere_scene(5), 1500, 8);
-    add("nested-32", 32, nested_scene(32, 1), 1500, 8);
-    for (BadInput& bad : bad_inputs(test::sanitized_share(512U, 8U), random)) {
+    add("spheres-1", 1, sphere_scene(5), 8);
+    add("nested-32", 32, nested_scene(32, 1), 8);
+    const std::uint32_t bad_ray_count = test::sanitized_share(std::min(512U, ray_count), 8U);
+    for (BadInput& bad : bad_inputs(bad_ray_count, random)) {
         if (!bad.scene.objects[bad.scene.root].geometries.empty()) {
-            const auto rays = pinhole_rays(bad.scene, test::sanitized_share(512U, 8U), random);
+            const auto rays = pinhole_rays(bad.scene, bad_ray_count, random);
             bad.rays.insert(bad.rays.end(), rays.begin(), rays.end());
         }
         cases.push_back({bad.name, bad.depth, baked(bad.name, bad.scene), std::move(bad.rays)});
@@ -121,10 +125,12 @@ struct Tally {
 /// One variant through the cases, one after the other.
 class VariantCheck {
 public:
-    /// `golden` holds what other targets answered, by what was asked.
-    VariantCheck(const Variant& variant, std::map<std::string, Answer>& golden)
+    /// `golden` holds what other targets' references answered, by what was asked. With
+    /// `reference_only` this one's goes there, and no other kernel is looked at.
+    VariantCheck(const Variant& variant, std::map<std::string, Answer>& golden, bool reference_only)
         : variant_(variant),
-          golden_(golden) {}
+          golden_(golden),
+          reference_only_(reference_only) {}
 
     void check(const Case& test, const Settings& settings) {
         if (variant_.target == "cuda" && test.depth > cuda::levels_max) {
@@ -143,8 +149,9 @@ public:
             }
             const Answer expected =
                 ask(variant_, *reference, test.scene->view(), test.rays, question, settings);
-            check_traversals(test, question, settings, expected);
             check_targets(test, question, settings, expected);
+            if (reference_only_) continue;
+            check_traversals(test, question, settings, expected);
             check_promises(test, question, expected);
             references.push_back(expected);
         }
@@ -293,13 +300,14 @@ private:
 
     const Variant& variant_;
     std::map<std::string, Answer>& golden_;
+    const bool reference_only_;
     Tally tally_;
     int printed_ = 0;
 };
 
 void check_variant(const Variant& variant, const std::vector<Case>& cases, bool with_edges,
-                   Tally& total, std::map<std::string, Answer>& golden) {
-    VariantCheck checked(variant, golden);
+                   bool reference_only, Tally& total, std::map<std::string, Answer>& golden) {
+    VariantCheck checked(variant, golden, reference_only);
     const auto plain = parse_settings(variant, {});
     const std::vector<std::pair<std::string, std::string>> cull{{"cull", "back"}};
     const auto culled = parse_settings(variant, cull);
@@ -309,6 +317,7 @@ void check_variant(const Variant& variant, const std::vector<Case>& cases, bool 
         checked.check(test, *plain);
         if (!edges_only) checked.check(test, *culled);
     }
+    if (reference_only) return;
     const Tally& tally = checked.tally();
     std::printf("%-4s %-18s %4llu comparisons %10llu rays %10llu hits %llu differences\n",
                 variant.target.c_str(), variant.name.c_str(),
@@ -326,13 +335,16 @@ void check_variant(const Variant& variant, const std::vector<Case>& cases, bool 
 int main_checked(int argc, char** argv) {
     std::vector<std::string> targets;
     Registry::Options options;
-    std::string only;
-    std::uint32_t edge_ray_count = test::sanitized_share(1'000'000U, 100U);
+    std::string only, against;
+    std::uint32_t ray_count = 1500;
+    std::uint32_t edge_ray_count = test::sanitized_share(test::usual_share(1'000'000U, 4U), 25U);
     for (int i = 1; i + 1 < argc; i += 2) {
         const std::string flag = argv[i];
         if (flag == "--target") targets.emplace_back(argv[i + 1]);
         if (flag == "--pack-dir") options.pack_dirs.emplace_back(argv[i + 1]);
         if (flag == "--intersector") only = argv[i + 1];
+        if (flag == "--against") against = argv[i + 1];
+        if (flag == "--rays") ray_count = static_cast<std::uint32_t>(std::stoul(argv[i + 1]));
         if (flag == "--edge-rays")
             edge_ray_count = static_cast<std::uint32_t>(std::stoul(argv[i + 1]));
     }
@@ -343,6 +355,10 @@ int main_checked(int argc, char** argv) {
             std::printf("%s %u kernels\n", pack->target, pack->kernel_count);
         }
         return 0;
+    }
+    if (!against.empty()) {
+        targets.push_back(against);
+        std::rotate(targets.begin(), targets.end() - 1, targets.end());
     }
     const bool named = !targets.empty();
     if (!named) targets = {"v2", "v3", "v4"};
@@ -357,18 +373,19 @@ int main_checked(int argc, char** argv) {
         std::printf("skipped: target %s: %s\n", target.c_str(), registry.error().message.c_str());
         if (named) return 77;
     }
-    const std::vector<Case> cases = make_cases(edge_ray_count);
+    const std::vector<Case> cases = make_cases(edge_ray_count, ray_count);
     Tally total;
     std::map<std::string, Answer> golden;
     for (const auto& registry : registries) {
+        const bool reference_only = registry->packs().front()->target == against;
         const std::uint64_t compared = total.comparisons;
         bool with_edges = true;  // the box rule is the same for all: the first variant is enough
         for (const Variant& variant : registry->variants()) {
             if (!only.empty() && variant.name != only) continue;
-            check_variant(variant, cases, with_edges, total, golden);
+            check_variant(variant, cases, with_edges, reference_only, total, golden);
             with_edges = false;
         }
-        if (named && total.comparisons == compared) {
+        if (named && !reference_only && total.comparisons == compared) {
             std::printf("FAILED: target %s: nothing was compared\n",
                         registry->packs().front()->target);
             ++total.failures;

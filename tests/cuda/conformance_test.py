@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """That tests/conformance compares what a GPU answers, whose pack has no reference of its own: over the fake of the
-CUDA runtime, with the table that a GPU's pack has.
+CUDA runtime, with few rays.
 
   conformance_test.py CONFORMANCE PACK_DIR
 
@@ -18,11 +18,11 @@ INTERSECTOR = "procedural_mask"
 
 def compare(*targets, intersector=INTERSECTOR, **environment):
     """(exit code, what it says)"""
-    words = [word for target in targets for word in ("--target", target)]
-    done = subprocess.run([CONFORMANCE, *words, "--pack-dir", PACK_DIR, "--intersector", intersector,
-                           "--edge-rays", "1000"],
-                          env={**os.environ, "RAYNEST_FAKE_CUDA_BARE": "1", **environment}, capture_output=True,
-                          text=True, timeout=500, check=False)
+    *others, tested = targets
+    words = [word for target in others for word in ("--against", target)]
+    done = subprocess.run([CONFORMANCE, *words, "--target", tested, "--pack-dir", PACK_DIR, "--intersector",
+                           intersector, "--rays", "100", "--edge-rays", "1000"],
+                          env={**os.environ, **environment}, capture_output=True, text=True, timeout=500, check=False)
     return done.returncode, done.stdout
 
 
@@ -33,7 +33,7 @@ class Compared(unittest.TestCase):
         comparisons, hits, differences = map(int, re.search(
             rf"^cuda +{INTERSECTOR} +(\d+) comparisons +\d+ rays +(\d+) hits (\d+) differences", said, re.M).groups())
         self.assertGreater(comparisons, 50)
-        self.assertGreater(hits, 5000)  # fewer rays are compared under sanitizers
+        self.assertGreater(hits, 100)  # fewer rays are compared under sanitizers
         self.assertEqual(differences, 0)
 
     def test_a_wrong_answer_is_seen(self):
@@ -52,9 +52,11 @@ class Compared(unittest.TestCase):
                 self.assertIn("target cuda: nothing was compared", said)
 
     def test_a_named_target_without_the_intersector_fails(self):
-        code, said = compare("v3", "cuda", intersector="nowhere")
-        self.assertEqual(code, 1, said)
-        self.assertIn("target v3: nothing was compared", said)
+        for targets in (("v3", "cuda"), ("v3",)):
+            with self.subTest(targets=targets):
+                code, said = compare(*targets, intersector="nowhere")
+                self.assertEqual(code, 1, said)
+                self.assertIn(f"target {targets[-1]}: nothing was compared", said)
 
 
 if __name__ == "__main__":

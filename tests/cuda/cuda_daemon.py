@@ -1,5 +1,6 @@
 """A real daemon with a CUDA worker, for the tests of this folder."""
 import array
+import functools
 import pathlib
 import random
 import sys
@@ -19,18 +20,23 @@ START_SECONDS_MAX = max(120, PATIENCE)  # a first start translates kernels
 PROGRAMS = []  # raynestd, raynest, and the pack: set before a test runs
 
 
-def write_rays(path, seed=1, endless_every=None, copies=1):
-    """Rays from above the built-in forest, of all directions downward, as a .npy of RAYS x 6. Of the endless ones
-    the directions are too short to tell a box from another."""
+@functools.cache
+def bytes_of_rays(count, seed, endless_every):
     chance = random.Random(seed)
     values = array.array("f")
-    for number in range(RAYS):
+    for number in range(count):
         if endless_every and number % endless_every == 0:
             values.extend((5, 5, 5, -1e-45, -1e-45, -1e-45))
             continue
         values.extend((chance.uniform(-20, 20), 30, chance.uniform(-20, 20),
                        chance.gauss(0, 0.4), -1, chance.gauss(0, 0.4)))
-    path.write_bytes(npy((copies * RAYS, 6), copies * values.tobytes()))
+    return values.tobytes()
+
+
+def write_rays(path, seed=1, endless_every=None, copies=1):
+    """Rays from above the built-in forest, of all directions downward, as a .npy of RAYS x 6. Of the endless ones
+    the directions are too short to tell a box from another."""
+    path.write_bytes(npy((copies * RAYS, 6), copies * bytes_of_rays(RAYS, seed, endless_every)))
 
 
 def why_no_worker(daemon):

@@ -9,6 +9,7 @@ import array
 import collections
 import concurrent.futures
 import itertools
+import json
 import os
 import re
 import signal
@@ -16,10 +17,12 @@ import sys
 import time
 import unittest
 
-from cuda_daemon import FRAME, PATIENCE, PROGRAMS, RAYS, CudaTest, device_workers, npy, until
+from cuda_daemon import (FRAME, PATIENCE, PROGRAMS, RAYS, CudaTest, device_workers, npy, until,
+                         write_rays)
 
 TALLY = collections.defaultdict(lambda: [0, 0, 0])  # of a fault: jobs, chunks traced again, bytes that differ
 SOON = ("--cuda-retry-ms", "200", "--cuda-retry-ms-max", "200")
+DEVICE_CALLS = 4  # at a time
 SMALL_CALLS = ("--cuda-rays-max", str(FRAME))
 
 
@@ -46,15 +49,20 @@ class FaultTest(CudaTest):
         self.assertFalse(self.fault.exists(), "the fault was not met")
         different = sum(a != b for a, b in zip(answer, expected)) + abs(len(answer) - len(expected))
         self.assertEqual((told["worker_reason"], len(told["notes"])), ("", 1), told)
-        again, chunks = re.match(r"(\d+) of (\d+) chunks fell back to the CPU, with the same answers",
-                                 told["notes"][0]).groups()
+        again, chunks = self.fallen_back(told)
         self.assertEqual(told["worker"], "cpu" if again == chunks else "mixed")
-        self.assertEqual(int(chunks), -(-RAYS // FRAME))
+        if SMALL_CALLS[0] in self.arguments:
+            self.assertEqual(chunks, -(-RAYS // FRAME))
         self.assertIn(says, told["notes"][0])
         tally = TALLY[fault]
-        tally[:] = tally[0] + 1, tally[1] + int(again), tally[2] + different
+        tally[:] = tally[0] + 1, tally[1] + again, tally[2] + different
         self.assertEqual(different, 0)
         return scene, answer
+
+    def fallen_back(self, told):
+        """(chunks that fell back, chunks) of its note"""
+        return tuple(map(int, re.match(r"(\d+) of (\d+) chunks fell back to the CPU, with the same answers",
+                                       told["notes"][0]).groups()))
 
 
 class Faults(FaultTest):
@@ -193,6 +201,29 @@ class Faults(FaultTest):
             self.assertEqual(file.read_bytes(), expected)
         if self.fault.exists():  # they had all ended before it
             self.fault.unlink()
+
+
+class LargeCalls(FaultTest):
+    """Frames that wait are one call, and all of them are traced again."""
+    arguments = (*SOON, "--cuda-call-ms-max", "60000")
+
+    def test_a_call_of_many_frames_ends_with_the_same_bytes_and_a_note(self):
+        write_rays(self.rays, copies=3)
+        rays = 3 * RAYS
+        scene = self.fresh_scene()
+        _, expected = self.query("cpu", scene=scene)
+        before = self.metric("bytes_received")
+        self.inject("cudaMalloc hold")  # the first frames' calls wait for the scene, the others for them
+        file = self.out / "auto.npz"
+        running = self.client.start("--json", "query", scene, "--rays", self.rays, "-o", file, "--worker", "auto")
+        until(lambda: self.metric("bytes_received") - before > 24 * rays)
+        self.inject(f"cudaLaunchKernel 719 {DEVICE_CALLS + 3}")  # after those that run, wait and are parked
+        output, errors = running.communicate(timeout=PATIENCE)
+        self.assertEqual(running.returncode, 0, errors)
+        again, chunks = self.fallen_back(json.loads(output))
+        self.assertGreater(again, 1)
+        self.assertLessEqual(chunks, -(-rays // FRAME))
+        self.assertEqual(file.read_bytes(), expected)
 
 
 class Hang(FaultTest):

@@ -3,22 +3,16 @@
 // these goes through the whole of conformance, so a machine without a GPU knows that the walk, the
 // compressed trees, the hooks and the way to the device and back are right, bit for bit; it does
 // not know that nvcc's arithmetic is g++'s. tests/cuda/CMakeLists.txt compiles this file as
-// packs/variant.cpp is.
-//
-// `latency` stands for the compressed trees, `batch` for their binary twin. RAYNEST_FAKE_CUDA_BARE
-// in the environment leaves the table as a GPU's is: without the twin, and without a reference.
+// packs/variant.cpp is. The table is as a GPU's is: without a reference.
 #include "engine/cuda/variant.h"
 
 #include "engine/cuda/check.h"
 #include "engine/cuda/compress.h"
-#include "engine/queries/reference.h"
-#include "tests/cuda/binary_trees.h"
 #include "tests/cuda/fake_runtime/cuda_runtime_api.h"
 
 #include RAYNEST_INTERSECTOR_HEADER
 
 #include <cstdint>
-#include <cstdlib>
 
 namespace raynest {
 namespace {
@@ -45,54 +39,10 @@ struct Kernels {
     }
 };
 
-template <Query kind>
-TraceStatus trace_binary(const TraceCall* call) noexcept {
-    if (!cuda::compress(*call->scene)) return trace_too_deep;
-    const cuda::BinaryTrees trees(*call->scene);
-    const auto values = read_params<Isect>(*call);
-    for (std::uint32_t i = 0; i < call->ray_count; ++i) {
-        cuda::trace_ray<Isect, kind>(*call, trees, values, i);
-    }
-    return trace_ok;
-}
-
-template <Query kind>
-TraceStatus trace_everything(const TraceCall* call) noexcept {
-    const Feed<kind> feed{*call, 0};
-    const Bvh root{call->scene, call->scene->root};
-    Isect isect = make_intersector<Isect>(*call->scene, read_params<Isect>(*call));
-    for (std::uint32_t i = 0; i < call->ray_count; ++i) {
-        RayView view;
-        if (!feed.begin(i, view)) continue;
-        auto query = feed.query(i);
-        visit_everything(view, root, isect, query);
-        feed.end(i, query);
-    }
-    return trace_ok;
-}
-
-template <Query kind>
-void add_query(PackVariant& variant) {
-    for (auto& traversals : variant.trace) {
-        traversals[traversal_batch][kind][0] = trace_binary<kind>;
-        traversals[traversal_reference][kind][0] = trace_everything<kind>;
-    }
-}
-
 }  // namespace
 
 const PackVariant& RAYNEST_INTERSECTOR_FUNCTION() noexcept {
-    static const PackVariant variant = [] {
-        PackVariant v = cuda::make_variant<Isect, Kernels>(RAYNEST_INTERSECTOR_NAME);
-        const bool bare = std::getenv("RAYNEST_FAKE_CUDA_BARE") != nullptr;
-        if constexpr (cuda::runs_here<Isect>) {
-            if (bare) return v;
-            add_query<query_closest>(v);
-            add_query<query_any>(v);
-            add_query<query_multi>(v);
-        }
-        return v;
-    }();
+    static const PackVariant variant = cuda::make_variant<Isect, Kernels>(RAYNEST_INTERSECTOR_NAME);
     return variant;
 }
 

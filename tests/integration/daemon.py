@@ -15,6 +15,7 @@ import time
 import unittest
 
 PATIENCE = float(os.environ.get("RAYNEST_PATIENCE", "30"))  # s, as tests/patience.h has it
+LONG = "RAYNEST_LONG" in os.environ  # tests/run.sh --long
 SHARED_SCENES = (pathlib.Path(__file__).resolve().parent / "../../../shared/scenes").resolve()
 
 

@@ -11,7 +11,7 @@ import sys
 import time
 import unittest
 
-from daemon import PATIENCE, Client, Daemon, DaemonTest
+from daemon import LONG, PATIENCE, Client, Daemon, DaemonTest
 
 
 class LoadTest(DaemonTest):
@@ -55,6 +55,7 @@ class LoadTest(DaemonTest):
         for side in ("daemon", "asio_echo", "blocking_echo"):
             self.assertTrue(90 <= told[side]["requests"] <= 101, told[side])
 
+    @unittest.skipUnless(LONG, "takes seconds; run with --long")
     def test_a_low_rate_holds_from_turn_to_turn(self):
         told = self.client.json("load-test", "hills", "--clients", "2", "--rate", "1",
                                 "--seconds", "3")
@@ -62,6 +63,7 @@ class LoadTest(DaemonTest):
             self.assertTrue(2 <= told[side]["requests"] <= 4, told[side])
             self.assertLess(told[side]["requests_per_second"], 2, told[side])
 
+    @unittest.skipUnless(LONG, "takes seconds; run with --long")
     def test_a_daemon_that_freezes_is_seen_to_be_late_for_all_that_was_due(self):
         daemon = Daemon(self.raynestd)
         self.addCleanup(daemon.stop)
@@ -84,6 +86,7 @@ class LoadTest(DaemonTest):
         self.assertGreaterEqual(told["requests"], 590)
         self.assertEqual(told["missed"], 0)
 
+    @unittest.skipUnless(LONG, "takes seconds; run with --long")
     def test_a_rate_out_of_reach_is_told(self):
         done = self.client.run("load-test", "hills", "--rate", "10000000", "--seconds", "0.1",
                                timeout=2 * PATIENCE)
