@@ -1,14 +1,16 @@
 # What `cmake --install` lays down. Two components:
 #   runtime      bin/raynestd, bin/raynest, lib/raynest/ (the kernel packs and, in images/, the
-#                image module) and lib/raynest-cuda/; all found relative to bin/
+#                modules for pictures and Draco) and lib/raynest-cuda/; all found relative to bin/
 #   development  the engine's headers and the pack sources in their own folders under
 #                include/raynest/, so that find_package(raynest) gives raynest_kernel_pack()
 include(CMakePackageConfigHelpers)
 
 install(TARGETS ${RAYNEST_PACKS} LIBRARY DESTINATION lib/raynest COMPONENT runtime)
-if(TARGET raynest_images)
-    install(TARGETS raynest_images LIBRARY DESTINATION lib/raynest/images COMPONENT runtime)
-endif()
+foreach(module raynest_images raynest_draco)
+    if(TARGET ${module})
+        install(TARGETS ${module} LIBRARY DESTINATION lib/raynest/images COMPONENT runtime)
+    endif()
+endforeach()
 if(TARGET pack_cuda)
     install(TARGETS pack_cuda LIBRARY DESTINATION lib/raynest-cuda COMPONENT runtime)
 endif()

@@ -7,9 +7,9 @@
 # printed, and asked about when stdin is a terminal (unless `yes` is 1).
 
 build_packages=(
-    g++ cmake ninja-build pkg-config libboost-dev libcli11-dev libexpected-dev libfmt-dev
-    libflatbuffers-dev flatbuffers-compiler libglm-dev libhwy-dev libopenimageio-dev libspdlog-dev
-    libtbb-dev libtinygltf-dev nlohmann-json3-dev)
+    g++ cmake ninja-build pkg-config libboost-dev libcli11-dev libdraco-dev libexpected-dev
+    libfmt-dev libflatbuffers-dev flatbuffers-compiler libglm-dev libhwy-dev libmeshoptimizer-dev
+    libopenimageio-dev libspdlog-dev libtbb-dev libtinygltf-dev nlohmann-json3-dev)
 test_packages=("${build_packages[@]}" doctest-dev libembree-dev python3 python3-numpy xz-utils)
 
 build=${RAYNEST_BUILD:-$root/build}

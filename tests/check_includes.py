@@ -39,6 +39,8 @@ ALLOWED = {
 HEAVY = {
     "OpenImageIO/": {"engine/assets": 1},
     "tiny_gltf.h": {"engine/assets": 1},
+    "draco/": {"engine/assets": 1},
+    "meshoptimizer.h": {"engine/assets": 1},
     "hwy/": {"engine/math": 1},
     "glm/": {"engine/math": 1},
     "boost/asio": {"server/net": 2, "client": 2},

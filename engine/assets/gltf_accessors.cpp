@@ -93,12 +93,6 @@ std::uint32_t load_index(const std::byte* at, Component component) {
 
 }  // namespace
 
-std::uint32_t size_of(Component component) {
-    if (component == Component::i8 || component == Component::u8) return 1;
-    if (component == Component::i16 || component == Component::u16) return 2;
-    return 4;
-}
-
 Result<View> check_view(const RawView& raw, std::span<const Fetched> buffers) {
     if (raw.buffer < 0 || static_cast<std::uint64_t>(raw.buffer) >= buffers.size()) {
         return refuse(

@@ -22,7 +22,8 @@ struct Budget {
 
     Budget(const Model& model, const ImportLimits& limits)
         : triangles(limits.triangles_max),
-          bytes(decoded_bytes_free + model.upload_bytes * decoded_bytes_per_byte) {
+          bytes(decoded_bytes_free +
+                (model.upload_bytes + model.decompressed_bytes) * decoded_bytes_per_byte) {
         for (const Mesh& mesh : model.meshes) {
             if (mesh.pose_of != no_id) bytes += posed_bytes_free;
         }

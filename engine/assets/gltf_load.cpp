@@ -3,6 +3,7 @@
 // tinygltf is a JSON reader, not a validator: it accepts indices, ranges and counts of any value.
 // It gets no file system, no image decoder, and no chance to throw further. Nothing it produced is
 // used before the checks below.
+#include "engine/assets/gltf_compressed.h"
 #include "engine/assets/gltf_convert.h"
 #include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_skins.h"
@@ -32,19 +33,21 @@ bool is_known(const std::string& name) {
         "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "KHR_texture_transform",
         "KHR_lights_punctual",     "EXT_texture_webp",      "KHR_node_visibility",
         "KHR_animation_pointer",   "KHR_xmp_json_ld"};
-    return known.contains(name) || name.starts_with("KHR_materials_");
+    const Decoder* const decoder = find_decoder(name);
+    return known.contains(name) || name.starts_with("KHR_materials_") ||
+           (decoder != nullptr && decoder->available());
 }
 
 Result<void> check_extensions(const tinygltf::Model& file, Model& model) {
     for (const std::string& name : file.extensionsRequired) {
         if (is_known(name)) continue;
-        const bool compressed = name == "KHR_draco_mesh_compression" ||
-                                name == "EXT_meshopt_compression" || name == "KHR_texture_basisu";
+        if (const Decoder* const decoder = find_decoder(name)) return decoder->available();
         return fail(
             ErrorCode::scene_unsupported,
             fmt::format("the scene requires the extension '{}', which RayNest does not read; {}",
                         one_line(name.substr(0, 80)),
-                        compressed ? "re-export without compression" : "re-export without it"));
+                        name == "KHR_texture_basisu" ? "re-export without compression"
+                                                     : "re-export without it"));
     }
     std::set<std::string, std::less<>> unknown;
     for (const std::string& name : file.extensionsUsed) {
@@ -152,17 +155,21 @@ Result<Parsed> parse(const ImportRequest& request, const Glb& text, const Presca
     return parsed;
 }
 
-std::vector<View> convert_views(const std::vector<tinygltf::BufferView>& in, const Model& model) {
+std::vector<View> convert_views(const std::vector<tinygltf::BufferView>& in, Model& model) {
     std::vector<View> views;
     for (const tinygltf::BufferView& from : in) {
         const auto buffer = static_cast<std::size_t>(from.buffer);
-        if (buffer < model.storage.size() && !model.storage[buffer].fault.empty()) {
+        const bool compressed = is_compressed(from);
+        if (!compressed && buffer < model.storage.size() && !model.storage[buffer].fault.empty()) {
             views.push_back(
                 {{}, 0, fmt::format("buffer {}, which {}", buffer, model.storage[buffer].fault)});
             continue;
         }
-        auto checked = check_view({from.buffer, from.byteOffset, from.byteLength, from.byteStride},
-                                  model.storage);
+        auto checked =
+            compressed
+                ? decompress(from, model)
+                : check_view({from.buffer, from.byteOffset, from.byteLength, from.byteStride},
+                             model.storage);
         if (!checked) {
             checked = View{{},
                            0,
@@ -193,7 +200,8 @@ Image convert_image(FetchedImage& in, const std::vector<View>& views, Model& mod
 Result<void> convert_accessors(Parsed& parsed, Model& model) {
     const tinygltf::Model& file = parsed.file;
     model.storage = std::move(parsed.buffers);
-    const std::vector<View> views = convert_views(file.bufferViews, model);
+    model.views = convert_views(file.bufferViews, model);
+    const std::vector<View>& views = model.views;
     std::uint64_t misaligned = 0;
     std::vector<bool> holds_indices(file.accessors.size(), false);
     for (const tinygltf::Mesh& mesh : file.meshes) {

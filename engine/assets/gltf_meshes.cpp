@@ -1,4 +1,5 @@
 // Meshes and skins: from what tinygltf read into the Model, every index checked.
+#include "engine/assets/gltf_compressed.h"
 #include "engine/assets/gltf_convert.h"
 #include "engine/assets/gltf_names.h"
 
@@ -73,6 +74,7 @@ Result<void> convert_meshes(tinygltf::Model& file, Model& model) {
             if (!material) return error_of(material);
             to.indices = *indices;
             to.material = *material;
+            if (auto done = decompress(from, model, to); !done) return blame(where, done.error());
             mesh.primitives.push_back(to);
         }
         model.meshes.push_back(std::move(mesh));

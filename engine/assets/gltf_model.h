@@ -40,7 +40,10 @@ template <class T>
 }
 
 enum class Component : std::uint8_t { i8, u8, i16, u16, u32, f32 };
-[[nodiscard]] std::uint32_t size_of(Component component);
+[[nodiscard]] constexpr std::uint32_t size_of(Component component) {
+    if (component == Component::i8 || component == Component::u8) return 1;
+    return component == Component::i16 || component == Component::u16 ? 2 : 4;
+}
 /// Accessors without a bufferView are all zeros but for their sparse elements; one costs no bytes
 /// in the file, so its count is bounded.
 inline constexpr std::uint64_t zero_filled_max = 1U << 20;
@@ -188,6 +191,8 @@ struct Camera {
 
 struct Model {
     std::vector<Fetched> storage;  ///< buffers and pictures that others point into
+    std::vector<std::vector<unsigned char>> decompressed;  ///< what compressed geometry decodes to
+    std::vector<View> views;  ///< bufferViews, decompressed where they were compressed
     std::vector<Accessor> accessors;
     std::vector<Mesh> meshes;
     std::vector<MaterialDescription> materials;  ///< `texture` indexes `textures`
@@ -202,6 +207,7 @@ struct Model {
     std::uint64_t bad_masks = 0;         ///< extras.raynest.mask that are no mask
     std::vector<std::string> warnings;
     std::uint64_t upload_bytes = 0;  ///< of all files together: what amplification is measured by
+    std::uint64_t decompressed_bytes = 0;  ///< counts as much
 };
 
 /// The guards after prescan's: tinygltf behind its fences, then every index and range. `text` is

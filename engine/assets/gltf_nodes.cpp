@@ -180,8 +180,9 @@ private:
 /// Computed from the nodes, not by making instances: a bomb is refused before it costs anything.
 Result<void> check_instance_count(const Model& model, const std::vector<std::uint32_t>& order,
                                   const ImportLimits& limits) {
-    const std::uint64_t limit =
-        std::min(limits.instances_max, instances_free + model.upload_bytes / bytes_per_instance);
+    const std::uint64_t limit = std::min(
+        limits.instances_max,
+        instances_free + (model.upload_bytes + model.decompressed_bytes) / bytes_per_instance);
     std::uint64_t count = 0;
     for (const std::uint32_t index : order) {
         const Node& node = model.nodes[index];

@@ -16,9 +16,8 @@ struct ImageModule {
     decltype(&encode_exr) encode_channels;
 };
 
-/// Found by the program's run path: in images/ below the folder of the kernel packs.
+/// For load_module().
 inline constexpr const char* image_module_file = "raynest-images.so";
-/// The one symbol that it exports.
 inline constexpr const char* image_module_symbol = "raynest_images";
 using ImageModuleEntry = ImageModule (*)() noexcept;
 

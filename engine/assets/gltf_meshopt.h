@@ -1,0 +1,32 @@
+// EXT_meshopt_compression: the bytes of a bufferView, by libmeshoptimizer.
+#pragma once
+
+#include "engine/result.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string_view>
+#include <vector>
+
+namespace raynest::gltf {
+
+/// An error, with the remedy, in a build without the library.
+Result<void> meshopt_available();
+
+/// A compressed bufferView as the file states it: numbers and words of any value.
+struct MeshoptView {
+    std::span<const std::byte> stream;
+    std::uint64_t count = 0;
+    std::uint64_t stride = 0;
+    std::string_view mode = {};        ///< "ATTRIBUTES", "TRIANGLES" or "INDICES"
+    std::string_view filter = "NONE";  ///< or "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL"
+};
+
+/// The size of what it decodes to. Errors are for blame(): modes, filters and sizes that the
+/// extension does not allow, and a count that the stream is too short to hold.
+Result<std::uint64_t> meshopt_bytes(const MeshoptView& view);
+/// `view` has passed meshopt_bytes.
+Result<std::vector<unsigned char>> decode_meshopt(const MeshoptView& view);
+
+}  // namespace raynest::gltf
