@@ -81,6 +81,16 @@ error_code connect_until(int socket, const asio::generic::stream_protocol::endpo
     }
 }
 
+/// How to come by a daemon at `uri`, where nobody listens.
+std::string start_hint(const std::string& uri) {
+    if (uri == default_uri) return "start a daemon with: raynestd &";
+    const std::string host = uri.starts_with("tcp://") ? uri.substr(6, uri.rfind(':') - 6) : "";
+    const bool here = uri.starts_with("unix:") || host == "localhost" || host == "[::1]" ||
+                      host.starts_with("127.");
+    return here ? "start a daemon with: raynestd --listen " + uri + " &"
+                : "is raynestd running there?";
+}
+
 /// Nobody greets us. What the daemon itself says, and a Ctrl-C, stay what they are.
 Failure unanswered(const Failure& why) {
     if (why.exit == Exit::deadline)
@@ -162,8 +172,8 @@ Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
     }
     if (error == asio::error::operation_aborted) return fail(Exit::interrupted, "interrupted");
     if (error)
-        return fail(Exit::cannot_connect, "cannot connect to " + uri + ": " + error.message() +
-                                              "; is raynestd running there?");
+        return fail(Exit::cannot_connect,
+                    "cannot connect to " + uri + ": " + error.message() + "; " + start_hint(uri));
 
     std::unique_ptr<Connection> connection(new Connection(std::move(socket)));
     connection->patience_ = end - Clock::now();
@@ -336,9 +346,8 @@ Result<void> Connection::wait(short events) {
         // missed.
         if (interrupted()) return fail(Exit::interrupted, "interrupted; the request was cancelled");
         if (patience_ < Clock::duration::zero())
-            return fail(Exit::deadline,
-                        "no answer from the daemon within the deadline; " +
-                            std::string(protocol::error_info(protocol::Code::deadline).remedy));
+            return fail(Exit::deadline, "no answer from the daemon within the deadline; " +
+                                            failure({protocol::Code::deadline, "", 0}).message);
         pollfd waiting{socket_->stream.native_handle(), events, 0};
         const Clock::time_point begin = Clock::now();
         const int ready = ::poll(&waiting, 1, look_ms);

@@ -1,5 +1,7 @@
 #include "client/failure.h"
 
+#include "client/wording.h"
+
 #include <nlohmann/json.hpp>
 
 namespace raynest::client {
@@ -29,7 +31,8 @@ const char* own_name(Exit exit) {
 Failure failure(const protocol::Error& error) {
     const protocol::ErrorInfo& info = protocol::error_info(error.code);
     return {info.exit, static_cast<std::uint32_t>(info.code), std::string(info.name),
-            error.message.empty() ? std::string(info.remedy) : error.message, error.retry_after_ms};
+            in_own_words(error.message.empty() ? info.remedy : error.message),
+            error.retry_after_ms};
 }
 
 Failure failure(Exit exit, std::string message) {

@@ -1,55 +1,48 @@
 #include "client/files.h"
 
+#include "client/descriptor.h"
+#include "client/interrupt.h"
+
 #include <fcntl.h>
 #include <linux/openat2.h>
+#include <poll.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cerrno>
-#include <cstdio>
 #include <cstring>
-#include <filesystem>
 #include <new>
-#include <system_error>
+#include <string_view>
 #include <utility>
 
 namespace raynest::client {
 namespace {
 
-/// Closes on destruction.
-class Descriptor {
-public:
-    explicit Descriptor(int value) : value_(value) {}
-    Descriptor(Descriptor&& other) noexcept : value_(std::exchange(other.value_, -1)) {}
-    Descriptor& operator=(Descriptor&& other) noexcept {
-        std::swap(value_, other.value_);
-        return *this;
-    }
-    Descriptor(const Descriptor&) = delete;
-    Descriptor& operator=(const Descriptor&) = delete;
-    ~Descriptor() {
-        if (value_ >= 0) ::close(value_);
-    }
-    [[nodiscard]] int get() const { return value_; }
-    [[nodiscard]] explicit operator bool() const { return value_ >= 0; }
-
-private:
-    int value_;
-};
-
-// O_NONBLOCK: a pipe without a writer opens at once, and is then refused.
+// O_NONBLOCK: a pipe without a writer opens at once.
 constexpr int read_flags = O_RDONLY | O_NONBLOCK | O_CLOEXEC | O_NOCTTY;
+
+/// A Ctrl-C is looked for this often.
+constexpr int look_ms = 200;
+/// So much of a file is read between two looks for a Ctrl-C.
+constexpr std::size_t piece_bytes = 64 << 20;
+/// Room for the first bytes of a pipe; it doubles as more come.
+constexpr std::size_t first_bytes = 64 << 10;
 
 tl::unexpected<Failure> refuse(const std::string& name, const std::string& why) {
     return fail(Exit::invalid, name + ": " + why);
 }
 
+tl::unexpected<Failure> no_memory(const std::string& name, std::uint64_t bytes) {
+    return fail(Exit::failed, name + ": no memory for its " + std::to_string(bytes) + " bytes");
+}
+
 Result<protocol::Buffer> read_all(const Descriptor& file, const std::string& name,
                                   std::uint64_t bytes_max) {
     struct stat status = {};
-    if (fstat(file.get(), &status) != 0) return refuse(name, std::strerror(errno));
+    if (fstat(file.number(), &status) != 0) return refuse(name, std::strerror(errno));
     if (!S_ISREG(status.st_mode)) return refuse(name, "is not a regular file");
     const auto size = static_cast<std::uint64_t>(status.st_size);
     if (size > bytes_max)
@@ -58,7 +51,9 @@ Result<protocol::Buffer> read_all(const Descriptor& file, const std::string& nam
     try {
         protocol::Buffer bytes(size);
         for (std::size_t done = 0; done < size;) {
-            const ssize_t count = ::read(file.get(), bytes.data() + done, size - done);
+            if (interrupted()) return fail(Exit::interrupted, "interrupted");
+            const ssize_t count =
+                ::read(file.number(), bytes.data() + done, std::min(size - done, piece_bytes));
             if (count < 0 && errno == EINTR) continue;
             if (count < 0) return refuse(name, std::strerror(errno));
             if (count == 0) return refuse(name, "became shorter while it was read");
@@ -66,30 +61,76 @@ Result<protocol::Buffer> read_all(const Descriptor& file, const std::string& nam
         }
         return bytes;
     } catch (const std::bad_alloc&) {
-        return fail(Exit::failed, name + ": no memory for its " + std::to_string(size) + " bytes");
+        return no_memory(name, size);
     }
 }
 
-/// Where a path leads: a link stays one, and its end is written.
-struct Target {
-    explicit Target(const std::string& name) : path(name) {
-        struct stat status = {};
-        if (::stat(name.c_str(), &status) != 0) return;
-        whole = S_ISREG(status.st_mode);
-        std::error_code unknown;
-        const auto end = std::filesystem::canonical(name, unknown);
-        if (!unknown) path = end.string();
+/// The next bytes of a pipe or device; 0 at its end. A pipe that nobody has opened for writing yet
+/// is waited for.
+Result<std::size_t> read_some(const Descriptor& file, const std::string& name,
+                              std::span<std::byte> room) {
+    while (true) {
+        // The short wait bounds the moment between this test and poll() in which a signal is
+        // missed.
+        if (interrupted()) return fail(Exit::interrupted, "interrupted");
+        pollfd waiting{file.number(), POLLIN, 0};
+        if (::poll(&waiting, 1, look_ms) <= 0) continue;
+        const ssize_t count = ::read(file.number(), room.data(), room.size());
+        if (count >= 0) return static_cast<std::size_t>(count);
+        if (errno != EINTR && errno != EAGAIN) return refuse(name, std::strerror(errno));
     }
-    std::string path;
-    bool whole = true;  ///< replaced as a whole: no pipe and no device
-};
+}
+
+/// All that comes until the end.
+Result<protocol::Buffer> read_stream(const Descriptor& file, const std::string& name,
+                                     std::uint64_t bytes_max) {
+    std::size_t done = 0;
+    try {
+        protocol::Buffer bytes(first_bytes);
+        while (true) {
+            const auto count = read_some(file, name, bytes.span().subspan(done));
+            if (!count) return tl::unexpected<Failure>(count.error());
+            done += *count;
+            if (done > bytes_max)
+                return refuse(name, "goes on after " + std::to_string(bytes_max) +
+                                        " bytes; more are not taken");
+            if (*count != 0 && done < bytes.size()) continue;
+            protocol::Buffer moved(*count == 0 ? done : 2 * done);
+            std::memcpy(moved.data(), bytes.data(), done);
+            bytes = std::move(moved);
+            if (*count == 0) return bytes;
+        }
+    } catch (const std::bad_alloc&) {
+        return no_memory(name, done);
+    }
+}
 
 }  // namespace
 
+std::string shown_name(const std::string& path) {
+    return path == standard_stream ? "stdin" : path;
+}
+
+std::string extension_of(const std::string& path) {
+    const std::size_t dot = path.rfind('.');
+    if (dot == std::string::npos || path.find('/', dot) != std::string::npos) return "";
+    std::string extension = path.substr(dot);
+    for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    return extension;
+}
+
 Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_max) {
-    const Descriptor file(::open(path.c_str(), read_flags));
-    if (!file) return refuse(path, std::strerror(errno));
-    return read_all(file, path, bytes_max);
+    // By its number also where it is a socket, which no path opens.
+    const bool standard = path == standard_stream || path == "/dev/stdin";
+    const std::string name = shown_name(path);
+    const Descriptor file(standard ? ::fcntl(STDIN_FILENO, F_DUPFD_CLOEXEC, 0)
+                                   : ::open(path.c_str(), read_flags));
+    if (!file) return refuse(name, std::strerror(errno));
+    struct stat status = {};
+    if (::fstat(file.number(), &status) != 0) return refuse(name, std::strerror(errno));
+    if (S_ISDIR(status.st_mode)) return refuse(name, "is a folder");
+    if (S_ISREG(status.st_mode) && !standard) return read_all(file, name, bytes_max);
+    return read_stream(file, name, std::min(bytes_max, piped_bytes_max));
 }
 
 namespace {
@@ -104,7 +145,7 @@ int open_without_links(int folder, const std::string& name) {
         if (component.empty() || component == "..") return -1;
         const bool last = end == name.size();
         const int flags = O_NOFOLLOW | (last ? read_flags : O_PATH | O_DIRECTORY | O_CLOEXEC);
-        const int next = ::openat(at.get(), component.c_str(), flags);
+        const int next = ::openat(at.number(), component.c_str(), flags);
         if (last || next < 0) return next;
         at = Descriptor(next);
         begin = end + 1;
@@ -129,7 +170,7 @@ Result<std::optional<protocol::Buffer>> read_file_beneath(const std::string& fol
         ::open(folder.empty() ? "." : folder.c_str(), O_PATH | O_DIRECTORY | O_CLOEXEC));
     if (!at) return refuse(folder, std::strerror(errno));
     if (name.find('\0') != std::string::npos) return refuse(name, "is not the name of a file");
-    const Descriptor file(open_beneath(at.get(), name));
+    const Descriptor file(open_beneath(at.number(), name));
     if (file) {
         auto bytes = read_all(file, name, bytes_max);
         if (!bytes) return tl::unexpected<Failure>(bytes.error());
@@ -141,41 +182,4 @@ Result<std::optional<protocol::Buffer>> read_file_beneath(const std::string& fol
             name, "link leaves the folder; only relative links that end inside it are followed");
     return refuse(name, errno == ELOOP ? "links lead in a circle" : std::strerror(errno));
 }
-
-Result<void> write_file(const std::string& path, std::span<const std::byte> bytes) {
-    const Target target(path);
-    const std::string temporary = target.whole ? target.path + ".part" : target.path;
-    const auto give_up = [&] {
-        const std::string why = std::strerror(errno);
-        if (target.whole) ::unlink(temporary.c_str());
-        return fail(Exit::failed, "cannot write " + path + ": " + why);
-    };
-    {
-        const int create = target.whole ? O_CREAT | O_TRUNC : 0;
-        const Descriptor file(::open(temporary.c_str(), O_WRONLY | create | O_CLOEXEC, 0666));
-        if (!file) return give_up();
-        while (!bytes.empty()) {
-            const ssize_t count = ::write(file.get(), bytes.data(), bytes.size());
-            if (count < 0 && errno == EINTR) continue;
-            if (count < 0) return give_up();
-            bytes = bytes.subspan(static_cast<std::size_t>(count));
-        }
-    }
-    if (target.whole && std::rename(temporary.c_str(), target.path.c_str()) != 0) return give_up();
-    return {};
-}
-
-Result<void> check_writable(const std::string& path) {
-    struct stat status = {};
-    if (::stat(path.c_str(), &status) == 0 && S_ISDIR(status.st_mode))
-        return fail(Exit::failed, "cannot write " + path + ": it is a directory");
-    const Target target(path);
-    const std::size_t slash = target.path.rfind('/');
-    const std::string folder = slash == std::string::npos ? "." : target.path.substr(0, slash + 1);
-    const bool writable = target.whole ? ::access(folder.c_str(), W_OK | X_OK) == 0
-                                       : ::access(target.path.c_str(), W_OK) == 0;
-    if (!writable) return fail(Exit::failed, "cannot write " + path + ": " + std::strerror(errno));
-    return {};
-}
-
 }  // namespace raynest::client

@@ -1,4 +1,4 @@
-// Opening files that somebody else's file names: beneath a folder, regular files only.
+// Reading files: those that the user names, and those that a scene names beneath its folder.
 #pragma once
 
 #include "client/failure.h"
@@ -12,8 +12,21 @@
 
 namespace raynest::client {
 
-/// The bytes of the file at `path`, which the user named. Devices, pipes and folders are refused
-/// without being waited for. Exit code 5, naming the file.
+/// Bytes that are read of a pipe or a device at most: neither says how much will come.
+inline constexpr std::uint64_t piped_bytes_max = 4ULL << 30;
+
+/// The name of stdin and stdout where a file is expected.
+inline constexpr const char* standard_stream = "-";
+
+/// A path as messages name it: "-" is stdin.
+[[nodiscard]] std::string shown_name(const std::string& path);
+
+/// The ending of a file's name in small letters with its dot, ".png"; "" where there is none.
+[[nodiscard]] std::string extension_of(const std::string& path);
+
+/// The bytes of the file at `path`, which the user named: a file, a pipe, a device, or stdin as "-"
+/// or /dev/stdin. A pipe is read to its end; it may have piped_bytes_max, and Ctrl-C ends the wait
+/// with exit code 130. Other faults: exit code 5, naming the file.
 Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_max);
 
 /// The same for `name` beneath `folder`; nothing where there is no such file. Symbolic links are
@@ -22,11 +35,5 @@ Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_
 Result<std::optional<protocol::Buffer>> read_file_beneath(const std::string& folder,
                                                           const std::string& name,
                                                           std::uint64_t bytes_max);
-
-/// Whether write_file has a chance: asked before work of minutes, whose result would be lost.
-Result<void> check_writable(const std::string& path);
-/// Writes a whole file, or leaves none behind: a new file takes the place of the old one at the
-/// end. Of a link the end is written; what is no regular file is written to.
-Result<void> write_file(const std::string& path, std::span<const std::byte> bytes);
 
 }  // namespace raynest::client

@@ -1,6 +1,7 @@
 #include "client/job.h"
 
 #include "client/scene_origin.h"
+#include "client/wording.h"
 
 #include <array>
 #include <cmath>
@@ -8,6 +9,15 @@
 #include <iostream>
 
 namespace raynest::client {
+namespace {
+
+template <class Notes>
+void add_notes(const Notes* notes, Outcome& outcome) {
+    for (const std::string& note : protocol::strings(notes))
+        outcome.notes.push_back(in_own_words(note));
+}
+
+}  // namespace
 
 std::chrono::milliseconds deadline_of(double seconds) {
     return std::chrono::milliseconds(std::llround(seconds * 1000));
@@ -66,7 +76,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.origin = origin_of(started);
         outcome.rays_announced = started.rays();
         outcome.worker_reason = protocol::text(started.worker_reason());
-        outcome.notes = protocol::strings(started.notes());
+        add_notes(started.notes(), outcome);
     } else if (is<wire::Detached>(frame)) {
         const auto opened = protocol::open<wire::Detached>(frame);
         if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
@@ -92,8 +102,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
             outcome.worker_reason.clear();
         }
         outcome.target = protocol::word(done.target(), outcome.target);
-        for (std::string& note : protocol::strings(done.notes()))
-            outcome.notes.push_back(std::move(note));
+        add_notes(done.notes(), outcome);
         if (const wire::HeatStatistics* heat = done.heat()) {
             outcome.heat.metric = protocol::text(heat->metric());
             outcome.heat.min = heat->min();

@@ -1,5 +1,7 @@
 #include "client/jobs.h"
 
+#include "client/wording.h"
+
 namespace raynest::client {
 
 Json job_json(const wire::JobInfo& info) {
@@ -19,7 +21,8 @@ Json job_json(const wire::JobInfo& info) {
          info.left_ms() == 0 ? Json(nullptr) : Json(static_cast<double>(info.left_ms()) / 1e3)},
         {"bytes", info.bytes()},
         {"worker", protocol::text(info.worker())},
-        {"error", info.code() == 0 ? Json(nullptr) : Json(protocol::text(info.error()))}};
+        {"error",
+         info.code() == 0 ? Json(nullptr) : Json(in_own_words(protocol::text(info.error())))}};
     return json;
 }
 

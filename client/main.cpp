@@ -31,9 +31,9 @@ Result<void> connect_and_run(const Options& options) {
     const auto connect = [&] {
         return Connection::open(options.server, token != nullptr ? token : "");
     };
+    Progress progress(Progress::style_for_stderr(options.quiet || options.json));
     const auto connection = connect();
     if (!connection) return tl::unexpected<Failure>(connection.error());
-    Progress progress(Progress::style_for_stderr(options.quiet));
     Context context{**connection, progress, options.json, connect};
     return std::visit([&](const auto& command) { return run(context, command); }, options.command);
 }

@@ -1,8 +1,12 @@
 #include "client/npy.h"
 
+#include <algorithm>
 #include <array>
+#include <bit>
 #include <charconv>
+#include <cmath>
 #include <cstring>
+#include <limits>
 #include <optional>
 
 namespace raynest::client {
@@ -52,8 +56,70 @@ std::optional<std::uint64_t> byte_count(const std::vector<std::uint64_t>& shape,
     return bytes;
 }
 
-tl::unexpected<Failure> refuse(const char* why) {
-    return fail(Exit::invalid, why);
+tl::unexpected<Failure> refuse(std::string why) {
+    return fail(Exit::invalid, std::move(why));
+}
+
+/// Bytes of an element; nothing for what is no real number that is read here.
+std::optional<std::uint64_t> element_bytes(std::string_view dtype) {
+    constexpr std::array known = {"f2", "f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"};
+    if (dtype.size() != 3 || std::ranges::find(known, dtype.substr(1)) == known.end())
+        return std::nullopt;
+    return static_cast<std::uint64_t>(dtype[2] - '0');
+}
+
+/// What an array of another dtype holds, in words.
+std::string contents(std::string_view descr) {
+    if (descr.starts_with('[')) return "records with named fields";
+    const std::string dtype(descr.substr(1, descr.find('\'', 1) - 1));
+    const char kind = dtype.size() > 1 ? dtype[1] : ' ';
+    if (kind == 'U' || kind == 'S') return "text (" + dtype + ")";
+    if (kind == 'O') return "Python objects";
+    if (kind == 'b') return "true and false";
+    if (kind == 'c') return "complex numbers (" + dtype + ")";
+    return "values of dtype '" + dtype + "'";
+}
+
+/// A float16 as NumPy stores it: IEEE 754 binary16.
+struct Half {
+    std::uint16_t bits;
+    explicit operator float() const {
+        const int exponent = bits >> 10 & 31;
+        const int fraction = bits & 1023;
+        constexpr float infinite = std::numeric_limits<float>::infinity();
+        float size = exponent == 0 ? std::ldexp(static_cast<float>(fraction), -24)
+                                   : std::ldexp(static_cast<float>(fraction + 1024), exponent - 25);
+        if (exponent == 31)
+            size = fraction == 0 ? infinite : std::numeric_limits<float>::quiet_NaN();
+        return std::copysign(size, (bits & 0x8000) != 0 ? -1.0F : 1.0F);
+    }
+};
+
+template <class Number>
+float less_shift(Number value, std::uint64_t column, std::span<const double> less) {
+    if (column >= less.size()) return static_cast<float>(value);
+    return static_cast<float>(static_cast<double>(value) - less[column]);
+}
+
+template <class Number>
+void read_rows_of(const Array& array, std::uint64_t first, std::span<float> out,
+                  std::span<const double> less) {
+    const std::uint64_t rows = array.shape[0];
+    const std::uint64_t columns = array.shape[1];
+    const bool swapped = array.dtype[0] == '>';
+    for (std::uint64_t i = 0; i < out.size(); ++i) {
+        const std::uint64_t row = first + i / columns;
+        const std::uint64_t column = i % columns;
+        const std::uint64_t index = array.fortran ? column * rows + row : row * columns + column;
+        std::array<std::byte, sizeof(Number)> bytes;
+        std::memcpy(bytes.data(), array.bytes.data() + index * sizeof(Number), sizeof(Number));
+        if (swapped) std::ranges::reverse(bytes);
+        const auto stored = std::bit_cast<Number>(bytes);
+        if constexpr (std::is_same_v<Number, Half>)
+            out[i] = less_shift(static_cast<float>(stored), column, less);
+        else
+            out[i] = less_shift(stored, column, less);
+    }
 }
 
 /// Appends little-endian numbers: the shape of every ZIP record.
@@ -140,23 +206,51 @@ Result<Array> parse_npy(std::span<const std::byte> file) {
     const auto descr = value_of(dict, "descr");
     const auto order = value_of(dict, "fortran_order");
     const auto shape_text = value_of(dict, "shape");
-    if (!descr || !order || !shape_text || descr->size() < 5 || descr->front() != '\'')
-        return refuse("has no array header");
-    if (order->rfind("False", 0) != 0)
-        return refuse("is in Fortran order; save numpy.ascontiguousarray(...)");
+    if (!descr || !order || !shape_text) return refuse("has no array header");
+    const bool plain = descr->size() >= 5 && descr->front() == '\'';
+    const auto element = element_bytes(plain ? descr->substr(1, descr->find('\'', 1) - 1) : "");
+    if (!element)
+        return refuse("holds " + contents(*descr) +
+                      ", not real numbers; save array.astype(numpy.float32)");
 
     Array array;
-    array.dtype = std::string(descr->substr(1, descr->find('\'', 1) - 1));
+    array.dtype = std::string(descr->substr(1, 3));
+    array.fortran = order->starts_with("True");
     const auto shape = parse_shape(*shape_text);
     if (!shape) return refuse("has a shape that cannot be read");
     array.shape = *shape;
-    const bool sized = array.dtype.size() == 3 && array.dtype[2] >= '1' && array.dtype[2] <= '8';
-    if (!sized || array.dtype[0] == '>')
-        return refuse("holds neither little-endian numbers nor bytes");
-    const auto bytes = byte_count(array.shape, static_cast<std::uint64_t>(array.dtype[2] - '0'));
+    const auto bytes = byte_count(array.shape, *element);
     array.bytes = file.subspan(8 + length_bytes + header_bytes);
     if (!bytes || *bytes != array.bytes.size()) return refuse("is not as long as its shape says");
     return array;
+}
+
+bool has_float_rows(const Array& array) {
+    const bool one = array.shape[0] <= 1 || array.shape[1] <= 1;
+    return array.dtype == "<f4" && (!array.fortran || one);
+}
+
+void read_rows(const Array& array, std::uint64_t first, std::span<float> out,
+               std::span<const double> less) {
+    const bool wide = array.dtype[2] == '8';
+    const bool narrow = array.dtype[2] == '2';
+    const bool bytes = array.dtype[2] == '1';
+    switch (array.dtype[1]) {
+        case 'f':
+            if (wide) return read_rows_of<double>(array, first, out, less);
+            if (narrow) return read_rows_of<Half>(array, first, out, less);
+            return read_rows_of<float>(array, first, out, less);
+        case 'i':
+            if (wide) return read_rows_of<std::int64_t>(array, first, out, less);
+            if (narrow) return read_rows_of<std::int16_t>(array, first, out, less);
+            if (bytes) return read_rows_of<std::int8_t>(array, first, out, less);
+            return read_rows_of<std::int32_t>(array, first, out, less);
+        default:
+            if (wide) return read_rows_of<std::uint64_t>(array, first, out, less);
+            if (narrow) return read_rows_of<std::uint16_t>(array, first, out, less);
+            if (bytes) return read_rows_of<std::uint8_t>(array, first, out, less);
+            return read_rows_of<std::uint32_t>(array, first, out, less);
+    }
 }
 
 std::vector<std::byte> format_npy(const Array& array) {

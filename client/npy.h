@@ -1,7 +1,8 @@
 // NumPy's files: .npy in and out, and .npz out.
 //
 // A .npy is a magic, a header that reads as a Python dict, and the raw array; a .npz is a ZIP
-// archive of them. Only C order and little endian, which is what NumPy writes here.
+// archive of them. Written are C order and little endian; read are also Fortran order, big endian
+// and all sizes of real numbers, as numpy.save leaves them.
 #pragma once
 
 #include "client/failure.h"
@@ -16,16 +17,24 @@
 
 namespace raynest::client {
 
-/// An array in memory: dtype as NumPy writes it ("<f4", "<u8", "|u1"), C order.
+/// An array in memory: dtype as NumPy writes it ("<f4", "<u8", "|u1").
 struct Array {
     std::string dtype;
     std::vector<std::uint64_t> shape;
     std::span<const std::byte> bytes;
+    bool fortran = false;  ///< column by column, rather than row by row
 };
 
 /// Reads the header of .npy bytes; `bytes` of the result points into `file`. Exit code 5 when it is
-/// no .npy, is Fortran ordered, or is not as long as its shape says.
+/// no .npy, holds anything but floats and integers, or is not as long as its shape says.
 Result<Array> parse_npy(std::span<const std::byte> file);
+
+/// True for an array whose rows lie in memory as read_rows() gives them.
+[[nodiscard]] bool has_float_rows(const Array& array);
+/// Rows of a two-dimensional array from `first` on, until `out` is full. `less` is subtracted from
+/// the first columns, in double, before they are rounded to float32.
+void read_rows(const Array& array, std::uint64_t first, std::span<float> out,
+               std::span<const double> less = {});
 
 /// The whole file.
 [[nodiscard]] std::vector<std::byte> format_npy(const Array& array);

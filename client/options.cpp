@@ -1,6 +1,7 @@
 #include "client/options.h"
 
 #include "client/connection.h"
+#include "client/files.h"
 #include "client/generator.h"
 #include "client/numbers.h"
 
@@ -25,6 +26,13 @@ constexpr const char* examples = R"(Example:
   raynest heatmap forest -o cost.png
 
 )";
+
+/// What somebody reads who types the bare name: three commands that work.
+constexpr const char* first_steps = R"(say what to do. While a daemon runs (raynestd &), these work:
+  raynest load builtin:forest
+  raynest query forest --ray 8,50,-8,0,-1,0
+  raynest render forest -o forest.png
+raynest --help lists all that there is)";
 
 constexpr const char* exit_codes = R"(
 Exit codes: 0 ok, 1 failed, 2 usage, 3 cannot connect, 4 not allowed, 5 scene, file or variant unknown
@@ -160,21 +168,22 @@ void add_camera(CLI::App& app, CameraOptions& camera) {
         "pixels, WIDTHxHEIGHT (960x540)");
 }
 
-/// -o FILE with one of the given endings.
+/// -o FILE with one of the given endings, in capitals or not, or "-" for stdout.
 CLI::Option* add_output(CLI::App& app, std::string& output, const std::vector<std::string>& endings,
                         const std::string& text) {
     return add_parsed(
         app, "-o,--output",
         [&output, endings](const std::string& value) -> std::string {
             output = value;
+            if (value == standard_stream) return "";
             std::string known;
             for (const std::string& ending : endings) {
-                if (value.size() > ending.size() && value.ends_with(ending)) return "";
+                if (value.size() > ending.size() && extension_of(value) == ending) return "";
                 known += (known.empty() ? "" : " or ") + ending;
             }
-            return "'" + value + "' must end in " + known;
+            return "'" + value + "' must end in " + known + ", or be - for stdout";
         },
-        text);
+        text + "; - for stdout, what is said of it then goes to stderr");
 }
 
 /// What is asked of each ray. CLI11 keeps one callback per command: this is it.
@@ -226,8 +235,10 @@ CLI::Option* add_point(CLI::App& app, const std::string& name, const std::string
 }
 
 void declare(CLI::App& app, LoadOptions& load) {
-    app.add_option("SOURCE", load.source,
-                   "FILE.glb, FILE.gltf, FILE.npy, builtin:NAME[?key=value&...] or root:PATH")
+    app.add_option(
+           "SOURCE", load.source,
+           "FILE.glb, FILE.gltf or FILE.npy; builtin:NAME[?key=value&...], root:PATH, or - for "
+           "such a file on stdin, with --name")
         ->required();
     app.add_option("--name", load.name,
                    "name of the scene (the file's stem; forest for builtin:forest?trees=5)");
@@ -316,7 +327,7 @@ void declare(CLI::App& app, QueryOptions& query) {
     CLI::Option* file =
         rays.add_option("--rays", query.rays_file,
                         "FILE.npy of shape (N, 6): o d, or (N, 8): ox oy oz tmin dx dy dz tmax, "
-                        "or with --from (N, 3): d");
+                        "or with --from (N, 3): d; - for stdin");
     rays.add_option_function<std::vector<std::string>>(
             "--generate",
             [&query](const std::vector<std::string>& words) {
@@ -431,9 +442,12 @@ public:
         return "Example:\n  raynest " + examples_.at(chosen[0]) + "\n\n" +
                chosen[0]->help("raynest");
     }
-    /// What is wrong with the first word when it chooses no subcommand; "" when nothing is.
+    /// What is wrong with the first word that nobody took: an option that there is not, or no
+    /// subcommand; "" when nothing is. Without it CLI11 may name what is missing in its place.
     [[nodiscard]] std::string complaint() const {
-        const std::vector<std::string> words = app_.remaining();
+        const std::vector<std::string> words = app_.remaining(true);
+        for (const std::string& word : words)
+            if (word.starts_with("--")) return "there is no option " + word;
         if (!app_.get_subcommands().empty() || words.empty()) return "";
         if (words[0].starts_with('-')) return "there is no option " + words[0];
         std::string names;
@@ -487,7 +501,7 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
                    "tcp://HOST:PORT or unix:PATH (" + std::string(default_uri) + ")")
         ->envname("RAYNEST_SERVER");
     app.add_flag("--json", options.json, "answers and errors as JSON");
-    app.add_flag("--quiet", options.quiet, "no progress on stderr");
+    app.add_flag("--quiet", options.quiet, "no progress on stderr, where that is a terminal");
     const Subcommands subcommands(app, options);
     const auto refuse = [&](const std::string& complaint) {
         return fail(Exit::usage, complaint + "; " + subcommands.see_also());
@@ -501,6 +515,11 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
         return Parsed{subcommands.help(), std::nullopt};
     } catch (const CLI::CallForVersion& version) {
         return Parsed{std::string(version.what()) + "\n", std::nullopt};
+    } catch (const CLI::RequiredError& error) {
+        const std::string complaint = subcommands.complaint();
+        if (!complaint.empty()) return refuse(complaint);
+        if (app.get_subcommands().empty()) return fail(Exit::usage, first_steps);
+        return refuse(error.what());
     } catch (const CLI::ParseError& error) {
         const std::string complaint = subcommands.complaint();
         return refuse(complaint.empty() ? error.what() : complaint);

@@ -31,8 +31,8 @@ Result<void> check_stdout() {
     return fail(Exit::failed, "cannot write to stdout");
 }
 
-void print_json(const Json& value) {
-    std::cout << value.dump(-1, ' ', false, Json::error_handler_t::replace) << '\n';
+void print_json(const Json& value, std::ostream& to) {
+    to << value.dump(-1, ' ', false, Json::error_handler_t::replace) << '\n';
 }
 
 void print_table(const std::vector<std::vector<std::string>>& rows) {

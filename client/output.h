@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include <cstdint>
+#include <iostream>
 #include <string>
 #include <vector>
 
@@ -18,7 +19,7 @@ using Json = nlohmann::ordered_json;
 /// work ends with its reader.
 [[nodiscard]] Result<void> check_stdout();
 
-void print_json(const Json& value);
+void print_json(const Json& value, std::ostream& to = std::cout);
 
 /// Columns as wide as their widest cell; cells that are numbers are set to the right.
 void print_table(const std::vector<std::vector<std::string>>& rows);

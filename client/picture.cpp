@@ -1,5 +1,6 @@
 #include "client/picture.h"
 
+#include "client/files.h"
 #include "client/npy.h"
 
 #include <algorithm>
@@ -27,8 +28,9 @@ Result<void> take_piece(const protocol::Frame& frame, ReceivedPicture& picture) 
 }  // namespace
 
 std::string encoding_of(const std::string& output) {
-    const std::string ending = output.substr(output.rfind('.') + 1);
-    return ending == "npy" ? "raw" : ending;
+    if (output == standard_stream) return "png";
+    const std::string ending = extension_of(output);
+    return ending == ".npy" ? "raw" : ending.substr(std::min<std::size_t>(1, ending.size()));
 }
 
 Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress) {

@@ -15,7 +15,8 @@
 
 namespace raynest::client {
 
-/// "raw" for a .npy, which the client writes; else the ending, which the daemon encodes.
+/// "raw" for a .npy, which the client writes; else the ending, which the daemon encodes; of stdout
+/// as "-" it is png.
 [[nodiscard]] std::string encoding_of(const std::string& output);
 
 /// A wire::RenderT or wire::HeatmapT but for what only one of them has.

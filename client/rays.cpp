@@ -12,6 +12,13 @@ namespace {
 
 constexpr std::uint64_t rays_file_bytes_max = 1ULL << 40;
 
+/// "(3, 8)", "(6,)".
+std::string shape_text(const std::vector<std::uint64_t>& shape) {
+    std::string text = "(";
+    for (const std::uint64_t size : shape) text += (text == "(" ? "" : ", ") + std::to_string(size);
+    return text + (shape.size() == 1 ? ",)" : ")");
+}
+
 }  // namespace
 
 RaySource::RaySource(const std::vector<WorldRay>& rays, const WorldPoint& scene_origin)
@@ -48,12 +55,14 @@ Result<RaySource> RaySource::open(const std::string& path, const WorldPoint& sce
     auto file = read_file(path, rays_file_bytes_max);
     if (!file) return tl::unexpected<Failure>(file.error());
     auto array = parse_npy(std::as_const(*file).span());
-    if (!array) return fail(Exit::invalid, path + " " + array.error().message);
-    const bool shaped =
-        array->shape.size() == 2 && std::ranges::find(widths, array->shape[1]) != widths.end();
-    if (!shaped || (array->dtype != "<f4" && array->dtype != "<f8"))
-        return fail(Exit::invalid, path + " must hold float32 or float64 of shape " + shapes);
-    if (array->shape[0] == 0) return fail(Exit::invalid, path + " holds no rays");
+    if (!array) return fail(Exit::invalid, shown_name(path) + " " + array.error().message);
+    const std::vector<std::uint64_t> given = array->shape;
+    std::vector<std::uint64_t>& shape = array->shape;
+    if (shape == std::vector<std::uint64_t>{0}) shape.push_back(*widths.begin());
+    if (shape.size() == 1) shape.insert(shape.begin(), 1);
+    if (shape.size() != 2 || std::ranges::find(widths, shape[1]) == widths.end())
+        return fail(Exit::invalid, shown_name(path) + " has the shape " + shape_text(given) +
+                                       "; rays have the shape " + shapes);
     RaySource source;
     source.scene_origin_ = scene_origin;
     source.file_ = std::move(*file);
@@ -66,7 +75,7 @@ Result<RaySource> RaySource::open(const std::string& path, const WorldPoint& sce
 std::span<const std::byte> RaySource::bytes(std::uint64_t first, std::uint64_t count) const {
     if (!values_.empty())
         return std::as_bytes(std::span(values_).subspan(first * width_, count * width_));
-    if (array_.dtype != "<f4" || subtracts()) return {};
+    if (!has_float_rows(array_) || subtracts()) return {};
     return array_.bytes.subspan(first * ray_bytes(), count * ray_bytes());
 }
 
@@ -75,20 +84,8 @@ void RaySource::read(std::uint64_t first, std::span<float> out) const {
         std::memcpy(out.data(), ready.data(), ready.size());
         return;
     }
-    const bool is_double = array_.dtype == "<f8";
-    const std::size_t size = is_double ? sizeof(double) : sizeof(float);
-    const std::byte* value = array_.bytes.data() + first * width_ * size;
-    for (std::size_t i = 0; i < out.size(); ++i, value += size) {
-        double exact = 0;
-        float single = 0;
-        if (is_double)
-            std::memcpy(&exact, value, sizeof exact);
-        else
-            std::memcpy(&single, value, sizeof single), exact = double{single};
-        const std::size_t column = i % width_;
-        if (subtracts() && column < 3) exact -= scene_origin_[column];
-        out[i] = static_cast<float>(exact);
-    }
+    read_rows(array_, first, out,
+              subtracts() ? std::span<const double>(scene_origin_) : std::span<const double>());
 }
 
 bool RaySource::subtracts() const {

@@ -24,8 +24,8 @@ public:
     RaySource(std::vector<float> values, std::uint32_t width,
               const std::optional<wire::Vec3>& common_origin = std::nullopt);
     /// An array of shape (N, 6), origins and directions, or (N, 8), with tmin and tmax, or, where
-    /// all start at one point, (N, 3), directions; of float32 or float64, which is rounded.
-    /// Exit code 5 for anything else.
+    /// all start at one point, (N, 3), directions; one ray may lack its brackets, and there may be
+    /// none. Any real numbers, which are rounded to float32. Exit code 5 for anything else.
     static Result<RaySource> open(const std::string& path, const std::optional<WorldPoint>& from,
                                   const WorldPoint& scene_origin = {});
     /// The same of points, whose directions are normals: each has its own origin.

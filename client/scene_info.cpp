@@ -1,6 +1,7 @@
 #include "client/scene_info.h"
 
 #include "client/scene_origin.h"
+#include "client/wording.h"
 
 #include <iomanip>
 #include <iostream>
@@ -27,6 +28,12 @@ Json records_json(const wire::SceneInfo& info) {
     for (std::size_t i = 0; i < types.size(); ++i)
         records[types[i]] = info.record_counts()->Get(static_cast<flatbuffers::uoffset_t>(i));
     return records;
+}
+
+std::vector<std::string> warnings(const wire::SceneInfo& info) {
+    std::vector<std::string> texts = protocol::strings(info.warnings());
+    for (std::string& text : texts) text = in_own_words(text);
+    return texts;
 }
 
 std::string joined(const std::vector<std::string>& items) {
@@ -104,7 +111,7 @@ Json scene_json(const wire::SceneInfo& info) {
     json["box_max"] = corner(info, info.box_max());
     json["cameras"] = protocol::strings(info.cameras());
     json["skipped"] = skipped_json(info);
-    json["warnings"] = protocol::strings(info.warnings());
+    json["warnings"] = warnings(info);
     return json;
 }
 
@@ -139,8 +146,7 @@ void print_scene(const wire::SceneInfo& info) {
     const Json skipped = skipped_json(info);
     for (const auto& [reason, count] : skipped.items())
         rows.push_back({"skipped", grouped(count.get<std::uint64_t>()) + " " + reason});
-    for (const std::string& warning : protocol::strings(info.warnings()))
-        rows.push_back({"warning", warning});
+    for (const std::string& warning : warnings(info)) rows.push_back({"warning", warning});
     print_table(rows);
 }
 

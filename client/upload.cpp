@@ -2,12 +2,14 @@
 
 #include "client/files.h"
 #include "client/gltf_names.h"
+#include "client/interrupt.h"
 #include "protocol/hash.h"
 #include "protocol/limits.h"
+#include "protocol/text.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cstring>
+#include <string_view>
 #include <utility>
 
 namespace raynest::client {
@@ -30,11 +32,31 @@ std::string stem_of(const std::string& name) {
     return name.substr(0, name.rfind('.'));
 }
 
-std::string extension_of(const std::string& name) {
-    const std::size_t dot = name.rfind('.');
-    std::string extension = dot == std::string::npos ? "" : name.substr(dot);
-    for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    return extension;
+/// A path that says nothing about what comes: stdin, or a pipe of the shell as in <(command).
+bool is_nameless(const std::string& path) {
+    return path == standard_stream || path == "/dev/stdin" || path.starts_with("/dev/fd/");
+}
+
+/// The ending that fits the first bytes of a file; "" where none does.
+std::string sniff(std::span<const std::byte> bytes) {
+    const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    if (text.starts_with("glTF")) return ".glb";
+    if (text.starts_with("\x93NUMPY")) return ".npy";
+    const std::size_t letter = text.find_first_not_of(" \t\r\n");
+    return letter != std::string_view::npos && text[letter] == '{' ? ".gltf" : "";
+}
+
+/// A file of 4 GiB takes seconds: look for a Ctrl-C now and then.
+Result<std::uint64_t> hash_of(std::span<const std::byte> bytes) {
+    constexpr std::size_t hashed_at_once = 16 << 20;
+    std::uint64_t hash = protocol::content_hash({});
+    while (!bytes.empty()) {
+        if (interrupted()) return fail(Exit::interrupted, "interrupted");
+        const std::size_t count = std::min(bytes.size(), hashed_at_once);
+        hash = protocol::content_hash(bytes.first(count), hash);
+        bytes = bytes.subspan(count);
+    }
+    return hash;
 }
 
 /// Reads files until the sum of their bytes is over the limit.
@@ -46,8 +68,9 @@ public:
     Result<void> add(std::string name, Result<protocol::Buffer> bytes) {
         if (!bytes) return tl::unexpected<Failure>(bytes.error());
         left_ -= bytes->size();
-        const std::uint64_t hash = protocol::content_hash(std::as_const(*bytes).span());
-        upload_.files.push_back({std::move(name), std::move(*bytes), hash});
+        const auto hash = hash_of(std::as_const(*bytes).span());
+        if (!hash) return tl::unexpected<Failure>(hash.error());
+        upload_.files.push_back({std::move(name), std::move(*bytes), *hash});
         return {};
     }
     [[nodiscard]] std::uint64_t left() const { return left_; }
@@ -57,9 +80,9 @@ private:
     std::uint64_t left_ = protocol::Limits{}.upload_bytes_max;
 };
 
-Result<void> gather_gltf(const std::string& path, Gatherer& gatherer, Upload& upload) {
-    if (auto added = gatherer.add(file_name_of(path), read_file(path, gatherer.left())); !added)
-        return added;
+/// Adds what the main file, which is there, names beneath `folder`.
+Result<void> gather_named(const std::string& path, const std::string& folder, Gatherer& gatherer,
+                          Upload& upload) {
     const auto blame = [&](const Failure& why) { return fail(why.exit, path + " " + why.message); };
     const auto json = gltf_json(std::as_const(upload.files[0].bytes).span());
     if (!json) return blame(json.error());
@@ -71,7 +94,7 @@ Result<void> gather_gltf(const std::string& path, Gatherer& gatherer, Upload& up
                                                 " files; pack it into one .glb"));
     for (const std::string& name : *names) {
         if (name == upload.files[0].name) continue;
-        auto bytes = read_file_beneath(folder_of(path), name, gatherer.left());
+        auto bytes = read_file_beneath(folder, name, gatherer.left());
         if (!bytes) return blame(failure(bytes.error().exit, "names " + bytes.error().message));
         // Whether it is missed is for the daemon to say.
         if (!*bytes) continue;
@@ -86,30 +109,46 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
                       const std::string& instances) {
     Upload upload;
     upload.source = source;
-    if (source.rfind("builtin:", 0) == 0 || source.rfind("root:", 0) == 0) return upload;
-
-    upload.source = file_name_of(source);
-    upload.scene_name = stem_of(upload.source);
-    Gatherer gatherer(upload);
-    const std::string extension = extension_of(source);
-    if (extension == ".gltf" || extension == ".glb") {
-        if (auto done = gather_gltf(source, gatherer, upload); !done)
-            return tl::unexpected<Failure>(done.error());
-    } else if (extension == ".npy") {
-        if (primitive.empty())
-            return fail(
-                Exit::usage,
-                source + " holds records: say of what, for example with --primitive sphere");
-        upload.source = "points.npy";
-        if (auto done = gatherer.add("points.npy", read_file(source, gatherer.left())); !done)
-            return tl::unexpected<Failure>(done.error());
-        if (!instances.empty()) {
-            auto done = gatherer.add("instances.npy", read_file(instances, gatherer.left()));
-            if (!done) return tl::unexpected<Failure>(done.error());
-        }
-    } else {
-        return fail(Exit::invalid, source + " is not a .glb, .gltf or .npy file, nor builtin:NAME");
+    const auto check_records = [&](bool records) -> Result<void> {
+        if (records || (primitive.empty() && instances.empty())) return {};
+        return fail(Exit::usage,
+                    "--primitive and --instances are for .npy files; " + source + " is none");
+    };
+    if (source.rfind("builtin:", 0) == 0 || source.rfind("root:", 0) == 0) {
+        if (auto fits = check_records(false); !fits) return tl::unexpected<Failure>(fits.error());
+        return upload;
     }
+
+    const bool nameless = is_nameless(source);
+    std::string extension = extension_of(source);
+    if (!nameless && extension != ".gltf" && extension != ".glb" && extension != ".npy")
+        return fail(Exit::invalid, source + " is not a .glb, .gltf or .npy file, nor builtin:NAME");
+    Gatherer gatherer(upload);
+    auto bytes = read_file(source, gatherer.left());
+    if (!bytes) return tl::unexpected<Failure>(bytes.error());
+    if (nameless) extension = sniff(std::as_const(*bytes).span());
+    if (extension.empty())
+        return fail(Exit::invalid,
+                    shown_name(source) + " brought neither a .glb, a .gltf nor a .npy");
+    if (auto fits = check_records(extension == ".npy"); !fits)
+        return tl::unexpected<Failure>(fits.error());
+    if (extension == ".npy" && primitive.empty())
+        return fail(Exit::usage,
+                    shown_name(source) +
+                        " holds records: say of what, for example with --primitive sphere");
+
+    // The name by which the daemon speaks of the file, in letters that may travel.
+    const std::string name = nameless ? "stdin" + extension : file_name_of(source);
+    upload.source = protocol::clean_text(name, protocol::Limits{}.name_bytes_max);
+    if (!nameless) upload.scene_name = stem_of(upload.source);
+    Result<void> added = gatherer.add(upload.source, std::move(bytes));
+    if (added && extension != ".npy")
+        added = gather_named(source, nameless ? "." : folder_of(source), gatherer, upload);
+    if (added && !instances.empty())
+        added = gatherer.add(
+            protocol::clean_text(file_name_of(instances), protocol::Limits{}.name_bytes_max),
+            read_file(instances, gatherer.left()));
+    if (!added) return tl::unexpected<Failure>(added.error());
     return upload;
 }
 

@@ -3,6 +3,8 @@
 //   builtin:..., root:...     only a name: the daemon has it
 //   .glb, .gltf               the file and what it names, read beneath its folder
 //   .npy                      records of a primitive type, with --primitive; --instances beside it
+//   -, /dev/stdin, /dev/fd/N  one of these out of a pipe, told apart by its first bytes; what a
+//                             .gltf names is then looked for in the current folder
 //
 // Bad files are refused here with exit code 5, before anything is sent; the daemon checks again.
 #pragma once
@@ -26,7 +28,7 @@ struct UploadFile {
 
 struct Upload {
     std::string source;             ///< name of the main file, or the source as given
-    std::string scene_name;         ///< the stem of the source
+    std::string scene_name;         ///< the stem of the source; empty where the source has no name
     std::vector<UploadFile> files;  ///< the main file first; empty for builtin: and root:
 };
 

@@ -11,8 +11,9 @@
 
 namespace raynest::protocol {
 
-[[nodiscard]] constexpr std::uint64_t content_hash(std::span<const std::byte> bytes) {
-    std::uint64_t hash = 0xCBF29CE484222325ULL;
+/// Of bytes that come in pieces, `hash` is that of those before.
+[[nodiscard]] constexpr std::uint64_t content_hash(std::span<const std::byte> bytes,
+                                                   std::uint64_t hash = 0xCBF29CE484222325ULL) {
     for (const std::byte byte : bytes) {
         hash ^= static_cast<std::uint64_t>(byte);
         hash *= 0x100000001B3ULL;

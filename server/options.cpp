@@ -10,7 +10,9 @@
 #include <algorithm>
 #include <charconv>
 #include <iostream>
+#include <memory>
 #include <optional>
+#include <sstream>
 #include <string_view>
 #include <thread>
 
@@ -102,6 +104,16 @@ std::filesystem::path to_cuda_pack(const std::string& word) {
     return std::filesystem::exists(pack, error) ? pack : std::filesystem::path();
 }
 
+/// Reads the configuration file line by line, so that a fault names its file, its line and its key.
+class ConfigLines : public CLI::ConfigBase {
+public:
+    explicit ConfigLines(const CLI::App& app) : app_(app) {}
+    std::vector<CLI::ConfigItem> from_config(std::istream& file) const override;
+
+private:
+    const CLI::App& app_;
+};
+
 void declare(CLI::App& app, Options& options, Words& words) {
     app.add_option(
            "--listen", options.listen,
@@ -152,7 +164,47 @@ void declare(CLI::App& app, Options& options, Words& words) {
                 ->capture_default_str();
     app.set_config("--config", "", "Read options from a file as --print-config writes it")
         ->configurable(false);
-    app.allow_config_extras(false);  // a misspelt line is an error, not ignored
+    app.config_formatter(std::make_shared<ConfigLines>(app));
+}
+
+/// The reason why an option cannot be set as this line of a file says; empty when it can.
+std::string config_fault(const CLI::ConfigItem& item) {
+    if (!item.parents.empty())
+        return "sections are not known here; write KEY=VALUE, as raynestd --print-config does";
+    Options options;
+    Words words;
+    CLI::App trial;
+    declare(trial, options, words);
+    CLI::Option* option = trial.get_option_no_throw("--" + item.name);
+    if (option == nullptr || !option->get_configurable())
+        return "there is no option '" + item.name + "'; raynestd --print-config lists them";
+    try {
+        for (const std::string& value : item.inputs) option->add_result(value);
+        option->run_callback();
+        return "";
+    } catch (const CLI::Error& error) {
+        const std::string fault = error.what();
+        return fault.substr(fault.starts_with("--") ? 2 : 0);
+    }
+}
+
+std::vector<CLI::ConfigItem> ConfigLines::from_config(std::istream& file) const {
+    std::vector<CLI::ConfigItem> read;
+    std::string line;
+    for (std::size_t number = 1; std::getline(file, line); ++number) {
+        std::istringstream alone(line);
+        for (CLI::ConfigItem& item : ConfigBase::from_config(alone)) {
+            if (const std::string fault = config_fault(item); !fault.empty())
+                throw CLI::ConfigError(app_.get_config_ptr()->results().back() + ", line " +
+                                       std::to_string(number) + ": " + fault);
+            const auto same = std::ranges::find(read, item.name, &CLI::ConfigItem::name);
+            if (same == read.end())
+                read.push_back(std::move(item));
+            else  // CLI11 would take the first only
+                same->inputs.insert(same->inputs.end(), item.inputs.begin(), item.inputs.end());
+        }
+    }
+    return read;
 }
 
 // Every line explains itself; what has no value stays as a comment, to be filled in.

@@ -3,13 +3,14 @@
 #include "client/commands/deliver.h"
 #include "client/files.h"
 #include "client/jobs.h"
+#include "client/output_file.h"
 
 namespace raynest::client {
 namespace {
 
 /// The file must be what the job has made.
 Result<void> check_ending(const std::string& output, const std::string& ending) {
-    if (output.ends_with(ending)) return {};
+    if (output == standard_stream || extension_of(output) == ending) return {};
     return fail(Exit::usage, "the job made a FILE" + ending + ", not '" + output + "'");
 }
 

@@ -1,6 +1,6 @@
 // raynest heatmap SCENE -o FILE: what each pixel's ray costs, as a picture or as raw counts.
 #include "client/commands/deliver.h"
-#include "client/files.h"
+#include "client/output_file.h"
 
 #include <array>
 #include <cstdio>
@@ -20,13 +20,13 @@ wire::HeatmapT heatmap_message(const HeatmapOptions& options) {
     return request;
 }
 
-void print_statistics(const wire::HeatStatisticsT& heat) {
+void print_statistics(const wire::HeatStatisticsT& heat, std::ostream& to) {
     std::array<char, 160> line;
     std::snprintf(line.data(), line.size(),
                   "%s per ray: min %u, mean %.2f, p50 %u, p99 %u, max %u, %.2f %% clipped",
                   heat.metric.c_str(), heat.min, heat.mean, heat.p50, heat.p99, heat.max,
                   heat.clipped * 100);
-    std::cout << line.data() << '\n';
+    to << line.data() << '\n';
 }
 
 Json statistics_json(const wire::HeatStatisticsT& heat) {
@@ -57,7 +57,7 @@ Result<void> run(Context& context, const HeatmapOptions& options) {
 }
 
 Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture) {
-    if (output.ends_with(".npy")) {
+    if (picture.encode == "raw") {
         auto file = npy_file(picture, "<u4", {picture.height, picture.width});
         if (!file) return tl::unexpected<Failure>(file.error());
         picture.bytes = std::move(*file);
@@ -68,10 +68,10 @@ Result<void> deliver_heatmap(Context& context, const std::string& output, Receiv
     if (context.json) {
         Json json = statistics_json(picture.outcome.heat);
         json.update(picture_json(output, picture));
-        print_json(json);
+        print_json(json, summary_of(output));
     } else {
-        std::cout << picture_text(output, picture) << '\n';
-        print_statistics(picture.outcome.heat);
+        summary_of(output) << picture_text(output, picture) << '\n';
+        print_statistics(picture.outcome.heat, summary_of(output));
     }
     return {};
 }

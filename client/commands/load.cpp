@@ -1,5 +1,6 @@
 // raynest load SOURCE: upload what the daemon lacks, wait until the scene is built.
 #include "client/commands/commands.h"
+#include "client/files.h"
 #include "client/scene_info.h"
 #include "client/upload.h"
 
@@ -54,12 +55,12 @@ Result<Reply<wire::Loaded>> load_scene(Context& context, const LoadOptions& opti
 }  // namespace
 
 Result<void> run(Context& context, const LoadOptions& options) {
-    const bool records = options.source.ends_with(".npy");
-    if (!records && !(options.primitive.empty() && options.instances.empty()))
-        return fail(Exit::usage, "--primitive and --instances are for .npy files; " +
-                                     options.source + " is none");
+    context.progress.update(0, 0, "reading");
     const Result<Upload> upload = gather(options.source, options.primitive, options.instances);
     if (!upload) return tl::unexpected<Failure>(upload.error());
+    if (options.name.empty() && upload->scene_name.empty() && !upload->files.empty())
+        return fail(Exit::usage, "a scene of " + shown_name(options.source) +
+                                     " has no name of its own; pass --name NAME");
     const auto loaded = load_scene(context, options, *upload);
     context.progress.clear();
     if (!loaded) return tl::unexpected<Failure>(loaded.error());

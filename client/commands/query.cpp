@@ -3,9 +3,9 @@
 #include "client/query.h"
 
 #include "client/commands/deliver.h"
-#include "client/files.h"
 #include "client/generator.h"
 #include "client/npy.h"
+#include "client/output_file.h"
 #include "client/query_rows.h"
 #include "client/scene_origin.h"
 
@@ -142,6 +142,26 @@ ChunkConsumer row_printer(const std::string& what, const std::vector<std::string
                const QueryChunk& chunk) mutable { return rows.print(chunk); };
 }
 
+/// Asks about an invalid ray, of which nothing but the columns is passed on: a query has at least
+/// one ray, and so the errors and the types of no rays are those of any others.
+Result<Outcome> ask_about_no_rays(Context& context, wire::QueryT& request, const RaySource& rays,
+                                  const ChunkConsumer& consume) {
+    if (request.job->detach)
+        return fail(Exit::usage,
+                    "a detached job needs rays, and there are none; leave --detach out");
+    request.ray_count = 1;
+    if (request.generator != nullptr) request.generator->samples = 1;
+    const RaySource invalid(std::vector<float>(rays.width()), rays.width(), rays.origin());
+    auto outcome = run_query(
+        context.connection, request, invalid, context.progress, [&](const QueryChunk& chunk) {
+            std::vector<protocol::BlockView> columns(chunk.columns.begin(), chunk.columns.end());
+            for (protocol::BlockView& column : columns) column.count = 0, column.bytes = {};
+            return consume({0, 0, chunk.splits.first(1), columns});
+        });
+    if (outcome) outcome->rays = outcome->misses = 0;
+    return outcome;
+}
+
 /// A truncated answer was given, and is a partial one.
 Result<void> check_whole(const Outcome& outcome) {
     if (outcome.truncated == 0) return {};
@@ -166,6 +186,7 @@ Result<void> run(Context& context, const QueryOptions& options) {
         points = generate->points;
         request.generator = std::make_unique<wire::GeneratorT>(generate->at(origin));
     }
+    context.progress.update(0, 0, "reading");
     Result<RaySource> rays = RaySource(options.rays, origin);
     if (!options.rays_file.empty()) rays = RaySource::open(options.rays_file, options.from, origin);
     if (!points.empty()) rays = RaySource::open_points(points, origin);
@@ -187,6 +208,9 @@ Result<void> run(Context& context, const QueryOptions& options) {
     return deliver_query(
         context, options.output, request.reduce.empty() ? request.kind : request.reduce, shown,
         [&](const ChunkConsumer& consume) {
+            const bool sends = request.generator == nullptr || !points.empty();
+            if (sends && rays->count() == 0)
+                return ask_about_no_rays(context, request, *rays, consume);
             return run_query(context.connection, request, *rays, context.progress, consume);
         });
 }
@@ -219,9 +243,9 @@ Result<void> deliver_query(Context& context, const std::string& output, const st
     if (context.json) {
         Json json = outcome_json(*outcome);
         json["file"] = output;
-        print_json(json);
+        print_json(json, summary_of(output));
     } else {
-        std::cout << output << ": " << outcome_text(*outcome) << '\n';
+        summary_of(output) << output << ": " << outcome_text(*outcome) << '\n';
     }
     return check_whole(*outcome);
 }

@@ -1,6 +1,6 @@
 // raynest render SCENE -o FILE: a picture, encoded by the daemon, or its bytes.
 #include "client/commands/deliver.h"
-#include "client/files.h"
+#include "client/output_file.h"
 
 #include <iostream>
 #include <utility>
@@ -24,7 +24,7 @@ Result<void> run(Context& context, const RenderOptions& options) {
 }
 
 Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture) {
-    if (output.ends_with(".npy")) {
+    if (picture.encode == "raw") {
         auto file = npy_file(picture, "|u1", {picture.height, picture.width, 4});
         if (!file) return tl::unexpected<Failure>(file.error());
         picture.bytes = std::move(*file);
@@ -33,9 +33,9 @@ Result<void> deliver_render(Context& context, const std::string& output, Receive
 
     print_notes(picture.outcome);
     if (context.json)
-        print_json(picture_json(output, picture));
+        print_json(picture_json(output, picture), summary_of(output));
     else
-        std::cout << picture_text(output, picture) << '\n';
+        summary_of(output) << picture_text(output, picture) << '\n';
     return {};
 }
 

@@ -63,10 +63,6 @@ Result<void> add_tcp_pair(SocketPairs& pairs, const Descriptor& listener, const 
 
 }  // namespace
 
-Descriptor::~Descriptor() {
-    if (number_ >= 0) close(number_);
-}
-
 Result<SocketPairs> connect_pairs(int like, std::size_t count) {
     SocketPairs pairs;
     Descriptor listener;

@@ -78,9 +78,12 @@ Result<SceneDescription> describe_builtin(std::string_view source) {
         for (const BuiltinKey& key : builtin.keys) values.emplace(key.name, key.initial);
         return builtin.describe(values);
     }
+    std::vector<std::string> known;
+    for (const Builtin& builtin : builtins)
+        known.push_back(fmt::format("builtin:{} with {}", builtin.name, key_list(builtin)));
     return fail(ErrorCode::scene_invalid,
-                fmt::format("there is no built-in scene '{}'; there are forest, terrain and flake",
-                            name.substr(0, 60)));
+                fmt::format("there is no built-in scene '{}'; there are {}", name.substr(0, 60),
+                            fmt::join(known, "; ")));
 }
 
 }  // namespace raynest

@@ -1,12 +1,16 @@
 #include "engine/assets/npy.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <set>
+#include <span>
+#include <string_view>
 
 namespace raynest {
 namespace {
@@ -99,7 +103,8 @@ Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits, con
     for (const std::uint64_t extent : array.shape) {
         if (extent == 0 || extent > limits.file_bytes_max ||
             count > limits.file_bytes_max / extent) {
-            return refuse(file.name, "has a shape that makes no sense");
+            return refuse(file.name, extent == 0 ? "holds nothing: a side of its shape is 0"
+                                                 : "has a shape of more bytes than a file has");
         }
         count *= extent;
     }
@@ -151,6 +156,15 @@ bool moves_with_point(const PackPrimitive& primitive, std::span<const float> exa
     return moved(before.lower, after.lower) && moved(before.upper, after.upper);
 }
 
+/// The types that records may have, each once.
+std::set<std::string_view> primitive_names(const Registry& registry) {
+    std::set<std::string_view> names;
+    for (const Pack* pack : registry.packs())
+        for (const PackPrimitive& primitive : std::span(pack->primitives, pack->primitive_count))
+            names.insert(primitive.name);
+    return names;
+}
+
 Result<ObjectDescription> read_records(const ImportRequest& request, const ImportLimits& limits,
                                        const Registry& registry, const WorldPoint& origin,
                                        double& rounding) {
@@ -160,9 +174,9 @@ Result<ObjectDescription> read_records(const ImportRequest& request, const Impor
     if (primitive == nullptr) {
         return fail(
             ErrorCode::scene_invalid,
-            fmt::format("a .npy scene needs the name of a primitive type, and '{}' is none; "
-                        "see `raynest variants`",
-                        request.primitive));
+            fmt::format("there is no primitive type '{}' for the records of '{}'; `primitive` is "
+                        "one of {}",
+                        request.primitive, file.name, fmt::join(primitive_names(registry), ", ")));
     }
     auto array = read_array(file, limits, {record_point, origin});
     if (!array) return tl::unexpected<Error>(array.error());
@@ -233,10 +247,8 @@ Result<SceneDescription> describe_npy(const ImportRequest& request, const Import
     if (!object) return tl::unexpected<Error>(object.error());
     scene.objects.push_back(std::move(*object));
     for (std::size_t i = 1; i < request.files.size(); ++i) {
-        if (request.files[i].name != "instances.npy" || scene.root != 0) {
-            return refuse(request.files[i].name,
-                          "is not wanted; placements come as 'instances.npy'");
-        }
+        if (scene.root != 0)
+            return refuse(request.files[i].name, "is not wanted; a file of placements is enough");
         auto instances = read_instances(request.files[i], limits, scene.origin, scene.rounding);
         if (!instances) return tl::unexpected<Error>(instances.error());
         scene.objects.push_back({"scene", {}, std::move(*instances), {}, {}, {}});

@@ -65,7 +65,7 @@ Result<Camera> camera_of_request(const Snapshot& scene, const CameraRequest& req
             request.eye == request.at || request.up == Vec3(0)) {
             return fail(
                 ErrorCode::param_invalid,
-                "look-at needs finite numbers, two different points and an up that is not 0");
+                "`look_at` needs finite numbers, two different points and an up that is not 0");
         }
         return Camera{
             look(glm::dvec3(request.eye), glm::dvec3(request.at) - glm::dvec3(request.eye),
@@ -77,7 +77,7 @@ Result<Camera> camera_of_request(const Snapshot& scene, const CameraRequest& req
     const std::uint32_t index = request.name.empty() ? 0 : find_camera(scene, request.name);
     if (index == no_id) {
         return fail(ErrorCode::scene_invalid,
-                    view.camera_count == 0 ? "the scene has no cameras: use a look-at, or name none"
+                    view.camera_count == 0 ? "the scene has no cameras: use `look_at`, or name none"
                                            : "there is no camera '" + request.name +
                                                  "'; there are: " + camera_list(scene));
     }

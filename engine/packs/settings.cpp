@@ -112,7 +112,7 @@ Result<TraceFunction> find_function(const Variant& variant, Query query, Precisi
                 "intersector '" + variant.name + "' on target " + variant.target +
                     " was not compiled for query " + query_names[query] + ", precision " +
                     precision_names[precision] + ", traversal " + traversal_name(traversal) +
-                    (counting ? ", counters" : "") + ": try traversal auto");
+                    (counting ? ", counters" : "") + ": try `traversal` auto");
 }
 
 Result<Query> parse_query(std::string_view name) {

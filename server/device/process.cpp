@@ -53,9 +53,9 @@ Result<std::shared_ptr<Process>> Process::start(const Setup& setup) {
 Result<void> Process::reserve(const Setup& setup) {
     const std::uint64_t bytes = setup.slots * shape_.bytes();
     if (bytes > slots_share(setup.budget->limit()))
-        return fail(ErrorCode::pack_invalid,
-                    "a call takes " + std::to_string(bytes) +
-                        " bytes, more than a quarter of --memory; give the daemon four times that");
+        return fail(ErrorCode::pack_invalid, "a call takes " + std::to_string(bytes) +
+                                                 " bytes, more than a quarter of raynestd's "
+                                                 "--memory; give the daemon four times that");
     auto lease = setup.budget->reserve(bytes);
     if (!lease)
         return fail(ErrorCode::limit_exceeded, "its slots need " + std::to_string(bytes) +

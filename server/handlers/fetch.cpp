@@ -70,10 +70,8 @@ Reply<Answer> fetch(const Services& services, const Caller& caller,
     const DetachedJob& job = **source;
     const std::string name = "job " + std::to_string(message->job());
     if (!job.ended())
-        return tl::unexpected(protocol::Error{
-            Code::busy,
-            name + " is not done yet; run: raynest wait " + std::to_string(message->job()),
-            retry_ms});
+        return tl::unexpected(
+            protocol::Error{Code::busy, name + " is not done yet; see `Wait`", retry_ms});
     if (job.error()) return tl::unexpected(*job.error());
     Accepted accepted;
     for (const protocol::Frame& frame : job.answer()) {

@@ -43,10 +43,11 @@ std::string default_name(std::string_view source) {
 
 tl::unexpected<protocol::Error> refuse_memory(const std::string& what, std::uint64_t bytes,
                                               const Budget& budget) {
-    return refuse(Code::resource_exhausted,
-                  what + " takes " + std::to_string(bytes) + " bytes more, " +
-                      std::to_string(budget.limit() - budget.used()) +
-                      " of --memory are free; unload a scene or start raynestd with more");
+    return refuse(
+        Code::resource_exhausted,
+        what + " takes " + std::to_string(bytes) + " bytes more, " +
+            std::to_string(budget.limit() - budget.used()) +
+            " of raynestd's --memory are free; unload a scene or start raynestd with more");
 }
 
 /// One file of an upload while its pieces come.
@@ -294,7 +295,7 @@ Reply<Answer> load(const Services& services, const Caller& caller,
     if (order.name.empty() || order.name.size() > services.limits.name_bytes_max)
         return refuse(Code::invalid_field, "the scene needs a name of 1.." +
                                                std::to_string(services.limits.name_bytes_max) +
-                                               " bytes; pass --name");
+                                               " bytes; pass another `name`");
     // What cannot be kept is not uploaded first.
     if (const auto quota = services.scenes.check_quota(order.name, caller, 0); !quota)
         return tl::unexpected(quota.error());

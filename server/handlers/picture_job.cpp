@@ -67,9 +67,9 @@ Reply<PictureOrder> make_order(const Services& services, const Caller& caller, P
                       "a picture of " + std::to_string(width) + "x" + std::to_string(height) +
                           " takes " + std::to_string(bytes) + " bytes while it is made, " +
                           std::to_string(services.budget.limit() - services.budget.used()) +
-                          " of --memory are free; ask for a smaller one" +
+                          " of raynestd's --memory are free; ask for a smaller `size`" +
                           (order.encode == "exr" ? ", or for PNG in place of EXR" : "") +
-                          ", or start raynestd with more --memory");
+                          ", or start raynestd with more");
     order.lease = std::move(*lease);
     return order;
 }

@@ -99,7 +99,7 @@ Reply<Answer> render(const Services& services, const Caller& caller,
     if (auto chosen = choose_worker(services, pixels, *plan); !chosen)
         return tl::unexpected(chosen.error());
     if (message->samples() > 1)
-        plan->notes.push_back("primary traces one ray per pixel, whatever --spp says");
+        plan->notes.push_back("primary traces one ray per pixel, whatever `samples` says");
 
     const std::string_view encode = protocol::word(message->encode(), "png");
     auto order = make_order(services, caller, std::move(*plan), message->camera(), message->width(),

@@ -43,7 +43,7 @@ Reply<void> choose_worker(const Services& services, std::uint64_t rays, Plan& pl
 }
 
 protocol::Error cuda_refused(const device::Refusal& refusal) {
-    return {refusal.code, "the CUDA worker: " + refusal.reason + "; use --worker auto or cpu",
+    return {refusal.code, "the CUDA worker: " + refusal.reason + "; use `worker` auto or cpu",
             refusal.retry_after_ms};
 }
 

@@ -146,8 +146,8 @@ Reply<Budget::Lease> DetachedJobs::make_room(const std::string& principal, std::
         return refuse(Code::resource_exhausted,
                       "the answer needs " + std::to_string(bytes) + " bytes more, " +
                           std::to_string(engine_.budget.limit() - engine_.budget.used()) +
-                          " of --memory are free; fetch or cancel a finished job, or " +
-                          smaller_answer + ", or start raynestd with more --memory");
+                          " of raynestd's --memory are free; fetch or cancel a finished job, or " +
+                          smaller_answer + ", or start raynestd with more");
     return std::move(*room);
 }
 
@@ -169,7 +169,7 @@ Reply<DetachedJobs::Pointer> DetachedJobs::find(std::uint64_t number,
     const auto found = jobs_.find(number);
     if (found == jobs_.end())
         return refuse(Code::job_unknown,
-                      "there is no detached job " + std::to_string(number) + "; run: raynest jobs");
+                      "there is no detached job " + std::to_string(number) + "; see `Jobs`");
     if (found->second->record().principal != principal)
         return refuse(Code::not_allowed,
                       "job " + std::to_string(number) + " belongs to another principal");

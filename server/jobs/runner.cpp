@@ -85,7 +85,7 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
         return refuse(Code::resource_exhausted,
                       "the request's data and answers need " +
                           std::to_string(input_bytes + answer_bytes) +
-                          " bytes of --memory, which are not free; try again later");
+                          " bytes of raynestd's --memory, which are not free; try again later");
     }
     answers_.merge(std::move(*answers));
     const std::uint64_t number = slot->number();

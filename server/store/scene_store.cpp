@@ -85,7 +85,7 @@ Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const S
         return refuse(Code::resource_exhausted,
                       "the scene takes " + std::to_string(bytes) + " bytes, " +
                           std::to_string(budget_.limit() - budget_.used()) +
-                          " of --memory are free; start raynestd with more, or " +
+                          " of raynestd's --memory are free; start raynestd with more, or " +
                           advice(principal));
     auto held =
         std::make_shared<const HeldScene>(HeldScene{std::move(snapshot), std::move(*lease)});
@@ -151,13 +151,13 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     const bool equal = taken && found->second.scene.snapshot().hash() == snapshot->hash();
     if (taken && !equal && !how.replace)
         return refuse(Code::name_taken, "another scene is called '" + name +
-                                            "'; load this one with --name NAME, or put it in the "
-                                            "other's place with --replace");
+                                            "'; give this one another `name`, or put it in the "
+                                            "other's place with `replace`");
     // Other principals that keep the name would find another scene.
     if (taken && !equal && !found->second.only_of(caller.principal))
         return refuse(Code::not_allowed, "scene '" + name +
-                                             "' is held by others too; load this one with "
-                                             "--name NAME");
+                                             "' is held by others too; give this one another "
+                                             "`name`");
 
     // Complete before it is in the table, so that lack of memory leaves what was there.
     Entry entry = taken ? found->second : Entry();
@@ -198,13 +198,12 @@ Reply<NamedScene> SceneStore::find(std::string_view name, std::uint64_t epoch,
     const auto found = resolve(entries_, name, caller);
     if (found == entries_.end())
         return refuse(Code::scene_unknown, "scene '" + std::string(name) +
-                                               "' is not loaded; run: raynest load FILE --name " +
-                                               std::string(name));
+                                               "' is not loaded; see `Scenes`, or `Load` it");
     const NamedScene& scene = found->second.scene;
     if (epoch != 0 && epoch != scene.epoch)
         return refuse(Code::scene_unknown, "scene '" + scene.name + "' is at epoch " +
                                                std::to_string(scene.epoch) + ", not " +
-                                               std::to_string(epoch) + "; ask without --epoch");
+                                               std::to_string(epoch) + "; leave `epoch` out");
     found->second.used = now_();
     return scene;
 }
@@ -225,7 +224,7 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
     const auto found = resolve(entries_, name, caller);
     if (found == entries_.end())
         return refuse(Code::scene_unknown,
-                      "scene '" + std::string(name) + "' is not loaded; run: raynest scenes");
+                      "scene '" + std::string(name) + "' is not loaded; see `Scenes`");
     Entry& entry = found->second;
     const bool temporary_of_mine = entry.owners.empty() && entry.holders.contains(caller.principal);
     if (!entry.owners.contains(caller.principal) && !entry.held_by(caller) && !temporary_of_mine)

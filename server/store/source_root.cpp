@@ -80,10 +80,11 @@ Result<std::optional<SourceFile>> read_under_root(const std::filesystem::path& r
 
     auto lease = budget.reserve(size);
     if (!lease)
-        return fail(ErrorCode::out_of_memory,
-                    "root:" + shown + " has " + std::to_string(size) + " bytes, " +
-                        std::to_string(budget.limit() - budget.used()) +
-                        " of --memory are free; unload a scene or start raynestd with more");
+        return fail(
+            ErrorCode::out_of_memory,
+            "root:" + shown + " has " + std::to_string(size) + " bytes, " +
+                std::to_string(budget.limit() - budget.used()) +
+                " of raynestd's --memory are free; unload a scene or start raynestd with more");
 
     // The file may shrink while it is read; it never grows past the size that was checked.
     SourceFile result{name, std::vector<std::byte>(size), std::move(*lease)};

@@ -105,7 +105,7 @@ class Detach(DaemonTest):
         table = self.expect(0, "jobs").stdout
         self.assertIn("PROGRESS", table.splitlines()[0])
         # What runs is not there to be fetched; another client's attached job can be ended too.
-        self.expect(6, "fetch", runs, "-o", self.out / "early.png", says=f"raynest wait {runs}")
+        self.expect(6, "fetch", runs, "-o", self.out / "early.png", says="raynest wait")
         self.expect(0, "cancel", runs, says=f"cancelled job {runs} (heatmap, hills)")
         self.expect(5, "wait", runs, says="raynest jobs")
         self.expect(0, "cancel", str(mine[0]["job"]))

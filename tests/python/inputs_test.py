@@ -126,6 +126,23 @@ class Inputs(WithDaemon):
         with self.assertRaisesRegex(TypeError, "instances of type bytes"):
             self.client.load("balls.npy", primitive="sphere", instances=b"places.npy")
 
+    def test_who_finds_no_daemon_reads_how_to_start_one(self):
+        with self.assertRaisesRegex(raynest.ConnectError, "start a daemon with: raynestd --listen "
+                                                          f"unix:{self.out}/nobody &"):
+            raynest.connect(f"unix:{self.out}/nobody")
+
+    def test_the_daemon_is_quoted_in_this_packages_words(self):
+        for refused, says in ((lambda: self.woods.trace(DOWN, epoch=9), "leave epoch= out"),
+                              (lambda: self.client.scene("nowhere"),
+                               r"see Client.scenes\(\), or Client.load\(\) it"),
+                              (lambda: self.client.load("builtin:terrain?size=9", "woods"),
+                               "another name=, or put it in the other's place with replace=True")):
+            with self.assertRaisesRegex(raynest.Error, says):
+                refused()
+        self.woods.render(size=(8, 8), samples=4)
+        self.assertIn("primary traces one ray per pixel, whatever samples= says",
+                      self.client.outcome["notes"])
+
     def test_generators_take_no_points_too(self):
         rays = generators.hemisphere([], [], samples=4)
         self.assertEqual(self.woods.trace(rays, reduce="hit_fraction")["hit_fraction"].shape, (0,))

@@ -6,6 +6,8 @@ import socket
 
 from . import errors
 
+DEFAULT_URI = "tcp://127.0.0.1:31060"
+
 _TCP = re.compile(r"tcp://(\[[^]]+\]|[^:]+):(\d{1,5})")
 
 
@@ -15,10 +17,19 @@ def connect(uri: str, seconds_max: float) -> socket.socket:
         opened = _connect_unix(uri[5:], seconds_max) if uri.startswith("unix:") else \
             _connect_tcp(uri, seconds_max)
     except OSError as error:
-        raise errors.ConnectError(f"cannot connect to {uri}: {error.strerror or error}; is "
-                                  "raynestd running there?") from None
+        raise errors.ConnectError(f"cannot connect to {uri}: {error.strerror or error}; "
+                                  f"{_start_hint(uri)}") from None
     opened.setblocking(False)
     return opened
+
+
+def _start_hint(uri: str) -> str:
+    """How to come by a daemon where nobody listens."""
+    if uri == DEFAULT_URI:
+        return "start a daemon with: raynestd &"
+    if uri.startswith(("unix:", "tcp://127.", "tcp://localhost:", "tcp://[::1]:")):
+        return f"start a daemon with: raynestd --listen {uri} &"
+    return "is raynestd running there?"
 
 
 def _connect_unix(path: str, seconds_max: float) -> socket.socket:

@@ -24,7 +24,7 @@ from typing import Callable, Generator, NamedTuple, NoReturn, Optional, Sequence
 import numpy as np
 
 from . import _limits, errors
-from ._address import connect
+from ._address import DEFAULT_URI, connect
 from ._control import Message, decode, encode
 from ._frame import (HEADER, Array, Block, Header, describe, padding, read_blocks, read_header,
                      write_header)
@@ -68,7 +68,7 @@ def _bytes_of(array: Array) -> memoryview:
 
 class Connection:
     def __init__(self, uri: Optional[str], token: Optional[str], window_bytes: int) -> None:
-        self.uri = uri or os.environ.get("RAYNEST_SERVER") or "tcp://127.0.0.1:31060"
+        self.uri = uri or os.environ.get("RAYNEST_SERVER") or DEFAULT_URI
         self._window_bytes = window_bytes
         self._process = os.getpid()
         self._turn = threading.Lock()

@@ -7,6 +7,7 @@ from typing import Any, Callable, Mapping, Optional, TypedDict
 from ._arguments import milliseconds
 from ._control import Message
 from ._frame import Array
+from ._wording import in_own_words
 from .errors import RayWarning, UsageError, warn
 
 # Called with how much is done, of how much, and a word for the stage.
@@ -36,7 +37,7 @@ class Outcome(dict[str, Any]):
     def take(self, name: str, message: Message) -> None:
         if name not in ("Started", "Done"):
             return
-        notes = [*self.get("notes", []), *message.get("notes", [])]
+        notes = [*self.get("notes", []), *map(in_own_words, message.get("notes", []))]
         if message["worker"] not in ("", self.get("worker", message["worker"])):
             self["worker_reason"] = ""  # why another one was chosen explains nothing
         # The words of Done are those that have changed.

@@ -67,7 +67,7 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
     files = [main]
     if instances:
         left = _limits.upload_bytes_max - len(data)
-        files.append(File("instances.npy", read_file(instances, left)))
+        files.append(File(sendable(os.path.basename(instances)), read_file(instances, left)))
     return Upload(main.name, sendable(stem), tuple(files))
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from ._control import Message
 from ._job import origin_of
+from ._wording import in_own_words
 
 _NO_NODE = 2**32 - 1
 
@@ -13,6 +14,7 @@ def scene_info(message: Message) -> dict[str, Any]:
     """Of SceneInfo: lists of names and counts become dicts, points lists, boxes are in the world."""
     info = dict(message)
     info["origin"] = origin = origin_of(info)
+    info["warnings"] = [in_own_words(warning) for warning in info["warnings"]]
     triangles = info["unique_triangles"]
     info["bytes_per_triangle"] = info["tree_bytes"] / triangles if triangles else 0.0
     info["skipped"] = dict(zip(info.pop("skipped_reasons"), info.pop("skipped_counts")))

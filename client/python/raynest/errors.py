@@ -23,6 +23,8 @@ from __future__ import annotations
 import sys
 import warnings
 
+from ._wording import in_own_words
+
 
 class Error(Exception):
     """Anything that RayNest refuses or fails to do; its text says what to do about it."""
@@ -129,4 +131,4 @@ def from_daemon(code: int, message: str, retry_after_ms: int) -> Error:
     name, kind = TABLE[code - 1] if known else INTERNAL
     seconds = retry_after_ms / 1000
     hint = f" (try again in {retry_after_ms} ms)" if retry_after_ms else ""
-    return kind((message or name) + hint, name, code, seconds)
+    return kind(in_own_words(message or name) + hint, name, code, seconds)

@@ -1,6 +1,6 @@
 #include "client/files.h"
 
-#include "client/upload.h"
+#include "client/output_file.h"
 #include "tests/temporary_folder.h"
 
 #include <doctest/doctest.h>
@@ -11,7 +11,9 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <set>
 #include <string>
+#include <thread>
 
 using namespace raynest;
 using test::TemporaryFolder;
@@ -77,14 +79,38 @@ TEST_CASE("links are followed as long as they stay in the folder") {
     }
 }
 
-TEST_CASE("only regular files are read, and pipes are not waited for") {
+TEST_CASE("beneath a folder only regular files are read, and pipes are not waited for") {
     const TemporaryFolder folder;
     REQUIRE(::mkfifo(folder.file("pipe").c_str(), 0600) == 0);
     std::filesystem::create_directory(folder.file("sub"));
     CHECK(!client::read_file_beneath(folder.path(), "pipe", 100));
     CHECK(!client::read_file_beneath(folder.path(), "sub", 100));
-    CHECK(!client::read_file(folder.file("pipe"), 100));
-    CHECK(!client::read_file("/dev/zero", 100));
+}
+
+TEST_CASE("a pipe that the user names is read to its end, which must come") {
+    const TemporaryFolder folder;
+    const std::string pipe = folder.file("pipe");
+    REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
+    const std::string text(200'000, 'x');
+    std::thread writer([&] { std::ofstream(pipe) << text; });
+    const auto read = client::read_file(pipe, 1 << 20);
+    writer.join();
+    REQUIRE(read);
+    CHECK(text_of(*read) == text);
+
+    for (const std::string& bad : {std::string("/dev/zero"), std::string(folder.path())}) {
+        const auto refused = client::read_file(bad, 1 << 20);
+        REQUIRE(!refused);
+        CHECK(refused.error().exit == protocol::Exit::invalid);
+    }
+    CHECK(client::read_file("/dev/null", 100).value().size() == 0);
+}
+
+TEST_CASE("an ending has small letters") {
+    CHECK(client::extension_of("a/b.PNG") == ".png");
+    CHECK(client::extension_of("b.tar.gz") == ".gz");
+    CHECK(client::extension_of("a.b/c").empty());
+    CHECK(client::extension_of("c").empty());
 }
 
 TEST_CASE("a file over the limit is refused by its size") {
@@ -100,12 +126,13 @@ TEST_CASE("a file is written whole or not at all") {
     const std::string text = "new";
     REQUIRE(client::write_file(folder.file("out"), std::as_bytes(std::span(text))));
     CHECK(text_of(client::read_file(folder.file("out"), 100).value()) == "new");
-    CHECK(!std::filesystem::exists(folder.file("out.part")));
-
     std::filesystem::create_directory(folder.file("taken"));
     CHECK(!client::write_file(folder.file("taken"), std::as_bytes(std::span(text))));
-    CHECK(!std::filesystem::exists(folder.file("taken.part")));
     CHECK(!client::write_file(folder.file("no/such/folder"), std::as_bytes(std::span(text))));
+    std::set<std::string> left;
+    for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
+        left.insert(entry.path().filename());
+    CHECK(left == std::set<std::string>{"out", "taken"});
 }
 
 TEST_CASE("a link stays a link, and a pipe a pipe") {

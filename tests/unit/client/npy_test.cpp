@@ -6,6 +6,7 @@
 #include <doctest/doctest.h>
 
 #include <cmath>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -68,21 +69,55 @@ TEST_CASE("files that are no arrays of numbers are refused") {
     CHECK(client::parse_npy(npy(header_of("<f4", "False", "(2,)"), eight)));
     CHECK(client::parse_npy(npy(header_of("<f8", "False", "()"), eight)));
     for (const auto& file :
-         {bytes_of(""), bytes_of("PK\x03\x04........"), bytes_of("\x93NUMPY\x01"),
-          npy(header_of("<f4", "True", "(2,)"), eight),
-          npy(header_of(">f4", "False", "(2,)"), eight),
+         {bytes_of(""),
+          bytes_of("PK\x03\x04........"),
+          bytes_of("\x93NUMPY\x01"),
           npy(header_of("|O", "False", "(2,)"), eight),
+          npy(header_of("<U2", "False", "(1,)"), eight),
+          npy(header_of("<c8", "False", "(1,)"), eight),
+          npy(header_of("<f3", "False", "(1,)"), eight),
+          npy(header_of("<u16", "False", "(1,)"), eight),
+          npy(header_of("", "False", "(1,)"), eight),
+          npy("{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (2,)}", eight),
+          npy("{'descr': '<f4, 'fortran_order': False, 'shape': (2,)}", eight),
+          npy("{'fortran_order': False, 'shape': (2,), 'descr': '", eight),
           npy(header_of("<f4", "False", "(3,)"), eight),
-          npy(header_of("<f4", "False", "(2,"), eight), npy(header_of("<f4", "False", "2"), eight),
+          npy(header_of("<f4", "False", "(2,"), eight),
+          npy(header_of("<f4", "False", "2"), eight),
           npy(header_of("<f4", "False", "(-2,)"), eight),
           npy(header_of("<f4", "False", "(4611686018427387906,)"), eight),
           npy(header_of("<f4", "False", "(18446744073709551615, 2)"), eight),
-          npy(header_of("<f4", "False", "(1,1,1,1,1,1,1,1,2)"), eight), npy("{}", eight),
+          npy(header_of("<f4", "False", "(1,1,1,1,1,1,1,1,2)"), eight),
+          npy("{}", eight),
           npy("", eight)}) {
         const auto read = client::parse_npy(file);
         REQUIRE(!read);
         CHECK(read.error().exit == protocol::Exit::invalid);
     }
+}
+
+TEST_CASE("rows are read in either order and byte order, rounded to float32") {
+    const auto rows_of = [](const std::string& descr, const std::string& order,
+                            const std::string& data) {
+        const std::vector<std::byte> file = npy(header_of(descr, order, "(2, 2)"), data);
+        const auto array = client::parse_npy(file);
+        REQUIRE(array);
+        std::vector<float> rows(2);
+        client::read_rows(*array, 1, rows);
+        return rows;
+    };
+    using Rows = std::vector<float>;
+    CHECK(rows_of("|u1", "False", {1, 2, 3, -1}) == Rows{3, 255});
+    CHECK(rows_of("|i1", "True", {1, 2, 3, -1}) == Rows{2, -1});
+    CHECK(rows_of(">i2", "False", {0, 1, 0, 2, 1, 0, -1, -2}) == Rows{256, -2});
+    CHECK(rows_of("<u2", "False", {0, 1, 0, 2, 1, 0, -1, -1}) == Rows{1, 65535});
+    // Float16: 1.5, the smallest number, the largest, minus infinity.
+    CHECK(rows_of(">f2", "False", {0x3E, 0, 0, 1, 0x7B, -1, -4, 0}) ==
+          Rows{65504, -std::numeric_limits<float>::infinity()});
+    CHECK(rows_of(">f2", "True", {0x3E, 0, 0, 1, 0x7B, -1, -4, 0}) ==
+          Rows{0x1p-24F, -std::numeric_limits<float>::infinity()});
+    CHECK(std::isnan(rows_of("<f2", "False", {0, 0, 0, 0, 1, 0x7C, 0, -0x80})[0]));
+    CHECK(std::signbit(rows_of("<f2", "False", {0, 0, 0, 0, 1, 0x7C, 0, -0x80})[1]));
 }
 
 TEST_CASE("CRC-32 is ZIP's") {
@@ -163,12 +198,17 @@ TEST_CASE("rays are read from float32 and float64, six or eight to a row") {
     REQUIRE(rays->common_origin());
     CHECK(*rays->common_origin() == wire::Vec3(1, 2, 3));
 
-    for (const Array& bad :
-         {Array{"<f4", {12}, std::as_bytes(std::span(six))},
-          Array{"<f4", {4, 3}, std::as_bytes(std::span(six))},
-          Array{"<u4", {2, 6}, std::as_bytes(std::span(six))}, Array{"<f4", {0, 6}, {}}}) {
+    for (const Array& bad : {Array{"<f4", {12}, std::as_bytes(std::span(six))},
+                             Array{"<f4", {4, 3}, std::as_bytes(std::span(six))},
+                             Array{"<f4", {2, 3, 2}, std::as_bytes(std::span(six))}}) {
         write_rays(folder, bad);
         CHECK(!client::RaySource::open(folder.file("rays.npy"), std::nullopt));
         CHECK(!client::RaySource::open_points(folder.file("rays.npy")));
     }
+    for (const Array& none : {Array{"<f4", {0, 6}, {}}, Array{"<f8", {0}, {}}}) {
+        write_rays(folder, none);
+        CHECK(client::RaySource::open(folder.file("rays.npy"), std::nullopt)->count() == 0);
+    }
+    write_rays(folder, {"<f4", {6}, std::as_bytes(std::span(six)).first(24)});
+    CHECK(client::RaySource::open(folder.file("rays.npy"), std::nullopt)->count() == 1);
 }

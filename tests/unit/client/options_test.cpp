@@ -118,8 +118,7 @@ TEST_CASE("global options stand before or after the subcommand") {
 }
 
 TEST_CASE("mistakes are usage errors in one line") {
-    const std::vector<std::string> lines = {"",
-                                            "nonsense",
+    const std::vector<std::string> lines = {"nonsense",
                                             "load",
                                             "scenes extra",
                                             "query f",
@@ -171,6 +170,8 @@ TEST_CASE("a complaint names what is wrong and what is wanted") {
     for (const std::string line : {"rendr", "rendr --help", "rendr forest -o x.png"})
         says(line, "no subcommand 'rendr'; there are load, scenes");
     says("--jason --help", "no option --jason");
+    says("query f --rayz a.npy", "no option --rayz");
+    says("render f --sise 8x8", "no option --sise");
     says("path f 9 --epoch 0", "'0' is not a whole number from 1 to 18446744073709551615");
     says("path f 9 --epoch 99999999999999999999", "'99999999999999999999' is not a whole number");
     says("render f -o x.png --seed 0.5", "'0.5' is not a whole number");
@@ -182,6 +183,14 @@ TEST_CASE("a complaint names what is wrong and what is wanted") {
     says(query + "--set cutoff", "'cutoff' is not name=value");
     says(query + "--fields t,prim,t", "'t' is named twice");
     says(query + "--fields t,,prim", "empty name");
+}
+
+TEST_CASE("the bare name is answered by what to type first") {
+    for (const char* line : {"", "--quiet"}) {
+        const std::string message = complaint(words_of(line));
+        CHECK(message.find("\n  raynest load builtin:forest\n") != std::string::npos);
+        CHECK(message.find("raynest --help") != std::string::npos);
+    }
 }
 
 TEST_CASE("empty texts are refused where a name belongs") {

@@ -50,7 +50,10 @@ TEST_CASE("a glTF is gathered with what it names") {
 TEST_CASE("the hash is FNV-1a") {
     const std::string text = "foobar";
     CHECK(protocol::content_hash({}) == 0xCBF29CE484222325ULL);
-    CHECK(protocol::content_hash(std::as_bytes(std::span(text))) == 0x85944171F73967E8ULL);
+    const auto bytes = std::as_bytes(std::span(text));
+    CHECK(protocol::content_hash(bytes) == 0x85944171F73967E8ULL);
+    CHECK(protocol::content_hash(bytes.subspan(2), protocol::content_hash(bytes.first(2))) ==
+          0x85944171F73967E8ULL);
 }
 
 TEST_CASE("sources without files are sent as they are, and the daemon names the scene") {
@@ -69,11 +72,11 @@ TEST_CASE("records come with the name of their primitive and their instances") {
     folder.write("places.npy", "y");
     const auto upload = gather(folder.file("balls.npy"), "sphere", folder.file("places.npy"));
     REQUIRE(upload);
-    CHECK(upload->source == "points.npy");
+    CHECK(upload->source == "balls.npy");
     CHECK(upload->scene_name == "balls");
     REQUIRE(upload->files.size() == 2);
-    CHECK(upload->files[0].name == "points.npy");
-    CHECK(upload->files[1].name == "instances.npy");
+    CHECK(upload->files[0].name == "balls.npy");
+    CHECK(upload->files[1].name == "places.npy");
     const auto nameless = gather(folder.file("balls.npy"), "", "");
     REQUIRE(!nameless);
     CHECK(nameless.error().exit == protocol::Exit::usage);

@@ -1,7 +1,10 @@
 #include "server/options.h"
 
+#include "../../temporary_folder.h"
+
 #include <doctest/doctest.h>
 
+#include <fstream>
 #include <iostream>
 #include <sstream>
 #include <string>
@@ -95,6 +98,57 @@ TEST_CASE("a socket is opened to a group by its name or number") {
     CHECK(both.options->socket.mode == 0600);
     CHECK(mentions(complaint({"--socket-mode", "0860"}), "'0860' is not a mode"));
     CHECK(mentions(complaint({"--socket-group", "nobody-there"}), "no group 'nobody-there'"));
+}
+
+/// A configuration file in a folder of its own, and what parsing it says on stderr.
+class ConfigFile {
+public:
+    explicit ConfigFile(const std::string& text) { std::ofstream(path_) << text; }
+    [[nodiscard]] const std::string& path() const { return path_; }
+    ParsedOptions read() {
+        std::ostringstream said;
+        std::streambuf* const before = std::cerr.rdbuf(said.rdbuf());
+        const auto parsed = parse({"--config", path_.c_str()});
+        std::cerr.rdbuf(before);
+        complaint_ = said.str();
+        return parsed;
+    }
+    [[nodiscard]] const std::string& complaint() const { return complaint_; }
+
+private:
+    test::TemporaryFolder folder_;
+    std::string path_ = folder_.path() / "raynestd.conf";
+    std::string complaint_;
+};
+
+TEST_CASE("a configuration file is read, and its repeated lines add up") {
+    ConfigFile file("# mine\nthreads=3\nlisten=unix:/tmp/a\n\nmemory=\"2G\"\nlisten=unix:/tmp/b\n");
+    const auto parsed = file.read();
+    REQUIRE_MESSAGE(parsed.options, file.complaint());
+    CHECK(parsed.options->threads == 3);
+    CHECK(parsed.options->memory == 2ULL << 30);
+    CHECK(parsed.options->listen == std::vector<std::string>{"unix:/tmp/a", "unix:/tmp/b"});
+}
+
+TEST_CASE("a fault of a configuration file names its file, its line and its key") {
+    struct Case {
+        const char* text;
+        const char* line;
+        const char* key;
+    };
+    for (const Case& wrong :
+         {Case{"threads=2\nthrads=3\n", "line 2", "'thrads'"},
+          Case{"# all\n\nthreads=many\n", "line 3", "threads"},
+          Case{"target=v9\n", "line 1", "target"}, Case{"[net]\nthreads=1\n", "line 1", "section"},
+          Case{"config=/tmp/other\n", "line 1", "'config'"}}) {
+        ConfigFile file(wrong.text);
+        const auto parsed = file.read();
+        CHECK_FALSE(parsed.options);
+        CHECK(parsed.exit_code == 2);
+        for (const std::string& word :
+             {file.path(), std::string(wrong.line), std::string(wrong.key)})
+            CHECK_MESSAGE(file.complaint().find(word) != std::string::npos, file.complaint());
+    }
 }
 
 }  // namespace

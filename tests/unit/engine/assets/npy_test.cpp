@@ -76,7 +76,7 @@ TEST_CASE("an array that does not fit says what would") {
     CHECK(refusal(npy<float>("(2, 3)", {0, 0, 0, 1, 1, 1})).find("(N, 4)") != std::string::npos);
     CHECK(refusal(npy<float>("(1, 4)", {0, 0, 0, 1}, "True")).find("C order") != std::string::npos);
     CHECK(refusal(npy<float>("(2, 4)", {0, 0, 0, 1})).find("cut short") != std::string::npos);
-    CHECK(refusal(npy<float>("(4611686018427387904, 4)", {0})).find("makes no sense") !=
+    CHECK(refusal(npy<float>("(4611686018427387904, 4)", {0})).find("more bytes than a file has") !=
           std::string::npos);
     const float nan = std::numeric_limits<float>::quiet_NaN();
     CHECK(refusal(npy<float>("(2, 4)", {0, 0, 0, 1, nan, nan, 0, 1})).find("2 values") !=

@@ -1,0 +1,199 @@
+#!/usr/bin/env python3
+"""What newcomers read: the first steps, how to start a daemon, which word was wrong and what to do,
+each client in its own words; progress of what takes long, and how Ctrl-C ends it.
+
+  first_hour_test.py RAYNESTD RAYNEST
+"""
+import io
+import json
+import os
+import pathlib
+import pty
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+import unittest
+
+import numpy
+
+from daemon import Client, Daemon, DaemonTest, PATIENCE, closed_port, until
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+
+def children(pid):
+    """Process ids of the children of a process."""
+    found = []
+    for entry in pathlib.Path("/proc").glob("[0-9]*"):
+        try:
+            if int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1]) == pid:
+                found.append(int(entry.name))
+        except (OSError, IndexError):
+            pass
+    return found
+
+
+class FirstHour(DaemonTest):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.client.json("load", "builtin:terrain?size=32", "--name", "hills")
+
+    def says(self, code, words, *arguments):
+        done = self.client.run(*arguments)
+        self.assertEqual(done.returncode, code, done.stderr)
+        for word in (words,) if isinstance(words, str) else words:
+            self.assertIn(word, done.stderr)
+        return done.stderr
+
+    # ---- the first steps ------------------------------------------------------------------------
+
+    def test_the_bare_name_shows_three_commands_that_work(self):
+        said = self.says(2, "raynest --help")
+        commands = [line.split() for line in said.splitlines() if line.startswith("  raynest ")]
+        self.assertEqual(len(commands), 3)
+        for command in commands:
+            done = subprocess.run([self.raynest, *command[1:]], cwd=self.out, check=False,
+                                  capture_output=True, timeout=PATIENCE,
+                                  env=dict(os.environ, RAYNEST_SERVER=self.daemon.uri))
+            self.assertEqual(done.returncode, 0, done.stderr)
+        self.client.run("unload", "forest")
+        self.says(2, "raynest load builtin:forest", "--quiet")
+
+    def test_who_finds_no_daemon_reads_how_to_start_one(self):
+        with closed_port() as uri:
+            done = Client(self.raynest, uri).run("scenes")
+        self.assertEqual(done.returncode, 3)
+        self.assertIn(f"start a daemon with: raynestd --listen {uri} &", done.stderr)
+        done = Client(self.raynest, f"unix:{self.out}/nobody").run("scenes")
+        self.assertIn(f"start a daemon with: raynestd --listen unix:{self.out}/nobody &", done.stderr)
+
+    # ---- messages -------------------------------------------------------------------------------
+
+    def test_messages_name_what_was_wrong_and_what_to_do(self):
+        numpy.save(self.out / "flat.npy", numpy.zeros((2, 3), numpy.float32))
+        numpy.save(self.out / "balls.npy", numpy.ones((2, 4), numpy.float32))
+        self.says(2, "there is no option --rayz", "query", "hills", "--rayz", "a.npy")
+        self.says(2, "there is no option --sizes", "render", "hills", "--sizes", "8x8")
+        self.says(5, ("'flat.npy'", "(N, 4)"), "load", self.out / "flat.npy", "--primitive", "sphere")
+        self.says(5, ("'flat.npy'", "(M, 12)"), "load", self.out / "balls.npy", "--primitive",
+                  "sphere", "--instances", self.out / "flat.npy")
+        self.says(5, ("'cube'", "'balls.npy'", "--primitive", "sphere"), "load",
+                  self.out / "balls.npy", "--primitive", "cube")
+        for source in ("builtin:", "builtin:woods"):
+            self.says(5, ("builtin:forest", "trees", "builtin:terrain", "size", "builtin:flake",
+                          "depth"), "load", source, "--name", "x")
+        self.says(1, ("--name", "--replace"), "load", "builtin:terrain?size=9", "--name", "hills")
+        self.says(5, ("raynest scenes", "raynest load"), "info", "nowhere")
+        self.says(5, "leave --epoch out", "query", "hills", "--ray", "0,9,0,0,-1,0", "--epoch", "7")
+
+    def test_only_who_asked_for_an_exr_is_told_to_take_a_png(self):
+        small = Daemon(self.raynestd, "--memory", "200M")
+        self.addCleanup(small.stop)
+        client = Client(self.raynest, small.uri)
+        client.json("load", "builtin:terrain?size=8", "--name", "hills")
+        for ending, advised in (("png", False), ("exr", True)):
+            done = client.run("render", "hills", "--size", "8192x8192", "-o",
+                              self.out / f"a.{ending}")
+            self.assertEqual(done.returncode, 6, done.stderr)
+            self.assertIn("ask for a smaller --size", done.stderr)
+            self.assertEqual("PNG in place of EXR" in done.stderr, advised, done.stderr)
+
+    def test_each_client_knows_every_word_of_the_daemon(self):
+        """A word between backticks in a message is one of the protocol: each client has another."""
+        words = set()
+        for folder in ("server", "engine", "protocol"):
+            for path in (ROOT / folder).rglob("*.cpp"):
+                for line in path.read_text().splitlines():
+                    for text in re.findall(r'"[^"]*"', line.split("//")[0]):
+                        words.update(re.findall(r"`([A-Za-z_]+)`", text))
+        self.assertGreater(len(words), 5)
+        of_cli = set(re.findall(r'Word\{"(\w+)"', (ROOT / "client/wording.cpp").read_text()))
+        sys.path.insert(0, str(ROOT / "client/python/raynest"))
+        self.addCleanup(sys.path.pop, 0)
+        import _wording
+        self.assertEqual((words - of_cli, words - _wording.WORDS.keys()), (set(), set()))
+        self.assertEqual(of_cli, _wording.WORDS.keys())
+        self.assertEqual(_wording.in_own_words("a `deadline_ms`, `x` or ` `Load`"),
+                         "a deadline=, `x` or ` Client.load()")
+
+    # ---- what takes long ------------------------------------------------------------------------
+
+    def on_terminal(self, *arguments):
+        """Starts a command whose stderr is a terminal; gives the process and that terminal."""
+        ours, theirs = pty.openpty()
+        self.addCleanup(os.close, ours)
+        with open(theirs, "wb", buffering=0) as terminal:
+            process = subprocess.Popen(
+                [self.raynest, *map(str, arguments)], stderr=terminal, stdout=subprocess.PIPE,
+                stdin=subprocess.DEVNULL, env=dict(os.environ, RAYNEST_SERVER=self.daemon.uri))
+        self.addCleanup(process.communicate)
+        self.addCleanup(process.kill)
+        return process, ours
+
+    def seen(self, terminal, enough=lambda text: False):
+        """What the terminal shows until that is enough, or the command has left it."""
+        text = b""
+        end = time.monotonic() + PATIENCE
+        while not enough(text) and time.monotonic() < end:
+            try:
+                if select.select([terminal], [], [], 0.1)[0]:
+                    text += os.read(terminal, 1 << 16)
+            except OSError:
+                break
+        return text
+
+    def test_long_work_shows_progress_on_a_terminal(self):
+        rays = io.BytesIO()
+        numpy.save(rays, numpy.ones((1, 6), numpy.float32))
+        os.mkfifo(self.out / "slow.npy")
+        for options, shown in (((), True), (("--quiet",), False), (("--json",), False)):
+            process, terminal = self.on_terminal(*options, "query", "hills", "--rays",
+                                                 self.out / "slow.npy")
+            with open(self.out / "slow.npy", "wb") as pipe:  # opens once it is read
+                if shown:
+                    text = self.seen(terminal, lambda text: b"reading" in text)
+                    self.assertIn(b"reading 0 s", text)
+                pipe.write(rays.getvalue())
+            text = self.seen(terminal)
+            self.assertEqual(process.wait(PATIENCE), 0)
+            if not shown:
+                self.assertEqual(text, b"")
+        done = self.client.run("load", "builtin:terrain?size=16", "--name", "small")
+        self.assertEqual(done.stderr, "")
+
+    def test_an_interrupt_ends_a_load_and_its_import(self):
+        for source in ("builtin:forest?trees=4000000&levels=1&leaves=200", "builtin:terrain?size=8192"):
+            process = self.client.start("load", source, "--name", "huge")
+            until(lambda: children(self.daemon.process.pid))
+            process.send_signal(signal.SIGINT)
+            _, errors = process.communicate(timeout=PATIENCE)
+            self.assertEqual((process.returncode, errors),
+                             (130, "raynest: interrupted; the request was cancelled\n"))
+            until(lambda: not children(self.daemon.process.pid))
+            self.says(5, "'huge' is not loaded", "info", "huge")
+        self.assertEqual(self.client.json("stats")["jobs_cancelled"], 2)
+
+    def test_an_interrupt_ends_an_upload(self):
+        (self.out / "large.bin").write_bytes(b"")
+        os.truncate(self.out / "large.bin", 400 << 20)
+        (self.out / "large.gltf").write_text(json.dumps({
+            "asset": {"version": "2.0"},
+            "buffers": [{"uri": "large.bin", "byteLength": 400 << 20}]}))
+        before = self.client.json("stats")["jobs_started"]
+        process = self.client.start("load", self.out / "large.gltf")
+        until(lambda: self.client.json("stats")["jobs_started"] > before)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=PATIENCE)
+        self.assertEqual(process.returncode, 130)
+        until(lambda: self.client.json("stats")["jobs_started"]
+              == self.client.json("stats")["jobs_ended"])
+        self.says(5, "'large' is not loaded", "info", "large")
+
+
+if __name__ == "__main__":
+    FirstHour.raynestd, FirstHour.raynest = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1])
