@@ -19,7 +19,7 @@ from daemon import PATIENCE, SHARED_SCENES, Client, Daemon, run_tests
 
 RESIDENT_GROWTH_MAX = 512 << 20
 # What another client waits for one answer, the start of its process included. Some hundredths of a second are usual.
-WAIT_MAX = PATIENCE / 5
+WAIT_MAX = PATIENCE / 15
 CUTS = 200
 
 
