@@ -6,9 +6,8 @@
 #include "server/handlers/scene_info.h"
 
 #include <algorithm>
-#include <array>
-#include <cstdio>
 #include <cstring>
+#include <sstream>
 #include <utility>
 
 namespace raynest::server {
@@ -140,15 +139,20 @@ std::string PictureJob::hint() const {
                        backs_ > order_.pixels() / 100 * 99;
     if (!nothing && !backs) return {};
     const Framing view = framing(scene.bounds());
-    std::array<char, 160> lookat{};
-    std::snprintf(lookat.data(), lookat.size(), "%.6g,%.6g,%.6g,%.6g,%.6g,%.6g", view.eye.x,
-                  view.eye.y, view.eye.z, view.at.x, view.at.y, view.at.z);
+    const WorldPoint& origin = scene.origin();
+    std::ostringstream lookat;
+    lookat.precision(origin == WorldPoint{} ? 6 : 12);
+    for (const glm::dvec3& point : {view.eye, view.at}) {
+        for (int i = 0; i < 3; ++i)
+            lookat << (lookat.tellp() == 0 ? "" : ",")
+                   << origin[static_cast<std::size_t>(i)] + point[i];
+    }
     const std::string camera = "camera '" + order_.camera.name + "' ";
     return clean_text(
         camera +
             (nothing ? "sees nothing" : "sees only backs of surfaces, as from inside of them") +
             "; to frame the scene: raynest " + std::string(command()) + ' ' +
-            order_.plan.scene.name + " --lookat " + lookat.data(),
+            order_.plan.scene.name + " --lookat " + lookat.str(),
         services_.limits.text_bytes_max);
 }
 
