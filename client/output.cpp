@@ -97,7 +97,7 @@ template <class Number>
 std::string shortest_text(Number value) {
     if (!std::isfinite(value)) return "null";
     std::array<char, 32> text;
-    const float shown = value + 0.0F;  // without -0
+    const Number shown = value + Number{0};  // without -0
     const auto [end, error] = std::to_chars(text.data(), text.data() + text.size(), shown);
     return std::string(text.data(), end);
 }

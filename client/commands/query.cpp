@@ -151,14 +151,14 @@ Result<Outcome> ask_about_no_rays(Context& context, wire::QueryT& request, const
                     "a detached job needs rays, and there are none; leave --detach out");
     request.ray_count = 1;
     if (request.generator != nullptr) request.generator->samples = 1;
-    const RaySource invalid(std::vector<float>(rays.width()), rays.width(), rays.origin());
+    const RaySource invalid(std::vector<float>(rays.width()), rays.width(), rays.common_origin());
     auto outcome = run_query(
         context.connection, request, invalid, context.progress, [&](const QueryChunk& chunk) {
             std::vector<protocol::BlockView> columns(chunk.columns.begin(), chunk.columns.end());
             for (protocol::BlockView& column : columns) column.count = 0, column.bytes = {};
             return consume({0, 0, chunk.splits.first(1), columns});
         });
-    if (outcome) outcome->rays = outcome->misses = 0;
+    if (outcome) outcome->rays = outcome->misses = outcome->invalid = 0;
     return outcome;
 }
 

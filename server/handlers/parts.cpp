@@ -42,7 +42,8 @@ Reply<Answer> parts(const Services& services, const Caller& caller,
     if (kind != "meshes" && kind != "materials")
         return refuse(Code::invalid_field, "unknown kind '" + std::string(kind) +
                                                "' of parts: use one of meshes, materials");
-    const auto scene = services.scenes.find(protocol::text(message->scene()), message->epoch());
+    const auto scene =
+        services.scenes.find(protocol::text(message->scene()), message->epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
     const Snapshot& snapshot = scene->snapshot();
     const std::size_t total =

@@ -133,9 +133,9 @@ Frames PictureJob::farewell() {
 std::string PictureJob::hint() const {
     const Snapshot& scene = order_.plan.scene.snapshot();
     if (scene.bounds().is_empty()) return {};
-    const bool nothing = tally_.misses() == order_.pixels();
+    const bool nothing = tally_.hits() == 0;
     // Every pixel, but for a few cracks and edges, is the back of something.
-    const bool backs = order_.plan.query == query_closest && tally_.misses() == 0 &&
+    const bool backs = order_.plan.query == query_closest && tally_.hits() == order_.pixels() &&
                        backs_ > order_.pixels() / 100 * 99;
     if (!nothing && !backs) return {};
     const Framing view = framing(scene.bounds());

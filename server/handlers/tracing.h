@@ -86,6 +86,7 @@ public:
     void add(const TraceBuffers& buffers, const Counts& counts);
 
     [[nodiscard]] std::uint64_t rays() const { return rays_; }
+    [[nodiscard]] std::uint64_t hits() const { return hits_; }
     /// Rays, hits, times, target, traversal, worker and notes of DONE.
     [[nodiscard]] wire::DoneT done(const Plan& plan) const;
 

@@ -101,9 +101,9 @@ class Queries(DaemonTest):
                       self.query("woods", "--rays", self.out / "whole.npy"))
         self.query("woods", "--rays", self.out / "ways.npy", code=5, says="(N, 3) with --from")
         self.query("woods", "--generate", "hemisphere", f"points={self.out / 'ways.npy'}", code=5,
-                   says="of shape (N, 6) or (N, 8)\n")
+                   says="(20000, 3); rays have the shape (N, 6) or (N, 8)\n")
         self.query("woods", "--rays", self.out / "whole.npy", "--from", "1,2,3", code=5,
-                   says="of shape (N, 3)")
+                   says="rays have the shape (N, 3)")
 
     def test_many_hits_per_ray_come_whole_and_sorted_in_many_chunks(self):
         rays = numpy.load(self.out / "up.npy")

@@ -378,7 +378,7 @@ class RayForms(unittest.TestCase):
         np.testing.assert_array_equal(rays.frame(0, 2), [[1, 0, 0, 0, 0, 0], [1, 0, 0, -2, 4, 0]])
 
     def test_what_is_no_ray_is_refused(self):
-        for rays in ((np.zeros((4, 7)),), (np.zeros(6),), (np.zeros((2, 3)), np.zeros((3, 3))),
+        for rays in ((np.zeros((4, 7)),), (np.zeros(7),), (np.zeros((2, 3)), np.zeros((3, 3))),
                      (np.zeros((2, 2)), np.zeros((2, 2))), (["a"],), (np.zeros((1, 6), complex),)):
             with self.assertRaises(errors.UsageError):
                 Rays(*rays)
