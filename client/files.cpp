@@ -182,4 +182,5 @@ Result<std::optional<protocol::Buffer>> read_file_beneath(const std::string& fol
             name, "link leaves the folder; only relative links that end inside it are followed");
     return refuse(name, errno == ELOOP ? "links lead in a circle" : std::strerror(errno));
 }
+
 }  // namespace raynest::client

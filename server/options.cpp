@@ -130,7 +130,8 @@ void declare(CLI::App& app, Options& options, Words& words) {
         ->check(CLI::IsMember({"off"}))
         ->capture_default_str();
     app.add_option("--state", options.state, "Folder that this daemon alone may use; locked");
-    app.add_option("--scene-root", options.scene_root, "Folder in which root:PATH is looked up")
+    app.add_option("--scene-root", options.scene_root,
+                   "Folder in which root:PATH is looked up; links must end inside")
         ->check(CLI::ExistingDirectory);
     app.add_option("--pack-dir", options.pack_dirs, "Folder with more kernel packs, repeatable")
         ->check(CLI::ExistingDirectory);
