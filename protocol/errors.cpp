@@ -42,7 +42,7 @@ constexpr std::array table = {
               "this build of the daemon cannot do that"},
     ErrorInfo{Code::internal, "INTERNAL", Exit::failed,
               "a defect of the daemon: please report the message and the daemon's log"},
-    ErrorInfo{Code::job_unknown, "JOB_UNKNOWN", Exit::invalid, "see `Jobs`"},
+    ErrorInfo{Code::job_unknown, "JOB_UNKNOWN", Exit::invalid, "see `Jobs` for those there are"},
 };
 
 // error_info() indexes by number.

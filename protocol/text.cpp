@@ -31,4 +31,26 @@ std::optional<char> percent_code(std::string_view text) {
     return static_cast<char>(byte);
 }
 
+bool printable(std::string_view text) {
+    for (std::size_t i = 0; i < text.size();) {
+        const auto lead = static_cast<unsigned char>(text[i]);
+        const std::size_t length = lead < 0x80 ? 1 : lead < 0xE0 ? 2 : lead < 0xF0 ? 3 : 4;
+        if (lead < 0x20 || lead == 0x7F || (lead >= 0x80 && lead < 0xC2) || lead > 0xF4)
+            return false;
+        if (text.size() - i < length) return false;
+        std::uint32_t code = length == 1 ? lead : lead & (0xFFU >> (length + 1));
+        for (std::size_t k = 1; k < length; ++k) {
+            const auto byte = static_cast<unsigned char>(text[i + k]);
+            if ((byte & 0xC0U) != 0x80U) return false;
+            code = code << 6 | (byte & 0x3FU);
+        }
+        // The C1 controls, overlong forms, surrogates, and what lies beyond Unicode.
+        if ((code >= 0x80 && code < 0xA0) || (length == 3 && code < 0x800) ||
+            (length == 4 && code < 0x10000) || (code >= 0xD800 && code < 0xE000) || code > 0x10FFFF)
+            return false;
+        i += length;
+    }
+    return true;
+}
+
 }  // namespace raynest::protocol

@@ -79,7 +79,8 @@ TEST_CASE("nothing outside of the root is opened, and no message names a folder"
         const auto file = read(folder, path, 100, budget);
         CHECK_FALSE_MESSAGE((file && *file), path);
         if (!file) CHECK(file.error().message.find(folder.path().string()) == std::string::npos);
-        CHECK_FALSE((read(folder, "a", 100, budget, path) && path != "."));
+        const auto below = read(folder, "a", 100, budget, path);
+        CHECK_FALSE((below && *below && path != "."));
     }
     CHECK(read(folder, "inner", 100, budget)->has_value());
     CHECK(read(folder, "link", 100, budget).error().message.find("link leaves the folder") !=

@@ -1,0 +1,217 @@
+// The options that several commands share, as CLI11 declares them. Included by options.cpp alone:
+// the header of CLI11 is large.
+#pragma once
+
+#include "client/files.h"
+#include "client/numbers.h"
+#include "client/options.h"
+
+#include <CLI/CLI.hpp>
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <set>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::client {
+
+/// An option whose text goes through `read`, which says what is wrong, or "".
+template <class Read>
+CLI::Option* add_parsed(CLI::App& app, const std::string& name, Read read,
+                        const std::string& text) {
+    return app.add_option_function<std::string>(
+        name,
+        [name, read](const std::string& value) {
+            const std::string complaint = read(value);
+            if (!complaint.empty()) throw CLI::ValidationError(name, complaint);
+        },
+        text);
+}
+
+/// A number from `least` to `most`; `what` says so to people. CLI11 alone would read -1 as 2^64 - 1
+/// and 2^70 as 2^64 - 1, and let NaN through every range.
+template <class Number>
+CLI::Option* add_number(CLI::App& app, const std::string& name, Number& value, Number least,
+                        Number most, const std::string& what, const std::string& text) {
+    const auto read = [&value, least, most, what](const std::string& digits) -> std::string {
+        const char* last = digits.data() + digits.size();
+        const auto [end, error] = std::from_chars(digits.data(), last, value);
+        const bool good = error == std::errc{} && end == last && value >= least && value <= most;
+        return good ? "" : "'" + digits + "' is not " + what;
+    };
+    return add_parsed(app, name, read, text)->type_name("NUMBER");
+}
+
+template <class Whole>
+CLI::Option* add_whole(CLI::App& app, const std::string& name, Whole& value, Whole least,
+                       Whole most, const std::string& text) {
+    return add_number(
+        app, name, value, least, most,
+        "a whole number from " + std::to_string(least) + " to " + std::to_string(most), text);
+}
+inline constexpr std::uint64_t any_whole = std::numeric_limits<std::uint64_t>::max();
+
+/// "" is what a script passes for a variable that it forgot to set.
+inline std::string complain_if_empty(const std::string& text) {
+    return text.empty() ? "must not be empty" : "";
+}
+
+/// name=value, each name once.
+inline void check_settings(const std::vector<std::string>& settings) {
+    std::set<std::string> names;
+    for (const std::string& setting : settings) {
+        const std::size_t equals = setting.find('=');
+        if (equals == 0 || equals == std::string::npos)
+            throw CLI::ValidationError("--set", "'" + setting + "' is not name=value");
+        if (!names.insert(setting.substr(0, equals)).second)
+            throw CLI::ValidationError("--set", "'" + setting.substr(0, equals) + "' is set twice");
+    }
+}
+
+inline void add_scene(CLI::App& app, std::string& scene) {
+    app.add_option("SCENE", scene, "name of a loaded scene (see: raynest scenes)")->required();
+}
+
+inline void add_epoch(CLI::App& app, std::uint64_t& epoch) {
+    add_whole(app, "--epoch", epoch, std::uint64_t{1}, any_whole,
+              "that epoch of the scene (the current one)");
+}
+
+inline void add_deadline(CLI::App& app, double& deadline, const char* text) {
+    add_number(app, "--deadline", deadline, 0.001, 4.0e6,
+               "a number of seconds from 0.001 to 4000000", text);
+}
+
+inline void add_job(CLI::App& app, JobOptions& job) {
+    add_scene(app, job.scene);
+    app.add_option("--intersector", job.intersector,
+                   "what decides whether a surface was hit (auto; see: raynest variants)");
+    app.add_option_function<std::vector<std::string>>(
+           "--set",
+           [&job](const std::vector<std::string>& settings) {
+               check_settings(settings);
+               job.settings = settings;
+           },
+           "a parameter of the intersector, name=value; may be repeated")
+        ->take_all()
+        ->allow_extra_args(false);
+    app.add_option("--precision", job.precision,
+                   "watertight | fast: the same code, because watertight costs nothing");
+    app.add_option("--traversal", job.traversal, "auto | latency | batch | coherent | reference");
+    add_parsed(
+        app, "--mask",
+        [&job](const std::string& text) -> std::string {
+            const auto mask = parse_mask(text);
+            if (!mask) return mask.error().message;
+            job.mask = *mask;
+            return "";
+        },
+        "only instances with one of these bits, hexadecimal (FFFFFFFF)");
+    add_epoch(app, job.epoch);
+    app.add_option("--worker", job.worker, "auto | cpu | cuda");
+    add_deadline(app, job.deadline, "give up after so many seconds");
+    app.add_option("--priority", job.priority, "low | normal | high");
+}
+
+inline void add_camera(CLI::App& app, CameraOptions& camera) {
+    CLI::Option* name = app.add_option("--camera", camera.name,
+                                       "name or index of a camera of the scene (the first one)");
+    CLI::Option* look_at = add_parsed(
+        app, "--lookat",
+        [&camera](const std::string& text) -> std::string {
+            const auto numbers = parse_world(text, 6, 9, "ex,ey,ez,ax,ay,az[,ux,uy,uz]");
+            if (!numbers) return numbers.error().message;
+            camera.look_at = *numbers;
+            return "";
+        },
+        "a camera of your own: eye, point looked at, up (0,1,0)");
+    name->excludes(look_at);
+    add_number(app, "--fov", camera.fov_degrees, 0.001F, 179.999F,
+               "a number of degrees from 0.001 to 179.999", "vertical angle of view in degrees");
+    add_parsed(
+        app, "--size",
+        [&camera](const std::string& text) -> std::string {
+            const char* end = text.data() + text.size();
+            const auto width = std::from_chars(text.data(), end, camera.width);
+            const bool has_x = width.ptr != end && *width.ptr == 'x';
+            if (width.ec == std::errc{} && has_x) {
+                const auto height = std::from_chars(width.ptr + 1, end, camera.height);
+                if (height.ec == std::errc{} && height.ptr == end && camera.width > 0 &&
+                    camera.height > 0)
+                    return "";
+            }
+            return "'" + text + "' is not WIDTHxHEIGHT";
+        },
+        "pixels, WIDTHxHEIGHT (960x540)");
+}
+
+/// -o FILE with one of the given endings, in capitals or not, or "-" for stdout.
+inline CLI::Option* add_output(CLI::App& app, std::string& output,
+                               const std::vector<std::string>& endings, const std::string& text) {
+    return add_parsed(
+        app, "-o,--output",
+        [&output, endings](const std::string& value) -> std::string {
+            output = value;
+            if (value == standard_stream) return "";
+            std::string known;
+            for (const std::string& ending : endings) {
+                if (value.size() > ending.size() && extension_of(value) == ending) return "";
+                known += (known.empty() ? "" : " or ") + ending;
+            }
+            return "'" + value + "' must end in " + known + ", or be - for stdout";
+        },
+        text + "; - for stdout, what is said of it then goes to stderr");
+}
+
+/// What is asked of each ray. CLI11 keeps one callback per command: this is it.
+inline void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
+                     std::vector<std::string>& fields) {
+    app.add_option("--kind", kind,
+                   "closest | any | multi | all | null (canonical misses, nothing is traced)");
+    add_whole(app, "--max-hits", max_hits, 1U, 65536U,
+              "hits per ray: of multi (8, at most 256), of all the nearest are kept (4096)");
+    app.parse_complete_callback([&kind, &max_hits] {
+        if (max_hits != 0 && kind != "multi" && kind != "all")
+            throw CLI::ValidationError("--max-hits", "is of --kind multi and of --kind all");
+    });
+    add_parsed(
+        app, "--fields",
+        [&fields](const std::string& text) -> std::string {
+            fields = split(text);
+            std::set<std::string> seen;
+            for (const std::string& field : fields) {
+                if (field.empty()) return "'" + text + "' has an empty name between its commas";
+                if (!seen.insert(field).second) return "'" + field + "' is named twice";
+            }
+            return "";
+        },
+        "columns, separated by commas");
+}
+
+/// --detach, with which a file that is else required need not be named; where one is, its callback
+/// is the command's.
+inline void add_detach(CLI::App& app, JobOptions& job, const std::string* required_output) {
+    app.add_flag("--detach", job.detach,
+                 "print a job's number and end; the daemon goes on (see: raynest fetch). -o then "
+                 "says what fetch is to write");
+    if (required_output == nullptr) return;
+    app.parse_complete_callback([&job, required_output] {
+        if (required_output->empty() && !job.detach) throw CLI::RequiredError("--output");
+    });
+}
+
+template <class Take>
+CLI::Option* add_point(CLI::App& app, const std::string& name, const std::string& text, Take take) {
+    const auto read = [take](const std::string& value) -> std::string {
+        const auto numbers = parse_world(value, 3, 3, "x,y,z");
+        if (!numbers) return numbers.error().message;
+        take(WorldPoint{(*numbers)[0], (*numbers)[1], (*numbers)[2]});
+        return "";
+    };
+    return add_parsed(app, name, read, text)->type_name("X,Y,Z");
+}
+
+}  // namespace raynest::client
