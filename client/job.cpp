@@ -130,6 +130,7 @@ Json outcome_json(const Outcome& outcome) {
               {"worker_reason", outcome.worker_reason},
               {"camera", outcome.camera},
               {"notes", outcome.notes},
+              {"origin", outcome.origin},
               {"rays", outcome.rays},
               {"hits", outcome.hits},
               {"misses", outcome.misses},

@@ -142,7 +142,7 @@ class Origin(DaemonTest):
     def test_what_float32_loses_is_said(self):
         with self.assertWarnsRegex(raynest.SceneWarning, r"moves vertices by up to 0\.\d+ and leaves "
                                    r"2 of 2 triangles .* origin=\(500000\.0, 4500000\.0, 100\.0\)"):
-            lost = self.python.mesh(SQUARE, FACES, "lost")
+            lost = self.python.mesh((SQUARE - FAR) / 2 + FAR, FACES, "lost")
         self.assertEqual(lost.info["degenerate_triangles"], 2)
         self.assertEqual(lost.info["unique_triangles"], 2)
         np.save(self.out / "far.npy", np.array([[*(FAR + 0.1), 0.05]]))

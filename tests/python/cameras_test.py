@@ -59,7 +59,7 @@ class Cameras(WithDaemon):
         self.assertFalse(hit[:, :10].any() or hit[:, 30:].any())
         answer = self.cube.trace(raynest.generators.camera(size=(40, 20)), fields=["t", "position"])
         t = answer["t"].reshape(20, 40)
-        self.assertTrue((t[:, 10:30] == 9).all())
+        np.testing.assert_allclose(t[:, 10:30], 9, rtol=1e-6)
         self.assertTrue(np.isinf(t[:, :10]).all())
         position = answer["position"].reshape(20, 40, 3)
         np.testing.assert_allclose(position[0, 10], [-0.95, 0.95, 1], atol=1e-6)
@@ -72,7 +72,7 @@ class Cameras(WithDaemon):
 
     def test_a_camera_that_sees_nothing_gets_a_command_that_frames_the_scene(self):
         for command, show in (("render", self.cube.render), ("heatmap", self.cube.heatmap)):
-            for camera, why in (("away", "sees nothing"), ("inside", "only backs of surfaces")):
+            for camera, why in (("away", "sees nothing"), ("inside", "sees only backs of surfaces")):
                 show(size=(32, 18), camera=camera)
                 self.assertIn(f"camera '{camera}' {why}", self.notes())
                 self.assertIn(f"raynest {command} cube --lookat ", self.notes())

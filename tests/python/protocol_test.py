@@ -370,10 +370,10 @@ class RayForms(unittest.TestCase):
     def test_segments_leave_their_ends_out(self):
         ends = [[2, 0, 0], [0, 4, 0]]
         for start, origin in (([1, 0, 0], None), ([2, 0, 0], [1, 0, 0])):
-            rays = segments(start, ends, 0.25, origin)
+            rays = segments(start, ends, 0.25, None, origin)
             self.assertEqual(rays.common, {"tmin": 0.25, "tmax": 0.75, "origin": [1, 0, 0]})
             np.testing.assert_array_equal(rays.frame(0, 2), np.subtract(ends, start))
-        rays = segments([start] * 2, ends, 0.25, origin)
+        rays = segments([start] * 2, ends, 0.25, None, origin)
         self.assertEqual(rays.common, {"tmin": 0.25, "tmax": 0.75})
         np.testing.assert_array_equal(rays.frame(0, 2), [[1, 0, 0, 0, 0, 0], [1, 0, 0, -2, 4, 0]])
 

@@ -3,6 +3,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ._control import Message
 from ._job import origin_of
 from ._wording import in_own_words
@@ -20,8 +22,13 @@ def scene_info(message: Message) -> dict[str, Any]:
     info["skipped"] = dict(zip(info.pop("skipped_reasons"), info.pop("skipped_counts")))
     info["records"] = dict(zip(info.pop("record_types"), info.pop("record_counts")))
     for corner in ("box_min", "box_max"):
-        info[corner] = [x + shift + 0.0 for x, shift in zip(info[corner] or (), origin)]  # no -0
+        info[corner] = [_world(x, shift) for x, shift in zip(info[corner] or (), origin)]
     return info
+
+
+def _world(relative: float, origin: float) -> float:
+    """A float32 with the digits that it has, or in the world; never -0."""
+    return relative + origin if origin else float(str(np.float32(relative))) + 0.0
 
 
 def path_info(message: Message) -> dict[str, Any]:

@@ -344,8 +344,8 @@ void run(Options options) {
     }
     const client::RaySource sent(std::move(values), 8);
     const client::RaySource sent_short(std::move(short_values), 6);
-    const client::RaySource sent_fan(std::move(directions), 3, client::Point{});
-    const client::RaySource none(std::vector<client::Ray>{});
+    const client::RaySource sent_fan(std::move(directions), 3, wire::Vec3(0, 0, 0));
+    const client::RaySource none(std::vector<client::WorldRay>{});
 
     constexpr std::uint32_t channel_count = 64;
     std::vector<LidarChannel> channels(channel_count);

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 using namespace raynest;
@@ -24,9 +25,11 @@ double solid_share(const std::string& pattern, double fill) {
     const auto variant = (*registry)->choose("procedural_mask", scene->view());
     REQUIRE(variant.has_value());
     // Noise has one number per cell, so it takes many cells; the others take two on each side.
-    const auto settings = parse_settings(**variant, {{"pattern", pattern},
-                                                     {"fill", std::to_string(fill)},
-                                                     {"scale", pattern == "noise" ? "256" : "2"}});
+    const std::vector<std::pair<std::string, std::string>> assignments = {
+        {"pattern", pattern},
+        {"fill", std::to_string(fill)},
+        {"scale", pattern == "noise" ? "256" : "2"}};
+    const auto settings = parse_settings(**variant, assignments);
     REQUIRE(settings.has_value());
     const auto function =
         find_function(**variant, query_any, precision_fast, traversal_latency, false);
