@@ -19,7 +19,8 @@ Result<Generated> describe_source(const std::string& source, const Registry& reg
     if (source.starts_with("gen:")) return generate(source);
     if (source.ends_with(".soup")) return without_light(read_soup(source));
     if (source.ends_with(".inst")) return without_light(read_instances(source));
-    ImportRequest request{source, {}, ""};
+    ImportRequest request;
+    request.source = source;
     std::vector<std::byte> main_file;
     if (!source.starts_with("builtin:")) {
         auto bytes = read_file(source);

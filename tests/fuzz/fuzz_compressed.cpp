@@ -8,6 +8,7 @@
 #include <meshoptimizer.h>
 
 #include <array>
+#include <span>
 
 using namespace raynest;
 
@@ -23,8 +24,10 @@ constexpr std::size_t head = 4;
 
 fuzz::Input input(std::array<std::uint8_t, head> first, const unsigned char* data,
                   std::size_t size) {
-    fuzz::Input out(first.begin(), first.end());
-    out.insert(out.end(), data, data + size);
+    fuzz::Input out;
+    out.reserve(head + size);
+    for (const std::uint8_t byte : first) out.push_back(byte);
+    for (const unsigned char byte : std::span(data, size)) out.push_back(byte);
     return out;
 }
 
