@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <cmath>
+#include <limits>
 #include <utility>
 
 namespace raynest::client {
@@ -12,6 +14,8 @@ tl::unexpected<Failure> misshapen(const std::string& text, const std::string& sh
     return fail(Exit::usage, "'" + text + "' is not " + shape);
 }
 
+constexpr float float_max = std::numeric_limits<float>::max();
+
 template <class Number>
 Result<std::vector<Number>> parse_as(const std::string& text, const std::string& shape,
                                      char separator) {
@@ -20,9 +24,10 @@ Result<std::vector<Number>> parse_as(const std::string& text, const std::string&
         const char* begin = part.c_str() + (part.starts_with('+') ? 1 : 0);
         Number value = 0;
         const auto [end, error] = std::from_chars(begin, part.c_str() + part.size(), value);
-        if (error == std::errc::result_out_of_range)
-            return fail(Exit::usage, "'" + part + "' does not fit a " +
-                                         std::to_string(8 * sizeof value) + "-bit float");
+        // Numbers travel as float32, those of the world less the scene's origin.
+        const bool fits = !std::isfinite(value) || std::abs(value) <= Number{float_max};
+        if (error == std::errc::result_out_of_range || (error == std::errc{} && !fits))
+            return fail(Exit::usage, "'" + part + "' does not fit a 32-bit float");
         if (error != std::errc{} || end != part.c_str() + part.size())
             return misshapen(text, shape);
         numbers.push_back(value);

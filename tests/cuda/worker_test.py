@@ -244,7 +244,7 @@ class TooSmallDaemon(CudaTest):
         until(lambda: "cuda_down" in self.daemon.log())
         told, _ = self.query("auto")
         self.assertEqual(told["worker"], "cpu")
-        says = "a call takes 13107200 bytes, more than a quarter of --memory; give the daemon four times that"
+        says = "a call takes 13107200 bytes, more than a quarter of raynestd's --memory; give the daemon four times that"
         self.refused(5, says, "render", "woods", "-o", self.out / "x.png", "--worker", "cuda")
         self.assertIn(says, self.daemon.log())
 

@@ -67,8 +67,8 @@ class Cameras(WithDaemon):
         with self.assertRaisesRegex(raynest.Error, "orthographic: it has no field of view"):
             self.cube.render(size=(40, 20), fov=30)
         self.cli.run("query", "cube", "--generate", "camera", "size=40x20", "--fields", "t",
-                     "-o", self.out / "t.npy")
-        np.testing.assert_array_equal(np.load(self.out / "t.npy").reshape(20, 40), t)
+                     "-o", self.out / "t.npz")
+        np.testing.assert_array_equal(np.load(self.out / "t.npz")["t"].reshape(20, 40), t)
 
     def test_a_camera_that_sees_nothing_gets_a_command_that_frames_the_scene(self):
         for command, show in (("render", self.cube.render), ("heatmap", self.cube.heatmap)):

@@ -101,7 +101,7 @@ TEST_CASE("what was not compiled is refused with the way out") {
         find_function(opaque, query_multi, precision_watertight, traversal_coherent, false);
     REQUIRE(!missing);
     CHECK(missing.error().message.find("watertight") != std::string::npos);
-    CHECK(missing.error().message.find("try traversal auto") != std::string::npos);
+    CHECK(missing.error().message.find("try `traversal` auto") != std::string::npos);
 }
 
 TEST_CASE("a malformed call is refused, not traced") {
