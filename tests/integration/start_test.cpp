@@ -40,7 +40,7 @@ TEST_CASE("what --print-config writes, --config reads") {
                                       "--listen", "unix:/tmp/a", "--print-config"});
     REQUIRE(first.exit_code == 0);
     CHECK(has(first, "frame_bytes_max = 67108864"));
-    CHECK(has(first, "give_way_ms=\"5000\""));
+    CHECK(has(first, "give-way-ms=\"5000\""));
     std::ofstream(file) << first.output;
     const Ended second = run_raynestd({"--config", file, "--print-config"});
     CHECK(second.exit_code == 0);

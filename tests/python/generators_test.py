@@ -113,7 +113,7 @@ class Generators(WithDaemon):
                           generators.orthographic((1e-3, 1e-3), size=(1, 1), look_at=(
                               down[:3, 3], down[:3, 3] - [0, 0, 1])),
                           generators.hemisphere([down[:3, 3]], [0, 0, -1], samples=1)):
-            self.assertEqual(self.made(generator, scene)[0].tolist(), [[0.25, 0.25, 2]])
+            self.assertEqual(self.made(generator, scene)[0].tolist(), [down[:3, 3].tolist()])
         self.assertEqual(scene.trace(generators.pinhole(1, size=(1, 1), pose=down))["t"], [2])
 
     def test_sizes_may_be_any_whole_numbers(self):

@@ -30,7 +30,8 @@ class Scene:
     """Made by Client.load(), mesh() and scene(). Rays, cameras and positions are in the world: the
     scene's origin is subtracted on the way there, and added on the way back, in float64."""
 
-    def __init__(self, client: clients.Client, name: str, origin: Sequence[float]) -> None:
+    def __init__(self, client: clients.Client, name: str,
+                 origin: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         self.name = name
         self._client = client
         self._origin = np.array(origin)
