@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import unittest
 
@@ -165,3 +166,12 @@ class DaemonTest(unittest.TestCase):
     def tearDownClass(cls):
         cls.daemon.stop()
         cls.folder.cleanup()
+
+    def fed(self, name, data):
+        """A pipe that `data` is written to once it is read."""
+        path = self.out / name
+        os.mkfifo(path)
+        feeder = threading.Thread(target=lambda: path.write_bytes(data))
+        feeder.start()
+        self.addCleanup(feeder.join)
+        return path

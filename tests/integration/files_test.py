@@ -15,7 +15,6 @@ import signal
 import stat
 import subprocess
 import sys
-import threading
 import unittest
 
 import numpy
@@ -55,15 +54,6 @@ class Files(DaemonTest):
     def hits(self, done):
         self.assertEqual(done.returncode, 0, done.stderr)
         return [json.loads(line) for line in done.stdout.splitlines()]
-
-    def fed(self, name, data):
-        """A pipe that `data` is written to once it is read."""
-        path = self.out / name
-        os.mkfifo(path)
-        feeder = threading.Thread(target=lambda: path.write_bytes(data))
-        feeder.start()
-        self.addCleanup(feeder.join)
-        return path
 
     # ---- reading --------------------------------------------------------------------------------
 

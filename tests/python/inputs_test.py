@@ -9,7 +9,6 @@ import os
 import pathlib
 import subprocess
 import sys
-import threading
 from unittest import mock
 
 import numpy as np
@@ -32,15 +31,6 @@ DOWN = [8, 50, -8, 0, -1, 0]
 
 
 class Inputs(WithDaemon):
-    def fed(self, name, data):
-        """A pipe that `data` is written to once it is read."""
-        path = self.out / name
-        os.mkfifo(path)
-        feeder = threading.Thread(target=lambda: path.write_bytes(data))
-        feeder.start()
-        self.addCleanup(feeder.join)
-        return path
-
     # ---- rays -----------------------------------------------------------------------------------
 
     def test_no_rays_have_empty_columns(self):
