@@ -1,4 +1,4 @@
-# What `cmake --install` lays down. Two components:
+# Defines what `cmake --install` installs, in two components:
 #   runtime      bin/raynestd, bin/raynest, lib/raynest/ (the kernel packs and, in images/, the
 #                modules for pictures and Draco) and lib/raynest-cuda/; all found relative to bin/
 #   development  the engine's headers and the pack sources in their own folders under
@@ -18,7 +18,7 @@ install(TARGETS raynestd raynest RUNTIME DESTINATION bin COMPONENT runtime)
 
 install(DIRECTORY engine DESTINATION include/raynest COMPONENT development
     FILES_MATCHING
-    PATTERN "*.h" PATTERN "LIST" PATTERN "PRIMITIVES"
+    PATTERN "*.h" PATTERN "*.def" PATTERN "LIST" PATTERN "PRIMITIVES"
     PATTERN "packs/pack.*" PATTERN "packs/variant.cpp"
     PATTERN "assets" EXCLUDE PATTERN "scene" EXCLUDE PATTERN "integrators" EXCLUDE)
 set(package lib/cmake/raynest)

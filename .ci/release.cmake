@@ -1,2 +1,2 @@
-# cmake -C .ci/release.cmake: what users run and tests measure.
+# cmake -C .ci/release.cmake: the build that users run and tests measure.
 set(CMAKE_BUILD_TYPE Release CACHE STRING "")

@@ -1,15 +1,15 @@
-# What client/demo.sh and tests/run.sh share: install what is missing, configure, build.
+# Shared by client/demo.sh and tests/run.sh: installs missing packages, configures and builds.
 #
-# To be sourced with `root` set to the repository's folder and `cpu_minutes` to what a first build (and
-# test) takes on one core; gives the functions below and `build`, the absolute build folder
-# (RAYNEST_BUILD overrides it). Needs nothing that a minimal Debian 12 lacks.
-# When no package is missing neither apt nor root is needed; before anything is installed the cost is
-# printed, and asked about when stdin is a terminal (unless `yes` is 1).
+# Source this file with `root` set to the repository's folder and `cpu_minutes` to the minutes that
+# a first build (and test) takes on one core. It defines the functions below and `build`, the
+# absolute build folder (RAYNEST_BUILD overrides it). It needs only a minimal Debian 12.
+# If no package is missing, neither apt nor root is needed. Before an installation it prints the
+# cost and, if stdin is a terminal, asks (unless `yes` is 1).
 
 build_packages=(
     g++ cmake ninja-build pkg-config libboost-dev libcli11-dev libdraco-dev libexpected-dev
     libfmt-dev libflatbuffers-dev flatbuffers-compiler libglm-dev libhwy-dev libmeshoptimizer-dev
-    libopenimageio-dev libspdlog-dev libtbb-dev libtinygltf-dev nlohmann-json3-dev)
+    libopenimageio-dev libspdlog-dev libssl-dev libtbb-dev libtinygltf-dev nlohmann-json3-dev)
 test_packages=("${build_packages[@]}" doctest-dev libembree-dev python3 python3-numpy xz-utils)
 
 build=${RAYNEST_BUILD:-$root/build}
@@ -17,7 +17,7 @@ build=${RAYNEST_BUILD:-$root/build}
 
 fail() { printf 'error: %s\n' "$1" >&2; exit 1; }
 
-# step NAME COMMAND...: runs it, with nothing to read, and prints how long it took.
+# step NAME COMMAND...: runs the command with empty input, and prints how long it took.
 step() {
     local name=$1 start=$SECONDS
     shift
@@ -26,7 +26,7 @@ step() {
     printf '    %s: %d s\n' "$name" $((SECONDS - start))
 }
 
-# missing_packages NAME...: prints those that dpkg does not have installed.
+# missing_packages NAME...: prints those that dpkg does not list as installed.
 missing_packages() {
     local installed name
     installed=" $(dpkg-query -W -f '${db:Status-Abbrev}${Package} ' "$@" 2>/dev/null) "
@@ -35,7 +35,7 @@ missing_packages() {
     done
 }
 
-# install_missing NAME...: nothing to do, or: update the lists, say the cost, ask, install.
+# install_missing NAME...: if any is missing: updates the lists, prints the cost, asks, installs.
 install_missing() {
     command -v dpkg-query >/dev/null || {
         printf 'This is not a Debian: taking for granted that these are installed: %s\n' "$*"
@@ -58,8 +58,8 @@ install_missing() {
     printf 'Not installed yet: %s\n' "${missing[*]}"
     step 'package lists' "${apt[@]}" -qq update
 
-    # apt prices it. With --print-uris it only prints; --assume-no would install without a question
-    # where no further package comes along. --no-remove: never at the cost of what is there.
+    # Let apt compute the cost. --print-uris only prints; --assume-no would install without a
+    # question if no further package is needed. --no-remove: never remove an installed package.
     local plan count download disk minutes
     apt+=(install -y --no-install-recommends --no-remove)
     plan=$("${apt[@]}" --print-uris "${missing[@]}" </dev/null 2>&1) || true
@@ -80,7 +80,7 @@ install_missing() {
     step 'packages' quietly "${apt[@]}" "${missing[@]}"
 }
 
-# quietly COMMAND...: what it prints is worth reading only when it fails, and shown only then.
+# quietly COMMAND...: shows the command's output only if it fails.
 quietly() {
     local log
     log=$(mktemp)
@@ -88,10 +88,10 @@ quietly() {
     rm -f "$log"
 }
 
-# build_raynest CMAKE_OPTION... -- TARGET...: configures and builds; no target means all of them. The
-# cache file is .ci/$config.cmake, of the release where there is no config. There warnings are errors
-# with the compiler they were checked with, in both commands alike, so that going from one to the other
-# compiles nothing anew; what a sanitizer adds to the code brings warnings of its own.
+# build_raynest CMAKE_OPTION... -- TARGET...: configures and builds; no target means all of them.
+# The cache file is .ci/$config.cmake, or release.cmake if `config` is empty. With the release and
+# g++ 12, for which the code is checked, warnings are errors. Both commands use the same options, so
+# the second one recompiles nothing. Sanitizers cause warnings of their own.
 build_raynest() {
     local -a options=() targets=()
     while (($#)) && [[ $1 != -- ]]; do options+=("$1"); shift; done

@@ -1,10 +1,11 @@
-# cmake -C .ci/tsan.cmake: data-race checks for the server and the scheduler. Asio counts references
-# with a fence, which the checks do not know; with one io thread that is no matter (-Wtsan says so).
+# Checks the server and the scheduler for data races: cmake -C .ci/tsan.cmake. Asio counts
+# references with a fence, which the checks do not support; with one io thread this is harmless
+# (-Wtsan warns of it).
 set(CMAKE_BUILD_TYPE RelWithDebInfo CACHE STRING "")
 set(CMAKE_CXX_FLAGS "-fsanitize=thread -fno-omit-frame-pointer -Wno-tsan" CACHE STRING "")
 set(RAYNEST_TARGETS v3 CACHE STRING "")
-# What sanitizers add to inlined kernels takes GCC over 13 minutes per intersector at -O3, six and a half at
-# -O1, three without debug information that tells variables.
+# Lower the optimisation: with sanitizers, inlined kernels take GCC over 13 minutes per intersector
+# at -O3, six and a half at -O1, and three without debug information about variables.
 set(RAYNEST_KERNEL_OPTIMISATION -O1 CACHE STRING "")
 set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "-O2 -g1 -fno-var-tracking -DNDEBUG" CACHE STRING "")
 set(RAYNEST_BENCH OFF CACHE BOOL "")

@@ -17,6 +17,7 @@
 #include <charconv>
 #include <cstdint>
 #include <cstring>
+#include <filesystem>
 #include <iterator>
 #include <optional>
 #include <utility>  // before Asio: Boost 1.74 needs std::exchange in C++20
@@ -81,12 +82,24 @@ error_code connect_until(int socket, const asio::generic::stream_protocol::endpo
     }
 }
 
-/// How to come by a daemon at `uri`, where nobody listens.
-std::string start_hint(const std::string& uri) {
+bool is_forbidden(const error_code& error) {
+    return error == boost::system::errc::permission_denied ||
+           error == boost::system::errc::operation_not_permitted;
+}
+
+/// How to come by a daemon at `uri`, where connecting failed.
+std::string start_hint(const std::string& uri, const error_code& error) {
+    const bool is_unix = uri.starts_with("unix:");
+    if (is_unix && is_forbidden(error))
+        return "you may not open this socket: join its group, or start raynestd with "
+               "--socket-group";
+    std::error_code ignored;
+    const auto status = std::filesystem::status(is_unix ? uri.substr(5) : "", ignored);
+    if (is_unix && std::filesystem::exists(status) && !std::filesystem::is_socket(status))
+        return "it is no socket: name the PATH that a daemon was given with --listen unix:PATH";
     if (uri == default_uri) return "start a daemon with: raynestd &";
     const std::string host = uri.starts_with("tcp://") ? uri.substr(6, uri.rfind(':') - 6) : "";
-    const bool here = uri.starts_with("unix:") || host == "localhost" || host == "[::1]" ||
-                      host.starts_with("127.");
+    const bool here = is_unix || host == "localhost" || host == "[::1]" || host.starts_with("127.");
     return here ? "start a daemon with: raynestd --listen " + uri + " &"
                 : "is raynestd running there?";
 }
@@ -160,20 +173,22 @@ Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
                 return fail(Exit::usage,
                             "'" + uri + "' is not tcp://HOST:PORT with a port from 1 to 65535");
             error = socket->connect_tcp(authority->first, authority->second, end);
-        } else if (uri.rfind("unix:", 0) == 0) {
+        } else if (uri.rfind("unix:", 0) == 0 && uri != "unix:") {
             const std::array endpoints = {asio::local::stream_protocol::endpoint(uri.substr(5))};
             error = socket->connect(endpoints, end);
         } else {
             return fail(Exit::usage,
-                        "'" + uri + "' is no server: use tcp://HOST:PORT or unix:PATH");
+                        "'" + uri + "' is no server: use tcp://HOST:PORT or unix:PATH" +
+                            (uri.starts_with('/') ? "; did you mean unix:" + uri + "?" : ""));
         }
     } catch (const boost::system::system_error& thrown) {  // a path too long for a socket
         error = thrown.code();
     }
     if (error == asio::error::operation_aborted) return fail(Exit::interrupted, "interrupted");
     if (error)
-        return fail(Exit::cannot_connect,
-                    "cannot connect to " + uri + ": " + error.message() + "; " + start_hint(uri));
+        return fail(
+            is_forbidden(error) ? Exit::not_allowed : Exit::cannot_connect,
+            "cannot connect to " + uri + ": " + error.message() + "; " + start_hint(uri, error));
 
     std::unique_ptr<Connection> connection(new Connection(std::move(socket)));
     connection->patience_ = end - Clock::now();

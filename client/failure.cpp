@@ -7,12 +7,17 @@
 namespace raynest::client {
 namespace {
 
+/// Codes of the client's own failures: above all of the protocol's table.
+constexpr std::uint32_t own_codes = 1000;
+
 const char* own_name(Exit exit) {
     switch (exit) {
         case Exit::usage:
             return "USAGE";
         case Exit::cannot_connect:
             return "CANNOT_CONNECT";
+        case Exit::not_allowed:
+            return "NOT_ALLOWED";
         case Exit::invalid:
             return "FILE_INVALID";
         case Exit::deadline:
@@ -35,8 +40,13 @@ Failure failure(const protocol::Error& error) {
             error.retry_after_ms};
 }
 
+bool is_own(const Failure& failure) {
+    return failure.code >= own_codes;
+}
+
 Failure failure(Exit exit, std::string message) {
-    return {exit, 1000U + static_cast<std::uint32_t>(exit), own_name(exit), std::move(message), 0};
+    return {exit, own_codes + static_cast<std::uint32_t>(exit), own_name(exit), std::move(message),
+            0};
 }
 
 std::string describe(const Failure& failure, bool json) {

@@ -29,6 +29,8 @@ using Result = tl::expected<T, Failure>;
 
 /// An error of the protocol, sent by the daemon or met while decoding.
 [[nodiscard]] Failure failure(const protocol::Error& error);
+/// True for a failure of the client itself or of its connection, not an answer of the daemon.
+[[nodiscard]] bool is_own(const Failure& failure);
 /// A failure of the client itself.
 [[nodiscard]] Failure failure(Exit exit, std::string message);
 [[nodiscard]] inline tl::unexpected<Failure> fail(Exit exit, std::string message) {

@@ -119,6 +119,12 @@ std::string extension_of(const std::string& path) {
     return extension;
 }
 
+bool is_device(const std::string& path) {
+    struct stat status = {};
+    return ::stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode) &&
+           !S_ISDIR(status.st_mode);
+}
+
 Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_max) {
     // By its number also where it is a socket, which no path opens.
     const bool standard = path == standard_stream || path == "/dev/stdin";

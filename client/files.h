@@ -23,6 +23,8 @@ inline constexpr const char* standard_stream = "-";
 
 /// The ending of a file's name in small letters with its dot, ".png"; "" where there is none.
 [[nodiscard]] std::string extension_of(const std::string& path);
+/// True for a device or a pipe, which takes any format: /dev/null.
+[[nodiscard]] bool is_device(const std::string& path);
 
 /// The bytes of the file at `path`, which the user named: a file, a pipe, a device, or stdin as "-"
 /// or /dev/stdin. A pipe is read to its end; it may have piped_bytes_max, and Ctrl-C ends the wait

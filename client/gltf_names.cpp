@@ -110,6 +110,25 @@ Result<std::span<const std::byte>> glb_json(std::span<const std::byte> file) {
     return found;
 }
 
+/// One part of a path. What is encoded must not become part of the path's structure.
+std::optional<std::string> decode_part(std::string_view part) {
+    std::string decoded;
+    for (std::size_t i = 0; i < part.size(); ++i) {
+        if (part[i] != '%') {
+            decoded += part[i];
+            continue;
+        }
+        const auto letter = protocol::percent_code(part.substr(i));
+        if (!letter) return std::nullopt;
+        decoded += *letter;
+        i += 2;
+    }
+    if (!protocol::printable(decoded) || decoded.find_first_of("/\\:") != std::string::npos ||
+        decoded == "." || decoded == "..")
+        return std::nullopt;
+    return decoded;
+}
+
 }  // namespace
 
 Result<std::span<const std::byte>> gltf_json(std::span<const std::byte> file) {
@@ -124,36 +143,27 @@ Result<std::span<const std::byte>> gltf_json(std::span<const std::byte> file) {
 }
 
 std::optional<std::string> file_of_uri(std::string_view uri) {
-    std::string decoded;
-    for (std::size_t i = 0; i < uri.size(); ++i) {
-        if (uri[i] != '%') {
-            decoded += uri[i];
-            continue;
-        }
-        const auto letter = protocol::percent_code(uri.substr(i));
-        // An encoded dot or slash must not become part of the path's structure.
-        if (!letter || *letter == '.' || *letter == '/') return std::nullopt;
-        decoded += *letter;
-        i += 2;
-    }
-    if (!protocol::printable(decoded) || decoded.find_first_of("\\:") != std::string::npos)
-        return std::nullopt;
-    std::vector<std::string_view> components;
-    for (std::size_t begin = 0; begin <= decoded.size();) {
-        const std::size_t end = std::min(decoded.find('/', begin), decoded.size());
-        const std::string_view component = std::string_view(decoded).substr(begin, end - begin);
-        if (component.empty() || (component == ".." && components.empty())) return std::nullopt;
-        if (component == "..")
-            components.pop_back();
-        else if (component != ".")
-            components.push_back(component);
+    constexpr std::string_view separators = "/\\";
+    const auto is_separator = [&](char c) { return separators.find(c) != separators.npos; };
+    if (uri.empty() || is_separator(uri.front()) || is_separator(uri.back())) return std::nullopt;
+    std::vector<std::string> parts;
+    for (std::size_t begin = 0; begin <= uri.size();) {
+        const std::size_t end = std::min(uri.find_first_of(separators, begin), uri.size());
+        const std::string_view part = uri.substr(begin, end - begin);
         begin = end + 1;
+        if (part.empty() || part == ".") continue;
+        if (part != "..") {
+            auto decoded = decode_part(part);
+            if (!decoded) return std::nullopt;
+            parts.push_back(std::move(*decoded));
+        } else if (parts.empty()) {
+            return std::nullopt;
+        } else {
+            parts.pop_back();
+        }
     }
     std::string name;
-    for (const std::string_view component : components) {
-        if (!name.empty()) name += '/';
-        name += component;
-    }
+    for (const std::string& part : parts) name += (name.empty() ? "" : "/") + part;
     constexpr std::size_t name_bytes_max = 1024;
     if (name.empty() || name.size() > name_bytes_max) return std::nullopt;
     return name;

@@ -27,10 +27,10 @@ Result<std::span<const std::byte>> gltf_json(std::span<const std::byte> file);
 /// JSON object or is nested too deeply.
 Result<std::vector<std::string>> gltf_names(std::span<const std::byte> json);
 
-/// The file that a URI stands for: percent-decoded once, "./" dropped, "a/.." cancelled. Nothing
-/// where the URI has a scheme, is absolute, leaves the scene's folder, hides a dot or a slash
-/// behind a percent sign, or is not printable. The daemon applies the same rule
-/// (tests/golden/gltf_uris.json).
+/// The file that a URI stands for: percent-decoded once, with / for \, without empty parts and
+/// "./", with "a/.." cancelled. Nothing where the URI has a scheme, is absolute, leaves the scene's
+/// folder, hides a separator, "." or ".." behind percent signs, or is not printable. The daemon
+/// applies the same rule (tests/golden/gltf_uris.json).
 std::optional<std::string> file_of_uri(std::string_view uri);
 
 }  // namespace raynest::client

@@ -44,19 +44,16 @@ std::unique_ptr<wire::CameraT> camera_message(const CameraOptions& options,
     auto camera = std::make_unique<wire::CameraT>();
     camera->name = options.name;
     camera->fov_degrees = options.fov_degrees;
-    look_at(*camera, options.look_at, origin);
-    return camera;
-}
-
-void look_at(wire::CameraT& camera, const std::vector<double>& v, const WorldPoint& origin) {
-    if (v.size() < 6) return;
+    const std::vector<double>& v = options.look_at;
+    if (v.size() < 6) return camera;
     const auto vector = [&](std::size_t at, const WorldPoint& less) {
         return std::make_unique<wire::Vec3>(less_origin({v[at], v[at + 1], v[at + 2]}, less));
     };
-    camera.look_at = true;
-    camera.eye = vector(0, origin);
-    camera.at = vector(3, origin);
-    camera.up = v.size() == 9 ? vector(6, {}) : std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
+    camera->look_at = true;
+    camera->eye = vector(0, origin);
+    camera->at = vector(3, origin);
+    camera->up = v.size() == 9 ? vector(6, {}) : std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
+    return camera;
 }
 
 Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
@@ -76,6 +73,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.origin = origin_of(started);
         outcome.rays_announced = started.rays();
         outcome.worker_reason = protocol::text(started.worker_reason());
+        outcome.hidden = protocol::strings(started.hidden());
         add_notes(started.notes(), outcome);
     } else if (is<wire::Detached>(frame)) {
         const auto opened = protocol::open<wire::Detached>(frame);
@@ -113,6 +111,8 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
             outcome.heat.clipped = heat->clipped();
             outcome.heat.range_low = heat->range_low();
             outcome.heat.range_high = heat->range_high();
+            outcome.heat.below = heat->below();
+            outcome.heat.count = protocol::text(heat->count());
         }
     }
     return {};

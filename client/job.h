@@ -17,8 +17,6 @@ namespace raynest::client {
 [[nodiscard]] std::unique_ptr<wire::JobT> job_message(const JobOptions& options);
 [[nodiscard]] std::unique_ptr<wire::CameraT> camera_message(const CameraOptions& options,
                                                             const WorldPoint& origin);
-/// Nine numbers or six, eye, at and up, or none: then the camera stays as it is.
-void look_at(wire::CameraT& camera, const std::vector<double>& v, const WorldPoint& origin);
 /// Of --deadline; 0 when there is none.
 [[nodiscard]] std::chrono::milliseconds deadline_of(double seconds);
 
@@ -30,6 +28,7 @@ struct Outcome {
     std::vector<std::string> notes;
     std::uint64_t rays_announced = 0;  ///< of a query, by STARTED
     WorldPoint origin{};               ///< of the scene, by STARTED
+    std::vector<std::string> hidden;   ///< columns that users did not ask for, by STARTED
     std::uint64_t rays = 0, hits = 0, misses = 0, truncated = 0;
     std::uint64_t invalid = 0, first_invalid = 0;
     std::optional<std::uint64_t> rows;  ///< of a query, by DONE
@@ -42,7 +41,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome);
 
 /// The keys that every job's JSON has.
 [[nodiscard]] Json outcome_json(const Outcome& outcome);
-/// "518,400 rays in 0.412 s (1.26 Mrays/s), alpha_mask on v3, batch, forest epoch 1".
+/// "518,400 rays in 0.412 s (1.26 Mrays/s), alpha_mask on v3, stream, forest epoch 1".
 [[nodiscard]] std::string outcome_text(const Outcome& outcome);
 /// The daemon's remarks, on stderr.
 void print_notes(const Outcome& outcome);

@@ -51,9 +51,10 @@ Result<FoundJob> find_job(Connection& connection, std::uint64_t number) {
     if (!list) return tl::unexpected<Failure>(list.error());
     const auto* jobs = (*list)->jobs();
     if (jobs == nullptr || jobs->size() == 0 || jobs->Get(0)->job() != number)
-        return tl::unexpected<Failure>(
-            failure({protocol::Code::job_unknown,
-                     "there is no job " + std::to_string(number) + "; run: raynest jobs", 0}));
+        return tl::unexpected<Failure>(failure(
+            {protocol::Code::job_unknown,
+             "there is no job " + std::to_string(number) + ", or its answer is gone; see `Jobs`",
+             0}));
     return FoundJob{std::move(*list), jobs->Get(0)};
 }
 

@@ -45,12 +45,10 @@ int main(int argc, char** argv) {
     try {
         const auto parsed = parse_options(argc, argv);
         if (!parsed) return end_with(parsed.error(), json);
-        if (!parsed->options) {
-            std::cout << parsed->text;
-            return 0;
-        }
         catch_interrupts();
-        if (const auto done = connect_and_run(*parsed->options); !done)
+        if (!parsed->options)
+            std::cout << parsed->text;
+        else if (const auto done = connect_and_run(*parsed->options); !done)
             return end_with(done.error(), json);
         const auto written = check_stdout();
         return written ? 0 : end_with(written.error(), json);

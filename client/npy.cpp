@@ -76,6 +76,7 @@ std::string contents(std::string_view descr) {
     if (kind == 'U' || kind == 'S') return "text (" + dtype + ")";
     if (kind == 'O') return "Python objects";
     if (kind == 'b') return "true and false";
+    if (kind == 'f') return "long doubles (" + dtype + ")";
     if (kind == 'c') return "complex numbers (" + dtype + ")";
     return "values of dtype '" + dtype + "'";
 }
@@ -193,7 +194,7 @@ void put_end(std::vector<std::byte>& out, U64 members, U64 directory) {
 
 Result<Array> parse_npy(std::span<const std::byte> file) {
     if (file.size() < 10 || as_text(file.first(magic.size())) != magic)
-        return refuse("is not a .npy file");
+        return refuse("is not a .npy file; save its array with numpy.save(FILE, array)");
     const auto version = static_cast<unsigned char>(file[6]);
     std::size_t header_bytes = 0;
     const std::size_t length_bytes = version == 1 ? 2 : 4;
@@ -209,9 +210,12 @@ Result<Array> parse_npy(std::span<const std::byte> file) {
     if (!descr || !order || !shape_text) return refuse("has no array header");
     const bool plain = descr->size() >= 5 && descr->front() == '\'';
     const auto element = element_bytes(plain ? descr->substr(1, descr->find('\'', 1) - 1) : "");
-    if (!element)
-        return refuse("holds " + contents(*descr) +
-                      ", not real numbers; save array.astype(numpy.float32)");
+    if (!element) {
+        const bool records = descr->starts_with('[');
+        return refuse("holds " + contents(*descr) + ", not real numbers of 64 bits at most; save " +
+                      (records ? "numpy.lib.recfunctions.structured_to_unstructured(array)"
+                               : "array.astype(numpy.float32)"));
+    }
 
     Array array;
     array.dtype = std::string(descr->substr(1, 3));

@@ -16,40 +16,18 @@ tl::unexpected<Failure> misshapen(const std::string& text, const std::string& sh
 
 constexpr float float_max = std::numeric_limits<float>::max();
 
-template <class Number>
-Result<std::vector<Number>> parse_as(const std::string& text, const std::string& shape,
-                                     char separator) {
-    std::vector<Number> numbers;
-    for (const std::string& part : split(text, separator)) {
-        const char* begin = part.c_str() + (part.starts_with('+') ? 1 : 0);
-        Number value = 0;
-        const auto [end, error] = std::from_chars(begin, part.c_str() + part.size(), value);
-        // Numbers travel as float32, those of the world less the scene's origin.
-        const bool fits = !std::isfinite(value) || std::abs(value) <= Number{float_max};
-        if (error == std::errc::result_out_of_range || (error == std::errc{} && !fits))
-            return fail(Exit::usage, "'" + part + "' does not fit a 32-bit float");
-        if (error != std::errc{} || end != part.c_str() + part.size())
-            return misshapen(text, shape);
-        numbers.push_back(value);
-    }
-    return numbers;
-}
-
 }  // namespace
 
 std::vector<std::string> split(std::string_view text, char separator) {
     std::vector<std::string> parts;
     while (true) {
         const std::size_t end = std::min(text.find(separator), text.size());
-        parts.emplace_back(text.substr(0, end));
+        const std::string_view part = text.substr(0, end);
+        const std::size_t first = std::min(part.find_first_not_of(' '), end);
+        parts.emplace_back(part.substr(first, part.find_last_not_of(' ') + 1 - first));
         if (end == text.size()) return parts;
         text.remove_prefix(end + 1);
     }
-}
-
-Result<std::vector<float>> parse_numbers(const std::string& text, const std::string& shape,
-                                         char separator) {
-    return parse_as<float>(text, shape, separator);
 }
 
 Result<std::uint64_t> parse_duration(const std::string& text) {
@@ -68,17 +46,22 @@ Result<std::uint64_t> parse_duration(const std::string& text) {
     return misshapen(text, "a time such as 90s, 30m, 1h or 2d");
 }
 
-Result<std::vector<float>> parse_numbers(const std::string& text, std::size_t few, std::size_t many,
-                                         const std::string& shape) {
-    auto numbers = parse_numbers(text, shape);
-    if (numbers && numbers->size() != few && numbers->size() != many) return misshapen(text, shape);
-    return numbers;
-}
-
 Result<std::vector<double>> parse_world(const std::string& text, std::size_t few, std::size_t many,
                                         const std::string& shape) {
-    auto numbers = parse_as<double>(text, shape, ',');
-    if (numbers && numbers->size() != few && numbers->size() != many) return misshapen(text, shape);
+    std::vector<double> numbers;
+    for (const std::string& part : split(text)) {
+        const char* begin = part.c_str() + (part.starts_with('+') ? 1 : 0);
+        double value = 0;
+        const auto [end, error] = std::from_chars(begin, part.c_str() + part.size(), value);
+        // Numbers travel as float32, those of the world less the scene's origin.
+        const bool fits = !std::isfinite(value) || std::abs(value) <= double{float_max};
+        if (error == std::errc::result_out_of_range || (error == std::errc{} && !fits))
+            return fail(Exit::usage, "'" + part + "' does not fit a 32-bit float");
+        if (error != std::errc{} || end != part.c_str() + part.size())
+            return misshapen(text, shape);
+        numbers.push_back(value);
+    }
+    if (numbers.size() != few && numbers.size() != many) return misshapen(text, shape);
     return numbers;
 }
 

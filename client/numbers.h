@@ -14,13 +14,8 @@ namespace raynest::client {
 /// What stands between the separators, empty parts too.
 [[nodiscard]] std::vector<std::string> split(std::string_view text, char separator = ',');
 
-/// "1,2.5,inf" -> numbers that fit a float32; `shape` is how the text should look.
-Result<std::vector<float>> parse_numbers(const std::string& text, const std::string& shape,
-                                         char separator = ',');
-/// `few` or `many` of them.
-Result<std::vector<float>> parse_numbers(const std::string& text, std::size_t few, std::size_t many,
-                                         const std::string& shape);
-/// The same in float64, for what an origin is subtracted from.
+/// "1,2.5,inf" -> `few` or `many` float64 that fit a float32, from which an origin is subtracted;
+/// `shape` is how the text should look.
 Result<std::vector<double>> parse_world(const std::string& text, std::size_t few, std::size_t many,
                                         const std::string& shape);
 

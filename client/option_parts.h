@@ -3,13 +3,16 @@
 #pragma once
 
 #include "client/files.h"
+#include "client/lists.h"
 #include "client/numbers.h"
 #include "client/options.h"
+#include "protocol/limits.h"
 
 #include <CLI/CLI.hpp>
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <set>
@@ -43,7 +46,9 @@ CLI::Option* add_number(CLI::App& app, const std::string& name, Number& value, N
         const bool good = error == std::errc{} && end == last && value >= least && value <= most;
         return good ? "" : "'" + digits + "' is not " + what;
     };
-    return add_parsed(app, name, read, text)->type_name("NUMBER");
+    const bool is_bounded = most != std::numeric_limits<Number>::max();
+    const std::string range = is_bounded ? ", " + what.substr(what.find("from ")) : "";
+    return add_parsed(app, name, read, text + range)->type_name("NUMBER");
 }
 
 template <class Whole>
@@ -96,12 +101,13 @@ inline void add_job(CLI::App& app, JobOptions& job) {
                check_settings(settings);
                job.settings = settings;
            },
-           "a parameter of the intersector, name=value; may be repeated")
+           "a parameter of the intersector; may be repeated")
+        ->type_name("NAME=VALUE")
         ->take_all()
         ->allow_extra_args(false);
     app.add_option("--precision", job.precision,
                    "watertight | fast: the same code, because watertight costs nothing");
-    app.add_option("--traversal", job.traversal, "auto | latency | batch | coherent | reference");
+    app.add_option("--traversal", job.traversal, alternatives(traversal_words));
     add_parsed(
         app, "--mask",
         [&job](const std::string& text) -> std::string {
@@ -118,13 +124,17 @@ inline void add_job(CLI::App& app, JobOptions& job) {
 }
 
 inline void add_camera(CLI::App& app, CameraOptions& camera) {
-    CLI::Option* name = app.add_option("--camera", camera.name,
-                                       "name or index of a camera of the scene (the first one)");
+    CLI::Option* name = app.add_option(
+        "--camera", camera.name,
+        "number or name of a camera of the scene (the first one; see: raynest info)");
     CLI::Option* look_at = add_parsed(
         app, "--lookat",
         [&camera](const std::string& text) -> std::string {
             const auto numbers = parse_world(text, 6, 9, "ex,ey,ez,ax,ay,az[,ux,uy,uz]");
             if (!numbers) return numbers.error().message;
+            if (!std::all_of(numbers->begin(), numbers->end(),
+                             [](double x) { return std::isfinite(x); }))
+                return "'" + text + "' has a number that is not finite";
             camera.look_at = *numbers;
             return "";
         },
@@ -140,11 +150,19 @@ inline void add_camera(CLI::App& app, CameraOptions& camera) {
             const bool has_x = width.ptr != end && *width.ptr == 'x';
             if (width.ec == std::errc{} && has_x) {
                 const auto height = std::from_chars(width.ptr + 1, end, camera.height);
-                if (height.ec == std::errc{} && height.ptr == end && camera.width > 0 &&
-                    camera.height > 0)
+                const protocol::Limits limits;
+                const auto fits = [&](std::uint64_t side) {
+                    return side > 0 && side <= limits.picture_side_max;
+                };
+                if (height.ec == std::errc{} && height.ptr == end && fits(camera.width) &&
+                    fits(camera.height) &&
+                    std::uint64_t{camera.width} * camera.height <= limits.picture_pixels_max)
                     return "";
             }
-            return "'" + text + "' is not WIDTHxHEIGHT";
+            const protocol::Limits limits;
+            return "'" + text + "' is not WIDTHxHEIGHT, each from 1 to " +
+                   std::to_string(limits.picture_side_max) + " and together at most " +
+                   std::to_string(limits.picture_pixels_max) + " pixels";
         },
         "pixels, WIDTHxHEIGHT (960x540)");
 }
@@ -157,6 +175,7 @@ inline CLI::Option* add_output(CLI::App& app, std::string& output,
         [&output, endings](const std::string& value) -> std::string {
             output = value;
             if (value == standard_stream) return "";
+            if (is_device(value)) return "";
             std::string known;
             for (const std::string& ending : endings) {
                 if (value.size() > ending.size() && extension_of(value) == ending) return "";
@@ -164,19 +183,27 @@ inline CLI::Option* add_output(CLI::App& app, std::string& output,
             }
             return "'" + value + "' must end in " + known + ", or be - for stdout";
         },
-        text + "; - for stdout, what is said of it then goes to stderr");
+        text + "; - for stdout, or -" + endings[0] +
+            " and so on for that format there; what is said of it then goes to stderr");
 }
 
 /// What is asked of each ray. CLI11 keeps one callback per command: this is it.
 inline void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
                      std::vector<std::string>& fields) {
     app.add_option("--kind", kind,
-                   "closest | any | multi | all | null (canonical misses, nothing is traced)");
-    add_whole(app, "--max-hits", max_hits, 1U, 65536U,
-              "hits per ray: of multi (8, at most 256), of all the nearest are kept (4096)");
+                   alternatives(kind_words) + " (canonical misses, nothing is traced)");
+    constexpr protocol::Limits limits;
+    add_whole(app, "--max-hits", max_hits, 1U, static_cast<std::uint32_t>(limits.all_hits_max),
+              "hits per ray: of multi (8, at most " + std::to_string(limits.hits_max) +
+                  "), of all the nearest are kept (4096)");
     app.parse_complete_callback([&kind, &max_hits] {
-        if (max_hits != 0 && kind != "multi" && kind != "all")
+        if (max_hits != 0 && !has_splits(kind))
             throw CLI::ValidationError("--max-hits", "is of --kind multi and of --kind all");
+        if (kind == "multi" && max_hits > protocol::Limits{}.hits_max)
+            throw CLI::ValidationError("--max-hits",
+                                       "of --kind multi is at most " +
+                                           std::to_string(protocol::Limits{}.hits_max) +
+                                           "; --kind all keeps more");
     });
     add_parsed(
         app, "--fields",
@@ -189,15 +216,16 @@ inline void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
             }
             return "";
         },
-        "columns, separated by commas");
+        "columns, separated by commas, of " + known_fields());
 }
 
 /// --detach, with which a file that is else required need not be named; where one is, its callback
 /// is the command's.
 inline void add_detach(CLI::App& app, JobOptions& job, const std::string* required_output) {
-    app.add_flag("--detach", job.detach,
-                 "print a job's number and end; the daemon goes on (see: raynest fetch). -o then "
-                 "says what fetch is to write");
+    app.add_flag(
+        "--detach", job.detach,
+        "print a job's number and end; the daemon goes on, and raynest fetch NUMBER -o FILE "
+        "brings the answer. Of -o only the format counts then");
     if (required_output == nullptr) return;
     app.parse_complete_callback([&job, required_output] {
         if (required_output->empty() && !job.detach) throw CLI::RequiredError("--output");

@@ -31,9 +31,14 @@ constexpr const char* first_steps = R"(say what to do. While a daemon runs (rayn
   raynest render forest -o forest.png
 raynest --help lists all that there is)";
 
-constexpr const char* exit_codes = R"(
-Exit codes: 0 ok, 1 failed, 2 usage, 3 cannot connect, 4 not allowed, 5 scene, file or variant unknown
-or invalid, 6 busy, 7 deadline, 8 partial result, 130 interrupted.)";
+std::string exit_codes() {
+    std::string text = "\nExit codes:\n";
+    for (const protocol::ExitInfo& exit : protocol::exit_table()) {
+        const std::string code = std::to_string(static_cast<int>(exit.code));
+        text += "  " + code + std::string(5 - code.size(), ' ') + std::string(exit.text) + "\n";
+    }
+    return text;
+}
 
 void declare(CLI::App& app, LoadOptions& load) {
     app.add_option(
@@ -77,19 +82,24 @@ void declare(CLI::App& app, InfoOptions& info) {
                  "list its materials: alpha mode, and what uses them");
 }
 void declare(CLI::App& app, UnloadOptions& unload) {
-    CLI::Option_group& which = *app.add_option_group("Scenes", "one of");
-    which.require_option(1);
-    which.add_option("SCENE", unload.scenes, "names of loaded scenes (see: raynest scenes)");
-    which.add_flag("--all", unload.all, "every scene of yours");
+    CLI::Option* scenes =
+        app.add_option("SCENE", unload.scenes, "names of loaded scenes (see: raynest scenes)");
+    CLI::Option* all = app.add_flag("--all", unload.all, "every scene of yours")->excludes(scenes);
     add_parsed(
-        which, "--idle",
+        app, "--idle",
         [&unload](const std::string& text) -> std::string {
             const auto milliseconds = parse_duration(text);
             if (!milliseconds) return milliseconds.error().message;
             unload.idle_ms = *milliseconds;
             return "";
         },
-        "every scene of yours that was not used for so long: 90s, 30m, 1h, 2d");
+        "every scene of yours that was not used for so long: 90s, 30m, 1h, 2d")
+        ->excludes(scenes)
+        ->excludes(all);
+    app.parse_complete_callback([&unload] {
+        if (unload.scenes.empty() && !unload.all && unload.idle_ms == 0)
+            throw CLI::RequiredError("SCENE, --all or --idle");
+    });
 }
 
 void declare(CLI::App& app, PathOptions& path) {
@@ -106,7 +116,8 @@ void declare(CLI::App& app, RenderOptions& render) {
                "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
     add_detach(app, render.job, &render.output);
     app.add_option("--integrator", render.integrator, "primary");
-    add_whole(app, "--spp,--samples", render.samples, 1U, 65536U, "samples per pixel (1)");
+    add_whole(app, "--spp,--samples", render.samples, 1U,
+              static_cast<std::uint32_t>(protocol::Limits{}.samples_max), "samples per pixel (1)");
     add_whole(app, "--seed", render.seed, std::uint64_t{0}, any_whole, "of the random numbers (0)");
 }
 
@@ -136,8 +147,7 @@ void declare(CLI::App& app, QueryOptions& query) {
                     throw CLI::ValidationError("--generate", parsed.error().message);
                 query.generate = words;
             },
-            "KIND key=value...: the daemon makes them; camera | pinhole | orthographic | "
-            "equirectangular | lidar | hemisphere")
+            "KIND key=value...: the daemon makes them, as listed below")
         ->expected(1, -1);
     add_point(app, "--from", "all rays of --rays start at x,y,z, and are directions",
               [&query](const WorldPoint& point) { query.from = point; })
@@ -150,11 +160,10 @@ void declare(CLI::App& app, QueryOptions& query) {
         },
         "")
         ->group("");
-    app.footer(generate_help());
+    app.footer(generate_help() + exit_codes());
     add_kind(app, query.kind, query.max_hits, query.fields);
     app.add_option("--reduce", query.reduce,
-                   "a sum instead of rows per ray: hit_fraction (of a hemisphere's points) | "
-                   "visible_pixels (per instance path)");
+                   "a sum instead of rows per ray: " + alternatives(reduce_words));
     add_output(app, query.output, {".npz"}, "FILE.npz (else a table on stdout)");
     add_detach(app, query.job, nullptr);
 }
@@ -166,8 +175,8 @@ void declare(CLI::App& app, HeatmapOptions& heatmap) {
                "FILE.png with a legend; FILE.exr or FILE.npy of raw counts");
     add_detach(app, heatmap.job, &heatmap.output);
     app.add_option("--metric", heatmap.metric,
-                   "total | nodes | boxes | leaves | prims | instances | rejects");
-    app.add_option("--palette", heatmap.palette, "turbo | viridis | inferno | gray");
+                   alternatives(metric_words) + " (total)");
+    app.add_option("--palette", heatmap.palette, alternatives(palette_words));
     app.add_option("--scale", heatmap.scale, "linear | log");
     app.add_option("--range", heatmap.range, "auto | p99 | LOW:HIGH");
     app.add_option("--count", heatmap.count, "traversed | necessary");
@@ -196,7 +205,9 @@ void declare(CLI::App& app, LoadTestOptions& load_test) {
     add_job(app, load_test.job);
     add_kind(app, load_test.kind, load_test.max_hits, load_test.fields);
     add_whole(app, "--clients", load_test.clients, 1U, 1000U, "connections at the same time (1)");
-    add_whole(app, "--rays", load_test.rays, 1U, 16384U, "rays of each request (1)");
+    add_whole(app, "--rays", load_test.rays, 1U,
+              static_cast<std::uint32_t>(protocol::Limits{}.chunk_rays_max),
+              "rays of each request (1)");
     add_number(app, "--seconds", load_test.seconds, 0.1, 86400.0,
                "a number of seconds from 0.1 to 86400",
                "against the daemon, and as long against each control (5)");
@@ -249,6 +260,9 @@ public:
         const std::vector<std::string> words = app_.remaining(true);
         for (const std::string& word : words)
             if (word.starts_with("--")) return "there is no option " + word;
+        for (const std::string& word : words)
+            if (word.find('=') != std::string::npos && !app_.get_subcommands().empty())
+                return "'" + word + "' stands alone: repeat --set before each NAME=VALUE";
         if (!app_.get_subcommands().empty() || words.empty()) return "";
         if (words[0].starts_with('-')) return "there is no option " + words[0];
         std::string names;
@@ -295,7 +309,7 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     Options options;
     CLI::App app("raynest - trace rays through a daemon's scenes with the intersector you name",
                  "raynest");
-    app.footer(exit_codes);
+    app.footer(exit_codes());
     app.require_subcommand(1);
     app.set_version_flag("--version", "raynest " RAYNEST_VERSION);
     app.add_option("--server", options.server,

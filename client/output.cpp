@@ -1,5 +1,9 @@
 #include "client/output.h"
 
+#include <poll.h>
+#include <signal.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -28,6 +32,12 @@ std::size_t letters(const std::string& text) {
 Result<void> check_stdout() {
     std::cout.flush();
     if (std::cout) return {};
+    // A reader that has read enough, such as head, ends the program in silence.
+    pollfd out{STDOUT_FILENO, POLLOUT, 0};
+    if (::poll(&out, 1, 0) == 1 && (out.revents & POLLERR) != 0) {
+        ::signal(SIGPIPE, SIG_DFL);
+        ::raise(SIGPIPE);
+    }
     return fail(Exit::failed, "cannot write to stdout");
 }
 
@@ -65,16 +75,6 @@ std::string grouped(std::uint64_t number) {
         text.insert(at, ",");
     }
     return text;
-}
-
-std::string bytes_text(std::uint64_t bytes) {
-    static constexpr std::array units = {"B", "KiB", "MiB", "GiB", "TiB"};
-    auto value = static_cast<double>(bytes);
-    std::size_t unit = 0;
-    for (; value >= 1024 && unit + 1 < units.size(); ++unit) value /= 1024;
-    std::array<char, 32> text;
-    std::snprintf(text.data(), text.size(), unit == 0 ? "%.0f %s" : "%.1f %s", value, units[unit]);
-    return text.data();
 }
 
 std::string seconds_text(double seconds) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "client/failure.h"
+#include "protocol/text.h"
 
 #include <nlohmann/json.hpp>
 
@@ -26,8 +27,7 @@ void print_table(const std::vector<std::vector<std::string>>& rows);
 
 /// "1,234,567".
 [[nodiscard]] std::string grouped(std::uint64_t number);
-/// "8.7 MiB".
-[[nodiscard]] std::string bytes_text(std::uint64_t bytes);
+using protocol::bytes_text;
 /// "0.412 s".
 [[nodiscard]] std::string seconds_text(double seconds);
 /// "12s", "5m", "3h", "2d": in the largest unit that gives at least 1.

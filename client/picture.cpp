@@ -28,8 +28,8 @@ Result<void> take_piece(const protocol::Frame& frame, ReceivedPicture& picture) 
 }  // namespace
 
 std::string encoding_of(const std::string& output) {
-    if (output == standard_stream) return "png";
     const std::string ending = extension_of(output);
+    if (output == standard_stream || ending.empty()) return "png";
     return ending == ".npy" ? "raw" : ending.substr(std::min<std::size_t>(1, ending.size()));
 }
 

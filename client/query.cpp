@@ -3,7 +3,6 @@
 #include "client/scene_origin.h"
 
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cstring>
 #include <map>
@@ -14,9 +13,6 @@ namespace raynest::client {
 namespace {
 
 using protocol::BlockView;
-
-constexpr std::array<std::string_view, 11> hit_fields = {
-    "t", "prim", "geom", "path", "inst", "uid", "uv", "ng", "front", "position", "material"};
 
 tl::unexpected<Failure> nonsense(const char* what) {
     return fail(Exit::failed, std::string("the daemon sent ") + what);
@@ -77,6 +73,7 @@ private:
                 return nonsense("a column of the wrong length");
         chunk.columns = columns;
         chunk.origin = outcome_.origin;
+        chunk.hidden = outcome_.hidden;
         return consume_(chunk);
     }
 
@@ -91,7 +88,8 @@ private:
 /// Rows of the answer, or at most so many while only the daemon can know: of what it makes itself
 /// STARTED says how many rays it has, and of a table of what they see DONE how many rows.
 std::uint64_t rows_of(const wire::QueryT& request, const RaySource& rays, const Outcome& outcome) {
-    if (request.reduce == "visible_pixels")
+    const ReducerWords* reducer = find_reducer(request.reduce);
+    if (reducer != nullptr && reducer->rows == "found")
         return outcome.rows ? *outcome.rows : outcome.rays_announced;
     const bool made = request.generator != nullptr && request.reduce.empty();
     return made ? outcome.rays_announced : rays.count();
@@ -120,18 +118,6 @@ Result<void> send_rays(Connection& connection, const RaySource& rays, std::uint6
 }
 
 }  // namespace
-
-bool has_splits(std::string_view kind) {
-    return kind == "multi" || kind == "all";
-}
-
-bool is_hit_field(std::string_view name) {
-    return std::find(hit_fields.begin(), hit_fields.end(), name) != hit_fields.end();
-}
-
-bool is_point_field(std::string_view name) {
-    return name == "position" || name == "origin";
-}
 
 Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
                           const RaySource& rays, Progress& progress,

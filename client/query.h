@@ -3,9 +3,11 @@
 
 #include "client/connection.h"
 #include "client/job.h"
+#include "client/lists.h"
 #include "client/progress.h"
 #include "client/rays.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <functional>
 #include <span>
@@ -24,16 +26,12 @@ struct QueryChunk {
     std::span<const std::uint64_t> splits;
     std::span<const protocol::BlockView> columns;  ///< ray_splits is not among them
     WorldPoint origin{};                           ///< to be added to columns of points
+    std::span<const std::string> hidden{};         ///< columns that users did not ask for
+
+    [[nodiscard]] bool shows(std::string_view column) const {
+        return std::ranges::find(hidden, column) == hidden.end();
+    }
 };
-
-/// Does this column hold points, which travel less the scene's origin?
-[[nodiscard]] bool is_point_field(std::string_view name);
-
-/// Has a ray of this kind any number of hits?
-[[nodiscard]] bool has_splits(std::string_view kind);
-
-/// Does this column describe hits (t, prim, ...), rather than rays (counters, flags, outputs)?
-[[nodiscard]] bool is_hit_field(std::string_view name);
 
 /// Runs `request` over `rays`, which are the points of a hemisphere and none of another generator;
 /// `consume` gets every chunk, in ray order, and may fail. Ends with the last ray where the request

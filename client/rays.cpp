@@ -4,7 +4,9 @@
 #include "client/scene_origin.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
+#include <limits>
 #include <utility>
 
 namespace raynest::client {
@@ -39,14 +41,17 @@ RaySource::RaySource(std::vector<float> values, std::uint32_t width,
 
 Result<RaySource> RaySource::open(const std::string& path, const std::optional<WorldPoint>& from,
                                   const WorldPoint& scene_origin) {
-    if (!from) return open(path, scene_origin, {6, 8}, "(N, 6) or (N, 8), or (N, 3) with --from");
-    auto source = open(path, scene_origin, {3}, "(N, 3): directions from that point");
+    if (!from)
+        return open(path, scene_origin, {6, 8},
+                    "rays have the shape (N, 6) or (N, 8), or (N, 3) with --from");
+    auto source =
+        open(path, scene_origin, {3}, "rays have the shape (N, 3): directions from that point");
     if (source) source->common_origin_ = less_origin(*from, scene_origin);
     return source;
 }
 
 Result<RaySource> RaySource::open_points(const std::string& path, const WorldPoint& scene_origin) {
-    return open(path, scene_origin, {6, 8}, "(N, 6) or (N, 8)");
+    return open(path, scene_origin, {6, 8}, "points and normals have the shape (N, 6)");
 }
 
 Result<RaySource> RaySource::open(const std::string& path, const WorldPoint& scene_origin,
@@ -61,8 +66,8 @@ Result<RaySource> RaySource::open(const std::string& path, const WorldPoint& sce
     if (shape == std::vector<std::uint64_t>{0}) shape.push_back(*widths.begin());
     if (shape.size() == 1) shape.insert(shape.begin(), 1);
     if (shape.size() != 2 || std::ranges::find(widths, shape[1]) == widths.end())
-        return fail(Exit::invalid, shown_name(path) + " has the shape " + shape_text(given) +
-                                       "; rays have the shape " + shapes);
+        return fail(Exit::invalid,
+                    shown_name(path) + " has the shape " + shape_text(given) + "; " + shapes);
     RaySource source;
     source.scene_origin_ = scene_origin;
     source.file_ = std::move(*file);
@@ -86,6 +91,22 @@ void RaySource::read(std::uint64_t first, std::span<float> out) const {
     }
     read_rows(array_, first, out,
               subtracts() ? std::span<const double>(scene_origin_) : std::span<const double>());
+}
+
+double RaySource::rounding() const {
+    if (!subtracts() || array_.dtype.size() < 3 || array_.dtype.substr(1) != "f4") return 0;
+    constexpr std::uint64_t at_once = 4096;
+    std::vector<float> rows(at_once * width_);
+    float farthest = 0;
+    for (std::uint64_t first = 0; first < count_; first += at_once) {
+        const std::uint64_t rays = std::min(at_once, count_ - first);
+        read_rows(array_, first, std::span(rows).first(rays * width_), {});
+        for (std::uint64_t i = 0; i < rays * width_; ++i)
+            if (i % width_ < 3 && std::isfinite(rows[i]))
+                farthest = std::max(farthest, std::abs(rows[i]));
+    }
+    const float next = std::nextafter(farthest, std::numeric_limits<float>::infinity());
+    return (double{next} - double{farthest}) / 2;
 }
 
 bool RaySource::subtracts() const {

@@ -42,6 +42,9 @@ public:
     [[nodiscard]] std::uint64_t ray_bytes() const { return width_ * sizeof(float); }
     /// Rays [first, first + count) as they travel, where they lie so in memory; else nothing.
     [[nodiscard]] std::span<const std::byte> bytes(std::uint64_t first, std::uint64_t count) const;
+    /// Half a step of the float32 in which a file holds the farthest origin, where the scene's
+    /// origin is subtracted from it: so far may a ray start from where it was meant. Else 0.
+    [[nodiscard]] double rounding() const;
     /// Writes the values of the rays from `first` on, until `out` is full.
     void read(std::uint64_t first, std::span<float> out) const;
 

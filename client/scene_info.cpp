@@ -42,6 +42,18 @@ std::string joined(const std::vector<std::string>& items) {
     return line.empty() ? "none" : line;
 }
 
+/// "0 front", "1 side", as --camera takes them.
+std::vector<std::string> numbered(std::vector<std::string> names) {
+    for (std::size_t i = 0; i < names.size(); ++i)
+        names[i] = std::to_string(i) + (names[i].empty() ? "" : " " + names[i]);
+    return names;
+}
+
+/// "1 node", "42,241 nodes".
+std::string counted(std::uint64_t count, const std::string& what) {
+    return grouped(count) + ' ' + what + (count == 1 ? "" : "s");
+}
+
 /// Of nodes and leaf blocks; 0 without triangles.
 double bytes_per_triangle(const wire::SceneInfo& info) {
     const auto triangles = static_cast<double>(info.unique_triangles());
@@ -58,8 +70,8 @@ std::string tree_text(const wire::SceneInfo& info) {
     std::string text(protocol::text(info.build()));
     if (info.build_seconds() > 0) text += " in " + seconds_text(info.build_seconds());
     return text + ", SAH cost " + rounded(info.sah_cost(), 1) + ", height " +
-           std::to_string(info.tree_height()) + ", " + grouped(info.nodes()) + " nodes, " +
-           grouped(info.leaf_blocks()) + " leaf blocks, " + rounded(bytes_per_triangle(info), 0) +
+           std::to_string(info.tree_height()) + ", " + counted(info.nodes(), "node") + ", " +
+           counted(info.leaf_blocks(), "leaf block") + ", " + rounded(bytes_per_triangle(info), 0) +
            " B/triangle";
 }
 
@@ -71,14 +83,25 @@ Json corner(const wire::SceneInfo& info, const wire::Vec3* relative) {
     for (const auto& [x, shift] : {std::pair{relative->x(), origin[0]},
                                    {relative->y(), origin[1]},
                                    {relative->z(), origin[2]}})
-        json.push_back(Json::parse(world_text(x, shift)));
+        json.push_back(std::stod(world_text(x, shift)));  // whole numbers, too, are floats
     return json;
 }
 
 std::string corner_text(const wire::SceneInfo& info, const wire::Vec3* relative) {
     std::string text;
-    for (const Json& x : corner(info, relative)) text += (text.empty() ? "" : ", ") + x.dump();
+    for (const Json& x : corner(info, relative)) {
+        const std::string number = x.dump();
+        const bool is_whole = number.ends_with(".0");
+        text += (text.empty() ? "" : ", ") + number.substr(0, number.size() - (is_whole ? 2 : 0));
+    }
     return "(" + text + ")";
+}
+
+std::string box_text(const wire::SceneInfo& info) {
+    const auto *lower = info.box_min(), *upper = info.box_max();
+    if (lower == nullptr || upper == nullptr || !(lower->x() <= upper->x()))
+        return "none: nothing can be hit";
+    return corner_text(info, lower) + " to " + corner_text(info, upper);
 }
 
 }  // namespace
@@ -95,6 +118,7 @@ Json scene_json(const wire::SceneInfo& info) {
     json["levels"] = info.levels();
     json["materials"] = info.materials();
     json["mask_materials"] = info.mask_materials();
+    json["blend_materials"] = info.blend_materials();
     json["meshes"] = info.meshes();
     json["records"] = records_json(info);
     json["bytes"] = info.bytes();
@@ -122,14 +146,15 @@ void print_scene(const wire::SceneInfo& info) {
                       std::string(protocol::text(info.hash())) + ")"},
         {"triangles", grouped(info.unique_triangles()) + " unique, " +
                           grouped(info.instanced_triangles()) + " instanced"},
-        {"box", corner_text(info, info.box_min()) + " to " + corner_text(info, info.box_max())},
+        {"box", box_text(info)},
         {"instances", grouped(info.instances()) + " on " + std::to_string(info.levels()) +
                           (info.levels() == 1 ? " level" : " levels")},
         {"materials", std::to_string(info.materials()) + ", " +
-                          std::to_string(info.mask_materials()) + " with an alpha mask"},
+                          std::to_string(info.mask_materials()) + " MASK, " +
+                          std::to_string(info.blend_materials()) + " BLEND"},
         {"memory", bytes_text(info.bytes())},
         {"tree", tree_text(info)},
-        {"cameras", joined(protocol::strings(info.cameras()))},
+        {"cameras", joined(numbered(protocol::strings(info.cameras())))},
     };
     if (info.degenerate_triangles() != 0)
         rows.push_back({"degenerate", grouped(info.degenerate_triangles()) +

@@ -49,11 +49,11 @@ std::string sniff(std::span<const std::byte> bytes) {
 /// A file of 4 GiB takes seconds: look for a Ctrl-C now and then.
 Result<std::uint64_t> hash_of(std::span<const std::byte> bytes) {
     constexpr std::size_t hashed_at_once = 16 << 20;
-    std::uint64_t hash = protocol::content_hash({});
+    std::uint64_t hash = protocol::upload_checksum({});
     while (!bytes.empty()) {
         if (interrupted()) return fail(Exit::interrupted, "interrupted");
         const std::size_t count = std::min(bytes.size(), hashed_at_once);
-        hash = protocol::content_hash(bytes.first(count), hash);
+        hash = protocol::upload_checksum(bytes.first(count), hash);
         bytes = bytes.subspan(count);
     }
     return hash;
@@ -122,7 +122,9 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
     const bool nameless = is_nameless(source);
     std::string extension = extension_of(source);
     if (!nameless && extension != ".gltf" && extension != ".glb" && extension != ".npy")
-        return fail(Exit::invalid, source + " is not a .glb, .gltf or .npy file, nor builtin:NAME");
+        return fail(Exit::invalid, source +
+                                       " is not a .glb, .gltf or .npy file, nor builtin:NAME; "
+                                       "convert it to .glb, for example with trimesh or Blender");
     Gatherer gatherer(upload);
     auto bytes = read_file(source, gatherer.left());
     if (!bytes) return tl::unexpected<Failure>(bytes.error());

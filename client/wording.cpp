@@ -26,6 +26,7 @@ constexpr std::array words = {
     Word{"deadline_ms", "--deadline"},
     Word{"epoch", "--epoch"},
     Word{"look_at", "--lookat"},
+    Word{"mask", "--mask"},
     Word{"name", "--name"},
     Word{"origin", "--origin"},
     Word{"primitive", "--primitive"},

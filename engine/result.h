@@ -24,6 +24,7 @@ enum class ErrorCode : std::uint32_t {
     out_of_memory,
     io_failed,          ///< the operating system refused: the message says what
 };
+inline constexpr ErrorCode last_error_code = ErrorCode::io_failed;
 
 struct Error {
     ErrorCode code = ErrorCode::internal;

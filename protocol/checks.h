@@ -50,6 +50,17 @@ public:
             for (const String* item : *list) text(field, item);
         return *this;
     }
+    /// "name=value" each.
+    Checks& settings(const char* field, const Strings* list, std::uint64_t bytes_max,
+                     const char* limit) {
+        items(field, list);
+        if (!error_ && list != nullptr)
+            for (const String* item : *list)
+                string(field, item, bytes_max, limit)
+                    .that(item->string_view().find('=') != std::string_view::npos, field,
+                          "must read name=value");
+        return *this;
+    }
     template <class T>
     Checks& items(const char* field, const Vector<T>* list) {
         return at_most(field, size(list), limits_.list_items_max, "list_items_max");
@@ -90,12 +101,6 @@ public:
         return finite(field, static_cast<double>(value->x()))
             .finite(field, static_cast<double>(value->y()))
             .finite(field, static_cast<double>(value->z()));
-    }
-    Checks& finite(const char* field, const Vector<float>* values) {
-        items(field, values);
-        if (!error_ && values != nullptr)
-            for (const float value : *values) finite(field, static_cast<double>(value));
-        return *this;
     }
     Checks& that(bool holds, const char* field, const char* why) {
         if (!holds) complain(Code::invalid_field, field, why);

@@ -1,7 +1,4 @@
-// THE error table of the protocol: number, name, exit code of the command line, what to do.
-//
-// Numbers and names are frozen with version 1. The daemon answers with a code and a message of its
-// own; where it has nothing better to say, the remedy of the table is the message.
+// Errors of the protocol and exit codes of the command line, as errors.def lists them.
 #pragma once
 
 #include <tl/expected.hpp>
@@ -15,42 +12,14 @@
 namespace raynest::protocol {
 
 enum class Code : std::uint32_t {
-    bad_frame = 1,        ///< the bytes are not a frame, or the frame comes in the wrong state
-    unsupported_version,  ///< no version in common
-    unknown_type,         ///< a message this daemon does not know; the connection goes on
-    limit_exceeded,       ///< a named limit (limits.h)
-    invalid_field,        ///< a field, column, word or number of the request
-    invalid_param,        ///< a parameter of an intersector
-    variant_unknown,
-    scene_unknown,
-    scene_invalid,
-    name_taken,
-    quota,
-    busy,
-    deadline,
-    cancelled,
-    not_allowed,
-    draining,
-    slow_consumer,
-    resource_exhausted,
-    unsupported,
-    internal,
-    job_unknown,
+#define RAYNEST_ERROR(number, NAME, name, ...) name = number,
+#include "protocol/errors.def"
 };
 
 /// Exit codes of `raynest` (PROTOCOL.md §9).
 enum class Exit : int {
-    ok = 0,
-    failed = 1,
-    usage = 2,
-    cannot_connect = 3,
-    not_allowed = 4,
-    invalid = 5,
-    busy = 6,
-    deadline = 7,
-    partial = 8,
-    threshold = 9,
-    interrupted = 130,
+#define RAYNEST_EXIT(number, name, ...) name = number,
+#include "protocol/errors.def"
 };
 
 struct ErrorInfo {
@@ -59,9 +28,14 @@ struct ErrorInfo {
     Exit exit;
     std::string_view remedy;
 };
+struct ExitInfo {
+    Exit code;
+    std::string_view text;
+};
 
 /// All codes, in order.
 [[nodiscard]] std::span<const ErrorInfo> error_table();
+[[nodiscard]] std::span<const ExitInfo> exit_table();
 /// A number that this version does not know reads as `internal`.
 [[nodiscard]] const ErrorInfo& error_info(Code code);
 

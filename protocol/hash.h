@@ -12,7 +12,7 @@
 namespace raynest::protocol {
 
 /// Of bytes that come in pieces, `hash` is that of those before.
-[[nodiscard]] constexpr std::uint64_t content_hash(std::span<const std::byte> bytes,
+[[nodiscard]] constexpr std::uint64_t upload_checksum(std::span<const std::byte> bytes,
                                                    std::uint64_t hash = 0xCBF29CE484222325ULL) {
     for (const std::byte byte : bytes) {
         hash ^= static_cast<std::uint64_t>(byte);

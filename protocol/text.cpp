@@ -3,7 +3,9 @@
 #include "protocol/validate.h"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
+#include <cstdio>
 #include <system_error>
 
 namespace raynest::protocol {
@@ -51,6 +53,16 @@ bool printable(std::string_view text) {
         i += length;
     }
     return true;
+}
+
+std::string bytes_text(std::uint64_t bytes) {
+    static constexpr std::array units = {"B", "KiB", "MiB", "GiB", "TiB"};
+    auto value = static_cast<double>(bytes);
+    std::size_t unit = 0;
+    for (; value >= 1024 && unit + 1 < units.size(); ++unit) value /= 1024;
+    std::array<char, 32> text;
+    std::snprintf(text.data(), text.size(), unit == 0 ? "%.0f %s" : "%.1f %s", value, units[unit]);
+    return text.data();
 }
 
 }  // namespace raynest::protocol

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -14,5 +15,8 @@ namespace raynest::protocol {
 
 /// The byte that a "%XX" at the beginning of `text` stands for; none where there is no such code.
 [[nodiscard]] std::optional<char> percent_code(std::string_view text);
+
+/// A size as people read it: "17 B", "32.8 MiB".
+[[nodiscard]] std::string bytes_text(std::uint64_t bytes);
 
 }  // namespace raynest::protocol

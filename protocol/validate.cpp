@@ -16,15 +16,11 @@ void check_job(Checks& checks, const wire::Job& job) {
     checks.name("scene", job.scene())
         .needs("scene", job.scene())
         .name("intersector", job.intersector())
-        .names("settings", job.settings())
+        .settings("settings", job.settings(), checks.limits().name_bytes_max, "name_bytes_max")
         .name("precision", job.precision())
         .name("traversal", job.traversal())
         .name("worker", job.worker())
         .name("priority", job.priority());
-    if (job.settings() == nullptr) return;
-    for (const String* setting : *job.settings())
-        checks.that(setting->string_view().find('=') != std::string_view::npos, "settings",
-                    "must read name=value");
 }
 
 void check_camera(Checks& checks, const wire::Camera& camera) {
@@ -38,61 +34,25 @@ void check_camera(Checks& checks, const wire::Camera& camera) {
               "look_at needs eye and at");
 }
 
-void check_size(Checks& checks, std::uint64_t width, std::uint64_t height) {
+void check_picture(Checks& checks, std::uint64_t width, std::uint64_t height) {
     const Limits& limits = checks.limits();
-    checks.at_most("width", width, limits.picture_side_max, "picture_side_max")
+    checks.at_least("width", width, 1)
+        .at_least("height", height, 1)
+        .at_most("width", width, limits.picture_side_max, "picture_side_max")
         .at_most("height", height, limits.picture_side_max, "picture_side_max")
         .at_most("width * height", width * height, limits.picture_pixels_max, "picture_pixels_max");
-}
-
-void check_picture(Checks& checks, std::uint64_t width, std::uint64_t height) {
-    checks.at_least("width", width, 1).at_least("height", height, 1);
-    check_size(checks, width, height);
 }
 
 bool is_word(const String* word, std::string_view value) {
     return word != nullptr && word->string_view() == value;
 }
 
-/// Every number of every kind; that a kind has what it needs, the daemon's ray source checks.
+/// The daemon's generators read what the settings say.
 void check_generator(Checks& checks, const wire::Generator& generator) {
-    const Limits& limits = checks.limits();
-    const auto size = [](const auto* list) { return list != nullptr ? list->size() : 0U; };
-    const std::uint32_t channels = size(generator.elevations());
-    const auto per_channel = [&](const auto* list) {
-        return size(list) == 0 || size(list) == channels;
-    };
     checks.name("generator", generator.kind())
         .needs("generator", generator.kind())
-        .nested(generator.camera(), check_camera)
-        .finite("pose", generator.pose())
-        .that(size(generator.pose()) == 0 || size(generator.pose()) == 12, "pose",
-              "must have 12 numbers")
-        .finite("elevations", generator.elevations())
-        .finite("azimuth_offsets", generator.azimuth_offsets())
-        .that(per_channel(generator.azimuth_offsets()), "azimuth_offsets",
-              "must be as many as elevations")
-        .items("origin_offsets", generator.origin_offsets())
-        .that(per_channel(generator.origin_offsets()), "origin_offsets",
-              "must be as many as elevations")
-        .at_most("azimuth_count", generator.azimuth_count(), limits.azimuths_max, "azimuths_max")
-        .at_least("samples", generator.samples(), 1)
-        .at_most("samples", generator.samples(), limits.samples_max, "samples_max");
-    for (const auto& [field, value] : {std::pair{"fx", generator.fx()},
-                                       {"fy", generator.fy()},
-                                       {"cx", generator.cx()},
-                                       {"cy", generator.cy()},
-                                       {"window_width", generator.window_width()},
-                                       {"window_height", generator.window_height()},
-                                       {"azimuth_start", generator.azimuth_start()},
-                                       {"azimuth_stop", generator.azimuth_stop()},
-                                       {"tmin", generator.tmin()},
-                                       {"tmax", generator.tmax()}})
-        checks.finite(field, static_cast<double>(value));
-    if (checks.good() && generator.origin_offsets() != nullptr)
-        for (const wire::Vec3* offset : *generator.origin_offsets())
-            checks.finite("origin_offsets", offset);
-    check_size(checks, generator.width(), generator.height());
+        .settings("settings", generator.settings(), checks.limits().control_bytes_max,
+                  "control_bytes_max");
 }
 
 void check_info(Checks& checks, const wire::SceneInfo& info) {
@@ -143,7 +103,9 @@ void check_heat(Checks& checks, const wire::HeatStatistics& heat) {
         .finite("mean", heat.mean())
         .finite("clipped", heat.clipped())
         .finite("range_low", heat.range_low())
-        .finite("range_high", heat.range_high());
+        .finite("range_high", heat.range_high())
+        .finite("below", heat.below())
+        .name("count", heat.count());
 }
 
 void check_job_info(Checks& checks, const wire::JobInfo& info) {
@@ -175,13 +137,6 @@ Result<void> validate(const wire::Welcome& message, const Limits& limits) {
 
 Result<void> validate(const wire::Error& message, const Limits& limits) {
     return Checks(limits).name("name", message.name()).text("message", message.message()).result();
-}
-
-Result<void> validate(const wire::Ping&, const Limits&) {
-    return {};
-}
-Result<void> validate(const wire::Pong&, const Limits&) {
-    return {};
 }
 
 Result<void> validate(const wire::Credit& message, const Limits& limits) {
@@ -247,10 +202,6 @@ Result<void> validate(const wire::Loaded& message, const Limits& limits) {
         .nested(message.info(), check_info)
         .finite("seconds", message.seconds())
         .result();
-}
-
-Result<void> validate(const wire::Scenes&, const Limits&) {
-    return {};
 }
 
 Result<void> validate(const wire::SceneList& message, const Limits& limits) {
@@ -326,20 +277,12 @@ Result<void> validate(const wire::Unloaded& message, const Limits& limits) {
         .result();
 }
 
-Result<void> validate(const wire::Variants&, const Limits&) {
-    return {};
-}
-
 Result<void> validate(const wire::VariantList& message, const Limits& limits) {
     Checks checks(limits);
     if (message.variants() != nullptr)
         for (const wire::Variant* variant : *message.variants())
             checks.nested(variant, check_variant);
     return checks.result();
-}
-
-Result<void> validate(const wire::Stats&, const Limits&) {
-    return {};
 }
 
 Result<void> validate(const wire::Statistics& message, const Limits& limits) {
@@ -351,20 +294,17 @@ Result<void> validate(const wire::Statistics& message, const Limits& limits) {
 
 Result<void> validate(const wire::Query& message, const Limits& limits) {
     const bool all = is_word(message.kind(), "all");
-    const wire::Generator* generator = message.generator();
-    const bool made = generator != nullptr && !is_word(generator->kind(), "hemisphere");
     return Checks(limits)
         .that(message.job() != nullptr, "job", "is missing")
         .nested(message.job(), check_job)
         .name("kind", message.kind())
         .names("fields", message.fields())
+        .names("hidden", message.hidden())
         .at_most("max_hits", message.max_hits(), all ? limits.all_hits_max : limits.hits_max,
                  all ? "all_hits_max" : "hits_max")
-        .nested(generator, check_generator)
+        .nested(message.generator(), check_generator)
         .name("reduce", message.reduce())
-        .that(!made || message.ray_count() == 0, "ray_count",
-              "must be 0 where the daemon makes the rays")
-        .at_least("ray_count", message.ray_count(), made ? 0 : 1)
+        .at_least("ray_count", message.ray_count(), message.generator() != nullptr ? 0 : 1)
         .at_most("ray_count", message.ray_count(), limits.rays_max, "rays_max")
         .result();
 }
@@ -414,6 +354,7 @@ Result<void> validate(const wire::Started& message, const Limits& limits) {
         .name("worker", message.worker())
         .name("camera", message.camera())
         .texts("notes", message.notes())
+        .names("hidden", message.hidden())
         .text("worker_reason", message.worker_reason())
         .finite("origin", message.origin_x())
         .finite("origin", message.origin_y())
@@ -449,22 +390,6 @@ Result<void> validate(const wire::Done& message, const Limits& limits) {
         .texts("notes", message.notes())
         .name("target", message.target())
         .result();
-}
-
-Result<void> validate(const wire::Jobs&, const Limits&) {
-    return {};
-}
-Result<void> validate(const wire::Wait&, const Limits&) {
-    return {};
-}
-Result<void> validate(const wire::Fetch&, const Limits&) {
-    return {};
-}
-Result<void> validate(const wire::CancelJob&, const Limits&) {
-    return {};
-}
-Result<void> validate(const wire::Detached&, const Limits&) {
-    return {};
 }
 
 Result<void> validate(const wire::JobList& message, const Limits& limits) {

@@ -1,9 +1,12 @@
 #include "server/address.h"
 
+#include "server/net/transports.h"
+
 #include <arpa/inet.h>
 #include <netinet/in.h>
 #include <sys/un.h>
 
+#include <algorithm>
 #include <charconv>
 #include <utility>
 
@@ -29,7 +32,7 @@ bool is_numeric(const std::string& host) {
            inet_pton(AF_INET6, host.c_str(), &storage) == 1;
 }
 
-Result<Address> parse_tcp(std::string_view uri, std::string_view rest) {
+Result<Address> parse_tcp(std::string_view uri, std::string_view scheme, std::string_view rest) {
     constexpr std::string_view malformed =
         "is not an address; write tcp://HOST:PORT, e.g. tcp://127.0.0.1:31060";
     const auto colon = rest.rfind(':');
@@ -39,12 +42,14 @@ Result<Address> parse_tcp(std::string_view uri, std::string_view rest) {
     if (host.size() > 2 && host.front() == '[' && host.back() == ']')
         host = host.substr(1, host.size() - 2);
 
-    TcpAddress address{host == "localhost" ? "127.0.0.1" : std::string(host), 0};
+    TcpAddress address{host == "localhost" ? "127.0.0.1" : std::string(host), 0,
+                       std::string(scheme)};
     const auto [end, error] =
         std::from_chars(port_text.data(), port_text.data() + port_text.size(), address.port);
     if (error != std::errc{} || end != port_text.data() + port_text.size())
         return refused(uri, malformed);
-    if (!is_numeric(address.host)) return refused(uri, malformed);
+    if (!is_numeric(address.host))
+        return refused(uri, "names a host; an IP address or localhost is needed");
     if (!is_loopback(address.host))
         return refused(uri,
                        "is not loopback, and without a token whoever can connect may do "
@@ -53,27 +58,34 @@ Result<Address> parse_tcp(std::string_view uri, std::string_view rest) {
     return Address{address};
 }
 
+Result<Address> parse_path(std::string_view uri, std::string_view rest) {
+    if (rest.empty() || rest.size() >= sizeof(sockaddr_un::sun_path) ||
+        rest.find('\0') != std::string_view::npos)
+        return refused(uri, "is not a socket path of 1.." +
+                                std::to_string(sizeof(sockaddr_un::sun_path) - 1) + " bytes");
+    return Address{UnixAddress{std::string(rest)}};
+}
+
 }  // namespace
 
 Result<Address> parse_address(std::string_view uri) {
-    constexpr std::string_view tcp = "tcp://";
-    constexpr std::string_view unix_scheme = "unix:";
-    if (uri.substr(0, tcp.size()) == tcp) return parse_tcp(uri, uri.substr(tcp.size()));
-    if (uri.substr(0, unix_scheme.size()) == unix_scheme) {
-        std::string path(uri.substr(unix_scheme.size()));
-        if (path.empty() || path.size() >= sizeof(sockaddr_un::sun_path) ||
-            path.find('\0') != std::string::npos)
-            return refused(uri, "is not a socket path of 1.." +
-                                    std::to_string(sizeof(sockaddr_un::sun_path) - 1) + " bytes");
-        return Address{UnixAddress{std::move(path)}};
-    }
+    const std::string_view name = uri.substr(0, uri.find(':'));
+    const Scheme* scheme = name.size() == uri.size() ? nullptr : find_scheme(name);
+    std::string_view rest = uri.substr(std::min(uri.size(), name.size() + 1));
+    if (scheme != nullptr && scheme->place == Scheme::Place::path) return parse_path(uri, rest);
+    if (scheme != nullptr && rest.substr(0, 2) == "//") return parse_tcp(uri, name, rest.substr(2));
     return refused(uri, "is not an address; write tcp://HOST:PORT or unix:PATH");
+}
+
+std::string scheme_of(const Address& address) {
+    const auto* tcp = std::get_if<TcpAddress>(&address);
+    return tcp != nullptr ? tcp->scheme : "unix";
 }
 
 std::string to_uri(const Address& address) {
     if (const auto* tcp = std::get_if<TcpAddress>(&address)) {
         const bool v6 = tcp->host.find(':') != std::string::npos;
-        return "tcp://" + (v6 ? "[" + tcp->host + "]" : tcp->host) + ":" +
+        return tcp->scheme + "://" + (v6 ? "[" + tcp->host + "]" : tcp->host) + ":" +
                std::to_string(tcp->port);
     }
     return "unix:" + std::get<UnixAddress>(address).path;

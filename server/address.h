@@ -14,6 +14,7 @@ namespace raynest::server {
 struct TcpAddress {
     std::string host;  ///< numeric IPv4 or IPv6, no brackets
     std::uint16_t port = 0;
+    std::string scheme = "tcp";
 };
 struct UnixAddress {
     std::string path;
@@ -29,6 +30,9 @@ struct SocketAccess {
 /// "localhost" means 127.0.0.1. Addresses other than loopback are refused: until there is a token,
 /// whoever can connect may do everything.
 [[nodiscard]] Result<Address> parse_address(std::string_view uri);
+
+/// A name in the list of transports (net/transports.h): "tcp", "unix".
+[[nodiscard]] std::string scheme_of(const Address& address);
 
 /// The URI that parse_address reads, e.g. "tcp://[::1]:31060".
 [[nodiscard]] std::string to_uri(const Address& address);

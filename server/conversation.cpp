@@ -15,22 +15,20 @@ constexpr std::uint64_t window_bytes_min = 64ULL << 10;
 
 }  // namespace
 
-Conversation::Conversation(const Services& services, const Engine& engine, Sink& sink,
-                           std::string principal)
+Conversation::Conversation(const Services& services, const JobContext& context, Sink& sink,
+                           std::string peer, Authenticate authenticate)
     : services_(services),
       sink_(sink),
-      runner_(std::make_shared<Runner>(engine, sink, principal)) {
-    caller_.principal = std::move(principal);
+      authenticate_(std::move(authenticate)),
+      runner_(std::make_shared<Runner>(context, sink, peer)) {
+    caller_.principal = std::move(peer);
     caller_.connection = services_.scenes.connect();
 }
 
 Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
     if (!protocol::message_known(header.type)) return false;
-    std::uint64_t most = 0;
-    if (header.type == static_cast<std::uint16_t>(wire::Message::Upload))
-        most = services_.limits.window_bytes;
-    if (header.type == static_cast<std::uint16_t>(wire::Message::QueryRays))
-        most = services_.limits.chunk_rays_max * sizeof(Ray);
+    const Request* request = find_request(header.type);
+    const std::uint64_t most = request == nullptr ? 0 : request->bulk_bytes_max(services_.limits);
     if (most == 0 && header.bulk_bytes != 0)
         return refuse(Code::limit_exceeded,
                       protocol::message_name(header.type) + " brings no bulk part; " +
@@ -42,19 +40,10 @@ Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
 void Conversation::receive(protocol::Frame frame) {
     if (closing_) return;
     ++services_.metrics.frames_received;
-    const auto type = static_cast<wire::Message>(frame.header.type);
     const std::uint64_t id = frame.header.request_id;
-    // Whatever a request makes go wrong ends that request alone.
+    // An exception ends the request that caused it, and nothing else.
     try {
-        if (!greeted_) {
-            greet(frame);
-        } else if (type == wire::Message::QueryRays || type == wire::Message::Upload) {
-            feed(std::move(frame));
-        } else if (find_handler(frame.header.type) != nullptr) {
-            request(frame);
-        } else {
-            control(frame, type);
-        }
+        handle(std::move(frame));
     } catch (const std::bad_alloc&) {
         refuse_request(id, {Code::resource_exhausted, "", 0});
     } catch (const std::exception& error) {
@@ -63,24 +52,48 @@ void Conversation::receive(protocol::Frame frame) {
     settle();
 }
 
-void Conversation::greet(const protocol::Frame& frame) {
+void Conversation::handle(protocol::Frame frame) {
+    const std::uint16_t type = frame.header.type;
+    const Request* request = find_request(type);
+    if (!greeted_ && (request == nullptr || !request->before_hello))
+        return close_with_error(
+            {Code::bad_frame, "expected Hello, got " + protocol::message_name(type), 0});
+    if (!protocol::message_known(type))
+        return refuse_request(
+            frame.header.request_id,
+            {Code::unknown_type, "this daemon does not know " + protocol::message_name(type), 0});
+    if (request == nullptr || (greeted_ && request->before_hello))
+        return close_with_error({Code::bad_frame,
+                                 protocol::message_name(type) + " is not for a client to send now",
+                                 0});
+    if (request->answer != nullptr)
+        start(*request, frame);
+    else
+        (this->*request->act)(std::move(frame));
+}
+
+void Conversation::greet(protocol::Frame frame) {
     const auto hello = protocol::open<wire::Hello>(frame, services_.limits);
-    if (!hello) return give_up(hello.error());
+    if (!hello) return close_with_error(hello.error());
     if ((*hello)->version_min() > protocol::version_max ||
         (*hello)->version_max() < protocol::version_min)
-        return give_up({Code::unsupported_version,
-                        "this daemon speaks version " + std::to_string(protocol::version_min) +
-                            " to " + std::to_string(protocol::version_max) +
-                            " of the protocol, the client " +
-                            std::to_string((*hello)->version_min()) + " to " +
-                            std::to_string((*hello)->version_max()),
-                        0});
+        return close_with_error(
+            {Code::unsupported_version,
+             "this daemon speaks version " + std::to_string(protocol::version_min) + " to " +
+                 std::to_string(protocol::version_max) + " of the protocol, the client " +
+                 std::to_string((*hello)->version_min()) + " to " +
+                 std::to_string((*hello)->version_max()),
+             0});
     const std::uint64_t window = (*hello)->window_bytes();
     if (window != 0 && window < window_bytes_min)
-        return give_up({Code::invalid_field,
-                        "window_bytes must be 0 or at least " + std::to_string(window_bytes_min),
-                        0});
+        return close_with_error(
+            {Code::invalid_field,
+             "window_bytes must be 0 or at least " + std::to_string(window_bytes_min), 0});
+    Reply<Principal> principal = authenticate_(*(*hello).table);
+    if (!principal) return close_with_error(principal.error());
+    caller_.principal = std::move(principal->id);
     caller_.window_bytes = window == 0 ? services_.limits.window_bytes : window;
+    runner_->set_principal(caller_.principal);
     runner_->set_window(caller_.window_bytes);
     greeted_ = true;
 
@@ -97,37 +110,33 @@ void Conversation::greet(const protocol::Frame& frame) {
          {"client", std::string(protocol::text((*hello)->client()))}});
 }
 
-void Conversation::control(const protocol::Frame& frame, wire::Message type) {
+void Conversation::ping(protocol::Frame frame) {
     const std::uint64_t id = frame.header.request_id;
-    if (type == wire::Message::Ping) {
-        const auto ping = protocol::open<wire::Ping>(frame, services_.limits);
-        if (!ping) return refuse_request(id, ping.error());
-        wire::PongT pong;
-        pong.payload = (*ping)->payload();
-        sink_.send(*protocol::encode(id, pong));
-    } else if (type == wire::Message::Credit) {
-        const auto credit = protocol::open<wire::Credit>(frame, services_.limits);
-        if (!credit) return runner_of(id).fail(id, credit.error());
-        runner_->grant(id, (*credit)->bytes());
-    } else if (type == wire::Message::Cancel) {
-        const auto cancel = protocol::open<wire::Cancel>(frame, services_.limits);
-        if (!cancel) return runner_of(id).fail(id, cancel.error());
-        if (const auto fed = feeding_.find(id); fed != feeding_.end())
-            services_.detached.cancel(fed->second->record().number);
-        else
-            runner_->cancel(id);
-    } else if (protocol::message_known(frame.header.type)) {
-        give_up({Code::bad_frame,
-                 protocol::message_name(frame.header.type) + " is not for a client to send now",
-                 0});
-    } else {
-        refuse_request(
-            id, {Code::unknown_type,
-                 "this daemon does not know " + protocol::message_name(frame.header.type), 0});
-    }
+    const auto ping = protocol::open<wire::Ping>(frame, services_.limits);
+    if (!ping) return refuse_request(id, ping.error());
+    wire::PongT pong;
+    pong.payload = (*ping)->payload();
+    sink_.send(*protocol::encode(id, pong));
 }
 
-void Conversation::request(const protocol::Frame& frame) {
+void Conversation::credit(protocol::Frame frame) {
+    const std::uint64_t id = frame.header.request_id;
+    const auto credit = protocol::open<wire::Credit>(frame, services_.limits);
+    if (!credit) return runner_of(id).fail(id, credit.error());
+    runner_->grant(id, (*credit)->bytes());
+}
+
+void Conversation::cancel(protocol::Frame frame) {
+    const std::uint64_t id = frame.header.request_id;
+    const auto cancel = protocol::open<wire::Cancel>(frame, services_.limits);
+    if (!cancel) return runner_of(id).fail(id, cancel.error());
+    if (const auto fed = feeding_.find(id); fed != feeding_.end())
+        services_.detached.cancel(fed->second->record().number);
+    else
+        runner_->cancel(id);
+}
+
+void Conversation::start(const Request& request, const protocol::Frame& frame) {
     const std::uint64_t id = frame.header.request_id;
     if (id == 0 || runner_->knows(id) || feeding_.contains(id))
         return refuse_request(id, {Code::invalid_field,
@@ -136,7 +145,7 @@ void Conversation::request(const protocol::Frame& frame) {
                                                  " is in use by a request under way",
                                    0});
     caller_.request_id = id;
-    Reply<Answer> answer = find_handler(frame.header.type)->answer(services_, caller_, frame);
+    Reply<Answer> answer = request.answer(services_, caller_, frame);
     if (!answer) return refuse_request(id, answer.error());
     if (auto* frames = std::get_if<Frames>(&*answer)) {
         for (protocol::Frame& reply : *frames) sink_.send(std::move(reply));
@@ -152,7 +161,7 @@ void Conversation::request(const protocol::Frame& frame) {
                                        "; wait for one of them, or open another connection",
                                    0});
     }
-    Accepted accepted = std::move(std::get<Accepted>(*answer));
+    JobSubmission accepted = std::move(std::get<JobSubmission>(*answer));
     if (accepted.detach) {
         if (const auto detached = detach(id, std::move(accepted)); !detached)
             refuse_request(id, detached.error());
@@ -171,7 +180,7 @@ Runner& Conversation::runner_of(std::uint64_t id) const {
     return fed == feeding_.end() ? *runner_ : fed->second->runner();
 }
 
-Reply<void> Conversation::detach(std::uint64_t id, Accepted accepted) {
+Reply<void> Conversation::detach(std::uint64_t id, JobSubmission accepted) {
     const auto job = services_.detached.start(caller_.principal, id, std::move(accepted), &sink_);
     if (!job) return tl::unexpected(job.error());
     feeding_.emplace(id, *job);
@@ -179,9 +188,7 @@ Reply<void> Conversation::detach(std::uint64_t id, Accepted accepted) {
     return {};
 }
 
-// A detached job that has all its data needs this connection no longer; of a failure the client has
-// heard from the job itself.
-void Conversation::let_go() {
+void Conversation::release_inputs() {
     for (auto fed = feeding_.begin(); fed != feeding_.end();) {
         const auto& [id, job] = *fed;
         if (job->runner().needs_client(id)) {
@@ -189,6 +196,7 @@ void Conversation::let_go() {
             continue;
         }
         job->set_feeder(nullptr);
+        // A job that failed has told the client itself.
         if (!job->error()) {
             wire::DetachedT detached;
             detached.job = job->record().number;
@@ -228,7 +236,7 @@ void Conversation::refuse_request(std::uint64_t id, const protocol::Error& error
     sink_.send(protocol::encode_error(id, error, false));
 }
 
-void Conversation::give_up(const protocol::Error& error) {
+void Conversation::close_with_error(const protocol::Error& error) {
     if (closing_) return;
     if (error.code == Code::bad_frame || error.code == Code::limit_exceeded)
         ++services_.metrics.bad_frames;
@@ -247,8 +255,8 @@ void Conversation::drain() {
 }
 
 void Conversation::settle() {
-    let_go();
-    if (draining_ && jobs() == 0) give_up({Code::draining, "", 0});
+    release_inputs();
+    if (draining_ && jobs() == 0) close_with_error({Code::draining, "", 0});
 }
 
 }  // namespace raynest::server

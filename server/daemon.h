@@ -11,9 +11,6 @@ namespace raynest::server {
 /// `raynestd --import-child TARGET [PACK_DIR...]` is the import process of engine/assets/import.h.
 inline constexpr std::string_view import_child_flag = "--import-child";
 
-/// `raynestd --device-worker PACK` is the process of server/device/worker_process.h.
-inline constexpr std::string_view device_worker_flag = "--device-worker";
-
 /// Runs until SIGTERM or SIGINT; returns the exit code: 0 after a drain, 1 with a line on stderr
 /// when packs, addresses or the state folder cannot be had. A second one of these signals, or a
 /// drain of over drain_ms_max, ends the process with code 3. SIGHUP is logged and ignored.

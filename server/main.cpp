@@ -1,8 +1,8 @@
 // raynestd: one program, three lives: the daemon, the short-lived process that imports one scene,
 // and the one that has the GPU.
 #include "engine/assets/import.h"
+#include "server/backends/cuda/worker_process.h"
 #include "server/daemon.h"
-#include "server/device/worker_process.h"
 #include "server/log.h"
 #include "server/options.h"
 
@@ -31,7 +31,7 @@ void keep_frames_in_heap() {
 
 int run(int argc, const char* const* argv) {
     if (argc >= 3 && argv[1] == import_child_flag) return run_import_child(argc, argv);
-    if (argc == 3 && argv[1] == device_worker_flag) return device::run_worker_process(argv[2]);
+    if (argc == 3 && argv[1] == device::worker_flag) return device::run_worker_process(argv[2]);
     const ParsedOptions parsed = parse_options(argc, argv);
     if (!parsed.options) return parsed.exit_code;
     keep_frames_in_heap();

@@ -9,9 +9,13 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <iomanip>
 #include <iostream>
 #include <memory>
 #include <optional>
+#include <set>
 #include <sstream>
 #include <string_view>
 #include <thread>
@@ -69,7 +73,8 @@ std::optional<unsigned> to_group(const std::string& text) {
     unsigned number = 0;
     const char* last = text.data() + text.size();
     const auto [end, error] = std::from_chars(text.data(), last, number);
-    if (error == std::errc{} && end == last) return number;
+    // chown() reads -1 as "leave the group", while the mode would be widened.
+    if (error == std::errc{} && end == last && number != static_cast<gid_t>(-1)) return number;
     // Before any thread starts.
     const group* known = getgrnam(text.c_str());  // NOLINT(concurrency-mt-unsafe)
     return known == nullptr ? std::nullopt : std::optional<unsigned>(known->gr_gid);
@@ -89,6 +94,30 @@ SocketAccess to_socket_access(const Words& words) {
     return access;
 }
 
+/// Bytes of a size such as 8G, 1.5GiB or 500m; none where it is not from 1M to 1P.
+std::optional<std::uint64_t> to_size(const std::string& text) {
+    double number = 0;
+    const char* last = text.data() + text.size();
+    const auto [end, error] = std::from_chars(text.data(), last, number);
+    std::string unit = CLI::detail::to_lower(CLI::detail::trim_copy(std::string(end, last)));
+    for (const char* end_of_unit : {"b", "i"})
+        if (unit.ends_with(end_of_unit)) unit.pop_back();
+    const std::size_t power = unit.size() == 1 ? std::string_view(" kmgtp").find(unit) : 0;
+    if (error != std::errc{} || unit.size() > 1 || power == std::string_view::npos)
+        return std::nullopt;
+    number = std::ldexp(number, static_cast<int>(10 * power));
+    const bool fits = number >= std::ldexp(1, 20) && number <= std::ldexp(1, 50);
+    return fits ? std::optional(static_cast<std::uint64_t>(number)) : std::nullopt;
+}
+
+// CLI11 hands the text over to be replaced by what it means.
+std::string size_fault(std::string& text) {
+    const auto bytes = to_size(text);
+    if (!bytes) return "'" + text + "' is not a size from 1M to 1P, such as 8G or 1.5G";
+    text = std::to_string(*bytes);
+    return "";
+}
+
 LogLevel to_log_level(const std::string& word) {
     if (word == "error") return LogLevel::error;
     if (word == "warn") return LogLevel::warn;
@@ -104,11 +133,15 @@ std::filesystem::path to_cuda_pack(const std::string& word) {
     return std::filesystem::exists(pack, error) ? pack : std::filesystem::path();
 }
 
-/// Reads the configuration file line by line, so that a fault names its file, its line and its key.
-class ConfigLines : public CLI::ConfigBase {
+/// Reads a configuration file: KEY=VALUE lines, empty lines and comments. A value with blanks, '#'
+/// or quotes stands in quotes, as --print-config writes all of them. A fault names its file, its
+/// line and its key.
+class ConfigLines : public CLI::Config {
 public:
     explicit ConfigLines(const CLI::App& app) : app_(app) {}
     std::vector<CLI::ConfigItem> from_config(std::istream& file) const override;
+    // Not asked for: print_config() writes more than CLI11 knows of.
+    std::string to_config(const CLI::App*, bool, bool, std::string) const override { return ""; }
 
 private:
     const CLI::App& app_;
@@ -135,16 +168,18 @@ void declare(CLI::App& app, Options& options, Words& words) {
         ->check(CLI::ExistingDirectory);
     app.add_option("--pack-dir", options.pack_dirs, "Folder with more kernel packs, repeatable")
         ->check(CLI::ExistingDirectory);
-    app.add_option("--threads", options.threads, "Compute threads")
+    app.add_option("--threads", options.threads, "Compute threads, 1 to 1024")
         ->check(CLI::Range(1U, threads_max))
         ->capture_default_str();
-    app.add_option("--memory", options.memory, "Bytes for scenes, uploads and jobs, e.g. 8G")
-        ->transform(CLI::AsSizeValue(false))
-        ->check(CLI::Range(std::uint64_t{1} << 20, std::uint64_t{1} << 50))
+    app.add_option("--memory", options.memory,
+                   "Bytes for scenes, uploads and jobs, 1M to 1P, e.g. 8G or 1.5G")
+        ->transform(CLI::Validator(size_fault, ""))
         ->capture_default_str();
-    app.add_option("--target", options.target, "Kernel pack: auto, v2, v3 or v4")
+    std::vector<std::string> targets = {"auto"};
+    targets.insert(targets.end(), cpu_targets().begin(), cpu_targets().end());
+    app.add_option("--target", options.target, "Kernel pack: " + CLI::detail::join(targets, ", "))
         ->envname("RAYNEST_TARGET")
-        ->check(CLI::IsMember({"auto", "v2", "v3", "v4"}))
+        ->check(CLI::IsMember(targets))
         ->capture_default_str();
     app.add_option("--cuda", words.cuda,
                    "CUDA worker: auto (where its kernel pack was built), off, or the pack's file")
@@ -168,17 +203,67 @@ void declare(CLI::App& app, Options& options, Words& words) {
     app.config_formatter(std::make_shared<ConfigLines>(app));
 }
 
-/// The reason why an option cannot be set as this line of a file says; empty when it can.
-std::string config_fault(const CLI::ConfigItem& item) {
-    if (!item.parents.empty())
-        return "sections are not known here; write KEY=VALUE, as raynestd --print-config does";
+/// How an option is spelled now that was spelled with underscores; empty where that is no such one.
+std::string respelled(const CLI::App& app, const std::string& flag) {
+    const std::string now = hyphened(flag);
+    const bool old = now != flag && app.get_option_no_throw(now) != nullptr;
+    return old ? flag + " is now spelled " + now : "";
+}
+
+/// The values of a line behind its KEY=, each a word or a text in quotes; none where a quote is not
+/// closed. A comment begins between them.
+std::optional<std::vector<std::string>> to_values(const std::string& text) {
+    std::vector<std::string> values;
+    std::istringstream left(text);
+    while (!(left >> std::ws).eof() && left.peek() != '#') {
+        const auto first = static_cast<char>(left.peek());
+        std::string& value = values.emplace_back();
+        if (first == '"' || first == '\'')
+            left >> std::quoted(value, first);
+        else
+            left >> value;
+        if (!left) return std::nullopt;
+    }
+    return values;
+}
+
+/// A line of a configuration file, without its end, as an option and its values; a text says what
+/// is wrong. Nothing for a line that sets nothing.
+tl::expected<std::optional<CLI::ConfigItem>, std::string> to_item(const std::string& line) {
+    const auto is_control = [](char c) { return c != '\t' && (c == 0x7F || (c >= 0 && c < ' ')); };
+    const std::string text = CLI::detail::trim_copy(line);
+    if (text.empty() || text.front() == '#') return std::nullopt;
+    if (std::ranges::any_of(text, is_control))
+        return tl::unexpected<std::string>("it holds a control character; write plain text");
+    if (text.front() == '[')
+        return tl::unexpected<std::string>(
+            "sections are not known here; write KEY=VALUE, as raynestd --print-config does");
+    const std::size_t equals = text.find('=');
+    CLI::ConfigItem item;
+    item.name = CLI::detail::trim_copy(text.substr(0, equals));
+    const auto values = to_values(equals == std::string::npos ? "" : text.substr(equals + 1));
+    if (!values) return tl::unexpected("'" + item.name + "' has a quote that is not closed");
+    if (values->empty() || std::ranges::count(*values, "") != 0)
+        return tl::unexpected("'" + item.name + "' has no value; write " + item.name +
+                              "=VALUE, or leave the line out");
+    item.inputs = *values;
+    return item;
+}
+
+/// The reason why an option cannot be set so, after `before` of the same file; empty when it can.
+std::string config_fault(const CLI::ConfigItem& item, const std::vector<std::string>& before) {
     Options options;
     Words words;
     CLI::App trial;
     declare(trial, options, words);
+    if (!respelled(trial, "--" + item.name).empty())
+        return "'" + item.name + "' is now spelled '" + hyphened(item.name) + "'";
     CLI::Option* option = trial.get_option_no_throw("--" + item.name);
     if (option == nullptr || !option->get_configurable())
         return "there is no option '" + item.name + "'; raynestd --print-config lists them";
+    if (option->get_expected_max() == 1 && before.size() + item.inputs.size() > 1)
+        return "'" + item.name + "' takes one value and " +
+               (before.empty() ? "has more" : "has one above") + "; keep one of them";
     try {
         for (const std::string& value : item.inputs) option->add_result(value);
         option->run_callback();
@@ -190,20 +275,24 @@ std::string config_fault(const CLI::ConfigItem& item) {
 }
 
 std::vector<CLI::ConfigItem> ConfigLines::from_config(std::istream& file) const {
+    constexpr std::string_view byte_order_mark = "\xEF\xBB\xBF";
     std::vector<CLI::ConfigItem> read;
     std::string line;
     for (std::size_t number = 1; std::getline(file, line); ++number) {
-        std::istringstream alone(line);
-        for (CLI::ConfigItem& item : ConfigBase::from_config(alone)) {
-            if (const std::string fault = config_fault(item); !fault.empty())
-                throw CLI::ConfigError(app_.get_config_ptr()->results().back() + ", line " +
-                                       std::to_string(number) + ": " + fault);
-            const auto same = std::ranges::find(read, item.name, &CLI::ConfigItem::name);
-            if (same == read.end())
-                read.push_back(std::move(item));
-            else  // CLI11 would take the first only
-                same->inputs.insert(same->inputs.end(), item.inputs.begin(), item.inputs.end());
-        }
+        if (number == 1 && line.starts_with(byte_order_mark)) line.erase(0, byte_order_mark.size());
+        const auto refuse = [&](const std::string& fault) {
+            throw CLI::ConfigError(app_.get_config_ptr()->results().back() + ", line " +
+                                   std::to_string(number) + ": " + fault);
+        };
+        auto item = to_item(line);
+        if (!item) refuse(item.error());
+        if (!*item) continue;
+        auto same = std::ranges::find(read, (*item)->name, &CLI::ConfigItem::name);
+        if (same == read.end()) same = read.insert(same, CLI::ConfigItem{{}, (*item)->name, {}});
+        if (const std::string fault = config_fault(**item, same->inputs); !fault.empty())
+            refuse(fault);
+        // CLI11 would take the first of two items only.
+        same->inputs.insert(same->inputs.end(), (*item)->inputs.begin(), (*item)->inputs.end());
     }
     return read;
 }
@@ -219,7 +308,8 @@ void print_config(const CLI::App& app) {
         std::cout << "\n# " << option->get_description() << '\n';
         const std::string name = option->get_single_name();
         if (values.empty()) std::cout << "# " << name << "=\n";
-        for (const std::string& value : values) std::cout << name << "=\"" << value << "\"\n";
+        for (const std::string& value : values)
+            std::cout << name << '=' << std::quoted(value) << '\n';
     }
     std::cout << "\n# Limits of the protocol, not configurable:\n";
     const protocol::Limits limits;
@@ -229,13 +319,6 @@ void print_config(const CLI::App& app) {
                       << limit.text << '\n';
 }
 
-/// How an option is spelled now that was spelled with underscores; empty where that is no such one.
-std::string respelled(const CLI::App& app, const std::string& flag) {
-    const std::string now = hyphened(flag);
-    const bool old = now != flag && app.get_option_no_throw(now) != nullptr;
-    return old ? flag + " is now spelled " + now : "";
-}
-
 void refuse_old_spelling(const CLI::App& app, int argc, const char* const* argv) {
     for (int i = 1; i < argc; ++i) {
         const std::string argument = argv[i];
@@ -243,6 +326,35 @@ void refuse_old_spelling(const CLI::App& app, int argc, const char* const* argv)
         const std::string complaint = respelled(app, argument.substr(0, argument.find('=')));
         if (!complaint.empty()) throw CLI::ParseError(complaint, CLI::ExitCodes::ExtrasError);
     }
+}
+
+/// Two listeners of one address; port 0 is another port each time.
+void refuse_repeated(const std::vector<std::string>& listen) {
+    std::set<std::string> seen;
+    for (const std::string& uri : listen)
+        if (const std::string place = to_uri(*parse_address(uri));
+            !place.ends_with(":0") && !seen.insert(place).second)
+            throw CLI::ValidationError("--listen", "'" + uri + "' is given twice");
+}
+
+/// CLI11 blames the option where it was the environment's variable.
+std::string blamed(std::string what, int argc, const char* const* argv) {
+    constexpr std::string_view option = "--target";
+    const bool given = std::any_of(argv, argv + argc, [&](const char* argument) {
+        return std::string_view(argument).starts_with(option);
+    });
+    // Before any thread starts.
+    const char* variable = getenv("RAYNEST_TARGET");  // NOLINT(concurrency-mt-unsafe)
+    if (variable != nullptr && !given && what.starts_with(option))
+        what.replace(0, option.size(), "RAYNEST_TARGET");
+    return what;
+}
+
+/// What was asked for is worth nothing where nobody got it.
+ParsedOptions printed() {
+    if (std::cout.flush()) return {std::nullopt, 0};
+    std::cerr << "raynestd: cannot write to stdout\n";
+    return {std::nullopt, 1};
 }
 
 }  // namespace
@@ -258,6 +370,8 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
         "  raynestd --listen tcp://127.0.0.1:0 --ready-file /tmp/raynest.json\n\n"
         "raynestd traces rays through instanced scenes for clients.",
         "raynestd");
+    app.footer(
+        "\nExit codes: 0 stopped, 1 cannot start, 2 usage, 3 stopped before its jobs had ended.");
     bool print = false;
     try {
         declare(app, options, words);
@@ -266,16 +380,18 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
         app.set_version_flag("--version", "raynestd " RAYNEST_VERSION);
         refuse_old_spelling(app, argc, argv);
         app.parse(argc, argv);
+        refuse_repeated(options.listen);
         options.socket = to_socket_access(words);
         options.log_level = to_log_level(words.log_level);
         options.cuda_pack = to_cuda_pack(words.cuda);
         if (!print) return {options, 0};
         print_config(app);
-        return {std::nullopt, 0};
+        return printed();
     } catch (const CLI::Success& answered) {
-        return {std::nullopt, app.exit(answered)};
+        app.exit(answered);
+        return printed();
     } catch (const CLI::Error& error) {
-        std::cerr << "raynestd: " << error.what() << "; see raynestd --help\n";
+        std::cerr << "raynestd: " << blamed(error.what(), argc, argv) << "; see raynestd --help\n";
         return {std::nullopt, 2};
     }
 }

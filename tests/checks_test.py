@@ -40,6 +40,10 @@ class Includes(Planted):
                     "server/a.cpp": '#include "engine/scene/x.h"\n#include "protocol/frame.h"\n'})
         self.assertEqual(self.check("check_includes.py")[0], 0)
 
+    def test_lists_are_open_to_all(self):
+        self.plant({"client/a.cpp": '#include "engine/queries/fields.def"\n'})
+        self.assertEqual(self.check("check_includes.py")[0], 0)
+
     def test_an_empty_tree_is_not_a_pass(self):
         self.assertEqual(self.check("check_includes.py")[0], 1)
 
@@ -103,6 +107,60 @@ class House(Planted):
 
     def test_broken_shell_is_refused(self):
         self.assert_refused("client/a.sh", "if true; then\n", "does not parse")
+
+
+class Lists(Planted):
+    """What follows from the lists is compared with them; in a copy of the files that take part."""
+
+    FILES = ("protocol/errors.def", "protocol/limits.def", "protocol/requests.def",
+             "protocol/generators.def", "protocol/reducers.def", "engine/queries/fields.def",
+             "engine/geometry/counters.def", "engine/packs/words.def",
+             "engine/integrators/palettes.def", "server/diag/metrics.def", "protocol/PROTOCOL.md",
+             "protocol/messages.fbs", "client/python/README.md",
+             "client/python/raynest/_lists.py", "client/python/raynest/_limits.py")
+
+    def setUp(self):
+        super().setUp()
+        self.plant({name: (HERE.parent / name).read_text(encoding="utf-8") for name in self.FILES})
+
+    def lists(self, *options):
+        run = subprocess.run([sys.executable, HERE.parent / ".ci/lists.py", *options, self.root],
+                             capture_output=True, text=True, check=False)
+        return run.returncode, run.stdout + run.stderr
+
+    def test_a_new_row_makes_its_files_stale_until_they_are_written(self):
+        for name, row, stale in (
+                ("protocol/errors.def", 'RAYNEST_ERROR(99, NEW, fresh, busy, "wait")',
+                 ("protocol/PROTOCOL.md", "raynest/_lists.py")),
+                ("protocol/limits.def", 'RAYNEST_LIMIT(new_max, 2ULL << 20, fixed, "new, things")',
+                 ("protocol/PROTOCOL.md", "raynest/_limits.py")),
+                ("protocol/requests.def", 'RAYNEST_REQUEST(99, New, fresh, plain, "Pong")',
+                 ("protocol/PROTOCOL.md", "protocol/messages.fbs")),
+                ("engine/geometry/counters.def", 'RAYNEST_COUNTER(news, "news per ray")',
+                 ("protocol/PROTOCOL.md", "python/README.md", "raynest/_lists.py"))):
+            path = self.root / name
+            path.write_text(path.read_text(encoding="utf-8").replace("\n#undef", f"\n{row}\n#undef", 1))
+            code, text = self.lists("--check")
+            self.assertEqual(code, 1, name)
+            self.assertEqual(text.count("is stale"), len(stale), text)
+            for file in stale:
+                self.assertIn(f"{file} is stale", text)
+            self.assertEqual(self.lists(), (0, ""))
+            self.assertEqual(self.lists("--check"), (0, ""))
+        self.assertIn("| `new_max` | 2097152 | new, things |",
+                      (self.root / "protocol/PROTOCOL.md").read_text(encoding="utf-8"))
+
+    def test_a_table_that_was_edited_by_hand_is_stale(self):
+        page = self.root / "protocol/PROTOCOL.md"
+        page.write_text(page.read_text(encoding="utf-8").replace("| 12 | BUSY |", "| 12 | IDLE |"))
+        self.assertEqual(self.lists("--check")[0], 1)
+
+    def test_a_row_that_does_not_end_is_named(self):
+        path = self.root / "protocol/limits.def"
+        path.write_text('RAYNEST_LIMIT(frame_bytes_max, 64, fixed, "one"')
+        code, text = self.lists("--check")
+        self.assertEqual(code, 1)
+        self.assertIn("does not end", text)
 
 
 if __name__ == "__main__":

@@ -17,9 +17,8 @@ Result<void> deliver_heatmap(Context& context, const std::string& output, Receiv
 
 using ChunkConsumer = std::function<Result<void>(const QueryChunk&)>;
 /// `ask` runs a query of `what`, a kind or a sum over rays, and passes its chunks on. Without an
-/// `output` they become rows of the columns `shown`, all that come when that is empty.
+/// `output` they become rows.
 Result<void> deliver_query(Context& context, const std::string& output, const std::string& what,
-                           const std::vector<std::string>& shown,
                            const std::function<Result<Outcome>(const ChunkConsumer&)>& ask);
 
 /// The number of a job that goes on without its client, alone on its line: job=$(raynest ...).

@@ -27,7 +27,7 @@ Result<void> run(Context& context, const FetchOptions& options) {
         if (!options.output.empty())
             if (auto fits = check_ending(options.output, ".npz"); !fits) return fits;
         return deliver_query(
-            context, options.output, std::string(protocol::text(job->info->detail())), {},
+            context, options.output, std::string(protocol::text(job->info->detail())),
             [&](const ChunkConsumer& consume) {
                 return fetch_query(context.connection, request, context.progress, consume);
             });

@@ -21,12 +21,17 @@ wire::HeatmapT heatmap_message(const HeatmapOptions& options) {
 }
 
 void print_statistics(const wire::HeatStatisticsT& heat, std::ostream& to) {
-    std::array<char, 160> line;
+    std::array<char, 200> line;
     std::snprintf(line.data(), line.size(),
-                  "%s per ray: min %u, mean %.2f, p50 %u, p99 %u, max %u, %.2f %% clipped",
-                  heat.metric.c_str(), heat.min, heat.mean, heat.p50, heat.p99, heat.max,
-                  heat.clipped * 100);
-    to << line.data() << '\n';
+                  "%s%s per ray: min %u, mean %.2f, p50 %u, p99 %u, max %u, %.2f %% clipped",
+                  heat.count == "necessary" ? "necessary " : "", heat.metric.c_str(), heat.min,
+                  heat.mean, heat.p50, heat.p99, heat.max, heat.clipped * 100);
+    to << line.data();
+    if (heat.below > 0) {
+        std::snprintf(line.data(), line.size(), ", %.2f %% below the range", heat.below * 100);
+        to << line.data();
+    }
+    to << '\n';
 }
 
 Json statistics_json(const wire::HeatStatisticsT& heat) {
@@ -37,6 +42,8 @@ Json statistics_json(const wire::HeatStatisticsT& heat) {
                 {"p99", heat.p99},
                 {"max", heat.max},
                 {"clipped", heat.clipped},
+                {"below", heat.below},
+                {"count", heat.count},
                 {"range_low", heat.range_low},
                 {"range_high", heat.range_high}};
 }

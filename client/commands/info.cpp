@@ -38,7 +38,8 @@ Result<Parts> list_parts(Connection& connection, const std::string& scene,
             else
                 json["alpha_mode"] = alpha_modes[k];
             parts.json.push_back(std::move(json));
-            const std::string name = names[k].empty() ? "-" : names[k];
+            const std::string name =
+                !names[k].empty() ? names[k] : '#' + std::to_string(request.first + k);
             if (meshes)
                 parts.rows.push_back(
                     {name, grouped(triangles), grouped(records), grouped(placements)});

@@ -153,9 +153,10 @@ std::string verdict(const Side& daemon, const Side& echo, double ratio, double r
     if (slow.tally.missed == 0)
         std::snprintf(line.data(), line.size(), "p50 is %.2f times that of the Asio echo", ratio);
     else
-        std::snprintf(line.data(), line.size(),
-                      "%s answered %.0f of %g requests per second: lower --rate, or add --clients",
-                      slow.name, most, rate);
+        std::snprintf(
+            line.data(), line.size(),
+            "%s answered %.0f of %.10g requests per second: lower --rate, or add --clients",
+            slow.name, most, rate);
     return line.data();
 }
 

@@ -18,11 +18,6 @@
 namespace raynest::client {
 namespace {
 
-std::vector<std::string> default_fields(const std::string& kind) {
-    if (kind == "any") return {"hit"};
-    return {"t", "prim", "geom", "path", "uv"};
-}
-
 std::string numpy_dtype(wire::Dtype dtype) {
     switch (dtype) {
         case wire::Dtype::u8:
@@ -40,14 +35,11 @@ std::string numpy_dtype(wire::Dtype dtype) {
 /// Grows whole columns out of chunks.
 class Columns {
 public:
-    /// Without those that are not `shown`, if that says any; outputs of an intersector always are.
-    Columns(bool splits, const std::vector<std::string>& shown)
-        : has_splits_(splits),
-          hides_hit_(!shown.empty() && std::ranges::find(shown, "hit") == shown.end()) {}
+    explicit Columns(bool splits) : has_splits_(splits) {}
 
     Result<void> append(const QueryChunk& chunk) {
         for (const protocol::BlockView& block : chunk.columns) {
-            if (block.name == "hit" && hides_hit_) continue;
+            if (!chunk.shows(block.name)) continue;
             if (is_point_field(block.name) && block.dtype == wire::Dtype::f32 &&
                 block.width() == 3) {
                 append_points(chunk, block);
@@ -106,7 +98,6 @@ private:
     }
 
     bool has_splits_;
-    bool hides_hit_;
     std::map<std::string, Column> columns_;
     std::vector<std::uint64_t> splits_ = {0};
 };
@@ -116,7 +107,8 @@ wire::QueryT query_message(const QueryOptions& options) {
     request.job = job_message(options.job);
     request.reduce = options.reduce;
     request.kind = options.kind;
-    if (request.kind.empty()) request.kind = options.reduce == "hit_fraction" ? "any" : "closest";
+    const ReducerWords* reducer = find_reducer(options.reduce);
+    if (request.kind.empty()) request.kind = reducer != nullptr ? reducer->kind : "closest";
     request.fields = options.fields;
     if (request.fields.empty() && request.reduce.empty())
         request.fields = default_fields(request.kind);
@@ -124,22 +116,17 @@ wire::QueryT query_message(const QueryOptions& options) {
     return request;
 }
 
-/// The columns that rows show of an answer; `hit` is how they tell misses from hits.
-std::vector<std::string> names_of(const QueryChunk& chunk, const std::string& kind) {
-    std::vector<std::string> names;
-    for (const protocol::BlockView& column : chunk.columns)
-        if (column.name != "hit" || kind == "any") names.emplace_back(column.name);
-    return names;
-}
-
-/// Prints rows of the columns `shown`, of those of `first` when that is empty.
-ChunkConsumer row_printer(const std::string& what, const std::vector<std::string>& shown,
-                          const QueryChunk& first, bool json) {
-    if (what == "hit_fraction" || what == "visible_pixels")
-        return [rows = ReducedRows(what == "hit_fraction" ? "point" : "", json)](
+/// Prints rows of the columns of `first` that users asked for.
+ChunkConsumer row_printer(const std::string& what, const QueryChunk& first, bool json) {
+    if (const ReducerWords* reducer = find_reducer(what))
+        return [rows = ReducedRows(reducer->rows == "points" ? "point" : "", json)](
                    const QueryChunk& chunk) mutable { return rows.print(chunk); };
-    return [rows = QueryRows(what, shown.empty() ? names_of(first, what) : shown, json)](
-               const QueryChunk& chunk) mutable { return rows.print(chunk); };
+    std::vector<std::string> shown;
+    for (const protocol::BlockView& column : first.columns)
+        if (first.shows(column.name)) shown.emplace_back(column.name);
+    return [rows = QueryRows(what, shown, json)](const QueryChunk& chunk) mutable {
+        return rows.print(chunk);
+    };
 }
 
 /// Asks about an invalid ray, of which nothing but the columns is passed on: a query has at least
@@ -150,16 +137,29 @@ Result<Outcome> ask_about_no_rays(Context& context, wire::QueryT& request, const
         return fail(Exit::usage,
                     "a detached job needs rays, and there are none; leave --detach out");
     request.ray_count = 1;
-    if (request.generator != nullptr) request.generator->samples = 1;
+    if (request.generator != nullptr) {
+        auto& settings = request.generator->settings;
+        std::erase_if(settings, [](const std::string& each) { return each.starts_with("samples="); });
+        settings.emplace_back("samples=1");
+    }
     const RaySource invalid(std::vector<float>(rays.width()), rays.width(), rays.common_origin());
     auto outcome = run_query(
         context.connection, request, invalid, context.progress, [&](const QueryChunk& chunk) {
             std::vector<protocol::BlockView> columns(chunk.columns.begin(), chunk.columns.end());
             for (protocol::BlockView& column : columns) column.count = 0, column.bytes = {};
-            return consume({0, 0, chunk.splits.first(1), columns});
+            return consume({0, 0, chunk.splits.first(1), columns, {}, chunk.hidden});
         });
     if (outcome) outcome->rays = outcome->misses = outcome->invalid = 0;
     return outcome;
+}
+
+/// A scene far from zero is worth its origin only where rays have as many digits.
+void warn_of_rounding(Context& context, const RaySource& rays) {
+    constexpr double notable = 0.5e-3;
+    if (rays.rounding() <= notable) return;
+    context.progress.clear();
+    std::cerr << "raynest: origins of rays are float32, which moves them by up to "
+              << rays.rounding() << " so far from zero; save them as float64\n";
 }
 
 /// A truncated answer was given, and is a partial one.
@@ -192,21 +192,23 @@ Result<void> run(Context& context, const QueryOptions& options) {
     if (!points.empty()) rays = RaySource::open_points(points, origin);
     if (!rays) return tl::unexpected<Failure>(rays.error());
     request.ray_count = rays->count();
-    const std::vector<std::string> shown = request.fields;
+    warn_of_rounding(context, *rays);
     // Rows tell misses from hits and invalid rays by these columns, shown or not; and points of a
-    // file are 0 where a ray misses.
-    const auto need = [&fields = request.fields](const char* name) {
-        if (std::find(fields.begin(), fields.end(), name) == fields.end())
-            fields.emplace_back(name);
+    // file are 0 where a ray misses. Whether a detached job is to be rows, fetch decides.
+    const auto need = [&request](const char* name) {
+        if (std::ranges::find(request.fields, name) != request.fields.end()) return;
+        request.fields.emplace_back(name);
+        request.hidden.emplace_back(name);
     };
-    const bool has_points = std::any_of(shown.begin(), shown.end(), is_point_field);
+    const bool may_be_rows = options.output.empty() || options.job.detach;
+    const bool has_points = std::ranges::any_of(request.fields, is_point_field);
     if (request.reduce.empty()) {
-        if ((options.output.empty() || has_points) && !has_splits(request.kind)) need("hit");
-        if (options.output.empty() && !options.job.detach) need("flags");
+        if ((may_be_rows || has_points) && !has_splits(request.kind)) need("hit");
+        if (may_be_rows) need("flags");
     }
 
     return deliver_query(
-        context, options.output, request.reduce.empty() ? request.kind : request.reduce, shown,
+        context, options.output, request.reduce.empty() ? request.kind : request.reduce,
         [&](const ChunkConsumer& consume) {
             const bool sends = request.generator == nullptr || !points.empty();
             if (sends && rays->count() == 0)
@@ -216,17 +218,16 @@ Result<void> run(Context& context, const QueryOptions& options) {
 }
 
 Result<void> deliver_query(Context& context, const std::string& output, const std::string& what,
-                           const std::vector<std::string>& shown,
                            const std::function<Result<Outcome>(const ChunkConsumer&)>& ask) {
     const bool rows = output.empty();
     if (!rows) {
         if (auto writable = check_writable(output); !writable) return writable;
     }
     ChunkConsumer print;
-    Columns columns(has_splits(what), shown);
+    Columns columns(has_splits(what));
     const auto outcome = ask([&](const QueryChunk& chunk) {
         if (!rows) return columns.append(chunk);
-        if (!print) print = row_printer(what, shown, chunk, context.json);
+        if (!print) print = row_printer(what, chunk, context.json);
         context.progress.clear();
         return print(chunk);
     });

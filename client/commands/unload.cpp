@@ -43,7 +43,10 @@ void print(Context& context, const UnloadOptions& options, const std::vector<Unl
             std::cout << (i == 0 ? "" : ", ") << scene.holders[i];
         std::cout << ", for whom the name works on\n";
     }
-    if (done.empty() && options.scenes.empty()) std::cout << "nothing to unload\n";
+    if (done.empty() && options.scenes.empty())
+        std::cout << "nothing to unload: no scene that you named is left"
+                  << (options.all ? "" : ", or unused for so long")
+                  << "; scenes without a name go with their connections\n";
 }
 
 }  // namespace
@@ -57,8 +60,12 @@ Result<void> run(Context& context, const UnloadOptions& options) {
     if (options.scenes.empty()) result = unload(context, request, done);
     for (const std::string& scene : options.scenes) {
         request.scene = scene;
-        result = unload(context, request, done);
-        if (!result) break;
+        const auto next = unload(context, request, done);
+        if (next) continue;
+        // The last failure is for the caller to say.
+        if (!result) std::cerr << describe(result.error(), context.json) << '\n';
+        result = next;
+        if (is_own(next.error())) break;
     }
     if (result || !done.empty()) print(context, options, done);
     return result;

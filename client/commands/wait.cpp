@@ -39,7 +39,7 @@ Result<void> run(Context& context, const WaitOptions& options) {
         else
             std::cout << job_text(*info->message.table) << " is done, "
                       << bytes_text((*info)->bytes()) << "; raynest fetch " << options.job
-                      << " -o FILE\n";
+                      << " -o FILE brings the answer\n";
         return {};
     }
 }

@@ -9,8 +9,8 @@
 namespace raynest {
 namespace {
 
-/// Copies objects for every state in which rules reach them, from the root down. What is below a
-/// settled state stays as it is, under the mask of its instance.
+/// Copies each object once per state in which the rules reach it, from the root down. Objects below
+/// a settled state are shared; the mask of their instance applies to them.
 class MaskWriter {
 public:
     MaskWriter(MaskRules& rules, SceneDescription& scene) : rules_(rules), scene_(scene) {}
@@ -36,7 +36,9 @@ private:
         const auto next = static_cast<std::uint32_t>(scene_.objects.size());
         const auto [known, is_new] = copies_.try_emplace({source, state}, next);
         if (!is_new) return known->second;
-        scene_.objects.emplace_back().name = scene_.objects[source].name;
+        // A copy: the new element may move the others.
+        std::string name = scene_.objects[source].name;
+        scene_.objects.emplace_back().name = std::move(name);
         open_.push_back({source, state, next});
         return next;
     }
@@ -57,8 +59,8 @@ private:
         return {};
     }
 
-    /// An object's own primitives have the mask of what places it. Where instances beside them get
-    /// others, they become an object of their own, which takes their place among the paths.
+    /// Gives an object's own primitives the mask of its placement. Where a rule sets that mask, the
+    /// primitives move to an object of their own, placed beside the instances.
     void add_primitives(const Copy& copy) {
         ObjectDescription own = scene_.objects[copy.source];
         own.instances.clear();
@@ -73,7 +75,7 @@ private:
         scene_.objects[copy.object].instances.push_back({object, Transform{}, *mask, 0, {}});
     }
 
-    /// Steps of paths, with their numbers.
+    /// Returns the path steps of the object's instances, with their sibling numbers.
     [[nodiscard]] std::vector<std::string> texts_of(std::uint32_t object) const {
         std::vector<std::string> texts;
         NameIds ids;

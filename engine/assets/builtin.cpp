@@ -1,4 +1,4 @@
-// builtin:NAME?key=value&...: the table of procedural scenes and the parsing of their keys.
+// builtin:NAME?key=value&...: the table of procedural scenes and the parser for their keys.
 #include "engine/assets/builtin.h"
 
 #include "engine/assets/import.h"
@@ -38,8 +38,8 @@ std::string key_list(const Builtin& builtin) {
     return fmt::format("{}", fmt::join(texts, ", "));
 }
 
-/// One "key=value" into `values`, which hold what was given; false when the key is unknown or given
-/// already, or the value out of range.
+/// Stores one "key=value" in `values`, which hold the keys given so far. Returns false if the key
+/// is unknown or repeated, or the value is out of range.
 bool assign(const Builtin& builtin, std::string_view assignment, BuiltinValues& values) {
     const std::size_t equals = assignment.find('=');
     if (equals == std::string_view::npos) return false;
@@ -69,8 +69,8 @@ Result<SceneDescription> describe_builtin(std::string_view source) {
             const std::string_view assignment = rest.substr(0, rest.find('&'));
             if (!assign(builtin, assignment, values)) {
                 return fail(ErrorCode::scene_invalid,
-                            fmt::format("builtin:{} does not take '{}'; it takes each of these "
-                                        "keys once: {}",
+                            fmt::format("builtin:{} does not take '{}'; it takes "
+                                        "each of these keys once: {}",
                                         name, assignment.substr(0, 60), key_list(builtin)));
             }
             rest.remove_prefix(std::min(assignment.size() + 1, rest.size()));

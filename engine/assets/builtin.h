@@ -1,6 +1,6 @@
-// Procedural scenes: one function each, and the keys that a user may set.
+// Procedural scenes: one function per scene, and the keys that a user may set.
 //
-// A new scene is one file and one line in builtin.cpp's table.
+// A new scene is one file and one line in the table of builtin.cpp.
 #pragma once
 
 #include "engine/result.h"
@@ -13,7 +13,7 @@
 
 namespace raynest {
 
-/// A whole-number key of a built-in scene.
+/// A whole-number parameter of a built-in scene.
 struct BuiltinKey {
     std::string_view name;
     std::uint64_t initial;
@@ -21,19 +21,19 @@ struct BuiltinKey {
     std::uint64_t maximum;
 };
 
-/// Every key of the scene, at its initial value where the user gave none.
+/// The value of every key of a scene: the user's or the default.
 using BuiltinValues = std::map<std::string, std::uint64_t, std::less<>>;
 
-/// Ground, and trees of leaf cards in nested instances. Same values, same bytes.
+/// Describes ground, and trees of leaf cards in nested instances. Equal values give equal bytes.
 Result<SceneDescription> describe_forest(const BuiltinValues& values);
-/// A height field of size x size cells without instances.
+/// Describes a height field of size x size cells without instances.
 Result<SceneDescription> describe_terrain(const BuiltinValues& values);
-/// Spheres on spheres: records of type "sphere", one nesting level per generation.
+/// Describes spheres on spheres: records of type "sphere", one nesting level per generation.
 Result<SceneDescription> describe_flake(const BuiltinValues& values);
 
-/// Merges instances into their parents from the bottom until the root has at most `levels` levels
-/// of objects below and including it. limit_exceeded when more than `triangles_max` would be
-/// written.
+/// Merges instances into their parents, from the bottom up, until the root has at most `levels`
+/// levels of objects, itself included. limit_exceeded if this would write more than `triangles_max`
+/// triangles.
 Result<void> flatten_levels(SceneDescription& scene, std::uint32_t levels,
                             std::uint64_t triangles_max);
 

@@ -1,4 +1,4 @@
-// A small painter for procedural textures: tapered shapes with anti-aliased straight alpha.
+// A painter for procedural textures: tapered shapes with anti-aliased straight alpha.
 #pragma once
 
 #include "engine/scene/description.h"
@@ -10,9 +10,9 @@
 
 namespace raynest {
 
-/// sRGB colours in [0, 1]. Pixel coordinates, y down. Transparent at first, but filled with a
-/// colour, so that bilinear lookups at an edge find no dark fringe and a mask ignored shows
-/// something fitting.
+/// An image in sRGB, colours in [0, 1], pixel coordinates with y down. It starts transparent, but
+/// with a fill colour: bilinear lookups at an edge see no dark fringe, and a picture whose mask is
+/// ignored still shows a fitting colour.
 class Canvas {
 public:
     Canvas(std::uint32_t width, std::uint32_t height, const Vec3& fill, float alpha = 0)
@@ -24,8 +24,8 @@ public:
     [[nodiscard]] std::uint32_t height() const { return height_; }
     Vec4& at(std::uint32_t x, std::uint32_t y) { return pixels_[std::size_t{y} * width_ + x]; }
 
-    /// A shape along the axis from `base` to `tip`: `half_width(s)` in pixels for s in [0, 1] along
-    /// it, `colour(s, t)` with t in [-1, 1] across it. Painted over what is there; wraps round the
+    /// Paints a shape along the axis from `base` to `tip` over the picture: `half_width(s)` in
+    /// pixels for s in [0, 1] along it, `colour(s, t)` with t in [-1, 1] across it. Wraps round the
     /// edges when `tiled`.
     template <class HalfWidth, class Colour>
     void shape(const Vec2& base, const Vec2& tip, float widest, HalfWidth half_width, Colour colour,

@@ -20,7 +20,7 @@ extern char** environ;
 namespace raynest {
 namespace {
 
-/// A process group of its own: what a terminal sends to ours, we handle.
+/// Spawn attributes: a process group of its own, so that signals of the terminal reach only us.
 class Attributes {
 public:
     Attributes() {
@@ -37,7 +37,7 @@ private:
     posix_spawnattr_t attributes_{};
 };
 
-/// posix_spawn's file actions, freed on every way out.
+/// posix_spawn's file actions, freed on every path.
 class FileActions {
 public:
     FileActions() { posix_spawn_file_actions_init(&actions_); }
@@ -134,7 +134,7 @@ bool bind_to_parent(pid_t parent) {
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
     const rlimit none{0, 0};
     static_cast<void>(::setrlimit(RLIMIT_CORE, &none));
-    // It may have ended before the death signal was set.
+    // The parent may have ended before the death signal was set.
     return ::getppid() == parent;
 }
 

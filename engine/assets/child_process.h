@@ -1,5 +1,5 @@
-// Processes of our own: a program with a few descriptors, null streams and nothing else of ours,
-// that ends when we do. What they are told and tell goes through memory files and sockets.
+// Child processes: a program with a few inherited descriptors and null streams that ends when we
+// do. We exchange data with it through memory files and sockets.
 #pragma once
 
 #include "engine/result.h"
@@ -35,10 +35,10 @@ class Mapping {
 public:
     enum class Access {
         read,
-        share  ///< to read and write, together with others who map the file
+        share  ///< read and write; changes reach the file
     };
     Mapping() = default;
-    /// None where the file is empty or cannot be mapped.
+    /// Maps nothing if the file is empty or cannot be mapped.
     Mapping(const Fd& file, Access access);
     Mapping(Mapping&& other) noexcept : bytes_(std::exchange(other.bytes_, {})) {}
     Mapping& operator=(Mapping&& other) noexcept {
@@ -53,28 +53,28 @@ private:
     std::span<std::byte> bytes_;
 };
 
-/// What the system says of `error`, an errno; with the remedy where descriptors are used up.
+/// Returns the system's text for an errno; with the remedy if file descriptors are used up.
 [[nodiscard]] std::string system_says(int error);
 
-/// What a child's first inherited descriptor is.
+/// Number of a child's first inherited descriptor.
 inline constexpr int first_inherited_fd = 3;
 inline constexpr int inherited_max = 4;
 
-/// The same file by a number that is above those of a child's, close-on-exec; empty where there is
-/// none left.
+/// Duplicates the descriptor to a number above those of a child, close-on-exec. Empty if no
+/// descriptor is left.
 [[nodiscard]] Fd out_of_the_way(Fd fd);
 
-/// A memory file with close-on-exec, out of the way.
+/// Creates a memory file, close-on-exec, with a number above those of a child.
 Result<Fd> create_memory_file(const char* name);
 
 Result<void> write_all(int fd, const void* bytes, std::size_t size);
 
-/// Starts `command`; its descriptors are /dev/null three times and inherited[i] as 3 + i. They are
-/// out of the way, and at most inherited_max.
+/// Starts `command` with /dev/null as its three streams and inherited[i] as descriptor 3 + i. Pass
+/// at most inherited_max descriptors, each from out_of_the_way().
 Result<pid_t> spawn_child(std::span<const std::string> command, std::span<const int> inherited);
 
-/// In the child: it dies with its parent and leaves no core. False where the parent, of that
-/// process id, has ended already.
+/// Called in the child: it dies with its parent and leaves no core file. False if the parent, whose
+/// process id is `parent`, has already ended.
 [[nodiscard]] bool bind_to_parent(pid_t parent);
 
 }  // namespace raynest

@@ -11,7 +11,7 @@
 namespace raynest {
 namespace {
 
-/// A third of the size, its centre 4/3 away along `up`, its own +Y along it.
+/// Maps a sphere to a third of its size, with its centre 4/3 away along `up` and its +Y along `up`.
 Transform on_surface(const Vec3& up) {
     const Vec3 help = std::abs(up.x) < 0.9F ? Vec3(1, 0, 0) : Vec3(0, 0, 1);
     const Vec3 right = glm::normalize(glm::cross(help, up));

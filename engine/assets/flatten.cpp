@@ -1,5 +1,5 @@
-// The same scene with fewer nesting levels: what instancing saves, and what it costs, can be
-// measured on equal triangles. Merging works from the leaves of the object graph upwards.
+// Flattens nesting levels, so that the gain and the cost of instancing can be measured on equal
+// triangles. Merging proceeds from the leaves of the object graph upwards.
 #include "engine/assets/builtin.h"
 #include "engine/scene/graph.h"
 
@@ -10,7 +10,7 @@
 namespace raynest {
 namespace {
 
-/// Appends `part`, moved by `transform`, to the geometry of `whole` that has the same material.
+/// Appends `part`, moved by `transform`, to the geometries of `whole` that have the same material.
 void merge(ObjectDescription& whole, const ObjectDescription& part, const Transform& transform) {
     for (const GeometryDescription& from : part.geometries) {
         auto to = std::find_if(whole.geometries.begin(), whole.geometries.end(),
@@ -31,8 +31,8 @@ void merge(ObjectDescription& whole, const ObjectDescription& part, const Transf
 
 Result<void> flatten_levels(SceneDescription& scene, std::uint32_t levels,
                             std::uint64_t triangles_max) {
-    // Objects stand children first. Depth from the root decides what is merged: an object at the
-    // last allowed level swallows everything below it.
+    // Objects are listed children first. Depth from the root decides: an object at the last allowed
+    // level absorbs everything below it.
     const std::size_t count = scene.objects.size();
     std::vector<std::uint32_t> depth(count, 0);
     depth[scene.root] = 1;
@@ -50,8 +50,8 @@ Result<void> flatten_levels(SceneDescription& scene, std::uint32_t levels,
             if (written > triangles_max) {
                 return fail(
                     ErrorCode::limit_exceeded,
-                    fmt::format("flat to {} levels the scene has more than {} triangles; ask for "
-                                "more levels or fewer trees",
+                    fmt::format("flattened to {} levels, the scene has more than {} triangles; "
+                                "ask for more levels or fewer trees",
                                 levels, triangles_max));
             }
             merge(object, scene.objects[instance.object], instance.transform);

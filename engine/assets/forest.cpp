@@ -3,8 +3,8 @@
 //   scene -> stand (a patch of wood) -> tree (trunk and limbs) -> leaves (a ball of leaf cards)
 //         -> thicket (a patch of undergrowth) -> fern, grass
 //
-// Four levels, some twenty different objects, millions of triangles placed. What a camera sees is
-// decided by the leaf cards' alpha: without the mask the trees are heaps of squares.
+// Four levels, some twenty different objects, millions of triangles placed. The alpha of the leaf
+// cards decides what a camera sees: without the mask the trees are heaps of squares.
 #include "engine/assets/builtin.h"
 #include "engine/assets/forest_parts.h"
 
@@ -20,10 +20,10 @@ constexpr float clearing_radius = 13;
 constexpr float stand_radius = 9;
 constexpr std::uint32_t trees_per_stand = 16;
 constexpr std::uint32_t stand_variants = 4;
-/// Which trees stand round the clearing, from left to right as the first camera sees them; indices
-/// into Planter::trees_. Pale trunks and one dark spruce before the green of the stands.
+/// Trees round the clearing, from left to right as the first camera sees them: indices into
+/// Planter::trees_. Pale trunks and one dark spruce stand before the green of the stands.
 constexpr std::uint32_t clearing_kinds[] = {6, 0, 5, 4, 6, 1, 5, 7, 6, 4, 5, 0, 8, 6, 4, 1};
-/// Undergrowth is placed where a camera near the clearing can tell.
+/// Undergrowth is placed only where a camera near the clearing can see it.
 constexpr float thicket_reach = 38;
 constexpr std::uint64_t flat_triangles_max = 20'000'000;
 
@@ -39,7 +39,7 @@ public:
         grow(cards);
     }
 
-    /// The wood: single trees round the clearing, then whole stands outwards.
+    /// Plants the wood: single trees round the clearing, then whole stands outwards.
     ObjectDescription plant(std::uint64_t trees) {
         ObjectDescription root;
         root.name = "forest";
@@ -47,7 +47,7 @@ public:
         const std::uint64_t stands = (trees - singles) / trees_per_stand;
         const std::uint64_t left = trees - singles - stands * trees_per_stand;
 
-        // Equal area per stand: the spiral of a sunflower's seeds.
+        // Give each stand an equal area: the spiral of a sunflower's seeds.
         const float spacing = 2 * stand_radius * 0.92F;
         const auto spiral = [&](std::uint64_t i) {
             const float inner = clearing_radius + stand_radius;
@@ -59,7 +59,7 @@ public:
         const float reach = glm::length(spiral(stands)) + 2 * stand_radius;
         add(root, add_object(floor_mesh(reach + 30)), Transform{}, "floor");
 
-        // The south stays open: there the camera stands.
+        // Leave the south open: the camera stands there.
         for (std::uint64_t i = 0; i < singles + left; ++i) {
             const float share = (static_cast<float>(i) + random_.uniform(0.2F, 0.8F)) /
                                 static_cast<float>(singles + left);
@@ -103,7 +103,7 @@ private:
             scene_.objects[trees_[kind]].name.c_str());
     }
 
-    /// Everything that is placed, made once.
+    /// Makes every object that is placed, once.
     void grow(std::uint32_t cards) {
         const auto clusters = [&](std::initializer_list<MaterialId> tones) {
             std::vector<std::uint32_t> objects;
@@ -183,7 +183,7 @@ private:
         }
     }
 
-    /// Leaves that hang into the first camera's view from the upper left and stand in its lower
+    /// Hangs leaves into the upper left of the first camera's view and puts others into its lower
     /// right: big cards near the eye.
     void frame(ObjectDescription& root) {
         const auto hang = [&](float right, float up, float ahead, std::size_t tone) {

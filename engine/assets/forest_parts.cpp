@@ -43,8 +43,8 @@ void add_quad(GeometryDescription& geometry, std::uint32_t a, std::uint32_t b, s
     for (const std::uint32_t corner : {a, b, c, a, c, d}) geometry.indices.push_back(corner);
 }
 
-/// A card standing on `base`, growing along `up`, with the part [u0, u1] x [v0, v1] of its texture
-/// (v down).
+/// Adds a card standing on `base`, growing along `up`, with the part [u0, u1] x [v0, v1] of its
+/// texture (v down).
 void add_card(GeometryDescription& geometry, const Vec3& base, const Vec3& up,
               const Vec3& half_side, const Vec2& uv_low, const Vec2& uv_high) {
     const std::uint32_t a = add_vertex(geometry, base - half_side, {uv_low.x, uv_high.y});
@@ -59,7 +59,7 @@ struct Ring {
     float radius;
 };
 
-/// A tapered tube through the rings; bark repeats once per metre along it.
+/// Adds a tapered tube through the rings; bark repeats once per metre along it.
 void add_tube(GeometryDescription& geometry, const std::vector<Ring>& rings, std::uint32_t sides) {
     float along = 0;
     std::uint32_t previous = 0;
@@ -104,7 +104,7 @@ ObjectDescription leaf_cluster(Random random, std::uint32_t cards, MaterialId ma
     object.name = "leaves";
     GeometryDescription& geometry = geometry_for(object, material);
     for (std::uint32_t i = 0; i < cards; ++i) {
-        // Cards point outwards and a little up, and face the sky more often than not.
+        // Cards point outwards and a little up, and mostly face the sky.
         const Vec3 out = glm::normalize(on_sphere(random) + Vec3(0, 0.35F, 0));
         const Vec3 side = glm::normalize(glm::cross(out, on_sphere(random) + Vec3(0, 0.6F, 0.01F)));
         const float size = random.uniform(0.42F, 0.62F);
@@ -120,7 +120,7 @@ ObjectDescription needle_bough(Random random) {
     ObjectDescription object;
     object.name = "bough";
     GeometryDescription& geometry = geometry_for(object, needles);
-    // The flat spray in two drooping halves, and two shorter ones that hang from it.
+    // The flat spray is two drooping halves, and two shorter ones that hang from it.
     const auto spray = [&](const Vec3& base, const Vec3& along, const Vec3& side, float length) {
         const Vec3 bend = along * (0.5F * length) - Vec3(0, 0.06F * length, 0);
         add_card(geometry, base, bend, side * (0.3F * length), {0, 0.5F}, {1, 1});
@@ -214,7 +214,7 @@ ObjectDescription broadleaf(Random random, const BroadleafShape& shape,
     std::vector<Limb> limbs{
         {Vec3(0, -0.5F, 0), Vec3(0, 1, 0), shape.height * 0.92F + 0.5F, shape.trunk_radius, 0}};
     const auto add_leaves = [&](const Vec3& at) {
-        // Lighter towards the top, where the light comes from.
+        // Lighter cards go to the top, where the light comes from.
         const float up = at.y / shape.height + random.uniform(-0.28F, 0.28F);
         const auto tone = static_cast<std::size_t>(std::clamp(up, 0.0F, 0.999F) *
                                                    static_cast<float>(clusters.size()));
@@ -262,7 +262,7 @@ ObjectDescription broadleaf(Random random, const BroadleafShape& shape,
                 if (trunk) {
                     const float up = shape.rise * (0.35F + 0.9F * share);
                     out = glm::normalize(Vec3(std::cos(turn), up, std::sin(turn)));
-                    // An egg-shaped crown: longest limbs a third of the way up.
+                    // An egg-shaped crown has its longest limbs a third of the way up.
                     length = shape.height * shape.spread * std::sin(pi * (0.22F + 0.68F * share)) *
                              random.uniform(0.85F, 1.1F);
                 } else {
@@ -276,7 +276,7 @@ ObjectDescription broadleaf(Random random, const BroadleafShape& shape,
                     {along(s), out, length, limb.radius * (1 - 0.8F * s) * 0.6F, limb.order + 1});
             }
         }
-        // Leaves on the outer part of everything but the trunk.
+        // Leaves grow on the outer part of each limb, but not on the trunk.
         if (trunk) {
             add_leaves(rings.back().center);
             continue;
@@ -307,7 +307,7 @@ ObjectDescription spruce(Random random, float height, const std::vector<std::uin
         const int count = 5 + static_cast<int>(reach);
         for (int i = 0; i < count; ++i) {
             turn += 2 * pi / static_cast<float>(count) + random.uniform(-0.15F, 0.15F);
-            // Low boughs hang, high ones reach for the light.
+            // Low boughs hang; high boughs point up.
             const float tilt = -0.32F + 0.75F * (y / height) + random.uniform(-0.12F, 0.12F);
             object.instances.push_back(
                 {boughs[random.below(static_cast<std::uint32_t>(boughs.size()))],

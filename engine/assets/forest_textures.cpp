@@ -24,7 +24,7 @@ Vec3 varied(Random& random, const Vec3& colour, float amount) {
     return {colour.x * (light + warm), colour.y * light, colour.z * (light - warm)};
 }
 
-/// One leaf with a midrib, side veins and a shaded half.
+/// Paints one leaf with a midrib, side veins and a shaded half.
 void paint_leaf(Canvas& canvas, const Vec2& base, const Vec2& tip, float half, const Vec3& colour,
                 bool tiled = false) {
     const auto outline = [half](float s) {
@@ -47,7 +47,7 @@ void paint_stem(Canvas& canvas, const Vec2& from, const Vec2& to, float thick, f
         [&](float, float t) { return colour * (1.1F - 0.3F * std::abs(t)); });
 }
 
-/// A twig with alternating leaves inside the cell at (x, y) of `size` pixels.
+/// Paints a twig with alternating leaves inside the cell at (x, y) of `size` pixels.
 void paint_sprig(Canvas& canvas, float x, float y, float size, Random random, const Vec3& colour,
                  int pairs, float leaf_length, float leaf_width) {
     Vec2 at(x + size * 0.5F, y + size * 0.985F);
@@ -77,7 +77,7 @@ void paint_sprig(Canvas& canvas, float x, float y, float size, Random random, co
     leaf(random.uniform(-0.15F, 0.15F), 1.05F);
 }
 
-/// 2 x 2 different sprigs.
+/// Paints 2 x 2 different sprigs.
 ImageDescription paint_sprigs(std::uint64_t seed, const Vec3& colour, int pairs, float length,
                               float width) {
     constexpr std::uint32_t cell = 256;
@@ -90,7 +90,7 @@ ImageDescription paint_sprigs(std::uint64_t seed, const Vec3& colour, int pairs,
     return canvas.image();
 }
 
-/// A flat bough of a spruce: an axis, twigs to both sides, needles on all of them.
+/// Paints a flat bough of a spruce: an axis, twigs to both sides, needles on all of them.
 ImageDescription paint_needles(std::uint64_t seed) {
     constexpr float size = 256;
     const Vec3 colour(0.25F, 0.42F, 0.24F);
@@ -187,7 +187,7 @@ ImageDescription paint_bark(std::uint64_t seed, bool birch) {
     return canvas.image();
 }
 
-/// Moss and earth under fallen leaves.
+/// Paints moss and earth under fallen leaves.
 ImageDescription paint_ground(std::uint64_t seed) {
     Canvas canvas(512, 512, Vec3(0), 1);
     for (std::uint32_t y = 0; y < 512; ++y) {

@@ -36,11 +36,11 @@ Result<Glb> open_glb(std::span<const std::byte> file) {
     const std::uint32_t total = read_u32(file, 8);
     if (total > file.size()) {
         return fail(ErrorCode::scene_invalid,
-                    fmt::format("the GLB header promises {} bytes but the file has {}; it is cut "
+                    fmt::format("the GLB header declares {} bytes but the file has {}; it is cut "
                                 "short or damaged",
                                 total, file.size()));
     }
-    file = file.first(total);  // bytes behind the scene are not part of it
+    file = file.first(total);  // bytes after the scene are ignored
 
     Glb glb;
     std::size_t at = 12;
@@ -53,7 +53,7 @@ Result<Glb> open_glb(std::span<const std::byte> file) {
         at += 8;
         if (length > file.size() - at) {
             return fail(ErrorCode::scene_invalid,
-                        fmt::format("GLB chunk {} promises {} bytes but only {} are left", index,
+                        fmt::format("GLB chunk {} declares {} bytes but only {} are left", index,
                                     length, file.size() - at));
         }
         const auto chunk = file.subspan(at, length);

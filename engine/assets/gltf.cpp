@@ -1,4 +1,4 @@
-// .glb and .gltf -> SceneDescription: the guards in their order, then the readers.
+// .glb and .gltf -> SceneDescription: runs the guards in order, then the readers.
 #include "engine/assets/gltf.h"
 
 #include "engine/assets/gltf_model.h"
@@ -44,11 +44,6 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
         return gltf::error_of(done);
     if (auto done = gltf::read_materials(*model, limits, scene); !done) return gltf::error_of(done);
     if (model->hidden_instances != 0) scene.skipped["hidden_instances"] = model->hidden_instances;
-    if (model->bad_masks != 0)
-        scene.warnings.push_back(fmt::format(
-            "{} nodes have an extras.raynest.mask that is no mask; give a whole number, "
-            "or a text of 1 to 8 hex digits",
-            model->bad_masks));
     for (const char* shape : {"points", "lines"}) {
         if (const auto found = scene.skipped.find(shape); found != scene.skipped.end()) {
             scene.warnings.push_back(

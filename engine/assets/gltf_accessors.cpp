@@ -42,8 +42,8 @@ tl::unexpected<Error> refuse(const std::string& why) {
     return fail(ErrorCode::scene_invalid, why);
 }
 
-/// Where `count` elements of `element` bytes at `offset` lie inside the view, or null. No sum or
-/// product here can wrap: every term is bounded before it is used.
+/// Returns where `count` elements of `element` bytes at `offset` start in the view, or null if they
+/// do not lie inside it. No sum or product here can wrap: every term is bounded before it is used.
 const std::byte* place(const View& view, std::uint64_t offset, std::uint64_t count,
                        std::uint64_t stride, std::uint64_t element) {
     const std::uint64_t size = view.bytes.size();
@@ -115,13 +115,15 @@ Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> vi
     if (!component_of(raw.component_type, out.component)) {
         return refuse(fmt::format("has the unknown component type {}", raw.component_type));
     }
-    if (raw.width == 0) return refuse("has a type that glTF does not know");
-    if (raw.count == 0 || raw.count > 0xFFFFFFFFU) {
+    if (raw.width == 0) return refuse("has an unknown type");
+    if (raw.count > 0xFFFFFFFFU) return refuse("has a count that is negative or above 4294967295");
+    if (raw.count == 0) {
         return refuse(fmt::format("has {} elements of {} components", raw.count, raw.width));
     }
-    // Before the range: floats where indices belong are too long for their bufferView as well.
+    // Test this before the range: floats where indices belong are also too long for their
+    // bufferView.
     if (raw.holds_indices && (raw.width != 1 || !is_unsigned(out.component) || raw.normalized)) {
-        return refuse("holds indices but no plain unsigned integers");
+        return refuse("holds indices that are not plain unsigned integers");
     }
     out.count = raw.count;
     out.width = raw.width;
@@ -146,7 +148,7 @@ Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> vi
             return refuse(fmt::format("has elements of {} bytes that overlap at stride {}", element,
                                       out.stride));
         }
-        // glTF aligns to the buffer's start, which the allocator aligns for us.
+        // glTF aligns relative to the start of the buffer, which the allocator aligns.
         const auto start = reinterpret_cast<std::uintptr_t>(view->bytes.data());
         out.misaligned = (start + raw.offset) % component != 0 || out.stride % component != 0;
         out.data = place(*view, raw.offset, raw.count, out.stride, element);
@@ -184,8 +186,8 @@ Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> vi
 
 namespace {
 
-/// Reads elements of an accessor into `out`, `width` values each, by `read_element(from, to)`:
-/// those listed in `elements`, all when the list is empty.
+/// Reads elements of an accessor into `out` by `read_element(from, to)`, `width` values each: those
+/// listed in `elements`, or all if the list is empty.
 template <class T, class ReadElement>
 Result<std::vector<T>> read_elements(const Accessor& accessor,
                                      std::span<const std::uint32_t> elements,
@@ -208,7 +210,7 @@ Result<std::vector<T>> read_elements(const Accessor& accessor,
         return out;
     }
 
-    // A sparse accessor is written out in full, then picked from.
+    // A sparse accessor is expanded in full, then its elements are selected.
     std::vector<T> full(accessor.count * width);
     for (std::uint64_t i = 0; accessor.data != nullptr && i < accessor.count; ++i) {
         read_element(accessor.data + i * accessor.stride, full.data() + i * width);

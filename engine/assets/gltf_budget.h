@@ -1,4 +1,4 @@
-// What decoding a file's meshes may cost, counted down before anything is allocated.
+// Limits the cost of decoding a file's meshes; counted down before anything is allocated.
 #pragma once
 
 #include "engine/assets/gltf_model.h"
@@ -7,15 +7,15 @@
 
 namespace raynest::gltf {
 
-/// Decoded geometry is at most 12 times its encoded form (a strip of byte indices) plus slack;
-/// beyond this a small file names the same bytes again and again to cost memory.
+/// Decoded geometry is at most 12 times its encoded form (a strip of byte indices) plus slack. A
+/// file that exceeds this is small and names the same bytes repeatedly to use up memory.
 inline constexpr std::uint64_t decoded_bytes_free = 32ULL << 20;
 inline constexpr std::uint64_t decoded_bytes_per_byte = 32;
 
-/// A posed mesh (gltf_skins.h) is decoded once more than the file has it.
+/// A posed mesh (gltf_skins.h) is decoded once in addition to the mesh in the file.
 inline constexpr std::uint64_t posed_bytes_free = 1ULL << 20;
 
-/// What may still be decoded.
+/// The triangles and bytes that may still be decoded.
 struct Budget {
     std::uint64_t triangles;
     std::uint64_t bytes;
@@ -31,11 +31,10 @@ struct Budget {
 
     Result<void> take_bytes(std::uint64_t count) {
         if (count > bytes) {
-            return fail(
-                ErrorCode::limit_exceeded,
-                fmt::format("the scene's meshes decode to more than {} times its files; it names "
-                            "the same data again and again",
-                            decoded_bytes_per_byte));
+            return fail(ErrorCode::limit_exceeded,
+                        fmt::format("the scene's meshes decode to more than {} times its files; "
+                                    "it names the same data repeatedly",
+                                    decoded_bytes_per_byte));
         }
         bytes -= count;
         return {};

@@ -17,7 +17,7 @@ using Json = nlohmann::json;
 constexpr std::array<const char*, 7> accessor_types{"SCALAR", "VEC2", "VEC3", "VEC4",
                                                     "MAT2",   "MAT3", "MAT4"};
 
-/// A member of an object as unsigned number or text; nothing where it is absent or of another type.
+/// Returns a member of an object as unsigned number or text; nothing if absent or of another type.
 std::optional<std::uint64_t> number_of(const Json& object, const char* key) {
     const auto found = object.find(key);
     if (found == object.end() || !found->is_number_unsigned()) return std::nullopt;
@@ -28,8 +28,8 @@ const std::string* text_of(const Json& object, const char* key) {
     return found == object.end() ? nullptr : found->get_ptr<const std::string*>();
 }
 
-/// Integers that are written as 36.0 become integers, which is what tinygltf wants to see. The text
-/// nests no deeper than prescan_json allows.
+/// Turns numbers written as 36.0 into integers, which tinygltf requires. The text nests no deeper
+/// than prescan_json allows.
 void write_integers(Json& value) {
     if (value.is_structured()) {
         for (Json& element : value) write_integers(element);
@@ -45,7 +45,7 @@ void write_integers(Json& value) {
         value = static_cast<std::int64_t>(number);
 }
 
-/// The objects of a top-level array; null where it is absent or holds something else.
+/// Returns the objects of a top-level array; null if it is absent or holds something else.
 Json* objects_of(Json& root, const char* key) {
     const auto found = root.find(key);
     if (found == root.end() || !found->is_array()) return nullptr;
@@ -67,9 +67,8 @@ Result<Fetched> fetch(const std::string& uri, Upload& upload) {
     }
     const auto name = file_of_uri(uri);
     if (!name) {
-        return Fetched{
-            {},
-            fmt::format("names '{}', no file beside or below the scene file", one_line(uri, 80))};
+        return Fetched{{},
+                       fmt::format("names '{}', which is {}", one_line(uri, 80), why_no_file(uri))};
     }
     const auto bytes = upload.read(*name);
     if (!bytes) return tl::unexpected<Error>(bytes.error());
@@ -91,7 +90,7 @@ Result<Fetched> fetch_buffer(const Json& buffer, bool is_first, std::span<const 
     if (!data || !data->fault.empty()) return data;
     if (data->bytes.size() < *length) {
         return Fetched{{},
-                       fmt::format("has {} bytes where its byteLength promises {}; it is cut short",
+                       fmt::format("has {} bytes but its byteLength is {}; it is cut short",
                                    data->bytes.size(), *length)};
     }
     data->bytes.resize(*length);
@@ -152,7 +151,7 @@ void state_types(Json& accessors, Rewritten& out) {
     }
 }
 
-/// tinygltf wants a bufferView where indices are, and looks at no more than its number.
+/// Gives accessors of indices a bufferView: tinygltf requires one and uses only its number.
 void place_indices(Json& root, Json& accessors, Rewritten& out) {
     Json* const meshes = objects_of(root, "meshes");
     if (meshes == nullptr) return;
@@ -173,13 +172,14 @@ void place_indices(Json& root, Json& accessors, Rewritten& out) {
     views.push_back({{"buffer", 0}, {"byteLength", 1}});
 }
 
-/// A camera that lacks what tinygltf insists on stays in its place, with numbers that are then
-/// found to be odd.
+/// Adds the members that tinygltf requires to a camera that lacks them, with values that are
+/// rejected later. The camera keeps its index.
 void complete_cameras(Json& cameras) {
     for (Json& camera : cameras) {
         const std::string* const type = text_of(camera, "type");
         const bool orthographic = type != nullptr && *type == "orthographic";
         const char* const kind = orthographic ? "orthographic" : "perspective";
+        const bool is_known = type != nullptr && *type == kind;
         camera["type"] = kind;
         Json& numbers = camera[kind];
         if (!numbers.is_object()) numbers = Json::object();
@@ -187,10 +187,23 @@ void complete_cameras(Json& cameras) {
             Json& number = numbers[key];
             if (!number.is_number()) number = 0;
         }
+        if (!is_known) numbers["yfov"] = yfov_of_unknown_type;
     }
 }
 
-/// The value of a base64 letter, or 64.
+/// Drops each baseColorFactor that tinygltf would refuse the file for.
+void drop_short_colours(Json& materials, Rewritten& out) {
+    for (std::size_t i = 0; i < materials.size(); ++i) {
+        const auto pbr = materials[i].find("pbrMetallicRoughness");
+        if (pbr == materials[i].end() || !pbr->is_object()) continue;
+        const auto colour = pbr->find("baseColorFactor");
+        if (colour == pbr->end() || !colour->is_array() || colour->size() == 4) continue;
+        pbr->erase(colour);
+        out.colourless.push_back(i);
+    }
+}
+
+/// Returns the value of a base64 letter, or 64 for any other letter.
 unsigned base64_value(char c) {
     if (c >= 'A' && c <= 'Z') return static_cast<unsigned>(c - 'A');
     if (c >= 'a' && c <= 'z') return static_cast<unsigned>(c - 'a') + 26;
@@ -261,6 +274,8 @@ Result<Rewritten> rewrite(std::span<const std::byte> json, std::span<const std::
             place_indices(root, *accessors, out);
         }
         if (Json* const cameras = objects_of(root, "cameras")) complete_cameras(*cameras);
+        if (Json* const materials = objects_of(root, "materials"))
+            drop_short_colours(*materials, out);
     }
     out.json = root.dump();
     return out;

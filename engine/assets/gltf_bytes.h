@@ -1,8 +1,8 @@
 // The bytes of a scene's buffers and pictures, fetched before tinygltf runs.
 //
-// tinygltf refuses files that glTF allows or that only stumble over something unused: a buffer
-// without data, a data URI without base64, an accessor of an unknown type. So it is given a text
-// without bytes in which nothing else of that kind is left; the bytes come from here.
+// tinygltf refuses files that glTF allows, or in which only an unused part is wrong: a buffer
+// without data, a data URI without base64, an accessor of an unknown type. So it reads a text
+// without bytes, from which all such parts are removed; the bytes come from here.
 #pragma once
 
 #include "engine/assets/gltf_names.h"
@@ -18,7 +18,7 @@
 
 namespace raynest::gltf {
 
-/// Bytes of a buffer or a picture, or the reason why there are none: "has no data".
+/// Bytes of a buffer or a picture, or the reason for their absence: "has no data".
 struct Fetched {
     std::vector<unsigned char> bytes;
     std::string fault = {};
@@ -26,27 +26,33 @@ struct Fetched {
 
 struct FetchedImage {
     std::string name;
-    std::int64_t view = -1;  ///< a bufferView of the file; `fetched` is empty then
+    std::int64_t view = -1;  ///< the picture's bufferView, if any; `fetched` is empty then
     Fetched fetched;
 };
 
+/// The yfov that cameras of an unknown type get in a rewritten text, which knows two types.
+inline constexpr double yfov_of_unknown_type = -1e30;
+
 struct Rewritten {
-    std::string json;  ///< without buffers, images and animations
+    std::string json;  ///< the scene without buffers, images and animations
     std::vector<Fetched> buffers;
     std::vector<FetchedImage> images;
-    /// Accessors whose type or componentType glTF does not know; the text states some other.
+    /// Accessors whose type or componentType is unknown; the text states a valid one instead.
     std::vector<std::size_t> untyped;
-    /// Accessors without a bufferView that hold indices: in the text they name an empty bufferView
-    /// behind those of the file.
+    /// Accessors without a bufferView that hold indices. In the text they name an empty bufferView,
+    /// placed after those of the file.
     std::vector<std::size_t> unplaced;
+    /// Materials whose baseColorFactor is not of four; the text states none.
+    std::vector<std::size_t> colourless;
 };
 
-/// `json` has passed prescan_json; `binary` is the BIN chunk. Errors are for memory or a file that
-/// names others again and again: what is missing or damaged is a fault of its buffer or picture.
+/// Rewrites `json`, which has passed prescan_json; `binary` is the BIN chunk. Returns an error only
+/// for lack of memory, or if the file names other files repeatedly. Missing or damaged data is
+/// stored as the fault of its buffer or picture.
 Result<Rewritten> rewrite(std::span<const std::byte> json, std::span<const std::byte> binary,
                           Upload& upload);
 
-/// The content of a data URI, base64 or percent-encoded; nothing where it is damaged.
+/// Returns the content of a data URI, base64 or percent-encoded; nothing if it is damaged.
 [[nodiscard]] std::optional<std::vector<unsigned char>> decode_data_uri(std::string_view uri);
 
 }  // namespace raynest::gltf

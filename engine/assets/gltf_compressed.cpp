@@ -16,7 +16,7 @@ namespace {
 constexpr const char* draco_name = "KHR_draco_mesh_compression";
 constexpr const char* meshopt_name = "EXT_meshopt_compression";
 
-/// Honest geometry shrinks by 5 to 50 times. Beyond this a file is made to cost memory.
+/// Valid geometry shrinks by 5 to 50 times. A file beyond this is made to use up memory.
 constexpr std::uint64_t decompressed_bytes_free = 32ULL << 20;
 constexpr std::uint64_t decompressed_bytes_per_byte = 256;
 
@@ -29,8 +29,8 @@ std::uint64_t bytes_left(const Model& model) {
            model.decompressed_bytes;
 }
 
-/// A whole number that is not negative, or `otherwise` where there is none; nothing where the
-/// member is something else.
+/// Returns a whole number that is not negative, or `otherwise` if the member is absent; nothing if
+/// the member is something else.
 std::optional<std::uint64_t> number(const tinygltf::Value& object, const char* name,
                                     std::optional<std::uint64_t> otherwise = std::nullopt) {
     if (!object.Has(name)) return otherwise;
@@ -50,7 +50,7 @@ const std::byte* keep(Model& model, std::vector<unsigned char> bytes) {
     return std::as_bytes(std::span(model.decompressed.back())).data();
 }
 
-/// The attributes that Draco may hold, as places in a primitive.
+/// Returns pointers to the primitive's accessors for each attribute that Draco may hold.
 std::vector<std::pair<std::string, std::uint32_t*>> attributes_of(Primitive& primitive) {
     std::vector<std::pair<std::string, std::uint32_t*>> places{
         {"POSITION", &primitive.position},
@@ -64,7 +64,7 @@ std::vector<std::pair<std::string, std::uint32_t*>> attributes_of(Primitive& pri
     return places;
 }
 
-/// A packed accessor of decoded bytes, of the type that `stated` states.
+/// Adds a packed accessor of decoded bytes, with the type of `stated`.
 std::uint32_t add_accessor(Model& model, const Accessor& stated, std::uint64_t count,
                            std::vector<unsigned char> bytes) {
     Accessor accessor;
@@ -102,10 +102,10 @@ Result<View> decompress(const tinygltf::BufferView& view, Model& model) {
     const auto stride = number(extension, "byteStride");
     const auto count = number(extension, "count");
     if (!buffer || !offset || !length || !stride || !count)
-        return refuse(fmt::format("has an {} that lacks numbers", meshopt_name));
+        return refuse(fmt::format("has an {} with missing or invalid numbers", meshopt_name));
     const auto stream =
         check_view({static_cast<std::int64_t>(*buffer), *offset, *length, 0}, model.storage);
-    if (!stream) return blame("is compressed, and its data", stream.error());
+    if (!stream) return blame("is compressed, but its data", stream.error());
     const std::string mode = text(extension, "mode", "");
     const std::string filter = text(extension, "filter", "NONE");
     const MeshoptView compressed{stream->bytes, *count, *stride, mode, filter};
@@ -113,7 +113,7 @@ Result<View> decompress(const tinygltf::BufferView& view, Model& model) {
     if (!bytes) return error_of(bytes);
     if (*bytes > bytes_left(model)) {
         return fail(ErrorCode::limit_exceeded,
-                    "is compressed, and the scene names the same data again and again");
+                    "is compressed, and the scene names the same data repeatedly");
     }
     auto decoded = decode_meshopt(compressed);
     if (!decoded) return error_of(decoded);
@@ -155,7 +155,7 @@ Result<void> decompress(const tinygltf::Primitive& from, Model& model, Primitive
     indices.component = Component::u32;
     const std::uint64_t corners = mesh->indices.size() / sizeof(std::uint32_t);
     to.indices = add_accessor(model, indices, corners, std::move(mesh->indices));
-    to.mode = 4;  // triangles, whatever the file says: Draco has no strips
+    to.mode = 4;  // Draco has no strips: always triangles, whatever mode the file states
     return {};
 }
 

@@ -1,27 +1,27 @@
-// Compressed geometry of a file: put in the place of what tinygltf read, before anything uses it.
+// Decompresses a file's geometry in place, before any other code reads it.
 #pragma once
 
 #include "engine/assets/gltf_convert.h"
 
 namespace raynest::gltf {
 
-/// An extension that takes a library to read, which a build may lack.
+/// A decoder for an extension; its library may be missing in this build.
 struct Decoder {
     const char* extension;
-    Result<void> (*available)();  ///< else an error with the remedy
+    Result<void> (*available)();  ///< an error with the remedy if the library is missing
 };
-/// The decoder of an extension, or null.
+/// Returns the decoder of an extension, or null.
 [[nodiscard]] const Decoder* find_decoder(std::string_view extension);
 
-/// Whether this build decodes a bufferView's EXT_meshopt_compression. Where it does not, the file
-/// may have given the bufferView a fallback.
+/// True if the bufferView has EXT_meshopt_compression that this build decodes. Without the library
+/// the view may have a fallback.
 [[nodiscard]] bool is_compressed(const tinygltf::BufferView& view);
-/// Decodes it; model.storage holds the file's buffers. Errors are for blame().
+/// Decodes a bufferView; model.storage holds the file's buffers. Pass errors to blame().
 Result<View> decompress(const tinygltf::BufferView& view, Model& model);
 
-/// Replaces what a primitive's KHR_draco_mesh_compression holds by decoded accessors, which are new
-/// ones: primitives may name the same stream in different ways. Does nothing where a primitive is
-/// not compressed. Errors are for blame().
+/// Replaces the accessors held by a primitive's KHR_draco_mesh_compression with decoded ones. These
+/// are always added, because primitives may use the same stream in different ways. Does nothing if
+/// the primitive is not compressed. Pass errors to blame().
 Result<void> decompress(const tinygltf::Primitive& from, Model& model, Primitive& to);
 
 }  // namespace raynest::gltf

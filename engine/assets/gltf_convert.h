@@ -1,4 +1,4 @@
-// The only file that includes tinygltf; the files that copy what it read into a Model include this.
+// The only file that includes tinygltf, for the files that copy its output into a Model.
 //
 // tinygltf is a JSON reader, not a validator: it accepts indices, ranges and counts of any value.
 #pragma once
@@ -9,16 +9,16 @@
 
 namespace raynest::gltf {
 
-/// The member of an extension object, or null.
+/// Returns the member of an extension object, or null.
 const tinygltf::Value* member(const tinygltf::ExtensionMap& extensions, const char* extension,
                               const char* name);
 
-/// Numbers of the file as floats; `what` starts the error's message where one does not fit.
+/// Converts numbers of the file to floats; `what` starts the error's message if one does not fit.
 Result<float> finite(double value, std::string_view what);
 Result<std::vector<float>> finite_list(std::span<const double> values, std::string_view what);
 
-/// The accessors are converted before the meshes, the nodes before the skins, the pictures before
-/// the textures, and those before the materials.
+/// Call these in order: accessors before meshes, nodes before skins, and pictures before textures
+/// before materials.
 Result<void> convert_meshes(tinygltf::Model& file, Model& model);
 Result<void> convert_skins(tinygltf::Model& file, Model& model);
 Result<void> convert_textures(tinygltf::Model& file, Model& model);

@@ -1,4 +1,4 @@
-// gltf_draco.h by way of the module.
+// gltf_draco.h, implemented by the module.
 #include "engine/assets/gltf_draco.h"
 
 #include "engine/assets/module.h"

@@ -18,15 +18,16 @@ tl::unexpected<Error> refuse(const std::string& why) {
 
 tl::unexpected<Error> too_large() {
     return fail(ErrorCode::limit_exceeded,
-                "has Draco data that decodes to far more than an honest file's does");
+                "has Draco data that decodes to far more than valid data does");
 }
 
-/// The number of faces that a stream promises; nothing where its header is damaged. Draco allocates
-/// by this number before it looks further.
+/// Returns the number of faces that a stream declares; nothing if it has no valid header.
+/// Draco allocates by this number before any further check.
 std::optional<std::uint64_t> promised_faces(draco::DecoderBuffer in) {
     draco::DracoHeader header{};
-    for (std::int8_t& letter : header.draco_string) {
-        if (!in.Decode(&letter)) return std::nullopt;
+    for (const char expected : {'D', 'R', 'A', 'C', 'O'}) {
+        std::int8_t letter = 0;
+        if (!in.Decode(&letter) || letter != expected) return std::nullopt;
     }
     if (!in.Decode(&header.version_major) || !in.Decode(&header.version_minor) ||
         !in.Decode(&header.encoder_type) || !in.Decode(&header.encoder_method) ||
@@ -39,7 +40,7 @@ std::optional<std::uint64_t> promised_faces(draco::DecoderBuffer in) {
         draco::GeometryMetadata metadata;
         if (!draco::MetadataDecoder().DecodeGeometryMetadata(&in, &metadata)) return std::nullopt;
     }
-    // Numbers became variable in length with version 2.0 (edgebreaker) and 2.2 (sequential).
+    // Numbers have variable length from version 2.0 (edgebreaker) and 2.2 (sequential) on.
     const auto number = [&](int variable_since) -> std::optional<std::uint32_t> {
         std::uint32_t value = 0;
         const bool read =
@@ -49,7 +50,7 @@ std::optional<std::uint64_t> promised_faces(draco::DecoderBuffer in) {
     if (header.encoder_method == draco::MESH_SEQUENTIAL_ENCODING) return number(0x0202);
     std::uint8_t traversal = 0;
     if (!in.Decode(&traversal)) return std::nullopt;
-    if (version < 0x0202 && !number(0x0200)) return std::nullopt;  // vertices that were split
+    if (version < 0x0202 && !number(0x0200)) return std::nullopt;  // split vertices
     if (!number(0x0200)) return std::nullopt;                      // vertices
     return number(0x0200);
 }
@@ -95,7 +96,7 @@ Result<DracoMesh> decode(std::span<const std::byte> stream, std::span<const Drac
     draco::DecoderBuffer in;
     in.Init(reinterpret_cast<const char*>(stream.data()), stream.size());
     const auto faces = promised_faces(in);
-    if (!faces) return refuse("has Draco data without a header");
+    if (!faces) return refuse("has Draco data that is no Draco stream");
     if (*faces > bytes_max / bytes_per_face) return too_large();
     auto decoded = draco::Decoder().DecodeMeshFromBuffer(&in);
     if (!decoded.ok()) {
@@ -125,8 +126,8 @@ Result<DracoMesh> decode(std::span<const std::byte> stream, std::span<const Drac
             return refuse(fmt::format("has Draco data without attribute {}", attribute.id));
         if (found->num_components() != attribute.width) {
             return refuse(
-                fmt::format("has a Draco attribute of {} components, and an accessor of "
-                            "{} for it",
+                fmt::format("has a Draco attribute of {} components, but its accessor has "
+                            "{}",
                             found->num_components(), attribute.width));
         }
         out.attributes.emplace_back();

@@ -1,6 +1,6 @@
-// Meshes: a glTF primitive becomes one geometry, the primitives of a mesh one object.
+// Meshes: a glTF primitive becomes one geometry, and a mesh becomes one object.
 //
-// Triangles, strips and fans become triangle lists in file order; points and lines are counted and
+// Triangles, strips and fans become triangle lists in file order. Points and lines are counted and
 // leave an empty geometry, so that a hit's geometry index is the primitive's. Primitives often
 // share one large vertex buffer, so each takes only the vertices it uses.
 #include "engine/assets/gltf_budget.h"
@@ -24,8 +24,8 @@ enum Mode {
     mode_fan = 6
 };
 
-/// Corner c of triangle i of a list, strip or fan, as a place in the index list. Strips turn every
-/// other triangle round, fans start at corner 0 (glTF 2.0, 3.7.2.1).
+/// Returns corner c of triangle i of a list, strip or fan, as a place in the index list. Strips
+/// reverse every other triangle; fans start at corner 0 (glTF 2.0, 3.7.2.1).
 std::uint64_t corner(int mode, std::uint64_t i, std::uint64_t c) {
     if (mode == mode_strip) return c == 0 ? i : (c == 1) == (i % 2 == 0) ? i + 1 : i + 2;
     if (mode == mode_fan) return c == 2 ? 0 : i + c + 1;
@@ -50,7 +50,7 @@ public:
         for (const Primitive& primitive : model_.meshes[in_file].primitives) {
             if (primitive.mode < mode_points || primitive.mode > mode_fan) {
                 return refuse(
-                    fmt::format("has a primitive of the unknown mode {}", primitive.mode));
+                    fmt::format("has a primitive with the unknown mode {}", primitive.mode));
             }
             if (primitive.mode <= mode_lines_last) {
                 ++scene_.skipped[primitive.mode == mode_points ? "points" : "lines"];
@@ -77,7 +77,7 @@ private:
         if (position.count > 0xFFFFFFFEU) return refuse("has too many vertices");
         GeometryDescription geometry;
         geometry.material = primitive.material;
-        std::vector<std::uint32_t> vertices;  // in use; empty: all
+        std::vector<std::uint32_t> vertices;  // those in use; empty means all
         if (auto done = read_triangles(primitive, position, geometry, vertices); !done) {
             return error_of(done);
         }
@@ -93,7 +93,21 @@ private:
             }
         }
         if (auto done = read_colours(deformed, geometry); !done) return error_of(done);
+        warn_of_texture(geometry);
         return geometry;
+    }
+
+    void warn_of_texture(const GeometryDescription& geometry) {
+        if (geometry.material == no_id || geometry.indices.empty()) return;
+        const MaterialDescription& material = model_.materials[geometry.material];
+        if (material.texture == no_id || material.texcoord > 1 ||
+            !geometry.texcoords[material.texcoord].empty())
+            return;
+        leave_out(
+            scene_, "textures",
+            fmt::format("{} has no TEXCOORD_{}, which {} needs; its texture is left out there",
+                        where_, material.texcoord,
+                        label("material", geometry.material, material.name)));
     }
 
     Result<void> read_triangles(const Primitive& primitive, const Accessor& position,
@@ -119,8 +133,8 @@ private:
             list_indices = std::move(*indices);
         }
 
-        // Where most of a shared vertex buffer belongs to others, only the vertices in use are
-        // taken.
+        // When most of a shared vertex buffer belongs to other primitives, take only the vertices
+        // in use.
         if (indexed && list_indices.size() < position.count) {
             vertices = list_indices;
             std::sort(vertices.begin(), vertices.end());
@@ -141,7 +155,8 @@ private:
         return {};
     }
 
-    /// An attribute as floats, after checking its shape and that it has one element per vertex.
+    /// Reads an attribute as floats, after checking its type and that it has one element per
+    /// vertex.
     Result<std::vector<float>> read_attribute(const Accessor& accessor, const Accessor& position,
                                               const std::vector<std::uint32_t>& vertices,
                                               bool type_allowed, const char* name) {
@@ -162,7 +177,8 @@ private:
         return values;
     }
 
-    /// KHR_mesh_quantization allows 8- and 16-bit integers where floats stood.
+    /// True for floats, and for the 8- and 16-bit integers that KHR_mesh_quantization allows
+    /// instead.
     [[nodiscard]] bool is_float_or_quantized(const Accessor& accessor) const {
         return accessor.component == Component::f32 ||
                (model_.quantized && accessor.component != Component::u32);

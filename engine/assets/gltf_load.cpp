@@ -1,8 +1,8 @@
-// Runs tinygltf behind fences and copies what it read into a Model.
+// Runs tinygltf in isolation and copies its output into a Model.
 //
 // tinygltf is a JSON reader, not a validator: it accepts indices, ranges and counts of any value.
-// It gets no file system, no image decoder, and no chance to throw further. Nothing it produced is
-// used before the checks below.
+// It gets no file system and no image decoder, and its exceptions are caught here. Its output is
+// used only after the checks below.
 #include "engine/assets/gltf_compressed.h"
 #include "engine/assets/gltf_convert.h"
 #include "engine/assets/gltf_names.h"
@@ -20,14 +20,14 @@
 namespace raynest::gltf {
 namespace {
 
-/// Keeps nothing: a picture's bytes are found by its bufferView. Here the pointer and the length
-/// are unchecked.
+/// Discards a picture: its bytes are found by its bufferView. Here the pointer and the length are
+/// unchecked.
 bool leave_picture(tinygltf::Image*, int, std::string*, std::string*, int, int,
                    const unsigned char*, int, void*) {
     return true;
 }
 
-/// Extensions that are read, or that do not change what a ray hits.
+/// True for extensions that are read, or that do not change what a ray hits.
 bool is_known(const std::string& name) {
     static const std::set<std::string, std::less<>> known{
         "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "KHR_texture_transform",
@@ -62,7 +62,7 @@ Result<void> check_extensions(const tinygltf::Model& file, Model& model) {
     return {};
 }
 
-/// tinygltf complains about members of skins and animations that glTF does not require.
+/// Drops complaints about members of skins and animations that glTF does not require.
 void drop_harmless_lines(std::string& problem) {
     std::string kept;
     for (std::size_t at = 0; at < problem.size();) {
@@ -77,7 +77,7 @@ void drop_harmless_lines(std::string& problem) {
     problem = kept.find_first_not_of(" \n") == std::string::npos ? std::string() : kept;
 }
 
-/// tinygltf's word about a text: an empty `problem` is a scene.
+/// Runs tinygltf on a text; an empty `problem` means that it was read.
 Result<void> run_tinygltf(std::span<const std::byte> text, tinygltf::Model& file,
                           std::string& problem) {
     const auto size = static_cast<unsigned>(text.size());
@@ -100,9 +100,8 @@ Result<void> run_tinygltf(std::span<const std::byte> text, tinygltf::Model& file
                                              reinterpret_cast<const char*>(text.data()), size, "");
     } catch (const std::bad_alloc&) {
         return fail(ErrorCode::out_of_memory,
-                    "the scene needs more memory than an import may take; start raynestd with a "
-                    "larger --memory");
-    } catch (...) {  // what tinygltf lets through speaks of containers, not of glTF
+                    "the scene needs more memory than an import may take");
+    } catch (...) {  // catch-all: tinygltf's exceptions concern containers, not glTF
         problem = "its parts do not fit together";
     }
     drop_harmless_lines(problem);
@@ -110,14 +109,14 @@ Result<void> run_tinygltf(std::span<const std::byte> text, tinygltf::Model& file
     return {};
 }
 
-/// What tinygltf made of a scene, and the bytes that belong to it.
+/// The output of tinygltf, and the bytes that belong to it.
 struct Parsed {
     tinygltf::Model file;
     std::vector<Fetched> buffers;
     std::vector<FetchedImage> images;
 };
 
-/// A scene whose only bytes are a BIN chunk is read as it is. Any other, and one that tinygltf
+/// Reads a scene whose only bytes are a BIN chunk as it is. Any other scene, and one that tinygltf
 /// refuses, is rewritten first (gltf_bytes.h).
 Result<Parsed> parse(const ImportRequest& request, const Glb& text, const Prescan& prescan,
                      std::uint64_t upload_bytes) {
@@ -150,6 +149,8 @@ Result<Parsed> parse(const ImportRequest& request, const Glb& text, const Presca
     for (const std::size_t index : rewritten->unplaced)
         parsed.file.accessors[index].bufferView = -1;
     if (!rewritten->unplaced.empty()) parsed.file.bufferViews.pop_back();
+    for (const std::size_t index : rewritten->colourless)
+        parsed.file.materials[index].pbrMetallicRoughness.baseColorFactor.clear();
     parsed.buffers = std::move(rewritten->buffers);
     parsed.images = std::move(rewritten->images);
     return parsed;
@@ -249,7 +250,7 @@ Result<void> convert_accessors(Parsed& parsed, Model& model) {
             misaligned));
     }
 
-    // Pictures inside buffers point there; the bytes of the others move behind the buffers.
+    // Pictures inside buffers point into them; the bytes of the others are appended to the buffers.
     for (FetchedImage& image : parsed.images)
         model.images.push_back(convert_image(image, views, model));
     return {};
@@ -307,18 +308,6 @@ Result<Instancing> convert_instancing(const tinygltf::Node& in, const Model& mod
     return instancing;
 }
 
-/// extras.raynest.mask: a whole number, or a text of hex digits. tinygltf reads numbers as int; the
-/// bits of 4294967295 arrive as -1.
-void convert_mask(const tinygltf::Node& in, Node& node, Model& model) {
-    if (!in.extras.IsObject() || !in.extras.Has("raynest")) return;
-    const tinygltf::Value& ours = in.extras.Get("raynest");
-    if (!ours.IsObject() || !ours.Has("mask")) return;
-    const tinygltf::Value& value = ours.Get("mask");
-    if (value.IsInt()) node.mask = static_cast<std::uint32_t>(value.GetNumberAsInt());
-    if (value.IsString()) node.mask = MaskRules::parse_mask(value.Get<std::string>());
-    if (!node.mask) ++model.bad_masks;
-}
-
 Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
     for (const tinygltf::Node& in : file.nodes) {
         const std::string where = label("node", model.nodes.size(), in.name);
@@ -347,7 +336,6 @@ Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
         if (!skin) return error_of(skin);
         node.weights = std::move(*weights);
         node.skin = *skin;
-        convert_mask(in, node, model);
         if (const auto* visible = member(in.extensions, "KHR_node_visibility", "visible"))
             node.visible = !visible->IsBool() || visible->Get<bool>();
         model.nodes.push_back(std::move(node));
@@ -355,12 +343,8 @@ Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
     return {};
 }
 
-/// A camera that cannot be is shown with what is taken where a file says nothing.
+/// Reads cameras. Invalid parameters get the value that is used when the file states none.
 Result<void> convert_cameras(tinygltf::Model& file, Model& model) {
-    const auto odd = [&](const std::string& name, const char* what, const char* instead) {
-        model.warnings.push_back(fmt::format(
-            "{} has {}; {} is taken", label("camera", model.cameras.size(), name), what, instead));
-    };
     const auto is_positive = [](double value) {
         const auto narrow = static_cast<float>(value);
         return std::isfinite(narrow) && narrow > 0;
@@ -368,19 +352,23 @@ Result<void> convert_cameras(tinygltf::Model& file, Model& model) {
     for (const tinygltf::Camera& in : file.cameras) {
         Camera camera;
         camera.name = one_line(in.name);
-        if (in.type == "perspective") {
+        if (in.type == "orthographic") {
+            const double xmag = std::abs(in.orthographic.xmag);  // negative values mirror
+            const double ymag = std::abs(in.orthographic.ymag);
+            const bool fits = is_positive(xmag) && is_positive(ymag) && is_positive(xmag / ymag);
+            if (!fits) camera.fault = "its xmag or ymag is 0 or not finite; 1 is used";
+            camera.ymag = fits ? static_cast<float>(ymag) : 1.0F;
+            camera.aspect = fits ? static_cast<float>(xmag / ymag) : 1.0F;
+        } else {
             const bool fits = is_positive(in.perspective.yfov) && in.perspective.yfov < 3.14159;
-            if (!fits) odd(in.name, "a yfov outside (0, pi)", "0.7");
+            if (in.perspective.yfov == yfov_of_unknown_type)
+                camera.fault =
+                    "its type is unknown; a perspective camera with a yfov of 0.7 is used";
+            else if (!fits)
+                camera.fault = "its yfov is outside (0, pi); 0.7 is used";
             camera.yfov = fits ? static_cast<float>(in.perspective.yfov) : 0.7F;
             if (is_positive(in.perspective.aspectRatio))
                 camera.aspect = static_cast<float>(in.perspective.aspectRatio);
-        } else {
-            const double xmag = std::abs(in.orthographic.xmag);  // negative: it mirrors
-            const double ymag = std::abs(in.orthographic.ymag);
-            const bool fits = is_positive(xmag) && is_positive(ymag) && is_positive(xmag / ymag);
-            if (!fits) odd(in.name, "an xmag or ymag that is 0 or not finite", "1");
-            camera.ymag = fits ? static_cast<float>(ymag) : 1.0F;
-            camera.aspect = fits ? static_cast<float>(xmag / ymag) : 1.0F;
         }
         model.cameras.push_back(std::move(camera));
     }
@@ -398,6 +386,32 @@ Result<void> choose_scene(tinygltf::Model& file, Model& model) {
     if (file.scenes.empty()) return set_roots(model, nullptr);
     return set_roots(model,
                      &file.scenes[exists ? static_cast<std::size_t>(file.defaultScene) : 0].nodes);
+}
+
+void take_masks(const Prescan& prescan, Model& model) {
+    for (const auto& [index, mask] : prescan.masks) {
+        if (index >= model.nodes.size()) return;
+        model.nodes[index].mask = mask;
+        if (!mask) {
+            model.odd.add(label("node", index, model.nodes[index].name),
+                          "extras.raynest.mask is no whole number from 0 to 4294967295 and no "
+                          "string of 1 to 8 hex digits; it is ignored");
+        }
+    }
+}
+
+void report_types(const Prescan& prescan, const tinygltf::Model& file, Model& model) {
+    for (const Prescan::Mistyped& odd : prescan.mistyped) {
+        const auto name_in = [&](const auto& list) {
+            return odd.element < list.size() ? list[odd.element].name : std::string();
+        };
+        const std::string name = odd.list == "nodes"       ? name_in(file.nodes)
+                                 : odd.list == "materials" ? name_in(file.materials)
+                                                           : name_in(file.samplers);
+        model.odd.add(label(odd.list.substr(0, odd.list.size() - 1), odd.element, name),
+                      fmt::format("{} is not {}; the default is used", odd.member, odd.wanted),
+                      odd.more);
+    }
 }
 
 }  // namespace
@@ -444,6 +458,9 @@ Result<Model> load_model(const ImportRequest& request, const Glb& text, const Pr
                                convert_nodes, convert_skins, choose_scene}) {
         if (auto done = convert(file, model); !done) return error_of(done);
     }
+    take_masks(prescan, model);
+    report_types(prescan, file, model);
+    model.odd.append_to(model.warnings);
     separate_poses(model);
     return model;
 }

@@ -1,5 +1,5 @@
-// Masks of placements: a node's own (extras.raynest.mask), which holds for all below it, and above
-// it the rules of the load.
+// Masks of placements: a node's own mask (extras.raynest.mask) applies to everything below it; mask
+// rules of the load override it.
 #include "engine/assets/gltf_masks.h"
 
 #include "engine/assets/mask_rules.h"

@@ -1,4 +1,4 @@
-// Masks of a glTF's placements.
+// Masks of placements in a glTF scene.
 #pragma once
 
 #include "engine/assets/gltf_model.h"
@@ -10,9 +10,9 @@
 
 namespace raynest::gltf {
 
-/// By node, or by placement where those of one node may differ.
+/// Masks by node, or by placement if those of one node may differ.
 struct Masks {
-    std::vector<std::uint32_t> by_node;  ///< empty: all of them are mask_all
+    std::vector<std::uint32_t> by_node;  ///< empty if all are mask_all
     std::unordered_map<std::uint32_t, std::vector<std::uint32_t>> by_placement;
 
     [[nodiscard]] bool is_by_placement(std::uint32_t node) const {
@@ -21,8 +21,8 @@ struct Masks {
     [[nodiscard]] std::uint32_t of(std::uint32_t node, std::uint32_t placement) const;
 };
 
-/// `order` lists the nodes of the scene, parents before children; `scene` has its path nodes, and
-/// is warned about rules that match nothing.
+/// Computes the masks. `order` lists the nodes of the scene, parents before children. `scene`
+/// already has its path nodes, and receives a warning for each rule that matches nothing.
 Result<Masks> read_masks(const Model& model, const std::vector<std::uint32_t>& order,
                          MaskRules& rules, SceneDescription& scene);
 

@@ -1,8 +1,8 @@
-// Materials, and the pictures that their base colours need: nothing else is decoded.
+// Materials, and the pictures that their base colours need. No other picture is decoded.
 //
-// A texture that is missing or damaged does not stop a scene: the material stays without it, the
-// count and the reason are reported. Lack of memory does: else a busy machine would make another
-// scene of the same file.
+// A missing or damaged texture does not stop a scene: the material is used without it, and the
+// count and the reason are reported. Lack of memory is an error: otherwise a busy machine would
+// build a different scene from the same file.
 #include "engine/assets/gltf_model.h"
 #include "engine/assets/gltf_names.h"
 #include "engine/assets/image.h"
@@ -12,7 +12,7 @@
 namespace raynest::gltf {
 namespace {
 
-/// All pictures of a file together may take this many times what one may.
+/// Limit for all pictures of a file together, as a multiple of the limit for one.
 constexpr std::uint64_t images_per_file = 4;
 
 class PictureReader {
@@ -24,9 +24,11 @@ public:
           bytes_left_(limits.image_bytes_max * images_per_file),
           read_(model.images.size(), not_read) {}
 
-    /// Index of the decoded picture in the scene, or no_id when there is none to be had.
-    Result<std::uint32_t> read(std::uint32_t image) {
-        if (image == no_id) return missing("a texture without a picture");
+    /// Returns the index of a texture's decoded picture in the scene, or no_id if there is none.
+    Result<std::uint32_t> read(std::uint32_t texture) {
+        const std::uint32_t image = model_.textures[texture].image;
+        if (image == no_id)
+            return missing(fmt::format("texture {} names no picture; it is left out", texture));
         if (read_[image] != not_read) return read_[image];
         const Image& from = model_.images[image];
         const std::string name = label("texture", image, from.name);
@@ -41,7 +43,7 @@ public:
         return read_[image] = static_cast<std::uint32_t>(scene_.images.size() - 1);
     }
 
-    /// A picture that no material asked for is not missed, but its author may want to know.
+    /// Warns of faulty pictures that no material uses.
     void warn_of_unused() {
         for (std::uint32_t i = 0; i < read_.size(); ++i) {
             const Image& image = model_.images[i];
@@ -78,7 +80,7 @@ Result<void> read_materials(const Model& model, const ImportLimits& limits,
         if (from.texture != no_id && !texture_read[from.texture]) {
             texture_read[from.texture] = true;
             TextureDescription texture = model.textures[from.texture];
-            const auto image = pictures.read(texture.image);
+            const auto image = pictures.read(from.texture);
             if (!image) return error_of(image);
             texture.image = *image;
             if (texture.image != no_id) {
@@ -89,7 +91,7 @@ Result<void> read_materials(const Model& model, const ImportLimits& limits,
         material.texture = from.texture == no_id ? no_id : texture_of[from.texture];
         if (material.texture != no_id && material.texcoord > 1) {
             leave_out(scene, "textures",
-                      fmt::format("material '{}' uses TEXCOORD_{}; only sets 0 and 1 are read, its "
+                      fmt::format("material '{}' uses TEXCOORD_{}; only sets 0 and 1 are read; its "
                                   "texture is left out",
                                   one_line(material.name, 60), material.texcoord));
             material.texture = no_id;

@@ -1,4 +1,4 @@
-// Node transforms: matrix or TRS to one 3x4 map in double.
+// Node transforms: converts a matrix or TRS to one 3x4 map in double precision.
 #include "engine/assets/gltf_model.h"
 
 #include <cmath>
@@ -64,7 +64,7 @@ Result<Matrix> local_matrix(std::span<const double> matrix, std::span<const doub
             return fail(ErrorCode::scene_invalid,
                         where + " has a matrix and TRS; only one may be given");
         }
-        // A last row of nothing but zeros belongs to a matrix of zeros: singular, not projective.
+        // A last row of zeros is accepted only with an all-zero matrix: singular, not projective.
         const double row = std::abs(matrix[3]) + std::abs(matrix[7]) + std::abs(matrix[11]);
         if (row > 1e-4 || (std::abs(matrix[15] - 1) > 1e-4 && matrix[15] != 0)) {
             return fail(ErrorCode::scene_invalid,

@@ -1,4 +1,4 @@
-// Meshes and skins: from what tinygltf read into the Model, every index checked.
+// Converts tinygltf's meshes and skins into the Model and checks every index.
 #include "engine/assets/gltf_compressed.h"
 #include "engine/assets/gltf_convert.h"
 #include "engine/assets/gltf_names.h"
@@ -8,7 +8,7 @@
 namespace raynest::gltf {
 namespace {
 
-/// Morph targets, and the joints and weights of a skin.
+/// Reads morph targets, and the joints and weights of a skin.
 Result<void> convert_deformation(const tinygltf::Primitive& from, const Model& model,
                                  Primitive& to) {
     const auto find = [&](const std::map<std::string, int>& attributes, const std::string& name,

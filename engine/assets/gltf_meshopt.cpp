@@ -1,5 +1,5 @@
-// The only file that includes libmeshoptimizer. Its decoders check the stream; what they are asked
-// for (sizes, counts, strides) they only assert, so it is checked here.
+// The only file that includes libmeshoptimizer. Its decoders check the stream but only assert their
+// arguments (sizes, counts, strides), so these are checked here.
 #include "engine/assets/gltf_meshopt.h"
 
 #ifdef RAYNEST_MESHOPT
@@ -11,7 +11,8 @@
 namespace raynest::gltf {
 namespace {
 
-/// Attributes are densest: two bits of the stream stand for 16 bytes at most.
+/// Upper bound of the expansion. Attributes are densest: two bits of the stream hold at most 16
+/// bytes.
 constexpr std::uint64_t bytes_per_stream_byte_max = 64;
 constexpr std::uint64_t attribute_stride_max = 256;
 
@@ -45,7 +46,7 @@ Result<std::uint64_t> meshopt_bytes(const MeshoptView& view) {
         return refuse(fmt::format("has {} meshopt elements", view.count));
     if (view.count > view.stream.size() * bytes_per_stream_byte_max / view.stride) {
         return refuse(
-            fmt::format("promises {} meshopt elements of {} bytes from {} bytes; it is "
+            fmt::format("declares {} meshopt elements of {} bytes in {} bytes; it is "
                         "cut short or damaged",
                         view.count, view.stride, view.stream.size()));
     }

@@ -1,4 +1,4 @@
-// EXT_meshopt_compression: the bytes of a bufferView, by libmeshoptimizer.
+// EXT_meshopt_compression: decodes the bytes of a bufferView with libmeshoptimizer.
 #pragma once
 
 #include "engine/result.h"
@@ -11,10 +11,10 @@
 
 namespace raynest::gltf {
 
-/// An error, with the remedy, in a build without the library.
+/// Returns an error with the remedy if the build lacks the library.
 Result<void> meshopt_available();
 
-/// A compressed bufferView as the file states it: numbers and words of any value.
+/// A compressed bufferView as the file states it, unchecked.
 struct MeshoptView {
     std::span<const std::byte> stream;
     std::uint64_t count = 0;
@@ -23,10 +23,10 @@ struct MeshoptView {
     std::string_view filter = "NONE";  ///< or "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL"
 };
 
-/// The size of what it decodes to. Errors are for blame(): modes, filters and sizes that the
-/// extension does not allow, and a count that the stream is too short to hold.
+/// Returns the decoded size. Refuses modes, filters and sizes that the extension does not allow,
+/// and a count that the stream is too short to hold. Pass errors to blame().
 Result<std::uint64_t> meshopt_bytes(const MeshoptView& view);
-/// `view` has passed meshopt_bytes.
+/// Decodes `view`, which has passed meshopt_bytes.
 Result<std::vector<unsigned char>> decode_meshopt(const MeshoptView& view);
 
 }  // namespace raynest::gltf

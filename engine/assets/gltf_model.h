@@ -1,15 +1,15 @@
-// A glTF file as plain checked data: what the rest of the importer reads instead of tinygltf.
+// A glTF file as plain checked data, which the rest of the importer reads instead of tinygltf.
 //
 //   bytes --prescan--> tinygltf --gltf_load.cpp--> Model --geometry, materials, nodes-->
 //   description
 //
-// Everything in a Model has been validated by index and range: an index is below the size of what
-// it indexes or is no_id, and every byte an accessor can reach lies inside its buffer. A buffer,
-// bufferView, accessor or picture that is damaged says so in its `fault`, which matters to those
-// who use it.
+// Every index in a Model is below the size of what it refers to, or is no_id; every byte an
+// accessor can reach lies inside its buffer. A damaged buffer, bufferView, accessor or picture
+// describes its damage in `fault`, which matters only to the parts that use it.
 #pragma once
 
 #include "engine/assets/gltf_bytes.h"
+#include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_prescan.h"
 #include "engine/assets/import.h"
 #include "engine/assets/mask_rules.h"
@@ -28,13 +28,13 @@
 
 namespace raynest::gltf {
 
-/// Hands the error of one result on as that of another.
+/// Passes the error of one result on as that of another.
 template <class T>
 [[nodiscard]] tl::unexpected<Error> error_of(const Result<T>& result) {
     return tl::unexpected<Error>(result.error());
 }
 
-/// The same with what it is about in front: "mesh 7" + "has no vertices".
+/// Returns the error with its subject prefixed: "mesh 7" + "has no vertices".
 [[nodiscard]] inline tl::unexpected<Error> blame(const std::string& where, const Error& error) {
     return fail(error.code, where + ' ' + error.message);
 }
@@ -44,12 +44,12 @@ enum class Component : std::uint8_t { i8, u8, i16, u16, u32, f32 };
     if (component == Component::i8 || component == Component::u8) return 1;
     return component == Component::i16 || component == Component::u16 ? 2 : 4;
 }
-/// Accessors without a bufferView are all zeros but for their sparse elements; one costs no bytes
-/// in the file, so its count is bounded.
+/// Bounds the elements of an accessor without a bufferView. It costs no bytes in the file: all
+/// elements but the sparse ones are zero.
 inline constexpr std::uint64_t zero_filled_max = 1U << 20;
 
-/// Element i has `width` components and starts at data + i * stride. Without data every element is
-/// zero, except for the sparse ones.
+/// An accessor: element i has `width` components and starts at data + i * stride. Without data
+/// every element is zero, except for the sparse ones.
 struct Accessor {
     const std::byte* data = nullptr;
     std::uint64_t count = 0;
@@ -57,18 +57,18 @@ struct Accessor {
     std::uint32_t width = 0;
     Component component = Component::f32;
     bool normalized = false;
-    bool scalar_or_vector = true;  ///< matrices are those of skins
-    /// Elements replaced one by one; values are packed.
+    bool scalar_or_vector = true;  ///< otherwise a matrix, as skins have
+    /// Number of elements replaced one by one; their values are packed.
     std::uint64_t sparse_count = 0;
     const std::byte* sparse_indices = nullptr;
     Component sparse_component = Component::u32;
     const std::byte* sparse_values = nullptr;
-    bool misaligned = false;  ///< to its components, as glTF asks; reading it costs nothing more
-    /// The element that keeps it from being read: "accessor 3, which has a type that ...".
+    bool misaligned = false;  ///< not aligned to components as glTF requires; costs nothing
+    /// The reason why the accessor cannot be read: "accessor 3, which has a type that ...".
     std::string fault = {};
 };
 
-/// A bufferView and an accessor as a file states them: numbers of any value.
+/// A bufferView and an accessor as a file states them, unchecked.
 struct RawView {
     std::int64_t buffer = -1;
     std::uint64_t offset = 0;
@@ -83,7 +83,7 @@ struct RawAccessor {
     std::uint32_t width = 0;
     bool scalar_or_vector = true;
     bool normalized = false;
-    bool holds_indices = false;  ///< of a primitive
+    bool holds_indices = false;  ///< used as a primitive's indices
     bool sparse = false;
     std::int64_t sparse_count = 0;
     std::int64_t sparse_indices_view = -1;
@@ -93,14 +93,13 @@ struct RawAccessor {
     std::int64_t sparse_values_offset = 0;
 };
 
-/// A bufferView that has passed check_view, or what keeps it from being read.
+/// A bufferView that has passed check_view, or the reason why it cannot be read.
 struct View {
     std::span<const std::byte> bytes;
     std::uint64_t stride = 0;
     std::string fault = {};
 };
-/// Both read only what is without a fault, and leave it to the caller to name what errors are
-/// about.
+/// Check ranges, for input without a fault. Errors name no subject; the caller adds it.
 Result<View> check_view(const RawView& raw, std::span<const Fetched> buffers);
 Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> views);
 
@@ -137,9 +136,9 @@ struct Primitive {
 struct Mesh {
     std::string name;
     std::vector<Primitive> primitives;
-    std::vector<float> weights;  ///< of the morph targets; those that are not listed are 0
-    /// A posed mesh (gltf_skins.h) has the primitives of this one, and `weights` and `skin` of its
-    /// own.
+    std::vector<float> weights;  ///< for morph targets; those not listed are 0
+    /// Index of the mesh whose primitives a posed mesh (gltf_skins.h) uses with its own `weights`
+    /// and `skin`.
     std::uint32_t pose_of = no_id;
     std::uint32_t skin = no_id;
 };
@@ -150,7 +149,7 @@ struct Skin {
     std::vector<std::uint32_t> joints;   ///< nodes
 };
 
-/// An encoded picture: a range of a buffer, or bytes of its own, or the reason why there are none.
+/// An encoded picture: a range of a buffer, bytes of its own, or the reason for their absence.
 struct Image {
     std::string name;
     std::span<const std::byte> bytes;
@@ -174,9 +173,9 @@ struct Node {
     Matrix local = identity_matrix;
     std::uint32_t mesh = no_id;
     std::uint32_t camera = no_id;
-    std::uint32_t skin = no_id;  ///< set: the mesh stands in the scene's space
-    std::vector<float> weights;  ///< empty: those of the mesh
-    bool visible = true;  ///< KHR_node_visibility: false hides the meshes of the node and all below
+    std::uint32_t skin = no_id;  ///< set: the mesh is in the scene's space
+    std::vector<float> weights;  ///< if empty, the mesh's weights apply
+    bool visible = true;  ///< KHR_node_visibility: false hides meshes of the node and below it
     Instancing instancing;
     std::optional<std::uint32_t> mask;  ///< extras.raynest.mask
     std::vector<std::uint32_t> children;
@@ -184,14 +183,15 @@ struct Node {
 
 struct Camera {
     std::string name;
-    float yfov = 0;  ///< these as in CameraDescription
+    float yfov = 0;  ///< angles and sizes as in CameraDescription
     float aspect = 0;
     float ymag = 0;
+    std::string fault = {};  ///< what a scene with this camera says of it
 };
 
 struct Model {
-    std::vector<Fetched> storage;  ///< buffers and pictures that others point into
-    std::vector<std::vector<unsigned char>> decompressed;  ///< what compressed geometry decodes to
+    std::vector<Fetched> storage;  ///< buffers and pictures that other members point into
+    std::vector<std::vector<unsigned char>> decompressed;  ///< decoded bytes of compressed geometry
     std::vector<View> views;  ///< bufferViews, decompressed where they were compressed
     std::vector<Accessor> accessors;
     std::vector<Mesh> meshes;
@@ -201,64 +201,65 @@ struct Model {
     std::vector<Skin> skins;
     std::vector<Node> nodes;
     std::vector<Camera> cameras;
-    std::vector<std::uint32_t> roots;    ///< of the chosen scene
+    std::vector<std::uint32_t> roots;    ///< root nodes of the chosen scene
     bool quantized = false;              ///< KHR_mesh_quantization is in use
-    std::uint64_t hidden_instances = 0;  ///< placements of meshes that visibility took away
-    std::uint64_t bad_masks = 0;         ///< extras.raynest.mask that are no mask
+    std::uint64_t hidden_instances = 0;  ///< placements of meshes hidden by visibility
+    Oddities odd;                        ///< faults that get a default
     std::vector<std::string> warnings;
-    std::uint64_t upload_bytes = 0;  ///< of all files together: what amplification is measured by
-    std::uint64_t decompressed_bytes = 0;  ///< counts as much
+    std::uint64_t upload_bytes = 0;        ///< total of all files; bounds amplification
+    std::uint64_t decompressed_bytes = 0;  ///< counts towards the same bound
 };
 
-/// The guards after prescan's: tinygltf behind its fences, then every index and range. `text` is
+/// Loads a model: runs tinygltf in isolation, then checks every index and range. `text` is
 /// request.files[0], opened; its JSON has passed prescan_json. The model owns its bytes and never
 /// points into the request.
 Result<Model> load_model(const ImportRequest& request, const Glb& text, const Prescan& prescan);
 
-/// An index of the file: -1 stands for absent and gives no_id, anything else must be below `size`.
+/// Checks an index of the file: -1 means absent and gives no_id; others must be below `size`.
 Result<std::uint32_t> optional_index(std::int64_t value, std::size_t size, std::string_view what);
 Result<std::uint32_t> required_index(std::int64_t value, std::size_t size, std::string_view what);
 
 /// Checks that the nodes form a forest, and sets model.roots to those listed, or to every node
-/// without a parent when the file has no scene. A listed node that stands below another listed one,
-/// or is listed twice, is placed once, with a warning. Takes the meshes of hidden nodes away.
+/// without a parent if the file has no scene. A node that is listed twice, or below another listed
+/// node, is placed once, with a warning. Removes the meshes of hidden nodes.
 Result<void> set_roots(Model& model, const std::vector<int>* listed);
 
-/// A node's transform from `matrix` (16, column-major) or TRS, as the file states them: the right
-/// number of numbers, finite as floats, rotation normalised. `where` starts an error's message.
+/// Returns a node's transform from `matrix` (16, column-major) or TRS, as the file states them.
+/// Checks the count of numbers and that they are finite as floats; normalises the rotation. `where`
+/// starts an error's message.
 Result<Matrix> local_matrix(std::span<const double> matrix, std::span<const double> translation,
                             std::span<const double> rotation, std::span<const double> scale,
                             const std::string& where);
-/// Translation, unit quaternion (x y z w) and scale as one map; `rotation` need not be normalised
-/// but must not be zero.
+/// Returns translation, quaternion (x y z w) and scale as one map; `rotation` need not be
+/// normalised but must not be zero.
 Matrix from_trs(const double* translation, const double* rotation, const double* scale);
-/// `outer` after `inner`.
+/// Returns the map that applies `inner`, then `outer`.
 Matrix multiply(const Matrix& outer, const Matrix& inner);
-/// Rounded once; entries that do not fit a float become infinite and are refused by the caller.
+/// Rounds a map to float; entries that do not fit become infinite, and the caller refuses them.
 Transform round_matrix(const Matrix& matrix);
 
-/// Elements as floats, `width` per element, normalised integers mapped to [0,1] or [-1,1]: those
-/// listed in `elements` (each below accessor.count), all when the list is empty. Errors are for
-/// blame().
+/// Reads elements as floats, `width` per element, normalised integers mapped to [0,1] or [-1,1]:
+/// those listed in `elements` (each below accessor.count), or all if the list is empty. Pass errors
+/// to blame().
 Result<std::vector<float>> read_floats(const Accessor& accessor,
                                        std::span<const std::uint32_t> elements = {});
-/// Elements of an accessor that holds indices.
+/// Reads the elements of an accessor that holds indices.
 Result<std::vector<std::uint32_t>> read_indices(const Accessor& accessor);
 
-/// Reads the meshes in `used`; the result has one object per mesh of the model, with a geometry per
-/// primitive, empty where that is of points or lines (counted in `scene.skipped`). A mesh that is
-/// not used has none.
+/// Reads the meshes in `used`. The result has one object per mesh of the model, with one geometry
+/// per primitive; the geometry is empty for points or lines (counted in `scene.skipped`). The
+/// object of an unused mesh has no geometries.
 Result<std::vector<ObjectDescription>> read_meshes(const Model& model,
                                                    const std::vector<bool>& used,
                                                    const ImportLimits& limits,
                                                    SceneDescription& scene);
 
-/// Materials, their textures and the pictures those need, decoded; a texture that is missing or
-/// damaged is counted in skipped["textures"] and warned about.
+/// Reads materials, their textures and the pictures that those need, decoded. A missing or damaged
+/// texture is counted in skipped["textures"] and causes a warning.
 Result<void> read_materials(const Model& model, const ImportLimits& limits,
                             SceneDescription& scene);
 
-/// Objects, instances and cameras of the chosen scene; `rules` give masks.
+/// Reads objects, instances and cameras of the chosen scene; `rules` set masks.
 Result<void> read_nodes(const Model& model, const ImportLimits& limits, MaskRules& rules,
                         SceneDescription& scene);
 

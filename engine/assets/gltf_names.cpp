@@ -9,47 +9,54 @@
 namespace raynest::gltf {
 namespace {
 
-/// Is this byte a later one of a UTF-8 character?
+/// True if this byte continues a UTF-8 character.
 bool is_inside(char byte) {
     return (static_cast<unsigned char>(byte) & 0xC0U) == 0x80U;
+}
+
+/// Decodes one part of a path. What is encoded must not become part of the path's structure.
+std::optional<std::string> decode_part(std::string_view part) {
+    std::string decoded;
+    for (std::size_t i = 0; i < part.size(); ++i) {
+        char c = part[i];
+        if (c == '%') {
+            unsigned code = 0;
+            const char* const digits = part.data() + i + 1;
+            if (part.size() - i < 3 ||
+                std::from_chars(digits, digits + 2, code, 16).ptr != digits + 2)
+                return std::nullopt;
+            c = static_cast<char>(code);
+            i += 2;
+        }
+        const bool is_structure = c == '/' || c == '\\' || c == ':';
+        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F || is_structure) return std::nullopt;
+        decoded += c;
+    }
+    if (decoded == "." || decoded == "..") return std::nullopt;
+    return decoded;
 }
 
 }  // namespace
 
 std::optional<std::string> file_of_uri(std::string_view uri) {
     constexpr std::size_t name_bytes_max = 1024;
-    if (uri.empty() || uri.size() > 3 * name_bytes_max) return std::nullopt;
-    std::string decoded;
-    for (std::size_t i = 0; i < uri.size(); ++i) {
-        char c = uri[i];
-        if (c == '%') {
-            unsigned code = 0;
-            const char* const digits = uri.data() + i + 1;
-            const char* const end = digits + 2;
-            if (uri.size() - i < 3 || std::from_chars(digits, end, code, 16).ptr != end) {
-                return std::nullopt;
-            }
-            c = static_cast<char>(code);
-            i += 2;
-            // An encoded dot or slash must not become part of the path's structure.
-            if (c == '.' || c == '/') return std::nullopt;
-        }
-        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F || c == '\\' || c == ':') {
-            return std::nullopt;
-        }
-        decoded += c;
-    }
+    constexpr std::string_view separators = "/\\";
+    const auto is_separator = [&](char c) { return separators.find(c) != separators.npos; };
+    if (uri.empty() || uri.size() > 3 * name_bytes_max || is_separator(uri.front()) ||
+        is_separator(uri.back()))
+        return std::nullopt;
     std::string name;
-    for (std::string_view rest = decoded;;) {
-        const std::string_view part = rest.substr(0, rest.find('/'));
-        if (part.empty()) return std::nullopt;
+    for (std::string_view rest = uri;;) {
+        const std::string_view part = rest.substr(0, rest.find_first_of(separators));
         if (part == "..") {
             if (name.empty()) return std::nullopt;
             const std::size_t parent = name.rfind('/');
             name.resize(parent == std::string::npos ? 0 : parent);
-        } else if (part != ".") {
+        } else if (!part.empty() && part != ".") {
+            const auto decoded = decode_part(part);
+            if (!decoded) return std::nullopt;
             if (!name.empty()) name += '/';
-            name += part;
+            name += *decoded;
         }
         if (part.size() == rest.size()) break;
         rest.remove_prefix(part.size() + 1);
@@ -58,14 +65,40 @@ std::optional<std::string> file_of_uri(std::string_view uri) {
     return name;
 }
 
+std::string_view why_no_file(std::string_view uri) {
+    const std::size_t colon = uri.find(':');
+    if (uri.starts_with('/') || uri.starts_with('\\') || colon == 1)
+        return "an absolute path; name the file relative to the scene";
+    if (colon != std::string_view::npos)
+        return "an address; only files beside or below the scene are read";
+    return "not beside or below the scene";
+}
+
 std::string_view front_of(std::string_view text, std::size_t bytes_max) {
     if (text.size() <= bytes_max) return text;
     while (bytes_max > 0 && is_inside(text[bytes_max])) --bytes_max;
     return text.substr(0, bytes_max);
 }
 
+void Oddities::add(const std::string& where, const std::string& what, std::uint64_t more) {
+    const auto same = std::find_if(found_.begin(), found_.end(),
+                                   [&](const First& first) { return first.what == what; });
+    if (same == found_.end())
+        found_.push_back({where, what, more});
+    else
+        same->more += 1 + more;
+}
+
+void Oddities::append_to(std::vector<std::string>& warnings) const {
+    for (const auto& [where, what, more] : found_) {
+        const std::string others =
+            more == 0 ? "" : fmt::format(" and {} other{}", more, more == 1 ? "" : "s");
+        warnings.push_back(fmt::format("{}{}: {}", where, others, what));
+    }
+}
+
 void leave_out(SceneDescription& scene, const std::string& kind, std::string why) {
-    constexpr std::uint64_t warnings_max = 8;  // of a kind
+    constexpr std::uint64_t warnings_max = 8;  // per kind
     const std::uint64_t count = ++scene.skipped[kind];
     if (count <= warnings_max) scene.warnings.push_back(std::move(why));
     if (count == warnings_max + 1) scene.warnings.push_back("more " + kind + " are left out");
@@ -93,7 +126,7 @@ Result<std::span<const std::byte>> Upload::read(std::string_view name) {
                                    [&](const NamedBytes& other) { return other.name == name; });
     if (file == others.end()) return std::span<const std::byte>();
     if (file->bytes.size() > bytes_left_) {
-        return fail(ErrorCode::limit_exceeded, "the scene names the same file again and again");
+        return fail(ErrorCode::limit_exceeded, "the scene names the same file repeatedly");
     }
     bytes_left_ -= file->bytes.size();
     return file->bytes;

@@ -1,4 +1,4 @@
-// Names that come out of a scene file: how they are shown, and which files they may reach.
+// Names from a scene file: how messages show them, and which files they may reach.
 #pragma once
 
 #include "engine/assets/import.h"
@@ -10,37 +10,59 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace raynest::gltf {
 
-/// The uploaded file that a URI stands for: percent-decoded once, "./" dropped, "a/.." cancelled.
-/// Nothing where the URI has a scheme, is absolute, leaves the scene's folder, or hides a dot or a
-/// separator behind a percent sign. Clients apply the same rule (tests/golden/gltf_uris.txt).
+/// Returns the uploaded file that a URI names: percent-decoded once, with / for \, without empty
+/// parts and "./", with "a/.." cancelled. Nothing if the URI has a scheme, is absolute, leaves the
+/// scene's folder, or hides a separator, "." or ".." behind percent signs. Clients apply the same
+/// rule (tests/golden/gltf_uris.json).
 [[nodiscard]] std::optional<std::string> file_of_uri(std::string_view uri);
 
-/// The first bytes of UTF-8 text, at most `bytes_max`, without a part of a character.
+/// Returns what a URI is that names no file: "an absolute path; ...".
+[[nodiscard]] std::string_view why_no_file(std::string_view uri);
+
+/// Returns at most the first `bytes_max` bytes of UTF-8 text, cut between characters.
 [[nodiscard]] std::string_view front_of(std::string_view text, std::size_t bytes_max);
 
-/// Foreign text for a message: control characters become spaces, and it ends before it bores.
+/// Returns foreign text for a message: shortened, with spaces for control characters.
 [[nodiscard]] std::string one_line(std::string_view text, std::size_t length_max = 160);
 
-/// "mesh 7 ('leaf')", or "mesh 7" when it has no name.
+/// Returns "mesh 7 ('leaf')", or "mesh 7" if it has no name.
 [[nodiscard]] std::string label(std::string_view kind, std::uint64_t index, std::string_view name);
 
-/// Counts one more `kind` that is left out. The first few are warned about, the rest only counted:
-/// a file of millions of them is no longer to read than one of ten.
+/// Harmless faults of a file by what is wrong, each with the first element that has it: a file with
+/// a million of them gives one line.
+class Oddities {
+public:
+    /// "node 3 ('a')" "alphaMode is no text; the default is used".
+    void add(const std::string& where, const std::string& what, std::uint64_t more = 0);
+    /// Appends "node 3 ('a') and 4 others: " + what.
+    void append_to(std::vector<std::string>& warnings) const;
+
+private:
+    struct First {
+        std::string where, what;
+        std::uint64_t more;
+    };
+    std::vector<First> found_;
+};
+
+/// Counts one more part of `kind` that is left out. Only the first few cause a warning, so that a
+/// file with millions of them gives a short list.
 void leave_out(SceneDescription& scene, const std::string& kind, std::string why);
 
-/// The uploaded files as a loader sees them: by exact name, and only so many bytes in total. (A
-/// scene that names one file a thousand times is made to cost memory.)
+/// The uploaded files as a loader sees them: by exact name, and with a limit on the total bytes
+/// read, for scenes that name one file a thousand times to use up memory.
 class Upload {
 public:
     Upload(const ImportRequest& request, std::uint64_t bytes_max)
         : request_(request),
           bytes_left_(bytes_max) {}
 
-    /// The file's bytes; without data where it did not come. limit_exceeded when the scene reads
-    /// more than `bytes_max`.
+    /// Returns the file's bytes; a span without data if it was not uploaded. limit_exceeded when
+    /// the scene reads more than `bytes_max`.
     Result<std::span<const std::byte>> read(std::string_view name);
 
 private:

@@ -1,10 +1,9 @@
 // The node tree -> objects, instances and cameras.
 //
-// A mesh becomes an object, a node with a mesh an instance of it. Nodes that stand alone disappear:
-// their transforms are composed (in double). Shared subtrees (gltf_sharing.h) become objects in
-// between. Paths are named by the nodes themselves, so that a flat scene and one with shared
-// subtrees print the same path. Declaration order is depth-first node order throughout; every walk
-// is iterative.
+// A mesh becomes an object, and a node with a mesh becomes an instance of it. Other nodes
+// disappear: their transforms are composed (in double). Shared subtrees (gltf_sharing.h) become
+// objects in between. The nodes name the paths, so a flat scene and one with shared subtrees print
+// the same path. Declaration order is depth-first node order throughout; every walk is iterative.
 #include "engine/assets/gltf_masks.h"
 #include "engine/assets/gltf_model.h"
 #include "engine/assets/gltf_names.h"
@@ -23,8 +22,8 @@
 namespace raynest::gltf {
 namespace {
 
-/// A placement takes at least 12 bytes in a file; nodes may share a list of placements. Far more
-/// instances than the file has bytes for are made to cost memory.
+/// A placement takes at least 12 bytes in a file, and nodes may share a list of placements. A file
+/// with far more instances than its bytes allow is made to use up memory.
 constexpr std::uint64_t instances_free = 1U << 20;
 constexpr std::uint64_t bytes_per_instance = 4;
 
@@ -40,7 +39,7 @@ std::vector<std::uint32_t> depth_first(const Model& model) {
     return order;
 }
 
-/// The placements of one EXT_mesh_gpu_instancing node, relative to the node.
+/// Returns the placements of one EXT_mesh_gpu_instancing node, relative to the node.
 Result<std::vector<Matrix>> placements_of(const Model& model, const Instancing& instancing) {
     const auto read = [&](std::uint32_t accessor) -> Result<std::vector<float>> {
         if (accessor == no_id) return std::vector<float>{};
@@ -73,9 +72,10 @@ Result<std::vector<Matrix>> placements_of(const Model& model, const Instancing& 
     if (bad != 0) {
         return fail(
             ErrorCode::scene_invalid,
-            fmt::format("EXT_mesh_gpu_instancing has {} placements that are not finite or whose "
-                        "rotation is zero",
-                        bad));
+            fmt::format(
+                "EXT_mesh_gpu_instancing has {} placements that are not finite or have a zero "
+                "rotation",
+                bad));
     }
     return matrices;
 }
@@ -92,14 +92,14 @@ public:
           placements_(scene.objects, scene.origin),
           object_of_(sharing.shapes.size(), no_id) {}
 
-    /// The shared subtrees, then the root; the meshes' objects are already in the scene.
+    /// Writes the shared subtrees, then the root; the meshes' objects are already in the scene.
     Result<void> write() {
         for (std::size_t s = 0; s < sharing_.shapes.size(); ++s) {
             const Shape& shape = sharing_.shapes[s];
             if (!shape.is_shared()) continue;
             ObjectDescription object;
             object.name = model_.nodes[shape.example].name;
-            // The object stands in the space of its top node.
+            // The object is in the space of its top node.
             if (auto done = fill(object, {{shape.example, identity_matrix, true}}); !done) {
                 return done;
             }
@@ -124,7 +124,7 @@ private:
     struct Entry {
         std::uint32_t node;
         Matrix to_object;  ///< from the node's space to that of the object being filled
-        bool is_top;       ///< the shared subtree that is being written itself
+        bool is_top;       ///< the shared subtree that is being written
     };
 
     Result<void> fill(ObjectDescription& object, std::vector<Entry> stack) {
@@ -149,7 +149,7 @@ private:
 
     Result<void> place_mesh(ObjectDescription& object, const Node& node, const Entry& entry) {
         if (node.mesh == no_id || !traceable_[node.mesh]) return {};
-        // A skinned mesh already stands in the scene's space, and so does the object being filled:
+        // A skinned mesh is already in the scene's space, and so is the object being filled:
         // subtrees with a skin are not shared.
         const Matrix& to_object = node.skin == no_id ? entry.to_object : identity_matrix;
         if (node.instancing.count == 0) {
@@ -177,7 +177,8 @@ private:
     std::vector<std::uint32_t> object_of_;
 };
 
-/// Computed from the nodes, not by making instances: a bomb is refused before it costs anything.
+/// Counts the instances from the nodes without making them: a bomb is refused before it costs
+/// anything.
 Result<void> check_instance_count(const Model& model, const std::vector<std::uint32_t>& order,
                                   const ImportLimits& limits) {
     const std::uint64_t limit = std::min(
@@ -195,14 +196,14 @@ Result<void> check_instance_count(const Model& model, const std::vector<std::uin
     return {};
 }
 
-/// What paths call a node: by its name, else by that of its mesh.
+/// Returns the name of a node in paths: its own, else that of its mesh.
 const std::string& path_name_of(const Model& model, const Node& node) {
     if (!node.name.empty() || node.mesh == no_id) return node.name;
     return model.meshes[node.mesh].name;
 }
 
-/// The nodes of the scene as steps of paths, breadth first. A node without a name and a mesh is no
-/// step: its children count as those of its parent.
+/// Adds the nodes of the scene as path nodes, breadth first. A node without a name and a mesh is
+/// skipped: its children become children of its parent.
 void name_paths(const Model& model, const std::vector<std::uint32_t>& order,
                 const std::vector<bool>& traceable, SceneDescription& scene) {
     constexpr std::uint32_t the_scene = no_id;
@@ -237,7 +238,7 @@ void name_paths(const Model& model, const std::vector<std::uint32_t>& order,
     }
 }
 
-/// Camera nodes in node order, in the scene's space.
+/// Reads camera nodes in node order, in the scene's space.
 void read_cameras(const Model& model, SceneDescription& scene) {
     struct Entry {
         std::uint32_t node;
@@ -255,6 +256,7 @@ void read_cameras(const Model& model, SceneDescription& scene) {
             stack.push_back({child, multiply(entry.to_scene, model.nodes[child].local)});
         }
     }
+    Oddities odd;  // named by the numbers that --camera takes
     std::sort(found.begin(), found.end(),
               [](const Entry& a, const Entry& b) { return a.node < b.node; });
     for (const Entry& entry : found) {
@@ -263,15 +265,18 @@ void read_cameras(const Model& model, SceneDescription& scene) {
         const Camera& camera = model.cameras[node.camera];
         const std::string& name = node.name.empty() ? camera.name : node.name;
         const char* const fault = !pose ? "is without a usable pose"
-                                  : scene.cameras.size() == scene_cameras_max ? "is one of too many"
+                                  : scene.cameras.size() == scene_cameras_max ? "is one too many"
                                                                               : nullptr;
         if (fault != nullptr) {
             leave_out(scene, "cameras",
                       fmt::format("camera '{}' {} and was left out", one_line(name, 60), fault));
             continue;
         }
+        if (!camera.fault.empty())
+            odd.add(label("camera", scene.cameras.size(), name), camera.fault);
         scene.cameras.push_back({name, *pose, camera.yfov, camera.aspect, camera.ymag});
     }
+    odd.append_to(scene.warnings);
 }
 
 }  // namespace

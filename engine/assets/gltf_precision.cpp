@@ -25,8 +25,8 @@ double reach_of(const Box& box) {
                : glm::length(glm::dvec3(glm::max(glm::abs(box.lower), glm::abs(box.upper))));
 }
 
-/// How far a 3x4 map moves a point at this distance from zero: by its longest column, and by its
-/// translation.
+/// Returns how far a 3x4 map may move a point at this distance from zero: by its longest column,
+/// and by its translation.
 template <class Numbers>
 double farthest(const Numbers& m, double reach) {
     const auto column = [&](std::size_t i) {

@@ -1,9 +1,9 @@
-// Placements in float32, with as few digits lost as can be.
+// Rounds placements to float32 with the least loss of digits.
 //
 // Transforms are composed in double, and the scene's origin is subtracted before they are rounded.
-// Vertices are float32 in the file already. Where they lie far from zero, a ray that enters the
-// mesh would be rounded as coarsely; so in a scene with an origin such a mesh is moved to its own
-// centre, and its placements carry the way back.
+// Vertices are already float32 in the file. A ray that enters a mesh whose vertices lie far from
+// zero would be rounded as coarsely. So in a scene with an origin such a mesh is moved to its own
+// centre, and its placements move it back.
 #pragma once
 
 #include "engine/assets/gltf_model.h"
@@ -14,26 +14,26 @@
 
 namespace raynest::gltf {
 
-/// Subtracts the origin from the place of every node that has no parent, and of every root.
+/// Subtracts the origin from the transform of every root and of every other node without a parent.
 void move_world(Model& model, const WorldPoint& origin);
 
 class Placements {
 public:
-    /// `meshes` are the objects [0, meshes.size()); those far from zero are moved to their centres
-    /// if there is an origin.
+    /// `meshes` are the objects [0, meshes.size()). If there is an origin, meshes far from zero are
+    /// moved to their centres.
     Placements(std::span<ObjectDescription> meshes, const WorldPoint& origin);
 
-    /// Takes the next object, which holds placements of those before it.
+    /// Adds the next object, which holds placements of earlier ones.
     void add(const ObjectDescription& object);
-    /// The transform of a placement of `object`; entries that do not fit a float become infinite
-    /// and are refused later.
+    /// Returns the rounded transform of a placement of `object`. Entries that do not fit a float
+    /// become infinite and are refused later.
     [[nodiscard]] Transform round(std::uint32_t object, const Matrix& to_parent);
-    /// The largest distance by which round() moved a vertex, within its parent.
+    /// Returns the largest distance by which round() moved a vertex, within its parent.
     [[nodiscard]] double rounding() const { return rounding_; }
 
 private:
-    std::vector<WorldPoint> centres_;  ///< by object; that of `add` are 0
-    std::vector<double> reaches_;      ///< by object: distance of its farthest part from its zero
+    std::vector<WorldPoint> centres_;  ///< by object; 0 for added objects
+    std::vector<double> reaches_;      ///< by object: greatest distance of its parts from zero
     double rounding_ = 0;
 };
 

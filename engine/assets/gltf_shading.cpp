@@ -1,34 +1,29 @@
-// Textures and materials as tinygltf read them -> a Model's, checked.
+// Converts textures and materials that tinygltf read into those of a Model, checked.
 #include "engine/assets/gltf_convert.h"
 #include "engine/assets/gltf_names.h"
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <optional>
 
 namespace raynest::gltf {
 namespace {
 
-Result<Wrap> convert_wrap(int value) {
-    switch (value) {
-        case TINYGLTF_TEXTURE_WRAP_REPEAT:
-            return Wrap::repeat;
-        case TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE:
-            return Wrap::clamp;
-        case TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT:
-            return Wrap::mirror;
-        default:
-            return fail(ErrorCode::scene_invalid,
-                        fmt::format("sampler wrap mode {} is unknown", value));
-    }
+/// Returns the wrap mode, or nothing if it is unknown.
+std::optional<Wrap> convert_wrap(int value) {
+    if (value == TINYGLTF_TEXTURE_WRAP_REPEAT) return Wrap::repeat;
+    if (value == TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE) return Wrap::clamp;
+    if (value == TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT) return Wrap::mirror;
+    return std::nullopt;
 }
 
 }  // namespace
 
 Result<void> convert_textures(tinygltf::Model& file, Model& model) {
     for (const tinygltf::Texture& in : file.textures) {
-        // A WebP picture stands in an extension, with a fallback in the usual place.
+        // A WebP picture is named by an extension, with a fallback in the usual member.
         int source_index = in.source;
         if (const auto* webp = member(in.extensions, "EXT_texture_webp", "source")) {
             if (webp->IsInt()) source_index = webp->GetNumberAsInt();
@@ -40,13 +35,17 @@ Result<void> convert_textures(tinygltf::Model& file, Model& model) {
         TextureDescription texture{*source};
         if (*sampler != no_id) {
             const tinygltf::Sampler& from = file.samplers[*sampler];
+            const std::string where = label("sampler", *sampler, from.name);
             const auto wrap_s = convert_wrap(from.wrapS);
             const auto wrap_t = convert_wrap(from.wrapT);
-            if (!wrap_s) return error_of(wrap_s);
-            if (!wrap_t) return error_of(wrap_t);
-            texture.wrap_s = *wrap_s;
-            texture.wrap_t = *wrap_t;
+            if (!wrap_s || !wrap_t)
+                model.odd.add(where, "its wrapS or wrapT is unknown; the texture repeats");
+            texture.wrap_s = wrap_s.value_or(Wrap::repeat);
+            texture.wrap_t = wrap_t.value_or(Wrap::repeat);
             texture.nearest = from.magFilter == TINYGLTF_TEXTURE_FILTER_NEAREST;
+            if (!texture.nearest && from.magFilter != TINYGLTF_TEXTURE_FILTER_LINEAR &&
+                from.magFilter != -1)
+                model.odd.add(where, "its magFilter is unknown; linear is used");
         }
         model.textures.push_back(texture);
     }
@@ -55,12 +54,12 @@ Result<void> convert_textures(tinygltf::Model& file, Model& model) {
 
 namespace {
 
-/// A member of a JSON object, or null.
+/// Returns a member of a JSON object, or null.
 const tinygltf::Value* member(const tinygltf::Value& object, const char* name) {
     return object.Has(name) ? &object.Get(name) : nullptr;
 }
 
-/// Numbers of an array; false where it is there and holds something else.
+/// Reads the numbers of an array; false if the member holds something else.
 template <std::size_t count>
 bool read_numbers(const tinygltf::Value* value, std::array<double, count>& numbers) {
     if (value == nullptr) return true;
@@ -81,13 +80,13 @@ struct BaseColour {
     const tinygltf::Value* transform = nullptr;  ///< KHR_texture_transform
 };
 
-Result<BaseColour> metallic_roughness(const tinygltf::PbrMetallicRoughness& pbr,
-                                      const std::string& where) {
+BaseColour metallic_roughness(const tinygltf::PbrMetallicRoughness& pbr, const std::string& where,
+                              Oddities& odd) {
     BaseColour colour;
-    if (pbr.baseColorFactor.size() != 4) {
-        return fail(ErrorCode::scene_invalid, where + ": baseColorFactor must be four numbers");
-    }
-    std::copy_n(pbr.baseColorFactor.begin(), 4, colour.factor.begin());
+    if (pbr.baseColorFactor.size() == 4)
+        std::copy_n(pbr.baseColorFactor.begin(), 4, colour.factor.begin());
+    else
+        odd.add(where, "baseColorFactor is not four numbers; white is used");
     colour.texture = pbr.baseColorTexture.index;
     colour.texcoord = pbr.baseColorTexture.texCoord;
     const auto transform = pbr.baseColorTexture.extensions.find("KHR_texture_transform");
@@ -95,33 +94,35 @@ Result<BaseColour> metallic_roughness(const tinygltf::PbrMetallicRoughness& pbr,
     return colour;
 }
 
-/// KHR_materials_pbrSpecularGlossiness: where it stands it is preferred, as the extension asks.
-Result<BaseColour> specular_glossiness(const tinygltf::Value& extension, const std::string& where) {
+/// Reads KHR_materials_pbrSpecularGlossiness; it is preferred if present, as the extension asks.
+BaseColour specular_glossiness(const tinygltf::Value& extension, const std::string& where,
+                               Oddities& odd) {
     BaseColour colour;
-    const auto refuse = [&](const char* why) {
-        return fail(ErrorCode::scene_invalid,
-                    fmt::format("{}: KHR_materials_pbrSpecularGlossiness: {}", where, why));
-    };
-    if (!read_numbers(member(extension, "diffuseFactor"), colour.factor))
-        return refuse("diffuseFactor must be four numbers");
+    if (!read_numbers(member(extension, "diffuseFactor"), colour.factor)) {
+        odd.add(where, "diffuseFactor is not four numbers; white is used");
+        colour.factor = {1, 1, 1, 1};
+    }
     const tinygltf::Value* const texture = member(extension, "diffuseTexture");
     if (texture == nullptr) return colour;
     const tinygltf::Value* const index = member(*texture, "index");
-    if (index == nullptr || !index->IsInt()) return refuse("diffuseTexture names no texture");
-    colour.texture = index->GetNumberAsInt();
-    if (const auto* texcoord = member(*texture, "texCoord")) {
-        if (!texcoord->IsInt()) return refuse("texCoord must be a number");
-        colour.texcoord = texcoord->GetNumberAsInt();
+    const tinygltf::Value* const texcoord = member(*texture, "texCoord");
+    if (index == nullptr || !index->IsInt() || (texcoord != nullptr && !texcoord->IsInt())) {
+        odd.add(where,
+                "diffuseTexture has no index, or a texCoord that is no number; it is left out");
+        return colour;
     }
+    colour.texture = index->GetNumberAsInt();
+    if (texcoord != nullptr) colour.texcoord = texcoord->GetNumberAsInt();
     if (const auto* extensions = member(*texture, "extensions"))
         colour.transform = member(*extensions, "KHR_texture_transform");
     return colour;
 }
 
-/// KHR_texture_transform as two rows of an affine map. The extension's text turns the UVs counter-
-/// clockwise as seen on the image, whose v runs down: u' = c u + s v. (Its GLSL snippet has the
-/// other sign; viewers follow the text and the Khronos test model.)
-Result<void> convert_uv_transform(const tinygltf::Value& transform, MaterialDescription& material) {
+/// Reads KHR_texture_transform as two rows of an affine map. The extension's text turns the UVs
+/// counter-clockwise as seen on the image, whose v runs down: u' = c u + s v. (Its GLSL snippet has
+/// the other sign; viewers follow the text and the Khronos test model.)
+void convert_uv_transform(const tinygltf::Value& transform, const std::string& where,
+                          MaterialDescription& material, Oddities& odd) {
     std::array<double, 2> offset{0, 0};
     std::array<double, 2> scale{1, 1};
     double rotation = 0;
@@ -143,9 +144,9 @@ Result<void> convert_uv_transform(const tinygltf::Value& transform, MaterialDesc
         material.uv_transform[i] = static_cast<float>(rows[i]);
         valid = std::isfinite(material.uv_transform[i]);
     }
-    if (valid) return {};
-    return fail(ErrorCode::scene_invalid,
-                "a KHR_texture_transform does not hold the numbers it must");
+    if (valid) return;
+    material.uv_transform = MaterialDescription{}.uv_transform;
+    odd.add(where, "KHR_texture_transform has missing or invalid numbers; it is ignored");
 }
 
 }  // namespace
@@ -160,35 +161,33 @@ Result<void> convert_materials(tinygltf::Model& file, Model& model) {
             material.alpha_mode = AlphaMode::mask;
         else if (in.alphaMode == "BLEND")
             material.alpha_mode = AlphaMode::blend;
-        else if (in.alphaMode != "OPAQUE") {
-            return fail(ErrorCode::scene_invalid, where + " has an unknown alphaMode");
-        }
-        const auto cutoff = finite(in.alphaCutoff, where + ": alphaCutoff");
-        if (!cutoff) return error_of(cutoff);
-        if (*cutoff < 0)
-            return fail(ErrorCode::scene_invalid, where + " has a negative alphaCutoff");
-        material.cutoff = *cutoff;
+        else if (in.alphaMode != "OPAQUE")
+            model.odd.add(where, "alphaMode is none of OPAQUE, MASK and BLEND; OPAQUE is used");
+        if (const auto cutoff = static_cast<float>(in.alphaCutoff);
+            std::isfinite(cutoff) && cutoff >= 0)
+            material.cutoff = cutoff;
+        else
+            model.odd.add(where, "alphaCutoff is negative or not finite; 0.5 is used");
         const auto extension = in.extensions.find("KHR_materials_pbrSpecularGlossiness");
-        const auto colour = extension == in.extensions.end()
-                                ? metallic_roughness(in.pbrMetallicRoughness, where)
-                                : specular_glossiness(extension->second, where);
-        if (!colour) return error_of(colour);
-        for (int i = 0; i < 4; ++i) {
-            const auto value = finite(colour->factor[static_cast<std::size_t>(i)],
-                                      where + ": the factor of its base colour");
-            if (!value) return error_of(value);
-            material.base_colour[i] = *value;
+        const BaseColour colour =
+            extension == in.extensions.end()
+                ? metallic_roughness(in.pbrMetallicRoughness, where, model.odd)
+                : specular_glossiness(extension->second, where, model.odd);
+        for (int i = 0; i < 4; ++i)
+            material.base_colour[i] =
+                static_cast<float>(colour.factor[static_cast<std::size_t>(i)]);
+        if (glm::any(glm::isnan(material.base_colour)) ||
+            glm::any(glm::isinf(material.base_colour))) {
+            model.odd.add(where, "its base colour factor is not finite; white is used");
+            material.base_colour = Vec4(1);
         }
-        const auto texture = optional_index(colour->texture, model.textures.size(), "texture");
+        const auto texture = optional_index(colour.texture, model.textures.size(), "texture");
         if (!texture) return error_of(texture);
         material.texture = *texture;
-        if (colour->texcoord < 0) {
-            return fail(ErrorCode::scene_invalid, where + " has a negative texCoord");
-        }
-        material.texcoord = static_cast<std::uint32_t>(colour->texcoord);
-        if (colour->transform != nullptr) {
-            if (auto done = convert_uv_transform(*colour->transform, material); !done) return done;
-        }
+        if (colour.texcoord < 0) model.odd.add(where, "texCoord is negative; 0 is used");
+        material.texcoord = static_cast<std::uint32_t>(std::max<std::int64_t>(colour.texcoord, 0));
+        if (colour.transform != nullptr)
+            convert_uv_transform(*colour.transform, where, material, model.odd);
         model.materials.push_back(std::move(material));
     }
     return {};

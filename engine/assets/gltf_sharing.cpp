@@ -32,7 +32,8 @@ Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order
             append(key, node.instancing.translation);
             append(key, node.instancing.rotation);
             append(key, node.instancing.scale);
-            // One mask, or one for each placement: equal accessors have equally many.
+            // Add one mask, or one per placement; equal accessors have the same number of
+            // placements.
             const bool one_each = masks.is_by_placement(*at);
             append(key, one_each);
             for (std::uint32_t i = 0; i < (one_each ? shape.placements : 1); ++i)
@@ -47,7 +48,7 @@ Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order
             append(key, of_child);
         }
         if (key.empty()) continue;
-        // A mesh's part of the key is 16 bytes, a child's 100: one flag keeps them apart.
+        // A mesh's part of the key is 16 bytes and a child's is 100: one flag tells them apart.
         key.push_back(places_mesh ? '\1' : '\0');
 
         const auto number = static_cast<std::uint32_t>(sharing.shapes.size());
@@ -60,14 +61,15 @@ Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order
                     ++sharing.shapes[sharing.shape_of[child]].uses;
             }
         } else {
-            // The walk goes backwards, so the last one seen is the first in depth-first order.
+            // The walk goes backwards, so the last node seen is the first in depth-first order.
             sharing.shapes[entry->second].example = *at;
         }
     }
     for (const std::uint32_t root : model.roots) {
         if (sharing.shape_of[root] != no_id) ++sharing.shapes[sharing.shape_of[root]].uses;
     }
-    // All uses are known, and children come first: whether they are objects is settled.
+    // All uses are known, and children come first, so each shape knows whether it becomes an
+    // object.
     for (Shape& shape : sharing.shapes) {
         const Node& node = model.nodes[shape.example];
         if (node.mesh != no_id && traceable[node.mesh]) shape.levels = 1;

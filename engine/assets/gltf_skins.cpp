@@ -19,8 +19,8 @@ tl::unexpected<Error> refuse(const std::string& where, const std::string& why) {
     return fail(ErrorCode::scene_invalid, where + ' ' + why);
 }
 
-/// Node transforms in the scene's space, for every node of the file: joints may stand outside the
-/// chosen scene.
+/// Returns node transforms in the scene's space, for every node of the file: joints may lie outside
+/// the chosen scene.
 std::vector<Matrix> node_transforms(const Model& model) {
     std::vector<Matrix> to_world;
     std::vector<bool> is_child(model.nodes.size(), false);
@@ -148,19 +148,19 @@ Result<std::span<const Matrix>> Deformer::joint_maps(std::uint32_t index) {
         }
         joints.push_back(multiply(to_world_[node], to_joint));
         if (!is_finite(joints.back())) {
-            return refuse(where, fmt::format("has a matrix that is not finite, of joint {}",
+            return refuse(where, fmt::format("has a matrix that is not finite at joint {}",
                                              joints.size() - 1));
         }
     }
     return joints;
 }
 
-// Weights are divided by their sum, as three.js and Blender do: glTF wants sums of 1, and an error
-// of 1/255 would move a vertex by that share of its distance from the scene's origin. A vertex
-// whose weights are all 0 goes with its first joint, as in three.js.
+// Weights are divided by their sum, as in three.js and Blender: glTF requires sums of 1, and an
+// error of 1/255 would move a vertex by that share of its distance from the scene's origin. A
+// vertex whose weights are all 0 follows its first joint, as in three.js.
 Result<void> Deformer::skin(const Deformed& vertices, std::vector<float>& positions) {
     if (vertices.primitive.joint_sets.empty()) {
-        return refuse(vertices.where, "has a skin, but a primitive without JOINTS_0 and WEIGHTS_0");
+        return refuse(vertices.where, "has a skin but a primitive without JOINTS_0 and WEIGHTS_0");
     }
     const auto maps = joint_maps(vertices.mesh.skin);
     if (!maps) return error_of(maps);

@@ -1,4 +1,4 @@
-// The shape of the node graph: glTF allows a forest, and nothing else may get further.
+// The shape of the node graph: glTF allows a forest, and everything else is refused here.
 #include "engine/assets/gltf_model.h"
 
 #include <fmt/format.h>
@@ -24,7 +24,7 @@ Result<std::uint32_t> required_index(std::int64_t value, std::size_t size, std::
 
 namespace {
 
-/// Sets model.roots to the listed nodes, but for those whose parent is in the scene already.
+/// Sets model.roots to the listed nodes, except those that have an ancestor in the list.
 Result<void> place_listed(Model& model, const std::vector<int>& listed,
                           const std::vector<std::uint32_t>& parents_first,
                           std::vector<bool>& in_scene) {
@@ -45,22 +45,22 @@ Result<void> place_listed(Model& model, const std::vector<int>& listed,
     }
     std::erase_if(model.roots, [&](std::uint32_t node) { return is_below[node]; });
     if (const std::size_t again = listed.size() - model.roots.size(); again != 0) {
-        model.warnings.push_back(
-            fmt::format("the scene lists {} nodes that it has already; each is shown once", again));
+        model.warnings.push_back(fmt::format(
+            "the scene lists nodes that it already has, {} of them; each is shown once", again));
     }
     const auto inner = std::count_if(model.roots.begin(), model.roots.end(),
                                      [&](std::uint32_t node) { return has_parent[node]; });
     if (inner != 0) {
-        model.warnings.push_back(
-            fmt::format("the scene lists {} nodes without their parents; each stands by its own "
-                        "transform",
-                        inner));
+        model.warnings.push_back(fmt::format(
+            "the scene lists nodes without their parents, {} of them; each is placed by "
+            "its own transform",
+            inner));
     }
     return {};
 }
 
-/// KHR_node_visibility: a hidden node hides the meshes of all below it. The nodes stay, as skins
-/// may be bound to them, and so do cameras.
+/// Hides the meshes of hidden nodes and of all nodes below them (KHR_node_visibility). The nodes
+/// stay, because skins may be bound to them, and so do cameras.
 void hide(Model& model, const std::vector<std::uint32_t>& parents_first,
           const std::vector<bool>& in_scene) {
     for (const std::uint32_t index : parents_first) {
@@ -92,12 +92,12 @@ Result<void> set_roots(Model& model, const std::vector<int>* listed) {
         }
     }
 
-    // With one parent each, nodes that no parentless node reaches stand on a cycle.
+    // With one parent each, nodes that no parentless node reaches lie on or below a cycle.
     std::vector<std::uint32_t> orphans;
     for (std::uint32_t i = 0; i < model.nodes.size(); ++i) {
         if (!placed[i]) orphans.push_back(i);
     }
-    std::vector<std::uint32_t> order = orphans;  // parents before their children
+    std::vector<std::uint32_t> order = orphans;  // parents before children
     order.reserve(model.nodes.size());
     for (std::size_t i = 0; i < order.size(); ++i) {
         const std::vector<std::uint32_t>& children = model.nodes[order[i]].children;

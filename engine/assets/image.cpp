@@ -1,4 +1,4 @@
-// image.h by way of the module, loaded when the first picture comes.
+// image.h, implemented by the module, which the first picture loads.
 #include "engine/assets/image_module.h"
 #include "engine/assets/module.h"
 

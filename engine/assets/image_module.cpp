@@ -1,6 +1,6 @@
 // Pictures through OpenImageIO: the only file that includes it, and a loadable module of its own.
 //
-// Decoders are where servers die (a row of CVEs in this very version), so the order is
+// Image decoders are a common target of attacks (this version has a row of CVEs), so the order is
 // fixed: magic bytes choose one of three decoders, the header's dimensions are checked against the
 // limits, and only then is a pixel decoded. Nothing here reads or writes a file.
 #include "engine/assets/image_module.h"
@@ -22,8 +22,8 @@ namespace {
 
 namespace oiio = OIIO;
 
-/// One decoder thread, so that a picture costs what its pixels cost, and OpenImageIO's own cap as a
-/// second fence behind ours.
+/// Sets one decoder thread, so that a picture costs only its own pixels, and OpenImageIO's own size
+/// limit as a second check behind ours.
 void configure_once() {
     static std::once_flag once;
     std::call_once(once, [] {
@@ -38,7 +38,7 @@ bool starts_with(std::span<const std::byte> file, std::string_view magic, std::s
            std::memcmp(file.data() + at, magic.data(), magic.size()) == 0;
 }
 
-/// The file name that selects OpenImageIO's plugin; empty when the format is not on the list.
+/// Returns the file name that selects OpenImageIO's plugin; empty if the format is not supported.
 std::string plugin_name(std::span<const std::byte> file) {
     if (starts_with(file, "\x89PNG\r\n\x1A\n")) return "memory.png";
     if (starts_with(file, "\xFF\xD8\xFF")) return "memory.jpg";
@@ -46,8 +46,8 @@ std::string plugin_name(std::span<const std::byte> file) {
     return {};
 }
 
-/// libjpeg fills what is missing with grey and reports success, so a cut file is found by walking
-/// its markers to the end-of-image one.
+/// Walks a JPEG's markers to the end-of-image one. libjpeg fills missing data with grey and reports
+/// success, so this is how a cut file is found.
 bool jpeg_is_complete(std::span<const std::byte> file) {
     const auto at = [&](std::size_t i) { return std::to_integer<unsigned>(file[i]); };
     std::size_t i = 2;
@@ -75,7 +75,7 @@ bool jpeg_is_complete(std::span<const std::byte> file) {
     return false;
 }
 
-/// Grey, grey + alpha, RGB or RGBA -> RGBA, in place of a switch per pixel.
+/// Converts grey, grey + alpha, RGB or RGBA to RGBA, without a switch per pixel.
 std::vector<std::uint8_t> to_rgba(const std::vector<std::uint8_t>& pixels, std::size_t count,
                                   std::size_t channels) {
     std::vector<std::uint8_t> rgba(count * 4);
@@ -92,8 +92,8 @@ std::vector<std::uint8_t> to_rgba(const std::vector<std::uint8_t>& pixels, std::
     return rgba;
 }
 
-/// OpenImageIO's WebP reader multiplies colours by alpha whatever it is asked. Dividing again loses
-/// digits only where hardly anything is seen.
+/// Divides colours by alpha: OpenImageIO's WebP reader multiplies them whatever its settings. This
+/// loses digits only where a pixel is almost transparent.
 void divide_by_alpha(std::vector<std::uint8_t>& rgba) {
     for (std::size_t i = 0; i < rgba.size(); i += 4) {
         const unsigned alpha = rgba[i + 3];
@@ -107,11 +107,11 @@ void divide_by_alpha(std::vector<std::uint8_t>& rgba) {
 
 constexpr const char* no_memory_to_decode = "no memory left to decode the picture";
 
-/// What a decoder of C may ask for beside the pixels.
+/// Memory that a decoder written in C may need in addition to the pixels.
 constexpr std::size_t decoder_bytes = 32U << 20;
 
-/// A decoder of C reports lack of memory as a broken file. So `why` is the reason only where
-/// `bytes` and more could be had now.
+/// Reports a decoder's failure. C decoders report lack of memory as a broken file, so `why` is
+/// reported only if `bytes` and more can be allocated.
 tl::unexpected<Error> decode_failed(std::uint64_t bytes, const char* why) {
     void* const room = ::operator new(bytes + decoder_bytes, std::nothrow);
     ::operator delete(room);
@@ -127,7 +127,7 @@ tl::unexpected<Error> no_memory_to_encode() {
     return fail(ErrorCode::out_of_memory, "no memory left to encode the picture");
 }
 
-/// Opens `output` on a growing buffer, hands it one image and closes it.
+/// Opens `output` on a growing buffer, writes one image and closes it.
 Result<std::vector<std::byte>> write_to_memory(const char* name, const oiio::ImageSpec& spec,
                                                oiio::TypeDesc type, const void* pixels) {
     std::vector<unsigned char> bytes;
@@ -166,7 +166,7 @@ Result<ImageDescription> decode(std::span<const std::byte> file, std::uint32_t s
 
     if (spec.width <= 0 || spec.height <= 0 || spec.depth > 1 || spec.nchannels < 1 ||
         spec.nchannels > 4) {
-        return fail(ErrorCode::scene_invalid, "the picture's header makes no sense");
+        return fail(ErrorCode::scene_invalid, "the picture's header is invalid");
     }
     const auto width = static_cast<std::uint32_t>(spec.width);
     const auto height = static_cast<std::uint32_t>(spec.height);
@@ -191,7 +191,7 @@ Result<ImageDescription> decode(std::span<const std::byte> file, std::uint32_t s
 } catch (const std::bad_alloc&) {
     return fail(ErrorCode::out_of_memory, no_memory_to_decode);
 } catch (const std::system_error&) {
-    // A thread that found no room for its stack.
+    // A thread could not allocate its stack.
     return fail(ErrorCode::out_of_memory, no_memory_to_decode);
 } catch (const std::exception& error) {
     return fail(ErrorCode::scene_invalid, fmt::format("the picture was refused: {}", error.what()));
@@ -227,10 +227,11 @@ Result<std::vector<std::byte>> encode_channels(std::uint32_t width, std::uint32_
                          static_cast<int>(channels.size()), oiio::TypeDesc::FLOAT);
     spec.channelnames.clear();
     spec["compression"] = "zip";
-    // Else the library writes the time of day: same request, same bytes.
+    // Set the date: otherwise the library writes the time of day, and equal requests give unequal
+    // bytes.
     spec["DateTime"] = "1970:01:01 00:00:00";
 
-    // Every channel is 32 bits wide, so mixed floats and counts interleave as plain words.
+    // Every channel is 32 bits wide, so floats and counts interleave as plain words.
     std::vector<std::uint32_t> words(count * channels.size());
     for (std::size_t c = 0; c < channels.size(); ++c) {
         const Channel& channel = channels[c];

@@ -1,4 +1,4 @@
-// Which importer reads a source, and import without a child process.
+// Chooses the importer for a source, and imports without a child process.
 #include "engine/assets/import.h"
 
 #include "engine/assets/gltf.h"
@@ -15,14 +15,14 @@
 namespace raynest {
 namespace {
 
-/// Built-in scenes are described without a registry; what they are made of must still be loaded.
+/// Built-in scenes are described without a registry; their primitive types must still be loaded.
 Result<SceneDescription> check_primitives(Result<SceneDescription> scene,
                                           const Registry& registry) {
     if (!scene) return scene;
     for (const ObjectDescription& object : scene->objects) {
         if (!object.record_type.empty() && registry.find_primitive(object.record_type) == nullptr) {
             return fail(ErrorCode::scene_unsupported,
-                        fmt::format("the scene is made of primitives of type '{}', which no loaded "
+                        fmt::format("the scene has primitives of type '{}', which no loaded "
                                     "kernel pack has",
                                     object.record_type));
         }
@@ -30,7 +30,7 @@ Result<SceneDescription> check_primitives(Result<SceneDescription> scene,
     return scene;
 }
 
-/// With the masks of the request; glTF has its own way (gltf_masks.h).
+/// Applies the masks of the request. glTF scenes apply them elsewhere (gltf_masks.h).
 Result<SceneDescription> masked(const ImportRequest& request, Result<SceneDescription> scene) {
     if (!scene) return scene;
     auto rules = MaskRules::parse(request.masks);
@@ -43,7 +43,11 @@ bool is_gltf(std::string_view source) {
     return has_extension(source, ".glb") || has_extension(source, ".gltf");
 }
 
-/// Who loads a dozen scenes wants to know which one it was. Built-in scenes and arrays name
+double mebibytes(std::uint64_t bytes) {
+    return static_cast<double>(bytes) / (1 << 20);
+}
+
+/// Prefixes an error with its scene: a user may load a dozen. Built-in scenes and arrays name
 /// themselves.
 Error named(const ImportRequest& request, Error error) {
     if (is_gltf(request.source))
@@ -62,7 +66,7 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
     if (source.starts_with("builtin:")) {
         if (request.origin != WorldPoint{}) {
             return fail(ErrorCode::scene_invalid,
-                        "a built-in scene lies around zero: only files take an origin");
+                        "a built-in scene is centred on zero: only files take an origin");
         }
         return masked(request, check_primitives(describe_builtin(source), registry));
     }
@@ -87,28 +91,31 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
                     source.substr(0, 200)));
 }
 
-Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request,
-                                                    const ImportLimits& limits,
-                                                    const Registry& registry) try {
+Result<BuiltArena> import_arena(const ImportRequest& request, const ImportLimits& limits,
+                                const Registry& registry) try {
     auto scene = describe(request, limits, registry);
     if (!scene) return tl::unexpected<Error>(named(request, std::move(scene.error())));
     scene->build = request.build;
-    auto snapshot = Snapshot::bake(*scene);
-    if (!snapshot) return tl::unexpected<Error>(named(request, std::move(snapshot.error())));
-    if (const std::uint64_t bytes = (*snapshot)->bytes().size(); bytes > limits.scene_bytes_max) {
+    auto built = build_arena(*scene);
+    if (!built) return tl::unexpected<Error>(named(request, std::move(built.error())));
+    if (const std::uint64_t bytes = built->arena.size(); bytes > limits.scene_bytes_max) {
         return fail(ErrorCode::out_of_memory,
-                    fmt::format("the scene takes {} bytes, {} are free: unload another, or start "
-                                "raynestd with a larger --memory",
-                                bytes, limits.scene_bytes_max));
+                    fmt::format("the scene takes {:.1f} MiB, {:.1f} MiB are free", mebibytes(bytes),
+                                mebibytes(limits.scene_bytes_max)));
     }
-    return snapshot;
+    return built;
 } catch (const std::bad_alloc&) {
     return tl::unexpected<Error>(
-        named(request, {ErrorCode::out_of_memory,
-                        "the scene needs more memory than an import may take; "
-                        "start raynestd with a larger --memory"}));
+        named(request,
+              {ErrorCode::out_of_memory, "the scene needs more memory than an import may take"}));
 } catch (const std::exception& error) {
     return fail(ErrorCode::internal, fmt::format("the import failed: {}", error.what()));
+}
+
+Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request,
+                                                    const ImportLimits& limits,
+                                                    const Registry& registry) {
+    return import_arena(request, limits, registry).and_then(Snapshot::open);
 }
 
 }  // namespace raynest

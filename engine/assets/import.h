@@ -1,4 +1,4 @@
-// Files -> snapshot arena, as a pure function, and the short-lived child process that runs it.
+// Imports files into a snapshot arena: as a pure function, and in a short-lived child process.
 #pragma once
 
 #include "engine/packs/registry.h"
@@ -18,7 +18,8 @@
 
 namespace raynest {
 
-/// A file by the name that the main file uses for it ("textures/leaf.png", percent-decoded).
+/// A file under the name by which the main file refers to it ("textures/leaf.png",
+/// percent-decoded).
 struct NamedBytes {
     std::string name;
     std::span<const std::byte> bytes;
@@ -29,14 +30,14 @@ struct ImportRequest {
     std::vector<NamedBytes> files;  ///< files[0] is the main file; empty for built-in scenes
     std::string primitive;          ///< record type of a .npy, e.g. "sphere"
     BuildQuality build = BuildQuality::medium;
-    WorldPoint origin{};  ///< subtracted from world coordinates before they are rounded
+    WorldPoint origin{};             ///< subtracted from world coordinates before they are rounded
     std::vector<std::string> masks;  ///< rules "GLOB=HEX" (mask_rules.h)
 };
 
 struct ImportLimits {
     std::uint64_t bytes_max = 8ULL << 30;        ///< address space of the child
-    std::uint64_t scene_bytes_max = 8ULL << 30;  ///< of the baked scene
-    /// Wall time of the child; each core may spend as much on it.
+    std::uint64_t scene_bytes_max = 8ULL << 30;  ///< size of the built scene
+    /// Wall time of the child, and its processor time per core.
     std::chrono::seconds time_max{120};
     std::uint64_t file_bytes_max = 1ULL << 30;
     std::uint64_t json_bytes_max = 64ULL << 20;
@@ -45,33 +46,37 @@ struct ImportLimits {
     std::uint64_t instances_max = 50'000'000;
     std::uint32_t nodes_max = 4'000'000;
     std::uint32_t image_side_max = 16384;
-    std::uint64_t image_bytes_max = 256ULL << 20;  ///< decoded, all images of a file: 4x this
+    std::uint64_t image_bytes_max = 256ULL << 20;  ///< decoded; 4x for all images of a file
 };
 
-/// Parses, validates and describes; no trees. No file outside `request.files` is ever opened.
+/// Parses, validates and describes; builds no trees. Opens no file outside `request.files`.
 Result<SceneDescription> describe(const ImportRequest& request, const ImportLimits& limits,
                                   const Registry& registry);
 
-/// describe + Snapshot::bake in this process. For embedders that trust their files and for tests.
+/// Runs describe() and build_arena() in this process.
+Result<BuiltArena> import_arena(const ImportRequest& request, const ImportLimits& limits,
+                                const Registry& registry);
+
+/// Runs import_arena() and Snapshot::open(). For embedders that trust their files, and for tests.
 Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request,
                                                     const ImportLimits& limits,
                                                     const Registry& registry);
 
-/// The same in a child process with limits on memory and time: a crash, a time-out or a limit is an
-/// Error, never harm to the caller. `child` is the command line that ends up in import_child_main,
-/// e.g. {"/usr/bin/raynestd", "--import-child"}. `wanted` is asked about every millisecond, by the
-/// calling thread: once it says no, the child is killed and the result is an error. Blocking;
-/// thread-safe.
+/// Imports in a child process with limits on memory and time: a crash, a time-out or a limit
+/// becomes an Error and does not harm the caller. `child` is a command line that calls
+/// import_child_main, e.g. {"/usr/bin/raynestd", "--import-child"}. The calling thread polls
+/// `wanted` every millisecond: once it returns false, the child is killed and the result is an
+/// error. Blocking; thread-safe.
 Result<std::shared_ptr<const Snapshot>> import_in_child(
     const ImportRequest& request, const ImportLimits& limits, std::span<const std::string> child,
     const std::function<bool()>& wanted = [] { return true; });
 
-/// Body of the child: reads the request from fd 3, writes the arena or the error to fd 4. Returns
-/// the process's exit code.
+/// The child's main function: reads the request from fd 3, writes the arena or the error to fd 4.
+/// Returns the process's exit code.
 int import_child_main(const Registry& registry);
 
-/// builtin:forest[?trees=..&leaves=..&levels=1..4&seed=..], builtin:terrain[?size=..&seed=..],
-/// builtin:flake[?depth=..]. scene_invalid names the known keys.
+/// Describes builtin:forest[?trees=..&leaves=..&levels=1..4&seed=..], builtin:flake[?depth=..] or
+/// builtin:terrain[?size=..&seed=..]. A scene_invalid error names the known keys.
 Result<SceneDescription> describe_builtin(std::string_view source);
 
 }  // namespace raynest

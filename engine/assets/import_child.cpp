@@ -1,9 +1,9 @@
 // The import child: a process that lives for one file.
 //
-// Parsers of foreign formats are where servers die, so they run where a crash, a hang or a memory
-// bomb ends in an error message: limits on address space, processor time, files and output, a
-// watchdog in the parent, no inherited descriptors but the two memory files of import_wire.h, no
-// privileges to gain, and death together with the parent.
+// Parsers of foreign formats are a common target of attacks. So they run where a crash, a hang or a
+// memory bomb becomes an error message: with limits on address space, processor time, files and
+// output, a watchdog in the parent, no inherited descriptors but the two memory files of
+// import_wire.h, no privileges to gain, and death together with the parent.
 #include "engine/assets/child_process.h"
 #include "engine/assets/import.h"
 #include "engine/assets/import_wire.h"
@@ -28,7 +28,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr rlim_t child_files_max = 64;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-/// Sanitizers reserve terabytes of address space for their shadow, and take their time.
+/// Sanitizers reserve terabytes of address space for their shadow memory, and run slowly.
 constexpr bool limits_address_space = false;
 constexpr int slowdown = 10;
 #else
@@ -36,11 +36,11 @@ constexpr bool limits_address_space = true;
 constexpr int slowdown = 1;
 #endif
 
-/// Why a child was killed, if it was.
+/// Reason why a child was killed.
 enum class Killed { no, late, unwanted };
 
-/// Waits until the child has ended, is late, or is wanted no more; then it is killed. Polling needs
-/// no kernel newer than the rest of the daemon and costs 1 ms of latency.
+/// Waits until the child ends; kills it when it is late or unwanted. Polling needs no recent kernel
+/// and costs 1 ms of latency.
 Result<int> wait_until(pid_t pid, Clock::time_point deadline, const std::function<bool()>& wanted,
                        Killed& killed) {
     killed = Killed::no;
@@ -65,18 +65,19 @@ Result<int> wait_until(pid_t pid, Clock::time_point deadline, const std::functio
 
 void limit(decltype(RLIMIT_AS) resource, rlim_t value) {
     const rlimit both{value, value};
-    // A lower hard limit of the machine stays in force: that is no error.
+    // A lower hard limit of the machine stays in force and is not an error.
     static_cast<void>(::setrlimit(resource, &both));
 }
 
-/// Before the first hostile byte is looked at.
+/// Sets the limits, before any hostile byte is read.
 void confine(const ImportLimits& limits) {
     ::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
     ::prctl(PR_SET_DUMPABLE, 0);
     const auto threads = std::max(1U, std::thread::hardware_concurrency());
     limit(RLIMIT_NOFILE, child_files_max);
     limit(RLIMIT_FSIZE, limits.bytes_max);
-    // A second fence behind the parent's watch: more than a child of its time can spend.
+    // A second limit behind the parent's watchdog: more processor time than a child can use in its
+    // time.
     limit(RLIMIT_CPU, static_cast<rlim_t>(limits.time_max.count() * slowdown) * threads);
     if (limits_address_space) limit(RLIMIT_AS, limits.bytes_max);
 }
@@ -111,7 +112,7 @@ Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& req
 
     if (killed == Killed::unwanted) {
         return fail(ErrorCode::internal,
-                    fmt::format("reading '{}' was given up", file_name(request.source)));
+                    fmt::format("reading '{}' was abandoned", file_name(request.source)));
     }
     if (killed == Killed::late) {
         return fail(ErrorCode::limit_exceeded,
@@ -138,7 +139,7 @@ int import_child_main(const Registry& registry) {
     if (!message) return 2;
     if (!bind_to_parent(message->parent)) return 2;
     confine(message->limits);
-    const auto result = import_here(message->request, message->limits, registry);
+    const auto result = import_arena(message->request, message->limits, registry);
     return wire::write_result(wire::result_fd, result) ? 0 : 3;
 }
 

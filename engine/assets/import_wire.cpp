@@ -38,7 +38,7 @@ struct ResultHeader {
     std::uint64_t magic = result_magic;
     std::uint32_t status = status_arena;  ///< or an ErrorCode
     std::uint32_t unused = 0;
-    std::uint64_t bytes = 0;  ///< of the arena or the message that follows
+    std::uint64_t bytes = 0;  ///< size of the arena or message that follows
     double build_seconds = 0;
 };
 
@@ -48,7 +48,7 @@ Result<void> read_all(int fd, void* bytes, std::size_t size, off_t offset) {
         const ssize_t got = ::pread(fd, at, std::min(size, std::size_t{1} << 30), offset);
         if (got < 0 && errno == EINTR) continue;
         if (got <= 0)
-            return fail(ErrorCode::internal, "the import process wrote no complete result");
+            return fail(ErrorCode::internal, "the import process wrote an incomplete result");
         at += got;
         offset += got;
         size -= static_cast<std::size_t>(got);
@@ -56,7 +56,7 @@ Result<void> read_all(int fd, void* bytes, std::size_t size, off_t offset) {
     return {};
 }
 
-/// Hands out the next bytes of a message, or null when it has fewer.
+/// Returns the next bytes of a message, or null if it has fewer.
 class Cursor {
 public:
     explicit Cursor(std::span<const std::byte> bytes) : rest_(bytes) {}
@@ -153,12 +153,12 @@ Result<Message> parse_request(std::span<const std::byte> bytes) {
     return message;
 }
 
-Result<void> write_result(int fd, const Result<std::shared_ptr<const Snapshot>>& result) {
+Result<void> write_result(int fd, const Result<BuiltArena>& result) {
     ResultHeader header;
     std::span<const std::byte> payload;
     if (result) {
-        payload = (*result)->bytes();
-        header.build_seconds = (*result)->statistics().build_seconds;
+        payload = {result->arena.data(), result->arena.size()};
+        header.build_seconds = result->build_seconds;
     } else {
         header.status = static_cast<std::uint32_t>(result.error().code);
         payload = std::as_bytes(std::span(result.error().message));
@@ -171,7 +171,7 @@ Result<void> write_result(int fd, const Result<std::shared_ptr<const Snapshot>>&
 }
 
 Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t scene_bytes_max) {
-    const auto damaged = fail(ErrorCode::internal, "the import process wrote no complete result");
+    const auto damaged = fail(ErrorCode::internal, "the import process wrote an incomplete result");
     ResultHeader header;
     if (auto done = read_all(fd, &header, sizeof header, 0); !done) return damaged;
     struct stat status = {};
@@ -186,10 +186,9 @@ Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t scene_
         Arena arena(header.bytes);
         if (auto done = read_all(fd, arena.data(), header.bytes, sizeof header); !done)
             return damaged;
-        return Snapshot::open(std::move(arena), header.build_seconds);
+        return Snapshot::open({std::move(arena), header.build_seconds});
     }
-    constexpr auto last_code = static_cast<std::uint32_t>(ErrorCode::io_failed);
-    if (header.status > last_code) return damaged;
+    if (header.status > static_cast<std::uint32_t>(last_error_code)) return damaged;
     std::string message(header.bytes, ' ');
     if (auto done = read_all(fd, message.data(), message.size(), sizeof header); !done)
         return damaged;

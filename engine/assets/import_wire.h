@@ -1,8 +1,8 @@
-// What travels between the daemon and its import child: a request on fd 3, a result on fd 4.
+// The messages between the daemon and its import child: a request on fd 3, a result on fd 4.
 //
-// Both are memory files, so neither side can block the other. The request is written by the parent
-// and trusted by the child as far as its framing goes; the files inside it are hostile. The result
-// is not trusted: whoever owns the child may have written it.
+// Both are memory files, so neither side can block the other. The parent writes the request; the
+// child trusts its framing but not the files inside it. The parent does not trust the result,
+// because hostile input may control the child.
 #pragma once
 
 #include "engine/assets/child_process.h"
@@ -25,12 +25,12 @@ struct Message {
 };
 
 Result<void> write_request(int fd, const ImportRequest& request, const ImportLimits& limits);
-/// `bytes` must outlive the message.
+/// Parses a request; `bytes` must outlive the message.
 Result<Message> parse_request(std::span<const std::byte> bytes);
 
-Result<void> write_result(int fd, const Result<std::shared_ptr<const Snapshot>>& result);
-/// The child's arena, checked by Snapshot::open, or its error. More than `scene_bytes_max` bytes of
-/// arena are not read.
+Result<void> write_result(int fd, const Result<BuiltArena>& result);
+/// Returns the child's arena, checked by Snapshot::open, or its error. Reads at most
+/// `scene_bytes_max` bytes of arena.
 Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t scene_bytes_max);
 
 }  // namespace raynest::wire

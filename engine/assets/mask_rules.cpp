@@ -16,12 +16,12 @@ std::uint32_t MaskRules::Rule::skip_stars(std::uint32_t place) const {
     return place;
 }
 
-/// A greedy match: what a star has let through is never taken back, because text that fits the part
-/// behind it early fits as well as late.
+/// Returns the place after one more letter. The match is greedy: a star never gives back a letter,
+/// because an early match of the text behind it is as good as a late one.
 std::uint32_t MaskRules::Rule::after(std::uint32_t place, char letter) const {
     while (place != no_id) {
         if (place < glob.size() && glob[place] == letter) return skip_stars(place + 1);
-        // Right behind a star: it takes the letter.
+        // Right behind a star: the star takes the letter.
         if (place != 0 && glob[place - 1] == '*') return place;
         place = fallback[place];
     }
@@ -43,7 +43,7 @@ Result<MaskRules> MaskRules::parse(std::span<const std::string> rules) {
     for (const std::string& text : rules) {
         const auto malformed =
             fail(ErrorCode::scene_invalid,
-                 fmt::format("mask rule '{}' is not GLOB=HEX, as 'stand-*/birch-*=F0'",
+                 fmt::format("mask rule '{}' is not GLOB=HEX, for example 'stand-*/birch-*=F0'",
                              gltf::one_line(text)));
         const std::size_t equals = text.rfind('=');
         if (equals == 0 || equals == std::string::npos) return malformed;
@@ -85,7 +85,7 @@ Result<MaskRules::State> MaskRules::step(State from, std::string_view name, bool
     if (work_ > mask_work_max) {
         return fail(ErrorCode::limit_exceeded,
                     fmt::format("{} mask rules are too many for the nodes and placements of this "
-                                "scene: pass fewer, or patterns for groups",
+                                "scene: pass fewer rules, or one pattern for a group",
                                 rules_.size()));
     }
     if (is_settled(from)) return from;
@@ -103,7 +103,7 @@ Result<MaskRules::State> MaskRules::step(State from, std::string_view name, bool
         rule.matched = true;
         reached.matched = r;
     }
-    // A later rule has the last word about all below.
+    // A later rule overrides earlier ones for everything below.
     if (reached.matched != no_id) {
         const auto overruled = static_cast<std::ptrdiff_t>(reached.matched) + 1;
         std::fill_n(reached.places.begin(), overruled, no_id);
@@ -126,7 +126,7 @@ void MaskRules::warn(SceneDescription& scene) const {
     for (const Rule& rule : rules_) {
         if (rule.matched || scene.warnings.size() >= scene_warnings_max) continue;
         scene.warnings.push_back(fmt::format(
-            "mask rule '{}' changes nothing: no path matches it, or later rules overrule it",
+            "mask rule '{}' changes nothing: no path matches it, or later rules override it",
             gltf::one_line(rule.text)));
     }
 }

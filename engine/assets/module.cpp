@@ -17,9 +17,9 @@ bool is_room(std::size_t bytes) {
 }  // namespace
 
 Result<void*> load_module(const Module& module) {
-    // For a module that is there, dlopen only counts.
+    // For a loaded module, dlopen only adds a reference.
     void* loaded = dlopen(module.file, RTLD_NOW | RTLD_LOCAL | RTLD_NOLOAD);
-    // Short of memory, dlopen fails as if a file were broken, or a library's constructor aborts.
+    // Short of memory, dlopen reports a broken file, or a library's constructor aborts.
     if (loaded == nullptr && !is_room(module.bytes)) {
         return fail(ErrorCode::out_of_memory,
                     fmt::format("no memory left to load {}", module.file));

@@ -8,7 +8,7 @@
 
 namespace raynest {
 
-/// One octave in [0, 1]; `period` > 0 repeats it, for textures that tile.
+/// Returns one octave in [0, 1]; `period` > 0 repeats it, for textures that tile.
 inline float value_noise(float x, float y, std::uint32_t period, std::uint64_t seed) {
     const auto lattice = [&](std::int64_t i, std::int64_t j) {
         if (period != 0) {
@@ -32,7 +32,7 @@ inline float value_noise(float x, float y, std::uint32_t period, std::uint64_t s
     return low + v * (high - low);
 }
 
-/// A sum of octaves, each twice as fine and half as strong; in [0, 1].
+/// Returns a sum of octaves, each twice as fine and half as strong; in [0, 1].
 inline float fractal_noise(float x, float y, int octaves, std::uint32_t period,
                            std::uint64_t seed) {
     float sum = 0;

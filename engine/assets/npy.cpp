@@ -18,10 +18,10 @@ namespace {
 struct Array {
     std::vector<std::uint64_t> shape;
     std::vector<float> values;
-    double rounding = 0;  ///< the largest distance by which float32 moved a row's point
+    double rounding = 0;  ///< largest distance by which float32 rounding moved a point
 };
 
-/// The point in each row of an array, and what is subtracted from it.
+/// The point in each row of an array, and the origin to subtract from it.
 struct Points {
     std::array<std::size_t, 3> columns;
     WorldPoint origin;
@@ -33,7 +33,8 @@ tl::unexpected<Error> refuse(const std::string& name, const std::string& why) {
     return fail(ErrorCode::scene_invalid, fmt::format("'{}' {}", name, why));
 }
 
-/// What follows `'key':` in the header's Python dictionary, blanks skipped; empty when absent.
+/// Returns the text after `'key':` in the header's Python dictionary, blanks skipped; empty if
+/// absent.
 std::string_view member(std::string_view header, std::string_view key) {
     const std::size_t at = header.find(fmt::format("'{}':", key));
     if (at == std::string_view::npos) return {};
@@ -42,7 +43,7 @@ std::string_view member(std::string_view header, std::string_view key) {
     return rest;
 }
 
-/// "(3, 4), ..." -> {3, 4}; false for anything else.
+/// Parses "(3, 4), ..." to {3, 4}; false for anything else.
 bool parse_shape(std::string_view text, std::vector<std::uint64_t>& shape) {
     if (!text.starts_with('(')) return false;
     const char* at = text.data() + 1;
@@ -65,7 +66,7 @@ double read(const char* bytes) {
     return double{value};
 }
 
-/// Format: magic, version, header length (2 bytes, from version 2 on 4), a Python dictionary,
+/// Reads a file: magic, version, header length (2 bytes; 4 from version 2 on), a Python dictionary,
 /// values.
 Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits, const Points& points) {
     constexpr std::string_view magic = "\x93NUMPY";
@@ -96,7 +97,7 @@ Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits, con
         return refuse(file.name, "has no shape of one to three numbers");
     }
 
-    // The product is bounded by the bytes that came before it is used for anything.
+    // The bytes in the file bound the product before it is used.
     const std::size_t item = is_double ? 8 : 4;
     const std::string_view values = bytes.substr(header_at + header_bytes);
     std::uint64_t count = 1;
@@ -119,7 +120,7 @@ Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits, con
         if (column < width) shift[column] = points.origin[axis], is_point[column] = true;
     }
     std::uint64_t bad = 0;
-    double moved_max = 0;  // squared, as `moved`
+    double moved_max = 0;  // squared, as is `moved`
     for (std::uint64_t row = 0; row < count; row += width) {
         double moved = 0;
         for (std::uint64_t i = 0; i < width; ++i) {
@@ -140,7 +141,7 @@ Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits, con
     return array;
 }
 
-/// Do the first three values say where a record is, so that its bounds move with them?
+/// True if a record's first three values are its position, so that its bounds move with them.
 bool moves_with_point(const PackPrimitive& primitive, std::span<const float> example) {
     std::vector<float> record(example.begin(), example.end());
     Box before;
@@ -156,7 +157,7 @@ bool moves_with_point(const PackPrimitive& primitive, std::span<const float> exa
     return moved(before.lower, after.lower) && moved(before.upper, after.upper);
 }
 
-/// The types that records may have, each once.
+/// Returns the names of all record types, each once.
 std::set<std::string_view> primitive_names(const Registry& registry) {
     std::set<std::string_view> names;
     for (const Pack* pack : registry.packs())
@@ -194,8 +195,8 @@ Result<ObjectDescription> read_records(const ImportRequest& request, const Impor
     if (origin != WorldPoint{} &&
         (width < 3 || !moves_with_point(*primitive, std::span(array->values).first(width)))) {
         return fail(ErrorCode::scene_unsupported,
-                    fmt::format("the first three values of a {} are not its place, so no origin "
-                                "can be subtracted from them: do that before saving",
+                    fmt::format("the first three values of a {} are not its position, so no origin "
+                                "can be subtracted from them: subtract it before saving",
                                 request.primitive));
     }
     rounding = std::max(rounding, array->rounding);
@@ -240,7 +241,7 @@ Result<SceneDescription> describe_npy(const ImportRequest& request, const Import
                                       const Registry& registry) {
     SceneDescription scene;
     scene.origin = request.origin;
-    // Records that are placed lie around zero; their placements are in the world.
+    // If there are placements, records lie around zero and the placements are in the world.
     const bool is_placed = request.files.size() > 1;
     auto object = read_records(request, limits, registry, is_placed ? WorldPoint{} : scene.origin,
                                scene.rounding);
@@ -248,7 +249,7 @@ Result<SceneDescription> describe_npy(const ImportRequest& request, const Import
     scene.objects.push_back(std::move(*object));
     for (std::size_t i = 1; i < request.files.size(); ++i) {
         if (scene.root != 0)
-            return refuse(request.files[i].name, "is not wanted; a file of placements is enough");
+            return refuse(request.files[i].name, "is not used: give only one file of placements");
         auto instances = read_instances(request.files[i], limits, scene.origin, scene.rounding);
         if (!instances) return tl::unexpected<Error>(instances.error());
         scene.objects.push_back({"scene", {}, std::move(*instances), {}, {}, {}});

@@ -19,7 +19,7 @@ Result<SceneDescription> describe_terrain(const BuiltinValues& values) {
     geometry.positions.reserve(std::size_t{side} * side);
     geometry.indices.reserve(std::size_t{cells} * cells * 6);
     const auto height = [&](float x, float z) {
-        // Ridges where the noise crosses its middle, flattened towards the valleys.
+        // Ridges run where the noise crosses its middle, flattened towards the valleys.
         const float n = fractal_noise(x * 0.035F + 100, z * 0.035F + 100, 8, 0, seed);
         const float ridge = 1 - std::abs(2 * n - 1);
         return relief * ridge * ridge;
@@ -46,7 +46,7 @@ Result<SceneDescription> describe_terrain(const BuiltinValues& values) {
     scene.objects.push_back({"terrain", {std::move(geometry)}, {}, {}, {}, {}});
     CameraDescription camera;
     camera.name = "overview";
-    // Looks down by 25 degrees from the south edge.
+    // The camera looks down by 25 degrees from the south edge.
     camera.to_world.m = {1, 0, 0, 0, 0, 0.9063F, 0.4226F, 40, 0, -0.4226F, 0.9063F, 66};
     camera.yfov = 0.75F;
     camera.aspect = 16.0F / 9;

@@ -39,7 +39,7 @@ struct BoxRef {
 };
 
 /// The ray's own range joins the first axis: one step less between a node and its children, for
-/// each of which a search waits (measured: 1 to 2 % of any hits by the latency traversal). It comes
+/// each of which a search waits (measured: 1 to 2 % of any hits by the single traversal). It comes
 /// last of all, so that a plane that is NaN constrains nothing (math/lanes.h).
 RAYNEST_INLINE Spans<Boxes8, 8> intersect(const BoxRay& ray, const Boxes8& boxes) {
     const float(*rows)[8] = boxes.node->lower;  // lower and upper lie one behind the other

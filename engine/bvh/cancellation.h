@@ -3,7 +3,7 @@
 // A chunk of rays is no bound in time: one ray may meet everything that a scene holds, from so far
 // away that its rounding is larger than the scene, or with a direction too short to be divided by.
 // So the caller is asked, each time that a certain amount of work may have been done: before rays
-// and instances, whose trees may be met as a whole, at rounds of a batch, at leaves of a packet.
+// and instances, whose trees may be met as a whole, at rounds of a stream, at leaves of a packet.
 // Within one tree a single ray is not interrupted: a question at each leaf costs any hits 2 %
 // (measured; where they are, nothing), and a tree ends, where instances of instances are as good as
 // endless.

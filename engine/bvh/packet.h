@@ -1,4 +1,4 @@
-// Sixty-four rays side by side at one level of a scene: what the coherent traversal tests at once.
+// Sixty-four rays side by side at one level of a scene: what the packet traversal tests at once.
 //
 // The same terms as of a single ray (geometry/slabs.h, geometry/shear.h), computed by the same
 // operations in the same order, so that a lane of a packet has the bits that the ray would have by
@@ -19,10 +19,10 @@ inline constexpr std::uint32_t group_bits = (1U << packet_lanes) - 1;
 using PacketLanes = Lanes<packet_lanes>;
 
 /// One bit per ray of a packet.
-using RaySet = std::uint64_t;
+using RayMask = std::uint64_t;
 
 /// Those of a set that are in group g, one bit per lane.
-[[nodiscard]] RAYNEST_INLINE std::uint32_t members_of(RaySet rays, std::uint32_t g) {
+[[nodiscard]] RAYNEST_INLINE std::uint32_t group_mask(RayMask rays, std::uint32_t g) {
     return static_cast<std::uint32_t>(rays >> (packet_lanes * g) & group_bits);
 }
 
@@ -38,17 +38,17 @@ struct alignas(64) PacketRow {
 };
 
 /// The least (most) value of the rays of a set that is not empty.
-[[nodiscard]] RAYNEST_INLINE float least_of(const PacketRow& row, RaySet rays) {
+[[nodiscard]] RAYNEST_INLINE float least_of(const PacketRow& row, RayMask rays) {
     auto r = PacketLanes::splat(std::numeric_limits<float>::infinity());
     for (std::uint32_t g = 0; g < packet_groups; ++g) {
-        r = minimum(r, select(members_of(rays, g), row.group(g), r));
+        r = minimum(r, select(group_mask(rays, g), row.group(g), r));
     }
     return least(r);
 }
-[[nodiscard]] RAYNEST_INLINE float most_of(const PacketRow& row, RaySet rays) {
+[[nodiscard]] RAYNEST_INLINE float most_of(const PacketRow& row, RayMask rays) {
     auto r = PacketLanes::splat(-std::numeric_limits<float>::infinity());
     for (std::uint32_t g = 0; g < packet_groups; ++g) {
-        r = maximum(r, select(members_of(rays, g), row.group(g), r));
+        r = maximum(r, select(group_mask(rays, g), row.group(g), r));
     }
     return most(r);
 }
@@ -65,14 +65,14 @@ struct PacketLevel {
     PacketRow reciprocal[3];
     PacketRow near_scale[3], near_offset[3], far_scale[3], far_offset[3];
     PacketRow shear_origin[3], shear_to[2], shear_scale;  ///< along each ray's own axes
-    RaySet backwards[3];  ///< rays that meet the upper plane of the axis first
-    RaySet largest[3];    ///< rays whose largest component is along the axis
-    RaySet finite;        ///< rays whose box terms do not overflow
+    RayMask backwards[3];  ///< rays that meet the upper plane of the axis first
+    RayMask largest[3];    ///< rays whose largest component is along the axis
+    RayMask finite;        ///< rays whose box terms do not overflow
 
     /// Computes all but origin and direction.
     RAYNEST_INLINE void prepare(float origin_error) {
-        for (RaySet& set : backwards) set = 0;
-        for (RaySet& set : largest) set = 0;
+        for (RayMask& set : backwards) set = 0;
+        for (RayMask& set : largest) set = 0;
         finite = 0;
         for (std::uint32_t g = 0; g < packet_groups; ++g) prepare_group(g, origin_error);
     }
@@ -99,20 +99,20 @@ private:
             near_offset[axis].set_group(g, (m - e) * F::splat(box_near_factor));
             far_scale[axis].set_group(g, r * F::splat(box_far_factor));
             far_offset[axis].set_group(g, (m + e) * F::splat(box_far_factor));
-            backwards[axis] |= RaySet{less(r, F::splat(0))} << shift;
+            backwards[axis] |= RayMask{less(r, F::splat(0))} << shift;
             bounded &= less((absolute(m) + e) * F::splat(box_far_factor),
                             F::splat(std::numeric_limits<float>::max()));
         }
-        finite |= RaySet{bounded} << shift;
+        finite |= RayMask{bounded} << shift;
 
         const F x = absolute(direction[0].group(g));
         const F y = absolute(direction[1].group(g));
         const std::uint32_t z_largest = less(maximum(x, y), absolute(direction[2].group(g)));
         const std::uint32_t y_largest = less(x, y) & ~z_largest;
-        largest[2] |= RaySet{z_largest} << shift;
-        largest[1] |= RaySet{y_largest} << shift;
+        largest[2] |= RayMask{z_largest} << shift;
+        largest[1] |= RayMask{y_largest} << shift;
         const std::uint32_t x_largest = group_bits & ~(z_largest | y_largest);
-        largest[0] |= RaySet{x_largest} << shift;
+        largest[0] |= RayMask{x_largest} << shift;
 
         // As ShearTerms::look_along turns the axes: z is x, y, z; x is y, z, x; y is z, x, y.
         const auto turned = [&](const PacketRow(&v)[3], std::uint32_t by) {
@@ -131,9 +131,9 @@ private:
 };
 
 /// is_valid() of every ray, of the rows of what requests gave.
-[[nodiscard]] RAYNEST_INLINE RaySet valid_rays(const PacketLevel& level, const PacketRange& range) {
+[[nodiscard]] RAYNEST_INLINE RayMask valid_rays(const PacketLevel& level, const PacketRange& range) {
     using F = PacketLanes;
-    RaySet valid = 0;
+    RayMask valid = 0;
     for (std::uint32_t g = 0; g < packet_groups; ++g) {
         const auto is_finite = [&](const PacketRow& row) RAYNEST_INLINE_LAMBDA {
             const F a = row.group(g);
@@ -149,7 +149,7 @@ private:
             const F d = level.direction[axis].group(g);
             directed |= less(zero, flip_sign(d, d));
         }
-        valid |= RaySet{all & directed} << (packet_lanes * g);
+        valid |= RayMask{all & directed} << (packet_lanes * g);
     }
     return valid;
 }

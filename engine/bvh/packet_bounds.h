@@ -22,7 +22,7 @@ class PacketBounds {
 
 public:
     PacketBounds(const PacketLevel& level, const PacketRange& range, float origin_error,
-                 RaySet rays, std::uint32_t octant) {
+                 RayMask rays, std::uint32_t octant) {
         constexpr float slack = 0x1p-20F;
         float extent = 0;
         float lower[3], upper[3];

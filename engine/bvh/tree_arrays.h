@@ -27,7 +27,7 @@ public:
 
     /// Asks for the node or block that a child word names; of other leaves for something harmless.
     ///
-    /// Without a branch: whether a child is a leaf is a coin's toss, and in a batch a wrong guess
+    /// Without a branch: whether a child is a leaf is a coin's toss, and in a stream a wrong guess
     /// throws away the work on the rays that follow (measured: 12 % of ambient occlusion, 15 % of
     /// diffuse rays). Inlined always: GCC takes a function that does nothing but prefetch for one
     /// without effect, and drops its calls.

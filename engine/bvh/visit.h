@@ -4,7 +4,7 @@
 // no fixed depth. `query.take(ray, hits)` keeps what it wants, shrinks ray.tmax and returns true
 // when the whole query is answered; every visit passes that on.
 //
-// This is the latency traversal: one ray, near children first, a stack of (child, near) per level
+// This is the single traversal: one ray, near children first, a stack of (child, near) per level
 // and recursion between levels (measured: no slower than one explicit stack). Depth is bounded by
 // scene_depth_max, the stack by tree_height_max; both are checked when a scene is made, not here.
 //
@@ -15,7 +15,7 @@
 // a hit would have culled, which camera rays pay for, whose nearest leaf mostly has the hit.
 #pragma once
 
-#include "engine/bvh/ask.h"
+#include "engine/bvh/intersect_with.h"
 #include "engine/bvh/box_test.h"
 #include "engine/bvh/cancellation.h"
 #include "engine/bvh/node.h"
@@ -58,7 +58,7 @@ RAYNEST_INLINE bool visit(R& ray, const Instance& instance, Isect& isect, Query&
 /// vectors there is less idle time to fill: two, which give 0.97 of one over all, against 0.87.
 inline constexpr std::uint32_t nodes_together = Lanes<8>::parts == 1 ? 3 : 2;
 
-/// The latency traversal of one tree.
+/// The single traversal of one tree.
 template <class Isect, class Query>
 RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& query) {
     const SceneView& scene = *bvh.scene;
@@ -96,7 +96,7 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
     /// Pushes the children of nodes, of which all but the last one waited on top.
     const auto look_at = [&](const auto&... nodes) RAYNEST_INLINE_LAMBDA {
         top -= static_cast<std::uint32_t>(sizeof...(nodes)) - 1;
-        const std::tuple all_spans{ask(isect, ray, Boxes8{&nodes})...};
+        const std::tuple all_spans{intersect_with(isect, ray, Boxes8{&nodes})...};
         std::apply([&](const auto&... spans) RAYNEST_INLINE_LAMBDA { (push(nodes, spans), ...); },
                    all_spans);
     };
@@ -137,7 +137,7 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
             // The next child need not come through the stack (measured, any hits: 1.02): the first
             // of those in no order, and an only one, as most nodes near the leaves have, of others.
             const Node& node = arrays.node(child);
-            const auto spans = ask(isect, ray, Boxes8{&node});
+            const auto spans = intersect_with(isect, ray, Boxes8{&node});
             const int lane = std::countr_zero(spans.mask);
             if constexpr (Query::ordered) {
                 if (std::has_single_bit(spans.mask)) {

@@ -2,7 +2,7 @@
 // visited, the one place where surfaces are tested, and the way into an instance.
 #pragma once
 
-#include "engine/bvh/ask.h"
+#include "engine/bvh/intersect_with.h"
 #include "engine/geometry/intersect_triangle.h"
 #include "engine/geometry/record.h"
 #include "engine/geometry/record_types.h"
@@ -20,7 +20,7 @@ struct Bvh {
 
     [[nodiscard]] RAYNEST_FN const ObjectRecord& record() const { return scene->objects[object]; }
     /// Leaf placements below: the step of path ids from one element of a list to the next.
-    [[nodiscard]] std::uint64_t leaves() const { return record().leaves; }
+    [[nodiscard]] std::uint64_t placement_count() const { return record().placement_count; }
 };
 
 /// One placement of an object, by its index in the scene's instances.
@@ -32,7 +32,7 @@ struct Instance {
     [[nodiscard]] RAYNEST_FN const InstanceRecord& record() const {
         return scene->instances[index];
     }
-    [[nodiscard]] std::uint64_t leaves() const { return scene->objects[record().object].leaves; }
+    [[nodiscard]] std::uint64_t placement_count() const { return scene->objects[record().object].placement_count; }
 };
 
 /// Drops back faces of single-sided materials: `--set cull=back`.
@@ -50,7 +50,7 @@ RAYNEST_NOINLINE void drop_back_faces(const RayView& ray, H& hits) {
 /// A primitive: the one place where surfaces are tested.
 template <class R, PrimitiveLike P, class Isect, class Query>
 RAYNEST_INLINE bool visit(R& ray, const P& primitive, Isect& isect, Query& query) {
-    auto hits = ask(isect, ray, primitive);
+    auto hits = intersect_with(isect, ray, primitive);
     if (hits.mask == 0) [[likely]]
         return false;
     if (ray.flags != 0) [[unlikely]] {

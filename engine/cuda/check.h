@@ -1,5 +1,5 @@
-// What intersectors/check.h asks of an intersector, asked of the one width that a GPU has: an
-// overload that is not called there would be a mask that only the CPU knows.
+// The checks of intersectors/check.h at the one ray width of a GPU. An overload that is not called
+// there would be a mask that only the CPU applies.
 #pragma once
 
 #include "engine/bvh/visit_primitive.h"

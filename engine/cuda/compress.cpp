@@ -15,8 +15,8 @@ namespace raynest::cuda {
 namespace {
 
 constexpr std::uint32_t slots = 8;
-constexpr std::uint32_t steps = 255;  // of the grid
-constexpr int mantissa_shift = 15;    // a byte is so many times smaller in grid_value()
+constexpr std::uint32_t steps = 255;  // planes of the grid, less one
+constexpr int mantissa_shift = 15;    // grid_value() scales a byte by 2^-15
 constexpr std::uint32_t exponent_max = 254;
 
 // The grid of one axis, over [low, high].
@@ -29,8 +29,8 @@ struct Grid {
             !(std::abs(high) < std::numeric_limits<float>::infinity())) {
             return;
         }
-        // In double, where neither the difference nor the quotient overflows; the loop below has
-        // the last word.
+        // Compute in double, where neither the difference nor the quotient overflows; the loop
+        // below corrects the result.
         const double step = (double{high} - double{low}) / steps;
         const int power = step > 0 ? std::ilogb(step) + mantissa_shift : -126;
         const int first = std::clamp(power, -126, 127) + 127;
@@ -45,7 +45,8 @@ struct Grid {
     [[nodiscard]] float plane(std::uint32_t byte) const {
         return grid_plane(origin, exponent, grid_value(byte, 0));
     }
-    // The last plane that is not above `value`, which is one of the grid's range; 0 without a grid.
+    // Returns the last plane that is not above `value`, which lies in the grid's range; 0 without a
+    // grid.
     [[nodiscard]] std::uint32_t below(float value) const {
         std::uint32_t byte = guess(value);
         while (byte > 0 && plane(byte) > value) --byte;
@@ -67,7 +68,7 @@ private:
     }
 };
 
-// Which child comes into which slot: those first that care most about where they are.
+// Assigns children to slots; the child that gains most from its best slot comes first.
 std::array<std::uint32_t, slots> arrange(const Node& node) {
     std::array<Vec3, slots> from_middle{};
     Vec3 middle(0);
@@ -119,13 +120,14 @@ void copy_block(const TriangleBlock& block, DeviceTriangle* to) {
     }
 }
 
-// Entries of the stack that a ray may need at once: on the way into a node one for its siblings
-// that wait, into an instance one more for the mark. What a leaf holds is tested where it stands.
+// Counts the stack entries that a ray may need at once: entering a node needs one for its waiting
+// siblings; entering an instance needs one more for the mark. A leaf's primitives are tested at
+// once.
 class StackNeed {
 public:
     explicit StackNeed(const SceneView& scene) : scene_(scene), of_object_(scene.object_count) {}
 
-    // Objects come before those that place them, parents before their children.
+    // Objects are listed before those that place them, and parents before their children.
     std::uint32_t of_root() {
         for (std::uint32_t o = 0; o < scene_.object_count; ++o) {
             const ObjectRecord& object = scene_.objects[o];
@@ -155,14 +157,14 @@ private:
 
     const SceneView& scene_;
     std::vector<std::uint32_t> of_object_;
-    std::vector<std::uint32_t> of_node_;  ///< of the object that is looked at
+    std::vector<std::uint32_t> of_node_;  ///< by node of the current object
 };
 
 Result<void> check_limits(const SceneView& scene) {
     const std::uint32_t levels = scene.objects[scene.root].levels;
     if (levels > levels_max) {
         return fail(ErrorCode::limit_exceeded, "the scene has " + std::to_string(levels) +
-                                                   " levels, the GPU takes " +
+                                                   " levels, the GPU supports " +
                                                    std::to_string(levels_max) + ": use the CPU");
     }
     const std::uint32_t need = StackNeed(scene).of_root();

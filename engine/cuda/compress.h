@@ -1,4 +1,4 @@
-// From a snapshot's trees to those that a GPU reads (cuda/device_tree.h): same topology, same
+// Converts a snapshot's trees to those that a GPU reads (cuda/device_tree.h): same topology, same
 // numbers.
 #pragma once
 
@@ -17,11 +17,12 @@ struct DeviceTrees {
     [[nodiscard]] CompressedTrees view() const { return {nodes.data(), triangles.data()}; }
 };
 
-/// Fails with limit_exceeded where a ray could need more levels or stack than the traversal has:
-/// the scene is the CPU's then. The scene is a sound one (scene/arena_check.h). Linear time.
+/// Converts a valid scene (scene/arena_check.h). Fails with limit_exceeded if a ray could need more
+/// levels or stack than the traversal has; only the CPU can trace such a scene. Linear time.
 Result<DeviceTrees> compress(const SceneView& scene);
 
-/// Every decoded box contains the true one. An axis whose bounds fit no grid constrains nothing.
+/// Compresses a node. Every decoded box contains the true one. An axis whose bounds fit no grid has
+/// no limits.
 CompressedNode compress(const Node& node);
 
 }  // namespace raynest::cuda

@@ -1,4 +1,4 @@
-// The doors of the cuda pack that are not its table of variants.
+// Entry points of the cuda pack other than its table of variants.
 #include "engine/packs/device.h"
 
 #include "engine/cuda/device_scene.h"
@@ -14,8 +14,8 @@ namespace raynest {
 namespace cuda {
 namespace {
 
-/// Does it last as long as the machine and its driver are what they are? Another one may pass: of a
-/// device that somebody has for himself, or that starts.
+/// True if the error lasts until the machine or its driver changes. Other errors may pass, such as
+/// those of a device that is starting or in another process's exclusive use.
 bool is_absence(cudaError_t error) {
     switch (error) {
         case cudaErrorStubLibrary:
@@ -34,11 +34,11 @@ bool is_absence(cudaError_t error) {
 TraceStatus open(DeviceInfo* info) noexcept {
     cudaDeviceProp properties{};
     const auto take = [&]() -> cudaError_t {
-        // Threads that wait for the device sleep: the cores are for tracing.
+        // Threads that wait for the device sleep, so that the cores are free for tracing.
         if (const auto error = cudaSetDeviceFlags(cudaDeviceScheduleBlockingSync)) return error;
         if (const auto error = cudaGetDeviceProperties(&properties, 0)) return error;
         if (const auto error = cudaSetDevice(0)) return error;
-        // Has the pack code for it?
+        // Test that the pack has code for this device.
         cudaFuncAttributes kernel{};
         return cudaFuncGetAttributes(&kernel, make_rays_kernel());
     };
@@ -64,7 +64,7 @@ TraceStatus give(T** to, Make make) noexcept {
     } catch (const std::bad_alloc&) {
         *to = nullptr;
         (void)out_of_host_memory();
-        return trace_cancelled;  // not of the device: room there would not help
+        return trace_cancelled;  // a host error: device memory would not help
     }
 }
 

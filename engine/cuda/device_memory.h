@@ -8,8 +8,8 @@
 
 namespace raynest::cuda {
 
-/// Remembers the first thing that went wrong and does nothing from then on, so that a caller asks
-/// once, at the end.
+/// Arrays on the device. Keeps the first error and does nothing after it, so that the caller can
+/// check once, at the end.
 class DeviceMemory {
 public:
     DeviceMemory() = default;
@@ -19,7 +19,7 @@ public:
         for (void* block : blocks_) cudaFree(block);
     }
 
-    /// null where there is none, and for none.
+    /// Allocates an array; null after an error, and for a count of 0.
     template <class T>
     [[nodiscard]] T* room(std::uint64_t count) {
         if (count == 0 || error_ != cudaSuccess) return nullptr;
@@ -31,7 +31,7 @@ public:
         bytes_ += count * sizeof(T);
         return static_cast<T*>(block);
     }
-    /// A copy, which may still be under way in the default stream.
+    /// Copies an array; the copy may still be in progress in the default stream.
     template <class T>
     [[nodiscard]] const T* copy(const T* from, std::uint64_t count) {
         T* const to = room<T>(count);

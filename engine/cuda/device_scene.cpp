@@ -10,7 +10,7 @@
 namespace raynest::cuda {
 namespace {
 
-// How far kernels read into `attributes`: the view does not say how long it is.
+// Returns how far kernels read into `attributes`; the view does not store its length.
 std::uint64_t attribute_bytes(const SceneView& scene) {
     std::uint64_t end = 0;
     const auto reach = [&](std::uint64_t offset, std::uint64_t bytes) {
@@ -42,7 +42,7 @@ std::uint64_t record_bytes(const SceneView& scene) {
     return end;
 }
 
-// The arrays that kernels read, and a view of them.
+// Copies the arrays that kernels read, and returns a view of them.
 const SceneView* copy_scene(const SceneView& scene, DeviceMemory& memory) {
     SceneView view = scene;
     view.nodes = nullptr;
@@ -70,7 +70,7 @@ TraceStatus copy_to_device(const SceneView& scene, std::unique_ptr<DeviceScene>&
     to->view = copy_scene(scene, memory);
     to->trees = {memory.copy(trees->nodes.data(), trees->nodes.size()),
                  memory.copy(trees->triangles.data(), trees->triangles.size())};
-    // Slots have streams of their own, which do not wait for this one.
+    // The slots' streams do not wait for this one.
     if (const TraceStatus status = status_of(memory.error()); status != trace_ok) return status;
     if (const TraceStatus status = status_of(cudaStreamSynchronize(nullptr)); status != trace_ok)
         return status;

@@ -1,4 +1,4 @@
-// A scene in a GPU's memory: what kernels read of a snapshot, and its compressed trees.
+// A scene in a GPU's memory: the parts of a snapshot that kernels read, and its compressed trees.
 #pragma once
 
 #include "engine/cuda/device_memory.h"
@@ -10,7 +10,7 @@
 
 namespace raynest {
 
-/// All pointers are the device's.
+/// A scene on the device; all pointers are device pointers.
 struct DeviceScene {
     cuda::DeviceMemory memory;
     const SceneView* view = nullptr;
@@ -19,7 +19,8 @@ struct DeviceScene {
 
 namespace cuda {
 
-/// trace_too_deep where kernels do not take the scene (cuda/compress.h). Throws std::bad_alloc.
+/// Copies a scene. trace_too_deep if kernels do not support it (cuda/compress.h). Throws
+/// std::bad_alloc.
 TraceStatus copy_to_device(const SceneView& scene, std::unique_ptr<DeviceScene>& loaded);
 
 }  // namespace cuda

@@ -1,19 +1,20 @@
-// What a GPU reads instead of a CPU's nodes and blocks: an eight-wide node of 96 bytes whose boxes
-// are bytes on a grid of the node's own, and triangles one behind the other.
+// The trees that a GPU reads instead of a CPU's nodes and blocks: an eight-wide node of 96 bytes,
+// whose boxes are bytes on a grid of the node, and consecutive triangles.
 //
 //   origin x y z | exponent x y z, valid | child[8] | lower x[8] y[8] z[8] | upper x[8] y[8] z[8]
 //
-// After Ylitie, Karras, Laine, "Efficient incoherent ray traversal on GPUs through compressed wide
-// BVHs" (2017), with three differences. Child words are those of bvh/node.h, whole, so that nodes
-// are numbered as on the CPU and leaves name the same ranges; the node is 96 bytes then and not 80,
-// which is the same three 32-byte sectors. A plane is one permutation of bytes and one fma, no
-// conversion of an integer: the byte goes into the mantissa of a float between 1 and 1 + 2^-7, and
-// `origin` and the scale are those of that float. And planes are decoded before the box rule sees
-// them, so the rule and its monotony (geometry/slabs.h) hold as they stand: a decoded box contains
-// the true one (cuda/compress.h sees to that), hence culls nothing that the true one would not.
+// The layout follows Ylitie, Karras, Laine, "Efficient incoherent ray traversal on GPUs through
+// compressed wide BVHs" (2017), with three differences. First, child words are those of bvh/node.h,
+// so that nodes are numbered as on the CPU and leaves name the same ranges. The node is therefore
+// 96 bytes instead of 80, which is the same three 32-byte sectors. Second, a plane is one
+// permutation of bytes and one fma, without an integer conversion: the byte becomes the mantissa of
+// a float between 1 and 1 + 2^-7, and `origin` and the scale are adjusted to that float. Third,
+// planes are decoded before the box rule reads them, so the rule and its monotonicity
+// (geometry/slabs.h) hold unchanged. A decoded box contains the true one (cuda/compress.h ensures
+// it), so it culls nothing that the true one would not.
 //
-// Slot s lies on the far side of axis a of its siblings where bit a of s is set, as far as they can
-// all be pleased: `s ^ octant` is the order in which a ray meets the slots.
+// As far as possible, slot s is on the far side of its siblings along axis a where bit a of s is
+// set: `s ^ octant` is the order in which a ray meets the slots.
 #pragma once
 
 #include "engine/bvh/node.h"
@@ -29,7 +30,7 @@
 
 namespace raynest::cuda {
 
-/// 16 bytes at a time, on a GPU past the data that kernels write.
+/// Loads 16 bytes at a time; on a GPU through the read-only cache.
 template <class T>
 [[nodiscard]] RAYNEST_INLINE T load(const T* from) {
     static_assert(alignof(T) % 16 == 0 && sizeof(T) % 16 == 0);
@@ -46,7 +47,7 @@ template <class T>
 #endif
 }
 
-/// Byte `i` of `word`, as the float 1 + byte * 2^-15.
+/// Returns byte `i` of `word` as the float 1 + byte * 2^-15.
 [[nodiscard]] RAYNEST_INLINE float grid_value(std::uint32_t word, std::uint32_t i) {
     constexpr std::uint32_t one = std::bit_cast<std::uint32_t>(1.0F);
 #ifdef __CUDA_ARCH__
@@ -56,15 +57,15 @@ template <class T>
 #endif
 }
 
-/// A plane of a grid. The product is exact, so a host without fma decodes the same bits.
+/// Returns a plane of a grid. The product is exact, so a host without fma decodes the same bits.
 [[nodiscard]] RAYNEST_INLINE float grid_plane(float origin, std::uint32_t exponent, float value) {
     return fused(value, std::bit_cast<float>(exponent << 23), origin);
 }
 
-/// The boxes of a node: all that a visit needs, half of what it reads.
+/// The boxes of a node: everything that a box test needs, half of the node.
 struct alignas(32) CompressedBoxes {
     float origin[3];
-    std::uint8_t exponent[3];  ///< of the scale, biased as in a float
+    std::uint8_t exponent[3];  ///< the scale's exponent, biased as in a float
     std::uint8_t valid;        ///< slots in use
     std::uint32_t lower[3][2];
     std::uint32_t upper[3][2];
@@ -76,8 +77,8 @@ struct alignas(32) CompressedNode {
 };
 static_assert(sizeof(CompressedNode) == 96);
 
-/// One child's box as the ray meets it. The words of the planes that the ray meets first are chosen
-/// once for the node; a box is only made where an intersector asks for it.
+/// One child's box relative to a ray. The words of the planes that the ray meets first are chosen
+/// once per node; a box is only computed if an intersector asks for it.
 struct CompressedBox {
     using box_tag = void;
     static constexpr int lanes = 1;
@@ -95,8 +96,8 @@ struct CompressedBox {
     }
 };
 
-/// The box rule. fmin and fmax pass over NaN, which is what an axis without bounds decodes to: it
-/// constrains nothing.
+/// The box rule. fmin and fmax ignore NaN, which an axis without bounds decodes to: it limits
+/// nothing.
 [[nodiscard]] RAYNEST_INLINE Spans<CompressedBox, 1> intersect(const BoxRay& ray,
                                                                const CompressedBox& box) {
     const Slabs& slabs = ray.slabs;
@@ -114,10 +115,10 @@ struct CompressedBox {
     return {static_cast<std::uint32_t>(near <= far), Lanes<1>::splat(near), box};
 }
 
-/// Corners as vectors of 16 bytes.
+/// The corners as vectors of 16 bytes.
 struct alignas(16) DeviceTriangle {
     Vec3 v0;
-    std::uint32_t triangle;  ///< flat index in the object; no_id behind the last one of a block
+    std::uint32_t triangle;  ///< flat index in the object; no_id ends a block
     Vec3 v1;
     std::uint32_t unused1;
     Vec3 v2;
@@ -131,7 +132,8 @@ struct TriangleValue {
     static constexpr int lanes = 1;
     DeviceTriangle value;
 
-    /// Of corner k. Chosen, not addressed: an address would put the corners into memory.
+    /// Returns corner k's coordinate. Selected, not addressed: an address would put the corners
+    /// into memory.
     template <int N>
     [[nodiscard]] RAYNEST_INLINE Lanes<N> coordinate(int k, std::uint32_t axis) const {
         const Vec3& v = k == 0 ? value.v0 : k == 1 ? value.v1 : value.v2;
@@ -142,12 +144,12 @@ struct TriangleValue {
     [[nodiscard]] RAYNEST_INLINE std::uint32_t geom_of(int) const { return 0; }
 };
 
-/// The trees of a scene's objects; ObjectRecord says where each begins.
+/// The trees of a scene's objects; ObjectRecord says where each one starts.
 struct CompressedTrees {
     const CompressedNode* nodes;
-    const DeviceTriangle* triangles;  ///< eight places for each block
+    const DeviceTriangle* triangles;  ///< eight entries per block
 
-    /// Entries of the traversal's stack. cuda/compress.h computes what a scene needs.
+    /// Number of entries of the traversal's stack. cuda/compress.h computes how many a scene needs.
     static constexpr std::uint32_t stack_max = 48;
 
     /// The tree of one object.
@@ -159,14 +161,15 @@ struct CompressedTrees {
                                                          std::uint32_t slot) const {
             return nodes[node].child[slot];
         }
-        /// Bit s ^ octant of the answer, with the ray's octant: the ray enters slot s.
+        /// Returns a mask: bit (s ^ octant), with the ray's octant, is set if the ray enters slot
+        /// s.
         template <class Isect>
         [[nodiscard]] RAYNEST_INLINE std::uint32_t entered(std::uint32_t node, const BoxRay& ray,
                                                            Isect& isect) const {
             const CompressedBoxes boxes = load(&nodes[node].boxes);
             std::uint32_t mask = 0;
             for (std::uint32_t slot = 0; slot < 8; ++slot) {
-                const std::uint32_t hit = ask(isect, ray, CompressedBox{&boxes, slot}).mask;
+                const std::uint32_t hit = intersect_with(isect, ray, CompressedBox{&boxes, slot}).mask;
                 mask |= (hit & boxes.valid >> slot) << (slot ^ ray.slabs.octant);
             }
             return mask;

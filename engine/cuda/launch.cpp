@@ -11,7 +11,7 @@
 namespace raynest::cuda {
 namespace {
 
-/// The first error of a series of calls into the runtime, none of which is made after it.
+/// Runs a series of runtime calls and keeps the first error; makes no call after it.
 class Steps {
 public:
     template <class Step>
@@ -59,7 +59,7 @@ TraceStatus queue(const Target& target, const TraceCall& call, Query kind, const
                                    cudaMemcpyHostToDevice, slot.stream);
         });
     }
-    // Behind a ray's last hit nothing is written, and what lay there before is nobody's business.
+    // Clear the hits: nothing is written after a ray's last hit, and old data must not leak.
     if (multi) {
         steps.then([&] {
             return cudaMemsetAsync(slot.hits, 0, hit_count * sizeof(HitRecord), slot.stream);

@@ -1,4 +1,4 @@
-// The host's side of a GPU call.
+// The host side of a GPU call.
 #pragma once
 
 #include "engine/packs/abi.h"
@@ -7,15 +7,15 @@
 
 namespace raynest::cuda {
 
-/// Threads of a block, one ray each.
+/// Number of threads per block, one ray each.
 inline constexpr std::uint32_t block_rays = 128;
 
 /// Runs `kernel(TraceCall, CompressedTrees, *values)` over the rays of `call` on the current
 /// device.
 ///
-/// Where the call names a target (cuda/slot.h) it is queued there. Else it stands alone: it carries
-/// the scene, the rays and the answers over, waits, keeps nothing, and is as slow as that.
-/// trace_no_device where no GPU answers; thread-safe.
+/// A call with a target (cuda/slot.h) is queued there. A call without one copies the scene, the
+/// rays and the answers itself, waits, and keeps nothing; it is slow. Returns trace_no_device if no
+/// GPU answers. Thread-safe.
 TraceStatus launch(const TraceCall& call, Query kind, const void* kernel, void* values) noexcept;
 
 }  // namespace raynest::cuda

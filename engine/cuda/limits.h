@@ -1,18 +1,18 @@
-// What a GPU takes: how deep a scene, how long a ray. Apart from the traversal, so that who knows
-// nothing of kernels can ask.
+// Limits of a GPU: the depth of a scene and the length of a ray's search. In a file of its own, for
+// code that does not include kernels.
 #pragma once
 
 #include <cstdint>
 
 namespace raynest::cuda {
 
-/// BVHs on a path. Deeper scenes are the CPU's.
+/// Most BVHs on a path. Only the CPU traces deeper scenes.
 inline constexpr std::uint32_t levels_max = 8;
 
-/// Steps of a ray's search: nodes and instances that it enters, triangles and records that it
-/// tests, so each waits for memory a few times at most. A hundred times what the longest take that
-/// are meant to hit something (1,500 in the built-in forest). A kernel cannot be stopped but with
-/// its process; a ray that meets all that a scene holds ends here, and its call is the CPU's.
+/// Most steps of a ray's search: nodes and instances entered, triangles and records tested; each
+/// waits for memory a few times at most. This is over a hundred times the longest useful search
+/// (1,500 steps in the built-in forest). Only killing its process stops a kernel, so a ray that
+/// exceeds this limit ends, and the CPU traces its call.
 inline constexpr std::uint32_t ray_steps_max = 1U << 18;
 
 }  // namespace raynest::cuda

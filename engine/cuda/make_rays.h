@@ -1,4 +1,4 @@
-// Camera rays made where they are traced, so that none travel.
+// Makes camera rays on the device, so that no rays are copied.
 #pragma once
 
 #include "engine/geometry/pinhole.h"
@@ -7,12 +7,12 @@
 
 namespace raynest::cuda {
 
-/// What a thread of make_rays_kernel() does.
+/// Makes ray `i`, in a thread of make_rays_kernel().
 RAYNEST_INLINE void make_ray(const PinholeRays& made, Ray* rays, std::uint32_t i) {
     rays[i] = made.ray(i);
 }
 
-/// kernel(PinholeRays, Ray* rays, std::uint32_t count): the first `count` of them.
+/// Returns kernel(PinholeRays, Ray* rays, std::uint32_t count), which makes the first `count` rays.
 [[nodiscard]] const void* make_rays_kernel() noexcept;
 
 }  // namespace raynest::cuda

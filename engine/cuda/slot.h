@@ -1,4 +1,4 @@
-// Room on a GPU for the rays and answers of one call, and the stream that they go through.
+// Memory on a GPU for the rays and answers of one call, and the stream that copies them.
 #pragma once
 
 #include "engine/cuda/device_memory.h"
@@ -35,15 +35,15 @@ struct DeviceSlot {
 
 namespace cuda {
 
-/// Throws std::bad_alloc.
+/// Allocates a slot. Throws std::bad_alloc.
 TraceStatus make_slot(std::uint64_t rays_max, std::uint64_t hits_max,
                       std::unique_ptr<DeviceSlot>& made);
 
-/// Behind TraceCall::device: where the call goes.
+/// The object behind TraceCall::device: the slot and the scene of a call.
 struct Target {
     DeviceSlot& slot;
     const DeviceScene& scene;
-    const PinholeRays* made;  ///< null: the call brings rays
+    const PinholeRays* made;  ///< null if the call brings its rays
 };
 
 }  // namespace cuda

@@ -13,7 +13,7 @@ TraceStatus status_of(cudaError_t error) noexcept {
     if (error == cudaSuccess) return trace_ok;
     std::snprintf(error_text, sizeof error_text, "%s: %s", cudaGetErrorName(error),
                   cudaGetErrorString(error));
-    // What is not sticky would else be the next call's.
+    // Clear the error; otherwise the next call would report it.
     (void)cudaGetLastError();
     return error == cudaErrorMemoryAllocation ? trace_out_of_memory : trace_no_device;
 }

@@ -1,4 +1,4 @@
-// What the CUDA runtime says, as a pack says it.
+// Translates errors of the CUDA runtime into a pack's status.
 #pragma once
 
 #include "engine/packs/abi.h"
@@ -7,14 +7,14 @@
 
 namespace raynest::cuda {
 
-/// Remembers an error for last_error(). Of the rest no other than lack of memory leaves the device
-/// as it was for certain, so all are trace_no_device.
+/// Converts an error and stores it for last_error(). Only lack of memory is certain to leave the
+/// device usable, so every other error is trace_no_device.
 TraceStatus status_of(cudaError_t error) noexcept;
 
-/// trace_out_of_memory, of the host.
+/// Returns trace_out_of_memory, for the host's memory.
 TraceStatus out_of_host_memory() noexcept;
 
-/// Name and text of what status_of() last saw fail on this thread.
+/// Returns name and text of the last error that status_of() received on this thread.
 [[nodiscard]] const char* last_error() noexcept;
 
 }  // namespace raynest::cuda

@@ -1,16 +1,17 @@
-// One ray of a call: what a thread of a GPU does, and in tests a turn of a loop on the host.
+// Traces one ray of a call: the work of one GPU thread; in tests, one iteration of a loop on the
+// host.
 #pragma once
 
 #include "engine/cuda/traverse.h"
 #include "engine/packs/describe.h"
-#include "engine/packs/feed.h"
+#include "engine/packs/trace_io.h"
 
 #include <cstdint>
 
 namespace raynest::cuda {
 
-/// What an intersector puts out may depend on the order in which it is asked (packs/variant.h),
-/// which is another one here: those run on the CPU.
+/// True if an intersector runs on a GPU: it has no outputs. Outputs may depend on the order of the
+/// tests (packs/variant.h), which differs here, so those intersectors run on the CPU.
 template <class Isect>
 inline constexpr bool runs_here = !requires {
     Isect::outputs;
@@ -20,15 +21,15 @@ inline constexpr bool runs_here = !requires {
 template <class Isect, Query kind, class Trees>
 RAYNEST_INLINE void trace_ray(const TraceCall& call, const Trees& trees,
                               const typename ParamsOf<Isect>::type& values, std::uint32_t i) {
-    const Feed<kind> feed{call, 0};
+    const TraceIO<kind> io{call, 0};
     RayView view;
-    if (!feed.begin(i, view)) return;
+    if (!io.begin(i, view)) return;
     Isect isect = make_intersector<Isect>(*call.scene, values);
-    auto query = feed.query(i);
+    auto query = io.query(i);
     if (traverse_levels(view, trees, isect, query))
-        feed.end(i, query);
+        io.end(i, query);
     else
-        feed.give_up(i);
+        io.give_up(i);
 }
 
 }  // namespace raynest::cuda

@@ -1,24 +1,23 @@
-// One ray through all levels of a scene, with one explicit stack: the traversal for a GPU.
+// Traversal for a GPU: one ray through all levels of a scene, with one explicit stack.
 //
-// A GPU has no cheap recursion (nvcc makes real calls of it, with spills at each level) and wants
-// few registers, so nesting is data: entering an instance pushes the children that still wait and a
-// mark, and saves the parent's ray; popping the mark restores it, with the best distance so far.
-// The saved ray is the one that was computed on the way down, so a level is left with the bits that
-// it was entered with; transforming back would not give them.
+// A GPU has no cheap recursion (nvcc compiles real calls, with spills at each level) and needs few
+// registers, so nesting is data. Entering an instance pushes the waiting children and a mark, and
+// saves the parent's ray. Popping the mark restores that ray, with the best distance so far. The
+// saved ray has the bits that were computed on the way down; transforming back would not reproduce
+// them.
 //
-// `Trees` is CompressedTrees, or in tests their plain twin of binary nodes. Trees::stack_max is the
-// room for what waits.
+// `Trees` is CompressedTrees, or in tests a plain version of it with binary nodes. Trees::stack_max
+// is the size of the stack.
 //
-// Known without a GPU: compiled by g++ and looped over rays, every intersector and query on both
+// Tested without a GPU: compiled by g++ and looped over rays, every intersector and query on both
 // kinds of trees gives the bytes of the reference and of pack v3 (708 comparisons, 5.0 million
-// rays, levels 1 to 8; tests/cuda). By nvcc 13.0 for sm_90 the nine kernels take 80 to 96
+// rays, levels 1 to 8; tests/cuda). With nvcc 13.0 for sm_90 the nine kernels take 80 to 96
 // registers, which is five or six blocks of 128 threads per multiprocessor, and a frame of 720
-// bytes; none spills. Not known: anything that takes a GPU, its bits and its speed. To be tried
-// there first: a cap of 64 registers, the top of the stack in shared memory, slabs in the node's
-// own grid (one fma per plane).
+// bytes; none spills. Not tested: bits and speed on a GPU. Try there first: a cap of 64 registers,
+// the top of the stack in shared memory, slabs in the node's own grid (one fma per plane).
 #pragma once
 
-#include "engine/bvh/ask.h"
+#include "engine/bvh/intersect_with.h"
 #include "engine/bvh/node.h"
 #include "engine/bvh/visit_primitive.h"
 #include "engine/cuda/limits.h"
@@ -29,23 +28,23 @@
 
 namespace raynest::cuda {
 
-/// Children of a node that wait: bit k is the k-th that the ray meets.
+/// Waiting children of a node: bit k is the k-th that the ray meets.
 struct Waiting {
     std::uint32_t node;
     std::uint32_t children;
 };
-/// Of a mark: no node has so many children.
+/// Marks a stack entry as an instance to leave; larger than any mask of children.
 inline constexpr std::uint32_t leave_instance = 0xFFFFFFFFU;
 
-/// What a ray is at the level that it returns to.
+/// The ray's state at the level that it returns to.
 struct Level {
     Vec3 origin, direction;
     const ObjectRecord* object;
     std::uint64_t path;
 };
 
-/// Answers `query` for a ray at the root of its scene; false where that takes more steps than
-/// ray_steps_max, and the query holds no answer.
+/// Answers `query` for a ray at the root of its scene. Returns false, without an answer, after
+/// ray_steps_max steps.
 template <class Trees, class Isect, class Query>
 [[nodiscard]] RAYNEST_INLINE bool traverse_levels(const RayView& outermost, const Trees& trees,
                                                   Isect& isect, Query& query) {
@@ -66,7 +65,7 @@ template <class Trees, class Isect, class Query>
     std::uint32_t child = ray.object->root;
     for (std::uint32_t steps = 0; steps < ray_steps_max; ++steps) {
         if (child == child_empty) {
-            // Of an object that holds nothing.
+            // The object is empty.
         } else if (!is_leaf(child)) {
             if (waiting.children != 0) stack[top++] = waiting;
             waiting = {child, tree.entered(child, ray, isect)};

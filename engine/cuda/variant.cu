@@ -1,4 +1,4 @@
-// One intersector compiled for GPUs. packs/pack.cmake compiles this file once per line of the list,
+// Compiles one intersector for GPUs. packs/pack.cmake compiles this file once per line of the list,
 // as it does packs/variant.cpp.
 #include "engine/cuda/check.h"
 #include "engine/cuda/variant.h"

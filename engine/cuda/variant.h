@@ -1,6 +1,6 @@
-// The table of one intersector on GPUs: functions of the host that launch its kernels.
+// The table of one intersector on GPUs: host functions that launch its kernels.
 //
-// A watertight kernel is the fast one, as on the CPU; only the CPU counts.
+// The watertight kernel is the fast one, as on the CPU; counters exist only on the CPU.
 #pragma once
 
 #include "engine/cuda/launch.h"
@@ -8,7 +8,7 @@
 
 namespace raynest::cuda {
 
-/// `Kernels::of<kind>()` is the kernel of a query: kernel(TraceCall, CompressedTrees, values).
+/// Launches a query's kernel, `Kernels::of<kind>()`: kernel(TraceCall, CompressedTrees, values).
 template <class Isect, class Kernels, Query kind>
 TraceStatus trace(const TraceCall* call) noexcept {
     auto values = read_params<Isect>(*call);
@@ -20,7 +20,7 @@ PackVariant make_variant(const char* name) {
     PackVariant variant = describe_variant<Isect>(name);
     if constexpr (runs_here<Isect>) {
         for (auto& traversals : variant.trace) {
-            auto& queries = traversals[traversal_latency];
+            auto& queries = traversals[traversal_single];
             queries[query_closest][0] = trace<Isect, Kernels, query_closest>;
             queries[query_any][0] = trace<Isect, Kernels, query_any>;
             queries[query_multi][0] = trace<Isect, Kernels, query_multi>;

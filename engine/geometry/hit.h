@@ -44,14 +44,11 @@ struct HitRecord {
 };
 static_assert(sizeof(HitRecord) == 32);
 
-/// What the Counting adapter adds up; `total` = boxes + prims.
+/// What the Counting adapter adds up.
 struct Counters {
-    std::uint32_t nodes = 0;
-    std::uint32_t boxes = 0;
-    std::uint32_t leaves = 0;
-    std::uint32_t prims = 0;
-    std::uint32_t instances = 0;
-    std::uint32_t rejects = 0;
+#define RAYNEST_COUNTER(name, title) std::uint32_t name = 0;
+#define RAYNEST_SUM(name, value, title)
+#include "engine/geometry/counters.def"
 };
 
 }  // namespace raynest

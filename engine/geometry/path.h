@@ -1,6 +1,6 @@
 // The way down a flat path id: which instance of which object, level by level.
 //
-//   leaves(object) = (own primitives ? 1 : 0) + sum of leaves(child) over its instances
+//   placement_count(object) = (own primitives ? 1 : 0) + sum of placement_count(child) over its instances
 //   path           = sum of path_base over the instances on the way down
 #pragma once
 
@@ -54,7 +54,7 @@ struct PathTable {
 template <class Visit>
 const ObjectRecord* walk_path(const SceneView& scene, std::uint64_t path, Visit&& visit) {
     const ObjectRecord* object = &scene.objects[scene.root];
-    if (path >= object->leaves) return nullptr;
+    if (path >= object->placement_count) return nullptr;
 
     // Own primitives hold slot 0; of several instances with one base the last has the leaves.
     while (path != 0 || !object->has_own_primitives()) {

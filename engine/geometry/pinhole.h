@@ -24,7 +24,7 @@ struct Pose {
 };
 
 /// Where a sensor stands, and how far it sees.
-struct Mount {
+struct SensorPose {
     Pose pose;
     float tmin = 0;
     float tmax = std::numeric_limits<float>::infinity();
@@ -44,15 +44,17 @@ struct ImageSize {
 /// Through pixel centres, from one point; directions have unit length along the view axis, so that
 /// t is the depth.
 struct Pinhole {
-    Mount mount;
+    SensorPose sensor_pose;
     ImageSize size;
     double center_x = 0, center_y = 0;  ///< principal point, in pixels from the upper left corner
     double step_x = 0, step_y = 0;      ///< of the direction per pixel: 1 / focal length
 
     [[nodiscard]] RAYNEST_FN Ray ray(std::uint64_t column, std::uint64_t row) const {
-        const double x = static_cast<double>(column) + 0.5;
-        const double y = static_cast<double>(row) + 0.5;
-        return mount.ray({(x - center_x) * step_x, (center_y - y) * step_y, -1});
+        return ray_at(static_cast<double>(column) + 0.5, static_cast<double>(row) + 0.5);
+    }
+    /// Through a point of the image, in pixels from its upper left corner.
+    [[nodiscard]] RAYNEST_FN Ray ray_at(double x, double y) const {
+        return sensor_pose.ray({(x - center_x) * step_x, (center_y - y) * step_y, -1});
     }
 };
 

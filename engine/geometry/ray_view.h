@@ -25,7 +25,7 @@ struct RayView {
     const SceneView* scene;      ///< null when tracing a plain list
     const ObjectRecord* object;  ///< the level's object; null outside any
     std::uint64_t path;          ///< leaf placements before this level (geometry/path.h)
-    std::uint32_t id;            ///< index of the ray in its batch: where its outputs are kept
+    std::uint32_t id;            ///< index of the ray in its chunk: where its outputs are kept
     std::uint32_t mask;          ///< instances with (mask & theirs) == 0 are skipped
     std::uint32_t flags;         ///< TraceFlags
 

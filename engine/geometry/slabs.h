@@ -10,7 +10,7 @@
 // less on the path that a node's children wait for; e covers the roundings that this adds. Narrower
 // rules cull rays that hit (found by brute force): the limit for small components is relative,
 // because a direction of 1e-30 is short, not axis-parallel, and the error is that of the largest
-// coordinate, times its growth through the levels below (scene/bake computes it), because inside a
+// coordinate, times its growth through the levels below (scene/build.cpp computes it), because inside a
 // rotated instance the rounding of one axis moves another.
 //
 // An axis whose terms overflow constrains nothing.

@@ -58,12 +58,19 @@ struct GeometryRecord {
     std::uint32_t material;   ///< index, or no_id
 };
 
+/// True if the material has a texture and the geometry has the texture coordinates for it. A texture
+/// without them counts 1.
+[[nodiscard]] RAYNEST_FN inline bool has_texture(const GeometryRecord& geometry,
+                                                 const MaterialRecord& material) {
+    return material.texture != no_id && geometry.texcoords[material.texcoord] != no_offset;
+}
+
 /// Is alpha of the geometry's triangles looked up in a texture?
 [[nodiscard]] RAYNEST_FN inline bool has_alpha_texture(const GeometryRecord& geometry,
                                                        const MaterialRecord* materials) {
     if (geometry.material == no_id) return false;
     const MaterialRecord& material = materials[geometry.material];
-    return material.alpha_mode != AlphaMode::opaque && material.texture != no_id;
+    return material.alpha_mode != AlphaMode::opaque && has_texture(geometry, material);
 }
 
 /// The least and the largest alpha anywhere on a triangle, in 255ths and rounded outward. 0 as the
@@ -111,7 +118,7 @@ struct ObjectRecord {
     std::uint64_t first_node;
     std::uint64_t first_block;
     std::uint64_t first_record;  ///< byte offset in `records`
-    std::uint64_t leaves;      ///< leaf placements below (geometry/path.h)
+    std::uint64_t placement_count;      ///< leaf placements below (geometry/path.h)
     std::uint64_t texcoord_blocks;  ///< byte offset in `attributes`, one per leaf block; no_offset where no alpha is in a texture
     std::uint32_t node_count;
     std::uint32_t block_count;

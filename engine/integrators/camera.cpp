@@ -39,17 +39,6 @@ Camera framing_camera(const Box& bounds) {
             "automatic"};
 }
 
-/// Index of the camera by its name, else by its number, else no_id.
-std::uint32_t find_camera(const Snapshot& scene, const std::string& request) {
-    const std::vector<std::string>& names = scene.statistics().cameras;
-    const auto named = std::find(names.begin(), names.end(), request);
-    if (named != names.end()) return static_cast<std::uint32_t>(named - names.begin());
-    std::uint32_t index = 0;
-    const char* const end = request.data() + request.size();
-    const auto [at, error] = std::from_chars(request.data(), end, index);
-    return error == std::errc{} && at == end && index < names.size() ? index : no_id;
-}
-
 std::string camera_list(const Snapshot& scene) {
     std::string list;
     for (std::size_t i = 0; i < scene.statistics().cameras.size(); ++i) {
@@ -57,6 +46,29 @@ std::string camera_list(const Snapshot& scene) {
             (i == 0 ? "" : ", ") + std::to_string(i) + " '" + scene.statistics().cameras[i] + "'";
     }
     return list;
+}
+
+/// Returns the index of a camera by its name, or by its number, which is digits alone.
+Result<std::uint32_t> find_camera(const Snapshot& scene, const std::string& request) {
+    const std::vector<std::string>& names = scene.statistics().cameras;
+    if (names.empty())
+        return fail(ErrorCode::scene_invalid,
+                    "the scene has no cameras: use `look_at`, or name none");
+    const auto refuse = [&](const std::string& why) {
+        return fail(ErrorCode::scene_invalid, why + "; there are: " + camera_list(scene));
+    };
+    if (request.find_first_not_of("0123456789") == std::string::npos) {
+        std::uint32_t index = 0;
+        const char* const end = request.data() + request.size();
+        const bool fits = std::from_chars(request.data(), end, index).ec == std::errc{};
+        if (fits && index < names.size()) return index;
+        return refuse("there is no camera " + request);
+    }
+    const auto named = std::find(names.begin(), names.end(), request);
+    if (named == names.end()) return refuse("there is no camera '" + request + "'");
+    if (std::find(named + 1, names.end(), request) != names.end())
+        return refuse("several cameras are called '" + request + "': give the number");
+    return static_cast<std::uint32_t>(named - names.begin());
 }
 
 Result<Camera> camera_of_request(const Snapshot& scene, const CameraRequest& request) {
@@ -74,15 +86,11 @@ Result<Camera> camera_of_request(const Snapshot& scene, const CameraRequest& req
     }
     const SceneView& view = scene.view();
     if (request.name.empty() && view.camera_count == 0) return framing_camera(scene.bounds());
-    const std::uint32_t index = request.name.empty() ? 0 : find_camera(scene, request.name);
-    if (index == no_id) {
-        return fail(ErrorCode::scene_invalid,
-                    view.camera_count == 0 ? "the scene has no cameras: use `look_at`, or name none"
-                                           : "there is no camera '" + request.name +
-                                                 "'; there are: " + camera_list(scene));
-    }
-    const CameraRecord& record = view.cameras[index];
-    return Camera{record.to_world, record.yfov, scene.statistics().cameras[index], record.ymag,
+    const auto index =
+        request.name.empty() ? Result<std::uint32_t>(0U) : find_camera(scene, request.name);
+    if (!index) return tl::unexpected(index.error());
+    const CameraRecord& record = view.cameras[*index];
+    return Camera{record.to_world, record.yfov, scene.statistics().cameras[*index], record.ymag,
                   record.aspect};
 }
 
@@ -109,7 +117,7 @@ Framing framing(const Box& bounds) {
         const double aside = std::max(std::abs(glm::dot(p, right)), std::abs(glm::dot(p, up)));
         distance = std::max(distance, margin * aside / tangent + glm::dot(p, backward));
     }
-    if (distance == 0) distance = 1;  // a single point
+    if (distance == 0) distance = std::max(1.0, 1e-3 * glm::length(center));  // a single point
     return {center + distance * backward, center};
 }
 

@@ -19,7 +19,7 @@ struct Camera {
 };
 
 struct CameraRequest {
-    std::string name = {};  ///< name or index of a camera of the file; "" = the first one
+    std::string name = {};  ///< a name, or a number as digits alone; "" = the first one
     bool look_at = false;
     Vec3 eye{0}, at{0}, up{0, 1, 0};
     float fov_degrees = 0;  ///< vertical; 0 = the camera's own, 40 for look-at

@@ -46,29 +46,29 @@ Pinhole pinhole(const Camera& camera, ImageSize size) {
     return {{pose_of(camera.to_world)}, size, 0.5 * size.width, half_height, step, step};
 }
 
-Sensor camera_sensor(const Camera& camera, const Mount& limits, ImageSize size) {
-    const Mount mount{pose_of(camera.to_world), limits.tmin, limits.tmax};
+Sensor camera_sensor(const Camera& camera, const SensorPose& limits, ImageSize size) {
+    const SensorPose sensor_pose{pose_of(camera.to_world), limits.tmin, limits.tmax};
     if (camera.ymag == 0) {
         Pinhole sensor = pinhole(camera, size);
-        sensor.mount = mount;
+        sensor.sensor_pose = sensor_pose;
         return sensor;
     }
     const double ymag = camera.ymag;
     const double aspect = static_cast<double>(size.width) / size.height;
     const double height = 2 * std::max(ymag, ymag * static_cast<double>(camera.aspect) / aspect);
-    return Orthographic{mount, size, aspect * height, height};
+    return Orthographic{sensor_pose, size, aspect * height, height};
 }
 
-Equirectangular::Equirectangular(const Mount& mount, ImageSize size) : mount_(mount), size_(size) {
+Equirectangular::Equirectangular(const SensorPose& sensor_pose, ImageSize size) : sensor_pose_(sensor_pose), size_(size) {
     for (std::uint32_t i = 0; i < size.width; ++i)
         columns_.push_back(cosine_and_sine(((i + 0.5) / size.width - 0.5) * full_turn));
     for (std::uint32_t i = 0; i < size.height; ++i)
         rows_.push_back(cosine_and_sine((0.5 - (i + 0.5) / size.height) * std::numbers::pi));
 }
 
-Lidar::Lidar(const Mount& mount, std::span<const LidarChannel> channels, double start, double stop,
+Lidar::Lidar(const SensorPose& sensor_pose, std::span<const LidarChannel> channels, double start, double stop,
              std::uint32_t count)
-    : mount_(mount) {
+    : sensor_pose_(sensor_pose) {
     for (const LidarChannel& channel : channels)
         beams_.push_back({cosine_and_sine(channel.elevation * degree),
                           cosine_and_sine(channel.azimuth_offset * degree),
@@ -116,6 +116,32 @@ void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> ou
                               });
         },
         sensor);
+}
+
+void generate_samples(const Sensor& sensor, std::uint32_t samples, std::uint64_t first,
+                      std::span<Ray> out) {
+    if (samples == 1) return generate_tiles(sensor, first, out);
+    // The R2 sequence, which begins at the centre: any number of its points is spread evenly.
+    constexpr double step_x = 0.7548776662466927;
+    constexpr double step_y = 0.5698402909980532;
+    const ImageSize size = ray_grid(sensor);
+    const auto rays = [&](const auto& kind) {
+        for_each_in_tiles(first, out.size() / samples, size.width, size.height,
+                          [&](std::uint64_t i, std::uint64_t column, std::uint64_t row) {
+                              for (std::uint32_t s = 0; s < samples; ++s) {
+                                  Ray& ray = out[i * samples + s];
+                                  if constexpr (requires { kind.ray_at(0.5, 0.5); }) {
+                                      const double x = fraction(0.5 + s * step_x);
+                                      const double y = fraction(0.5 + s * step_y);
+                                      ray = kind.ray_at(static_cast<double>(column) + x,
+                                                        static_cast<double>(row) + y);
+                                  } else {
+                                      ray = kind.ray(column, row);
+                                  }
+                              }
+                          });
+    };
+    std::visit(rays, sensor);
 }
 
 void generate_rays(const Hemisphere& hemisphere, std::span<const Ray> points,

@@ -22,16 +22,18 @@ namespace raynest {
 
 /// Parallel rays, one per cell of a window that lies around the sensor.
 struct Orthographic {
-    Mount mount;
+    SensorPose sensor_pose;
     ImageSize size;
     double width = 0, height = 0;  ///< of the window
 
     [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
-        const double x = static_cast<double>(column) + 0.5;
-        const double y = static_cast<double>(row) + 0.5;
-        Ray ray = mount.ray({0, 0, -1});
+        return ray_at(static_cast<double>(column) + 0.5, static_cast<double>(row) + 0.5);
+    }
+    /// Through a point of the image, in pixels from its upper left corner.
+    [[nodiscard]] Ray ray_at(double x, double y) const {
+        Ray ray = sensor_pose.ray({0, 0, -1});
         ray.origin =
-            mount.pose.point({(x / size.width - 0.5) * width, (0.5 - y / size.height) * height, 0});
+            sensor_pose.pose.point({(x / size.width - 0.5) * width, (0.5 - y / size.height) * height, 0});
         return ray;
     }
 };
@@ -40,16 +42,16 @@ struct Orthographic {
 /// elevation from the top; the middle of the image looks ahead.
 class Equirectangular {
 public:
-    Equirectangular(const Mount& mount, ImageSize size);
+    Equirectangular(const SensorPose& sensor_pose, ImageSize size);
     [[nodiscard]] const ImageSize& rays() const { return size_; }
     [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
         const glm::dvec2& azimuth = columns_[column];
         const glm::dvec2& elevation = rows_[row];
-        return mount_.ray({elevation.x * azimuth.y, elevation.y, -elevation.x * azimuth.x});
+        return sensor_pose_.ray({elevation.x * azimuth.y, elevation.y, -elevation.x * azimuth.x});
     }
 
 private:
-    Mount mount_;
+    SensorPose sensor_pose_;
     ImageSize size_;
     std::vector<glm::dvec2> columns_, rows_;  ///< cosine and sine
 };
@@ -65,7 +67,7 @@ struct LidarChannel {
 /// unit length.
 class Lidar {
 public:
-    Lidar(const Mount& mount, std::span<const LidarChannel> channels, double start, double stop,
+    Lidar(const SensorPose& sensor_pose, std::span<const LidarChannel> channels, double start, double stop,
           std::uint32_t count);
     [[nodiscard]] ImageSize rays() const {
         return {static_cast<std::uint32_t>(heads_.size()),
@@ -77,10 +79,10 @@ public:
         const double cosine = head.x * beam.offset.x - head.y * beam.offset.y;
         const double sine = head.y * beam.offset.x + head.x * beam.offset.y;
         Ray ray =
-            mount_.ray({beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
+            sensor_pose_.ray({beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
         const glm::dvec3& at = beam.origin;
         ray.origin =
-            mount_.pose.point({at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
+            sensor_pose_.pose.point({at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
         return ray;
     }
 
@@ -89,7 +91,7 @@ private:
         glm::dvec2 elevation, offset;  ///< cosine and sine
         glm::dvec3 origin;
     };
-    Mount mount_;
+    SensorPose sensor_pose_;
     std::vector<Beam> beams_;
     std::vector<glm::dvec2> heads_;  ///< cosine and sine
 };
@@ -98,7 +100,7 @@ using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar>;
 
 /// The rays of a picture that this camera takes: a Pinhole, or for an orthographic camera parallel
 /// rays, whose pixels are square and show at least xmag and ymag.
-[[nodiscard]] Sensor camera_sensor(const Camera& camera, const Mount& limits, ImageSize size);
+[[nodiscard]] Sensor camera_sensor(const Camera& camera, const SensorPose& limits, ImageSize size);
 
 /// Rays come row by row: of an image from the top, of a lidar channel by channel.
 [[nodiscard]] ImageSize ray_grid(const Sensor& sensor);
@@ -107,6 +109,11 @@ using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar>;
 void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out);
 /// The same in tile order (geometry/tile_order.h).
 void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> out);
+/// Rays of pixels from place `first` of the tile order on, `samples` each: the first one through
+/// the centre, as generate_tiles() makes it; others of a Pinhole or Orthographic spread evenly over
+/// the pixel. out.size() is a multiple of `samples`.
+void generate_samples(const Sensor& sensor, std::uint32_t samples, std::uint64_t first,
+                      std::span<Ray> out);
 
 /// Rays from given points over the hemisphere of a normal, cosine-weighted: their mean of a
 /// function of the direction is its integral over the projected solid angle.

@@ -22,8 +22,10 @@ tl::unexpected<Error> invalid(std::string message) {
 Result<void> check_options(const HeatOptions& options) {
     const auto field = parse_field(options.metric);
     if (!field || !field_info(*field).counter) {
-        return invalid("there is no metric '" + options.metric +
-                       "'; known: nodes, boxes, leaves, prims, instances, rejects, total");
+        std::string known;
+        for (const FieldInfo& counter : counter_table())
+            known += (known.empty() ? "" : ", ") + std::string(counter.name);
+        return invalid("there is no metric '" + options.metric + "'; known: " + known);
     }
     if (options.scale != "linear" && options.scale != "log") {
         return invalid("there is no scale '" + options.scale + "'; known: linear, log");
@@ -67,7 +69,7 @@ Result<Range> parse_range(const HeatOptions& options, const HeatStatistics& stat
         !parse(text.substr(colon + 1), range.high) || !(range.low >= 0) ||
         !(range.low < range.high) || !(range.high <= range_max)) {
         return invalid("the range '" + options.range +
-                       "' is none of auto, p99 and low:high with 0 <= low < high");
+                       "' is none of auto, p99 and low:high with 0 <= low < high <= 4294967295");
     }
     return range;
 }
@@ -95,11 +97,13 @@ Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts,
     if (!range) return tl::unexpected(range.error());
     statistics.range_low = range->low;
     statistics.range_high = range->high;
-    const auto above = std::count_if(counts.begin(), counts.end(),
-                                     [&](std::uint32_t count) { return count > range->high; });
-    if (!counts.empty()) {
-        statistics.clipped = static_cast<double>(above) / static_cast<double>(counts.size());
-    }
+    const auto share = [&](auto outside) {
+        const auto pixels = std::count_if(counts.begin(), counts.end(), outside);
+        return counts.empty() ? 0
+                              : static_cast<double>(pixels) / static_cast<double>(counts.size());
+    };
+    statistics.clipped = share([&](std::uint32_t count) { return count > range->high; });
+    statistics.below = share([&](std::uint32_t count) { return count < range->low; });
     return statistics;
 }
 

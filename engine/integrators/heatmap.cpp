@@ -5,8 +5,38 @@
 
 #include <cmath>
 #include <cstddef>
+#include <numeric>
+#include <vector>
 
 namespace raynest {
+
+std::optional<CameraHits> measure_work(const PixelRange& pixels, const ColumnSource& scene,
+                                       RayCaster& caster, const PixelArrays& arrays, Field metric,
+                                       bool necessary, std::span<std::uint32_t> out) {
+    const std::span<Ray> rays = arrays.rays.first(pixels.rays());
+    const std::span<HitRecord> hits = arrays.hits.first(rays.size());
+    const std::span<Counters> counters = arrays.counters.first(rays.size());
+    generate_samples(pixels.camera, pixels.samples, pixels.first, rays);
+    // Necessary work is what lies before the hit: with tmax there, order no longer matters.
+    if (necessary) {
+        if (!caster.closest(rays, hits)) return std::nullopt;
+        for (std::size_t i = 0; i < rays.size(); ++i)
+            if (hits[i].hit != 0) rays[i].tmax = hits[i].t;
+    }
+    if (!caster.counted(rays, hits, counters)) return std::nullopt;
+
+    ColumnSource source = scene;
+    source.rays = rays;
+    source.hits = hits;
+    source.counters = counters;
+    std::vector<std::uint32_t> counts(rays.size());
+    write_column(metric, source, reinterpret_cast<std::byte*>(counts.data()));
+    for (std::size_t i = 0; i < pixels.count; ++i) {
+        const auto first = counts.begin() + static_cast<std::ptrdiff_t>(i * pixels.samples);
+        out[i] = std::accumulate(first, first + pixels.samples, 0U);
+    }
+    return count_hits(hits);
+}
 
 Result<Picture> heat_picture(std::uint32_t width, std::uint32_t height,
                              std::span<const std::uint32_t> counts,
@@ -31,7 +61,7 @@ Result<Picture> heat_picture(std::uint32_t width, std::uint32_t height,
         pixel[2] = colour.b;
         pixel[3] = 255;
     }
-    append_legend(picture, *palette, scale, statistics, options.metric);
+    append_legend(picture, *palette, scale, statistics, options);
     return picture;
 }
 

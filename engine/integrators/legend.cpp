@@ -25,29 +25,15 @@ constexpr std::uint32_t gap = 2;
 constexpr std::uint32_t label_gap = 10;
 constexpr std::uint32_t large_picture_width = 800;  ///< from here on letters are twice as large
 
-struct Meaning {
-    std::string_view metric;
-    std::string_view text;
-};
 constexpr std::string_view log_suffix = ", log scale";
-constexpr std::array<Meaning, 7> meanings{{
-    {"nodes", "nodes visited per ray"},
-    {"boxes", "boxes tested per ray"},
-    {"leaves", "leaves visited per ray"},
-    {"prims", "primitives tested per ray"},
-    {"instances", "instances entered per ray"},
-    {"rejects", "hits rejected per ray"},
-    {"total", "total per ray (boxes + primitives)"},
-}};
 
 /// The title is the longest text that cannot be broken into lines.
-constexpr bool titles_fit() {
-    return std::all_of(meanings.begin(), meanings.end(), [](const Meaning& m) {
-        return (m.text.size() + log_suffix.size()) * glyph_advance <=
-               heat_picture_width_min - 2 * margin;
-    });
+constexpr bool fits(std::string_view title) {
+    return (title.size() + log_suffix.size()) * glyph_advance <=
+           heat_picture_width_min - 2 * margin;
 }
-static_assert(titles_fit());
+#define RAYNEST_COUNTER(name, title) static_assert(fits(title), "the title of " #name);
+#include "engine/geometry/counters.def"
 
 std::string number(double value, int digits) {
     std::array<char, 64> text{};
@@ -83,6 +69,7 @@ std::vector<double> round_values(const HeatScale& scale, std::uint32_t count_max
         for (const double factor : {2.0, 2.5, 2.0}) {
             if (step < wanted) step *= factor;
         }
+        step = std::max(step, 1.0);  // counts are whole
         for (std::uint32_t i = 0; i <= 2 * count_max; ++i) {
             values.push_back((std::ceil(scale.low / step) + i) * step);
         }
@@ -106,27 +93,32 @@ std::vector<std::string> flow(const std::vector<std::string>& words, std::uint32
     return lines;
 }
 
-std::vector<std::string> statistic_words(const HeatStatistics& s) {
+std::vector<std::string> statistic_words(const HeatStatistics& s, const HeatOptions& options) {
     const auto share = [](double part) { return number(100 * part, 1) + "%"; };
-    return {"min " + std::to_string(s.min), "mean " + number(s.mean, 1),
-            "p50 " + std::to_string(s.p50), "p99 " + std::to_string(s.p99),
-            "max " + std::to_string(s.max), "clipped " + share(s.clipped)};
+    std::vector<std::string> words{"min " + std::to_string(s.min), "mean " + number(s.mean, 1),
+                                   "p50 " + std::to_string(s.p50), "p99 " + std::to_string(s.p99),
+                                   "max " + std::to_string(s.max), "clipped " + share(s.clipped)};
+    if (s.below > 0) words.push_back("below " + share(s.below));
+    if (options.count == "necessary") words.emplace_back("necessary only");
+    return words;
 }
 
 class Legend {
 public:
     Legend(Picture& picture, const Palette& palette, const HeatScale& scale,
-           const HeatStatistics& statistics, const std::string& metric)
+           const HeatStatistics& statistics, const HeatOptions& options)
         : picture_(picture),
           palette_(palette),
           scale_(scale),
           statistics_(statistics) {
-        const auto meaning = std::find_if(meanings.begin(), meanings.end(),
-                                          [&](const Meaning& m) { return m.metric == metric; });
-        title_ = meaning == meanings.end() ? std::string_view(metric) : meaning->text;
+        const auto counters = counter_table();
+        const auto counter =
+            std::find_if(counters.begin(), counters.end(),
+                         [&](const FieldInfo& c) { return c.name == options.metric; });
+        title_ = counter == counters.end() ? std::string_view(options.metric) : counter->title;
         if (scale.logarithmic) title_ += log_suffix;
         widen();
-        numbers_ = flow(statistic_words(statistics), inner_width(), unit_);
+        numbers_ = flow(statistic_words(statistics, options), inner_width(), unit_);
     }
 
     void append() {
@@ -189,9 +181,10 @@ private:
 
     /// Both ends first, then the round values that leave room for their labels.
     std::uint32_t draw_ticks(std::uint32_t y) {
-        const bool clipped = statistics_.clipped > 0;
-        draw_tick(scale_.low, tick_label(scale_.low), y);
-        draw_tick(scale_.high, tick_label(scale_.high) + (clipped ? "+" : ""), y);
+        const bool above = statistics_.clipped > 0;
+        const bool below = statistics_.below > 0;
+        draw_tick(scale_.low, tick_label(scale_.low) + (below ? "-" : ""), y);
+        draw_tick(scale_.high, tick_label(scale_.high) + (above ? "+" : ""), y);
         const std::uint32_t count_max = std::clamp(inner_width() / (60 * unit_), 1U, 10U);
         for (const double value : round_values(scale_, count_max)) {
             draw_tick(value, tick_label(value), y);
@@ -235,15 +228,16 @@ private:
 }  // namespace
 
 double HeatScale::position(double count) const {
-    const double place = logarithmic
-                             ? std::log1p(std::max(count - low, 0.0)) / std::log1p(high - low)
-                             : (count - low) / (high - low);
+    const double place = !logarithmic ? (count - low) / (high - low)
+                         : low >= 1
+                             ? std::log(count / low) / std::log(high / low)
+                             : std::log1p(std::max(count - low, 0.0)) / std::log1p(high - low);
     return std::clamp(place, 0.0, 1.0);
 }
 
 void append_legend(Picture& picture, const Palette& palette, const HeatScale& scale,
-                   const HeatStatistics& statistics, const std::string& metric) {
-    Legend(picture, palette, scale, statistics, metric).append();
+                   const HeatStatistics& statistics, const HeatOptions& options) {
+    Legend(picture, palette, scale, statistics, options).append();
 }
 
 }  // namespace raynest

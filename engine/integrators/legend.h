@@ -26,6 +26,6 @@ struct HeatScale {
 /// first gets an empty margin on its right, so that no text is ever cut and pixel (x, y) stays
 /// where it is.
 void append_legend(Picture& picture, const Palette& palette, const HeatScale& scale,
-                   const HeatStatistics& statistics, const std::string& metric);
+                   const HeatStatistics& statistics, const HeatOptions& options);
 
 }  // namespace raynest

@@ -8,27 +8,17 @@
 namespace raynest {
 namespace {
 
-// Ten evenly spaced colours each, joined by straight lines in sRGB: no step is visible at 256
-// levels. viridis and inferno: Smith and van der Walt, "A better default colormap for matplotlib"
-// (2015); turbo: Mikhailov, "Turbo, an improved rainbow colormap for visualization" (2019).
-constexpr std::array<std::uint32_t, 10> turbo{0x30123b, 0x4662d7, 0x36aaf9, 0x1ae4b6, 0x72fe5e,
-                                              0xc7ef34, 0xfaba39, 0xf66b19, 0xcb2a04, 0x7a0403};
-constexpr std::array<std::uint32_t, 10> viridis{0x440154, 0x482878, 0x3e4a89, 0x31688e, 0x26828e,
-                                                0x1f9e89, 0x35b779, 0x6dcd59, 0xb4de2c, 0xfde725};
-constexpr std::array<std::uint32_t, 10> inferno{0x000004, 0x1b0c42, 0x4b0c6b, 0x781c6d, 0xa52c60,
-                                                0xcf4446, 0xed6925, 0xfb9a06, 0xf7d03c, 0xfcffa4};
-constexpr std::array<std::uint32_t, 2> gray{0x000000, 0xffffff};
+#define RAYNEST_PALETTE(name, ...) constexpr std::uint32_t name[] = {__VA_ARGS__};
+#include "engine/integrators/palettes.def"
 
 struct Anchors {
     std::string_view name;
     std::span<const std::uint32_t> colours;
 };
-constexpr std::array<Anchors, 4> palettes{{
-    {"turbo", turbo},
-    {"viridis", viridis},
-    {"inferno", inferno},
-    {"gray", gray},
-}};
+constexpr std::array palettes = {
+#define RAYNEST_PALETTE(name, ...) Anchors{#name, name},
+#include "engine/integrators/palettes.def"
+};
 
 Palette interpolate(std::span<const std::uint32_t> anchors) {
     Palette palette;

@@ -12,7 +12,7 @@ namespace raynest {
 /// 256 steps from low to high, 8-bit sRGB.
 using Palette = std::array<Colour, 256>;
 
-/// turbo | viridis | inferno | gray; param_invalid naming them otherwise.
+/// One of palettes.def; param_invalid naming them otherwise.
 Result<Palette> find_palette(std::string_view name);
 
 }  // namespace raynest

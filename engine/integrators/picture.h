@@ -2,10 +2,13 @@
 #pragma once
 
 #include "engine/geometry/hit.h"
+#include "engine/integrators/generators.h"
+#include "engine/integrators/ray_caster.h"
 #include "engine/queries/columns.h"
 #include "engine/result.h"
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -19,9 +22,47 @@ struct Picture {
     std::vector<std::uint8_t> rgba;
 };
 
+/// Pixels of a camera's picture, in tile order (geometry/tile_order.h), and how many rays each has.
+struct PixelRange {
+    const Sensor& camera;
+    std::uint64_t first = 0;
+    std::uint64_t count = 0;
+    std::uint32_t samples = 1;
+    [[nodiscard]] std::uint64_t rays() const { return count * samples; }
+};
+
+/// Room for the rays of a range of pixels and their hits.
+struct PixelArrays {
+    std::span<Ray> rays;
+    std::span<HitRecord> hits;
+    std::span<Counters> counters;  ///< for measure_work() only
+};
+
+/// What the camera rays of some pixels met.
+struct CameraHits {
+    std::uint64_t rays = 0;
+    std::uint64_t hits = 0;
+    std::uint64_t backs = 0;  ///< hits on the back of a surface
+};
+
 /// `--integrator primary`: base colour x |n.v|, background 0.18 grey with alpha 0. Linear RGBA,
-/// one per ray of the source (closest hits).
+/// the mean over the rays of a pixel. `scene` gives all but rays and hits. Nothing where the caster
+/// has no answers.
+[[nodiscard]] std::optional<CameraHits> render_primary(const PixelRange& pixels,
+                                                       const ColumnSource& scene, RayCaster& caster,
+                                                       const PixelArrays& arrays,
+                                                       std::span<Vec4> out);
+/// The colours that render_primary() takes the mean of: one per ray of the source (closest hits).
 void shade_primary(const ColumnSource& source, std::span<Vec4> out);
+
+/// What a pixel's rays cost together, as the counter `metric` counts it. `necessary`: only the work
+/// before the hit, which no order of traversal saves. Nothing where the caster has no answers.
+[[nodiscard]] std::optional<CameraHits> measure_work(const PixelRange& pixels,
+                                                     const ColumnSource& scene, RayCaster& caster,
+                                                     const PixelArrays& arrays, Field metric,
+                                                     bool necessary, std::span<std::uint32_t> out);
+/// The numbers of closest hits.
+[[nodiscard]] CameraHits count_hits(std::span<const HitRecord> hits);
 
 /// Linear RGBA -> 8-bit sRGB.
 Picture to_picture(std::uint32_t width, std::uint32_t height, std::span<const Vec4> pixels);
@@ -31,15 +72,17 @@ struct HeatStatistics {
     std::uint32_t min = 0, p50 = 0, p99 = 0, max = 0;
     double mean = 0;
     double clipped = 0;  ///< share of pixels above the range
+    double below = 0;    ///< share of pixels below it
     std::uint64_t rays = 0;
     double range_low = 0, range_high = 0;
 };
 
 struct HeatOptions {
-    std::string metric = "total";   ///< a counter field
-    std::string palette = "turbo";  ///< turbo | viridis | inferno | gray
-    std::string scale = "linear";   ///< linear | log
-    std::string range = "p99";      ///< auto | p99 | a:b
+    std::string metric = "total";     ///< a counter field
+    std::string palette = "turbo";    ///< of palettes.def
+    std::string scale = "linear";     ///< linear | log
+    std::string range = "p99";        ///< auto | p99 | a:b
+    std::string count = "traversed";  ///< traversed | necessary: for the legend alone
 };
 
 /// Fails with param_invalid, naming the choices.

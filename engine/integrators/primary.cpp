@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <vector>
 
 namespace raynest {
 namespace {
@@ -63,7 +64,7 @@ Vec3 base_colour(const SceneView& scene, const HitRecord& hit) {
     if (geometry.material != no_id) {
         const MaterialRecord& material = scene.materials[geometry.material];
         colour = Vec3(material.base_colour);
-        if (material.texture != no_id) {
+        if (has_texture(geometry, material)) {
             const Vec2 st =
                 texture_coordinates(scene, geometry, material.texcoord, hit.triangle, hit.u, hit.v);
             const float* m = material.uv_transform;
@@ -105,6 +106,47 @@ void shade_primary(const ColumnSource& source, std::span<Vec4> out) {
                                          facing(world_normal(source, ray, hit), ray),
                                      1.0F);
     }
+}
+
+std::optional<CameraHits> render_primary(const PixelRange& pixels, const ColumnSource& scene,
+                                         RayCaster& caster, const PixelArrays& arrays,
+                                         std::span<Vec4> out) {
+    const std::span<Ray> rays = arrays.rays.first(pixels.rays());
+    const std::span<HitRecord> hits = arrays.hits.first(rays.size());
+    generate_samples(pixels.camera, pixels.samples, pixels.first, rays);
+    const auto* pinhole = std::get_if<Pinhole>(&pixels.camera);
+    const bool cast = pinhole != nullptr && pixels.samples == 1
+                          ? caster.closest(PinholeRays{*pinhole, pixels.first, true}, rays, hits)
+                          : caster.closest(rays, hits);
+    if (!cast) return std::nullopt;
+
+    ColumnSource source = scene;
+    source.rays = rays;
+    source.hits = hits;
+    if (pixels.samples == 1) {
+        shade_primary(source, out);
+        return count_hits(hits);
+    }
+    std::vector<Vec4> colours(pixels.samples);
+    for (std::size_t i = 0; i < pixels.count; ++i) {
+        source.rays = rays.subspan(i * pixels.samples, pixels.samples);
+        source.hits = hits.subspan(i * pixels.samples, pixels.samples);
+        shade_primary(source, colours);
+        Vec4 sum(0);
+        for (const Vec4& colour : colours) sum += colour;
+        out[i] = sum / static_cast<float>(pixels.samples);
+    }
+    return count_hits(hits);
+}
+
+CameraHits count_hits(std::span<const HitRecord> hits) {
+    CameraHits counts;
+    counts.rays = hits.size();
+    for (const HitRecord& hit : hits) {
+        counts.hits += hit.hit;
+        counts.backs += hit.hit != 0 && hit.front == 0 ? 1U : 0U;
+    }
+    return counts;
 }
 
 Picture to_picture(std::uint32_t width, std::uint32_t height, std::span<const Vec4> pixels) {

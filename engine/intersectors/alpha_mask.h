@@ -8,8 +8,8 @@
 
 namespace raynest {
 
-/// MASK materials are hit where alpha >= their alphaCutoff (or `cutoff`, when set), BLEND materials
-/// where alpha >= 0.5, OPAQUE ones everywhere.
+/// Hits MASK materials where alpha >= their alphaCutoff (or `cutoff`, if set), BLEND materials
+/// where alpha >= 0.5, and OPAQUE ones everywhere.
 struct AlphaMask {
     static constexpr const char* text =
         "textures' alpha cuts holes (glTF MASK and BLEND materials)";
@@ -18,7 +18,7 @@ struct AlphaMask {
     };
     static constexpr auto params = std::tuple{
         param("cutoff", &Params::cutoff, -1.0F, 1.0F,
-              "least alpha that is hit, for MASK materials; below 0: each material's own")};
+              "least alpha that counts as a hit on MASK materials; below 0: the material's own")};
 
     RAYNEST_FN AlphaMask(const SceneView& view, const Params& values)
         : scene(view),
@@ -33,14 +33,15 @@ struct AlphaMask {
     }
 
 private:
-    /// Of a triangle by itself none: the reference finds texture coordinates by index.
+    /// Returns the triangle's leaf block; null for the reference's single triangles, whose texture
+    /// coordinates are found by index.
     RAYNEST_INLINE static const TriangleBlock* block_of(const TriangleLike auto& triangle) {
         if constexpr (requires { triangle.block; }) return triangle.block;
         return nullptr;
     }
 
-    // Out of line, and only this: few candidates come so far, and the test for all triangles is to
-    // stay in the traversal (measured in batches: 1.05 to 1.1).
+    // Kept out of line: few candidates get here, and the test that every triangle needs must stay
+    // inlined in the traversal (measured in batches: 1.05 to 1.1).
     [[nodiscard]] RAYNEST_NOINLINE bool is_solid(const ObjectRecord& object, const Surface& surface,
                                                  const TriangleBlock* block) const {
         const GeometryRecord& geometry = scene.geometry_of(object, surface.prim);
@@ -50,11 +51,12 @@ private:
         const float least = material.alpha_mode == AlphaMode::blend ? 0.5F
                             : cutoff >= 0                           ? cutoff
                                                                     : material.cutoff;
-        // Most triangles of a leaf lie inside its outline or outside of it: no look at the texture.
+        // Skip the texture for most triangles of a leaf: they are wholly inside its outline or
+        // outside it.
         const Opacity opacity = scene.opacity_of(geometry, surface.prim);
         if (opacity.is_all_at_least(least)) return true;
         if (opacity.is_all_below(least)) return false;
-        const Vec2* const corners = block != nullptr && material.texture != no_id
+        const Vec2* const corners = block != nullptr && has_texture(geometry, material)
                                         ? corner_texcoords(scene, object, *block, surface.lane)
                                         : nullptr;
         return surface_alpha(scene, geometry, material, surface.prim, surface.u, surface.v,

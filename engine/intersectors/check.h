@@ -1,12 +1,11 @@
-// Turns the mistakes that would silently ignore an intersector into one readable compile error.
+// Turns mistakes that would silently disable an intersector into one readable compile error.
 //
-// An overload that takes one ray width only, is private, returns the wrong type or is spelt with
-// the wrong concept would simply not be called, in one kernel in the worst case: a mask that is
-// ignored. One static_assert(check_intersector<...>()) per line of intersectors/LIST, in
-// packs/variant.cpp.
+// An overload that takes only one ray width, is private, returns the wrong type or names the wrong
+// concept would not be called, perhaps in one kernel only: its mask would be ignored.
+// packs/variant.cpp has one static_assert(check_intersector<...>()) per line of intersectors/LIST.
 #pragma once
 
-#include "engine/bvh/ask.h"
+#include "engine/bvh/intersect_with.h"
 #include "engine/bvh/box_test.h"
 #include "engine/bvh/visit.h"
 #include "engine/intersectors/declared.h"

@@ -1,7 +1,7 @@
 // The paper's third use case, as an adapter: the heat map of exactly the intersector that is used.
 #pragma once
 
-#include "engine/bvh/ask.h"
+#include "engine/bvh/intersect_with.h"
 #include "engine/bvh/visit.h"
 
 #include <bit>
@@ -12,14 +12,14 @@ namespace raynest {
 template <class Base>
 struct Counting {
     Base& base;
-    Counters* counters;  ///< one per ray of the batch: counters[ray.id]
+    Counters* counters;  ///< one per ray of the chunk: counters[ray.id]
 
     /// A node: its valid children are tested.
     auto operator()(const auto& ray, const BoxLike auto& boxes) {
         Counters& c = counters[ray.id];
         ++c.nodes;
         c.boxes += static_cast<std::uint32_t>(std::popcount(boxes.valid()));
-        return ask(base, ray, boxes);
+        return intersect_with(base, ray, boxes);
     }
 
     /// A block of a leaf, or a record.
@@ -31,7 +31,7 @@ struct Counting {
             ++c.leaves;
         }
         c.prims += static_cast<std::uint32_t>(std::popcount(primitive.valid()));
-        auto hits = ask(base, ray, primitive);
+        auto hits = intersect_with(base, ray, primitive);
         if constexpr (Overrides<Base, decltype(ray), decltype(primitive)>) {
             const std::uint32_t candidates = intersect(ray, primitive).mask;
             c.rejects += static_cast<std::uint32_t>(std::popcount(candidates & ~hits.mask));

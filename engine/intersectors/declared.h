@@ -1,7 +1,8 @@
-// What a line of intersectors/LIST declares, and what a type is asked for to see whether it is so.
+// The overrides that a line of intersectors/LIST declares, and the tests that compare them with the
+// type.
 #pragma once
 
-#include "engine/bvh/ask.h"
+#include "engine/bvh/intersect_with.h"
 #include "engine/geometry/record_types.h"
 
 #include <type_traits>
@@ -9,7 +10,7 @@
 
 namespace raynest {
 
-/// What a line of the list says that the intersector overrides.
+/// The overrides that a line of the list declares.
 struct Declared {
     bool boxes = false;
     bool primitives = false;

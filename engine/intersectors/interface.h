@@ -1,7 +1,7 @@
-// All that an intersector or a primitive of the user's needs to include.
+// The only header that a user's intersector or primitive needs to include.
 #pragma once
 
-#include "engine/bvh/ask.h"
+#include "engine/bvh/intersect_with.h"
 #include "engine/bvh/box_test.h"
 #include "engine/geometry/intersect_triangle.h"
 #include "engine/geometry/record.h"

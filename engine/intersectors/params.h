@@ -6,11 +6,11 @@
 //         param("pattern", &Params::pattern, choices, "shape of the holes")};
 //     struct Outputs { std::uint32_t refused = 0; };
 //     static constexpr auto outputs = std::tuple{output("refused", &Outputs::refused, "...")};
-//     Outputs* state = nullptr;            // one per ray of the batch: state[ray.id]
+//     Outputs* state = nullptr;            // one per ray of the chunk: state[ray.id]
 //     X(const SceneView& scene, const Params& params);
 //
-// Names, types, ranges, defaults and texts reach `raynest variants`, the check of --set and the
-// columns of a reply from here alone.
+// This declaration is the only source of the names, types, ranges, defaults and texts that `raynest
+// variants`, the check of --set and the columns of a reply use.
 #pragma once
 
 #include <array>
@@ -44,8 +44,8 @@ struct Output {
     const char* text;
 };
 
-/// A float or std::uint32_t within [minimum, maximum]; the default is the member's initialiser and
-/// may lie outside (a value that says "not set").
+/// Declares a float or std::uint32_t within [minimum, maximum]. The default is the member's
+/// initialiser and may lie outside (to mean "not set").
 template <class Owner, class T>
 requires(std::is_same_v<T, float> ||
          std::is_same_v<T, std::uint32_t>) constexpr Param<Owner, T> param(const char* name,
@@ -55,7 +55,7 @@ requires(std::is_same_v<T, float> ||
     return {name, member, minimum, maximum, text};
 }
 
-/// An enumeration; `choices` has static storage.
+/// Declares an enumeration; `choices` has static storage.
 template <class Owner, class T, std::size_t N>
 requires std::is_enum_v<T>
 constexpr Choice<Owner, T, N> param(const char* name, T Owner::*member,
@@ -63,7 +63,7 @@ constexpr Choice<Owner, T, N> param(const char* name, T Owner::*member,
     return {name, member, choices, text};
 }
 
-/// A float or std::uint32_t per ray, written for misses too.
+/// Declares a float or std::uint32_t output per ray, also written for misses.
 template <class Owner, class T>
 requires(std::is_same_v<T, float> ||
          std::is_same_v<T, std::uint32_t>) constexpr Output<Owner, T> output(const char* name,

@@ -39,8 +39,9 @@ struct ProceduralMask {
         : scene(view),
           p(values),
           everywhere(values.on == On::all || view.masked_materials == 0),
-          heart_inverted(values.fill > heart_share_max),
-          heart_size(std::sqrt((heart_inverted ? 1.0F - values.fill : values.fill) / heart_area)) {}
+          size(size_of(values.pattern, values.fill > largest_share(values.pattern)
+                                           ? 1.0F - values.fill
+                                           : values.fill)) {}
 
     RAYNEST_FN auto operator()(const auto& ray, const TriangleLike auto& triangle) {
         auto hits = intersect(ray, triangle);
@@ -63,42 +64,40 @@ private:
         const float y = st.y * p.scale;
         const float column = std::floor(x);
         const float row = std::floor(y);
-        return inside_cell(x - column, y - row, column, row);
+        return is_solid_at(x - column, y - row, column, row);
     }
 
-    // (x, y) in [0, 1): the place in the cell.
-    [[nodiscard]] RAYNEST_FN bool inside_cell(float x, float y, float column, float row) const {
+    // (x, y) in [0, 1): the place in the cell. Each pattern is one shape of a given `size`, which
+    // is the solid or, where `inverted`, the hole.
+    [[nodiscard]] RAYNEST_FN bool is_solid_at(float x, float y, float column, float row) const {
+        const bool inverted = p.fill > largest_share(p.pattern);
         switch (p.pattern) {
             case Pattern::heart: {
-                // (a^2 + b^2 - 1)^3 < a^2 b^3, the usual heart curve; t points down in glTF. A size
-                // of 0 makes a and b infinite or NaN: nothing is inside.
-                const float a = (x - 0.5F) / heart_size;
-                const float b = (0.55F - y) / heart_size;
+                // (a^2 + b^2 - 1)^3 < a^2 b^3, the usual heart curve; t points down in glTF. A
+                // size of infinity makes a and b infinite or NaN: nothing is inside.
+                const float a = (x - 0.5F) * size;
+                const float b = (0.55F - y) * size;
                 const float r = fused(a, a, fused(b, b, -1.0F));
-                return (r * r * r < a * a * (b * b * b)) != heart_inverted;
+                return (r * r * r < a * a * (b * b * b)) != inverted;
             }
             case Pattern::checker: {
-                // Two of the cell's four quarters are solid at fill = 0.5. Below it each of them
-                // shrinks to its middle, above it the two holes do.
+                // Two of the cell's four quarters; with a smaller share, the middle of each.
                 const bool left = x < 0.5F;
                 const bool top = y < 0.5F;
                 const float a = x - (left ? 0.25F : 0.75F);
                 const float b = y - (top ? 0.25F : 0.75F);
                 const float reach = 8.0F * (a * a > b * b ? a * a : b * b);
-                return left == top ? p.fill >= 0.5F || reach < p.fill
-                                   : p.fill > 0.5F && reach >= 1.0F - p.fill;
+                return ((left == top) != inverted && reach < size) != inverted;
             }
             case Pattern::discs: {
-                // A disc in the middle as long as it has room, then four quarters of a hole around
-                // the corners.
-                const bool fits = p.fill <= disc_share_max;
-                const float a = fits ? x - 0.5F : 0.5F - std::abs(x - 0.5F);
-                const float b = fits ? y - 0.5F : 0.5F - std::abs(y - 0.5F);
-                const float square = fused(a, a, b * b) * 3.14159265F;
-                return fits ? square < p.fill : square >= 1.0F - p.fill;
+                // A disc in the middle of the cell, or a hole around its corners.
+                const float centre = inverted ? 0.5F : 0.0F;
+                const float a = centre - std::abs(x - 0.5F);
+                const float b = centre - std::abs(y - 0.5F);
+                return (fused(a, a, b * b) < size) != inverted;
             }
             case Pattern::noise:
-                return hash(column, row) < p.fill;
+                return hash(column, row) < size;
         }
         return true;
     }
@@ -116,16 +115,41 @@ private:
         return static_cast<float>((h ^ h >> 15) >> 8) * 0x1p-24F;
     }
 
-    /// Area of the heart curve. Up to this share a heart fits its cell; above, it is the hole.
-    static constexpr float heart_area = 3.66197F;
-    static constexpr float heart_share_max = 0.7F;
-    static constexpr float disc_share_max = 0.78539816F;  ///< pi / 4
+    /// The largest share of a cell that a pattern's shape can cover; above it the hole has that
+    /// shape.
+    [[nodiscard]] RAYNEST_FN static float largest_share(Pattern pattern) {
+        switch (pattern) {
+            case Pattern::heart:
+                return 0.7F;
+            case Pattern::checker:
+                return 0.5F;
+            case Pattern::discs:
+                return 0.78539816F;  // pi / 4
+            case Pattern::noise:
+                return 1.0F;
+        }
+        return 1.0F;
+    }
+
+    /// The number that is_solid_at() compares with, for a shape that covers this share of a cell.
+    [[nodiscard]] RAYNEST_FN static float size_of(Pattern pattern, float share) {
+        switch (pattern) {
+            case Pattern::heart:
+                return std::sqrt(3.66197F / share);  // units per cell; the curve's area over it
+            case Pattern::checker:
+                return share < 0.5F ? share : 1.0F;
+            case Pattern::discs:
+                return share / 3.14159265F;  // squared radius
+            case Pattern::noise:
+                return share;
+        }
+        return share;
+    }
 
     const SceneView& scene;
     Params p;
     bool everywhere;
-    bool heart_inverted;
-    float heart_size;  ///< in cells, of the curve's unit
+    float size;
 };
 
 }  // namespace raynest

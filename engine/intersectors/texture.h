@@ -1,8 +1,8 @@
-// Alpha of a surface, as glTF defines it: factor x texture x vertex colour.
+// Alpha of a surface as glTF defines it: factor x texture x vertex colour.
 //
-// Textures are decoded once to 8-bit planes; a bilinear lookup of our own is 10-17 times faster
-// than OpenImageIO's texture system (measured). All arithmetic is explicit, so that every target
-// gives the same bits.
+// Textures are decoded once, to 8-bit planes. Our bilinear lookup is 10-17 times faster than
+// OpenImageIO's texture system (measured). Every arithmetic step is explicit, so that all targets
+// give the same bits.
 #pragma once
 
 #include "engine/geometry/triangle.h"
@@ -14,7 +14,7 @@
 
 namespace raynest {
 
-/// The barycentric mean of three vertices' values.
+/// Returns the barycentric mean of three vertices' values.
 RAYNEST_INLINE float interpolate(float a, float b, float c, float u, float v) {
     return fused(u, b, fused(v, c, (1.0F - u - v) * a));
 }
@@ -23,7 +23,7 @@ RAYNEST_INLINE Vec2 interpolate(const Vec2& a, const Vec2& b, const Vec2& c, flo
     return {interpolate(a.x, b.x, c.x, u, v), interpolate(a.y, b.y, c.y, u, v)};
 }
 
-/// Texture coordinates of a point of a geometry's triangle; (u, v) where the set is missing.
+/// Returns texture coordinates of a point of a triangle; (u, v) if the set is missing.
 RAYNEST_FN inline Vec2 texture_coordinates(const SceneView& scene, const GeometryRecord& geometry,
                                            std::uint32_t set, std::uint32_t triangle, float u,
                                            float v) {
@@ -34,7 +34,8 @@ RAYNEST_FN inline Vec2 texture_coordinates(const SceneView& scene, const Geometr
     return interpolate(st[corner[0]], st[corner[1]], st[corner[2]], u, v);
 }
 
-/// The corners of a leaf block's triangle whose material has_alpha_texture().
+/// Returns the texture coordinates at the corners of a leaf block's triangle, whose material
+/// has_alpha_texture().
 RAYNEST_FN inline const Vec2* corner_texcoords(const SceneView& scene, const ObjectRecord& object,
                                                const TriangleBlock& block, int lane) {
     const std::ptrdiff_t place = &block - (scene.blocks + object.first_block);
@@ -58,7 +59,7 @@ RAYNEST_FN inline float wrap_coordinate(float s, Wrap wrap) {
     return s > 0.0F ? (s < 1.0F ? s : 1.0F) : 0.0F;
 }
 
-/// A texel index one step outside the image, brought back.
+/// Wraps a texel index that is at most one step outside the image.
 RAYNEST_FN inline std::uint32_t wrap_texel(int x, std::uint32_t size, Wrap wrap) {
     const int last = static_cast<int>(size) - 1;
     if (x < 0) return static_cast<std::uint32_t>(wrap == Wrap::repeat ? last : 0);
@@ -66,7 +67,7 @@ RAYNEST_FN inline std::uint32_t wrap_texel(int x, std::uint32_t size, Wrap wrap)
     return static_cast<std::uint32_t>(x);
 }
 
-/// The texture's alpha at (s, t) in [0, 1]: bilinear at level 0, or nearest.
+/// Returns the texture's alpha at (s, t) in [0, 1]: bilinear at level 0, or nearest.
 RAYNEST_INLINE float sample_alpha(const SceneView& scene, const TextureRecord& texture, Vec2 st) {
     const auto* plane = scene.attribute<std::uint8_t>(texture.alpha);
     const float x = wrap_coordinate(st.x, texture.wrap_s) * static_cast<float>(texture.width);
@@ -90,13 +91,14 @@ RAYNEST_INLINE float sample_alpha(const SceneView& scene, const TextureRecord& t
     return fused(fy, lower - upper, upper) * (1.0F / 255.0F);
 }
 
-/// baseColorFactor.a x baseColorTexture.a x COLOR_0.a at a point of a triangle. `corners` are its
-/// texture coordinates for the material, where the caller has them at hand.
+/// Returns baseColorFactor.a x baseColorTexture.a x COLOR_0.a at a point of a triangle; what is
+/// missing counts 1. `corners` are its texture coordinates for the material, if the caller has
+/// them.
 RAYNEST_INLINE float surface_alpha(const SceneView& scene, const GeometryRecord& geometry,
                                    const MaterialRecord& material, std::uint32_t triangle, float u,
                                    float v, const Vec2* corners = nullptr) {
     float alpha = material.base_colour.w;
-    if (material.texture != no_id) {
+    if (has_texture(geometry, material)) {
         const Vec2 st = corners != nullptr ? interpolate(corners[0], corners[1], corners[2], u, v)
                                            : texture_coordinates(scene, geometry, material.texcoord,
                                                                  triangle, u, v);

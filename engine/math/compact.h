@@ -1,4 +1,4 @@
-// Permuting and packing eight lanes: what a traversal without branches sorts its children with.
+// Permutes and packs eight lanes, to sort a node's children without branches.
 #pragma once
 
 #include "engine/math/lanes.h"
@@ -11,7 +11,7 @@ namespace raynest {
 
 namespace part {
 
-/// The lanes that a mask of eight names, from the lowest on, 4 bits each.
+/// For each mask of eight lanes: the numbers of its lanes in ascending order, 4 bits each.
 inline constexpr auto packed_lanes = [] {
     std::array<std::uint32_t, 256> table{};
     for (std::uint32_t mask = 0; mask < 256; ++mask) {
@@ -23,9 +23,9 @@ inline constexpr auto packed_lanes = [] {
     return table;
 }();
 
-/// The lanes that `mask` names, at the front of a register: compressing to memory is microcode on
-/// some CPUs. Where no instruction does it, not by Highway's Compress: GCC copies its table of 1
-/// KiB to the stack for every call, which took 60 % of a batch on AVX2.
+/// Moves the lanes of `mask` to the front of a register; compressing to memory is microcode on some
+/// CPUs. Without an instruction for it, Highway's Compress is avoided: GCC copies its table of 1
+/// KiB to the stack for every call, which took 60 % of a stream on AVX2.
 #if HWY_TARGET <= HWY_AVX3
 template <class D>
 RAYNEST_INLINE hn::Vec<D> pack_lanes(D, hn::Vec<D> v, hn::Mask<D> mask) {
@@ -55,10 +55,9 @@ RAYNEST_INLINE hn::Vec<D> pack_lanes(D d, hn::Vec<D> v, hn::Mask<D> mask) {
 
 }  // namespace part
 
-/// Packs those lanes of `values` and `words` that `mask` names, taken in the order of `lanes`
-/// (three low bits of each, shifted down by `shift`: a lane number), to the front of `to_values`
-/// and `to_words`. All eight places of both are written, to any address. Returns how many were
-/// packed.
+/// Packs the lanes of `values` and `words` that are in `mask`, in the order of `lanes` (lane
+/// numbers: three low bits of each, after a shift down by `shift`), to the front of `to_values` and
+/// `to_words`. Writes all eight entries of both, to any address. Returns the number packed.
 RAYNEST_INLINE std::uint32_t pack_ordered(const Lanes<8>& values, const std::uint32_t* words,
                                           std::uint32_t mask, const std::uint32_t* lanes,
                                           std::uint32_t shift, float* to_values,
@@ -67,7 +66,7 @@ RAYNEST_INLINE std::uint32_t pack_ordered(const Lanes<8>& values, const std::uin
         namespace hn = part::hn;
         const hn::CappedTag<float, 8> f32;
         const hn::RebindToUnsigned<decltype(f32)> u32;
-        // Lanes that are not named become infinite, so that the mask travels with its values.
+        // Lanes outside the mask become infinite, so that the values carry the mask.
         const auto infinity = hn::Set(f32, std::numeric_limits<float>::infinity());
         const std::uint8_t bits[8] = {static_cast<std::uint8_t>(mask)};
         const auto kept = hn::IfThenElse(hn::LoadMaskBits(f32, bits), values.lane[0], infinity);
@@ -94,8 +93,8 @@ RAYNEST_INLINE std::uint32_t pack_ordered(const Lanes<8>& values, const std::uin
     return static_cast<std::uint32_t>(std::popcount(mask));
 }
 
-/// Packs those of eight words that `mask` names to the front of `to`, of which all eight places are
-/// written. Returns how many they are.
+/// Packs the words of eight that are in `mask` to the front of `to`. Writes all eight entries of
+/// `to`. Returns the number packed.
 RAYNEST_INLINE std::uint32_t pack_words(const std::uint32_t* words, std::uint32_t mask,
                                         std::uint32_t* to) {
     if constexpr (Lanes<8>::parts == 1) {

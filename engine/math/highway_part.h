@@ -1,5 +1,5 @@
-// What lanes are made of on a CPU: a Highway vector of whatever target the pack is compiled for
-// (static mode: -march decides).
+// The part of lanes on a CPU: a Highway vector for the target that the pack is compiled for (static
+// mode: -march decides).
 #pragma once
 
 #ifndef HWY_DISABLE_PCLMUL_AES
@@ -36,7 +36,7 @@ template <class Vector>
 RAYNEST_INLINE void set(Vector& to, float value) {
     to = hn::Set(Tag<Vector>(), value);
 }
-/// x, y, z and 1, from registers: through memory the vector would wait for three stores.
+/// Returns x, y, z and 1, from registers: through memory the vector would wait for three stores.
 template <class Vector>
 RAYNEST_INLINE Vector of(const Vec3& v) {
     using Four [[gnu::vector_size(16)]] = float;
@@ -47,13 +47,13 @@ template <class Vector>
 RAYNEST_INLINE void load(Vector& to, const float* from) {
     to = hn::Load(Tag<Vector>(), from);
 }
-/// x, y and z of four columns of three floats each; what the fourth lane has means nothing.
+/// Loads four columns of three floats each into x, y and z; the fourth lane is undefined.
 template <class Vector>
 RAYNEST_INLINE void load_columns(Vector (&to)[4], const float* from) {
     for (int k = 0; k < 3; ++k) to[k] = hn::LoadU(Tag<Vector>(), from + 3 * k);
-    to[3] = Shuffle0321(hn::LoadU(Tag<Vector>(), from + 8));  // not a float behind the last
+    to[3] = Shuffle0321(hn::LoadU(Tag<Vector>(), from + 8));  // reads no float after the last
 }
-/// Lanes x, y and z.
+/// Returns lanes x, y and z.
 template <class Vector>
 RAYNEST_INLINE Vec3 to_vec3(Vector a) {
     using Four [[gnu::vector_size(16)]] = float;
@@ -64,21 +64,21 @@ template <class Vector>
 RAYNEST_INLINE void store(Vector a, float* to) {
     hn::Store(a, Tag<Vector>(), to);
 }
-/// Lane i of vector k: float k of record i, of as many records of eight floats as there are lanes.
+/// Transposes records of eight floats, one per lane: lane i of vector k is float k of record i.
 template <class Vector>
 RAYNEST_INLINE void load_records(Vector (&to)[8], const float* from) {
     const Tag<Vector> floats;
     const hn::Repartition<std::uint64_t, Tag<Vector>> pairs;
     using Pairs = hn::Vec<hn::Repartition<std::uint64_t, Tag<Vector>>>;
     const auto* pair = reinterpret_cast<const std::uint64_t*>(from);
-    Pairs lower[4], upper[4];  // of the first and of the second half of the records
+    Pairs lower[4], upper[4];  // first and second half of the records
     hn::LoadInterleaved4(pairs, pair, lower[0], lower[1], lower[2], lower[3]);
     hn::LoadInterleaved4(pairs, pair + 2 * width<Vector>, upper[0], upper[1], upper[2], upper[3]);
     for (int i = 0; i < 4; ++i) {
         const Vector a = hn::BitCast(floats, lower[i]);
         const Vector b = hn::BitCast(floats, upper[i]);
-        // Found by their arguments: Highway for plain x86-64, which sees but never uses this, has
-        // no such functions.
+        // Call by argument-dependent lookup: Highway for plain x86-64, which compiles but never
+        // uses this, has no such functions.
         to[2 * i] = ConcatEven(floats, b, a);
         to[2 * i + 1] = ConcatOdd(floats, b, a);
     }

@@ -1,12 +1,12 @@
-// Lanes: N floats side by side, the only SIMD type that intersectors and kernels see.
+// Lanes: N floats side by side, the only SIMD type that intersectors and kernels use.
 //
 // Lanes<4>, <8> and <16> are one or more vectors of the pack's target; any other count is plain
-// floats (scalar rays, the reference). With RAYNEST_PLAIN_LANES every count is: that is how CUDA
-// compiles the same sources. Masks are plain bits, lane i = bit i: free on AVX2 and AVX-512, and
-// the same source for any width.
+// floats (scalar rays, the reference). With RAYNEST_PLAIN_LANES every count is plain floats: CUDA
+// compiles the same sources this way. Masks are plain bits, lane i = bit i: free on AVX2 and
+// AVX-512, and the same source for any width.
 //
 // NaN: maximum(a, b) and minimum(a, b) return b when either is NaN, as x86 does; the box rule
-// counts on it (bvh/box_test.h).
+// relies on it (bvh/box_test.h).
 #pragma once
 
 #ifdef RAYNEST_PLAIN_LANES
@@ -28,14 +28,14 @@ struct Lanes {
     using Part = typename part::PartOf<N>::type;
     static constexpr std::size_t width = part::width<Part>;
     static constexpr std::size_t parts = static_cast<std::size_t>(N) / width;
-    Part lane[parts];  ///< for plain floats the lanes themselves
+    Part lane[parts];  ///< for plain floats, the lanes themselves
 
     RAYNEST_INLINE static Lanes splat(float value) {
         Lanes r;
         for (std::size_t i = 0; i < parts; ++i) part::set(r.lane[i], value);
         return r;
     }
-    /// x, y, z and one lane more, of 1.
+    /// Returns x, y, z and a fourth lane of 1.
     RAYNEST_INLINE static Lanes of(const Vec3& v) {
         static_assert(N == 4);
 #ifndef RAYNEST_PLAIN_LANES
@@ -44,7 +44,7 @@ struct Lanes {
         alignas(16) const float from[4] = {v.x, v.y, v.z, 1.0F};
         return load(from);
     }
-    /// The first three lanes.
+    /// Returns the first three lanes.
     [[nodiscard]] RAYNEST_INLINE Vec3 to_vec3() const {
         static_assert(N == 4);
 #ifndef RAYNEST_PLAIN_LANES
@@ -54,7 +54,7 @@ struct Lanes {
         store(to);
         return {to[0], to[1], to[2]};
     }
-    /// The columns of a map by columns, in the first three lanes.
+    /// Loads the columns of a map, each into the first three lanes.
     RAYNEST_INLINE static void load_columns(Lanes (&to)[4], const ColumnTransform& map) {
         static_assert(N == 4);
 #ifndef RAYNEST_PLAIN_LANES
@@ -71,17 +71,17 @@ struct Lanes {
             to[k] = load(column);
         }
     }
-    /// `from` is aligned to the N floats.
+    /// Loads N floats; `from` is aligned to their size.
     RAYNEST_INLINE static Lanes load(const float* from) {
         Lanes r;
         for (std::size_t i = 0; i < parts; ++i) part::load(r.lane[i], from + i * width);
         return r;
     }
-    /// `to` is aligned to the N floats.
+    /// Stores N floats; `to` is aligned to their size.
     RAYNEST_INLINE void store(float* to) const {
         for (std::size_t i = 0; i < parts; ++i) part::store(lane[i], to + i * width);
     }
-    /// Lane i of to[k]: float k of record i, of N records of eight floats each in a row.
+    /// Transposes N consecutive records of eight floats: lane i of to[k] is float k of record i.
     RAYNEST_INLINE static void load_records(Lanes (&to)[8], const float* from) {
         for (std::size_t i = 0; i < parts; ++i) {
             Part columns[8];
@@ -90,7 +90,7 @@ struct Lanes {
         }
     }
 
-    /// f(part of a, part of b, ...) for every part.
+    /// Returns f(part of a, part of b, ...) for every part.
     template <class F, class... Others>
     RAYNEST_INLINE static Lanes map(F&& f, const Others&... others) {
         Lanes r;
@@ -129,12 +129,12 @@ template <int N>
 RAYNEST_INLINE Lanes<N> maximum(const Lanes<N>& a, const Lanes<N>& b) {
     return Lanes<N>::map([](auto x, auto y) { return part::maximum(x, y); }, a, b);
 }
-/// a, negated where b is negative: a * sign(b) without a rounding.
+/// Returns a, negated where b is negative: a * sign(b) without a rounding.
 template <int N>
 RAYNEST_INLINE Lanes<N> flip_sign(const Lanes<N>& a, const Lanes<N>& b) {
     return Lanes<N>::map([](auto x, auto y) { return part::flip_sign(x, y); }, a, b);
 }
-/// a in the lanes of `mask`, b in the others.
+/// Returns a in the lanes of `mask`, b in the others.
 template <int N>
 RAYNEST_INLINE Lanes<N> select(std::uint32_t mask, const Lanes<N>& a, const Lanes<N>& b) {
     Lanes<N> r;
@@ -143,7 +143,7 @@ RAYNEST_INLINE Lanes<N> select(std::uint32_t mask, const Lanes<N>& a, const Lane
     }
     return r;
 }
-/// The least and the largest of all lanes. No lane may be NaN.
+/// Return the least and the largest of all lanes. No lane may be NaN.
 template <int N>
 RAYNEST_INLINE float least(const Lanes<N>& a) {
     float r = part::least(a.lane[0]);
@@ -156,19 +156,19 @@ RAYNEST_INLINE float most(const Lanes<N>& a) {
     for (std::size_t i = 1; i < a.parts; ++i) r = part::maximum(r, part::most(a.lane[i]));
     return r;
 }
-/// a*b + c: one rounding where the target has FMA.
+/// Returns a*b + c, with one rounding if the target has FMA.
 template <int N>
 RAYNEST_INLINE Lanes<N> fused(const Lanes<N>& a, const Lanes<N>& b, const Lanes<N>& c) {
     return Lanes<N>::map([](auto x, auto y, auto z) { return part::fused(x, y, z); }, a, b, c);
 }
-/// Bit i: the sign of lane i, of zeros, too.
+/// Returns the lanes' sign bits, also those of zeros: bit i for lane i.
 template <int N>
 RAYNEST_INLINE std::uint32_t negative(const Lanes<N>& a) {
     std::uint32_t mask = 0;
     for (std::size_t i = 0; i < a.parts; ++i) mask |= part::negative(a.lane[i]) << (i * a.width);
     return mask;
 }
-/// Bit i: a < b in lane i. False where either is NaN.
+/// Returns a mask: bit i is set if a < b in lane i; clear if either is NaN.
 template <int N>
 RAYNEST_INLINE std::uint32_t less(const Lanes<N>& a, const Lanes<N>& b) {
     return Lanes<N>::test([](auto x, auto y) { return part::less(x, y); }, a, b);
@@ -178,11 +178,11 @@ RAYNEST_INLINE std::uint32_t less_equal(const Lanes<N>& a, const Lanes<N>& b) {
     return Lanes<N>::test([](auto x, auto y) { return part::less_equal(x, y); }, a, b);
 }
 
-/// Calls f(lane) for every lane that `mask` names, from the lowest on.
+/// Calls f(lane) for every lane in `mask`, in ascending order.
 template <int N, class F>
 RAYNEST_INLINE void for_each_lane(std::uint32_t mask, F&& f) {
 #ifdef RAYNEST_PLAIN_LANES
-    // Lanes whose numbers are constants stay in registers.
+    // Constant lane numbers keep the lanes in registers.
     for (int lane = 0; lane < N; ++lane) {
         if ((mask >> lane & 1U) != 0) f(lane);
     }
@@ -191,7 +191,7 @@ RAYNEST_INLINE void for_each_lane(std::uint32_t mask, F&& f) {
 #endif
 }
 
-/// A value of one ray in all lanes, or the lanes of N rays as they are: what lets one source test
+/// Returns one ray's value in all lanes, or the lanes of N rays unchanged. So the same source tests
 /// one ray against N things, and N rays against one.
 template <int N>
 RAYNEST_INLINE Lanes<N> in_lanes(float value) {

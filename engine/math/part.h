@@ -1,5 +1,5 @@
-// What lanes are made of where there is no SIMD: one float. math/highway_part.h has the same few
-// operations on a register.
+// The part of lanes without SIMD: one float. math/highway_part.h has the same operations on a
+// register.
 #pragma once
 
 #include "engine/math/vec.h"
@@ -11,12 +11,12 @@
 
 namespace raynest::part {
 
-/// What N lanes are made of.
+/// The type of the parts of N lanes.
 template <int N>
 struct PartOf {
     using type = float;
 };
-/// Lanes of one part.
+/// Number of lanes in one part.
 template <class Part>
 inline constexpr std::size_t width = 1;
 

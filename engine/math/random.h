@@ -1,8 +1,8 @@
-// A small random generator whose numbers are the same on every machine and in every release.
+// A small random generator with the same numbers on every machine and in every release.
 //
 // SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014): one
-// 64-bit counter and a mixer. Procedural scenes are part of the promise "same request, same
-// bytes", so the distributions of <random>, which differ between libraries, are not used.
+// 64-bit counter and a mixer. Procedural scenes must give the same bytes for the same request, so
+// the distributions of <random>, which differ between libraries, are not used.
 #pragma once
 
 #include <cstdint>
@@ -21,18 +21,20 @@ public:
         return z ^ (z >> 31);
     }
 
-    /// As `count` times next(), but at once.
+    /// Skips `count` numbers in constant time.
     void skip(std::uint64_t count) { state_ += count * increment; }
 
-    /// In [0, 1), 24 bits: every value is exact in a float.
+    /// Returns a number in [0, 1), 24 bits: every value is exact in a float.
     float uniform() { return static_cast<float>(next() >> 40) * 0x1p-24F; }
-    /// In [low, high).
+    /// Returns a number in [low, high).
     float uniform(float low, float high) { return low + (high - low) * uniform(); }
-    /// In [0, count); count > 0. The bias of at most count / 2^32 does not matter to pictures.
+    /// Returns a number in [0, count); count > 0. The bias of at most count / 2^32 does not matter
+    /// to pictures.
     std::uint32_t below(std::uint32_t count) {
         return static_cast<std::uint32_t>(((next() >> 32) * count) >> 32);
     }
-    /// An independent generator, so that one part of a scene can grow without moving the others.
+    /// Returns an independent generator, so that one part of a scene can grow without moving the
+    /// others.
     Random split() { return Random(next()); }
 
 private:

@@ -7,7 +7,7 @@
 namespace raynest {
 namespace {
 
-/// Element (row, column) of the 3x3 part, in double.
+/// Returns element (row, column) of the 3x3 part, in double.
 double at(const Transform& t, std::size_t row, std::size_t column) {
     return static_cast<double>(t.m[4 * row + column]);
 }
@@ -16,7 +16,7 @@ double translation(const Transform& t, std::size_t row) {
     return at(t, row, 3);
 }
 
-/// `rows` rows of a matrix of twelve elements, by columns.
+/// Returns `rows` rows of a matrix of twelve elements, column by column.
 std::array<float, 12> transposed(const std::array<float, 12>& m, std::size_t rows) {
     const std::size_t columns = m.size() / rows;
     std::array<float, 12> result;
@@ -64,8 +64,8 @@ bool invert(const Transform& transform, Transform& inverse) {
         }
     }
 
-    // Products of floats are exact in double, their sums are not: a determinant below the rounding
-    // of its own terms cannot be told from zero.
+    // Products of floats are exact in double, but their sums are not: a determinant below the
+    // rounding of its own terms cannot be told from zero.
     double determinant = 0;
     double magnitude = 0;
     for (std::size_t c = 0; c < 3; ++c) {
@@ -99,7 +99,7 @@ bool invert(const Transform& transform, Transform& inverse) {
 
 float condition(const Transform& transform) {
     // One-sided Jacobi: rotate pairs of columns until they are orthogonal; their lengths are then
-    // the singular values. It never forms A^T A, so that small ones keep their digits (Demmel and
+    // the singular values. It never forms A^T A, so small ones keep their digits (Demmel and
     // Veselic, Jacobi's method is more accurate than QR, 1992).
     double column[3][3];
     for (std::size_t c = 0; c < 3; ++c) {

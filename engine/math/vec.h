@@ -1,8 +1,8 @@
-// Vectors and affine 3x4 transforms: the one header through which the engine sees GLM.
+// Vectors and affine 3x4 transforms: the only header that includes GLM for the engine.
 //
-// Matrices are 3x4, row-major, object-to-world. Transforms of points spell
-// out every fma in a fixed order: the traversal, the reference and the CUDA pack walk the same
-// chain of transforms and must get the same bits.
+// Matrices are 3x4, row-major, object-to-world. Transforms of points write every fma in a fixed
+// order: the traversal, the reference and the CUDA pack apply the same chain of transforms and must
+// get the same bits.
 #pragma once
 
 #include <glm/glm.hpp>
@@ -11,9 +11,9 @@
 #include <array>
 #include <cmath>
 
-// RAYNEST_FN: in front of functions that kernels call; nvcc compiles them for the GPU, too.
-// RAYNEST_NOINLINE: of what few rays need, so that the rest is short. On a GPU a call would move
-// the ray from registers to memory.
+// RAYNEST_FN: marks functions that kernels call; nvcc compiles them for the GPU, too.
+// RAYNEST_NOINLINE: marks code that few rays need, to keep the rest short. On a GPU a call would
+// move the ray from registers to memory.
 #ifdef __CUDACC__
 #define RAYNEST_FN __host__ __device__
 #define RAYNEST_NOINLINE RAYNEST_FN
@@ -21,10 +21,10 @@
 #define RAYNEST_FN
 #define RAYNEST_NOINLINE [[gnu::noinline]]
 #endif
-/// For functions that kernels are made of: a call left over would cost more than its body.
+/// Marks the functions that kernels consist of: a call left over would cost more than its body.
 #define RAYNEST_INLINE [[gnu::always_inline]] RAYNEST_FN inline
-/// The same of a lambda, behind its parameters. GCC stops inlining where a unit has grown by what
-/// it allows, and a pack's unit does: a call left over inside the triangle test took 2 to 20 %.
+/// Marks a lambda likewise, after its parameters. GCC stops inlining once a unit has grown by its
+/// limit, which a pack's unit does: a call left over inside the triangle test took 2 to 20 %.
 #define RAYNEST_INLINE_LAMBDA __attribute__((always_inline))
 
 namespace raynest {
@@ -35,8 +35,8 @@ using Vec4 = glm::vec4;
 static_assert(sizeof(Vec3) == 12 && sizeof(Vec2) == 8,
               "do not define GLM_FORCE_DEFAULT_ALIGNED_GENTYPES");
 
-/// a*b + c with one rounding where the target has FMA; multiply-then-add on x86-64-v2, as Highway's
-/// MulAdd does there: v2 is its own reference.
+/// Returns a*b + c with one rounding if the target has FMA; on x86-64-v2 multiplies, then adds, as
+/// Highway's MulAdd does there. So v2 needs a reference of its own.
 RAYNEST_INLINE float fused(float a, float b, float c) {
 #if defined(__CUDA_ARCH__)
     return __fmaf_rn(a, b, c);
@@ -47,13 +47,13 @@ RAYNEST_INLINE float fused(float a, float b, float c) {
 #endif
 }
 
-/// origin + t * direction.
+/// Returns origin + t * direction.
 RAYNEST_INLINE Vec3 point_along(const Vec3& origin, const Vec3& direction, float t) {
     return {fused(t, direction.x, origin.x), fused(t, direction.y, origin.y),
             fused(t, direction.z, origin.z)};
 }
 
-/// The largest absolute value of three.
+/// Returns the largest absolute value of three.
 RAYNEST_INLINE float largest_component(const Vec3& v) {
     return std::max(std::max(std::abs(v.x), std::abs(v.y)), std::abs(v.z));
 }
@@ -80,8 +80,8 @@ struct Transform {
 };
 static_assert(sizeof(Transform) == 48);
 
-/// A Transform by columns: column c is (m[3c], m[3c+1], m[3c+2]), the last one the translation. So
-/// one column at a time goes to all rows at once (bvh/visit_primitive.h).
+/// A Transform by columns: column c is (m[3c], m[3c+1], m[3c+2]), and the last one is the
+/// translation. So one column at a time is applied to all rows (bvh/visit_primitive.h).
 struct ColumnTransform {
     std::array<float, 12> m{1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 
@@ -92,15 +92,16 @@ static_assert(sizeof(ColumnTransform) == sizeof(Transform));
 ColumnTransform by_columns(const Transform& transform);
 Transform by_rows(const ColumnTransform& transform);
 
-/// The map that applies `inner` first, then `outer`. Computed in double, rounded once.
+/// Returns the map that applies `inner` first, then `outer`. Computed in double, rounded once.
 Transform compose(const Transform& outer, const Transform& inner);
 
-/// The inverse, computed in double; all-zero 3x3 and `false` when the transform is singular: the
-/// determinant is zero or not finite, or the inverse overflows a float.
+/// Computes the inverse in double. If the transform is singular, returns false and an all-zero 3x3
+/// part: the determinant is zero or not finite, or the inverse overflows a float.
 bool invert(const Transform& transform, Transform& inverse);
 
-/// Condition number of the 3x3 part in the 2-norm (largest over smallest singular value), >= 1.
-/// Bounds how much a rounding error of an instance's ray grows on the way back to its parent.
+/// Returns the condition number of the 3x3 part in the 2-norm (largest over smallest singular
+/// value), >= 1. It bounds how much a rounding error of an instance's ray grows on the way back to
+/// its parent.
 float condition(const Transform& transform);
 
 }  // namespace raynest

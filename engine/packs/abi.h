@@ -13,17 +13,19 @@
 
 namespace raynest {
 
-inline constexpr std::uint32_t pack_abi = 5;
+inline constexpr std::uint32_t pack_abi = 6;
 
-enum Query : std::uint32_t { query_closest, query_any, query_multi, query_all, query_count };
+enum Query : std::uint32_t {
+#define RAYNEST_KIND(name, ...) query_##name,
+#include "engine/packs/words.def"
+    query_count
+};
 /// `reference` walks every primitive with no BVH: the oracle, in the same pack and the same bits.
 enum Traversal : std::uint32_t {
-    traversal_latency,
-    traversal_batch,
-    traversal_coherent,
-    traversal_reference,
+#define RAYNEST_TRAVERSAL(name, ...) traversal_##name,
+#include "engine/packs/words.def"
     traversal_count,
-    traversal_auto = traversal_count  ///< a request's word for: look at the rays (packs/tracer.h)
+    traversal_auto = traversal_count  ///< a request's word for: look at the rays (packs/kernel_selector.h)
 };
 enum Precision : std::uint32_t { precision_fast, precision_watertight, precision_count };
 enum ValueType : std::uint32_t { value_f32, value_u32, value_choice };
@@ -113,11 +115,19 @@ struct PackPrimitive {
     void (*normal)(const void* record, const float point[3], float normal[3]) noexcept;
 };
 
+/// A type that both sides of the door know, and a hash of its layout (packs/layout.h).
+struct TypeLayout {
+    const char* name;
+    std::uint64_t hash;
+};
+
+/// The first three members and TypeLayout stay as they are in every version: they are read before
+/// it is known whether the rest can be.
 struct Pack {
     std::uint32_t abi;  ///< pack_abi
-    std::uint32_t
-        sizes[4];        ///< sizeof SceneView, ObjectRecord, HitRecord, TraceCall: checked at load
-    const char* target;  ///< "v2", "v3", "v4", "cuda"
+    std::uint32_t type_count;
+    const TypeLayout* types;  ///< checked at load
+    const char* target;       ///< "v2", "v3", "v4", "cuda"
     std::uint32_t kernel_count;    ///< compiled trace functions, for the build report
     bool (*supported)() noexcept;  ///< may this CPU run it?
     const PackVariant* variants;

@@ -1,9 +1,10 @@
 #include "engine/packs/load.h"
 
+#include "engine/packs/layout.h"
+
 #include <dlfcn.h>
 
 #include <algorithm>
-#include <array>
 #include <filesystem>
 #include <string>
 #include <system_error>
@@ -12,7 +13,7 @@ namespace raynest {
 namespace {
 
 template <class Entry>
-Result<Entry> find_door(const std::filesystem::path& path, const char* symbol) {
+Result<Entry> load_entry_point(const std::filesystem::path& path, const char* symbol) {
     // A pipe would keep dlopen waiting for ever.
     std::error_code unreadable;
     if (!std::filesystem::is_regular_file(path, unreadable))
@@ -32,15 +33,35 @@ Result<Entry> find_door(const std::filesystem::path& path, const char* symbol) {
                                              ": it does not export " + symbol);
 }
 
-tl::unexpected<Error> other_headers(const std::filesystem::path& path, std::uint32_t abi,
-                                    std::uint32_t ours) {
-    return fail(ErrorCode::pack_invalid, path.string() +
-                                             " was built against other engine headers (ABI " +
-                                             std::to_string(abi) + ", this build has " +
-                                             std::to_string(ours) + "): rebuild the pack");
+tl::unexpected<Error> other_headers(const std::filesystem::path& path, const std::string& what) {
+    return fail(
+        ErrorCode::pack_invalid,
+        path.string() + " was built against other engine headers (" + what + "): rebuild the pack");
+}
+
+std::string other_abi(std::uint32_t theirs, std::uint32_t ours) {
+    return "ABI " + std::to_string(theirs) + ", this build has " + std::to_string(ours);
+}
+
+/// The first type of `some` that `others` lack or lay out in another way; empty when there is none.
+std::string_view first_without_twin(std::span<const TypeLayout> some,
+                                    std::span<const TypeLayout> others) {
+    for (const TypeLayout& type : some) {
+        const auto is_twin = [&](const TypeLayout& other) {
+            return std::string_view(other.name) == type.name && other.hash == type.hash;
+        };
+        if (std::none_of(others.begin(), others.end(), is_twin)) return type.name;
+    }
+    return {};
 }
 
 }  // namespace
+
+std::string_view differing_type(std::span<const TypeLayout> theirs) {
+    const auto ours = border_types();
+    const std::string_view changed = first_without_twin(ours, theirs);
+    return changed.empty() ? first_without_twin(theirs, ours) : changed;
+}
 
 Result<std::vector<std::filesystem::path>> packs_in(const std::filesystem::path& folder) {
     std::error_code error;
@@ -57,23 +78,22 @@ Result<std::vector<std::filesystem::path>> packs_in(const std::filesystem::path&
 }
 
 Result<const Pack*> load_pack(const std::filesystem::path& path) {
-    const auto door = find_door<PackEntry>(path, pack_symbol);
+    const auto door = load_entry_point<PackEntry>(path, pack_symbol);
     if (!door) return tl::unexpected(door.error());
     const Pack* const pack = (*door)();
-    const std::array<std::uint32_t, 4> sizes{sizeof(SceneView), sizeof(ObjectRecord),
-                                             sizeof(HitRecord), sizeof(TraceCall)};
-    if (pack->abi != pack_abi || !std::equal(sizes.begin(), sizes.end(), pack->sizes))
-        return other_headers(path, pack->abi, pack_abi);
+    if (pack->abi != pack_abi) return other_headers(path, other_abi(pack->abi, pack_abi));
+    const std::string_view type = differing_type({pack->types, pack->type_count});
+    if (!type.empty()) return other_headers(path, "type " + std::string(type) + " differs");
     return pack;
 }
 
 Result<DevicePack> load_device_pack(const std::filesystem::path& path) {
     const auto pack = load_pack(path);
     if (!pack) return tl::unexpected(pack.error());
-    const auto door = find_door<DeviceEntry>(path, device_symbol);
+    const auto door = load_entry_point<DeviceEntry>(path, device_symbol);
     if (!door) return tl::unexpected(door.error());
     const Device* const device = (*door)();
-    if (device->abi != device_abi) return other_headers(path, device->abi, device_abi);
+    if (device->abi != device_abi) return other_headers(path, other_abi(device->abi, device_abi));
     return DevicePack{*pack, device};
 }
 

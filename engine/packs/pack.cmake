@@ -11,21 +11,24 @@
 # Internal cache entries: the function below is called from folders that do not see this file's scope.
 set(RAYNEST_PACK_SOURCE_DIR ${CMAKE_CURRENT_LIST_DIR} CACHE INTERNAL "")
 
-# What a target is: its name in the table, the flags and definitions that its code is compiled with, the
-# source of one variant, and the test whether this CPU runs it.
-set(_raynest_flags_v2 -march=x86-64-v2 CACHE INTERNAL "")
-set(_raynest_flags_v3 -march=x86-64-v3 CACHE INTERNAL "")
-set(_raynest_flags_v4 -march=x86-64-v4 -mprefer-vector-width=256 CACHE INTERNAL "")
-set(_raynest_definitions_v2 RAYNEST_HIGHWAY_TARGET=HWY_SSE4 CACHE INTERNAL "")
-set(_raynest_definitions_v3 RAYNEST_HIGHWAY_TARGET=HWY_AVX2 CACHE INTERNAL "")
-set(_raynest_definitions_v4 RAYNEST_HIGHWAY_TARGET=HWY_AVX3 CACHE INTERNAL "")
-foreach(target v2 v3 v4)
-    set(_raynest_name_${target} ${target} CACHE INTERNAL "")
-    set(_raynest_variant_${target} ${RAYNEST_PACK_SOURCE_DIR}/variant.cpp CACHE INTERNAL "")
-endforeach()
-set(_raynest_cpu_v2 "__builtin_cpu_supports(\"sse4.2\")&&__builtin_cpu_supports(\"popcnt\")" CACHE INTERNAL "")
-set(_raynest_cpu_v3 "__builtin_cpu_supports(\"avx2\")&&__builtin_cpu_supports(\"fma\")&&__builtin_cpu_supports(\"bmi2\")" CACHE INTERNAL "")
-set(_raynest_cpu_v4 "__builtin_cpu_supports(\"avx512f\")&&__builtin_cpu_supports(\"avx512vl\")&&__builtin_cpu_supports(\"avx512dq\")&&__builtin_cpu_supports(\"avx512bw\")&&__builtin_cpu_supports(\"avx512cd\")&&__builtin_cpu_supports(\"avx2\")&&__builtin_cpu_supports(\"fma\")&&__builtin_cpu_supports(\"bmi2\")" CACHE INTERNAL "")
+# _raynest_cpu_target(<name> <march> <Highway's name> <features of the CPU>... [FLAGS ...]): THE LIST of CPU
+# targets. A pack of one runs where the CPU has the features; the last one that does is preferred.
+set(RAYNEST_CPU_TARGETS "" CACHE INTERNAL "")
+function(_raynest_cpu_target name march highway)
+    cmake_parse_arguments(arg "" "" "FLAGS" ${ARGN})
+    list(TRANSFORM arg_UNPARSED_ARGUMENTS REPLACE "(.+)" "__builtin_cpu_supports(\"\\1\")" OUTPUT_VARIABLE tests)
+    list(JOIN tests "&&" test)
+    set(RAYNEST_CPU_TARGETS ${RAYNEST_CPU_TARGETS} ${name} CACHE INTERNAL "")
+    set(_raynest_name_${name} ${name} CACHE INTERNAL "")
+    set(_raynest_flags_${name} -march=${march} ${arg_FLAGS} CACHE INTERNAL "")
+    set(_raynest_definitions_${name} RAYNEST_HIGHWAY_TARGET=${highway} CACHE INTERNAL "")
+    set(_raynest_variant_${name} ${RAYNEST_PACK_SOURCE_DIR}/variant.cpp CACHE INTERNAL "")
+    set(_raynest_cpu_${name} ${test} CACHE INTERNAL "")
+endfunction()
+_raynest_cpu_target(v2 x86-64-v2 HWY_SSE4 sse4.2 popcnt)
+_raynest_cpu_target(v3 x86-64-v3 HWY_AVX2 avx2 fma bmi2)
+_raynest_cpu_target(v4 x86-64-v4 HWY_AVX3 avx512f avx512vl avx512dq avx512bw avx512cd avx2 fma bmi2
+    FLAGS -mprefer-vector-width=256)
 
 # Arithmetic that means what it says: explicit fma only, NaN and infinity as IEEE says.
 set(RAYNEST_KERNEL_OPTIMISATION -O3 CACHE STRING "Of kernels; answers are the same bits at any level")
@@ -45,7 +48,8 @@ endfunction()
 function(raynest_kernel_pack pack)
     cmake_parse_arguments(arg "" "TARGET;LIST;PRIMITIVES" "HEADERS" ${ARGN})
     if(NOT DEFINED _raynest_name_${arg_TARGET})
-        message(FATAL_ERROR "raynest_kernel_pack(${pack}): TARGET is v2, v3 or v4, not '${arg_TARGET}'")
+        list(JOIN RAYNEST_CPU_TARGETS ", " known)
+        message(FATAL_ERROR "raynest_kernel_pack(${pack}): TARGET is one of ${known}, not '${arg_TARGET}'")
     endif()
     set(builtin ${RAYNEST_PACK_SOURCE_DIR}/../..)
     if(NOT arg_LIST)

@@ -2,6 +2,7 @@
 // Compiled for the baseline CPU: it answers "may this CPU run the pack?" before anything else runs.
 #include "engine/geometry/record_types.h"
 #include "engine/packs/abi.h"
+#include "engine/packs/layout.h"
 
 #include <array>
 #include <cstdint>
@@ -64,13 +65,12 @@ extern "C" [[gnu::visibility("default")]] const raynest::Pack* raynest_pack() no
     static const auto primitives =
         std::to_array<PackPrimitive>({RAYNEST_FOR_EACH_RECORD_TYPE(RAYNEST_PRIMITIVE)});
 #undef RAYNEST_PRIMITIVE
+    static const auto types = border_types();
     static const Pack pack = [] {
         Pack p{};
         p.abi = pack_abi;
-        p.sizes[0] = sizeof(SceneView);
-        p.sizes[1] = sizeof(ObjectRecord);
-        p.sizes[2] = sizeof(HitRecord);
-        p.sizes[3] = sizeof(TraceCall);
+        p.types = types.data();
+        p.type_count = static_cast<std::uint32_t>(types.size());
         p.target = RAYNEST_TARGET_NAME;
         p.supported = is_supported;
         p.variants = variants.data();

@@ -4,24 +4,24 @@
 #include "engine/packs/load.h"
 
 #include <algorithm>
-#include <array>
 #include <cstdlib>
+#include <iterator>
 #include <sstream>
 
 namespace raynest {
 namespace {
 
-// Best first: a variant runs on the best target that has it.
-constexpr std::array<std::string_view, 3> targets_best_first{"v4", "v3", "v2"};
+// In the order of pack.cmake: a variant runs on the last target that has it.
+constexpr std::string_view cpu_target_names[] = {RAYNEST_CPU_TARGETS};
 
+/// 0 for the best.
 std::size_t rank_of(std::string_view target) {
-    return static_cast<std::size_t>(
-        std::find(targets_best_first.begin(), targets_best_first.end(), target) -
-        targets_best_first.begin());
+    const auto found = std::find(std::rbegin(cpu_target_names), std::rend(cpu_target_names), target);
+    return static_cast<std::size_t>(found - std::rbegin(cpu_target_names));
 }
 
 bool is_of_cpu(std::string_view target) {
-    return rank_of(target) != targets_best_first.size();
+    return rank_of(target) != std::size(cpu_target_names);
 }
 
 Result<std::vector<std::filesystem::path>> find_packs(
@@ -43,6 +43,10 @@ std::string join(const std::vector<std::string>& names) {
 
 }  // namespace
 
+std::span<const std::string_view> cpu_targets() {
+    return cpu_target_names;
+}
+
 std::filesystem::path builtin_pack_directory() {
     if (const char* set = std::getenv("RAYNEST_BUILTIN_PACKS"); set != nullptr && *set != '\0') {
         return set;
@@ -56,8 +60,10 @@ std::filesystem::path builtin_pack_directory() {
 Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
     const bool automatic = options.target == "auto";
     if (!automatic && options.target != "cuda" && !is_of_cpu(options.target)) {
+        std::string known = "auto";
+        for (const std::string_view name : cpu_target_names) known.append(", ").append(name);
         return fail(ErrorCode::pack_invalid,
-                    "unknown target '" + options.target + "': use auto, v2, v3 or v4");
+                    "unknown target '" + options.target + "': use one of " + known);
     }
     std::vector<std::filesystem::path> dirs{builtin_pack_directory()};
     dirs.insert(dirs.end(), options.pack_dirs.begin(), options.pack_dirs.end());
@@ -165,7 +171,8 @@ Result<const Variant*> Registry::choose(std::string_view name, const SceneView& 
         }
         return fail(ErrorCode::variant_unknown,
                     "intersector '" + variant->name + "' was not compiled for primitives of type " +
-                        (primitive != nullptr ? primitive->name : "#" + std::to_string(type)) +
+                        (primitive != nullptr ? primitive->name
+                                              : std::string("#").append(std::to_string(type))) +
                         ": add the type to the PRIMITIVES of its pack");
     }
     return variant;

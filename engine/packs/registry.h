@@ -33,6 +33,9 @@ struct Variant {
 /// One value per PackParam of the variant, in order.
 using ParamValues = std::vector<double>;
 
+/// Names of the CPU targets of pack.cmake, the best one last.
+[[nodiscard]] std::span<const std::string_view> cpu_targets();
+
 /// RAYNEST_BUILTIN_PACKS, else <dir of the binary>/../lib/raynest. A pack for GPUs lies beside it,
 /// in raynest-cuda: who loads that one talks to a driver.
 std::filesystem::path builtin_pack_directory();
@@ -84,11 +87,12 @@ Result<Settings> parse_settings(const Variant& variant,
 Result<TraceFunction> find_function(const Variant& variant, Query query, Precision precision,
                                     Traversal traversal, bool counting);
 
-Result<Query> parse_query(std::string_view name);          ///< closest | any | multi | all
+Result<Query> parse_query(std::string_view name);          ///< a KIND of words.def
 Result<Precision> parse_precision(std::string_view name);  ///< fast | watertight
-/// auto | latency | batch | coherent | reference
+/// auto, or a word of words.def
 Result<Traversal> parse_traversal(std::string_view name);
 /// The word of the above.
+[[nodiscard]] const char* query_name(Query query);
 [[nodiscard]] const char* traversal_name(Traversal traversal);
 
 }  // namespace raynest

@@ -46,10 +46,15 @@ Result<double> parse_value(const PackParam& param, const std::string& text) {
                                               param.name + "': use " + describe_range(param));
 }
 
-constexpr std::array<const char*, query_count> query_names = {"closest", "any", "multi", "all"};
+constexpr std::array<const char*, query_count> query_names = {
+#define RAYNEST_KIND(name, ...) #name,
+#include "engine/packs/words.def"
+};
 constexpr std::array<const char*, precision_count> precision_names = {"fast", "watertight"};
 constexpr std::array<const char*, traversal_count + 1> traversal_names = {
-    "latency", "batch", "coherent", "reference", "auto"};
+#define RAYNEST_TRAVERSAL(name, word, text) word,
+#include "engine/packs/words.def"
+    "auto"};
 
 /// The value whose name stands at its place.
 template <class T, std::size_t N>
@@ -124,7 +129,19 @@ Result<Precision> parse_precision(std::string_view name) {
 }
 
 Result<Traversal> parse_traversal(std::string_view name) {
+    constexpr std::array<std::array<std::string_view, 2>, 3> renamed = {
+        {{"latency", "single"}, {"batch", "stream"}, {"coherent", "packet"}}};
+    for (const auto& [old_word, word] : renamed) {
+        if (name == old_word) {
+            return fail(ErrorCode::param_invalid, "traversal '" + std::string(name) +
+                                                      "' is called " + std::string(word));
+        }
+    }
     return parse_name<Traversal>("traversal", name, traversal_names);
+}
+
+const char* query_name(Query query) {
+    return query_names[query];
 }
 
 const char* traversal_name(Traversal traversal) {

@@ -2,13 +2,13 @@
 // per (intersector, target).
 #pragma once
 
-#include "engine/bvh/batch.h"
-#include "engine/bvh/coherent.h"
+#include "engine/bvh/stream.h"
+#include "engine/bvh/packet_traversal.h"
 #include "engine/bvh/visit.h"
 #include "engine/intersectors/counting.h"
 #include "engine/packs/abi.h"
 #include "engine/packs/describe.h"
-#include "engine/packs/feed.h"
+#include "engine/packs/trace_io.h"
 #include "engine/queries/queries.h"
 #include "engine/queries/reference.h"
 
@@ -27,9 +27,9 @@ namespace raynest {
 // ---------------------------------------------------------------------------
 
 /// Rays that are traced before their outputs are copied to columns: keeps per-ray state on the
-/// stack and in L1, without an allocation. A batch is larger, because its last rays travel alone.
+/// stack and in L1, without an allocation. A stream is larger, because its last rays travel alone.
 template <Traversal traversal>
-inline constexpr std::uint32_t ray_group = traversal == traversal_batch ? 1024 : 64;
+inline constexpr std::uint32_t ray_group = traversal == traversal_stream ? 1024 : 64;
 
 /// Copies the outputs of rays [first, first + count) to the call's columns.
 template <class Isect>
@@ -51,7 +51,7 @@ void write_outputs(const TraceCall& call, std::uint32_t first, std::uint32_t cou
 template <bool Everything, class Isect, class Query>
 RAYNEST_INLINE void trace_one(RayView& view, const Bvh& root, Isect& isect, Query& query) {
     if constexpr (Everything) {
-        visit_everything(view, root, isect, query);
+        brute_force(view, root, isect, query);
     } else {
         BoxRay ray(view);
         traverse(ray, root, isect, query);
@@ -59,16 +59,16 @@ RAYNEST_INLINE void trace_one(RayView& view, const Bvh& root, Isect& isect, Quer
 }
 
 /// One ray after the other.
-template <bool Everything, class Isect, class Feed>
+template <bool Everything, class Isect, class TraceIO>
 RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& isect,
-                                 const Feed& feed) {
+                                 const TraceIO& io) {
     if constexpr (Everything) {
         for (std::uint32_t i = 0; i < count; ++i) {
             RayView view;
-            if (!feed.begin(i, view)) continue;
-            auto query = feed.query(i);
+            if (!io.begin(i, view)) continue;
+            auto query = io.query(i);
             trace_one<true>(view, root, isect, query);
-            feed.end(i, query);
+            io.end(i, query);
         }
     } else {
         // Some rays are set up before the first of them is traced: a CPU works on the divisions of
@@ -82,46 +82,46 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
         constexpr std::int64_t work_max = 1 << 22;
         const std::int64_t work = work_in(root.record());
         const auto ahead = static_cast<std::uint32_t>(
-            feed.call.ray_count <= ray_group<traversal_latency>
+            io.call.ray_count <= ray_group<traversal_single>
                 ? 1
                 : std::clamp<std::int64_t>(work_max / work, 1, ahead_max));
-        for (std::uint32_t i = 0; i < count && !is_cancelled(feed.cancellation, ahead * work);) {
+        for (std::uint32_t i = 0; i < count && !is_cancelled(io.cancellation, ahead * work);) {
             std::uint32_t ready = 0;
             for (; i < count && ready < ahead; ++i) {
                 RayView view;
-                if (feed.begin(i, view)) new (memory[ready++]) BoxRay(view);
+                if (io.begin(i, view)) new (memory[ready++]) BoxRay(view);
             }
             for (std::uint32_t r = 0; r < ready; ++r) {
                 BoxRay& ray = *std::launder(reinterpret_cast<BoxRay*>(memory[r]));
                 const std::uint32_t number = ray.id;
-                auto query = feed.query(number);
+                auto query = io.query(number);
                 traverse(ray, root, isect, query);
-                feed.end(number, query);
+                io.end(number, query);
             }
         }
     }
 }
 
 /// What an intersector writes may depend on the order in which it is asked, so one with outputs
-/// goes through the latency traversal whatever was named: same request, same bytes. One that
+/// goes through the single traversal whatever was named: same request, same bytes. One that
 /// decides about boxes has to see each ray's own; packets test them together.
 template <class Isect, Traversal traversal>
 inline constexpr bool singly =
-    traversal == traversal_latency || traversal == traversal_reference || requires {
+    traversal == traversal_single || traversal == traversal_reference || requires {
     Isect::outputs;
 }
-|| (traversal == traversal_coherent && Overrides<Isect, BoxRay, Boxes8>);
+|| (traversal == traversal_packet && Overrides<Isect, BoxRay, Boxes8>);
 
-template <Traversal traversal, class Isect, class Feed>
+template <Traversal traversal, class Isect, class TraceIO>
 RAYNEST_INLINE TraceStatus trace_group(const Bvh& root, std::uint32_t count, Isect& isect,
-                                       const Feed& feed) {
+                                       const TraceIO& io) {
     if constexpr (singly<Isect, traversal>) {
-        trace_singly<traversal == traversal_reference>(root, count, isect, feed);
+        trace_singly<traversal == traversal_reference>(root, count, isect, io);
         return trace_ok;
-    } else if constexpr (traversal == traversal_batch) {
-        return Batch(root, isect, feed).trace(count) ? trace_ok : trace_out_of_memory;
+    } else if constexpr (traversal == traversal_stream) {
+        return StreamTraversal(root, isect, io).trace(count) ? trace_ok : trace_out_of_memory;
     } else {
-        Coherent<Isect, typename Feed::Query>(isect).trace(root, count, feed);
+        PacketTraversal<Isect, typename TraceIO::Query>(isect).trace(root, count, io);
         return trace_ok;
     }
 }
@@ -144,7 +144,7 @@ TraceStatus trace(const TraceCall* pointer) noexcept {
     for (std::uint32_t first = 0; first < call.ray_count; first += group) {
         const std::uint32_t rest = call.ray_count - first;
         const std::uint32_t count = rest < group ? rest : group;
-        const Feed<kind> feed{call, first, &cancellation};
+        const TraceIO<kind> io{call, first, &cancellation};
         std::array<Outputs, group> states{};
         if constexpr (requires { isect.state = states.data(); }) isect.state = states.data();
         TraceStatus status = trace_ok;
@@ -152,9 +152,9 @@ TraceStatus trace(const TraceCall* pointer) noexcept {
             Counters* counters = call.counters + first;
             for (std::uint32_t i = 0; i < count; ++i) counters[i] = Counters{};
             Counting<Isect> counting{isect, counters};
-            status = trace_group<traversal>(root, count, counting, feed);
+            status = trace_group<traversal>(root, count, counting, io);
         } else {
-            status = trace_group<traversal>(root, count, isect, feed);
+            status = trace_group<traversal>(root, count, isect, io);
         }
         if (cancellation.was_seen()) return trace_cancelled;
         if (status != trace_ok) return status;
@@ -208,32 +208,32 @@ TraceStatus trace_all(const TraceCall* pointer) noexcept {
 // ---- The table
 // -----------------------------------------------------------------------------------
 
-/// What is compiled per intersector: latency {closest, any, multi} x {plain, counting} and plain
-/// {all}, the reference, and except on v2 batch {closest, any, multi} and coherent {closest, any}.
+/// What is compiled per intersector: single {closest, any, multi} x {plain, counting} and plain
+/// {all}, the reference, and except on v2 stream {closest, any, multi} and packet {closest, any}.
 /// A new traversal or precision is a line here.
 template <class Isect>
 constexpr PackVariant make_variant(const char* name) {
     PackVariant v = describe_variant<Isect>(name);
     auto& kernels = v.trace[precision_watertight];
-    auto& latency = kernels[traversal_latency];
-    latency[query_closest][0] = trace<Isect, query_closest, traversal_latency, false>;
-    latency[query_closest][1] = trace<Isect, query_closest, traversal_latency, true>;
-    latency[query_any][0] = trace<Isect, query_any, traversal_latency, false>;
-    latency[query_any][1] = trace<Isect, query_any, traversal_latency, true>;
-    latency[query_multi][0] = trace<Isect, query_multi, traversal_latency, false>;
-    latency[query_multi][1] = trace<Isect, query_multi, traversal_latency, true>;
-    latency[query_all][0] = trace_all<Isect, traversal_latency>;
+    auto& single = kernels[traversal_single];
+    single[query_closest][0] = trace<Isect, query_closest, traversal_single, false>;
+    single[query_closest][1] = trace<Isect, query_closest, traversal_single, true>;
+    single[query_any][0] = trace<Isect, query_any, traversal_single, false>;
+    single[query_any][1] = trace<Isect, query_any, traversal_single, true>;
+    single[query_multi][0] = trace<Isect, query_multi, traversal_single, false>;
+    single[query_multi][1] = trace<Isect, query_multi, traversal_single, true>;
+    single[query_all][0] = trace_all<Isect, traversal_single>;
     if constexpr (Lanes<8>::parts == 1) {  // v2 is for correctness, not speed
-        auto& batch = kernels[traversal_batch];
-        batch[query_closest][0] = trace<Isect, query_closest, traversal_batch, false>;
-        batch[query_any][0] = trace<Isect, query_any, traversal_batch, false>;
-        batch[query_multi][0] = trace<Isect, query_multi, traversal_batch, false>;
-        auto& coherent = kernels[traversal_coherent];
-        // The same functions where packets would be no packets: Tracer tells what ran by that.
+        auto& stream = kernels[traversal_stream];
+        stream[query_closest][0] = trace<Isect, query_closest, traversal_stream, false>;
+        stream[query_any][0] = trace<Isect, query_any, traversal_stream, false>;
+        stream[query_multi][0] = trace<Isect, query_multi, traversal_stream, false>;
+        auto& packet = kernels[traversal_packet];
+        // The same functions where packets would be no packets: KernelSelector tells what ran by that.
         constexpr Traversal packets =
-            singly<Isect, traversal_coherent> ? traversal_latency : traversal_coherent;
-        coherent[query_closest][0] = trace<Isect, query_closest, packets, false>;
-        coherent[query_any][0] = trace<Isect, query_any, packets, false>;
+            singly<Isect, traversal_packet> ? traversal_single : traversal_packet;
+        packet[query_closest][0] = trace<Isect, query_closest, packets, false>;
+        packet[query_any][0] = trace<Isect, query_any, packets, false>;
     }
     auto& reference = kernels[traversal_reference];
     reference[query_closest][0] = trace<Isect, query_closest, traversal_reference, false>;

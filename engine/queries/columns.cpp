@@ -11,22 +11,30 @@
 namespace raynest {
 namespace {
 
-constexpr std::size_t field_count = static_cast<std::size_t>(Field::count_);
+/// The types and words of fields.def.
+namespace def {
+struct Type {
+    FieldType type;
+    std::uint32_t width;
+};
+constexpr Type u8{FieldType::u8, 1}, u32{FieldType::u32, 1}, u64{FieldType::u64, 1};
+constexpr Type f32{FieldType::f32, 1}, vec2{FieldType::f32, 2}, vec3{FieldType::f32, 3};
+constexpr Type point = vec3;
+constexpr bool hit = false, ray = true;
+constexpr bool record = false, rays = true;
+}  // namespace def
 
 /// In the order of Field.
-constexpr std::array<FieldInfo, field_count> fields{{
-    {"hit", FieldType::u8, 1, false, true},        {"t", FieldType::f32, 1, false, false},
-    {"prim", FieldType::u32, 1, false, false},     {"geom", FieldType::u32, 1, false, false},
-    {"path", FieldType::u64, 1, false, false},     {"inst", FieldType::u32, 1, false, false},
-    {"uid", FieldType::u32, 1, false, false},      {"uv", FieldType::f32, 2, false, false},
-    {"ng", FieldType::f32, 3, false, false},       {"front", FieldType::u8, 1, false, false},
-    {"position", FieldType::f32, 3, false, false}, {"material", FieldType::u32, 1, false, false},
-    {"flags", FieldType::u8, 1, false, true},      {"origin", FieldType::f32, 3, false, true},
-    {"direction", FieldType::f32, 3, false, true}, {"nodes", FieldType::u32, 1, true, true},
-    {"boxes", FieldType::u32, 1, true, true},      {"leaves", FieldType::u32, 1, true, true},
-    {"prims", FieldType::u32, 1, true, true},      {"instances", FieldType::u32, 1, true, true},
-    {"rejects", FieldType::u32, 1, true, true},    {"total", FieldType::u32, 1, true, true},
-}};
+constexpr std::array fields = {
+#define RAYNEST_FIELD(name, kind, of, reads, shown, text) \
+    FieldInfo{#name,   def::kind.type, def::kind.width,        false, def::of, \
+              def::reads, FieldInfo::Shown::shown, {}},
+#include "engine/queries/fields.def"
+#define RAYNEST_COUNTER(name, title) \
+    FieldInfo{#name, FieldType::u32, 1, true, true, false, FieldInfo::Shown::asked, title},
+#include "engine/geometry/counters.def"
+};
+static_assert(fields.size() == static_cast<std::size_t>(Field::count_));
 
 const ObjectRecord& object_of(const ColumnSource& source, const HitRecord& hit) {
     return source.scene->objects[hit.object];
@@ -144,15 +152,6 @@ void write_counter(const ColumnSource& source, std::byte* out, Value&& value) {
     }
 }
 
-std::string known_fields() {
-    std::string names;
-    for (const FieldInfo& field : fields) {
-        if (!names.empty()) names += ", ";
-        names += field.name;
-    }
-    return names;
-}
-
 }  // namespace
 
 const FieldInfo& field_info(Field field) {
@@ -173,12 +172,24 @@ std::size_t field_bytes(Field field) {
     return 0;
 }
 
+std::span<const FieldInfo> field_table() {
+    return fields;
+}
+
+std::span<const FieldInfo> counter_table() {
+    return field_table().subspan(static_cast<std::size_t>(
+        std::find_if(fields.begin(), fields.end(), [](const FieldInfo& f) { return f.counter; }) -
+        fields.begin()));
+}
+
 Result<Field> parse_field(std::string_view name) {
-    for (std::size_t i = 0; i < field_count; ++i) {
-        if (fields[i].name == name) return static_cast<Field>(i);
+    std::string known;
+    for (const FieldInfo& field : fields) {
+        if (field.name == name) return static_cast<Field>(&field - fields.data());
+        known += (known.empty() ? "" : ", ") + std::string(field.name);
     }
     return fail(ErrorCode::field_invalid,
-                "there is no column '" + std::string(name) + "'; known: " + known_fields());
+                "there is no column '" + std::string(name) + "'; known: " + known);
 }
 
 void write_column(Field field, const ColumnSource& source, std::byte* out) {
@@ -232,20 +243,13 @@ void write_column(Field field, const ColumnSource& source, std::byte* out) {
             return always([](Hit, At ray) { return ray.origin; });
         case Field::direction:
             return always([](Hit, At ray) { return ray.direction; });
-        case Field::nodes:
-            return counter([](const Counters& c) { return c.nodes; });
-        case Field::boxes:
-            return counter([](const Counters& c) { return c.boxes; });
-        case Field::leaves:
-            return counter([](const Counters& c) { return c.leaves; });
-        case Field::prims:
-            return counter([](const Counters& c) { return c.prims; });
-        case Field::instances:
-            return counter([](const Counters& c) { return c.instances; });
-        case Field::rejects:
-            return counter([](const Counters& c) { return c.rejects; });
-        case Field::total:
-            return counter([](const Counters& c) { return c.boxes + c.prims; });
+#define RAYNEST_COUNTER(name, title) \
+    case Field::name:                \
+        return counter([](const Counters& c) { return c.name; });
+#define RAYNEST_SUM(name, value, title) \
+    case Field::name:                   \
+        return counter([](const Counters& c) { return value; });
+#include "engine/geometry/counters.def"
         case Field::count_:
             return;
     }

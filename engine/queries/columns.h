@@ -17,10 +17,12 @@
 
 namespace raynest {
 
+/// Those of fields.def, then the counters.
 enum class Field : std::uint32_t {
-    hit, t, prim, geom, path, inst, uid, uv, ng, front, position, material, flags,
-    origin, direction,
-    nodes, boxes, leaves, prims, instances, rejects, total,
+#define RAYNEST_FIELD(name, ...) name,
+#include "engine/queries/fields.def"
+#define RAYNEST_COUNTER(name, title) name,
+#include "engine/geometry/counters.def"
     count_
 };
 enum class FieldType : std::uint8_t { u8, u32, u64, f32 };
@@ -31,10 +33,17 @@ struct FieldInfo {
     std::uint32_t width;   ///< values per element: 2 for uv, 3 for vectors
     bool counter;          ///< needs a counting function
     bool of_ray;           ///< one per ray, however many hits it has
+    bool reads_rays;       ///< write_column() looks at the rays
+    /// Is it a column of a query that names none?
+    enum class Shown : std::uint8_t { asked, hits, any } shown;
+    std::string_view title;  ///< of a counter
 };
 
 [[nodiscard]] const FieldInfo& field_info(Field field);
 [[nodiscard]] std::size_t field_bytes(Field field);  ///< per ray
+/// All of them; those of counters alone.
+[[nodiscard]] std::span<const FieldInfo> field_table();
+[[nodiscard]] std::span<const FieldInfo> counter_table();
 /// field_invalid, with the list of names, when unknown.
 Result<Field> parse_field(std::string_view name);
 

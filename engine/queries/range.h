@@ -34,8 +34,8 @@ void trace_range(const Ray& ray, Iterator first, Iterator last, Isect& isect, Qu
         // The way into an instance adds what comes before it in its own object, not in the list.
         if constexpr (InstanceLike<decltype(*first)>) view.path -= first->record().path_base;
         if (visit(view, *first, isect, query)) return;
-        if constexpr (requires { first->leaves(); }) {
-            path += first->leaves();
+        if constexpr (requires { first->placement_count(); }) {
+            path += first->placement_count();
         } else {
             path += 1;
         }

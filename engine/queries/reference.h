@@ -17,7 +17,7 @@ inline constexpr std::int64_t reference_record_work = 1;
 inline constexpr std::int64_t reference_instance_work = 64;
 
 template <class Isect, class Query>
-bool visit_everything(RayView& ray, const Bvh& bvh, Isect& isect, Query& query) {
+bool brute_force(RayView& ray, const Bvh& bvh, Isect& isect, Query& query) {
     const SceneView& scene = *bvh.scene;
     const ObjectRecord& object = bvh.record();
     const TriangleBlock* blocks = scene.blocks + object.first_block;
@@ -42,7 +42,7 @@ bool visit_everything(RayView& ray, const Bvh& bvh, Isect& isect, Query& query) 
         if (!enters(isect, ray, instance)) continue;
         RayView inner = enter(ray, scene, instance.record());
         const bool done =
-            visit_everything(inner, Bvh{&scene, instance.record().object}, isect, query);
+            brute_force(inner, Bvh{&scene, instance.record().object}, isect, query);
         ray.tmax = inner.tmax;
         if (done) return true;
     }

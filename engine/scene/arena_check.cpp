@@ -252,6 +252,10 @@ private:
             instance != view_.instance_count) {
             return broken("records belong to no object");
         }
+        const Box& bounds = reinterpret_cast<const format::Header*>(arena_.data())->bounds;
+        const bool is_empty = view_.objects[view_.root].bounds.is_empty();
+        if (is_empty ? !bounds.is_empty() : !is_finite(bounds.lower) || !is_finite(bounds.upper))
+            return broken("its bounds are not finite");
         return {};
     }
 
@@ -346,12 +350,12 @@ private:
                 return broken("instance " + std::to_string(object.first_instance + i));
             }
             const ObjectRecord& child = view_.objects[instance.object];
-            if (child.leaves > scene_paths_max - leaves)
+            if (child.placement_count > scene_paths_max - leaves)
                 return broken("it has more than 2^63 paths");
-            leaves += child.leaves;
+            leaves += child.placement_count;
             levels = std::max(levels, child.levels + 1);
         }
-        if (leaves != object.leaves || levels != object.levels || levels > scene_depth_max) {
+        if (leaves != object.placement_count || levels != object.levels || levels > scene_depth_max) {
             return broken("the paths or levels of object " + std::to_string(index));
         }
         return {};
@@ -363,7 +367,7 @@ private:
         const std::uint64_t numbers = size_of(Section::instance_numbers);
         if (numbers != 0 && (numbers != view_.instance_count || paths.node_count != 0))
             return broken("instances and their numbers do not match");
-        const std::uint64_t leaves = view_.objects[view_.root].leaves;
+        const std::uint64_t leaves = view_.objects[view_.root].placement_count;
         if (paths.node_count == 0) {
             if (paths.run_count != 0) return broken("its paths have no nodes");
             return {};

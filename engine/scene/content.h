@@ -62,6 +62,7 @@ struct Content {
     BuildQuality build = BuildQuality::medium;
     WorldPoint origin{};
     std::uint64_t degenerate_triangles = 0;
+    Box bounds;                                     ///< format::Header::bounds
     std::vector<const ObjectDescription*> sources;  ///< one per object
     std::vector<Tree> trees;                        ///< one per object
     std::vector<ObjectRecord> objects;

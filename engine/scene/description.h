@@ -1,6 +1,6 @@
 // A scene as an importer or a program describes it: plain vectors, no trees yet.
 //
-// Snapshot::bake turns it into a snapshot. Objects may hold triangles or records of one other
+// Snapshot::build turns it into a snapshot. Objects may hold triangles or records of one other
 // primitive type, and instances of other objects beside them; the graph of instances must be
 // acyclic.
 #pragma once
@@ -52,11 +52,10 @@ struct GeometryDescription {
     std::vector<std::uint8_t> colours;   ///< empty or RGBA per vertex
     std::uint32_t material = no_id;
 
-    /// Of a triangle's corners; where the set is missing those that make (u, v) of every point.
+    /// Returns the texture coordinates of a triangle's corners, from a set that is not empty.
     [[nodiscard]] std::array<Vec2, 3> corner_texcoords(std::uint32_t set,
                                                        std::size_t triangle) const {
         const std::vector<Vec2>& st = texcoords[set];
-        if (st.empty()) return {Vec2(0, 0), Vec2(1, 0), Vec2(0, 1)};
         const std::uint32_t* const corner = indices.data() + 3 * triangle;
         return {st[corner[0]], st[corner[1]], st[corner[2]]};
     }

@@ -1,5 +1,5 @@
 // Is a description consistent? Importers read hostile files; what they hand over is checked here
-// once more, so that baking can index without looking.
+// once more, so that building can index without looking.
 #pragma once
 
 #include "engine/result.h"

@@ -71,7 +71,7 @@ inline constexpr std::array<std::uint32_t, section_count> element_size{
     sizeof(PathRun),
     sizeof(std::uint32_t),
 };
-// No record has padding: its bytes are its content, so the content hash is well defined.
+// No record has padding: its bytes are its content, so the digest is well defined.
 static_assert(sizeof(ObjectRecord) == 120 && sizeof(InstanceInfo) == 56);
 static_assert(sizeof(GeometryRecord) == 64 && sizeof(MaterialRecord) == 64);
 static_assert(sizeof(TextureRecord) == 40 && sizeof(CameraRecord) == 64);
@@ -85,7 +85,7 @@ struct SectionEntry {
 };
 
 inline constexpr std::array<char, 8> magic{'R', 'N', 'S', 'C', 'E', 'N', 'E', '\0'};
-inline constexpr std::uint32_t version = 6;
+inline constexpr std::uint32_t version = 7;
 inline constexpr std::uint32_t byte_order = 0x01020304;
 inline constexpr std::uint64_t alignment = 64;
 
@@ -98,9 +98,10 @@ struct Header {
     std::uint32_t unused;
     std::array<double, 3> origin;  ///< subtracted from world coordinates
     std::uint64_t degenerate_triangles;
+    Box bounds;  ///< of the vertices in the scene; the trees' boxes are larger
     std::array<SectionEntry, section_count> sections;
 };
-static_assert(sizeof(Header) == 64 + 24 * section_count);
+static_assert(sizeof(Header) == 88 + 24 * section_count);
 
 [[nodiscard]] constexpr std::uint64_t aligned(std::uint64_t offset) {
     return (offset + alignment - 1) / alignment * alignment;

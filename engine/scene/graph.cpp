@@ -10,9 +10,9 @@ namespace raynest {
 namespace {
 
 bool add(Placements& sum, const Placements& more) {
-    return !__builtin_add_overflow(sum.leaves, more.leaves, &sum.leaves) &&
+    return !__builtin_add_overflow(sum.placement_count, more.placement_count, &sum.placement_count) &&
            !__builtin_add_overflow(sum.triangles, more.triangles, &sum.triangles) &&
-           sum.leaves <= scene_paths_max;
+           sum.placement_count <= scene_paths_max;
 }
 
 class Resolver {
@@ -95,9 +95,9 @@ private:
         GraphObject& object = entry.object;
         object.source = index;
         object.traced.triangles = own_triangles(source);
-        object.traced.leaves = object.traced.triangles + source.record_bounds.size() != 0 ? 1U : 0U;
+        object.traced.placement_count = object.traced.triangles + source.record_bounds.size() != 0 ? 1U : 0U;
         entry.declared = object.traced;
-        if (object.traced.leaves != 0) entry.mask = ~0U;
+        if (object.traced.placement_count != 0) entry.mask = ~0U;
         for (std::uint32_t i = 0; i < source.instances.size(); ++i) {
             const InstanceDescription& instance = source.instances[i];
             const Entry& child = entries_[instance.object];
@@ -111,7 +111,7 @@ private:
             // A group without a mask of its own need not be entered where nothing in it counts.
             record.mask = instance.mask == ~0U ? child.mask : instance.mask;
             entry.mask |= record.mask;
-            record.path_base = object.traced.leaves;
+            record.path_base = object.traced.placement_count;
             if (!add(object.traced, child.object.traced)) return too_many_paths(index);
             object.levels = std::max(object.levels, child.object.levels + 1);
             object.instances.push_back(record);
@@ -138,7 +138,7 @@ private:
         Graph graph;
         graph.skipped = description_.skipped;
         const Entry& root = entries_[description_.root];
-        graph.declared_leaves = root.declared.leaves;
+        graph.declared_leaves = root.declared.placement_count;
         std::uint64_t lost_unique = 0;
         for (const std::uint32_t index : order_) {
             if (!entries_[index].traced) lost_unique += own_triangles(description_.objects[index]);
@@ -146,7 +146,7 @@ private:
         const auto note = [&](const char* reason, std::uint64_t count) {
             if (count != 0) graph.skipped[reason] += count;
         };
-        note("singular_instances", root.declared.leaves - root.object.traced.leaves);
+        note("singular_instances", root.declared.placement_count - root.object.traced.placement_count);
         note("singular_instance_triangles", root.declared.triangles - root.object.traced.triangles);
         note("singular_unique_triangles", lost_unique);
 

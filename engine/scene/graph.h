@@ -1,5 +1,5 @@
 // The graph of objects and instances before any tree is built: what is reachable, in which order it
-// can be baked, and how often each leaf is placed.
+// can be built, and how often each leaf is placed.
 #pragma once
 
 #include "engine/result.h"
@@ -14,7 +14,7 @@ namespace raynest {
 
 /// How often something below an object is placed; all sums are overflow-checked.
 struct Placements {
-    std::uint64_t leaves = 0;     ///< flat leaf placements (geometry/path.h)
+    std::uint64_t placement_count = 0;     ///< flat leaf placements (geometry/path.h)
     std::uint64_t triangles = 0;  ///< of those leaves
 
     bool operator==(const Placements&) const = default;

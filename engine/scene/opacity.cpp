@@ -195,13 +195,13 @@ AlphaPyramid::AlphaPyramid(const ImageDescription& image) : image_(image) {
     }
 }
 
-std::vector<std::uint8_t> OpacityBaker::bake(const GeometryDescription& geometry) {
+std::vector<std::uint8_t> OpacityBuilder::build(const GeometryDescription& geometry) {
     if (geometry.material == no_id) return {};
     const MaterialDescription& material = scene_.materials[geometry.material];
     if (material.alpha_mode == AlphaMode::opaque) return {};
     const TextureDescription* texture = nullptr;
     const AlphaPyramid* pyramid = nullptr;
-    if (material.texture != no_id) {
+    if (material.texture != no_id && !geometry.texcoords[material.texcoord].empty()) {
         texture = &scene_.textures[material.texture];
         pyramid =
             &pyramids_.try_emplace(texture->image, scene_.images[texture->image]).first->second;

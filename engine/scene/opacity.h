@@ -1,7 +1,7 @@
 // Opacity: the least and the largest alpha anywhere on a triangle, so that most candidates of a
 // masked surface are decided without a look at the texture.
 //
-// Decided while the scene is baked, for triangles of MASK and BLEND materials: the texels that the
+// Decided while the scene is built, for triangles of MASK and BLEND materials: the texels that the
 // filter can touch while a point moves over the triangle, through the wrap modes and the texture
 // transform, times the factor, times the range of the vertex colours. Two bytes per triangle,
 // rounded outward; what a cutoff makes of them is decided per request (intersectors/alpha_mask.h).
@@ -48,15 +48,15 @@ private:
     std::vector<Level> levels_;  ///< from squares of 2 x 2 texels to one cell
 };
 
-class OpacityBaker {
+class OpacityBuilder {
 public:
-    explicit OpacityBaker(const SceneDescription& scene) : scene_(scene) {}
+    explicit OpacityBuilder(const SceneDescription& scene) : scene_(scene) {}
 
     /// {least, largest} alpha of each triangle in 255ths. 0 as the least and 255 as the largest say
     /// nothing: alpha may lie beyond. Empty for opaque materials, and where no triangle says
     /// anything. Measured: 0.3 to 1.5 us per triangle; at most a few hundred steps, whatever its
     /// size in texels.
-    std::vector<std::uint8_t> bake(const GeometryDescription& geometry);
+    std::vector<std::uint8_t> build(const GeometryDescription& geometry);
 
 private:
     const SceneDescription& scene_;

@@ -171,16 +171,21 @@ private:
 
     [[nodiscard]] Result<std::uint64_t> path_of_node() const {
         const PathNode& node = paths_.nodes[node_];
+        std::uint64_t placed = 0;  // numbers that the node stands for end here
         const std::uint32_t wanted = number_ == no_id ? 0 : number_;
         for (std::uint32_t r = node.first_run; r < paths_.run_count; ++r) {
             const PathRun& run = paths_.runs[r];
             if (run.node != node_) break;
             const std::uint64_t end = r + 1 < paths_.run_count
                                           ? paths_.runs[r + 1].first_path
-                                          : scene_.view().objects[scene_.view().root].leaves;
+                                          : scene_.view().objects[scene_.view().root].placement_count;
             if (wanted >= run.number && wanted - run.number < end - run.first_path)
                 return run.first_path + (wanted - run.number);
+            placed = std::max(placed, run.number + end - run.first_path);
         }
+        if (number_ != no_id && number_ >= placed && placed != 0)
+            return refuse(fmt::format("there is no '{}': the last one is '{}#{}'", shown(text_),
+                                      shown(text_.substr(0, text_.rfind('#'))), placed - 1));
         return nothing_placed();
     }
 
@@ -208,6 +213,7 @@ private:
         std::string hint;
         for (const std::string& below : names_below())
             hint += fmt::format("{}{}", hint.empty() ? "; there are: " : ", ", below);
+        if (hint.find("%2F") != std::string::npos) hint += "; %2F is a / inside a name";
         return refuse(fmt::format("{} has no '{}'{}", where, shown(step), hint));
     }
 

@@ -1,5 +1,7 @@
 #include "engine/scene/placed_box.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -77,10 +79,17 @@ private:
 /// instances are 1.13 times as fast as with turned boxes, one level 1.08 times. Going through
 /// instances saves 4 % of the entries of three levels and 1 % of the time; 256 nodes save no more
 /// than 32, and 8 half as much.
+///
+/// The exact distance takes the vertices of leaves, leaves out the padding, and may open far more
+/// nodes. Boxes contain their vertices, so what they prune is not missed.
 class Farthest {
 public:
-    Farthest(const Content& content, std::uint32_t object, const Direction& direction)
-        : content_(content) {
+    enum class Aim { bound, exact };
+    Farthest(const Content& content, std::uint32_t object, const Direction& direction,
+             Aim aim = Aim::bound)
+        : content_(content),
+          exact_(aim == Aim::exact),
+          opened_max_(exact_ ? 1 << 16 : 32) {
         enter(object, Reach(direction), std::numeric_limits<double>::infinity());
     }
     [[nodiscard]] double distance() const { return farthest_; }
@@ -88,30 +97,31 @@ public:
 private:
     /// One object, as it is placed.
     struct Level {
+        const std::uint32_t object;
         const Tree& tree;
-        const std::uint32_t first_instance;
         const Reach reach;
     };
 
     /// Nothing in the object reaches farther than `most`.
     void enter(std::uint32_t object, const Reach& reach, double most) {
         const Tree& tree = content_.trees[object];
-        visit({tree, content_.objects[object].first_instance, reach}, tree.root,
-              std::min(most, reach.of(tree.bounds)));
+        visit({object, tree, reach}, tree.root, std::min(most, reach.of(tree.bounds)));
     }
 
     void visit(const Level& level, std::uint32_t child, double most) {
         const bool is_instance = is_leaf(child) && kind_of(child) == ChildKind::instance;
-        if ((is_leaf(child) && !is_instance) || opened_ == opened_max) {
+        if (exact_ && is_leaf(child) && !is_instance) most = std::min(most, leaf(level, child));
+        if ((is_leaf(child) && !is_instance) || opened_ == opened_max_) {
             farthest_ = std::max(farthest_, most);
             return;
         }
         ++opened_;
         if (is_instance) {
-            const std::size_t instance = level.first_instance + leaf_instance(child);
+            const std::size_t instance =
+                content_.objects[level.object].first_instance + leaf_instance(child);
             enter(content_.instances[instance].object,
                   level.reach.through(content_.instance_infos[instance].to_parent,
-                                      content_.instance_paddings[instance]),
+                                      exact_ ? 0 : content_.instance_paddings[instance]),
                   most);
             return;
         }
@@ -128,9 +138,36 @@ private:
         }
     }
 
-    static constexpr int opened_max = 32;
+    /// How far the vertices of a leaf's triangles reach, or the boxes of its records.
+    [[nodiscard]] double leaf(const Level& level, std::uint32_t child) const {
+        const ObjectDescription& source = *content_.sources[level.object];
+        double farthest = nothing;
+        if (kind_of(child) == ChildKind::records) {
+            for (std::uint32_t i = 0; i < leaf_count(child); ++i) {
+                const std::uint32_t record = level.tree.record_order[leaf_first(child) + i];
+                farthest = std::max(farthest, level.reach.of(source.record_bounds[record]));
+            }
+            return farthest;
+        }
+        const std::size_t first = std::size_t{8} * leaf_first(child);
+        for (std::size_t lane = first; lane < first + 8 * leaf_count(child); ++lane) {
+            std::size_t triangle = level.tree.block_lanes[lane];
+            if (triangle == no_id) continue;
+            auto geometry = source.geometries.begin();
+            for (; triangle >= geometry->indices.size() / 3; ++geometry)
+                triangle -= geometry->indices.size() / 3;
+            for (std::size_t corner = 0; corner < 3; ++corner) {
+                const Vec3& point = geometry->positions[geometry->indices[3 * triangle + corner]];
+                farthest = std::max(farthest, level.reach.of(Box{point, point}));
+            }
+        }
+        return farthest;
+    }
+
     static constexpr double nothing = -std::numeric_limits<double>::infinity();
     const Content& content_;
+    const bool exact_;
+    const int opened_max_;
     double farthest_ = nothing;
     int opened_ = 0;
 };
@@ -173,6 +210,23 @@ PlacedBox placed_box(const Content& content, std::uint32_t child, const Transfor
         box.upper[axis] = inside(std::nextafter(most, infinity), upper[axis]);
     }
     return {box, pad};
+}
+
+Box scene_bounds(const Content& content) {
+    const auto root = static_cast<std::uint32_t>(content.objects.size() - 1);
+    Box box;
+    if (content.trees[root].bounds.is_empty()) return box;
+    tbb::parallel_for(0, 6, [&](int side) {
+        const int axis = side / 2;
+        const double sign = side % 2 == 0 ? -1 : 1;
+        Direction direction{};
+        direction[static_cast<std::size_t>(axis)] = sign;
+        const Farthest farthest(content, root, direction, Farthest::Aim::exact);
+        // + 0: without -0
+        const float place = static_cast<float>(sign * farthest.distance()) + 0.0F;
+        (sign < 0 ? box.lower : box.upper)[axis] = place;
+    });
+    return box;
 }
 
 }  // namespace raynest

@@ -21,10 +21,15 @@ struct PlacedBox {
 };
 
 /// Contains every hit that rays may have with what object `child` holds, placed by `to_parent`;
-/// empty for an empty tree. The child is baked, and so are all below. `error` is the growth of
+/// empty for an empty tree. The child is built, and so are all below. `error` is the growth of
 /// rounding errors at this placement, as in ObjectRecord::origin_error. Coordinates of more than
 /// 1e15 may come back infinite.
 PlacedBox placed_box(const Content& content, std::uint32_t child, const Transform& to_parent,
                      float error);
+
+/// Returns the box of all vertices of the last object as its instances place them, rounded to
+/// float32 and not padded: the size that a scene has for people. Records count with their boxes.
+/// Where ten thousands of placements reach equally far, their padded boxes count.
+Box scene_bounds(const Content& content);
 
 }  // namespace raynest

@@ -58,7 +58,7 @@ std::string rounding_warning(double rounding, const WorldPoint& origin, const Bo
     const double grain = std::max(size, rounding);
     return fmt::format(
         "rounding to float32 moves the scene's parts by up to {:.2g}, its size is {:.3g}: load it "
-        "with an origin near it, for example origin {},{},{}",
+        "with an origin near it, for example `origin` {},{},{}",
         rounding, size, rounded(centre.x, grain), rounded(centre.y, grain),
         rounded(centre.z, grain));
 }

@@ -2,8 +2,8 @@
 
 #include "engine/geometry/hit.h"
 #include "engine/scene/arena_check.h"
+#include "engine/scene/digest.h"
 #include "engine/scene/format.h"
-#include "engine/scene/hash.h"
 
 #include <algorithm>
 #include <utility>
@@ -65,7 +65,8 @@ std::vector<MaterialUse> count_material_uses(const SceneView& scene,
 
 }  // namespace
 
-Result<std::shared_ptr<const Snapshot>> Snapshot::open(Arena arena, double build_seconds) {
+Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
+    Arena& arena = built.arena;
     const auto view = check_arena({arena.data(), arena.size()});
     if (!view) return tl::unexpected(view.error());
     const std::vector<std::uint64_t> placements = count_placements(*view);
@@ -84,7 +85,7 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(Arena arena, double build
     }
     snapshot->material_uses_ = count_material_uses(*view, placements);
     s.instanced_triangles = *placed;
-    s.instances = view->objects[view->root].leaves;
+    s.instances = view->objects[view->root].placement_count;
     s.levels = view->objects[view->root].levels;
     s.materials = view->material_count;
     s.mask_materials = static_cast<std::uint32_t>(
@@ -98,7 +99,8 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(Arena arena, double build
     s.build = header.build;
     s.degenerate_triangles = header.degenerate_triangles;
     snapshot->origin_ = header.origin;
-    s.build_seconds = build_seconds;
+    snapshot->bounds_ = header.bounds;
+    s.build_seconds = built.build_seconds;
     for (std::uint32_t i = 0; i < view->camera_count; ++i) {
         s.cameras.emplace_back(view->names + view->cameras[i].name);
     }
@@ -121,7 +123,9 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(Arena arena, double build
                 count += view->objects[i].record_count;
     }
 
-    snapshot->hash_ = content_hash({base, arena.size()});
+    auto digest = scene_digest({base, arena.size()});
+    if (!digest) return tl::unexpected(digest.error());
+    snapshot->digest_ = std::move(*digest);
     snapshot->arena_ = std::move(arena);
     return snapshot;
 }

@@ -81,19 +81,29 @@ struct MaterialUse {
     std::uint64_t placements = 0;
 };
 
+/// An arena as a build leaves it: not checked, and without a digest. An import child hands it over
+/// like this, because whoever opens it has to do both anyway.
+struct BuiltArena {
+    Arena arena;
+    double build_seconds = 0;  ///< SceneStatistics::build_seconds
+};
+
+/// Builds every object's tree and lays the arena out. Fails with scene_invalid or limit_exceeded,
+/// naming the object. Coordinates beyond 1e15 and non-finite ones are refused with a count.
+/// Singular instances are left out: skipped["singular_instances"] counts the leaf placements lost
+/// with them, "singular_instance_triangles" the triangles of those, and "singular_unique_triangles"
+/// the triangles that nothing else places. Objects that the root does not reach are left out.
+/// Throws std::bad_alloc.
+Result<BuiltArena> build_arena(const SceneDescription& description);
+
 class Snapshot {
 public:
-    /// Builds every object's tree and lays the arena out. Fails with scene_invalid or
-    /// limit_exceeded, naming the object. Coordinates beyond 1e15 and non-finite ones are refused
-    /// with a count. Singular instances are left out: skipped["singular_instances"] counts the leaf
-    /// placements lost with them, "singular_instance_triangles" the triangles of those, and
-    /// "singular_unique_triangles" the triangles that nothing else places. Objects that the root
-    /// does not reach are left out. Throws std::bad_alloc.
-    static Result<std::shared_ptr<const Snapshot>> bake(const SceneDescription& description);
+    /// build_arena, then open: an arena of this process is checked like any other.
+    static Result<std::shared_ptr<const Snapshot>> build(const SceneDescription& description);
 
     /// Takes an arena that came from a cache or an import child. Every section bound, child word,
     /// index and offset is checked once, so that traversal need not check any.
-    static Result<std::shared_ptr<const Snapshot>> open(Arena arena, double build_seconds = 0);
+    static Result<std::shared_ptr<const Snapshot>> open(BuiltArena built);
 
     [[nodiscard]] const SceneView& view() const { return view_; }
     [[nodiscard]] const PathTable& paths() const { return paths_; }
@@ -105,9 +115,10 @@ public:
     [[nodiscard]] std::size_t huge_bytes() const { return arena_.huge_bytes(); }
     /// World coordinates less this are those of the view, of rays and of answers.
     [[nodiscard]] const WorldPoint& origin() const { return origin_; }
-    [[nodiscard]] const Box& bounds() const { return view_.objects[view_.root].bounds; }
-    /// Hex of the arena's 128-bit content hash (scene/hash.h).
-    [[nodiscard]] const std::string& hash() const { return hash_; }
+    /// The box of all vertices as they are placed, and of records' boxes; trees have larger ones.
+    [[nodiscard]] const Box& bounds() const { return bounds_; }
+    /// The scene's identity, as 64 hex digits (scene/digest.h).
+    [[nodiscard]] const std::string& digest() const { return digest_; }
     /// Names of the primitive types in use beside triangles ("sphere").
     [[nodiscard]] const std::vector<std::string>& record_types() const { return record_types_; }
     /// Records of each of them, every object once.
@@ -122,8 +133,9 @@ private:
     SceneView view_;
     PathTable paths_;
     WorldPoint origin_{};
+    Box bounds_;
     SceneStatistics statistics_;
-    std::string hash_;
+    std::string digest_;
     std::vector<std::string> record_types_;
     std::vector<std::uint64_t> record_counts_;
     std::vector<MeshUse> meshes_;

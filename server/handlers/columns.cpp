@@ -28,38 +28,6 @@ bool per_ray(Field field, Query query) {
     return !csr || field_info(field).of_ray;
 }
 
-/// Does write_column() look at the rays? No default, so that a new column is asked, too.
-bool reads_rays(Field field) {
-    switch (field) {
-        case Field::ng:
-        case Field::position:
-        case Field::origin:
-        case Field::direction:
-            return true;
-        case Field::hit:
-        case Field::t:
-        case Field::prim:
-        case Field::geom:
-        case Field::path:
-        case Field::inst:
-        case Field::uid:
-        case Field::uv:
-        case Field::front:
-        case Field::material:
-        case Field::flags:
-        case Field::nodes:
-        case Field::boxes:
-        case Field::leaves:
-        case Field::prims:
-        case Field::instances:
-        case Field::rejects:
-        case Field::total:
-        case Field::count_:
-            return false;
-    }
-    return true;
-}
-
 /// The hits of a multi or all query as the columns see them: one after the other, each with its
 /// ray.
 struct Compacted {
@@ -68,20 +36,21 @@ struct Compacted {
     std::vector<HitRecord> rays;  ///< one per ray, for `hit` and the flags
 };
 
-Compacted compact(const Plan& plan, TraceBuffers& buffers, std::size_t rays) {
+Compacted compact(const Plan& plan, const TracedRays& traced) {
+    const std::size_t rays = traced.rows();
     Compacted result;
     result.splits.reserve(rays + 1);
     result.splits.push_back(0);
     result.rays.resize(rays);
     std::size_t end = 0;
     for (std::size_t ray = 0; ray < rays; ++ray) {
-        const std::size_t count = buffers.counts[ray];
+        const std::size_t count = traced.counts[ray];
         if (plan.query == query_multi) {
-            const HitRecord* from = buffers.hits.data() + ray * plan.hits_max;
+            const HitRecord* from = traced.hits.data() + ray * plan.hits_max;
             result.rays[ray].flags = from->flags;
-            std::copy_n(from, count, buffers.hits.data() + end);
+            std::copy_n(from, count, traced.hits.data() + end);
         } else {
-            result.rays[ray].flags = buffers.flags[ray];
+            result.rays[ray].flags = traced.flags[ray];
         }
         result.rays[ray].hit = count != 0 ? 1 : 0;
         result.ray_of.insert(result.ray_of.end(), count, static_cast<std::uint32_t>(ray));
@@ -144,9 +113,9 @@ Reply<Columns> Columns::choose(std::span<const std::string> names, Query query) 
         if (std::find(fields.begin(), fields.end(), *field) == fields.end())
             fields.push_back(*field);
     }
-    if (names.empty() && query == query_any) fields = {Field::hit};
-    if (names.empty() && query != query_any)
-        fields = {Field::t, Field::prim, Field::geom, Field::path, Field::uv};
+    const auto shown = query == query_any ? FieldInfo::Shown::any : FieldInfo::Shown::hits;
+    for (std::uint32_t i = 0; names.empty() && i < field_table().size(); ++i)
+        if (field_table()[i].shown == shown) fields.push_back(static_cast<Field>(i));
     return columns;
 }
 
@@ -167,7 +136,8 @@ bool Columns::counting() const {
 }
 
 bool Columns::read_rays() const {
-    return std::any_of(fields_.begin(), fields_.end(), reads_rays);
+    return std::any_of(fields_.begin(), fields_.end(),
+                       [](Field field) { return field_info(field).reads_rays; });
 }
 
 Columns::Cost Columns::cost(const Plan& plan) const {
@@ -183,27 +153,27 @@ Columns::Cost Columns::cost(const Plan& plan) const {
 }
 
 Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registry, std::uint64_t id,
-                                       std::uint64_t first_ray, std::span<const Ray> rays,
-                                       TraceBuffers& buffers, Tally& tally) const {
+                                       std::uint64_t first_ray, const TracedRays& traced,
+                                       JobStatistics& statistics) const {
     const bool many = plan.csr();
+    const std::size_t rows = traced.rows();
     Compacted csr;
-    if (many) csr = compact(plan, buffers, rays.size());
-    const std::uint64_t hit_count = many ? csr.splits.back() : rays.size();
+    if (many) csr = compact(plan, traced);
+    const std::uint64_t hit_count = many ? csr.splits.back() : rows;
 
     // Lay the blocks out: splits first, then the fields as asked for, then outputs.
     protocol::Bulk bulk;
-    if (many) bulk.add(splits_name, wire::Dtype::u64, 1, rays.size() + 1);
+    if (many) bulk.add(splits_name, wire::Dtype::u64, 1, rows + 1);
     const std::size_t first_column = bulk.count();
     for (const Field field : fields_) {
         const FieldInfo& info = field_info(field);
         bulk.add(info.name, dtype(info.type), info.width,
-                 per_ray(field, plan.query) ? rays.size() : hit_count);
+                 per_ray(field, plan.query) ? rows : hit_count);
     }
     std::vector<std::size_t> output_blocks;
     for (const PackOutput& output : plan.variant->outputs())
-        output_blocks.push_back(
-            bulk.add(output.name, output.type == value_f32 ? wire::Dtype::f32 : wire::Dtype::u32, 1,
-                     rays.size()));
+        output_blocks.push_back(bulk.add(
+            output.name, output.type == value_f32 ? wire::Dtype::f32 : wire::Dtype::u32, 1, rows));
     bulk.allocate();
 
     if (many)
@@ -216,31 +186,31 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
         (per_ray(fields_[i], plan.query) ? of_rays : of_hits)
             .push_back({fields_[i], bulk.block(first_column + i).data()});
     ColumnSource source = plan.source(registry);
-    source.rays = rays;
+    source.rays = traced.rays;
     if (many) {
-        source.hits = std::span<const HitRecord>(buffers.hits).first(hit_count);
+        source.hits = traced.hits.first(hit_count);
         source.ray_of = csr.ray_of;
         write_columns(of_hits, source, hit_count);
     }
-    source.hits = many ? csr.rays : buffers.hits;
+    source.hits = many ? std::span<const HitRecord>(csr.rays) : traced.hits;
     source.ray_of = {};
-    source.order = buffers.order;
-    source.counters = buffers.counters;
-    write_columns(of_rays, source, rays.size());
+    source.order = traced.order;
+    source.counters = traced.counters;
+    write_columns(of_rays, source, rows);
     for (std::size_t i = 0; i < output_blocks.size(); ++i)
-        std::memcpy(bulk.block(output_blocks[i]).data(), buffers.outputs[i].data(),
-                    rays.size() * sizeof(std::uint32_t));
+        std::memcpy(bulk.block(output_blocks[i]).data(), traced.outputs[i].data() + traced.first,
+                    rows * sizeof(std::uint32_t));
 
-    Tally::Counts counts;
-    counts.rays = rays.size();
+    JobStatistics::Counts counts;
+    counts.rays = rows;
     counts.add_rays(source.hits, source.order, first_ray);
-    if (plan.untraced) counts.misses = rays.size();
-    counts.hits = many ? hit_count : rays.size() - counts.misses;
-    tally.add(buffers, counts);
+    if (plan.untraced) counts.misses = rows;
+    counts.hits = many ? hit_count : rows - counts.misses;
+    statistics.add(traced.backend, traced.traversal, counts);
 
     wire::ChunkT chunk;
     chunk.first_ray = first_ray;
-    chunk.count = static_cast<std::uint32_t>(rays.size());
+    chunk.count = static_cast<std::uint32_t>(rows);
     return protocol::encode(id, std::move(chunk), std::move(bulk));
 }
 

@@ -1,7 +1,7 @@
 // Which columns a query answers, and the CHUNK frame that carries them.
 #pragma once
 
-#include "server/handlers/tracing.h"
+#include "server/execution/statistics.h"
 
 #include <cstdint>
 #include <span>
@@ -40,11 +40,11 @@ public:
     };
     [[nodiscard]] Cost cost(const Plan& plan) const;
 
-    /// The answer to `rays`, which lie at `first_ray` of the query, out of what trace() wrote for
-    /// them and perhaps for more. Compacts the hits of a multi query in place. Adds to `tally`.
+    /// The answer to `traced` rays, which lie at `first_ray` of the query. Compacts the hits of a
+    /// multi query in place. Adds to `statistics`.
     Reply<protocol::Frame> encode(const Plan& plan, const Registry& registry, std::uint64_t id,
-                                  std::uint64_t first_ray, std::span<const Ray> rays,
-                                  TraceBuffers& buffers, Tally& tally) const;
+                                  std::uint64_t first_ray, const TracedRays& traced,
+                                  JobStatistics& statistics) const;
 
 private:
     std::vector<Field> fields_;

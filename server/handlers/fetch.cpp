@@ -65,7 +65,7 @@ private:
 
 Reply<Answer> fetch(const Services& services, const Caller& caller,
                     const protocol::Opened<wire::Fetch>& message) {
-    auto source = services.detached.find(message->job(), caller.principal);
+    auto source = services.detached.find(message->job());
     if (!source) return tl::unexpected(source.error());
     const DetachedJob& job = **source;
     const std::string name = "job " + std::to_string(message->job());
@@ -73,7 +73,7 @@ Reply<Answer> fetch(const Services& services, const Caller& caller,
         return tl::unexpected(
             protocol::Error{Code::busy, name + " is not done yet; see `Wait`", retry_ms});
     if (job.error()) return tl::unexpected(*job.error());
-    Accepted accepted;
+    JobSubmission accepted;
     for (const protocol::Frame& frame : job.answer()) {
         // Credit for more than half of a window need never come back.
         if (frame.header.bulk_bytes > caller.window_bytes / 2)

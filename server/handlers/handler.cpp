@@ -1,7 +1,12 @@
 #include "server/handlers/handler.h"
 
+#include "server/access.h"
+#include "server/conversation.h"
+
 #include <algorithm>
 #include <array>
+#include <cstddef>
+#include <utility>
 
 namespace raynest::server {
 namespace {
@@ -9,33 +14,87 @@ namespace {
 template <class Table>
 using Typed = Reply<Answer> (*)(const Services&, const Caller&, const protocol::Opened<Table>&);
 
-template <class Table, Typed<Table> handle>
+/// A job that is unknown is left to the handler.
+Reply<void> check_own_job(const Services& services, const Caller& caller, std::uint64_t number) {
+    if (const JobRecord* running = services.admission.find(number))
+        return access::use_job(number, running->principal, caller.principal);
+    const auto kept = services.detached.all().find(number);
+    if (kept == services.detached.all().end()) return {};
+    return access::use_job(number, kept->second->record().principal, caller.principal);
+}
+
+template <class Table, Typed<Table> handle, Needs needs>
 Reply<Answer> verified(const Services& services, const Caller& caller,
                        const protocol::Frame& frame) {
     const auto message = protocol::open<Table>(frame, services.limits);
     if (!message) return tl::unexpected(message.error());
+    if constexpr (needs == Needs::own_job)
+        if (const auto own = check_own_job(services, caller, (*message)->job()); !own)
+            return tl::unexpected(own.error());
     return handle(services, caller, *message);
 }
 
-template <class Table, Typed<Table> handle>
-constexpr Handler line{protocol::message_of<Table>, verified<Table, handle>};
+std::uint64_t no_bulk(const protocol::Limits& /*limits*/) {
+    return 0;
+}
+std::uint64_t one_window(const protocol::Limits& limits) {
+    return limits.window_bytes;
+}
+std::uint64_t one_chunk_of_rays(const protocol::Limits& limits) {
+    return limits.chunk_rays_max * sizeof(Ray);
+}
 
-/// THE LIST of requests.
-constexpr std::array table = {
-    line<wire::Load, load>,         line<wire::Scenes, scenes>,   line<wire::Info, info>,
-    line<wire::Parts, parts>,       line<wire::Path, path>,       line<wire::Unload, unload>,
-    line<wire::Variants, variants>, line<wire::Stats, stats>,     line<wire::Query, query>,
-    line<wire::Render, render>,     line<wire::Heatmap, heatmap>, line<wire::Jobs, jobs>,
-    line<wire::Wait, wait>,         line<wire::Fetch, fetch>,     line<wire::CancelJob, cancel_job>,
-};
+constexpr bool before_hello = true;
+constexpr bool after_hello = false;
+
+template <class Table, Typed<Table> handle, Needs needs = Needs::nothing>
+constexpr Request request{protocol::message_of<Table>, after_hello, no_bulk,
+                          verified<Table, handle, needs>, nullptr};
+
+template <class Table, void (Conversation::*act)(protocol::Frame), bool hello = after_hello>
+constexpr Request message{protocol::message_of<Table>, hello, no_bulk, nullptr, act};
+
+template <class Table, std::uint64_t (*bulk)(const protocol::Limits&),
+          void (Conversation::*act)(protocol::Frame)>
+constexpr Request data{protocol::message_of<Table>, after_hello, bulk, nullptr, act};
 
 }  // namespace
 
-const Handler* find_handler(std::uint16_t type) {
-    const auto found = std::find_if(table.begin(), table.end(), [&](const Handler& handler) {
-        return static_cast<std::uint16_t>(handler.type) == type;
-    });
-    return found == table.end() ? nullptr : &*found;
+/// A row for each message that a client may send.
+struct RequestTable {
+    static constexpr std::array rows = {
+        message<wire::Hello, &Conversation::greet, before_hello>,
+        message<wire::Ping, &Conversation::ping>,
+        message<wire::Cancel, &Conversation::cancel>,
+        message<wire::Credit, &Conversation::credit>,
+        data<wire::Upload, one_window, &Conversation::feed>,
+        data<wire::QueryRays, one_chunk_of_rays, &Conversation::feed>,
+#define RAYNEST_REQUEST(number, Name, handler, needs, ...) \
+    request<wire::Name, handler, Needs::needs>,
+#include "protocol/requests.def"
+    };
+};
+
+namespace {
+
+/// Types below this are for clients to send.
+constexpr std::size_t client_types = 128;
+
+/// Rows by type; null where there is none.
+constexpr auto by_type = [] {
+    std::array<const Request*, client_types> found{};
+    for (const Request& row : RequestTable::rows) found[static_cast<std::size_t>(row.type)] = &row;
+    return found;
+}();
+
+#define RAYNEST_PART(number, Name, ...) \
+    static_assert(by_type[number] != nullptr, "the table has no row for " #Name);
+#include "protocol/requests.def"
+
+}  // namespace
+
+const Request* find_request(std::uint16_t type) {
+    return type < client_types ? by_type[type] : nullptr;
 }
 
 }  // namespace raynest::server

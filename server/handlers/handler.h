@@ -1,4 +1,4 @@
-// One file per request, one line in the table: how a request becomes an answer.
+// One file per request, one row in the table: how a request becomes an answer.
 //
 // A handler runs on the io thread with a message that protocol::open() has verified. It answers at
 // once, or hands over a job; it never blocks and never touches a socket.
@@ -7,9 +7,10 @@
 #include "engine/assets/import.h"
 #include "engine/packs/registry.h"
 #include "protocol/control.h"
-#include "server/device/worker.h"
+#include "server/backends/backends.h"
 #include "server/diag/metrics.h"
 #include "server/jobs/detached.h"
+#include "server/principal.h"
 #include "server/store/budget.h"
 #include "server/store/scene_store.h"
 
@@ -20,6 +21,8 @@
 #include <vector>
 
 namespace raynest::server {
+
+class TraceBufferPool;
 
 /// What handlers may use; one per daemon, outlives all jobs.
 struct Services {
@@ -33,9 +36,10 @@ struct Services {
     std::vector<std::string> import_child;  ///< command line of the import process
     Admission& admission;
     DetachedJobs& detached;
-    Peers& peers;          ///< io thread only
-    device::Worker* cuda;  ///< null: none
-    std::string why_no_cuda = "this daemon has no CUDA worker";
+    Peers& peers;  ///< io thread only
+    const Backends& backends;
+    TraceBufferPool& trace_buffers;
+    FairThreadPool& blocking;  ///< for tasks that wait for processes and disks
 };
 
 /// The connection that asks, and its request.
@@ -44,7 +48,7 @@ struct Caller : ConnectionId {
     std::uint64_t window_bytes = 0;  ///< credit that the client grants at the start
 };
 
-using Answer = std::variant<Frames, Accepted>;
+using Answer = std::variant<Frames, JobSubmission>;
 
 Reply<Answer> load(const Services&, const Caller&, const protocol::Opened<wire::Load>&);
 Reply<Answer> scenes(const Services&, const Caller&, const protocol::Opened<wire::Scenes>&);
@@ -62,13 +66,26 @@ Reply<Answer> wait(const Services&, const Caller&, const protocol::Opened<wire::
 Reply<Answer> fetch(const Services&, const Caller&, const protocol::Opened<wire::Fetch>&);
 Reply<Answer> cancel_job(const Services&, const Caller&, const protocol::Opened<wire::CancelJob>&);
 
-struct Handler {
+class Conversation;
+
+/// What must be the caller's for a request to be answered; else it hears NOT_ALLOWED. Scenes have
+/// rules that depend on their content, too (access.h).
+enum class Needs { nothing, own_job };
+
+/// A message that a client may send: one row of the table in handler.cpp. A role will be one more
+/// column here.
+struct Request {
     wire::Message type;
+    bool before_hello;  ///< it comes before Hello was answered, or else after
+    /// Bytes of its bulk part at most, 0: it has none.
+    std::uint64_t (*bulk_bytes_max)(const protocol::Limits&);
+    /// Answers a request, after `needs` was tested; null: `act` does what the message says.
     Reply<Answer> (*answer)(const Services&, const Caller&, const protocol::Frame&);
+    void (Conversation::*act)(protocol::Frame);
 };
 
-/// null for what is no request.
-[[nodiscard]] const Handler* find_handler(std::uint16_t type);
+/// null for messages that no client sends.
+[[nodiscard]] const Request* find_request(std::uint16_t type);
 
 /// An answer of one frame.
 template <class Native>

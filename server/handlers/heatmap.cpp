@@ -32,50 +32,41 @@ std::uint64_t payload_bytes_max(std::uint32_t width, std::uint32_t height,
 
 class HeatmapJob final : public PictureJob {
 public:
-    /// `first_pass` finds the hits without counting; there for necessary work only.
-    HeatmapJob(const Services& services, const Caller& caller, PictureOrder made,
-               HeatOptions options, std::optional<Plan> first_pass)
-        : PictureJob(services, caller, std::move(made)),
+    /// `uncounted` finds the hits; there for necessary work only.
+    HeatmapJob(const Services& services, const Caller& caller, PictureRequest asked,
+               HeatOptions options, std::optional<Plan> uncounted)
+        : PictureJob(services, caller, std::move(asked)),
           options_(std::move(options)),
           metric_(*parse_field(options_.metric)),
-          first_pass_(std::move(first_pass)),
+          uncounted_(std::move(uncounted)),
           counts_(blank<std::uint32_t>()) {}
 
 protected:
-    [[nodiscard]] std::string_view command() const override { return "heatmap"; }
-    Reply<void> expose(std::uint64_t first, std::span<Ray> rays, const Stop& stop,
-                       TraceBuffers& buffers) override {
-        // Necessary work is what lies before the hit: with tmax there, order no longer matters.
-        if (first_pass_) {
-            if (const auto traced = trace(*first_pass_, rays, stop, buffers); !traced)
-                return traced;
-            for (std::size_t i = 0; i < rays.size(); ++i)
-                if (buffers.hits[i].hit != 0) rays[i].tmax = buffers.hits[i].t;
-        }
-        if (const auto traced = trace(order().plan, rays, stop, buffers); !traced) return traced;
-        ColumnSource source = order().plan.source(registry());
-        source.rays = rays;
-        source.hits = buffers.hits;
-        source.counters = buffers.counters;
-        std::vector<std::uint32_t> counts(rays.size());
-        write_column(metric_, source, reinterpret_cast<std::byte*>(counts.data()));
-        place<std::uint32_t>(first, counts, counts_.get());
-        return {};
+    [[nodiscard]] CastPlans plans() const override {
+        return {uncounted_ ? &*uncounted_ : nullptr, nullptr, &plan_};
+    }
+    std::optional<CameraHits> trace_pixels(const PixelRange& pixels, const ColumnSource& scene,
+                                           RayCaster& caster, const PixelArrays& arrays) override {
+        std::vector<std::uint32_t> counts(pixels.count);
+        const auto seen =
+            measure_work(pixels, scene, caster, arrays, metric_, uncounted_.has_value(), counts);
+        if (seen) place<std::uint32_t>(pixels.first, counts, counts_.get());
+        return seen;
     }
 
-    Reply<Payload> develop() override {
-        const std::span<const std::uint32_t> counts(counts_.get(), order().pixels());
+    Reply<Payload> encode() override {
+        const std::span<const std::uint32_t> counts(counts_.get(), request().pixels());
         const auto statistics = heat_statistics(counts, options_);
         if (!statistics) return refuse(statistics.error());
         statistics_ = *statistics;
 
-        Payload payload{order().width, order().height, {}};
-        if (order().encode == "raw") {
+        Payload payload{request().width, request().height, {}};
+        if (request().encode == "raw") {
             payload.bytes.resize(counts.size_bytes());
             std::memcpy(payload.bytes.data(), counts.data(), payload.bytes.size());
             return payload;
         }
-        if (order().encode == "exr") {
+        if (request().encode == "exr") {
             const std::array<Channel, 1> channels = {Channel{options_.metric, {}, counts}};
             auto file = encode_exr(payload.width, payload.height, channels);
             if (!file) return refuse(file.error());
@@ -101,12 +92,14 @@ protected:
         done.heat->clipped = statistics_.clipped;
         done.heat->range_low = statistics_.range_low;
         done.heat->range_high = statistics_.range_high;
+        done.heat->below = statistics_.below;
+        done.heat->count = options_.count;
     }
 
 private:
     const HeatOptions options_;
     const Field metric_;
-    const std::optional<Plan> first_pass_;
+    const std::optional<Plan> uncounted_;
     const std::unique_ptr<std::uint32_t[]> counts_;
     HeatStatistics statistics_;
 };
@@ -119,6 +112,7 @@ Reply<HeatOptions> heat_options(const wire::Heatmap& message) {
     options.palette = word(message.palette(), options.palette);
     options.scale = word(message.scale(), options.scale);
     options.range = word(message.range(), options.range);
+    options.count = word(message.count(), options.count);
     constexpr std::array<std::uint32_t, 1> sample = {0};
     if (const auto dry = heat_statistics(sample, options); !dry)
         return refuse(Code::invalid_field, dry.error().message);
@@ -135,27 +129,28 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     if (count != "traversed" && count != "necessary")
         return refuse(Code::invalid_field, "unknown count '" + std::string(count) +
                                                "': use one of traversed, necessary");
-    auto plan = make_plan(services, caller, *message->job(), query_closest, true);
+    auto plain = make_plan(services, caller, *message->job(), query_closest, false);
+    if (!plain) return tl::unexpected(plain.error());
+    auto plan = Plan::with(*plain, query_closest, true);
     if (!plan) return tl::unexpected(plan.error());
+    std::optional<Plan> uncounted;
+    if (count == "necessary") uncounted = std::move(*plain);
     const std::uint64_t pixels = std::uint64_t{message->width()} * message->height();
-    if (auto chosen = choose_worker(services, pixels, *plan); !chosen)
+    const Plan* others[] = {uncounted ? &*uncounted : &*plan};
+    if (auto chosen = choose_backends(services.backends, pixels, *plan, others); !chosen)
         return tl::unexpected(chosen.error());
-    std::optional<Plan> first_pass;
-    if (count == "necessary") {
-        auto found = make_plan(services, caller, *message->job(), query_closest, false);
-        if (!found) return tl::unexpected(found.error());
-        first_pass = std::move(*found);
-    }
+    if (uncounted) uncounted->worker = plan->worker;
 
-    auto order = make_order(services, caller, std::move(*plan), message->camera(), message->width(),
-                            message->height(), protocol::word(message->encode(), "png"),
-                            heat_bytes(message->width(), message->height()));
-    if (!order) return tl::unexpected(order.error());
-    Accepted accepted = accept(order->plan, "heatmap", order->pixels());
-    accepted.answer_bytes = accepted.result_bytes =
-        picture_answer_bytes(caller, payload_bytes_max(order->width, order->height, order->encode));
-    accepted.job = std::make_unique<HeatmapJob>(services, caller, std::move(*order),
-                                                std::move(*options), std::move(first_pass));
+    auto request = make_request(
+        services, caller, std::move(*plan), message->camera(), message->width(), message->height(),
+        protocol::word(message->encode(), "png"), heat_bytes(message->width(), message->height()));
+    if (!request) return tl::unexpected(request.error());
+    JobSubmission accepted = accept(request->plan, "heatmap", request->rays());
+    accepted.less = smaller_picture(request->encode);
+    accepted.answer_bytes = accepted.result_bytes = picture_answer_bytes(
+        caller, payload_bytes_max(request->width, request->height, request->encode));
+    accepted.job = std::make_unique<HeatmapJob>(services, caller, std::move(*request),
+                                                std::move(*options), std::move(uncounted));
     return Answer{std::move(accepted)};
 }
 

@@ -1,5 +1,7 @@
 #include "server/handlers/job_info.h"
 
+#include "protocol/control.h"
+
 #include <algorithm>
 
 namespace raynest::server {
@@ -46,7 +48,11 @@ wire::JobInfoT job_info(const DetachedJob& job, const Services& services) {
     if (!job.ended()) return info;
     info.left_ms = milliseconds_until(job.expiry());
     info.state = "done";
-    if (!job.error()) return info;
+    if (!job.error()) {
+        if (const auto done = protocol::open<wire::Done>(job.answer().back()))
+            info.done = info.total = (*done)->rays();
+        return info;
+    }
     info.state = job.error()->code == Code::cancelled ? "cancelled" : "failed";
     info.code = static_cast<std::uint32_t>(job.error()->code);
     info.error = job.error()->message;

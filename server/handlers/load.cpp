@@ -2,10 +2,11 @@
 //
 //   upload:  NEED ──► UPLOAD pieces ──► import       builtin:, root:  import at once
 //
-// The import runs in a process of its own; a thread of the blocking lane waits for it.
+// The import runs in a process of its own; a thread of the blocking pool waits for it.
 #include "engine/assets/import.h"
 #include "engine/assets/mask_rules.h"
 #include "protocol/hash.h"
+#include "protocol/text.h"
 #include "server/handlers/handler.h"
 #include "server/handlers/scene_info.h"
 #include "server/log.h"
@@ -42,12 +43,11 @@ std::string default_name(std::string_view source) {
 }
 
 tl::unexpected<protocol::Error> refuse_memory(const std::string& what, std::uint64_t bytes,
-                                              const Budget& budget) {
-    return refuse(
-        Code::resource_exhausted,
-        what + " takes " + std::to_string(bytes) + " bytes more, " +
-            std::to_string(budget.limit() - budget.used()) +
-            " of raynestd's --memory are free; unload a scene or start raynestd with more");
+                                              const Budget& budget, const std::string& remedy) {
+    return refuse(Code::resource_exhausted,
+                  what + " takes " + protocol::bytes_text(bytes) + " more, " +
+                      protocol::bytes_text(budget.limit() - budget.used()) +
+                      " of raynestd's --memory are free; " + remedy);
 }
 
 /// One file of an upload while its pieces come.
@@ -110,8 +110,8 @@ public:
         services_.peers.make_memory(block->count, order_.caller.principal);
         auto lease = services_.budget.reserve(block->count);
         if (!lease)
-            return refuse_memory("the rest of the upload", announced_ - received_,
-                                 services_.budget);
+            return refuse_memory("the rest of the upload", announced_ - received_, services_.budget,
+                                 memory_remedy());
         if (block->count != 0)
             std::memcpy(file.bytes.data() + file.received, block->bytes.data(), block->count);
         file.received += block->count;
@@ -127,9 +127,11 @@ public:
         // A copy of the files, and a scene of about their size.
         services_.peers.make_memory(2 * announced_, order_.caller.principal);
         Task task;
-        task.lane = Lane::blocking;
-        task.run = [this](const Stop& stop) -> Reply<Frames> {
-            auto snapshot = import(stop);
+        task.pool = &services_.blocking;
+        // How large the scene is the import alone knows: those that pause give way when it is made.
+        task.run = [this, reclaimable = services_.peers.reclaimable_bytes(order_.caller.principal),
+                    remedy = memory_remedy()](const Stop& stop) -> Reply<Frames> {
+            auto snapshot = import(stop, reclaimable, remedy);
             if (!snapshot) return tl::unexpected(snapshot.error());
             snapshot_ = std::move(*snapshot);
             return Frames{};
@@ -140,7 +142,7 @@ public:
     Reply<void> ended() override {
         order_.files.clear();
         order_.lease = {};
-        reused_ = services_.scenes.holds(snapshot_->hash());
+        reused_ = services_.scenes.holds(snapshot_->digest());
         if (!reused_)
             services_.peers.make_memory(snapshot_->bytes().size(), order_.caller.principal);
         auto scene = services_.scenes.publish(order_.name, std::move(snapshot_), order_.publication,
@@ -151,9 +153,9 @@ public:
         log(LogLevel::info, "loaded",
             {{"scene", scene_->name},
              {"epoch", std::to_string(scene_->epoch)},
-             {"hash", scene_->snapshot().hash()},
+             {"hash", scene_->snapshot().digest()},
              {"bytes", std::to_string(scene_->snapshot().statistics().bytes)},
-             {"huge_bytes", std::to_string(scene_->snapshot().huge_bytes())},
+             {"huge_page_bytes", std::to_string(scene_->snapshot().huge_bytes())},
              {"seconds", std::to_string(seconds())},
              {"principal", order_.caller.principal}});
         return {};
@@ -179,6 +181,10 @@ public:
     }
 
 private:
+    [[nodiscard]] std::string memory_remedy() const {
+        return services_.scenes.remedy(order_.caller.principal, "--memory");
+    }
+
     [[nodiscard]] double seconds() const {
         return std::chrono::duration<double>(Clock::now() - started_).count();
     }
@@ -191,7 +197,12 @@ private:
     }
 
     /// Worker thread; the io thread leaves the order alone meanwhile.
-    Reply<std::shared_ptr<const Snapshot>> import(const Stop& stop) const {
+    Reply<std::shared_ptr<const Snapshot>> import(const Stop& stop, std::uint64_t reclaimable,
+                                                  const std::string& remedy) const {
+        const auto with_remedy = [&](Error error) {
+            if (error.code == ErrorCode::out_of_memory) error.message += "; " + remedy;
+            return refuse(std::move(error));
+        };
         ImportRequest request;
         request.source = order_.source;
         request.primitive = order_.primitive;
@@ -199,7 +210,7 @@ private:
         request.origin = order_.origin;
         request.masks = order_.masks;
         for (const UploadFile& file : order_.files) {
-            if (protocol::content_hash(file.bytes.span()) != file.hash)
+            if (protocol::upload_checksum(file.bytes.span()) != file.hash)
                 return refuse(Code::scene_invalid,
                               "'" + file.name + "' was damaged on its way: its hash differs");
             request.files.push_back({file.name, file.bytes.span()});
@@ -210,7 +221,7 @@ private:
                                     std::string_view(order_.source).substr(root_scheme.size()),
                                     services_.limits.upload_files_max,
                                     services_.import_limits.file_bytes_max, services_.budget);
-            if (!files) return refuse(files.error());
+            if (!files) return with_remedy(files.error());
             found = std::move(*files);
             request.source = found.front().name;
             for (const SourceFile& file : found) request.files.push_back({file.name, file.bytes});
@@ -219,18 +230,20 @@ private:
         std::uint64_t copied = 0;
         for (const NamedBytes& file : request.files) copied += file.bytes.size();
         const auto copy = services_.budget.reserve(copied);
-        if (!copy) return refuse_memory("the import's copy of the files", copied, services_.budget);
+        if (!copy)
+            return refuse_memory("the import's copy of the files", copied, services_.budget,
+                                 remedy);
         ImportLimits limits = services_.import_limits;
         // What does not fit is refused by the child, before this process maps it; while it works a
         // child may hold a few times what it makes, beside its libraries.
-        limits.scene_bytes_max = services_.budget.limit() - services_.budget.used();
+        limits.scene_bytes_max = services_.budget.limit() - services_.budget.used() + reclaimable;
         limits.bytes_max =
             std::min(limits.bytes_max, import_base_bytes + import_growth * limits.scene_bytes_max);
         // At the deadline the runner stops the task, and the child with it.
         auto snapshot = import_in_child(request, limits, services_.import_child,
                                         [&] { return !stop.requested(); });
         if (stop.requested()) return refuse(Code::cancelled, "");
-        if (!snapshot) return refuse(snapshot.error());
+        if (!snapshot) return with_remedy(snapshot.error());
         return std::move(*snapshot);
     }
 
@@ -263,7 +276,9 @@ Reply<void> read_files(const Services& services, const wire::Load& message, Load
         total += message.file_bytes()->Get(static_cast<flatbuffers::uoffset_t>(i));
     // What does not fit now is not uploaded first; it is reserved as it comes.
     services.peers.make_memory(total, order.caller.principal);
-    if (!services.budget.reserve(total)) return refuse_memory("the upload", total, services.budget);
+    if (!services.budget.reserve(total))
+        return refuse_memory("the upload", total, services.budget,
+                             services.scenes.remedy(order.caller.principal, "--memory"));
     for (std::size_t i = 0; i < names.size(); ++i) {
         const auto index = static_cast<flatbuffers::uoffset_t>(i);
         order.files.push_back({names[i], message.file_hashes()->Get(index),
@@ -302,7 +317,7 @@ Reply<Answer> load(const Services& services, const Caller& caller,
     if (const auto files = read_files(services, *message.table, order); !files)
         return tl::unexpected(files.error());
 
-    Accepted accepted;
+    JobSubmission accepted;
     accepted.kind = "load";
     accepted.scene = order.name;
     accepted.deadline_ms = message->deadline_ms();

@@ -92,7 +92,7 @@ Reply<Answer> path(const Services& services, const Caller& caller,
         if (!name) return tl::unexpected(name.error());
         return answer_with(caller, *name, services);
     }
-    Accepted accepted;
+    JobSubmission accepted;
     accepted.kind = "path";
     accepted.scene = scene->name;
     accepted.deadline_ms = message->deadline_ms();

@@ -1,7 +1,7 @@
 #include "server/handlers/picture_job.h"
 
 #include "engine/assets/image.h"
-#include "engine/integrators/generators.h"
+#include "protocol/text.h"
 #include "server/handlers/ray_source.h"
 #include "server/handlers/scene_info.h"
 
@@ -39,53 +39,56 @@ std::uint64_t picture_answer_bytes(const Caller& caller, std::uint64_t payload_b
     return payload_bytes + pieces * piece_overhead_bytes;
 }
 
-Reply<PictureOrder> make_order(const Services& services, const Caller& caller, Plan plan,
-                               const wire::Camera* camera, std::uint32_t width,
-                               std::uint32_t height, std::string_view encode, std::uint64_t bytes) {
-    PictureOrder order;
+Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
+                                   const wire::Camera* camera, std::uint32_t width,
+                                   std::uint32_t height, std::string_view encode,
+                                   std::uint64_t bytes) {
+    PictureRequest request;
     auto word = check_encode(encode);
     if (!word) return tl::unexpected(word.error());
-    order.encode = std::move(*word);
+    request.encode = std::move(*word);
 
     auto chosen = choose_camera(plan.scene.snapshot(), camera_request(camera));
     // No camera of that name: a fault of the request, not of the scene.
     if (!chosen) return refuse(Code::invalid_field, chosen.error().message);
-    order.camera = std::move(*chosen);
+    request.camera = std::move(*chosen);
     const bool asked =
         camera != nullptr && (camera->look_at() || !protocol::text(camera->name()).empty());
     if (!asked && plan.scene.snapshot().view().camera_count == 0)
         plan.notes.push_back("the scene has no camera: this one frames its bounding box");
 
-    order.plan = std::move(plan);
-    order.width = width;
-    order.height = height;
+    request.plan = std::move(plan);
+    request.width = width;
+    request.height = height;
     services.peers.make_memory(bytes, caller.principal);
     auto lease = services.budget.reserve(bytes);
     if (!lease)
         return refuse(Code::resource_exhausted,
                       "a picture of " + std::to_string(width) + "x" + std::to_string(height) +
-                          " takes " + std::to_string(bytes) + " bytes while it is made, " +
-                          std::to_string(services.budget.limit() - services.budget.used()) +
-                          " of raynestd's --memory are free; ask for a smaller `size`" +
-                          (order.encode == "exr" ? ", or for PNG in place of EXR" : "") +
-                          ", or start raynestd with more");
-    order.lease = std::move(*lease);
-    return order;
+                          " takes " + protocol::bytes_text(bytes) + " while it is made, " +
+                          protocol::bytes_text(services.budget.limit() - services.budget.used()) +
+                          " of raynestd's --memory are free; " + smaller_picture(request.encode) +
+                          ", or start raynestd with a larger --memory");
+    request.lease = std::move(*lease);
+    return request;
 }
 
-PictureJob::PictureJob(const Services& services, const Caller& caller, PictureOrder order)
-    : services_(services),
-      id_(caller.request_id),
-      order_(std::move(order)),
-      sensor_(camera_sensor(order_.camera, {}, {order_.width, order_.height})),
-      chunk_rays_(order_.plan.chunk_rays_max(services.limits)),
-      cuda_rays_(order_.plan.cuda_rays_max(services.limits)),
-      piece_bytes_(piece_bytes(caller)),
-      runs_{{0, order_.pixels()}} {}
+std::string smaller_picture(std::string_view encode) {
+    return std::string("ask for a smaller `size`") +
+           (encode == "exr" ? ", or for PNG in place of EXR" : "");
+}
+
+PictureJob::PictureJob(const Services& services, const Caller& caller, PictureRequest request)
+    : ChunkedJob(services, caller, std::move(request.plan), request.pixels(), false),
+      request_(std::move(request)),
+      sensor_(camera_sensor(request_.camera, {}, {request_.width, request_.height})),
+      piece_bytes_(piece_bytes(caller)) {
+    queue_.add(0, request_.pixels());
+}
 
 Frames PictureJob::greeting() {
-    wire::StartedT message = started(order_.plan, services_.limits);
-    message.camera = clean_text(order_.camera.name, services_.limits.name_bytes_max);
+    wire::StartedT message = started(plan_, services_.limits);
+    message.camera = clean_text(request_.camera.name, services_.limits.name_bytes_max);
     Frames frames;
     frames.push_back(*protocol::encode(id_, message));
     return frames;
@@ -94,7 +97,10 @@ Frames PictureJob::greeting() {
 std::optional<Task> PictureJob::next() {
     switch (stage_) {
         case Stage::tracing:
-            if (Run run = take_run(); run.count != 0) return trace_task(std::move(run));
+            if (auto work = next_work()) {
+                ++chunks_running_;
+                return std::move(work->task);
+            }
             return std::nullopt;
         case Stage::encoding:
             if (!encode_started_) return encode_task();
@@ -108,7 +114,7 @@ std::optional<Task> PictureJob::next() {
 }
 
 Reply<void> PictureJob::ended() {
-    if (stage_ == Stage::tracing && --chunks_running_ == 0 && tally_.rays() == order_.pixels())
+    if (stage_ == Stage::tracing && --chunks_running_ == 0 && queue_.all_answered())
         stage_ = Stage::encoding;
     else if (stage_ == Stage::encoding)
         stage_ = Stage::sending;
@@ -122,97 +128,71 @@ bool PictureJob::finished() const {
 }
 
 Frames PictureJob::farewell() {
-    wire::DoneT done = tally_.done(order_.plan);
-    complete(done);
-    if (std::string line = hint(); !line.empty()) done.notes.push_back(std::move(line));
+    wire::DoneT message = done();
+    complete(message);
+    if (std::string line = hint(); !line.empty()) message.notes.push_back(std::move(line));
     Frames frames;
-    frames.push_back(*protocol::encode(id_, done));
+    frames.push_back(*protocol::encode(id_, message));
     return frames;
 }
 
 std::string PictureJob::hint() const {
-    const Snapshot& scene = order_.plan.scene.snapshot();
-    if (scene.bounds().is_empty()) return {};
-    const bool nothing = tally_.hits() == 0;
+    const Snapshot& scene = plan_.scene.snapshot();
+    const auto line = [&](const std::string& sees) {
+        return clean_text("camera '" + request_.camera.name + "' sees " + sees,
+                          services_.limits.text_bytes_max);
+    };
+    if (scene.bounds().is_empty()) return line("nothing: the scene is empty");
+    const bool nothing = statistics_.hits() == 0;
     // Every pixel, but for a few cracks and edges, is the back of something.
-    const bool backs = order_.plan.query == query_closest && tally_.hits() == order_.pixels() &&
-                       backs_ > order_.pixels() / 100 * 99;
+    const bool backs = plan_.query == query_closest && statistics_.hits() == request_.rays() &&
+                       backs_ > request_.rays() / 100 * 99;
     if (!nothing && !backs) return {};
+    if (nothing && request_.camera.name == "automatic" && scene.view().camera_count == 0)
+        return line("nothing, though it frames the scene: `mask` or the intersector " +
+                    plan_.variant->name + " hides everything");
     const Framing view = framing(scene.bounds());
     const WorldPoint& origin = scene.origin();
     std::ostringstream lookat;
-    lookat.precision(origin == WorldPoint{} ? 6 : 12);
+    lookat.precision(origin == WorldPoint{} ? 9 : 15);
     for (const glm::dvec3& point : {view.eye, view.at}) {
         for (int i = 0; i < 3; ++i)
             lookat << (lookat.tellp() == 0 ? "" : ",")
                    << origin[static_cast<std::size_t>(i)] + point[i];
     }
-    const std::string camera = "camera '" + order_.camera.name + "' ";
-    return clean_text(
-        camera +
-            (nothing ? "sees nothing" : "sees only backs of surfaces, as from inside of them") +
-            "; to frame the scene: raynest " + std::string(command()) + ' ' +
-            order_.plan.scene.name + " --lookat " + lookat.str(),
-        services_.limits.text_bytes_max);
+    return line((nothing ? "nothing" : "only backs of surfaces, as from inside of them") +
+                std::string("; to frame the scene take `look_at` ") + lookat.str());
 }
 
 std::optional<Progress> PictureJob::progress() const {
-    if (stage_ == Stage::tracing) return Progress{tally_.rays(), order_.pixels(), "tracing"};
+    if (stage_ == Stage::tracing) return Progress{queue_.answered(), request_.pixels(), "tracing"};
     if (stage_ == Stage::encoding) return Progress{0, 0, "encoding"};
     return Progress{sent_, payload_.bytes.size(), "sending"};
 }
 
-PictureJob::Run PictureJob::take_run() {
-    const std::lock_guard lock(mutex_);
-    if (runs_.empty()) return {};
-    Run& rest = runs_.back();
-    Run run = rest;
-    run.count = std::min(on_cuda(rest) ? cuda_rays_ : chunk_rays_, rest.count);
-    rest.first += run.count;
-    rest.count -= run.count;
-    if (rest.count == 0) runs_.pop_back();
-    return run;
+std::uint64_t PictureJob::chunk_size(const Backend& backend, const Chunk& /*rest*/) const {
+    return std::max<std::uint64_t>(1, backend.call_rays_max(plan_) / request_.samples);
 }
 
-Task PictureJob::trace_task(Run run) {
-    ++chunks_running_;
-    Task task;
-    task.lane = on_cuda(run) ? Lane::device : Lane::compute;
-    task.run = [this, run = std::move(run)](const Stop& stop) { return trace_run(run, stop); };
-    return task;
-}
-
-Reply<Frames> PictureJob::trace_run(const Run& run, const Stop& stop) {
-    tally_.begin();
-    TraceBuffers& buffers = TraceBuffers::of_this_thread();
-    buffers.fallback = run.fallback;
-    buffers.rays.resize(run.count);
-    generate_tiles(sensor_, run.first, buffers.rays);
-    if (const auto exposed = expose(run.first, buffers.rays, stop, buffers); !exposed) {
-        if (!on_cuda(run) || buffers.fallback.empty()) return tl::unexpected(exposed.error());
-        const std::lock_guard lock(mutex_);
-        runs_.push_back({run.first, run.count, buffers.fallback});
-        return Frames{};
-    }
-    const auto missed = std::count_if(buffers.hits.begin(), buffers.hits.end(),
-                                      [](const HitRecord& hit) { return hit.hit == 0; });
-    const auto misses = static_cast<std::uint64_t>(missed);
-    backs_ += static_cast<std::uint64_t>(
-        std::count_if(buffers.hits.begin(), buffers.hits.end(),
-                      [](const HitRecord& hit) { return hit.hit != 0 && hit.front == 0; }));
-    tally_.add(buffers, {run.count, run.count - misses, misses, 0});
-    services_.metrics.rays += run.count;
+Traced<Frames> PictureJob::trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) {
+    const PixelRange pixels{sensor_, chunk.first, chunk.count, request_.samples};
+    const CastPlans by = plans();
+    buffers.resize(buffers.rays, pixels.rays());
+    buffers.resize(buffers.hits, pixels.rays());
+    buffers.resize(buffers.counters, by.counted != nullptr ? pixels.rays() : 0);
+    ChunkCaster caster(by, chunk.backend, stop, buffers);
+    const auto seen = trace_pixels(pixels, plan_.source(services_.registry), caster,
+                                   {buffers.rays, buffers.hits, buffers.counters});
+    if (!seen) return tl::unexpected(caster.failure());
+    JobStatistics::Counts counts;
+    counts.rays = seen->rays;
+    counts.hits = seen->hits;
+    counts.misses = seen->rays - seen->hits;
+    statistics_.add(chunk.backend, caster.traversal(), counts);
+    backs_ += seen->backs;
+    services_.metrics.rays += seen->rays;
+    queue_.answered(chunk.count);
     return Frames{};
-}
-
-Reply<void> PictureJob::trace_camera(std::uint64_t first, std::span<const Ray> rays,
-                                     const Stop& stop, TraceBuffers& buffers) const {
-    // A GPU makes the rays of a pinhole itself.
-    const auto* const pinhole = std::get_if<Pinhole>(&sensor_);
-    if (pinhole == nullptr || !order_.plan.on_cuda(buffers.fallback))
-        return trace(order_.plan, rays, stop, buffers);
-    const PinholeRays made{*pinhole, first, true};
-    return trace(order_.plan, rays, stop, buffers, &made);
 }
 
 Task PictureJob::encode_task() {
@@ -221,7 +201,7 @@ Task PictureJob::encode_task() {
     task.run = [this](const Stop& stop) -> Reply<Frames> {
         // Once begun it takes its time, a second for a large PNG.
         if (stop.requested()) return refuse(Code::cancelled, "");
-        auto payload = develop();
+        auto payload = encode();
         if (!payload) return tl::unexpected(payload.error());
         payload_ = std::move(*payload);
         return Frames{};
@@ -245,7 +225,7 @@ Task PictureJob::send_task() {
         wire::PictureT message;
         message.width = payload_.width;
         message.height = payload_.height;
-        message.encode = order_.encode;
+        message.encode = request_.encode;
         message.offset = offset;
         message.total = payload_.bytes.size();
         auto frame = protocol::encode(id_, std::move(message), std::move(bulk), services_.limits);

@@ -30,15 +30,16 @@ std::uint64_t answer_bytes(const Plan& plan, const Columns::Cost& cost, const Ca
 /// Room for the answers of a detached query is reserved for chunks of so many rays at least.
 constexpr std::uint64_t kept_rays_min = 1024;
 
-/// Rays per task.
+/// Rays per answer.
 std::uint64_t chunk_rays(const Plan& plan, const Columns::Cost& cost, std::uint64_t bytes,
                          const protocol::Limits& limits) {
-    if (plan.query == query_all) return plan.chunk_rays_max(limits);
+    std::uint64_t most = limits.chunk_rays_max;
+    for (const Backend* backend : plan.worker.order)
+        most = std::min(most, backend->call_rays_max(plan));
+    if (plan.query == query_all) return most;
     const std::uint64_t per_ray = cost.per_ray + cost.per_hit * plan.hits_max;
     const std::uint64_t by_reply = (bytes - cost.fixed) / std::max<std::uint64_t>(1, per_ray);
-    const std::uint64_t by_hits = hit_bytes_max / (sizeof(HitRecord) * plan.hits_max);
-    const std::uint64_t most = std::min({by_reply, by_hits, plan.chunk_rays_max(limits)});
-    return std::max<std::uint64_t>(1, most);
+    return std::clamp<std::uint64_t>(by_reply, 1, most);
 }
 
 /// Records that a task has room for: what fits its answer, at least what any ray needs.
@@ -57,7 +58,7 @@ constexpr std::uint32_t all_hits = 4096;
 constexpr std::uint64_t expected_hits = 8;
 
 /// A task of so few rays may share its call of the kernel with others.
-constexpr std::uint64_t question_rays_max = 256;
+constexpr std::uint64_t merged_rays_max = 256;
 
 /// A row per ray, or one per hit.
 class ColumnsJob final : public QueryJob {
@@ -69,12 +70,17 @@ public:
           cost_(columns_.cost(plan_)),
           answer_bytes_(answer_bytes(plan_, cost_, caller)),
           chunk_rays_(source_.chunk_rays(chunk_rays(plan_, cost_, answer_bytes_, services.limits))),
-          cuda_rays_(cuda_chunks() * chunk_rays_),
           fitting_(chunk_rays_) {}
 
 protected:
-    [[nodiscard]] std::uint64_t piece_rays(const Piece& rest) const override {
-        return on_cuda(rest) ? cuda_rays_ : fitting_.load();
+    /// Several answers' worth where a backend takes more rays at a time; together they are no more
+    /// than one answer may be.
+    [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
+                                           const Chunk& /*rest*/) const override {
+        if (plan_.query == query_all) return fitting_;
+        const std::uint64_t by_rays = backend.call_rays_max(plan_) / chunk_rays_;
+        const std::uint64_t by_bytes = answer_bytes_ / chunk_bytes(chunk_rays_);
+        return chunk_rays_ * std::max<std::uint64_t>(1, std::min(by_rays, by_bytes));
     }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t rays) const override {
         if (plan_.query == query_all) return answer_bytes_;
@@ -92,97 +98,85 @@ protected:
                                                     (cost_.fixed + answer_head_bytes_max);
     }
 
-    Reply<Frames> answer(const Piece& piece, const Stop& stop) override {
-        TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        auto rays = source_.trace(plan_, piece, stop, buffers, any_order());
-        if (!rays) return tl::unexpected(rays.error());
-        if (piece.count > chunk_rays_) return encode_in_chunks(piece.first, *rays, buffers);
-        const std::size_t count = fitting(buffers);
-        auto frames = encode(piece.first, rays->first(count), buffers);
-        if (frames && plan_.query == query_all) give_back_behind(piece, count);
+    Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override {
+        auto traced = source_.trace(plan_, chunk, input_, stop, buffers, any_order());
+        if (!traced) return tl::unexpected(traced.error());
+        const std::uint64_t count = fitting(*traced);
+        Frames frames;
+        for (std::uint64_t done = 0; done < count; done += chunk_rays_) {
+            const std::uint64_t rays = std::min(chunk_rays_, count - done);
+            auto frame = encode(chunk.first + done, traced->slice(done, rays));
+            if (!frame) return tl::unexpected(TraceFailure(frame.error()));
+            frames.push_back(std::move(*frame));
+        }
+        answered(chunk.first, count);
+        if (plan_.query == query_all) give_back_behind(chunk, count);
         return frames;
     }
 
-    [[nodiscard]] std::shared_ptr<const Question> question(const Piece& piece) override {
-        const bool small = piece.count <= question_rays_max && !piece.sent.empty();
-        if (!small || source_.has_points() || !any_order() || plan_.worker.cuda != nullptr ||
+    [[nodiscard]] std::shared_ptr<const MergeableTask> mergeable(const Chunk& chunk) override {
+        const bool small = chunk.count <= merged_rays_max && source_.sent() != 0;
+        if (!small || source_.has_points() || !any_order() || !plan_.is_local() ||
             plan_.traversal == traversal_reference)
             return nullptr;
-        return std::make_shared<RaysQuestion>(*this, piece);
+        return std::make_shared<MergeableChunk>(*this, chunk);
     }
 
 private:
     /// A closest or any query of rays that the client sent.
-    class RaysQuestion final : public Question {
+    class MergeableChunk final : public MergeableTask {
     public:
-        RaysQuestion(ColumnsJob& job, Piece piece) : job_(job), piece_(std::move(piece)) {}
-        [[nodiscard]] std::uint64_t rays() const override { return piece_.count; }
-        [[nodiscard]] bool same_as(const Question& other) const override {
-            const auto* question = dynamic_cast<const RaysQuestion*>(&other);
-            return question != nullptr && job_.plan_.same_call(question->job_.plan_);
+        MergeableChunk(ColumnsJob& job, const Chunk& chunk) : job_(job), chunk_(chunk) {}
+        [[nodiscard]] std::uint64_t rays() const override { return chunk_.count; }
+        [[nodiscard]] bool same_as(const MergeableTask& other) const override {
+            const auto* chunk = dynamic_cast<const MergeableChunk*>(&other);
+            return chunk != nullptr && chunk_.backend == chunk->chunk_.backend &&
+                   job_.plan_.same_call(chunk->job_.plan_);
         }
-        [[nodiscard]] Reply<void> trace(std::span<const Question* const> all,
-                                        const Stop& stop) const override {
-            TraceBuffers& buffers = TraceBuffers::of_this_thread();
-            buffers.rays.clear();
-            for (const Question* each : all) {
-                const auto& question = static_cast<const RaysQuestion&>(*each);
-                question.job_.tally_.begin();
-                const Piece& piece = question.piece_;
-                const auto rays =
-                    piece.sent.rays(piece.first - piece.sent_first, piece.count, buffers.sent);
-                buffers.rays.insert(buffers.rays.end(), rays.begin(), rays.end());
+        [[nodiscard]] Reply<AnswerRows> trace(std::span<const MergeableTask* const> all,
+                                              const Stop& stop) const override {
+            const std::shared_ptr buffers = job_.services_.trace_buffers.take();
+            std::uint64_t count = 0;
+            for (const MergeableTask* each : all) count += each->rays();
+            buffers->resize(buffers->rays, count);
+            std::span<Ray> rest = buffers->rays;
+            for (const MergeableTask* each : all) {
+                const auto& merged = static_cast<const MergeableChunk&>(*each);
+                const Chunk& chunk = merged.chunk_;
+                merged.job_.statistics_.begin();
+                std::ranges::copy(merged.job_.input_.sent(chunk.first, chunk.count, *buffers),
+                                  rest.begin());
+                rest = rest.subspan(chunk.count);
             }
-            return server::trace(job_.plan_, buffers.rays, stop, buffers);
-        }
-        [[nodiscard]] Reply<Frames> answer(std::uint64_t first_row) const override {
-            TraceBuffers& traced = TraceBuffers::of_this_thread();
-            const auto first = traced.hits.begin() + static_cast<std::ptrdiff_t>(first_row);
-            TraceBuffers own;
-            own.traversal = traced.traversal;
-            own.hits.assign(first, first + static_cast<std::ptrdiff_t>(piece_.count));
-            const std::span<const Ray> rays(traced.rays);
-            return job_.encode(piece_.first, rays.subspan(first_row, piece_.count), own);
+            auto traced = trace_rays(job_.plan_, chunk_.backend, buffers->rays, stop, *buffers);
+            if (!traced) return refuse(Code::busy, "");  // each alone says why
+            return [buffers, traced = *traced](const MergeableTask& of, std::uint64_t first_row) {
+                const auto& merged = static_cast<const MergeableChunk&>(of);
+                return merged.job_.answer_rows(merged.chunk_, traced.slice(first_row, of.rays()));
+            };
         }
 
     private:
         ColumnsJob& job_;
-        const Piece piece_;
+        const Chunk chunk_;
     };
+
+    Reply<Frames> answer_rows(const Chunk& chunk, const TracedRays& traced) {
+        auto frame = encode(chunk.first, traced);
+        if (!frame) return tl::unexpected(frame.error());
+        answered(chunk.first, chunk.count);
+        Frames frames;
+        frames.push_back(std::move(*frame));
+        return frames;
+    }
 
     [[nodiscard]] std::uint64_t chunk_bytes(std::uint64_t rays) const {
         return cost_.bytes(rays, rays * plan_.hits_max);
     }
 
-    /// A GPU's call is answered in frames as a CPU's are, which together are no more than one
-    /// answer may be: how many.
-    [[nodiscard]] std::uint64_t cuda_chunks() const {
-        const std::uint64_t by_rays = plan_.cuda_rays_max(services_.limits) / chunk_rays_;
-        const std::uint64_t by_bytes = answer_bytes_ / chunk_bytes(chunk_rays_);
-        return std::max<std::uint64_t>(1, std::min(by_rays, by_bytes));
-    }
-
-    Reply<Frames> encode_in_chunks(std::uint64_t first, std::span<const Ray> rays,
-                                   TraceBuffers& buffers) {
-        Frames frames;
-        TraceBuffers chunk;
-        for (std::uint64_t done = 0; done < rays.size(); done += chunk_rays_) {
-            buffers.copy(done, std::min(chunk_rays_, rays.size() - done), rays, chunk);
-            auto frame = encode(first + done, chunk.rays, chunk);
-            if (!frame) return frame;
-            frames.push_back(std::move(frame->front()));
-        }
-        return frames;
-    }
-
-    /// Worker thread: the frame with the columns of these rays.
-    Reply<Frames> encode(std::uint64_t first, std::span<const Ray> rays, TraceBuffers& buffers) {
-        auto frame = columns_.encode(plan_, services_.registry, id_, first, rays, buffers, tally_);
-        if (!frame) return tl::unexpected(frame.error());
-        services_.metrics.rays += rays.size();
-        Frames frames;
-        frames.push_back(std::move(*frame));
-        return frames;
+    /// Any thread: the frame with the columns of these rays.
+    Reply<protocol::Frame> encode(std::uint64_t first, const TracedRays& traced) {
+        return columns_.encode(plan_, services_.registry, id_, first, traced, statistics_);
     }
 
     /// May rays be traced among others, in any order? Each then has one hit and nothing else.
@@ -192,23 +186,22 @@ private:
     }
 
     /// How many of the traced rays fit the promised answer; one always does.
-    [[nodiscard]] std::size_t fitting(const TraceBuffers& buffers) const {
-        if (plan_.query != query_all) return buffers.answered;
+    [[nodiscard]] std::uint64_t fitting(const TracedRays& traced) const {
+        if (plan_.query != query_all) return traced.rays.size();
         std::uint64_t hits = 0;
-        std::size_t rays = 0;
-        while (rays < buffers.answered &&
-               cost_.bytes(rays + 1, hits + buffers.counts[rays]) <= answer_bytes_)
-            hits += buffers.counts[rays++];
+        std::uint64_t rays = 0;
+        while (rays < traced.rays.size() &&
+               cost_.bytes(rays + 1, hits + traced.counts[rays]) <= answer_bytes_)
+            hits += traced.counts[rays++];
         return rays;
     }
 
-    /// `count` rays of the piece fitted an answer.
-    void give_back_behind(Piece piece, std::uint64_t count) {
-        free_input(piece, count);
-        piece.split(count);
-        if (piece.count != 0) {
+    /// `count` rays of the chunk fitted an answer.
+    void give_back_behind(Chunk chunk, std::uint64_t count) {
+        chunk.split(count);
+        if (chunk.count != 0) {
             fitting_ = count;
-            give_back(std::move(piece));
+            queue_.give_back(chunk);
         } else {
             fitting_ = std::max(fitting_.load(), std::min(2 * count, chunk_rays_));
         }
@@ -217,8 +210,7 @@ private:
     const Columns columns_;
     const Columns::Cost cost_;
     const std::uint64_t answer_bytes_;
-    const std::uint64_t chunk_rays_;
-    const std::uint64_t cuda_rays_;       ///< of several chunks
+    const std::uint64_t chunk_rays_;      ///< of an answer
     std::atomic<std::uint64_t> fitting_;  ///< rays to try with the next task
 };
 
@@ -234,7 +226,7 @@ Reply<void> check_frame_bytes(const Plan& plan, const Columns::Cost& cost, const
                       "larger window_bytes");
 }
 
-/// What is asked of each ray. Kind `null` asks nothing: the answers of a closest query that misses.
+/// The question about each ray. Kind `null` asks nothing: the answers of a closest query that misses.
 struct Kind {
     Query query = query_closest;
     bool untraced = false;
@@ -271,6 +263,7 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     auto plan = make_plan(services, caller, *message->job(), kind->query, columns->counting());
     if (!plan) return tl::unexpected(plan.error());
     plan->untraced = kind->untraced;
+    plan->hidden = protocol::strings(message->hidden());
     plan->reads_rays = reduce.empty() && columns->read_rays();
     if (plan->csr()) plan->hits_max = message->max_hits();
     if (plan->hits_max == 0) plan->hits_max = kind->query == query_all ? all_hits : multi_hits;
@@ -280,10 +273,10 @@ Reply<Answer> query(const Services& services, const Caller& caller,
         return refuse(Code::limit_exceeded, "a query of " + std::to_string(source->rays()) +
                                                 " rays, the limit is rays_max = " +
                                                 std::to_string(services.limits.rays_max));
-    if (auto chosen = choose_worker(services, source->rays(), *plan); !chosen)
+    if (auto chosen = choose_backends(services.backends, source->rays(), *plan); !chosen)
         return tl::unexpected(chosen.error());
 
-    Accepted accepted = accept(*plan, "query", source->rays());
+    JobSubmission accepted = accept(*plan, "query", source->rays());
     accepted.detail =
         reduce.empty() ? protocol::word(message->kind(), default_kind(reduce)) : reduce;
     // At worst every ray comes in a frame of its own.

@@ -3,6 +3,7 @@
 #include "server/handlers/query_job.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <map>
 #include <string>
@@ -13,11 +14,11 @@
 namespace raynest::server {
 namespace {
 
-/// Of a piece whose first ray this is.
-Tally::Counts count_hits(const TraceBuffers& buffers, std::uint64_t first_ray) {
-    Tally::Counts counts;
-    counts.rays = buffers.hits.size();
-    counts.add_rays(buffers.hits, buffers.order, first_ray);
+/// The numbers of a chunk whose first ray this is.
+JobStatistics::Counts count_hits(const TracedRays& traced, std::uint64_t first_ray) {
+    JobStatistics::Counts counts;
+    counts.rays = traced.hits.size();
+    counts.add_rays(traced.hits, traced.order, first_ray);
     counts.hits = counts.rays - counts.misses;
     return counts;
 }
@@ -40,15 +41,14 @@ class FractionJob final : public QueryJob {
 public:
     FractionJob(const Services& services, const Caller& caller, Plan plan, RaySource source)
         : QueryJob(services, caller, std::move(plan), std::move(source)),
-          batch_rays_(plan_.chunk_rays_max(services.limits)),
-          cuda_batch_rays_(plan_.cuda_rays_max(services.limits)),
           points_max_((frame_bytes_max(caller) - protocol::alignment) / sizeof(float)) {}
 
 protected:
-    [[nodiscard]] std::uint64_t piece_rays(const Piece& rest) const override {
+    [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
+                                           const Chunk& rest) const override {
         const std::uint64_t each = source_.rays_per_point();
-        const std::uint64_t batch = on_cuda(rest) ? cuda_batch_rays_ : batch_rays_;
-        return each > batch ? std::min(batch, each - rest.first % each) : each * task_points(batch);
+        const std::uint64_t most = backend.call_rays_max(plan_);
+        return each > most ? std::min(most, each - rest.first % each) : each * chunk_points(most);
     }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t rays) const override {
         const std::uint64_t points = std::max<std::uint64_t>(1, rays / source_.rays_per_point());
@@ -58,36 +58,36 @@ protected:
         return source_.rays() / source_.rays_per_point();
     }
     [[nodiscard]] std::uint64_t result_bytes() const override {
-        return reply_bytes(source_.rays()) + (rows() / task_points(batch_rays_) + 1) *
-                                                 (protocol::alignment + answer_head_bytes_max);
+        const std::uint64_t points = chunk_points(plan_.worker.order.back()->call_rays_max(plan_));
+        return reply_bytes(source_.rays()) +
+               (rows() / points + 1) * (protocol::alignment + answer_head_bytes_max);
     }
 
-    Reply<Frames> answer(const Piece& piece, const Stop& stop) override {
-        TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        if (const auto traced = source_.trace(plan_, piece, stop, buffers, false); !traced)
-            return tl::unexpected(traced.error());
+    Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override {
+        const auto traced = source_.trace(plan_, chunk, input_, stop, buffers, false);
+        if (!traced) return tl::unexpected(traced.error());
         const std::uint64_t each = source_.rays_per_point();
-        std::vector<std::uint32_t> hits(std::max<std::uint64_t>(1, piece.count / each));
-        for (std::uint64_t i = 0; i < piece.count; ++i) hits[i / each] += buffers.hits[i].hit;
-        const bool whole = piece.count >= each || add_part(piece, hits.front());
-        auto frames = whole ? fractions(piece.first / each, hits) : Reply<Frames>(Frames{});
-        if (!frames) return frames;
-        tally_.add(buffers, count_hits(buffers, piece.first));
-        services_.metrics.rays += piece.count;
-        return frames;
+        std::vector<std::uint32_t> hits(std::max<std::uint64_t>(1, chunk.count / each));
+        for (std::uint64_t i = 0; i < chunk.count; ++i) hits[i / each] += traced->hits[i].hit;
+        const bool whole = chunk.count >= each || add_part(chunk, hits.front());
+        auto frames = whole ? fractions(chunk.first / each, hits) : Reply<Frames>(Frames{});
+        if (!frames) return tl::unexpected(TraceFailure(frames.error()));
+        statistics_.add(chunk.backend, traced->traversal, count_hits(*traced, chunk.first));
+        answered(chunk.first, chunk.count);
+        return std::move(*frames);
     }
 
 private:
-    /// Whole points of a task; one that has more rays goes in parts.
-    [[nodiscard]] std::uint64_t task_points(std::uint64_t batch) const {
-        return std::clamp<std::uint64_t>(batch / source_.rays_per_point(), 1, points_max_);
+    /// Whole points of a chunk; one that has more rays goes in parts.
+    [[nodiscard]] std::uint64_t chunk_points(std::uint64_t rays_max) const {
+        return std::clamp<std::uint64_t>(rays_max / source_.rays_per_point(), 1, points_max_);
     }
     /// Was it the last part of its point? Then `hits` become those of all.
-    bool add_part(const Piece& piece, std::uint32_t& hits) {
+    bool add_part(const Chunk& chunk, std::uint32_t& hits) {
         const std::uint64_t each = source_.rays_per_point();
         const std::lock_guard lock(mutex_);
-        const auto part = parts_.try_emplace(piece.first / each).first;
-        part->second.rays += piece.count;
+        const auto part = parts_.try_emplace(chunk.first / each).first;
+        part->second.rays += chunk.count;
         hits = part->second.hits += hits;
         if (part->second.rays < each) return false;
         parts_.erase(part);
@@ -104,15 +104,13 @@ private:
         return rows_frame(id_, first_point, hits.size(), std::move(bulk));
     }
 
-    struct Part {
+    struct PartialSum {
         std::uint64_t rays = 0;
         std::uint32_t hits = 0;
     };
-    const std::uint64_t batch_rays_;
-    const std::uint64_t cuda_batch_rays_;
     const std::uint64_t points_max_;  ///< of an answer
     std::mutex mutex_;
-    std::map<std::uint64_t, Part> parts_;  ///< of points that are traced in parts, so far
+    std::map<std::uint64_t, PartialSum> parts_;  ///< of points that are traced in parts, so far
 };
 
 /// How many rays see each instance path first. The counts of all tasks are added up; the table is
@@ -122,8 +120,6 @@ public:
     VisibleJob(const Services& services, const Caller& caller, Plan plan, RaySource source,
                std::uint64_t paths_max, Budget::Lease lease)
         : QueryJob(services, caller, std::move(plan), std::move(source)),
-          chunk_rays_(source_.chunk_rays(plan_.chunk_rays_max(services.limits))),
-          cuda_rays_(source_.chunk_rays(plan_.cuda_rays_max(services.limits))),
           frame_rows_(std::min(services.limits.chunk_rays_max,
                                (frame_bytes_max(caller) - 2 * protocol::alignment) / row_bytes)),
           paths_max_(paths_max),
@@ -134,7 +130,7 @@ public:
 
     std::optional<Task> next() override {
         if (auto task = QueryJob::next()) return task;
-        if (!all_answered()) return std::nullopt;
+        if (!queue_.all_answered()) return std::nullopt;
         if (!sorted_) return sorting_ ? std::nullopt : std::optional(sort_task());
         if (sent_ == table_.size()) return std::nullopt;
         return rows_task();
@@ -143,8 +139,9 @@ public:
     [[nodiscard]] std::uint64_t held_bytes() const override { return lease_.bytes(); }
 
 protected:
-    [[nodiscard]] std::uint64_t piece_rays(const Piece& rest) const override {
-        return on_cuda(rest) ? cuda_rays_ : chunk_rays_;
+    [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
+                                           const Chunk& /*rest*/) const override {
+        return source_.chunk_rays(backend.call_rays_max(plan_));
     }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t /*rays*/) const override { return 0; }
     [[nodiscard]] std::uint64_t rows() const override { return table_.size(); }
@@ -153,19 +150,18 @@ protected:
         return paths_max_ * row_bytes + frames * (2 * protocol::alignment + answer_head_bytes_max);
     }
 
-    Reply<Frames> answer(const Piece& piece, const Stop& stop) override {
-        TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        if (const auto traced = source_.trace(plan_, piece, stop, buffers, true); !traced)
-            return tl::unexpected(traced.error());
+    Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override {
+        const auto traced = source_.trace(plan_, chunk, input_, stop, buffers, true);
+        if (!traced) return tl::unexpected(traced.error());
         std::unordered_map<std::uint64_t, std::uint32_t> counts;
-        for (const HitRecord& hit : buffers.hits)
+        for (const HitRecord& hit : traced->hits)
             if (hit.hit != 0) ++counts[hit.path];
         {
             const std::lock_guard lock(mutex_);
             for (const auto& [path, count] : counts) counts_[path] += count;
         }
-        tally_.add(buffers, count_hits(buffers, piece.first));
-        services_.metrics.rays += piece.count;
+        statistics_.add(chunk.backend, traced->traversal, count_hits(*traced, chunk.first));
+        answered(chunk.first, chunk.count);
         return Frames{};
     }
 
@@ -206,8 +202,6 @@ private:
         return task;
     }
 
-    const std::uint64_t chunk_rays_;
-    const std::uint64_t cuda_rays_;
     const std::uint64_t frame_rows_;
     const std::uint64_t paths_max_;
     const Budget::Lease lease_;
@@ -220,7 +214,19 @@ private:
 };
 
 constexpr std::string_view fraction_name = "hit_fraction";
-constexpr std::string_view visible_name = "visible_pixels";
+
+struct Reducer {
+    std::string_view name, kind;
+};
+constexpr std::array reducers = {
+#define RAYNEST_REDUCER(name, kind, rows, columns, text) Reducer{#name, #kind},
+#include "protocol/reducers.def"
+};
+const Reducer* find_reducer(std::string_view name) {
+    const auto* found = std::find_if(reducers.begin(), reducers.end(),
+                                     [&](const Reducer& each) { return each.name == name; });
+    return found == reducers.end() ? nullptr : found;
+}
 /// One path may be met by all of them, and its count travels as u32.
 constexpr std::uint64_t visible_rays_max = ~std::uint32_t{0};
 
@@ -231,17 +237,21 @@ tl::unexpected<protocol::Error> refuse_use(std::string_view reduce, const char* 
 }  // namespace
 
 std::string_view default_kind(std::string_view reduce) {
-    return reduce == fraction_name ? "any" : "closest";
+    const Reducer* reducer = find_reducer(reduce);
+    return reducer != nullptr ? reducer->kind : "closest";
 }
 
 Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller,
                                             Plan plan, RaySource source,
                                             const protocol::Opened<wire::Query>& message) {
     const std::string_view reduce = protocol::text(message->reduce());
-    if (reduce != fraction_name && reduce != visible_name)
-        return refuse(Code::invalid_field, "unknown reduce '" + std::string(reduce) +
-                                               "': use one of " + std::string(fraction_name) +
-                                               ", " + std::string(visible_name));
+    if (find_reducer(reduce) == nullptr) {
+        std::string known;
+        for (const Reducer& each : reducers)
+            known += (known.empty() ? "" : ", ") + std::string(each.name);
+        return refuse(Code::invalid_field,
+                      "unknown reduce '" + std::string(reduce) + "': use one of " + known);
+    }
     if (message->fields() != nullptr && message->fields()->size() != 0)
         return refuse_use(reduce, "has columns of its own; name no fields");
     if (plan.untraced)
@@ -260,7 +270,7 @@ Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Call
                           " rays, these are " + std::to_string(source.rays()) +
                           "; ask for fewer samples or points");
     const SceneView& scene = plan.scene.snapshot().view();
-    const std::uint64_t paths = std::min(source.rays(), scene.objects[scene.root].leaves);
+    const std::uint64_t paths = std::min(source.rays(), scene.objects[scene.root].placement_count);
     services.peers.make_memory(paths * VisibleJob::path_bytes, caller.principal);
     auto lease = services.budget.reserve(paths * VisibleJob::path_bytes);
     if (!lease)

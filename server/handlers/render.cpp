@@ -34,7 +34,8 @@ Result<std::vector<std::byte>> encode_linear_exr(std::uint32_t width, std::uint3
     for (int i = 0; i < 4; ++i) {
         auto& plane = planes[static_cast<std::size_t>(i)];
         plane.reserve(pixels.size());
-        for (const Vec4& pixel : pixels) plane.push_back(pixel[i]);
+        // Colours of an EXR are multiplied by alpha, so the background is 0.
+        for (const Vec4& pixel : pixels) plane.push_back(pixel[i] * (i < 3 ? pixel.w : 1));
         channels[static_cast<std::size_t>(i)] = {names[static_cast<std::size_t>(i)], plane, {}};
     }
     return encode_exr(width, height, channels);
@@ -42,35 +43,31 @@ Result<std::vector<std::byte>> encode_linear_exr(std::uint32_t width, std::uint3
 
 class RenderJob final : public PictureJob {
 public:
-    RenderJob(const Services& services, const Caller& caller, PictureOrder made)
-        : PictureJob(services, caller, std::move(made)),
+    RenderJob(const Services& services, const Caller& caller, PictureRequest asked)
+        : PictureJob(services, caller, std::move(asked)),
           pixels_(blank<Vec4>()) {}
 
 protected:
-    [[nodiscard]] std::string_view command() const override { return "render"; }
-    Reply<void> expose(std::uint64_t first, std::span<Ray> rays, const Stop& stop,
-                       TraceBuffers& buffers) override {
-        if (const auto traced = trace_camera(first, rays, stop, buffers); !traced) return traced;
-        ColumnSource source = order().plan.source(registry());
-        source.rays = rays;
-        source.hits = buffers.hits;
-        std::vector<Vec4> shaded(rays.size());
-        shade_primary(source, shaded);
-        place<Vec4>(first, shaded, pixels_.get());
-        return {};
+    [[nodiscard]] CastPlans plans() const override { return {&plan_}; }
+    std::optional<CameraHits> trace_pixels(const PixelRange& pixels, const ColumnSource& scene,
+                                           RayCaster& caster, const PixelArrays& arrays) override {
+        std::vector<Vec4> colours(pixels.count);
+        const auto seen = render_primary(pixels, scene, caster, arrays, colours);
+        if (seen) place<Vec4>(pixels.first, colours, pixels_.get());
+        return seen;
     }
 
-    Reply<Payload> develop() override {
-        Payload payload{order().width, order().height, {}};
-        const std::span<const Vec4> pixels(pixels_.get(), order().pixels());
-        if (order().encode == "exr") {
+    Reply<Payload> encode() override {
+        Payload payload{request().width, request().height, {}};
+        const std::span<const Vec4> pixels(pixels_.get(), request().pixels());
+        if (request().encode == "exr") {
             auto file = encode_linear_exr(payload.width, payload.height, pixels);
             if (!file) return refuse(file.error());
             payload.bytes = std::move(*file);
             return payload;
         }
         const Picture picture = to_picture(payload.width, payload.height, pixels);
-        if (order().encode == "png") {
+        if (request().encode == "png") {
             auto file = encode_png(picture.width, picture.height, picture.rgba);
             if (!file) return refuse(file.error());
             payload.bytes = std::move(*file);
@@ -96,20 +93,21 @@ Reply<Answer> render(const Services& services, const Caller& caller,
     auto plan = make_plan(services, caller, *message->job(), query_closest, false);
     if (!plan) return tl::unexpected(plan.error());
     const std::uint64_t pixels = std::uint64_t{message->width()} * message->height();
-    if (auto chosen = choose_worker(services, pixels, *plan); !chosen)
+    if (auto chosen = choose_backends(services.backends, pixels, *plan); !chosen)
         return tl::unexpected(chosen.error());
     if (message->samples() > 1)
         plan->notes.push_back("primary traces one ray per pixel, whatever `samples` says");
 
     const std::string_view encode = protocol::word(message->encode(), "png");
-    auto order = make_order(services, caller, std::move(*plan), message->camera(), message->width(),
-                            message->height(), encode,
-                            image_header_bytes_max + pixel_bytes(encode) * pixels);
-    if (!order) return tl::unexpected(order.error());
-    Accepted accepted = accept(order->plan, "render", order->pixels());
-    accepted.answer_bytes = accepted.result_bytes =
-        picture_answer_bytes(caller, payload_bytes_max(order->width, order->height, order->encode));
-    accepted.job = std::make_unique<RenderJob>(services, caller, std::move(*order));
+    auto request = make_request(services, caller, std::move(*plan), message->camera(),
+                                message->width(), message->height(), encode,
+                                image_header_bytes_max + pixel_bytes(encode) * pixels);
+    if (!request) return tl::unexpected(request.error());
+    JobSubmission accepted = accept(request->plan, "render", request->rays());
+    accepted.less = smaller_picture(request->encode);
+    accepted.answer_bytes = accepted.result_bytes = picture_answer_bytes(
+        caller, payload_bytes_max(request->width, request->height, request->encode));
+    accepted.job = std::make_unique<RenderJob>(services, caller, std::move(*request));
     return Answer{std::move(accepted)};
 }
 

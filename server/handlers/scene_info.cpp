@@ -45,7 +45,7 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& lim
     const SceneStatistics& statistics = snapshot.statistics();
     wire::SceneInfoT info;
     info.name = scene.name;
-    info.hash = snapshot.hash();
+    info.hash = snapshot.digest();
     info.epoch = scene.epoch;
     info.unique_triangles = statistics.unique_triangles;
     info.instanced_triangles = statistics.instanced_triangles;
@@ -53,6 +53,7 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& lim
     info.levels = statistics.levels;
     info.materials = statistics.materials;
     info.mask_materials = statistics.mask_materials;
+    info.blend_materials = snapshot.view().masked_materials - statistics.mask_materials;
     info.meshes = static_cast<std::uint32_t>(snapshot.meshes().size());
     info.bytes = statistics.bytes;
     info.build = build_quality_names[static_cast<std::size_t>(statistics.build)];

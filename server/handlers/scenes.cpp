@@ -32,10 +32,10 @@ Reply<Answer> scenes(const Services& services, const Caller& caller,
     for (std::size_t i = first; i < last; ++i) {
         const SceneStore::Listed& listed = all[i];
         const Snapshot& snapshot = listed.scene.snapshot();
-        text_bytes += listed.scene.name.size() + snapshot.hash().size() + listed.owner.size();
+        text_bytes += listed.scene.name.size() + snapshot.digest().size() + listed.owner.size();
         if (text_bytes > page_text_bytes && i != first) break;
         list.names.push_back(listed.scene.name);
-        list.hashes.push_back(snapshot.hash());
+        list.hashes.push_back(snapshot.digest());
         list.epochs.push_back(listed.scene.epoch);
         list.instanced_triangles.push_back(snapshot.statistics().instanced_triangles);
         list.bytes.push_back(snapshot.statistics().bytes);

@@ -12,10 +12,8 @@ Reply<Answer> stats(const Services& services, const Caller& caller,
     };
     for (const MetricInfo& metric : metric_table)
         add(metric.name, services.metrics.*metric.counter);
-    add("scenes", services.scenes.size() - services.scenes.unlisted());
-    add("scenes_unlisted", services.scenes.unlisted());
-    add("memory_used_bytes", services.budget.used());
-    add("memory_limit_bytes", services.budget.limit());
+#define RAYNEST_GAUGE(name, value, text) add(#name, value);
+#include "server/diag/metrics.def"
     return answer_with(caller, statistics, services);
 }
 

@@ -19,19 +19,32 @@ constexpr std::size_t unloads_max = 128;
 Reply<Answer> unload(const Services& services, const Caller& caller,
                      const protocol::Opened<wire::Unload>& message) {
     wire::UnloadedT unloaded;
+    std::vector<SceneStore::Unloaded> done;
     if (message->all() || message->idle_ms() != 0) {
         const std::uint64_t idle_ms = message->all() ? 0 : message->idle_ms();
         const std::chrono::milliseconds idle(std::min(idle_ms, idle_ms_max));
-        unloaded.names = services.scenes.unload_idle(idle, unloads_max, caller);
+        done = services.scenes.unload_idle(idle, unloads_max, caller);
     } else {
         unloaded.name = protocol::text(message->scene());
         auto holders = services.scenes.unload(unloaded.name, caller);
         if (!holders) return tl::unexpected(holders.error());
-        unloaded.names = {unloaded.name};
-        unloaded.holders = std::move(*holders);
+        unloaded.holders = *holders;
+        done.push_back({unloaded.name, std::move(*holders)});
     }
-    for (const std::string& name : unloaded.names)
-        log(LogLevel::info, "unloaded", {{"scene", name}, {"principal", caller.principal}});
+    for (const auto& [name, holders] : done) {
+        unloaded.names.push_back(name);
+        // The memory is free with the last holder only.
+        std::string still_held_by;
+        for (const std::string& holder : holders)
+            still_held_by += (still_held_by.empty() ? "" : ", ") + holder;
+        if (holders.empty())
+            log(LogLevel::info, "unloaded", {{"scene", name}, {"principal", caller.principal}});
+        else
+            log(LogLevel::info, "released",
+                {{"scene", name},
+                 {"principal", caller.principal},
+                 {"still_held_by", still_held_by}});
+    }
     return answer_with(caller, unloaded, services);
 }
 

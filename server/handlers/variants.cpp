@@ -11,6 +11,10 @@ namespace {
 constexpr std::size_t page_tables = 128;
 constexpr std::size_t page_text_bytes = 24 << 10;
 
+// Kernels and clients agree on how many hits a ray may have.
+static_assert(multi_hits_max == protocol::Limits{}.hits_max);
+static_assert(all_hits_max == protocol::Limits{}.all_hits_max);
+
 const char* type_name(ValueType type) {
     switch (type) {
         case value_f32:
@@ -24,11 +28,10 @@ const char* type_name(ValueType type) {
 }
 
 std::vector<std::string> compiled_queries(const PackVariant& code) {
-    constexpr const char* names[query_count] = {"closest", "any", "multi", "all"};
     std::vector<std::string> queries;
     for (std::uint32_t query = 0; query < query_count; ++query)
-        if (code.trace[precision_fast][traversal_latency][query][0] != nullptr)
-            queries.emplace_back(names[query]);
+        if (code.trace[precision_fast][traversal_single][query][0] != nullptr)
+            queries.emplace_back(query_name(static_cast<Query>(query)));
     return queries;
 }
 
@@ -55,8 +58,8 @@ Described describe(const Variant& variant, const Services& services) {
     to.text = prose(variant.text);
     to.target = name(variant.target);
     to.targets = variant.targets;
-    if (services.cuda != nullptr && services.cuda->has(variant.name))
-        to.targets.emplace_back("cuda");
+    for (const auto& backend : services.backends)
+        if (backend->has_kernels(variant.name)) to.targets.emplace_back(backend->name());
     to.queries = compiled_queries(*variant.code);
     std::vector<PackParam> params(variant.params().begin(), variant.params().end());
     params.insert(params.end(), common_params().begin(), common_params().end());

@@ -38,9 +38,9 @@ private:
 
 Reply<Answer> wait(const Services& services, const Caller& caller,
                    const protocol::Opened<wire::Wait>& message) {
-    auto awaited = services.detached.find(message->job(), caller.principal);
+    auto awaited = services.detached.find(message->job());
     if (!awaited) return tl::unexpected(awaited.error());
-    Accepted accepted;
+    JobSubmission accepted;
     accepted.kind = "wait";
     accepted.scene = (*awaited)->record().scene;
     accepted.deadline_ms = message->deadline_ms();

@@ -10,22 +10,26 @@ Reply<Admission::Slot> Admission::enter(JobRecord&& record) {
     const Use use = known == uses_.end() ? Use{} : known->second;
     if (use.jobs >= limits_.principal_jobs_max)
         return refuse(Code::quota, principal + " has " + std::to_string(use.jobs) +
-                                       " requests in flight, the limit is principal_jobs_max = " +
+                                       " requests in flight, the limit is --principal-jobs-max " +
                                        std::to_string(limits_.principal_jobs_max) +
                                        "; wait for one of them");
     if (record.rays > limits_.principal_rays_max)
         return refuse(Code::limit_exceeded, "a request of " + std::to_string(record.rays) +
-                                                " rays, the limit is principal_rays_max = " +
+                                                " rays, the limit is --principal-rays-max " +
                                                 std::to_string(limits_.principal_rays_max) +
                                                 ": ask for less");
     if (use.rays > limits_.principal_rays_max - record.rays)
         return refuse(
             Code::quota,
             principal + " has " + std::to_string(use.rays) + " rays in flight and asks for " +
-                std::to_string(record.rays) + " more, the limit is principal_rays_max = " +
+                std::to_string(record.rays) + " more, the limit is --principal-rays-max " +
                 std::to_string(limits_.principal_rays_max) + "; wait for your other requests");
     if (active() >= limits_.total_jobs_max)
-        return tl::unexpected(protocol::Error{Code::busy, "", retry_after_ms()});
+        return tl::unexpected(
+            protocol::Error{Code::busy,
+                            "the daemon works on " + std::to_string(active()) +
+                                " requests, as many as its --total-jobs-max allows",
+                            retry_after_ms()});
 
     Use& entered = uses_[principal];
     ++entered.jobs;

@@ -9,7 +9,6 @@
 #include <map>
 #include <new>
 #include <optional>
-#include <span>
 #include <utility>
 
 namespace raynest::server {
@@ -18,175 +17,166 @@ namespace {
 /// Enough to fill a traversal's lanes many times; few enough to leave work for other threads.
 constexpr std::uint64_t group_rays_max = 1024;
 
-/// Of a common call; a hundred times what it usually takes.
+/// Time of a common call at most; a hundred times what it usually takes.
 constexpr std::chrono::milliseconds group_time_max{20};
 
-/// Of several jobs: none waits for another one that must end, or that takes long.
+using Members = std::vector<DispatchedTaskPointer>;
+
+/// Ends the common call of several jobs: none waits for another one that must end, or that takes
+/// long.
 class CommonStop final : public Stop {
 public:
-    explicit CommonStop(std::span<const Errand> errands) : errands_(errands) {}
+    explicit CommonStop(const Members& members) : members_(members) {}
     [[nodiscard]] bool requested() const noexcept override {
         return Clock::now() >= end_ ||
-               std::any_of(errands_.begin(), errands_.end(),
-                           [](const Errand& errand) { return errand.stop->requested(); });
+               std::any_of(members_.begin(), members_.end(),
+                           [](const auto& member) { return member->stop->requested(); });
     }
 
 private:
-    const std::span<const Errand> errands_;
+    const Members& members_;
     const Clock::time_point end_ = Clock::now() + group_time_max;
 };
 
-/// Traces the rays of all at once; false, and nothing has happened, when that fails.
-bool trace_together(std::span<const Errand> errands) noexcept {
+/// Traces the rays of all at once; null, and nothing has happened, when that fails.
+MergeableTask::AnswerRows trace_together(const Members& members) noexcept {
     try {
-        std::vector<const Question*> questions;
-        for (const Errand& errand : errands) questions.push_back(errand.task.question.get());
-        return questions.front()->trace(questions, CommonStop(errands)).has_value();
+        std::vector<const MergeableTask*> tasks;
+        for (const auto& member : members) tasks.push_back(member->task.mergeable.get());
+        auto rows = tasks.front()->trace(tasks, CommonStop(members));
+        return rows ? std::move(*rows) : nullptr;
     } catch (...) {
-        return false;  // each alone: what is wrong fails its own job only
+        return nullptr;  // each alone: what is wrong fails its own job only
     }
 }
 
-void finish(const Errand& errand) {
+void end_one(DispatchedTask& task) {
     try {
-        errand.done();
+        task.done(std::move(task.reply));
     } catch (const std::exception& error) {
         log(LogLevel::error, "handler_failed", {{"reason", error.what()}});
     }
 }
 
-/// Without a task: its job must end, or there is no memory for one.
-void finish_unanswered(const Errand& errand) {
-    const bool stopped = errand.stop->requested();
-    *errand.reply = refuse(stopped ? Code::cancelled : Code::resource_exhausted, "");
-    finish(errand);
+/// Ends a task that did not run: its job must end, or there is no memory for it.
+void end_unanswered(DispatchedTask& task) {
+    task.reply = refuse(task.stop->requested() ? Code::cancelled : Code::resource_exhausted, "");
+    end_one(task);
 }
-
-/// Of an errand, whatever becomes of it.
-using Identity = const Reply<Frames>*;
 
 }  // namespace
 
-/// A worker has it from when its task is begun until that is done, else the io thread.
+/// A thread has it from when its task is begun until that is done, else the io thread.
 struct Coalescer::Group {
     const Way way;
     const std::string principal;
     const Priority priority;
-    std::vector<Errand> errands;
+    Members members;
     std::uint64_t rays = 0;
-    std::optional<std::uint64_t> task = {};        ///< number of its task, once it has one
-    bool together = false;                         ///< its task answered all
-    std::map<Identity, std::uint64_t> alone = {};  ///< numbers of their own tasks, once they have
+    std::optional<std::uint64_t> task = {};  ///< number of its task, once it has one
+    bool together = false;                   ///< its task answered all
+    /// Numbers of the members' own tasks, once they have some.
+    std::map<const DispatchedTask*, std::uint64_t> alone = {};
 
     void run() noexcept {
-        if (errands.size() == 1) {
-            errands.front().run();
+        if (members.size() == 1) {
+            members.front()->run();
             together = true;
             return;
         }
-        together = trace_together(errands);
+        const auto answer_rows = trace_together(members);
+        together = answer_rows != nullptr;
         std::uint64_t row = 0;
-        for (const Errand& errand : errands) {
+        for (const DispatchedTaskPointer& member : members) {
             if (!together) break;
-            const Question& question = *errand.task.question;
-            *errand.reply = run_guarded(*errand.stop, [&] { return question.answer(row); });
-            row += question.rays();
+            const MergeableTask& merged = *member->task.mergeable;
+            member->reply = run_guarded(*member->stop, [&] { return answer_rows(merged, row); });
+            row += merged.rays();
             ++way.metrics.tasks_coalesced;
         }
     }
 
     /// Its task is done.
     void end() {
-        std::vector<Errand> members = std::move(errands);
-        errands.clear();
-        for (Errand& errand : members) {
+        for (const DispatchedTaskPointer& member : std::exchange(members, {})) {
             if (together)
-                finish(errand);
-            else if (errand.stop->requested() || !send_alone(errand))
-                finish_unanswered(errand);
+                end_one(*member);
+            else if (member->stop->requested() || !send_alone(member))
+                end_unanswered(*member);
         }
     }
 
-    bool withdraw(Identity identity) {
-        const auto separate = alone.find(identity);
+    bool try_dequeue(const DispatchedTask* member) {
+        const auto separate = alone.find(member);
         if (separate != alone.end())
-            return way.workers.change(principal, separate->second, [] { return false; });
-        std::optional<Errand> withdrawn;
+            return way.pool.change(principal, separate->second, [] { return false; });
+        DispatchedTaskPointer removed;
         const auto remove = [&] {
-            const auto member =
-                std::find_if(errands.begin(), errands.end(),
-                             [&](const Errand& errand) { return errand.reply.get() == identity; });
-            if (member != errands.end()) {
-                withdrawn = std::move(*member);
-                errands.erase(member);
+            const auto found = std::find_if(members.begin(), members.end(),
+                                            [&](const auto& each) { return each.get() == member; });
+            if (found != members.end()) {
+                removed = std::move(*found);
+                members.erase(found);
             }
-            return !errands.empty();
+            return !members.empty();
         };
         if (task)
-            way.workers.change(principal, *task, std::cref(remove));
+            way.pool.change(principal, *task, std::cref(remove));
         else
             remove();
-        return withdrawn.has_value();
+        return removed != nullptr;
     }
 
 private:
-    /// False, and it is still here, without memory for its task.
-    bool send_alone(Errand& errand) {
-        std::shared_ptr<Errand> moved;
+    /// False without memory for its task.
+    bool send_alone(const DispatchedTaskPointer& member) {
         try {
-            const auto place = alone.emplace(errand.reply.get(), 0).first;
-            moved = std::make_shared<Errand>(std::move(errand));
-            place->second = way.workers.submit(principal, priority, [moved, &post = way.post] {
-                moved->run();
-                post_surely(post, moved->done);
-            });
+            const auto place = alone.emplace(member.get(), 0).first;
+            place->second = dispatch(way.pool, principal, priority, way.post, member);
             return true;
         } catch (const std::bad_alloc&) {
-            if (moved != nullptr) errand = std::move(*moved);
             return false;
         }
     }
 };
 
-Withdraw Coalescer::add(const Way& way, const std::string& principal, Priority priority,
-                        Errand errand) {
-    const Question& question = *errand.task.question;
+TryDequeue Coalescer::add(const Way& way, const std::string& principal, Priority priority,
+                          DispatchedTaskPointer task) {
+    const MergeableTask& mergeable = *task->task.mergeable;
     const auto fits = [&](const std::shared_ptr<Group>& group) {
-        return !group->errands.empty() && group->principal == principal &&
-               group->priority == priority && group->rays + question.rays() <= group_rays_max &&
-               group->errands.front().task.question->same_as(question);
+        return !group->members.empty() && group->principal == principal &&
+               group->priority == priority && group->rays + mergeable.rays() <= group_rays_max &&
+               group->members.front()->task.mergeable->same_as(mergeable);
     };
     auto group = std::find_if(groups_.begin(), groups_.end(), fits);
     if (group == groups_.end()) {
         auto fresh = std::make_shared<Group>(Group{way, principal, priority, {}});
-        fresh->errands.reserve(4);
+        fresh->members.reserve(4);
         if (groups_.empty()) way.post([this] { end_turn(); });
         group = groups_.insert(groups_.end(), std::move(fresh));
     }
-    Withdraw withdraw = [group = *group, identity = errand.reply.get()] {
-        return group->withdraw(identity);
+    TryDequeue try_dequeue = [group = *group, member = task.get()] {
+        return group->try_dequeue(member);
     };
-    (*group)->rays += question.rays();
-    (*group)->errands.push_back(std::move(errand));
-    return withdraw;
+    (*group)->rays += mergeable.rays();
+    (*group)->members.push_back(std::move(task));
+    return try_dequeue;
 }
 
 void Coalescer::end_turn() {
-    const std::vector<std::shared_ptr<Group>> groups = std::exchange(groups_, {});
-    for (const std::shared_ptr<Group>& group : groups) {
-        if (group->errands.empty()) continue;
+    for (const std::shared_ptr<Group>& group : std::exchange(groups_, {})) {
+        if (group->members.empty()) continue;
         try {
-            std::function<void()> done = [group] { group->end(); };
-            group->task = group->way.workers.submit(group->principal, group->priority,
-                                                    [group, done = std::move(done)] {
-                                                        group->run();
-                                                        post_surely(group->way.post, done);
-                                                    });
+            std::function<void()> end = [group] { group->end(); };
+            group->task = group->way.pool.submit(group->principal, group->priority,
+                                                 [group, end = std::move(end)] {
+                                                     group->run();
+                                                     post_surely(group->way.post, end);
+                                                 });
         } catch (const std::bad_alloc&) {
             // Out of the group, where a job that ends would look for its others.
-            const std::vector<Errand> members = std::move(group->errands);
-            group->errands.clear();
-            for (const Errand& errand : members) finish_unanswered(errand);
+            for (const DispatchedTaskPointer& member : std::exchange(group->members, {}))
+                end_unanswered(*member);
         }
     }
 }

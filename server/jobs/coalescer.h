@@ -12,8 +12,8 @@
 #pragma once
 
 #include "server/diag/metrics.h"
-#include "server/jobs/errand.h"
-#include "server/jobs/workers.h"
+#include "server/execution/fair_thread_pool.h"
+#include "server/jobs/dispatched_task.h"
 
 #include <cstdint>
 #include <functional>
@@ -31,12 +31,13 @@ public:
 
     /// Where groups go; `post` puts the end of the turn behind whatever is ready to be handled now.
     struct Way {
-        Workers& workers;
+        FairThreadPool& pool;
         const Post& post;
         Metrics& metrics;
     };
-    /// Takes an errand whose task has a `question`.
-    Withdraw add(const Way& way, const std::string& principal, Priority priority, Errand errand);
+    /// Takes a task that is mergeable.
+    TryDequeue add(const Way& way, const std::string& principal, Priority priority,
+                   DispatchedTaskPointer task);
 
 private:
     struct Group;

@@ -1,6 +1,7 @@
 #include "server/jobs/detached.h"
 
 #include "protocol/control.h"
+#include "protocol/text.h"
 
 #include <algorithm>
 #include <utility>
@@ -12,10 +13,8 @@ namespace {
 /// Headers, control messages, and the record of an answer without bulk.
 constexpr std::uint64_t base_bytes = 16ULL << 10;
 
-/// What helps where an answer is too large to be kept.
-constexpr const char* smaller_answer =
-    "ask for less (a smaller picture, PNG in place of raw or EXR, fewer rays or fields), or do not "
-    "detach: an attached answer is not kept";
+/// What helps where an answer is too large to be kept, beside asking for less.
+constexpr const char* not_kept = ", do not detach (an attached answer is not kept)";
 
 template <class Table>
 bool is(const protocol::Frame& frame) {
@@ -24,19 +23,19 @@ bool is(const protocol::Frame& frame) {
 
 }  // namespace
 
-DetachedJob::DetachedJob(const Engine& engine, JobRecord record, Budget::Lease room,
+DetachedJob::DetachedJob(const JobContext& context, JobRecord record, Budget::Lease room,
                          MoreRoom more_room)
-    : engine_(engine),
+    : context_(context),
       record_(std::move(record)),
       room_(std::move(room)),
       more_room_(std::move(more_room)),
-      runner_(std::make_shared<Runner>(engine, static_cast<Sink&>(*this), record_.principal)) {
+      runner_(std::make_shared<Runner>(context, static_cast<Sink&>(*this), record_.principal)) {
     // Memory takes all at once; what bounds the answer is its room.
     runner_->set_window(~std::uint64_t{0});
 }
 
 Clock::time_point DetachedJob::expiry() const {
-    return ended() ? ended_ + std::chrono::milliseconds(engine_.limits.result_ms_max)
+    return ended() ? ended_ + std::chrono::milliseconds(context_.limits.result_ms_max)
                    : Clock::time_point::max();
 }
 
@@ -61,7 +60,7 @@ void DetachedJob::send(protocol::Frame frame) {
             if (feeder_ != nullptr)
                 feeder_->send(protocol::encode_error(frame.header.request_id, *error_, false));
             // Not from within its own doing.
-            engine_.post([runner = runner_] { runner->cancel_all(); });
+            context_.post([runner = runner_] { runner->cancel_all(); });
             return;
         }
         room_.merge(std::move(*more));
@@ -76,29 +75,30 @@ void DetachedJob::end(std::optional<protocol::Error> error) {
     error_ = std::move(error);
     if (error_) answer_.clear();
     if (error_) answer_bytes_ = 0;
-    // What was reserved for the worst case, or for a failure, goes back.
+    // Give back what was reserved for the worst case, or for a failure.
     room_.shrink(std::min(room_.bytes(), base_bytes + answer_bytes_));
 }
 
 Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
-                                                 std::uint64_t request_id, Accepted accepted,
+                                                 std::uint64_t request_id, JobSubmission accepted,
                                                  Sink* feeder) {
     const auto kept = [&] {
         return std::count_if(jobs_.begin(), jobs_.end(), [&](const auto& job) {
             return job.second->record().principal == principal;
         });
     };
-    const std::uint64_t most = engine_.limits.principal_results_max;
+    const std::uint64_t most = context_.limits.principal_results_max;
     while (static_cast<std::uint64_t>(kept()) >= most)
         if (!drop_fetched(principal))
             return refuse(Code::quota, principal + " keeps " + std::to_string(most) +
-                                           " detached jobs, as many as principal_results_max "
+                                           " detached jobs, as many as --principal-results-max "
                                            "allows; fetch or cancel a finished one");
     const std::uint64_t bytes = base_bytes + accepted.result_bytes;
-    auto room = make_room(principal, bytes);
+    const std::string less = accepted.less;
+    auto room = make_room(principal, bytes, less);
     if (!room && room.error().code == Code::resource_exhausted) {
-        engine_.peers.make_memory(bytes, principal);
-        room = make_room(principal, bytes);
+        context_.peers.make_memory(bytes, principal);
+        room = make_room(principal, bytes, less);
     }
     if (!room) return tl::unexpected(room.error());
     accepted.answer_bytes = 0;  // that is the room
@@ -111,8 +111,8 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
     record.started = Clock::now();
     record.detached = true;
     auto job = std::make_shared<DetachedJob>(
-        engine_, std::move(record), std::move(*room),
-        [this, principal](std::uint64_t more) { return make_room(principal, more); });
+        context_, std::move(record), std::move(*room),
+        [this, principal, less](std::uint64_t more) { return make_room(principal, more, less); });
     job->set_feeder(feeder);
     const auto number = job->runner().start(request_id, std::move(accepted));
     job->set_feeder(nullptr);
@@ -123,8 +123,9 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
     return job;
 }
 
-Reply<Budget::Lease> DetachedJobs::make_room(const std::string& principal, std::uint64_t bytes) {
-    const std::uint64_t most = engine_.limits.principal_result_bytes_max;
+Reply<Budget::Lease> DetachedJobs::make_room(const std::string& principal, std::uint64_t bytes,
+                                             const std::string& less) {
+    const std::uint64_t most = context_.limits.principal_result_bytes_max;
     const auto kept = [&] {
         std::uint64_t sum = 0;
         for (const auto& [number, job] : jobs_)
@@ -135,19 +136,19 @@ Reply<Budget::Lease> DetachedJobs::make_room(const std::string& principal, std::
         if (bytes > most || !drop_fetched(principal))
             return refuse(
                 Code::quota,
-                "the answer needs " + std::to_string(bytes) + " bytes more, " + principal +
-                    " keeps " + std::to_string(kept()) +
-                    ", the limit is principal_result_bytes_max = " + std::to_string(most) + "; " +
-                    (bytes > most ? "" : "fetch or cancel a finished job, or ") + smaller_answer +
+                "the answer needs " + protocol::bytes_text(bytes) + " more, " + principal +
+                    " keeps " + protocol::bytes_text(kept()) +
+                    ", the limit is --principal-result-bytes-max " + std::to_string(most) + "; " +
+                    (bytes > most ? "" : "fetch or cancel a finished job, ") + less + not_kept +
                     ", or start raynestd with a larger --principal-result-bytes-max");
-    auto room = engine_.budget.reserve(bytes);
-    while (!room && drop_fetched("")) room = engine_.budget.reserve(bytes);
+    auto room = context_.budget.reserve(bytes);
+    while (!room && drop_fetched("")) room = context_.budget.reserve(bytes);
     if (!room)
         return refuse(Code::resource_exhausted,
-                      "the answer needs " + std::to_string(bytes) + " bytes more, " +
-                          std::to_string(engine_.budget.limit() - engine_.budget.used()) +
-                          " of raynestd's --memory are free; fetch or cancel a finished job, or " +
-                          smaller_answer + ", or start raynestd with more");
+                      "the answer needs " + protocol::bytes_text(bytes) + " more, " +
+                          protocol::bytes_text(context_.budget.limit() - context_.budget.used()) +
+                          " of raynestd's --memory are free; fetch or cancel a finished job, " +
+                          less + not_kept + ", or start raynestd with a larger --memory");
     return std::move(*room);
 }
 
@@ -164,15 +165,13 @@ bool DetachedJobs::drop_fetched(const std::string& principal) {
     return true;
 }
 
-Reply<DetachedJobs::Pointer> DetachedJobs::find(std::uint64_t number,
-                                                const std::string& principal) const {
+Reply<DetachedJobs::Pointer> DetachedJobs::find(std::uint64_t number) const {
     const auto found = jobs_.find(number);
     if (found == jobs_.end())
-        return refuse(Code::job_unknown,
-                      "there is no detached job " + std::to_string(number) + "; see `Jobs`");
-    if (found->second->record().principal != principal)
-        return refuse(Code::not_allowed,
-                      "job " + std::to_string(number) + " belongs to another principal");
+        return refuse(Code::job_unknown, "there is no job " + std::to_string(number) +
+                                             ", or its answer was kept for " +
+                                             std::to_string(context_.limits.result_ms_max / 1000) +
+                                             " s and is gone; see `Jobs`");
     return found->second;
 }
 

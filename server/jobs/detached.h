@@ -25,14 +25,15 @@ class DetachedJob final : private Sink {
 public:
     /// Gives room for so many bytes more, or says why not.
     using MoreRoom = std::function<Reply<Budget::Lease>(std::uint64_t bytes)>;
-    DetachedJob(const Engine& engine, JobRecord record, Budget::Lease room, MoreRoom more_room);
+    DetachedJob(const JobContext& context, JobRecord record, Budget::Lease room,
+                MoreRoom more_room);
     ~DetachedJob() { runner_->abandon(); }
     DetachedJob(const DetachedJob&) = delete;
 
     [[nodiscard]] const JobRecord& record() const { return record_; }
-    /// What an attached client would have read from Started to Done, but for Progress.
+    /// The frames that an attached client would have read from Started to Done, but for Progress.
     [[nodiscard]] const std::vector<protocol::Frame>& answer() const { return answer_; }
-    /// Of the answer; while it runs, as much as is reserved.
+    /// Bytes of the answer; while the job runs, as many as are reserved.
     [[nodiscard]] std::uint64_t bytes() const { return room_.bytes(); }
     [[nodiscard]] bool ended() const { return ended_ != Clock::time_point::max(); }
     /// Why it failed, once it has ended.
@@ -52,7 +53,7 @@ private:
     [[nodiscard]] std::uint64_t backlog() const override { return 0; }
     void end(std::optional<protocol::Error> error);
 
-    const Engine& engine_;
+    const JobContext& context_;
     JobRecord record_;
     Budget::Lease room_;
     const MoreRoom more_room_;
@@ -71,8 +72,8 @@ public:
     using Pointer = std::shared_ptr<DetachedJob>;
 
     /// `changed` is called when next_tick() may have come nearer.
-    DetachedJobs(const Engine& engine, std::function<void()> changed)
-        : engine_(engine),
+    DetachedJobs(const JobContext& context, std::function<void()> changed)
+        : context_(context),
           changed_(std::move(changed)) {}
     DetachedJobs(const DetachedJobs&) = delete;
 
@@ -80,11 +81,11 @@ public:
     /// was fetched, the oldest first: QUOTA when the principal keeps too much, RESOURCE_EXHAUSTED
     /// when --memory is short. `feeder` hears what happens in here, it may be null; afterwards the
     /// caller sets one.
-    Reply<Pointer> start(const std::string& principal, std::uint64_t request_id, Accepted accepted,
-                         Sink* feeder = nullptr);
+    Reply<Pointer> start(const std::string& principal, std::uint64_t request_id,
+                         JobSubmission accepted, Sink* feeder = nullptr);
 
-    /// JOB_UNKNOWN, or NOT_ALLOWED to who does not own it.
-    [[nodiscard]] Reply<Pointer> find(std::uint64_t number, const std::string& principal) const;
+    /// JOB_UNKNOWN where there is no such job.
+    [[nodiscard]] Reply<Pointer> find(std::uint64_t number) const;
     [[nodiscard]] const std::map<std::uint64_t, Pointer>& all() const { return jobs_; }
     /// Stops it if it runs, and drops what it has answered.
     void cancel(std::uint64_t number);
@@ -96,12 +97,14 @@ public:
     [[nodiscard]] Clock::time_point next_tick() const;
 
 private:
-    Reply<Budget::Lease> make_room(const std::string& principal, std::uint64_t bytes);
+    /// `less` says how to ask for a smaller answer.
+    Reply<Budget::Lease> make_room(const std::string& principal, std::uint64_t bytes,
+                                   const std::string& less);
     /// Drops the oldest answer that was fetched; false when there is none. An empty principal: of
     /// anybody.
     bool drop_fetched(const std::string& principal);
 
-    const Engine& engine_;
+    const JobContext& context_;
     const std::function<void()> changed_;
     std::map<std::uint64_t, Pointer> jobs_;  ///< by number, so in order of their starts
 };

@@ -1,4 +1,4 @@
-// What the runner asks of a job: a sequence of tasks, each small enough to be one chunk.
+// A job as the runner sees it: a sequence of tasks, each small enough to be one chunk.
 //
 // A job is a state machine on the io thread. next() hands out a piece of work; the work runs on a
 // worker thread and gives back frames. Between tasks a job holds no thread: whoever reads slowly
@@ -57,42 +57,41 @@ private:
 
 using Frames = std::vector<protocol::Frame>;
 
-/// `compute` threads trace and encode; `blocking` ones wait for import processes and disks,
-/// `device` ones for a GPU, so that what it takes its time for holds up nobody else.
-enum class Lane { compute, blocking, device };
+class FairThreadPool;
 
-/// What a task of few rays asks, where others may ask the same: their rays then go through one
-/// call.
-class Question {
+/// A task of few rays that may be traced in one call together with others.
+class MergeableTask {
 public:
-    Question() = default;
-    Question(const Question&) = delete;
-    Question& operator=(const Question&) = delete;
-    virtual ~Question() = default;
+    MergeableTask() = default;
+    MergeableTask(const MergeableTask&) = delete;
+    MergeableTask& operator=(const MergeableTask&) = delete;
+    virtual ~MergeableTask() = default;
+
+    /// Gives what a task by itself would have given, out of the traced rays from `first_row` on.
+    using AnswerRows =
+        std::function<Reply<Frames>(const MergeableTask& task, std::uint64_t first_row)>;
 
     [[nodiscard]] virtual std::uint64_t rays() const = 0;
-    /// The same of the same scene?
-    [[nodiscard]] virtual bool same_as(const Question& other) const = 0;
-    /// Worker thread: traces the rays of all, which ask the same as this one.
-    [[nodiscard]] virtual Reply<void> trace(std::span<const Question* const> all,
-                                            const Stop& stop) const = 0;
-    /// The same thread, next: what the task would have given, out of the traced rays from
-    /// `first_row` on.
-    [[nodiscard]] virtual Reply<Frames> answer(std::uint64_t first_row) const = 0;
+    /// Does the other ask the same of the same scene?
+    [[nodiscard]] virtual bool same_as(const MergeableTask& other) const = 0;
+    /// Any thread: traces the rays of all, which ask the same as this one. On failure each is to
+    /// run by itself.
+    [[nodiscard]] virtual Reply<AnswerRows> trace(std::span<const MergeableTask* const> all,
+                                                  const Stop& stop) const = 0;
 };
 
 struct Task {
     /// What it gives once `stop` is requested is dropped. It may be run again after it failed.
     std::function<Reply<Frames>(const Stop& stop)> run;
-    std::uint64_t reply_bytes_max =
-        0;                          ///< bulk bytes of the answer at most: reserved before it runs
-    std::uint64_t input_bytes = 0;  ///< bulk bytes of fed frames that are free once it ended
-    Lane lane = Lane::compute;
-    /// Not 0 where the way to a worker and back is longer than the task: rays or hits, for the io
-    /// thread to answer at once, unless a task of its job is under way or its turn is over.
-    std::uint64_t brief_hits = 0;
-    /// Where it may run together with others (coalescer.h).
-    std::shared_ptr<const Question> question = {};
+    /// Bulk bytes of the answer at most: reserved before it runs.
+    std::uint64_t reply_bytes_max = 0;
+    /// The threads that run it; null: those that compute.
+    FairThreadPool* pool = nullptr;
+    /// Rays or hits of a task that is shorter than the way to a thread and back, else 0: the io
+    /// thread runs it at once, unless a task of its job is under way or its budget is used up.
+    std::uint64_t inline_cost = 0;
+    /// Not null where it may run together with others (coalescer.h).
+    std::shared_ptr<const MergeableTask> mergeable = {};
 };
 
 struct Progress {
@@ -110,7 +109,7 @@ public:
     Job& operator=(const Job&) = delete;
     virtual ~Job() = default;
 
-    /// What the client reads first.
+    /// The frames that the client reads first.
     virtual Frames greeting() { return {}; }
     /// The next task; nothing when the job waits for input or for its running tasks.
     virtual std::optional<Task> next() = 0;
@@ -126,8 +125,7 @@ public:
     [[nodiscard]] virtual std::uint64_t held_bytes() const { return 0; }
     /// Bulk data for this job; gives the bytes that are free again at once.
     virtual Reply<std::uint64_t> feed(protocol::Frame frame);
-    /// Bulk bytes of fed frames that became free since it was last asked, beside those that tasks
-    /// name.
+    /// Bulk bytes of fed frames that became free since it was last asked.
     virtual std::uint64_t take_freed_input() { return 0; }
     [[nodiscard]] virtual std::optional<Progress> progress() const { return std::nullopt; }
 };
@@ -135,8 +133,8 @@ public:
 /// Among the jobs of one principal: the higher one's tasks go first.
 enum class Priority { low, normal, high };
 
-/// A job as a handler hands it over.
-struct Accepted {
+/// A job, as a handler submits it.
+struct JobSubmission {
     std::unique_ptr<Job> job;
     std::uint32_t deadline_ms = 0;  ///< from now; 0: none
     Priority priority = Priority::normal;
@@ -149,6 +147,7 @@ struct Accepted {
     std::string scene;
     bool detach = false;             ///< it outlives its connection
     std::uint64_t result_bytes = 0;  ///< of a detached one: room to reserve for its answer
+    std::string less = "ask for fewer rays or fields";  ///< advice on a smaller answer
 };
 
 }  // namespace raynest::server

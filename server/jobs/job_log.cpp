@@ -4,6 +4,7 @@
 
 #include <new>
 #include <string>
+#include <string_view>
 
 namespace raynest::server {
 namespace {
@@ -17,11 +18,16 @@ LogLevel level_of(const JobRecord& record, Clock::time_point ended,
     return matters ? LogLevel::info : LogLevel::debug;
 }
 
-/// "done", or the name of the error and what it says.
+/// "done", or the name of the error and what it says; advice in words of the protocol, which stand
+/// between backticks, is for the client.
 std::string outcome(const std::optional<protocol::Error>& error) {
     if (!error) return "done";
     const std::string name(protocol::error_info(error->code).name);
-    return error->message.empty() ? name : name + ": " + error->message;
+    const std::string_view message = error->message;
+    const std::size_t advice = message.rfind(';', message.find('`'));
+    const bool is_plain = message.find('`') == message.npos || advice == message.npos;
+    const std::string_view said = is_plain ? message : message.substr(0, advice);
+    return said.empty() ? name : name + ": " + std::string(said);
 }
 
 }  // namespace

@@ -37,6 +37,12 @@ void Peers::join(Peer& peer) {
     if (peers_[peer.principal()].insert(&peer).second) ++size_;
 }
 
+void Peers::move(Peer& peer, const std::string& principal) {
+    if (principal == peer.principal()) return;
+    size_ += peers_[principal].insert(&peer).second;
+    leave(peer);
+}
+
 void Peers::leave(Peer& peer) {
     const auto of = peers_.find(peer.principal());
     if (of == peers_.end()) return;
@@ -103,12 +109,13 @@ bool Peers::make_room(Resource resource, const std::string& newcomer, std::uint6
              {"paused_s", seconds_of(choice.paused)},
              {"newcomer", newcomer}});
         ++(metrics_.*what.gave_way);
-        choice.peer->give_way(
-            {Code::slow_consumer,
-             "nothing moved on this connection for " + seconds_of(choice.paused) +
-                 " s and the daemon " + std::string(what.text) +
-                 ": it gave way to a newcomer; read answers as they come, or ask again later",
-             0});
+        const bool is_idle = choice.peer->holds(Resource::jobs) == 0;
+        choice.peer->give_way({Code::slow_consumer,
+                               "nothing moved on this connection for " + seconds_of(choice.paused) +
+                                   " s and the daemon " + std::string(what.text) +
+                                   ": it gave way to a newcomer; connect again" +
+                                   (is_idle ? "" : ", and read answers as they come"),
+                               0});
         amount -= std::min(amount, held);
     }
     return true;
@@ -119,13 +126,21 @@ void Peers::make_memory(std::uint64_t bytes, const std::string& newcomer) {
     if (bytes > free) static_cast<void>(make_room(Resource::memory, newcomer, bytes - free));
 }
 
+std::uint64_t Peers::reclaimable_bytes(const std::string& newcomer) const {
+    return choose(Resource::memory, newcomer, Whose::everybodys).held;
+}
+
 void Peers::dismiss() {
     const Clock::time_point now = now_();
     std::vector<Peer*> paused_ones;
     for (const auto& [principal, peers] : peers_)
         for (Peer* peer : peers)
             if (paused(*peer, now)) paused_ones.push_back(peer);
-    for (Peer* peer : paused_ones) peer->give_way({Code::draining, "", 0});
+    for (Peer* peer : paused_ones) {
+        ++metrics_.gave_way_draining;
+        log(LogLevel::warn, "gave_way", {{"principal", peer->principal()}, {"short", "time"}});
+        peer->give_way({Code::draining, "", 0});
+    }
 }
 
 }  // namespace raynest::server

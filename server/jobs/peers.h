@@ -57,6 +57,8 @@ public:
     Peers(const Peers&) = delete;
 
     void join(Peer& peer);
+    /// Counts the peer under another principal, which its principal() names from now on.
+    void move(Peer& peer, const std::string& principal);
     void leave(Peer& peer);
     [[nodiscard]] std::size_t size() const { return size_; }
     [[nodiscard]] std::size_t size_of(const std::string& principal) const;
@@ -67,6 +69,8 @@ public:
                    Whose whose = Whose::everybodys);
     /// The same for memory, where so many bytes are not free.
     void make_memory(std::uint64_t bytes, const std::string& newcomer);
+    /// Bytes that make_memory() could free for `newcomer` beside those that are.
+    [[nodiscard]] std::uint64_t reclaimable_bytes(const std::string& newcomer) const;
     /// The daemon ends and needs all places: whoever may give way does.
     void dismiss();
 

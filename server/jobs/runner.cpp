@@ -1,6 +1,7 @@
 #include "server/jobs/runner.h"
 
 #include "protocol/control.h"
+#include "protocol/text.h"
 #include "server/jobs/job_log.h"
 
 #include <algorithm>
@@ -43,14 +44,14 @@ bool Runner::knows(std::uint64_t id) const {
 }
 
 Reply<Admission::Slot> Runner::enter(JobRecord record) {
-    auto slot = engine_.admission.enter(std::move(record));
+    auto slot = context_.admission.enter(std::move(record));
     if (slot) return slot;
-    const auto whose = engine_.admission.whose_place_lacks(principal_);
-    if (!whose || !engine_.peers.make_room(Resource::jobs, principal_, 1, *whose)) return slot;
-    return engine_.admission.enter(std::move(record));
+    const auto whose = context_.admission.whose_place_lacks(principal_);
+    if (!whose || !context_.peers.make_room(Resource::jobs, principal_, 1, *whose)) return slot;
+    return context_.admission.enter(std::move(record));
 }
 
-Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
+Reply<std::uint64_t> Runner::start(std::uint64_t id, JobSubmission accepted) {
     const Clock::time_point now = Clock::now();
     const Clock::time_point deadline = accepted.deadline_ms == 0
                                            ? Clock::time_point::max()
@@ -71,21 +72,24 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
     };
     auto slot = enter(std::move(record));
     if (!slot) {
-        ++engine_.metrics.jobs_refused;
+        ++context_.metrics.jobs_refused;
         return tl::unexpected(slot.error());
     }
-    const std::uint64_t window = engine_.limits.window_bytes;
+    const std::uint64_t window = context_.limits.window_bytes;
     const std::uint64_t input_bytes = std::min(accepted.input_bytes, window);
     const std::uint64_t answer_bytes = std::min(accepted.answer_bytes, window - answers_.bytes());
-    engine_.peers.make_memory(input_bytes + answer_bytes, principal_);
-    auto input = engine_.budget.reserve(input_bytes);
-    auto answers = engine_.budget.reserve(answer_bytes);
+    context_.peers.make_memory(input_bytes + answer_bytes, principal_);
+    auto input = context_.budget.reserve(input_bytes);
+    auto answers = context_.budget.reserve(answer_bytes);
     if (!input || !answers) {
-        ++engine_.metrics.jobs_refused;
+        ++context_.metrics.jobs_refused;
         return refuse(Code::resource_exhausted,
                       "the request's data and answers need " +
-                          std::to_string(input_bytes + answer_bytes) +
-                          " bytes of raynestd's --memory, which are not free; try again later");
+                          protocol::bytes_text(input_bytes + answer_bytes) +
+                          " of raynestd's --memory, which are not free; " +
+                          (input_bytes + answer_bytes > context_.budget.limit()
+                               ? "start raynestd with a larger --memory"
+                               : "try again later"));
     }
     answers_.merge(std::move(*answers));
     const std::uint64_t number = slot->number();
@@ -96,9 +100,9 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, Accepted accepted) {
     active->started = now;
     active->next_progress = now + tick_period;
     active->credit = window_bytes_;
-    active->input_credit = engine_.limits.window_bytes;
+    active->input_credit = context_.limits.window_bytes;
     jobs_.push_back(active);
-    ++engine_.metrics.jobs_started;
+    ++context_.metrics.jobs_started;
     guarded(*active, [&] {
         for (protocol::Frame& frame : active->job->greeting()) sink_->send(std::move(frame));
     });
@@ -122,9 +126,9 @@ void Runner::feed(protocol::Frame frame) {
                        "a frame of " + std::to_string(bytes) +
                            " bulk bytes is more than the request may send: a credit of "
                            "window_bytes = " +
-                           std::to_string(engine_.limits.window_bytes) +
+                           std::to_string(context_.limits.window_bytes) +
                            ", rays in frames of chunk_rays_max = " +
-                           std::to_string(engine_.limits.chunk_rays_max) +
+                           std::to_string(context_.limits.chunk_rays_max) +
                            "; wait for credit and send smaller frames",
                        0});
         return pump(active);
@@ -143,19 +147,16 @@ void Runner::feed(protocol::Frame frame) {
 void Runner::grant(std::uint64_t id, std::uint64_t bytes) {
     const ActivePointer active = find(id);
     if (active == nullptr) return;
-    const std::uint64_t most = engine_.limits.window_bytes_max;
+    const std::uint64_t most = context_.limits.window_bytes_max;
     active->credit = std::min(most, active->credit + std::min(most, bytes));
     pump(active);
 }
 
 void Runner::cancel(std::uint64_t id) {
-    if (!knows(id)) return;
-    ++engine_.metrics.jobs_cancelled;
     fail(id, {Code::cancelled, "", 0});
 }
 
 void Runner::cancel_all() {
-    engine_.metrics.jobs_cancelled += jobs_.size();
     fail_all({Code::cancelled, "", 0});
 }
 
@@ -188,11 +189,9 @@ void Runner::pump(const ActivePointer& active) {
     guarded(*active, [&] {
         while (sink_ != nullptr && !active->error) {
             if (!active->parked) active->parked = active->job->next();
-            if (!active->parked || !has_turn(*active, workers_of(*active->parked)) ||
-                !credit_allows(*active, *active->parked) || !window_allows(*active->parked))
-                break;
+            if (!active->parked || !may_start(*active, *active->parked)) break;
             Task task = *std::exchange(active->parked, std::nullopt);
-            if (task.brief_hits == 0 || !active->tasks.empty() || !run_briefly(*active, task))
+            if (task.inline_cost == 0 || !active->tasks.empty() || !run_inline(*active, task))
                 submit(active, std::move(task));
         }
     });
@@ -200,34 +199,27 @@ void Runner::pump(const ActivePointer& active) {
     if (active->tasks.empty() && done) finish(active);
 }
 
-bool Runner::run_briefly(Active& active, const Task& task) {
-    if (!engine_.brief_turn.enter(task.brief_hits, engine_.post)) return false;
-    const BriefStop stop;
+bool Runner::run_inline(Active& active, const Task& task) {
+    if (!context_.inline_budget.enter(task.inline_cost, context_.post)) return false;
+    const InlineStop stop;
     auto reply = run_guarded(active.stop, [&] { return task.run(stop); });
     if (!reply && reply.error().code == Code::cancelled) {
-        engine_.brief_turn.end();
+        context_.inline_budget.end();
         return false;
     }
-    take_answer(active, std::move(reply), task.input_bytes);
+    take_answer(active, std::move(reply));
     return true;
 }
 
-bool Runner::has_turn(const Active& active, const Workers& workers) {
-    const auto there = std::count_if(
-        active.tasks.begin(), active.tasks.end(),
-        [&](const Outstanding& outstanding) { return outstanding.workers == &workers; });
+bool Runner::may_start(const Active& active, const Task& task) const {
+    const FairThreadPool& pool = pool_of(task);
+    const auto there = std::ranges::count(active.tasks, &pool, &Outstanding::pool);
     // One more than there are threads, so that none waits for the io thread.
-    return static_cast<std::size_t>(there) <= workers.threads();
-}
-
-bool Runner::credit_allows(const Active& active, const Task& task) {
-    return task.reply_bytes_max <= active.credit - active.reserved;
-}
-
-bool Runner::window_allows(const Task& task) const {
+    if (static_cast<std::size_t>(there) > pool.threads()) return false;
+    if (task.reply_bytes_max > active.credit - active.reserved) return false;
     const std::uint64_t waiting = in_flight_bytes_ + sink_->backlog();
     return task.reply_bytes_max == 0 || waiting == 0 ||
-           waiting + task.reply_bytes_max <= engine_.limits.window_bytes;
+           waiting + task.reply_bytes_max <= context_.limits.window_bytes;
 }
 
 bool Runner::waits_for_client() const {
@@ -244,45 +236,30 @@ std::uint64_t Runner::held_bytes() const {
     return bytes;
 }
 
-Workers& Runner::workers_of(const Task& task) const {
-    switch (task.lane) {
-        case Lane::compute:
-            break;
-        case Lane::blocking:
-            return engine_.blocking;
-        case Lane::device:
-            return engine_.device;
-    }
-    return engine_.compute;
-}
-
 void Runner::submit(const ActivePointer& active, Task task) {
     std::list<Outstanding> submitted(1);
     const auto place = submitted.begin();
     place->reserved = task.reply_bytes_max;
-    place->input_bytes = task.input_bytes;
-    Workers& workers = workers_of(task);
-    place->workers = &workers;
-    const auto reply = std::make_shared<Reply<Frames>>();
-    Errand errand{{active, &active->stop},
-                  std::move(task),
-                  reply,
-                  [self = shared_from_this(), active, place, reply] {
-                      self->task_ended(active, place, std::move(*reply));
-                  }};
-    if (errand.task.question != nullptr) {
-        place->withdraw = engine_.coalescer.add({workers, engine_.post, engine_.metrics},
-                                                principal_, active->priority, std::move(errand));
+    FairThreadPool& pool = pool_of(task);
+    place->pool = &pool;
+    const bool mergeable = task.mergeable != nullptr;
+    auto dispatched = std::make_shared<DispatchedTask>(
+        DispatchedTask{{active, &active->stop},
+                       std::move(task),
+                       [self = shared_from_this(), active, place](Reply<Frames> reply) {
+                           self->task_ended(active, place, std::move(reply));
+                       }});
+    if (mergeable) {
+        place->try_dequeue =
+            context_.coalescer.add({pool, context_.post, context_.metrics}, principal_,
+                                   active->priority, std::move(dispatched));
     } else {
         const auto number = std::make_shared<std::uint64_t>();
-        place->withdraw = [&workers, principal = principal_, number] {
-            return workers.change(principal, *number, [] { return false; });
+        place->try_dequeue = [&pool, principal = principal_, number] {
+            return pool.change(principal, *number, [] { return false; });
         };
-        *number = workers.submit(principal_, active->priority,
-                                 [errand = std::move(errand), &post = engine_.post] {
-                                     errand.run();
-                                     post_surely(post, errand.done);
-                                 });
+        *number =
+            dispatch(pool, principal_, active->priority, context_.post, std::move(dispatched));
     }
     active->reserved += place->reserved;
     in_flight_bytes_ += place->reserved;
@@ -291,10 +268,9 @@ void Runner::submit(const ActivePointer& active, Task task) {
 
 void Runner::task_ended(const ActivePointer& active, std::list<Outstanding>::iterator task,
                         Reply<Frames> reply) {
-    const std::uint64_t input_bytes = task->input_bytes;
     forget(*active, task);
     if (sink_ == nullptr) return finish(active);
-    take_answer(*active, std::move(reply), input_bytes);
+    take_answer(*active, std::move(reply));
     pump(active);
 }
 
@@ -304,14 +280,14 @@ void Runner::forget(Active& active, std::list<Outstanding>::iterator task) {
     active.tasks.erase(task);
 }
 
-void Runner::take_answer(Active& active, Reply<Frames> reply, std::uint64_t input_bytes) {
+void Runner::take_answer(Active& active, Reply<Frames> reply) {
     guarded(active, [&] {
         if (reply && !active.error) {
             for (protocol::Frame& frame : *reply) {
                 active.credit -= std::min(active.credit, frame.header.bulk_bytes);
                 sink_->send(std::move(frame));
             }
-            return_input(active, input_bytes + active.job->take_freed_input());
+            return_input(active, active.job->take_freed_input());
             if (const Reply<void> taken = active.job->ended(); !taken) stop(active, taken.error());
         } else if (!reply) {
             stop(active, reply.error());
@@ -322,7 +298,7 @@ void Runner::take_answer(Active& active, Reply<Frames> reply, std::uint64_t inpu
 void Runner::return_input(Active& active, std::uint64_t bytes) {
     active.returned += bytes;
     // Few grants, but early enough that the client never waits for one.
-    if (active.returned < engine_.limits.window_bytes / 4) return;
+    if (active.returned < context_.limits.window_bytes / 4) return;
     wire::CreditT credit;
     credit.bytes = std::exchange(active.returned, 0);
     active.input_credit += credit.bytes;
@@ -336,7 +312,7 @@ void Runner::stop(Active& active, protocol::Error error) {
     // What no worker has begun holds up nobody: neither the client nor its place.
     for (auto task = active.tasks.begin(); task != active.tasks.end();) {
         const auto next = std::next(task);
-        if (task->withdraw()) forget(active, task);
+        if (task->try_dequeue()) forget(active, task);
         task = next;
     }
 }
@@ -344,15 +320,18 @@ void Runner::stop(Active& active, protocol::Error error) {
 void Runner::finish(const ActivePointer& active) {
     if (!active->tasks.empty()) return;
     jobs_.remove(active);
-    ++engine_.metrics.jobs_ended;
-    if (const JobRecord* record = engine_.admission.find(active->slot.number()))
+    ++context_.metrics.jobs_ended;
+    if (const JobRecord* record = context_.admission.find(active->slot.number()))
         log_job(*record, Clock::now(), active->error);
-    engine_.admission.record(Clock::now() - active->started);
+    context_.admission.record(Clock::now() - active->started);
     if (sink_ != nullptr && !active->error)
         guarded(*active, [&] {
             for (protocol::Frame& frame : active->job->farewell()) sink_->send(std::move(frame));
         });
-    if (active->error && active->error->code != Code::cancelled) ++engine_.metrics.jobs_failed;
+    if (active->error) {
+        const bool cancelled = active->error->code == Code::cancelled;
+        ++(cancelled ? context_.metrics.jobs_cancelled : context_.metrics.jobs_failed);
+    }
     if (sink_ != nullptr && active->error)
         sink_->send(protocol::encode_error(active->id, *active->error, false));
     // Here and now, not where the worker drops the last reference: what a job held is free again
@@ -402,10 +381,10 @@ Clock::time_point Runner::next_tick() const {
 
 void Runner::abandon() {
     sink_ = nullptr;
-    // Moved, not copied: this must not need memory.
+    // Moved, not copied, and a short text: this must not need memory.
     const std::list<ActivePointer> jobs = std::move(jobs_);
     for (const ActivePointer& active : jobs) {
-        stop(*active, {Code::cancelled, "", 0});
+        stop(*active, {Code::cancelled, "client is gone", 0});
         finish(active);
     }
 }

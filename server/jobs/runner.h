@@ -7,13 +7,13 @@
 
 #include "protocol/limits.h"
 #include "server/diag/metrics.h"
+#include "server/execution/fair_thread_pool.h"
 #include "server/jobs/admission.h"
-#include "server/jobs/brief_turn.h"
 #include "server/jobs/coalescer.h"
-#include "server/jobs/errand.h"
+#include "server/jobs/dispatched_task.h"
+#include "server/jobs/inline_budget.h"
 #include "server/jobs/job.h"
 #include "server/jobs/peers.h"
-#include "server/jobs/workers.h"
 #include "server/store/budget.h"
 
 #include <functional>
@@ -34,17 +34,15 @@ protected:
     ~Sink() = default;
 };
 
-/// What all runners of a daemon share; outlives them.
-struct Engine {
-    Workers& compute;
-    Workers& blocking;
-    Workers& device;
+/// Shared by all runners of a daemon; outlives them.
+struct JobContext {
+    FairThreadPool& compute;
     Admission& admission;
     Metrics& metrics;
     const protocol::Limits& limits;
     Post post;
     Budget& budget;
-    BriefTurn& brief_turn;
+    InlineBudget& inline_budget;
     Coalescer& coalescer;
     Peers& peers;
 };
@@ -52,11 +50,13 @@ struct Engine {
 class Runner : public std::enable_shared_from_this<Runner> {
 public:
     /// All jobs are the principal's, in quotas and at the workers.
-    Runner(const Engine& engine, Sink& sink, std::string principal)
-        : engine_(engine),
+    Runner(const JobContext& context, Sink& sink, std::string principal)
+        : context_(context),
           sink_(&sink),
           principal_(std::move(principal)) {}
 
+    /// Called before the first job, once the client is known.
+    void set_principal(std::string principal) { principal_ = std::move(principal); }
     /// The credit that the client grants to each request at its start.
     void set_window(std::uint64_t bytes) { window_bytes_ = bytes; }
 
@@ -68,7 +68,7 @@ public:
     /// wait for the client to read it; QUOTA (of the principal; jobs_max is the connection's to
     /// count), BUSY or RESOURCE_EXHAUSTED when it may not, and no peer gives way to it.
     /// Gives the job's number among all of the daemon's.
-    Reply<std::uint64_t> start(std::uint64_t id, Accepted accepted);
+    Reply<std::uint64_t> start(std::uint64_t id, JobSubmission accepted);
     /// Is there memory for so many bulk bytes to a job? Not to one that has ended, and not beyond
     /// its credit.
     [[nodiscard]] bool expects(std::uint64_t id, std::uint64_t bytes) const;
@@ -100,10 +100,9 @@ public:
 private:
     /// A task that was submitted.
     struct Outstanding {
-        std::uint64_t reserved = 0;     ///< of its job's credit
-        std::uint64_t input_bytes = 0;  ///< free once it ended
-        const Workers* workers = nullptr;
-        Withdraw withdraw = {};
+        std::uint64_t reserved = 0;  ///< of its job's credit
+        const FairThreadPool* pool = nullptr;
+        TryDequeue try_dequeue = {};
     };
     struct Active {
         Active(std::uint64_t request_id, std::unique_ptr<Job> work, Clock::time_point deadline)
@@ -135,15 +134,15 @@ private:
     template <class Step>
     void guarded(Active& active, Step step);
     void pump(const ActivePointer& active);
-    [[nodiscard]] Workers& workers_of(const Task& task) const;
-    /// May a job have one task more there?
-    [[nodiscard]] static bool has_turn(const Active& active, const Workers& workers);
-    [[nodiscard]] bool window_allows(const Task& task) const;
-    [[nodiscard]] static bool credit_allows(const Active& active, const Task& task);
+    [[nodiscard]] FairThreadPool& pool_of(const Task& task) const {
+        return task.pool != nullptr ? *task.pool : context_.compute;
+    }
+    /// Is there a thread for the task, and room for its answer?
+    [[nodiscard]] bool may_start(const Active& active, const Task& task) const;
     /// On the io thread; false where its turn is over, or ends before the task does.
-    bool run_briefly(Active& active, const Task& task);
+    bool run_inline(Active& active, const Task& task);
     void submit(const ActivePointer& active, Task task);
-    void take_answer(Active& active, Reply<Frames> reply, std::uint64_t input_bytes);
+    void take_answer(Active& active, Reply<Frames> reply);
     void task_ended(const ActivePointer& active, std::list<Outstanding>::iterator task,
                     Reply<Frames> reply);
     /// A submitted task that runs no more.
@@ -154,9 +153,9 @@ private:
     void stop(Active& active, protocol::Error error);
     void finish(const ActivePointer& active);
 
-    const Engine& engine_;
+    const JobContext& context_;
     Sink* sink_;  ///< null once abandoned
-    const std::string principal_;
+    std::string principal_;
     std::list<ActivePointer> jobs_;
     std::uint64_t window_bytes_ = 0;
     std::uint64_t in_flight_bytes_ = 0;  ///< reserved by running tasks of all jobs

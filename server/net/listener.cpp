@@ -146,12 +146,14 @@ Result<Bound> bind_unix(const UnixAddress& address, const SocketAccess& access) 
 }  // namespace
 
 Result<std::unique_ptr<Listener>> Listener::open(asio::io_context& io, const Address& address,
-                                                 const SocketAccess& access, OnAccept on_accept) {
+                                                 const SocketAccess& access,
+                                                 Connections& connections) {
     const auto* unix_address = std::get_if<UnixAddress>(&address);
     const auto bound = unix_address != nullptr ? bind_unix(*unix_address, access)
                                                : bind_tcp(std::get<TcpAddress>(address));
     if (!bound) return tl::unexpected(bound.error());
-    std::unique_ptr<Listener> listener(new Listener(io, std::move(on_accept)));
+    const MakeTransport make = find_scheme(scheme_of(address))->make;
+    std::unique_ptr<Listener> listener(new Listener(io, make, connections));
     listener->acceptor_.assign({bound->family, 0}, bound->descriptor);
     listener->acceptor_.non_blocking(true);
     listener->uri_ = to_uri(bound->address);
@@ -169,7 +171,7 @@ void Listener::close() {
 
 void Listener::hand_on(Socket socket, Descriptors descriptors) {
     try {
-        on_accept_(std::move(socket), descriptors);
+        connections_.accept(make_transport_(std::move(socket)), descriptors);
     } catch (const std::bad_alloc&) {
         log(LogLevel::error, "accept_failed", {{"listen", uri_}, {"reason", "out of memory"}});
     }

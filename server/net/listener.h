@@ -1,13 +1,14 @@
-// Accepts connections on one address and hands them on.
+// Accepts connections on one address and hands their transports on.
 #pragma once
 
 #include "engine/assets/child_process.h"
 #include "engine/result.h"
 #include "server/address.h"
 #include "server/net/asio.h"
+#include "server/net/connections.h"
+#include "server/net/transports.h"
 
 #include <chrono>
-#include <functional>
 #include <memory>
 #include <string>
 
@@ -16,15 +17,14 @@ namespace raynest::server {
 /// Io thread only; must stay until the io_context has run out of work.
 class Listener {
 public:
-    enum class Descriptors { free, used_up };
-    /// With used_up there is none left for another connection.
-    using OnAccept = std::function<void(Socket, Descriptors)>;
+    using Descriptors = Connections::Descriptors;
 
     /// Binds and listens; port 0 takes a free one. A Unix socket has the mode and group of `access`
     /// before anybody can connect, and one that a dead daemon left there is replaced. io_failed
     /// says what is in the way.
     static Result<std::unique_ptr<Listener>> open(asio::io_context& io, const Address& address,
-                                                  const SocketAccess& access, OnAccept on_accept);
+                                                  const SocketAccess& access,
+                                                  Connections& connections);
     ~Listener() { close(); }
     Listener(const Listener&) = delete;
 
@@ -38,13 +38,14 @@ public:
 
 private:
     using Clock = std::chrono::steady_clock;
-    Listener(asio::io_context& io, OnAccept on_accept)
+    Listener(asio::io_context& io, MakeTransport make_transport, Connections& connections)
         : acceptor_(io),
           pause_(io),
-          on_accept_(std::move(on_accept)) {}
+          make_transport_(make_transport),
+          connections_(connections) {}
     void accept_next();
     void accepted(const SystemError& error, Socket socket);
-    /// Takes who waits, with the spare descriptor where there is no other.
+    /// Accepts a peer that waits, with the spare descriptor where there is no other.
     SystemError accept_newcomer();
     void accept_later(const SystemError& error);
     void hand_on(Socket socket, Descriptors descriptors);
@@ -52,10 +53,11 @@ private:
     asio::basic_socket_acceptor<asio::generic::stream_protocol> acceptor_;
     asio::steady_timer pause_;
     std::chrono::milliseconds backoff_{0};
-    OnAccept on_accept_;
+    const MakeTransport make_transport_;
+    Connections& connections_;
     std::string uri_;
-    std::string socket_file_;   ///< of a Unix socket that we made
-    Fd spare_;                  ///< so that who comes while descriptors are used up can be told
+    std::string socket_file_;   ///< made for a Unix socket
+    Fd spare_;                  ///< lets a peer that comes when no other is left hear of that
     Clock::time_point told_{};  ///< when the log last heard of that
 };
 

@@ -1,10 +1,7 @@
 #include "server/net/session.h"
 
-#include "protocol/keep_alive.h"
 #include "server/log.h"
-#include "server/net/lost_peer.h"
-
-#include <sys/socket.h>
+#include "server/net/connections.h"
 
 #include <algorithm>
 #include <array>
@@ -19,19 +16,16 @@ using std::chrono::seconds;
 
 constexpr std::size_t stage_bytes = 4096;
 constexpr std::size_t read_bytes_max = 256 << 10;
-/// Of a bulk part so much is waited for at a time. A wakeup for every segment costs more than the
-/// segment: up to twice the CPU time of a stream, whenever the reader keeps up with the sender.
-constexpr std::size_t expected_bytes_max = 128 << 10;
-/// After the closing frame: time for the peer to read it and close.
-constexpr seconds linger_time{1};
-/// Before that: time for the outbox to leave.
+/// For the outbox to leave once the conversation is closing.
 constexpr seconds flush_time{5};
-/// What a waiting frame costs beside its bytes.
+/// After that: for the peer to read the closing frame and to close.
+constexpr seconds linger_time{1};
+/// Memory of a waiting frame beside its bytes.
 constexpr std::uint64_t waiting_frame_bytes = 256;
 
 constexpr Clock::time_point never = Clock::time_point::max();
 
-/// Of what waits and no credit bounds.
+/// Waiting bytes that no credit bounds.
 std::uint64_t control_bytes(const protocol::Frame& frame) {
     if (frame.header.bulk_bytes != 0) return 0;
     return waiting_frame_bytes + protocol::header_bytes + frame.control.size();
@@ -44,34 +38,31 @@ bool shows_life(const protocol::Frame& frame) {
 
 }  // namespace
 
-void say_last(Socket& socket, const protocol::Error& error) {
-    const protocol::Frame frame = protocol::encode_error(0, error, true);
-    std::array<std::byte, protocol::header_bytes> header{};
-    protocol::write_header(frame.header, header);
-    const std::array<asio::const_buffer, 2> buffers = {
-        asio::buffer(header), asio::buffer(frame.control.data(), frame.control.size())};
-    SystemError ignored;
-    socket.non_blocking(true, ignored);
-    socket.write_some(buffers, ignored);
+void write_last_error(Transport& transport, const protocol::Error& error) {
+    std::deque<protocol::Frame> frames;
+    frames.push_back(protocol::encode_error(0, error, true));
+    WriteBatch batch;
+    batch.load(frames);
+    transport.write_now(batch.rest());
 }
 
-Session::Session(asio::io_context& io, Socket socket, std::string principal,
-                 const Services& services, const Engine& engine, OnClosed on_closed)
+Session::Session(asio::io_context& io, std::unique_ptr<Transport> transport,
+                 Connections& connections, const Services& services, const JobContext& context)
     : services_(services),
-      on_closed_(std::move(on_closed)),
-      socket_(std::move(socket)),
+      connections_(connections),
+      io_(io),
+      transport_(std::move(transport)),
       wake_(io, never),
       room_(io, never),
       watchdog_(io, never),
       decoder_(services.limits),
       stage_(stage_bytes),
-      conversation_(services, engine, *this, std::move(principal)),
+      conversation_(
+          services, context, *this, transport_->peer().name,
+          [this](const wire::Hello& hello) { return connections_.authenticate(*this, hello); }),
       greeting_deadline_(Clock::now() + milliseconds(services.limits.greeting_ms_max)),
       close_deadline_(never),
       moved_(Clock::now()) {
-    protocol::tune_tcp(socket_.native_handle());
-    SystemError ignored;
-    socket_.non_blocking(true, ignored);
     decoder_.set_frame_bytes_max(services.limits.greeting_bytes_max);
     decoder_.set_admission(
         [this](const protocol::FrameHeader& header) { return conversation_.admit(header); });
@@ -83,15 +74,15 @@ void Session::start() {
     spawn(&Session::watch, "watchdog");
 }
 
-void Session::spawn(Part part, const char* name) {
-    asio::co_spawn(socket_.get_executor(), (this->*part)(),
+void Session::spawn(Coroutine coroutine, const char* name) {
+    asio::co_spawn(io_, (this->*coroutine)(),
                    [self = shared_from_this(), name](const std::exception_ptr& failure) {
                        if (!failure) return;
                        try {
                            std::rethrow_exception(failure);
                        } catch (const std::exception& error) {
                            log(LogLevel::error, "connection_failed",
-                               {{"part", name}, {"reason", error.what()}});
+                               {{"coroutine", name}, {"reason", error.what()}});
                        }
                        self->stop();
                    });
@@ -103,9 +94,9 @@ void Session::drain() {
     settle();
 }
 
-void Session::give_up() {
+void Session::close_with_error(const protocol::Error& error) {
     if (!open_) return;
-    conversation_.give_up({Code::draining, "", 0});
+    conversation_.close_with_error(error);
     wake_.cancel();
     settle();
 }
@@ -113,19 +104,24 @@ void Session::give_up() {
 void Session::stop() {
     if (!std::exchange(open_, false)) return;
     conversation_.abandon();
-    SystemError ignored;
-    socket_.close(ignored);
+    transport_->close();
     wake_.cancel();
     room_.cancel();
     watchdog_.cancel();
     ++services_.metrics.connections_closed;
-    on_closed_(shared_from_this());
+    connections_.leave(shared_from_this());
+}
+
+void Session::drop(Metrics::Counter& counter, const char* why) {
+    ++counter;
+    log(LogLevel::info, "dropped",
+        {{"principal", principal()}, {"reason", why}, {"unread", std::to_string(backlog_)}});
+    stop();
 }
 
 void Session::stop_if_lost() {
-    if (!open_ || !is_lost(socket_.native_handle())) return;
-    log(LogLevel::info, "lost", {{"principal", principal()}});
-    stop();
+    if (open_ && transport_->is_lost())
+        drop(services_.metrics.peers_lost, "its machine or network does not answer");
 }
 
 std::uint64_t Session::holds(Resource resource) const {
@@ -148,8 +144,8 @@ std::optional<Clock::time_point> Session::paused_since() const {
 
 void Session::give_way(const protocol::Error& why) {
     if (!open_) return;
-    // Within a frame that its socket does not take no words would reach it.
-    if (backlog_ == 0) say_last(socket_, why);
+    // In the middle of a frame that the peer does not read, no error would reach it.
+    if (backlog_ == 0) write_last_error(*transport_, why);
     stop();
 }
 
@@ -173,12 +169,14 @@ asio::awaitable<void> Session::wait(asio::steady_timer& timer) {
 
 asio::awaitable<void> Session::read_frames() {
     SystemError error;
-    while (open_ && !conversation_.closing()) {
-        // Whoever does not read its answers gets no more of its requests read.
+    co_await transport_->open(error);
+    opened_ = true;
+    wake_.cancel();
+    while (open_ && !error && !conversation_.closing()) {
+        // A peer that does not read its answers gets no more of its requests read.
         while (open_ && crowded()) co_await wait(room_);
         if (!open_) co_return;
         co_await read_some(error);
-        if (error) break;
     }
     if (open_ && !error) co_await linger();
     stop();
@@ -192,11 +190,10 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
         bulk = bulk.first(read_bytes_max);
         stage = {};
     }
-    expect(std::clamp(bulk.size(), std::size_t{1}, expected_bytes_max));
-    const std::array<asio::mutable_buffer, 2> parts = {asio::buffer(bulk.data(), bulk.size()),
-                                                       asio::buffer(stage.data(), stage.size())};
+    const Transport::ReadBuffers buffers = {asio::buffer(bulk.data(), bulk.size()),
+                                            asio::buffer(stage.data(), stage.size())};
     const std::size_t got =
-        co_await socket_.async_read_some(parts, asio::redirect_error(asio::use_awaitable, error));
+        co_await transport_->read(buffers, std::max(bulk.size(), std::size_t{1}), error);
     if (error || !open_) co_return;
     services_.metrics.bytes_received += got;
     const std::size_t direct = std::min(got, bulk.size());
@@ -208,18 +205,11 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
     settle();
 }
 
-void Session::expect(std::size_t bytes) {
-    if (bytes == std::exchange(expected_, bytes)) return;
-    const int mark = static_cast<int>(bytes);
-    // Unix sockets ignore it, and without it all that is lost is time.
-    (void)setsockopt(socket_.native_handle(), SOL_SOCKET, SO_RCVLOWAT, &mark, sizeof mark);
-}
-
 void Session::take_frames(std::span<const std::byte> bytes) {
     bool moved = false;
     do {
         const auto taken = decoder_.feed(bytes);
-        if (!taken) return conversation_.give_up(taken.error());
+        if (!taken) return conversation_.close_with_error(taken.error());
         bytes = bytes.subspan(*taken);
         if (decoder_.complete()) {
             if (!std::exchange(moved, true)) moved_ = Clock::now();
@@ -233,27 +223,24 @@ void Session::take_frames(std::span<const std::byte> bytes) {
 }
 
 asio::awaitable<void> Session::linger() {
-    // Closing with unread bytes would reset the connection, and the peer might lose our last words.
-    while (open_) {
-        SystemError error;
-        co_await socket_.async_read_some(asio::buffer(stage_),
-                                         asio::redirect_error(asio::use_awaitable, error));
-        if (error) break;
-    }
+    // Closing with unread bytes would reset the connection, and the peer might lose the last frame.
+    const Transport::ReadBuffers buffers = {asio::buffer(stage_), asio::mutable_buffer()};
+    SystemError error;
+    while (open_ && !error) co_await transport_->read(buffers, 1, error);
 }
 
 // ---- writer -------------------------------------------------------------------------------------
 
-bool Session::gather() {
-    if (gather_.empty() && !outbox_.empty()) gather_.load(outbox_);
-    return !gather_.empty();
+bool Session::fill_stream() {
+    if (batch_.empty() && !outbox_.empty()) batch_.load(outbox_);
+    return !batch_.empty();
 }
 
 void Session::sent(std::size_t bytes) {
     services_.metrics.bytes_sent += bytes;
     backlog_ -= bytes;
     bool moved = false;
-    gather_.consume(bytes, [&](const protocol::Frame& frame) {
+    batch_.consume(bytes, [&](const protocol::Frame& frame) {
         ++services_.metrics.frames_sent;
         control_backlog_ -= control_bytes(frame);
         moved = moved || shows_life(frame);
@@ -262,26 +249,24 @@ void Session::sent(std::size_t bytes) {
 }
 
 void Session::write_at_once() {
-    if (!open_ || writing_ || !gather()) return;
-    SystemError error;
-    sent(socket_.write_some(gather_.rest(), error));
-    // Whatever is wrong, the writer will meet it too.
-    if (!gather_.empty() || !outbox_.empty() || conversation_.closing()) wake_.cancel();
+    if (!open_ || writing_ || !fill_stream()) return;
+    sent(transport_->write_now(batch_.rest()));
+    if (!batch_.empty() || !outbox_.empty() || conversation_.closing()) wake_.cancel();
     conversation_.runner().pump();
 }
 
 asio::awaitable<void> Session::write_frames() {
     while (open_) {
-        if (!gather()) {
-            if (conversation_.closing()) break;
+        if (!opened_ || !fill_stream()) {
+            if (opened_ && conversation_.closing()) break;
             co_await wait(wake_);
             continue;
         }
         writing_ = true;
         settle();
         SystemError error;
-        const std::size_t bytes = co_await socket_.async_write_some(
-            gather_.rest(), asio::redirect_error(asio::use_awaitable, error));
+        const WriteBatch::Rest rest = batch_.rest();
+        const std::size_t bytes = co_await transport_->write(rest, error);
         writing_ = false;
         if (!open_) co_return;
         if (error) {
@@ -294,8 +279,7 @@ asio::awaitable<void> Session::write_frames() {
         settle();
     }
     if (!open_) co_return;
-    SystemError ignored;
-    socket_.shutdown(Socket::shutdown_send, ignored);
+    co_await transport_->finish_writing();
     close_deadline_ = Clock::now() + linger_time;
     settle();
 }
@@ -329,12 +313,15 @@ Clock::time_point Session::next_deadline() const {
 }
 
 void Session::expire(Clock::time_point now) {
-    if (now >= close_deadline_) return stop();
+    if (now >= close_deadline_)
+        return backlog_ == 0 ? stop()
+                             : drop(services_.metrics.peers_cut_off, "it did not read the end");
     if (conversation_.closing()) return;
     conversation_.runner().tick(now);
     if (now >= greeting_deadline_) {
         ++services_.metrics.timeouts;
-        conversation_.give_up({Code::deadline, "no Hello came in time", 0});
+        if (!opened_) return stop();
+        conversation_.close_with_error({Code::deadline, "no Hello came in time", 0});
     }
     settle();
 }

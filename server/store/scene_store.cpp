@@ -1,5 +1,8 @@
 #include "server/store/scene_store.h"
 
+#include "protocol/text.h"
+#include "server/access.h"
+
 #include <algorithm>
 #include <utility>
 
@@ -76,36 +79,39 @@ void SceneStore::disconnect(const ConnectionId& caller) noexcept {
 
 Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const Snapshot> snapshot,
                                                          const std::string& principal) {
-    std::weak_ptr<const HeldScene>& known = by_hash_[snapshot->hash()];
+    std::weak_ptr<const HeldScene>& known = by_digest_[snapshot->digest()];
     if (auto held = known.lock()) return held;
 
     const std::uint64_t bytes = snapshot->bytes().size();
     auto lease = budget_.reserve(bytes);
     if (!lease)
         return refuse(Code::resource_exhausted,
-                      "the scene takes " + std::to_string(bytes) + " bytes, " +
-                          std::to_string(budget_.limit() - budget_.used()) +
-                          " of raynestd's --memory are free; start raynestd with more, or " +
-                          advice(principal));
+                      "the scene takes " + protocol::bytes_text(bytes) + ", " +
+                          protocol::bytes_text(budget_.limit() - budget_.used()) +
+                          " of raynestd's --memory are free; " + remedy(principal, "--memory"));
     auto held =
         std::make_shared<const HeldScene>(HeldScene{std::move(snapshot), std::move(*lease)});
     known = held;
     return held;
 }
 
-std::string SceneStore::advice(const std::string& principal) const {
+std::string SceneStore::remedy(const std::string& principal, std::string_view option) const {
+    const std::string larger = "start raynestd with a larger " + std::string(option);
+    if (entries_.empty()) return larger;
     std::vector<const Entry*> candidates;
     for (const auto& [name, entry] : entries_)
         if (entry.owners.contains(principal)) candidates.push_back(&entry);
     if (candidates.empty())
-        return "unload a scene, or close the connections that hold scenes without a name";
+        return "unload a scene, close the connections that hold scenes without a name, or " +
+               larger;
     std::sort(candidates.begin(), candidates.end(),
               [](const Entry* a, const Entry* b) { return a->used < b->used; });
     candidates.resize(std::min(candidates.size(), proposals_max));
     std::string names;
     for (const Entry* candidate : candidates)
         names += (names.empty() ? "'" : ", '") + candidate->scene.name + "'";
-    return "unload scenes (raynest unload NAME, or --idle 1h); least recently used: " + names;
+    return "unload scenes (raynest unload NAME, or --idle 1h; least recently used: " + names +
+           "), or " + larger;
 }
 
 Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& caller,
@@ -120,16 +126,16 @@ Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& ca
     }
     if (scenes >= limits_.principal_scenes_max)
         return refuse(Code::quota, principal + " holds " + counted(scenes, "scene") +
-                                       ", the limit is principal_scenes_max = " +
+                                       ", the limit is --principal-scenes-max " +
                                        std::to_string(limits_.principal_scenes_max) + "; " +
-                                       advice(principal));
+                                       remedy(principal, "--principal-scenes-max"));
     if (bytes > limits_.principal_scene_bytes_max ||
         held > limits_.principal_scene_bytes_max - bytes)
-        return refuse(Code::quota, principal + " holds " + std::to_string(held) +
-                                       " bytes of scenes, " + std::to_string(bytes) +
-                                       " more are over principal_scene_bytes_max = " +
+        return refuse(Code::quota, principal + " holds " + protocol::bytes_text(held) +
+                                       " of scenes, " + protocol::bytes_text(bytes) +
+                                       " more are over --principal-scene-bytes-max " +
                                        std::to_string(limits_.principal_scene_bytes_max) + "; " +
-                                       advice(principal));
+                                       remedy(principal, "--principal-scene-bytes-max"));
     return {};
 }
 
@@ -142,22 +148,22 @@ Reply<void> SceneStore::check_quota(std::string_view name, const ConnectionId& c
 Reply<NamedScene> SceneStore::publish(const std::string& name,
                                       std::shared_ptr<const Snapshot> snapshot, Publication how,
                                       const ConnectionId& caller) {
-    std::erase_if(by_hash_, [](const auto& known) { return known.second.expired(); });
+    std::erase_if(by_digest_, [](const auto& known) { return known.second.expired(); });
 
     const auto found = listed(name);
     const bool taken = found != entries_.end();
     if (const auto quota = check_quota(name, caller, snapshot->bytes().size()); !quota)
         return tl::unexpected(quota.error());
-    const bool equal = taken && found->second.scene.snapshot().hash() == snapshot->hash();
+    const bool equal = taken && found->second.scene.snapshot().digest() == snapshot->digest();
     if (taken && !equal && !how.replace)
         return refuse(Code::name_taken, "another scene is called '" + name +
                                             "'; give this one another `name`, or put it in the "
                                             "other's place with `replace`");
-    // Other principals that keep the name would find another scene.
-    if (taken && !equal && !found->second.only_of(caller.principal))
-        return refuse(Code::not_allowed, "scene '" + name +
-                                             "' is held by others too; give this one another "
-                                             "`name`");
+    if (taken && !equal)
+        if (const auto allowed =
+                access::replace_scene(name, found->second.only_of(caller.principal));
+            !allowed)
+            return tl::unexpected(allowed.error());
 
     // Complete before it is in the table, so that lack of memory leaves what was there.
     Entry entry = taken ? found->second : Entry();
@@ -189,13 +195,17 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
 }
 
 bool SceneStore::holds(const std::string& hash) const {
-    const auto known = by_hash_.find(hash);
-    return known != by_hash_.end() && !known->second.expired();
+    const auto known = by_digest_.find(hash);
+    return known != by_digest_.end() && !known->second.expired();
 }
 
 Reply<NamedScene> SceneStore::find(std::string_view name, std::uint64_t epoch,
                                    const ConnectionId& caller) const {
     const auto found = resolve(entries_, name, caller);
+    if (found == entries_.end() && name.find_first_of(":.") != std::string_view::npos)
+        return refuse(Code::scene_unknown,
+                      "no scene is called '" + std::string(name) +
+                          "'; if that is a source, `Load` it first and ask by the scene's name");
     if (found == entries_.end())
         return refuse(Code::scene_unknown, "scene '" + std::string(name) +
                                                "' is not loaded; see `Scenes`, or `Load` it");
@@ -227,9 +237,10 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
                       "scene '" + std::string(name) + "' is not loaded; see `Scenes`");
     Entry& entry = found->second;
     const bool temporary_of_mine = entry.owners.empty() && entry.holders.contains(caller.principal);
-    if (!entry.owners.contains(caller.principal) && !entry.held_by(caller) && !temporary_of_mine)
-        return refuse(Code::not_allowed, "scene '" + std::string(name) +
-                                             "' was loaded by others; only they unload it");
+    const bool mine =
+        entry.owners.contains(caller.principal) || entry.held_by(caller) || temporary_of_mine;
+    if (const auto allowed = access::unload_scene(name, entry.owner, mine); !allowed)
+        return tl::unexpected(allowed.error());
 
     if (!entry.temporary_of(caller)) {
         entry.owners.erase(caller.principal);
@@ -244,8 +255,8 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
     return holders;
 }
 
-std::vector<std::string> SceneStore::unload_idle(Clock::duration idle, std::size_t most,
-                                                 const ConnectionId& caller) {
+std::vector<SceneStore::Unloaded> SceneStore::unload_idle(Clock::duration idle, std::size_t most,
+                                                          const ConnectionId& caller) {
     const Clock::time_point now = now_();
     std::vector<std::string> names;
     for (const auto& [name, entry] : entries_) {
@@ -256,8 +267,10 @@ std::vector<std::string> SceneStore::unload_idle(Clock::duration idle, std::size
         if (mine && now - entry.used >= idle && &resolve(entries_, name, caller)->second == &entry)
             names.push_back(name);
     }
-    for (const std::string& name : names) (void)unload(name, caller);
-    return names;
+    std::vector<Unloaded> unloaded;
+    for (const std::string& name : names)
+        if (auto holders = unload(name, caller)) unloaded.push_back({name, std::move(*holders)});
+    return unloaded;
 }
 
 std::vector<SceneStore::Listed> SceneStore::list(const ConnectionId& caller) const {
@@ -275,9 +288,14 @@ std::vector<SceneStore::Listed> SceneStore::list(const ConnectionId& caller) con
     return scenes;
 }
 
-std::size_t SceneStore::unlisted() const {
-    return static_cast<std::size_t>(std::count_if(
-        entries_.begin(), entries_.end(), [](const auto& entry) { return !entry.second.listed; }));
+SceneStore::Total SceneStore::unlisted() const {
+    Total total;
+    for (const auto& [name, entry] : entries_) {
+        if (entry.listed) continue;
+        ++total.scenes;
+        total.bytes += entry.scene.snapshot().bytes().size();
+    }
+    return total;
 }
 
 }  // namespace raynest::server

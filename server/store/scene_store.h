@@ -91,6 +91,10 @@ public:
     /// As find(), and the caller's connection holds it from now on. QUOTA as for loading it.
     Reply<NamedScene> open(std::string_view name, const ConnectionId& caller);
 
+    struct Unloaded {
+        std::string name;
+        std::vector<std::string> holders;  ///< that hold it still, as unload() gives them
+    };
     /// Drops the reference of the caller's principal to the name, and the caller's own; only the
     /// latter where the caller loaded the scene as temporary. Gives those that hold the scene
     /// still, one text per principal: "uid:1000 (2 connections)". NOT_ALLOWED where the scene is
@@ -98,9 +102,9 @@ public:
     Reply<std::vector<std::string>> unload(std::string_view name, const ConnectionId& caller);
 
     /// Unloads at most `most` scenes that the caller's principal loaded to stay or that its
-    /// connection holds, and that no request used for `idle`. Gives their names.
-    std::vector<std::string> unload_idle(Clock::duration idle, std::size_t most,
-                                         const ConnectionId& caller);
+    /// connection holds, and that no request used for `idle`.
+    std::vector<Unloaded> unload_idle(Clock::duration idle, std::size_t most,
+                                      const ConnectionId& caller);
 
     struct Listed {
         NamedScene scene;
@@ -114,8 +118,15 @@ public:
 
     /// Scenes that a name means for all, or only the connections that still hold them.
     [[nodiscard]] std::size_t size() const { return entries_.size(); }
+    struct Total {
+        std::size_t scenes = 0;
+        std::uint64_t bytes = 0;
+    };
     /// The latter alone.
-    [[nodiscard]] std::size_t unlisted() const;
+    [[nodiscard]] Total unlisted() const;
+    /// What makes room for scenes, in words: unloading those that the principal has used the least
+    /// recently, where there are any, or a larger value of raynestd's `option`.
+    [[nodiscard]] std::string remedy(const std::string& principal, std::string_view option) const;
 
 private:
     struct Entry {
@@ -147,8 +158,6 @@ private:
     [[nodiscard]] Entries::iterator listed(std::string_view name);
     Reply<void> check_quota(const Entry* changed, const ConnectionId& caller,
                             std::uint64_t bytes) const;
-    /// What to unload, in words: the scenes that the principal has used the least recently.
-    [[nodiscard]] std::string advice(const std::string& principal) const;
     Reply<std::shared_ptr<const HeldScene>> hold(std::shared_ptr<const Snapshot> snapshot,
                                                  const std::string& principal);
 
@@ -156,7 +165,7 @@ private:
     const protocol::Limits limits_;
     const Now now_;
     Entries entries_;
-    std::map<std::string, std::weak_ptr<const HeldScene>> by_hash_;
+    std::map<std::string, std::weak_ptr<const HeldScene>> by_digest_;
     std::uint64_t last_connection_ = 0;
 };
 

@@ -1,6 +1,7 @@
 #include "server/store/source_root.h"
 
 #include "engine/assets/child_process.h"
+#include "protocol/text.h"
 
 #include <fcntl.h>
 #include <linux/openat2.h>
@@ -55,7 +56,17 @@ Result<std::optional<SourceFile>> read_under_root(const std::filesystem::path& r
     if (root.empty())
         return fail(ErrorCode::scene_unsupported,
                     "root:" + shown + " needs a daemon that was started with --scene-root DIR");
-    if (name.empty() || shown.front() == '/' || shown.find('\0') != std::string::npos)
+    if (name.empty())
+        return fail(ErrorCode::scene_invalid,
+                    "root:" + shown +
+                        " names no file; write root:PATH, the path of a file below "
+                        "--scene-root");
+    for (const auto& [path, place] : {std::pair(folder, "--scene-root"),
+                                      std::pair(std::filesystem::path(name), "the scene's folder")})
+        if (const auto plain = path.lexically_normal(); !plain.empty() && *plain.begin() == "..")
+            return fail(ErrorCode::scene_invalid,
+                        "cannot open root:" + shown + ": the path leaves " + place);
+    if (shown.front() == '/' || shown.find('\0') != std::string::npos)
         return fail(ErrorCode::scene_invalid,
                     "root:PATH takes the path of a file below --scene-root, without a leading /");
 
@@ -80,11 +91,10 @@ Result<std::optional<SourceFile>> read_under_root(const std::filesystem::path& r
 
     auto lease = budget.reserve(size);
     if (!lease)
-        return fail(
-            ErrorCode::out_of_memory,
-            "root:" + shown + " has " + std::to_string(size) + " bytes, " +
-                std::to_string(budget.limit() - budget.used()) +
-                " of raynestd's --memory are free; unload a scene or start raynestd with more");
+        return fail(ErrorCode::out_of_memory,
+                    "root:" + shown + " has " + protocol::bytes_text(size) + ", " +
+                        protocol::bytes_text(budget.limit() - budget.used()) +
+                        " of raynestd's --memory are free");
 
     // The file may shrink while it is read; it never grows past the size that was checked.
     SourceFile result{name, std::vector<std::byte>(size), std::move(*lease)};

@@ -51,7 +51,7 @@ def bench(*arguments):
 def runnable_targets():
     """Those of the build that this CPU runs."""
     runs = {target: bench("--scene", "gen:cards?scale=0.001", "--count", "1024", "--rounds", "1",
-                          "--rays", "primary", "--traversal", "latency", "--target", target)
+                          "--rays", "primary", "--traversal", "single", "--target", target)
             for target in TARGETS}
     return [target for target, run in runs.items() if run.returncode == 0]
 
@@ -76,7 +76,7 @@ class Measuring(unittest.TestCase):
                                  "primary,ao,shadow,diffuse,random", *peers)
                 self.assertEqual({row["rays"] for row in rows},
                                  {"primary", "ao", "shadow", "diffuse", "random"})
-                self.assertLessEqual({"latency"}, {row["traversal"] for row in rows})
+                self.assertLessEqual({"single"}, {row["traversal"] for row in rows})
                 for row in rows:
                     self.check_row(row)
                     self.assertEqual(row["kind"], "any" if row["rays"] in ("ao", "shadow") else "closest")
@@ -85,20 +85,20 @@ class Measuring(unittest.TestCase):
     def test_alpha_is_tested_as_the_filters_of_the_peer_and_the_controls_do(self):
         peers = "own,embree-filter,embree-filter-coherent,embree-argument" if PEER else "own"
         rows = self.rows("--scene", "gen:cards?scale=0.01", "--rays", "primary,diffuse,ao", "--intersector",
-                         "alpha_mask,fused_alpha,pointer_alpha", "--traversal", "latency", "--peers", peers)
+                         "alpha_mask,fused_alpha,pointer_alpha", "--traversal", "single", "--peers", peers)
         for row in rows:
             self.check_row(row)
             self.assertLess(row.get("mask_borders", 0), row["count"] / 1000)
         self.assertEqual({row["intersector"] for row in rows},
                          {"alpha_mask", "fused_alpha", "pointer_alpha"})
-        solid = self.rows("--scene", "gen:cards?scale=0.01", "--rays", "primary", "--traversal", "latency",
+        solid = self.rows("--scene", "gen:cards?scale=0.01", "--rays", "primary", "--traversal", "single",
                           "--intersector", "no_test,opaque,pointer_null,pointer_noop", "--peers", "own")
         self.assertEqual(len(solid), 4)
 
     def test_multi_hit_lists_are_the_peers(self):
         peers = ["--peers", "embree-list,embree-shrink"] if PEER else []
         rows = self.rows("--scene", "gen:cards?scale=0.01", "--rays", "primary", "--kind", "multi",
-                         "--max-hits", "8", "--traversal", "latency", *peers)
+                         "--max-hits", "8", "--traversal", "single", *peers)
         self.assertEqual(len(rows), 2 if PEER else 1)
         for row in rows:
             self.check_row(row)
@@ -106,28 +106,28 @@ class Measuring(unittest.TestCase):
 
     def test_targets_with_fma_and_numbers_of_threads_give_the_same_bits(self):
         targets = [target for target in runnable_targets() if target != "v2"]
-        rows = self.rows("--scene", "gen:forest3?scale=0.01", "--rays", "diffuse", "--traversal", "latency",
+        rows = self.rows("--scene", "gen:forest3?scale=0.01", "--rays", "diffuse", "--traversal", "single",
                          "--target", ",".join(targets), "--threads", "1,2", "--peers", "own")
         self.assertEqual({(row["target"], row["threads"]) for row in rows},
                          {(target, threads) for target in targets for threads in (1, 2)})
 
     def test_nested_and_one_level_forms_answer_alike(self):
         rows = self.rows("--scene", "gen:forest3?scale=0.01", "--over", "gen:forest3-flat?scale=0.01",
-                         "--rays", "primary,ao", "--traversal", "auto,latency")
+                         "--rays", "primary,ao", "--traversal", "auto,single")
         self.assertEqual([(row["rays"], row["traversal"], row["peer"]) for row in rows],
                          [(rays, traversal, "own-over") for rays in ("primary", "ao")
-                          for traversal in ("auto", "latency")])
+                          for traversal in ("auto", "single")])
         for row in rows:
             self.check_row(row)
 
     def test_another_scene_is_told_apart(self):
         run = bench("--rounds", "1", "--count", "4096", "--scene", "gen:cards?scale=0.01", "--over",
-                    "gen:terrain?scale=0.01", "--rays", "primary", "--traversal", "latency")
+                    "gen:terrain?scale=0.01", "--rays", "primary", "--traversal", "single")
         self.assertEqual(run.returncode, 9, run.stderr)
 
     def test_scenes_are_deterministic(self):
         def hash_of(source):
-            return self.rows("--scene", source, "--rays", "primary", "--traversal", "latency")[0]["scene_hash"]
+            return self.rows("--scene", source, "--rays", "primary", "--traversal", "single")[0]["scene_hash"]
         self.assertEqual(hash_of("gen:forest3?scale=0.01"), hash_of("gen:forest3?scale=0.01"))
         self.assertNotEqual(hash_of("gen:forest3?scale=0.01"), hash_of("gen:forest3?scale=0.02"))
 
@@ -162,7 +162,7 @@ class Files(unittest.TestCase):
 
     def run_files(self, scene, scene_data, rays=RAYS, ref=GOOD_REF):
         option = "--inst" if scene.endswith(".inst") else "--soup"
-        return bench("--json", "--rounds", "1", "--traversal", "latency", option, self.write(scene, scene_data),
+        return bench("--json", "--rounds", "1", "--traversal", "single", option, self.write(scene, scene_data),
                      "--rays", self.write("x.rays", rays), "--ref", self.write("x.ref", ref))
 
     def test_a_soup_its_rays_and_their_reference_agree(self):
@@ -252,7 +252,7 @@ class Table(unittest.TestCase):
         return next(line for line in self.lines(*runs) if line.startswith(f"| {title}"))
 
     def row(self, scene, rays, peer, ratio, **more):
-        return {"scene": scene, "rays": rays, "kind": "closest", "traversal": "latency", "intersector": "opaque",
+        return {"scene": scene, "rays": rays, "kind": "closest", "traversal": "single", "intersector": "opaque",
                 "precision": "fast", "target": "v4", "threads": 1, "peer": peer, "peer_mrays": 1.0,
                 "ratio": ratio, "ratio_adjusted": ratio / 1.04, "mismatches": 1, "command": "bench X", **more}
 
@@ -288,7 +288,7 @@ class Table(unittest.TestCase):
             return [self.row("forest1", rays, peer, ratio, traversal=traversal, mrays=ours, peer_mrays=rate,
                              ratio_adjusted=ratio)
                     for rays in ("primary", "diffuse", "ao")
-                    for traversal, ours in (("auto", 6.0), ("coherent", 8.0))
+                    for traversal, ours in (("auto", 6.0), ("packet", 8.0))
                     for peer, rate in peers for ratio in (ours / rate,)]
         self.assertIn("| 1.5 | 1.5 |", self.line("forest1", rows(("embree", 1.0), ("embree-coherent", 4.0))))
         self.assertIn("| 1.5 | 1.5 |", self.line("forest1", rows(("embree", 4.0), ("embree-coherent", 1.0))))

@@ -102,10 +102,10 @@ Result<void> race_build(const Options& options, Loaded& loaded, BuildQuality qua
     SceneDescription& scene = loaded.workload.description;
     scene.build = quality;
     const std::vector<CornersAt> corners = corners_of(scene);
-    // The scene was baked before: it cannot fail now.
+    // The scene was built before: it cannot fail now.
     const std::array<Stage, 2> stages{
         {{"tree", [&] { build_leaves(corners, quality); }},
-         {"bake", [&] { static_cast<void>(Snapshot::bake(scene)); }}}};
+         {"bake", [&] { static_cast<void>(Snapshot::build(scene)); }}}};
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     std::array<std::vector<BuildTime>, 2> ours;
     std::vector<PeerBuild> theirs;

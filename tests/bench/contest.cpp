@@ -20,13 +20,13 @@ bool contains(const std::vector<std::string>& list, const std::string& name) {
     return std::find(list.begin(), list.end(), name) != list.end();
 }
 
-struct RaySet {
+struct RayMask {
     std::vector<Ray> rays;
     Query query;
 };
 
-Result<RaySet> prepare_rays(const Options& options, const Loaded& loaded, const std::string& name) {
-    RaySet set{{}, query_closest};
+Result<RayMask> prepare_rays(const Options& options, const Loaded& loaded, const std::string& name) {
+    RayMask set{{}, query_closest};
     if (name.ends_with(".rays")) {
         auto read = read_rays(name);
         if (!read) return tl::unexpected(read.error());
@@ -38,7 +38,7 @@ Result<RaySet> prepare_rays(const Options& options, const Loaded& loaded, const 
             loaded.registries.front()->choose("opaque", loaded.workload.scene->view());
         if (!opaque) return tl::unexpected(opaque.error());
         const auto finder =
-            find_function(**opaque, query_closest, precision_fast, traversal_latency, false);
+            find_function(**opaque, query_closest, precision_fast, traversal_single, false);
         if (!finder) return tl::unexpected(finder.error());
         set.rays = make_rays(loaded.workload, *kind, options.count, *finder);
         set.query = natural_query(*kind);
@@ -55,7 +55,7 @@ Result<RaySet> prepare_rays(const Options& options, const Loaded& loaded, const 
 /// The sides of one set of rays.
 class Sides {
 public:
-    Sides(const Options& options, Loaded& loaded, const RaySet& set)
+    Sides(const Options& options, Loaded& loaded, const RayMask& set)
         : options_(options),
           loaded_(loaded),
           set_(set),
@@ -105,10 +105,10 @@ private:
         if (!precision) return tl::unexpected(precision.error());
         const auto traversal = parse_traversal(label.traversal);
         if (!traversal) return tl::unexpected(traversal.error());
-        const auto tracer = Tracer::make(variant, set_.query, *precision, *traversal, false);
+        const auto selector = KernelSelector::make(variant, set_.query, *precision, *traversal, false);
         // Where single rays stand in for what was named, a row of that name would be theirs.
-        const bool stands = tracer && (*traversal == traversal_auto ||
-                                       tracer->choose({}, workload.scene->view()) == *traversal);
+        const bool stands = selector && (*traversal == traversal_auto ||
+                                       selector->choose({}, workload.scene->view()) == *traversal);
         if (!stands) {
             static std::set<std::string> said;
             const std::string skipped = variant.name + ", " + label.traversal + ", " +
@@ -119,7 +119,7 @@ private:
             return {};
         }
         Side side =
-            make_own_side(std::move(label), workload, *tracer, set_.rays, set_.query, hits_max_);
+            make_own_side(std::move(label), workload, *selector, set_.rays, set_.query, hits_max_);
         side.over = &workload != &loaded_.workload;
         if (side.over) side.label.name = "own-over";
         sides_.push_back(std::move(side));
@@ -146,7 +146,7 @@ private:
 
     const Options& options_;
     Loaded& loaded_;
-    const RaySet& set_;
+    const RayMask& set_;
     std::uint32_t hits_max_;
     std::vector<Side> sides_;
 };
@@ -251,7 +251,7 @@ Result<bool> contest(const Options& options, Loaded& loaded, const std::string& 
         return std::span<const Lap>(raced.laps[static_cast<std::size_t>(side - sides->data())]);
     };
     const Setting setting{loaded.workload.name,
-                          loaded.workload.scene->hash(),
+                          loaded.workload.scene->digest(),
                           rays,
                           name_of(set->query),
                           ray_count,

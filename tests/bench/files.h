@@ -8,7 +8,7 @@
 //   .ref   u32 rays | per ray f32 t (+inf: miss), u32 prim, u32 inst (of the root; else 0xffffffff)
 //
 // A file is used only if its size fits exactly and every index, number and transform in it is
-// sound. That groups form no cycle is checked where every scene's graph is: Snapshot::bake.
+// sound. That groups form no cycle is checked where every scene's graph is: Snapshot::build.
 #pragma once
 
 #include "engine/geometry/ray.h"

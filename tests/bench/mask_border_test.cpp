@@ -29,7 +29,7 @@ std::shared_ptr<const Snapshot> half_masked(AlphaMode mode, float x_offset) {
     scene.objects[0].geometries = {test::unit_square(0)};
     scene.objects[1].instances = {test::place(0, test::translation(x_offset, 0, 0))};
     scene.root = 1;
-    return test::bake(scene);
+    return test::build_scene(scene);
 }
 
 /// Of a ray that meets the square's first triangle at (x, y), where x > y.

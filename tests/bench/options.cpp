@@ -45,7 +45,7 @@ std::optional<Options> parse_options(int argc, char** argv, int& exit_code) {
         ->check(CLI::IsMember({"auto", "closest", "any", "multi"}));
     app.add_option("--max-hits", options.hits_max, "of --kind multi")
         ->check(CLI::Range(1U, multi_hits_max));
-    app.add_option("--traversal", options.traversals, "auto, latency, batch, coherent")
+    app.add_option("--traversal", options.traversals, "auto, single, stream, packet")
         ->delimiter(',');
     app.add_option("--intersector", options.intersectors, "")->delimiter(',');
     app.add_option("--precision", options.precisions, "fast, watertight")->delimiter(',');

@@ -20,7 +20,7 @@ struct Options {
     std::string ref;
     std::string kind = "auto";
     std::uint32_t hits_max = 8;
-    std::vector<std::string> traversals{"latency", "batch", "coherent"};
+    std::vector<std::string> traversals{"single", "stream", "packet"};
     std::vector<std::string> intersectors{"opaque"};
     std::vector<std::string> precisions{"fast"};
     std::vector<std::string> targets{"auto"};

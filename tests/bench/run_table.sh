@@ -35,11 +35,11 @@ bench --scene gen:cards --rays "$kinds" --intersector alpha_mask --traversal aut
 bench --scene gen:cards --rays primary,diffuse,random --kind multi --max-hits 8 \
     --traversal auto --peers embree-list,embree-shrink
 bench --scene gen:forest1 --rays primary,diffuse,ao --traversal auto --peers embree,embree-coherent
-bench --scene gen:forest3 --over gen:forest3-flat --rays primary,diffuse,ao --traversal auto,latency
+bench --scene gen:forest3 --over gen:forest3-flat --rays primary,diffuse,ao --traversal auto,single
 bench --scene gen:forest3-flat --build --peers embree
-bench --scene gen:terrain --rays primary,diffuse --traversal latency --threads 1,2 --peers own
-bench --scene gen:cards --rays primary,diffuse,ao --traversal latency \
+bench --scene gen:terrain --rays primary,diffuse --traversal single --threads 1,2 --peers own
+bench --scene gen:cards --rays primary,diffuse,ao --traversal single \
     --intersector no_test,pointer_null,pointer_noop --peers own
-bench --scene gen:cards --rays primary,diffuse,ao --traversal latency \
+bench --scene gen:cards --rays primary,diffuse,ao --traversal single \
     --intersector fused_alpha,pointer_alpha --peers own
 python3 "$root/tests/bench/table.py" --target "$target" "$rows"

@@ -5,7 +5,7 @@
 
 namespace raynest::bench {
 
-Side make_own_side(Label label, const Workload& workload, const Tracer& tracer,
+Side make_own_side(Label label, const Workload& workload, const KernelSelector& selector,
                    std::span<const Ray> rays, Query query, std::uint32_t hits_max) {
     Side side;
     side.label = std::move(label);
@@ -13,7 +13,7 @@ Side make_own_side(Label label, const Workload& workload, const Tracer& tracer,
     side.masks = side.label.intersector.find("alpha") != std::string::npos;
     side.answers =
         std::make_unique<Answers>(query, static_cast<std::uint32_t>(rays.size()), hits_max);
-    side.trace = [&view = workload.scene->view(), tracer, rays, answers = side.answers.get()](
+    side.trace = [&view = workload.scene->view(), selector, rays, answers = side.answers.get()](
                      std::uint32_t first, std::uint32_t count) {
         const TraceCall call{&view,
                              nullptr,
@@ -26,7 +26,7 @@ Side make_own_side(Label label, const Workload& workload, const Tracer& tracer,
                              answers->counts.data() + first,
                              nullptr,
                              nullptr};
-        tracer.function(tracer.choose(rays.subspan(first, count), view))(&call);
+        selector.function(selector.choose(rays.subspan(first, count), view))(&call);
     };
     return side;
 }
@@ -42,9 +42,9 @@ Result<Side> make_peer_side(PeerLibrary& library, const PeerForm& form, const Wo
     side.peer = std::move(*peer);
     side.answers =
         std::make_unique<Answers>(query, static_cast<std::uint32_t>(rays.size()), hits_max);
-    side.trace = [tracer = side.peer.get(), rays, answers = side.answers.get()](
+    side.trace = [peer = side.peer.get(), rays, answers = side.answers.get()](
                      std::uint32_t first, std::uint32_t count) {
-        tracer->trace({rays.data() + first, count, answers->hits_max,
+        peer->trace({rays.data() + first, count, answers->hits_max,
                        answers->hits.data() + std::size_t{first} * answers->hits_max,
                        answers->counts.data() + first});
     };

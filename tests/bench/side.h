@@ -1,7 +1,7 @@
 // One side of a measurement: a variant of ours or a form of a peer, with what it answered.
 #pragma once
 
-#include "engine/packs/tracer.h"
+#include "engine/packs/kernel_selector.h"
 #include "tests/bench/answers.h"
 #include "tests/bench/peer.h"
 #include "tests/bench/race.h"
@@ -34,8 +34,8 @@ struct Side {
     TracePart trace;
 };
 
-/// Every call chooses a traversal where the tracer is open, as a worker does for every chunk.
-Side make_own_side(Label label, const Workload& workload, const Tracer& tracer,
+/// Every call chooses a traversal where the selector is open, as a worker does for every chunk.
+Side make_own_side(Label label, const Workload& workload, const KernelSelector& selector,
                    std::span<const Ray> rays, Query query, std::uint32_t hits_max);
 Result<Side> make_peer_side(PeerLibrary& library, const PeerForm& form, const Workload& workload,
                             std::span<const Ray> rays, Query query, std::uint32_t hits_max);

@@ -66,23 +66,23 @@ def over(scenes, *rays):
 
 def claims(target):
     ours = {"intersector": "opaque", "precision": "fast", "threads": 1, "target": target}
-    latency = {**ours, "traversal": "latency", "peer": "embree"}
+    single = {**ours, "traversal": "single", "peer": "embree"}
     chosen = {**ours, "traversal": "auto"}
     plain = ("embree", "embree-coherent")
-    batch = {**ours, "traversal": "batch", "best_of": plain}
+    stream = {**ours, "traversal": "stream", "best_of": plain}
     alpha = {**chosen, "intersector": "alpha_mask"}
     filters = ("embree-filter", "embree-filter-coherent", "embree-argument")
     multi = {**chosen, "kind": "multi"}
-    tight = {**ours, "precision": "watertight", "traversal": "latency"}
+    tight = {**ours, "precision": "watertight", "traversal": "single"}
     build = {"kind": "build", "build": "medium", "stage": "tree", "value": "ratio"}
     yield Claim("single rays, closest (primary, diffuse, random)", 1.05, 1.2,
-                over(FLAT, "primary", "diffuse", "random"), **latency)
-    yield Claim("single rays, any (shadow, AO)", 1.15, 1.35, over(FLAT, "shadow", "ao"), **latency)
-    yield Claim("batch, diffuse closest", 1.18, 1.5, over(FLAT, "diffuse"), **batch)
-    yield Claim("batch, AO any", 1.25, 1.6, over(FLAT, "ao"), **batch)
-    yield Claim("batch, random closest", 1.3, 2.0, over(FLAT, "random"), **batch)
-    yield Claim("coherent primary against its coherent packets", 1.33, 1.6, over(FLAT, "primary"),
-                **{**ours, "traversal": "coherent", "best_of": plain})
+                over(FLAT, "primary", "diffuse", "random"), **single)
+    yield Claim("single rays, any (shadow, AO)", 1.15, 1.35, over(FLAT, "shadow", "ao"), **single)
+    yield Claim("stream, diffuse closest", 1.18, 1.5, over(FLAT, "diffuse"), **stream)
+    yield Claim("stream, AO any", 1.25, 1.6, over(FLAT, "ao"), **stream)
+    yield Claim("stream, random closest", 1.3, 2.0, over(FLAT, "random"), **stream)
+    yield Claim("packet primary against its coherent packets", 1.33, 1.6, over(FLAT, "primary"),
+                **{**ours, "traversal": "packet", "best_of": plain})
     yield Claim("alpha mask, closest (cards)", 1.2, 1.5,
                 over(("cards",), "primary", "diffuse", "random"), best_of=filters, **alpha)
     yield Claim("alpha mask, any (cards)", 1.3, 1.7, over(("cards",), "shadow", "ao"),
@@ -92,7 +92,7 @@ def claims(target):
     yield Claim("forest3 nested over our one-level list", 0.9, 1.0,
                 over(("forest3",), "primary", "diffuse", "ao"), **{**chosen, "peer": "own-over"})
     yield Claim("forest3 nested, single rays alone", 0, 0,
-                over(("forest3",), "primary", "diffuse", "ao"), **{**latency, "peer": "own-over"})
+                over(("forest3",), "primary", "diffuse", "ao"), **{**single, "peer": "own-over"})
     yield Claim("multi-hit N = 8 on cards, the better filter", 1.1, 1.5,
                 over(("cards",), "primary", "diffuse", "random"),
                 best_of=("embree-list", "embree-shrink"), **multi)
@@ -109,14 +109,14 @@ def claims(target):
                 value="bytes_per_instance", less=True, kind="memory")
     yield Claim("2 threads, rays per CPU-second over one thread's", 0.95, 0.98,
                 over(("terrain",), "primary", "diffuse"),
-                **{**ours, "traversal": "latency", "threads": 2, "peer": "own"})
+                **{**ours, "traversal": "single", "threads": 2, "peer": "own"})
     for name, test, base in (("null pointer, checked", "pointer_null", "no_test"),
                              ("no-op behind a pointer", "pointer_noop", "no_test"),
                              ("alpha test behind a pointer", "pointer_alpha", "fused_alpha")):
         # No bound: what static injection saves is reported, however small.
         yield Claim(f"run-time check: {name}, over {base}", 0, 0,
                     over(("cards",), "primary", "diffuse", "ao"), value="ratio",
-                    **{**ours, "intersector": test, "traversal": "latency", "peer": "own"})
+                    **{**ours, "intersector": test, "traversal": "single", "peer": "own"})
 
 
 def read_rows(path):

@@ -43,7 +43,7 @@ std::string short_name(const std::string& source) {
 Result<Workload> load_workload(const std::string& source, const Registry& registry) {
     auto described = describe_source(source, registry);
     if (!described) return tl::unexpected(described.error());
-    auto scene = Snapshot::bake(described->scene);
+    auto scene = Snapshot::build(described->scene);
     if (!scene) return tl::unexpected(scene.error());
     return Workload{short_name(source), std::move(described->scene), *scene, described->light};
 }

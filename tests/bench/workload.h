@@ -1,4 +1,4 @@
-// A scene to measure: as described (what a peer is built from), baked, and with a light where the
+// A scene to measure: as described (what a peer is built from), built, and with a light where the
 // scene has one.
 #pragma once
 

@@ -13,7 +13,7 @@ void check_call(TraceStatus status, const Variant& variant) {
     }
 }
 
-// All hits, through as little room as there may be, so that calls end within the rays and go on.
+// Finds all hits with buffers as small as possible, so that calls end within the rays and continue.
 Answer ask_all(const Variant& variant, TraceFunction function, TraceCall call) {
     const std::uint32_t n = call.ray_count;
     Answer answer;
@@ -30,7 +30,7 @@ Answer ask_all(const Variant& variant, TraceFunction function, TraceCall call) {
         call.ray_flags = answer.ray_flags.data() + done;
         check_call(function(&call), variant);
         if (fresh == 0) {
-            throw std::runtime_error(variant.name + " finds no room for ray " +
+            throw std::runtime_error(variant.name + ": the buffer is too small for ray " +
                                      std::to_string(done));
         }
         std::size_t end = 0;
@@ -76,7 +76,7 @@ Answer ask(const Variant& variant, TraceFunction function, const SceneView& scen
 }
 
 bool same_bytes(std::span<const HitRecord> a, std::span<const HitRecord> b) {
-    const bool both_empty = a.empty() && b.empty();  // memcmp takes no null, for no bytes either
+    const bool both_empty = a.empty() && b.empty();  // memcmp must not get null
     return both_empty ||
            (a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0);
 }

@@ -56,8 +56,8 @@ SceneDescription needle_scene(Random& random) {
     return scene_of(std::move(mesh));
 }
 
-/// A bent sheet from one end of the coordinates to the other, and triangles of a few units of the
-/// last place around its corners; `unit` is 1 where the limit is reached.
+/// A bent sheet that spans the range of coordinates, with triangles of a few units in the last
+/// place around its corners; with `unit` 1 it reaches the limit.
 SceneDescription far_scene(float unit, Random& random) {
     SceneDescription scene = sheet_scene(128, 1, 9);
     GeometryDescription& mesh = scene.objects[0].geometries[0];
@@ -80,7 +80,7 @@ SceneDescription placed(SceneDescription scene, float scale) {
     return scene;
 }
 
-/// Groups of 64 that start together and look at neighbouring points, so that packets are walked.
+/// Groups of 64 rays share an origin and aim at neighbouring points, so that packets are traversed.
 std::vector<Ray> packet_rays(const SceneDescription& scene, std::uint32_t count, float half,
                              Random& random) {
     std::vector<Ray> rays(count);

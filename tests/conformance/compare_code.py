@@ -1,11 +1,11 @@
-"""The default intersector costs no instruction: compares the machine code of kernels compiled with
-hooks against the same source with every hook call compiled out, function by function.
+"""Checks that the default intersector costs no instruction: compares the machine code of kernels
+compiled with hooks with that of the same source without hook calls, function by function.
 
 usage: compare_code.py HOOKS.o NO_HOOKS.o CONTROL.o
 
-Function bodies are matched by their mangled names and compared instruction by instruction, addresses
-normalised. CONTROL holds the same kernels with a trivial intersector and must differ, so that a test
-that compares nothing is seen to fail.
+Functions are matched by their mangled names and compared instruction by instruction, with addresses
+normalised. CONTROL holds the same kernels with a trivial intersector and must differ, so that a
+test that compares nothing fails.
 """
 
 import re
@@ -14,7 +14,7 @@ import sys
 
 
 def functions(path):
-    """{mangled name: [instruction, ...]} of one object file."""
+    """Returns {mangled name: [instruction, ...]} of one object file."""
     text = subprocess.run(
         ["objdump", "-d", "-r", "--no-show-raw-insn", path], check=True, capture_output=True, text=True
     ).stdout
@@ -27,12 +27,12 @@ def functions(path):
             continue
         relocation = re.match(r"^\s+[0-9a-f]+: (R_\S+)\s+(\S+)", line)
         if relocation and body is not None:
-            # Sections of constants are numbered per file; their contents are compared by the linker.
+            # Sections of constants are numbered per file; the linker compares their contents.
             body.append(relocation.group(1) + " " + re.sub(r"\.LC\d+|\.rodata\S*|\.text\S*", "DATA", relocation.group(2)))
             continue
         instruction = re.match(r"^\s+([0-9a-f]+):\s+(.*)$", line)
         if instruction and body is not None:
-            # Jump targets relative to the function, not to the section.
+            # Make jump targets relative to the function instead of the section.
             code = re.sub(
                 r"\b([0-9a-f]+) <([^>+]+)(\+0x[0-9a-f]+)?>",
                 lambda m: m.group(2) + (m.group(3) or ""),
@@ -57,7 +57,7 @@ def main():
         failed |= not same
         print(f"{'identical' if same else 'DIFFERENT'} {len(hooks[name]):5} = {len(bare[name]):5} instructions  {name[:100]}")
     if all(control.get(name) == hooks[name] for name in kernels):
-        print("FAILED: the control is not seen as different: this test compares nothing")
+        print("FAILED: the control does not differ: this test compares nothing")
         failed = 1
     return failed
 

@@ -1,21 +1,21 @@
-// Every intersector x query x target x depth against the brute-force reference of the same pack,
-// or, for a pack without one, as a GPU's is, against that of a target before it.
+// Compares every intersector x query x target x depth with the brute-force reference of the same
+// pack. A pack without one, such as a GPU's, is compared with the reference of an earlier target.
 //
-// Nothing is listed here: the matrix is what the registry loads, so an intersector in a pack
-// outside this tree goes through it too (--pack-dir). A difference is a difference of bytes. The
-// reference itself is held to what must be true of any answer (promises.h).
+// Nothing is listed here: the matrix is what the registry loads, so intersectors in a pack outside
+// this tree are tested too (--pack-dir). Answers must agree in every byte. promises.h checks the
+// reference itself.
 //
 //   conformance [--against v3] [--target v2|v3|v4|cuda]... [--pack-dir DIR]... [--intersector NAME]
 //               [--edge-rays N] [--rays N]
 //
-// --against: the reference of this target answers, too, and its other kernels are left out. --rays:
-// rays of each kind and scene (1500).
+// --against: this target also answers, with its reference only. --rays: rays of each kind and scene
+// (1500).
 //
-//   conformance --kernels all        how many kernels each pack holds, and nothing else
+//   conformance --kernels all        prints how many kernels each pack holds, and nothing else
 //
-// Prints one line per (target, intersector) and a closing line; exits 1 on any difference, where a
-// kernel has nothing to be compared with or a target that was named no kernel, 77 where such a
-// target does not run here.
+// Prints one line per (target, intersector) and a closing line. Exits 1 on any difference, if a
+// kernel has nothing to be compared with, or if a target named with --target has no kernel; 77 if
+// such a target does not run here.
 #include "engine/cuda/limits.h"
 #include "engine/packs/registry.h"
 #include "engine/scene/snapshot.h"
@@ -70,8 +70,8 @@ void print_ray(const Case& test, const Answer& answer, const Answer& expected, s
 std::vector<Case> make_cases(std::uint32_t edge_ray_count, std::uint32_t ray_count) {
     std::vector<Case> cases;
     Random random(7);
-    const auto baked = [](const std::string& name, const SceneDescription& scene) {
-        auto snapshot = Snapshot::bake(scene);
+    const auto built = [](const std::string& name, const SceneDescription& scene) {
+        auto snapshot = Snapshot::build(scene);
         if (!snapshot) {
             throw std::runtime_error("scene " + name + ": " + snapshot.error().message);
         }
@@ -80,7 +80,7 @@ std::vector<Case> make_cases(std::uint32_t edge_ray_count, std::uint32_t ray_cou
     const auto add = [&](std::string name, std::uint32_t depth, const SceneDescription& scene,
                          float half) {
         const std::uint32_t rays_each = test::sanitized_share(ray_count, 10U);
-        Case test{name, depth, baked(name, scene), {}};
+        Case test{name, depth, built(name, scene), {}};
         const auto append = [&](const std::vector<Ray>& more) {
             test.rays.insert(test.rays.end(), more.begin(), more.end());
         };
@@ -103,15 +103,15 @@ std::vector<Case> make_cases(std::uint32_t edge_ray_count, std::uint32_t ray_cou
             const auto rays = pinhole_rays(bad.scene, bad_ray_count, random);
             bad.rays.insert(bad.rays.end(), rays.begin(), rays.end());
         }
-        cases.push_back({bad.name, bad.depth, baked(bad.name, bad.scene), std::move(bad.rays)});
+        cases.push_back({bad.name, bad.depth, built(bad.name, bad.scene), std::move(bad.rays)});
     }
 
-    // Only edges, many: the box rule must not cull one.
+    // Many rays at edges only: the box rule must not cull one.
     for (const std::uint32_t depth : {1U, 3U}) {
         const SceneDescription sheet = sheet_scene(128, depth, 3);
         const std::string name = "edges-" + std::to_string(depth);
         const std::uint32_t count = depth == 1 ? edge_ray_count : edge_ray_count / 8;
-        cases.push_back({name, depth, baked(name, sheet), pinhole_rays(sheet, count / 4, random)});
+        cases.push_back({name, depth, built(name, sheet), pinhole_rays(sheet, count / 4, random)});
         const auto rays = edge_rays(sheet, count, 6, random);
         cases.back().rays.insert(cases.back().rays.end(), rays.begin(), rays.end());
     }
@@ -122,11 +122,11 @@ struct Tally {
     std::uint64_t comparisons = 0, rays = 0, differences = 0, hits = 0, failures = 0;
 };
 
-/// One variant through the cases, one after the other.
+/// Checks one variant on all cases, one after the other.
 class VariantCheck {
 public:
-    /// `golden` holds what other targets' references answered, by what was asked. With
-    /// `reference_only` this one's goes there, and no other kernel is looked at.
+    /// `golden` holds the answers of other targets' references, by question. With `reference_only`
+    /// this variant's reference answers go there, and its other kernels are not tested.
     VariantCheck(const Variant& variant, std::map<std::string, Answer>& golden, bool reference_only)
         : variant_(variant),
           golden_(golden),
@@ -161,10 +161,10 @@ public:
     [[nodiscard]] const Tally& tally() const { return tally_; }
 
 private:
-    // What is nested deeper than a GPU's kernels go is said to be so.
+    // A GPU's kernels must refuse a scene that is nested too deep for them.
     void check_refusal(const Case& test, const Settings& settings) {
         const auto function =
-            find_function(variant_, query_closest, precision_fast, traversal_latency, false);
+            find_function(variant_, query_closest, precision_fast, traversal_single, false);
         if (!function) return;
         std::vector<HitRecord> hits(test.rays.size());
         TraceCall call{};
@@ -238,7 +238,7 @@ private:
         }
     }
 
-    // v3 and v4 agree bit for bit; v2 rounds differently and is its own reference.
+    // v3 and v4 agree bit for bit; v2 rounds differently and has its own reference.
     void check_targets(const Case& test, const Question& question, const Settings& settings,
                        const Answer& expected) {
         if (variant_.target == "v2") return;
@@ -280,8 +280,8 @@ private:
         print_ray(test, answer, answer, ray);
     }
 
-    // Counters say whether the hooks ran: every level below the first adds an instance entry, and a
-    // ray that hits something visited a node or leaf and tested a primitive there.
+    // Counters show whether the hooks ran: every level below the first adds an instance entry, and
+    // a ray that hits something visited a node or leaf and tested a primitive there.
     void check_counters(const Case& test, const Answer& answer) {
         std::uint32_t deepest = 0;
         for (std::size_t i = 0; i < test.rays.size(); ++i) {
@@ -379,7 +379,7 @@ int main_checked(int argc, char** argv) {
     for (const auto& registry : registries) {
         const bool reference_only = registry->packs().front()->target == against;
         const std::uint64_t compared = total.comparisons;
-        bool with_edges = true;  // the box rule is the same for all: the first variant is enough
+        bool with_edges = true;  // only for one variant: all share the box rule
         for (const Variant& variant : registry->variants()) {
             if (!only.empty() && variant.name != only) continue;
             check_variant(variant, cases, with_edges, reference_only, total, golden);

@@ -1,7 +1,8 @@
-// Same request, same bytes: over threads, chunk sizes, traversals and targets.
+// Equal requests give equal bytes over threads, chunk sizes, traversals and targets.
 //
-// One scene, one list of rays that mixes camera rays, bounces and odd ones. Every way to cut the
-// list and hand it out must give the bytes of one call. v3 and v4 must agree; v2 is its own.
+// One scene, one list of rays that mixes camera rays, bounces and odd ones. However the list is cut
+// into chunks and distributed, the bytes must be those of one call. v3 and v4 must agree; v2 has
+// its own.
 #include "engine/scene/snapshot.h"
 #include "tests/conformance/scenes.h"
 #include "tests/conformance/targets.h"
@@ -18,7 +19,7 @@
 namespace raynest::conformance {
 namespace {
 
-constexpr std::uint32_t capacity = 4;  // of multi
+constexpr std::uint32_t capacity = 4;  // hits per ray of multi
 constexpr std::uint32_t ray_count = test::sanitized_share(70'000U, 10U);
 
 struct Answer {
@@ -68,7 +69,7 @@ Answer trace_in_chunks(TraceFunction function, const SceneView& scene, Query que
     std::vector<std::jthread> pool;
     for (std::uint32_t i = 0; i < threads; ++i) pool.emplace_back(work, i);
     pool.clear();
-    // What a query does not fill is not compared.
+    // Clear what a query does not fill, so that it compares equal.
     for (std::uint32_t i = 0; query == query_multi && i < n; ++i) {
         for (std::uint32_t k = answer.counts[i]; k < each; ++k) {
             answer.hits[std::size_t{i} * each + k] = HitRecord{};
@@ -78,7 +79,7 @@ Answer trace_in_chunks(TraceFunction function, const SceneView& scene, Query que
 }
 
 int main_checked() {
-    const auto scene = Snapshot::bake(nested_scene(3, 5));
+    const auto scene = Snapshot::build(nested_scene(3, 5));
     if (!scene) {
         std::printf("FAILED: %s\n", scene.error().message.c_str());
         return 1;

@@ -30,7 +30,7 @@ def run(*command, **options):
 
 
 def files_of_the_page():
-    """{file name: text} of every fenced block that follows a line with a file name."""
+    """Returns {file name: text} of every fenced block that follows a line with a file name."""
     page = (SOURCE / "engine/INTERSECTORS.md").read_text()
     return dict(re.findall(r"^`([\w.]+)`\n```\w*\n(.*?)^```", page, re.M | re.S))
 
@@ -86,7 +86,7 @@ class OwnPack(unittest.TestCase):
         self.assertIn("the line in LIST and the type disagree about `boxes`", built.stdout)
 
 
-    # Through a daemon that was started with --pack-dir.
+    # Query through a daemon that was started with --pack-dir.
 
     @classmethod
     def start_daemon(cls):

@@ -1,12 +1,13 @@
-"""What the kernel packs cost: kernels, compile seconds and bytes per pack; and that each holds only
-instructions of its own target.
+"""Reports the cost of the kernel packs (kernels, compile seconds and bytes per pack), and checks
+that each holds only instructions of its own target.
 
 usage: pack_report.py BUILD_DIR KERNELS_MAX PACK...
 
-Fails when a pack has more kernels than the committed count, exports more than one symbol, holds
-instructions that its target lacks (VEX in v2, EVEX registers in v3), or when an intersector's header is
-compiled into more than its own objects (touching it would rebuild others). Seconds come from ninja's log of
-the last build of each object; with ccache they are those of the cache.
+Fails if a pack has more kernels than the committed count, exports more than one symbol, or holds
+instructions that its target lacks (VEX in v2, EVEX registers in v3). Fails, too, if an
+intersector's header is compiled into more than its own objects (changing it would rebuild others).
+Seconds come from ninja's log of the last build of each object; with ccache they are those of the
+cache.
 """
 
 import pathlib
@@ -16,7 +17,7 @@ import sys
 
 
 def compile_seconds(build, pack):
-    """Sum over the pack's objects of ninja's (end - start), in ms there."""
+    """Returns the sum of ninja's (end - start) over the pack's objects; the log has it in ms."""
     log = build / ".ninja_log"
     if not log.exists():
         return None
@@ -29,7 +30,7 @@ def compile_seconds(build, pack):
 
 
 def foreign_dependents(build, source):
-    """Objects that would be rebuilt when an intersector's header changes, but are not its own."""
+    """Returns objects that an intersector's header would rebuild but that are not its own."""
     names = [line.split()[0] for line in (source / "LIST").read_text().splitlines() if line and line[0] != "#"]
     told = subprocess.run(["ninja", "-C", build, "-t", "deps"], capture_output=True, text=True).stdout
     wrong, seen, output = [], set(), ""
@@ -68,7 +69,7 @@ def main():
             failed = 1
         if int(kernels.get(target, 0)) > kernels_max:
             print(f"FAILED: more than the committed {kernels_max} kernels: raise the number in "
-                  "tests/conformance/CMakeLists.txt if that is meant")
+                  "tests/conformance/CMakeLists.txt if that is intended")
             failed = 1
         if (target == "v2" and vex + evex) or (target == "v3" and evex):
             print(f"FAILED: {path.name} holds instructions that its target lacks")
@@ -78,7 +79,7 @@ def main():
         print("FAILED: an intersector's header is compiled into other objects, or into none:", wrong, unseen)
         failed = 1
     if not kernels:
-        print("FAILED: no pack told its kernels")
+        print("FAILED: no pack listed its kernels")
         failed = 1
     return failed
 

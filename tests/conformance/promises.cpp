@@ -38,20 +38,20 @@ const char* broken_promise(const Ray& ray, std::size_t i, const Question& questi
             query == query_multi || (query == query_all ? answer.ray_flags[i] == hit_invalid_ray
                                                         : is_miss(hits.front(), hit_invalid_ray));
         const bool missed = !is_list(query) || hits.empty();
-        return flagged && missed ? nullptr : "an invalid ray is no flagged miss";
+        return flagged && missed ? nullptr : "an invalid ray is not a flagged miss";
     }
     if (query == query_any) {
         HitRecord record = hits.front();
         record.hit = 0;
-        return is_miss(record, 0) ? nullptr : "any hit says more than hit or miss";
+        return is_miss(record, 0) ? nullptr : "the record of `any` holds more than hit or miss";
     }
     if (!is_list(query) && hits.front().hit == 0) {
-        return is_miss(hits.front(), 0) ? nullptr : "a miss is not the canonical one";
+        return is_miss(hits.front(), 0) ? nullptr : "a miss is not the canonical miss";
     }
     for (const HitRecord& hit : hits) {
-        if (hit.hit != 1 || hit.flags != 0) return "a listed hit is none";
+        if (hit.hit != 1 || hit.flags != 0) return "a listed hit is not a hit";
         if (!is_inside(ray, hit)) return "t lies outside (tmin, tmax]";
-        if (!is_surface(hit)) return "a hit lies on no surface";
+        if (!is_surface(hit)) return "a hit is not on a surface";
     }
     const auto unordered =
         std::adjacent_find(hits.begin(), hits.end(),
@@ -70,10 +70,10 @@ const char* contradiction(std::span<const Answer> answers, std::size_t i) {
         }
         if (question.query == query_any || (all.empty() && !is_list(question.query))) continue;
         const auto first = all.first(std::min<std::size_t>(all.size(), question.hits_max));
-        if (!same_bytes(hits, first)) return "a query's hits are not the first ones of all";
+        if (!same_bytes(hits, first)) return "a query's hits are not the first hits of `all`";
         if (question.query == query_all &&
             (answers[q].ray_flags[i] == hit_truncated) != (all.size() > question.hits_max)) {
-            return "truncated is said of the wrong ray";
+            return "the wrong ray is marked truncated";
         }
     }
     return nullptr;

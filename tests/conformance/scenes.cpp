@@ -165,7 +165,7 @@ SceneDescription nested_scene(std::uint32_t depth, std::uint64_t seed) {
                 instance.uid = 100 * level + i;
                 object.instances.push_back(instance);
             }
-            if (level == 1) {  // spheres live in an object of their own, beside the triangles
+            if (level == 1) {  // spheres have an object of their own, beside the triangles
                 InstanceDescription spheres;
                 spheres.object = depth;
                 spheres.transform = random_transform(random, 1.0F, false);
@@ -230,7 +230,7 @@ SceneDescription sheet_scene(std::uint32_t triangles, std::uint32_t depth, std::
 }
 
 std::array<Vec3, 3> random_triangle(const SceneDescription& scene, Random& random) {
-    // A random walk down to a triangle, then the chain of transforms back up.
+    // Walk down to a random triangle, then apply the chain of transforms back up.
     std::vector<const Transform*> chain;
     const ObjectDescription* object = &scene.objects[scene.root];
     for (;;) {
@@ -281,7 +281,7 @@ std::vector<Ray> edge_rays(const SceneDescription& scene, std::uint32_t count, f
         const Vec3 target = random_edge_point(scene, random);
         ray.origin =
             random.below(3) == 0 ? target + 0.5F * random.direction() : random.in_box(half);
-        if (random.below(4) == 0) {  // straight at it along an axis: planes of boxes get touched
+        if (random.below(4) == 0) {  // along an axis, to touch planes of boxes
             const int axis = static_cast<int>(random.below(3));
             ray.origin = target;
             ray.origin[axis] += random.below(2) == 0 ? half : -half;
@@ -301,7 +301,7 @@ std::vector<Ray> pinhole_rays(const SceneDescription& scene, std::uint32_t count
         const auto [a, b, c] = random_triangle(scene, random);
         const float size = std::max({glm::length(b - a), glm::length(c - b), glm::length(a - c)});
         Vec3 from = random.direction();
-        if (random.below(4) == 0) {  // two directions as large, or only one that is not zero
+        if (random.below(4) == 0) {  // two equal components, or only one non-zero
             const int axis = static_cast<int>(random.below(3));
             from = Vec3(0);
             from[axis] = 1;

@@ -12,7 +12,7 @@
 
 namespace raynest::conformance {
 
-/// A small seeded generator; every run sees the same input.
+/// A small seeded generator; every run gets the same input.
 class Random {
 public:
     explicit Random(std::uint64_t seed) : state_(seed * 0x9E3779B97F4A7C15ULL + 1) {}
@@ -34,33 +34,34 @@ private:
     std::uint64_t state_;
 };
 
-/// Masked, blended and opaque triangles with textures, plus degenerate triangles, under
+/// Returns masked, blended and opaque triangles with textures, plus degenerate triangles, under
 /// `depth` BVHs: depth - 1 levels of rotated, scaled, sheared and mirrored instances. Each level
-/// holds geometry of its own besides its instances, so hits happen at every depth; from depth 2 on
-/// there is an object of spheres too, and each level of instances has one of a singular transform
-/// and one of a mask of zero.
+/// holds geometry of its own besides its instances, so hits occur at every depth. From depth 2 on
+/// there is an object of spheres too, and each level of instances has one with a singular transform
+/// and one with a mask of zero.
 SceneDescription nested_scene(std::uint32_t depth, std::uint64_t seed);
 
-/// A BVH of spheres: two hits per primitive.
+/// Returns a BVH of spheres: two hits per primitive.
 SceneDescription sphere_scene(std::uint64_t seed);
 
-/// One mesh of `triangles` connected triangles (a bent sheet): many shared edges and vertices.
+/// Returns one mesh of `triangles` connected triangles (a bent sheet): many shared edges and
+/// vertices.
 SceneDescription sheet_scene(std::uint32_t triangles, std::uint32_t depth, std::uint64_t seed);
 
-/// The corners, in the world, of a random triangle anywhere in the scene.
+/// Returns the corners, in world space, of a random triangle of the scene.
 std::array<Vec3, 3> random_triangle(const SceneDescription& scene, Random& random);
-/// A world-space point on a random edge or vertex of a random triangle, anywhere in the scene.
+/// Returns a world-space point on a random edge or vertex of a random triangle of the scene.
 Vec3 random_edge_point(const SceneDescription& scene, Random& random);
 
-/// Random directions from around the scene, some with short intervals.
+/// Returns rays in random directions from around the scene, some with short intervals.
 std::vector<Ray> random_rays(std::uint32_t count, float half, Random& random);
-/// Through edges and vertices.
+/// Returns rays through edges and vertices.
 std::vector<Ray> edge_rays(const SceneDescription& scene, std::uint32_t count, float half,
                            Random& random);
-/// Packets of 64 from one point each, through the edges of one triangle and close to them; of some
-/// packets a few rays look elsewhere, are short or invalid.
+/// Returns packets of 64 rays from one point each, through the edges of one triangle and close to
+/// them. In some packets a few rays aim elsewhere, are short or are invalid.
 std::vector<Ray> pinhole_rays(const SceneDescription& scene, std::uint32_t count, Random& random);
-/// Axis-parallel, zero, non-finite, denormal, reversed, enormous and tiny ones.
+/// Returns axis-parallel, zero, non-finite, denormal, reversed, enormous and tiny rays.
 std::vector<Ray> odd_rays(std::uint32_t count, float half, Random& random);
 
 }  // namespace raynest::conformance

@@ -1,4 +1,4 @@
-// The targets that are tested, as far as this machine runs them.
+// The targets to test, as far as this machine runs them.
 #pragma once
 
 #include "engine/packs/registry.h"
@@ -10,7 +10,7 @@ namespace raynest::conformance {
 
 inline constexpr const char* targets[] = {"v2", "v3", "v4"};
 
-/// The packs of one target; null, and a line that says so, where it does not run here.
+/// Returns the packs of one target; prints a line and returns null if it does not run here.
 inline std::shared_ptr<const Registry> registry_of(const char* target) {
     Registry::Options options;
     options.target = target;

@@ -1,10 +1,10 @@
-// No ray slips through a closed mesh: from inside, every ray must hit.
+// Checks that no ray slips through a closed mesh: from inside, every ray must hit.
 //
 //   watertight [RAYS]      rays per (target, traversal, depth); default 200000
 //
-// The mesh is a bumpy ball of thin and tiny triangles that share their vertices; rays are aimed at
-// its vertices, at points of its edges and anywhere. At depths above 1 it lies under rotated and
-// sheared instances. Exits 1 on any miss.
+// The mesh is a bumpy ball of thin and tiny triangles that share their vertices. Rays are aimed at
+// its vertices, at points of its edges and anywhere. At depths above 1 the ball is under rotated
+// and sheared instances. Exits 1 on any miss.
 #include "engine/scene/snapshot.h"
 #include "tests/conformance/scenes.h"
 #include "tests/conformance/targets.h"
@@ -23,12 +23,12 @@ namespace {
 
 struct Ball {
     SceneDescription scene;
-    std::vector<Vec3> targets;  // in the world
+    std::vector<Vec3> targets;  // in world space
 };
 
-// Latitudes and longitudes; the poles are fans of needles. A random corner of each triangle comes
-// first, so that edges play every pair of roles in their two triangles: a rule that is wrong for
-// one role alone loses rays.
+// Build latitudes and longitudes; the poles are fans of needles. A random corner of each triangle
+// comes first, so that edges have every pair of roles in their two triangles: a rule that is wrong
+// for one role alone loses rays.
 GeometryDescription ball_mesh(std::uint32_t rings, std::uint32_t sectors, Random& random) {
     GeometryDescription mesh;
     mesh.positions.emplace_back(0, 0, 3);
@@ -61,7 +61,7 @@ GeometryDescription ball_mesh(std::uint32_t rings, std::uint32_t sectors, Random
             const std::uint32_t b = vertex(ring + 1, sector);
             const std::uint32_t c = vertex(ring + 1, sector + 1);
             const std::uint32_t d = vertex(ring, sector + 1);
-            // At the poles two of the four corners are one.
+            // At a pole, two of the four corners coincide.
             if (ring + 1 < rings) add(a, b, c);
             if (ring > 0) add(a, c, d);
         }
@@ -101,7 +101,8 @@ std::vector<Ray> rays_from_inside(const Ball& ball, std::uint32_t count, Random&
         centre += target / static_cast<float>(ball.targets.size());
     std::vector<Ray> rays(count);
     for (std::uint32_t i = 0; i < count; ++i) {
-        // Groups of 64 start together and look at neighbouring points, so that packets are walked.
+        // Groups of 64 rays share an origin and aim at neighbouring points, so that packets are
+        // traversed.
         const std::uint32_t group = i / 64;
         Random shared(group);
         rays[i].origin = centre + shared.in_box(0.2F);
@@ -136,7 +137,7 @@ int main_checked(std::uint32_t count) {
     std::vector<HitRecord> hits;
     for (const std::uint32_t depth : {1U, 2U, 4U}) {
         const Ball ball = make_ball(depth, random);
-        const auto scene = Snapshot::bake(ball.scene);
+        const auto scene = Snapshot::build(ball.scene);
         if (!scene) {
             std::printf("FAILED: %s\n", scene.error().message.c_str());
             return 1;

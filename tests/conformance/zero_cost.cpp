@@ -1,6 +1,6 @@
 // The kernels that compare_code.py disassembles. Compiled three times per target: with hooks, with
 // every hook call compiled out (RAYNEST_NO_HOOKS), and with an intersector that overloads triangles
-// only to keep every candidate (ZERO_COST_CONTROL), which must be seen as different.
+// but keeps every candidate (ZERO_COST_CONTROL), which must be found different.
 #include "engine/intersectors/opaque.h"
 #include "engine/packs/variant.h"
 
@@ -8,7 +8,7 @@ namespace raynest {
 
 #ifdef ZERO_COST_CONTROL
 struct Tested {
-    static constexpr const char* text = "control: looks at every candidate and keeps it";
+    static constexpr const char* text = "control: examines every candidate and keeps it";
     auto operator()(const auto& ray, const TriangleLike auto& triangle) {
         auto hits = intersect(ray, triangle);
         hits.keep_if([](const Surface& surface) { return surface.t < 1e30F; });
@@ -19,18 +19,18 @@ struct Tested {
 struct Tested : Opaque {};
 #endif
 
-template TraceStatus trace<Tested, query_closest, traversal_latency, false>(
+template TraceStatus trace<Tested, query_closest, traversal_single, false>(
     const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_any, traversal_latency, false>(const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_multi, traversal_latency, false>(
+template TraceStatus trace<Tested, query_any, traversal_single, false>(const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_multi, traversal_single, false>(
     const TraceCall*) noexcept;
-template TraceStatus trace_all<Tested, traversal_latency>(const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_closest, traversal_batch, false>(
+template TraceStatus trace_all<Tested, traversal_single>(const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_closest, traversal_stream, false>(
     const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_any, traversal_batch, false>(const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_multi, traversal_batch, false>(const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_closest, traversal_coherent, false>(
+template TraceStatus trace<Tested, query_any, traversal_stream, false>(const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_multi, traversal_stream, false>(const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_closest, traversal_packet, false>(
     const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_any, traversal_coherent, false>(const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_any, traversal_packet, false>(const TraceCall*) noexcept;
 
 }  // namespace raynest

@@ -1,14 +1,14 @@
-// The plain twin of cuda/device_tree.h: binary nodes, both children's boxes in the parent and in
-// full precision, over the CPU's own leaves. Another layout and another topology under the same
-// walk: where the two differ, one of them is at fault.
+// A plain version of cuda/device_tree.h: binary nodes, which hold both children's boxes in full
+// precision, over the CPU's own leaves. The same traversal runs on another layout and topology: if
+// the answers differ, one of the two is wrong.
 //
-// A node of the CPU's tree becomes up to seven: its children in halves along the axis on which
-// their middles are spread most, three deep. The first of the seven keeps the number of the wide
-// node and the others lie behind all of those, so ObjectRecord::root and the words of children
-// (bvh/node.h) hold as they stand.
+// A node of the CPU's tree becomes up to seven: its children are split in halves, three deep, along
+// the axis on which their centres are spread most. The first of the seven keeps the number of the
+// wide node, and the others follow all of those. So ObjectRecord::root and child words (bvh/node.h)
+// stay valid.
 #pragma once
 
-#include "engine/bvh/ask.h"
+#include "engine/bvh/intersect_with.h"
 #include "engine/bvh/box_test.h"
 #include "engine/bvh/node.h"
 #include "engine/cuda/device_tree.h"
@@ -24,24 +24,24 @@
 namespace raynest::cuda {
 
 struct BinaryNode {
-    Box box[2];              ///< box[1] lies on the far side of `axis`
-    std::uint32_t child[2];  ///< child_empty only where the wide node has fewer than two
+    Box box[2];              ///< box[1] is on the far side of `axis`
+    std::uint32_t child[2];  ///< child_empty only if the wide node has fewer than two
     std::uint32_t axis;
 };
 
 class BinaryTrees {
 public:
-    /// Enough for every scene that compress() takes: where a wide node on the way down leaves one
-    /// entry, the siblings that wait, its binary nodes leave three. The last one, whose child is a
-    /// leaf, leaves none, and here two.
+    /// Enough for every scene that compress() accepts: where a wide node on the way down leaves one
+    /// entry, its waiting siblings, its binary nodes leave three. The last node, whose child is a
+    /// leaf, leaves none in the wide tree and two here.
     static constexpr std::uint32_t stack_max = 3 * CompressedTrees::stack_max + 2;
 
     explicit BinaryTrees(const SceneView& scene) : scene_(&scene) {
         for (std::uint32_t o = 0; o < scene.object_count; ++o) add(scene.objects[o]);
     }
 
-    /// The tree of one object. Its slots are 0 and 1 << axis, so that `slot ^ octant` is the order
-    /// in which a ray meets them, as with eight.
+    /// The tree of one object. Its slots are 0 and 1 << axis, so `slot ^ octant` is the order in
+    /// which a ray meets them, as with eight.
     struct Tree {
         const BinaryNode* nodes;
         const TriangleBlock* blocks;
@@ -56,7 +56,7 @@ public:
             std::uint32_t mask = 0;
             for (const std::uint32_t side : {0U, 1U}) {
                 if (from.child[side] == child_empty) continue;
-                const std::uint32_t hit = ask(isect, ray, BoxRef{&from.box[side]}).mask;
+                const std::uint32_t hit = intersect_with(isect, ray, BoxRef{&from.box[side]}).mask;
                 mask |= hit << (side << from.axis ^ ray.slabs.octant);
             }
             return mask;
@@ -98,7 +98,7 @@ private:
         }
     }
 
-    // Node `to` of the object that begins at `first`.
+    // Fills node `to` of the object that starts at `first`.
     void fill(std::size_t first, std::uint32_t to, std::span<Child> children) {
         Box middles;
         for (const Child& child : children) middles.extend(center_of(child.box));
@@ -120,7 +120,7 @@ private:
         }
     }
 
-    // One child in the place of several: a new node above them where there is more than one.
+    // Merges several children into one: a new node above them if there is more than one.
     Child join(std::size_t first, std::span<Child> children) {
         if (children.empty()) return {{}, child_empty};
         if (children.size() == 1) return children.front();

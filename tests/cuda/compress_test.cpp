@@ -21,7 +21,7 @@ using conformance::Random;
 
 namespace {
 
-/// Eight boxes within `half` of `middle`, some of them flat.
+/// Returns eight boxes within `half` of `middle`, some of them flat.
 Node random_node(Random& random, const Vec3& middle, float half) {
     Node node{};
     node.order[0] = 0xFF000000U;
@@ -37,13 +37,13 @@ Node random_node(Random& random, const Vec3& middle, float half) {
     return node;
 }
 
-/// How far the decoded boxes reach beyond the true ones, at most, in parts of the node's extent;
-/// negative where one does not contain its true box.
+/// Returns how far the decoded boxes extend beyond the true ones, at most, as a share of the node's
+/// extent; negative if one does not contain its true box.
 float slack(const Node& node, const cuda::CompressedNode& compressed) {
     float most = 0;
     for (std::uint32_t slot = 0; slot < 8; ++slot) {
         const Box box = cuda::CompressedBox{&compressed.boxes, slot}.box_of(0);
-        const std::uint32_t c = compressed.child[slot];  // random_node() numbers them
+        const std::uint32_t c = compressed.child[slot];  // random_node() numbers the children
         for (int axis = 0; axis < 3; ++axis) {
             const auto [low, high] =
                 std::pair{*std::min_element(node.lower[axis], node.lower[axis] + 8),
@@ -59,7 +59,7 @@ float slack(const Node& node, const cuda::CompressedNode& compressed) {
     return most;
 }
 
-/// A child in each corner, whose number is its word.
+/// Returns a node with a child in each corner; the corner's number is the child word.
 template <class CornerOf>
 Node corners(CornerOf&& corner_of) {
     Node node{};
@@ -75,8 +75,8 @@ Node corners(CornerOf&& corner_of) {
     return node;
 }
 
-/// A tree that is a rope: in the first corner of every node lies the next one, in the others the
-/// same leaf.
+/// Returns a tree that is a chain: the first corner of every node holds the next node, and the
+/// other corners hold the same leaf.
 std::vector<Node> rope(std::uint32_t length) {
     std::vector<Node> nodes(length, corners(std::identity{}));
     for (std::uint32_t n = 0; n < length; ++n) {
@@ -86,7 +86,7 @@ std::vector<Node> rope(std::uint32_t length) {
     return nodes;
 }
 
-/// Enters every box, and counts them.
+/// Enters every box and counts the boxes.
 struct EveryBox {
     std::uint32_t asked = 0;
 
@@ -98,7 +98,7 @@ struct EveryBox {
     }
 };
 
-/// By a ray that meets the first corner first.
+/// Counts the boxes tested by a ray that meets the first corner first.
 template <class Trees>
 std::uint32_t boxes_asked(const SceneView& scene, const Trees& trees) {
     Ray ray;
@@ -122,7 +122,7 @@ TEST_CASE("a decoded box contains the true one and is little larger") {
             const float beyond = slack(node, cuda::compress(node));
             CHECK(beyond >= 0);
             CHECK(beyond <=
-                  0.009F);  // a step: twice 1/255 at most, because scales are powers of two
+                  0.009F);  // a step: at most twice 1/255, because scales are powers of two
         }
     }
 }
@@ -135,7 +135,7 @@ TEST_CASE("boxes that are small and far away are still contained") {
     }
 }
 
-TEST_CASE("an axis that fits no grid constrains nothing") {
+TEST_CASE("an axis that fits no grid limits nothing") {
     Random random(13);
     Node node = random_node(random, Vec3(0), 1);
     node.upper[1][3] = std::numeric_limits<float>::infinity();
@@ -149,7 +149,7 @@ TEST_CASE("an axis that fits no grid constrains nothing") {
         const std::uint32_t c = compressed.child[slot];
         const bool beside = node.lower[0][c] > 0 || node.upper[0][c] < 0 || node.lower[2][c] > 0 ||
                             node.upper[2][c] < 0;
-        if (beside) continue;  // the other axes still cull, as far as the grid tells
+        if (beside) continue;  // the other axes still cull, as precisely as the grid allows
         CHECK(intersect(view, cuda::CompressedBox{&compressed.boxes, slot}).mask == 1);
     }
 }
@@ -160,7 +160,7 @@ TEST_CASE("children lie in the slots in which a ray expects them") {
     for (std::uint32_t slot = 0; slot < 8; ++slot) CHECK(compressed.child[slot] == slot);
 }
 
-TEST_CASE("a scene that needs more stack than there is belongs to the CPU") {
+TEST_CASE("a scene that needs more stack than there is runs on the CPU") {
     TriangleBlock block{};
     std::fill(block.triangle, block.triangle + 8, no_id);
     // Nothing waits beside the first node.
@@ -183,7 +183,7 @@ TEST_CASE("a scene that needs more stack than there is belongs to the CPU") {
             CHECK(trees.error().code == ErrorCode::limit_exceeded);
             continue;
         }
-        // The walks fill their stacks, and come to the end of the rope and back.
+        // Both traversals fill their stacks, reach the end of the chain and return.
         CHECK(boxes_asked(scene, trees->view()) == 8 * length);
         CHECK(boxes_asked(scene, cuda::BinaryTrees(scene)) == 14 * length);
     }

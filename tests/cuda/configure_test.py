@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Without an nvcc that works, RAYNEST_CUDA=AUTO is off with one line that says why, and the rest is configured;
-RAYNEST_CUDA=ON is an error that says the same.
+"""Without a working nvcc, RAYNEST_CUDA=AUTO is off with one line that gives the reason, and the
+rest is configured; RAYNEST_CUDA=ON is an error with the same reason.
 
   configure_test.py SOURCE_DIR CMAKE [CMAKE_OPTION...]
 """
@@ -40,7 +40,7 @@ class Configured(unittest.TestCase):
         self.assertIn(f"RAYNEST_CUDA=ON, but {why};", " ".join(demanded.stderr.split()))
 
     def nvcc(self, script):
-        """What takes the place of nvcc."""
+        """Writes a replacement for nvcc."""
         program = self.folder / "nvcc"
         program.write_text(f"#!/bin/sh\n{script}\n")
         program.chmod(0o755)
@@ -50,16 +50,16 @@ class Configured(unittest.TestCase):
         folders = *os.environ["PATH"].split(":"), "/usr/local/cuda/bin", "/usr/local/bin", "/usr/bin", "/bin"
         hidden = {folder for folder in folders if (pathlib.Path(folder) / "nvcc").exists()}
         if "/usr/bin" in hidden:
-            self.skipTest("nvcc lies beside the compiler, and cannot be hidden alone")
+            self.skipTest("nvcc is beside the compiler and cannot be hidden alone")
         self.is_off("no nvcc found", f"-DCMAKE_IGNORE_PATH={';'.join(hidden)}", CUDA_PATH="")
 
     def test_an_nvcc_that_is_not_there(self):
         missing = self.folder / "nowhere/nvcc"
-        self.is_off(f"there is no {missing}", f"-DRAYNEST_NVCC={missing}")
+        self.is_off(f"{missing} does not exist", f"-DRAYNEST_NVCC={missing}")
 
     def test_one_of_cuda_11(self):
         old = self.nvcc("echo 'Cuda compilation tools, release 11.8, V11.8.89'")
-        self.is_off(f"{old} is of CUDA 11.8, and C++20 takes 12", f"-DRAYNEST_NVCC={old}")
+        self.is_off(f"{old} belongs to CUDA 11.8; C++20 needs 12", f"-DRAYNEST_NVCC={old}")
 
     def test_one_that_does_not_compile(self):
         broken = self.nvcc("echo 'Cuda compilation tools, release 13.0, V13.0.88'; test $# = 1")
@@ -68,7 +68,7 @@ class Configured(unittest.TestCase):
     def test_sources_with_a_comma(self):
         source = self.folder / "sources, mine"
         source.symlink_to(SOURCE)
-        self.is_off(f"nvcc takes a comma for the end of a folder's name: {source}",
+        self.is_off(f"nvcc rejects commas in a folder's name: {source}",
                     f"-DRAYNEST_NVCC={self.nvcc('exit 0')}", source=source)
 
     def test_one_that_does_not_start(self):

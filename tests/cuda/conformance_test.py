@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""That tests/conformance compares what a GPU answers, whose pack has no reference of its own: over the fake of the
-CUDA runtime, with few rays.
+"""Checks that tests/conformance compares a GPU's answers, whose pack has no reference of its own:
+over the fake of the CUDA runtime, with few rays.
 
   conformance_test.py CONFORMANCE PACK_DIR
 
-Exit code 77 (skipped) where this machine does not run v3.
+Exit code 77 (skipped) if this machine does not run v3.
 """
 import os
 import re
@@ -17,7 +17,7 @@ INTERSECTOR = "procedural_mask"
 
 
 def compare(*targets, intersector=INTERSECTOR, **environment):
-    """(exit code, what it says)"""
+    """Returns (exit code, output)."""
     *others, tested = targets
     words = [word for target in others for word in ("--against", target)]
     done = subprocess.run([CONFORMANCE, *words, "--target", tested, "--pack-dir", PACK_DIR, "--intersector",
@@ -33,7 +33,7 @@ class Compared(unittest.TestCase):
         comparisons, hits, differences = map(int, re.search(
             rf"^cuda +{INTERSECTOR} +(\d+) comparisons +\d+ rays +(\d+) hits (\d+) differences", said, re.M).groups())
         self.assertGreater(comparisons, 50)
-        self.assertGreater(hits, 100)  # fewer rays are compared under sanitizers
+        self.assertGreater(hits, 100)  # sanitizer builds compare fewer rays
         self.assertEqual(differences, 0)
 
     def test_a_wrong_answer_is_seen(self):

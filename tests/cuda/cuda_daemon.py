@@ -1,4 +1,4 @@
-"""A real daemon with a CUDA worker, for the tests of this folder."""
+"""A real daemon with a CUDA worker, for the tests in this folder."""
 import array
 import functools
 import pathlib
@@ -13,9 +13,9 @@ sys.path.insert(0, str(HERE.parent / "integration"))
 from daemon import PATIENCE, Client, Daemon, device_workers, until  # noqa: E402
 from npy import npy  # noqa: E402
 
-RAYS = 70_000  # of a query: more than the 65,536 from which on auto takes a GPU
-FRAME = 16384  # rays of a frame
-NO_GPU = "cudaErrorInsufficientDriver", "cudaErrorNoDevice"  # what the log says then
+RAYS = 70_000  # rays of a query: more than the 65,536 from which auto uses a GPU
+FRAME = 16384  # rays per frame
+NO_GPU = "cudaErrorInsufficientDriver", "cudaErrorNoDevice"  # the log's reasons for no GPU
 START_SECONDS_MAX = max(120, PATIENCE)  # a first start translates kernels
 PROGRAMS = []  # raynestd, raynest, and the pack: set before a test runs
 
@@ -34,13 +34,14 @@ def bytes_of_rays(count, seed, endless_every):
 
 
 def write_rays(path, seed=1, endless_every=None, copies=1):
-    """Rays from above the built-in forest, of all directions downward, as a .npy of RAYS x 6. Of the endless ones
-    the directions are too short to tell a box from another."""
+    """Writes rays from above the built-in forest, in all downward directions, as a .npy of RAYS
+    x 6. The endless ones have directions too short to tell one box from another."""
     path.write_bytes(npy((copies * RAYS, 6), copies * bytes_of_rays(RAYS, seed, endless_every)))
 
 
 def why_no_worker(daemon):
-    """None once the worker is up; 77, skipped, where there is no GPU; else 1. Prints what the log says."""
+    """Returns None once the worker is up, 77 (skipped) if there is no GPU, else 1. Prints the
+    log's reason."""
     end = time.monotonic() + START_SECONDS_MAX
     while not any(word in daemon.log() for word in ("cuda_up", "cuda_down")) and time.monotonic() < end:
         time.sleep(0.1)
@@ -51,7 +52,7 @@ def why_no_worker(daemon):
 
 
 class CudaTest(unittest.TestCase):
-    """A daemon with a fake GPU for each class."""
+    """Starts a daemon with a fake GPU for each class."""
     environment = {}
     arguments = ("--cuda-retry-ms", "200", "--cuda-retry-ms-max", "1000",
                  "--cuda-call-ms-max", "60000")
@@ -85,7 +86,7 @@ class CudaTest(unittest.TestCase):
               self.daemon.log)
 
     def query(self, worker, *options, scene="woods"):
-        """(what the command told, the file's bytes) of RAYS rays."""
+        """Returns (the command's JSON, the file's bytes) of a query of RAYS rays."""
         file = self.out / f"{worker}.npz"
         told = self.client.json("query", scene, "--rays", self.rays, "-o", file, "--worker", worker,
                                 *options)
@@ -98,8 +99,8 @@ class CudaTest(unittest.TestCase):
         self.assertIn(says, done.stderr)
 
     def inject(self, fault):
-        """What fake_runtime.cpp says of its file."""
-        # In one step, so that it is never read half.
+        """Writes a fault for the fake runtime (fake_runtime.cpp explains the file)."""
+        # Rename the file into place, so that it is never read half-written.
         draft = self.out / "draft"
         draft.write_text(fault)
         draft.rename(self.fault)

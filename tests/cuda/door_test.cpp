@@ -1,4 +1,4 @@
-// The cuda pack at its door: it loads on any machine, and where there is no GPU it says so.
+// The cuda pack's entry points: it loads on any machine, and reports when there is no GPU.
 #include "engine/packs/registry.h"
 #include "engine/scene/snapshot.h"
 #include "tests/conformance/scenes.h"
@@ -37,17 +37,18 @@ TEST_CASE("the cuda pack has a kernel for every intersector of the CPU's packs")
         CAPTURE(variant.name);
         CHECK((*registry)->find(variant.name) != nullptr);
         for (const Precision precision : {precision_fast, precision_watertight}) {
-            const auto& queries = variant.trace[precision][traversal_latency];
+            const auto& queries = variant.trace[precision][traversal_single];
             for (const Query query : {query_closest, query_any, query_multi}) {
-                // What an intersector puts out depends on the order of the traversal: the CPU's.
+                // Outputs depend on the order of the traversal, so these intersectors run on the
+                // CPU.
                 CHECK((queries[query][0] != nullptr) == (variant.output_count == 0));
-                CHECK((queries[query][1] == nullptr));  // counters are the CPU's
+                CHECK((queries[query][1] == nullptr));  // counters exist only on the CPU
             }
         }
     }
 }
 
-TEST_CASE("the registry takes the cuda pack only where it is asked for") {
+TEST_CASE("the registry loads the cuda pack only on request") {
     Registry::Options options;
     options.pack_dirs = {std::filesystem::path(RAYNEST_CUDA_PACK).parent_path()};
     const auto any = Registry::load(options);
@@ -62,8 +63,8 @@ TEST_CASE("the registry takes the cuda pack only where it is asked for") {
     }
 }
 
-TEST_CASE("a call is answered, or says that there is no GPU") {
-    const auto snapshot = Snapshot::bake(conformance::nested_scene(2, 1));
+TEST_CASE("a call is answered, or reports that there is no GPU") {
+    const auto snapshot = Snapshot::build(conformance::nested_scene(2, 1));
     REQUIRE(snapshot.has_value());
     conformance::Random random(1);
     const std::vector<Ray> rays = conformance::random_rays(300, 8, random);
@@ -77,7 +78,7 @@ TEST_CASE("a call is answered, or says that there is no GPU") {
     call.hits = hits.data();
     const Pack& pack = cuda_pack();
     const TraceFunction closest =
-        pack.variants[0].trace[precision_fast][traversal_latency][query_closest][0];
+        pack.variants[0].trace[precision_fast][traversal_single][query_closest][0];
     CHECK(closest(&call) == (pack.supported() ? trace_ok : trace_no_device));
 
     call.hits = nullptr;

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Every kernel of the CUDA worker through a daemon, over triangles with and without instances and over spheres: the
-same rays to the CPU and to it, byte for byte.
+"""Runs every kernel of the CUDA worker through a daemon, over triangles with and without instances
+and over spheres: the same rays on the CPU and on the worker give the same bytes.
 
   every_kernel_test.py RAYNESTD RAYNEST PACK          PACK is the cuda pack over tests/cuda/fake_runtime: few rays
   every_kernel_test.py RAYNESTD RAYNEST PACK gpu      PACK is the real one: 10^7 rays and more; exit code 77
@@ -17,16 +17,16 @@ import unittest
 from cuda_daemon import Client, Daemon, npy, why_no_worker
 
 DAEMON = CLIENT = None
-RAYS = 5_000  # of a query
+RAYS = 5_000  # rays of a query
 RAYS_ON_GPU, TOTAL_ON_GPU = 200_000, 10**7
 KINDS = ("closest",), ("any",), ("multi", "--max-hits", "5")
 PRECISIONS = "watertight", "fast"
-# So that one cuts what the scenes are made of, whatever their materials say.
+# Make it cut the scenes' surfaces, whatever their materials state.
 SETTINGS = {"procedural_mask": ("--set", "on=all", "--set", "pattern=noise")}
 
 
 def rays_around(count):
-    """Of all directions, from far and near: what a flake is made of lies within a unit."""
+    """Returns rays in all directions, from far and near: a flake fits into a unit sphere."""
     chance = random.Random(1)
     values = array.array("f")
     for _ in range(count):
@@ -48,7 +48,7 @@ class EveryKernel(unittest.TestCase):
             CLIENT.json("load", source, "--name", name)
 
     def query(self, worker, scene, *options):
-        """(what the command told, the file's bytes)"""
+        """Returns (the command's JSON, the file's bytes)."""
         file = self.rays.with_name("answers.npz")
         told = CLIENT.json("query", scene, "--rays", self.rays, "-o", file, "--worker", worker, *options)
         return told, file.read_bytes()

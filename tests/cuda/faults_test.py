@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""What a daemon does when its GPU fails half way: the same bytes, a note, and a new worker.
+"""Tests a daemon whose GPU fails half way: the same bytes, a note, and a new worker.
 
   faults_test.py RAYNESTD RAYNEST PACK      PACK is the cuda pack over tests/cuda/fake_runtime
 
-Ends with a tally of the faults.
+Ends with a table of the faults.
 """
 import array
 import collections
@@ -20,14 +20,14 @@ import unittest
 from cuda_daemon import (FRAME, PATIENCE, PROGRAMS, RAYS, CudaTest, device_workers, npy, until,
                          write_rays)
 
-TALLY = collections.defaultdict(lambda: [0, 0, 0])  # of a fault: jobs, chunks traced again, bytes that differ
+TALLY = collections.defaultdict(lambda: [0, 0, 0])  # jobs, chunks traced again, differing bytes
 SOON = ("--cuda-retry-ms", "200", "--cuda-retry-ms-max", "200")
-DEVICE_CALLS = 4  # at a time
+DEVICE_CALLS = 4  # calls in flight
 SMALL_CALLS = ("--cuda-rays-max", str(FRAME))
 
 
 class FaultTest(CudaTest):
-    """A scene that ends three processes is left to the CPU: each fault has one of its own."""
+    """Each fault has a scene of its own: a scene that ends three processes is left to the CPU."""
     arguments = (*SOON, *SMALL_CALLS, "--cuda-call-ms-max", "60000")
     seeds = itertools.count(100)
 
@@ -40,13 +40,13 @@ class FaultTest(CudaTest):
         return scene
 
     def survive(self, fault, says, *options):
-        """A job that meets the fault: its answer is the CPU's, and a note says what happened."""
+        """Runs a job that meets the fault: its answer is the CPU's, and a note gives the reason."""
         scene = self.fresh_scene()
         _, expected = self.query("cpu", *options, scene=scene)
         self.wait_until_up()
         self.inject(fault)
         told, answer = self.query("auto", *options, scene=scene)
-        self.assertFalse(self.fault.exists(), "the fault was not met")
+        self.assertFalse(self.fault.exists(), "no call met the fault")
         different = sum(a != b for a, b in zip(answer, expected)) + abs(len(answer) - len(expected))
         self.assertEqual((told["worker_reason"], len(told["notes"])), ("", 1), told)
         again, chunks = self.fallen_back(told)
@@ -60,14 +60,14 @@ class FaultTest(CudaTest):
         return scene, answer
 
     def fallen_back(self, told):
-        """(chunks that fell back, chunks) of its note"""
+        """Returns (chunks that fell back, chunks) from the job's note."""
         return tuple(map(int, re.match(r"(\d+) of (\d+) chunks fell back to the CPU, with the same answers",
                                        told["notes"][0]).groups()))
 
 
 class Faults(FaultTest):
-    """Each fault hits a job half way; the next process is sound."""
-    # What is injected, and what the reply says of it.
+    """Each fault hits a job half way; the next process works."""
+    # A fault to inject, and the text of the reply.
     FAULTS = (
         ("cudaLaunchKernel 719 3", "cudaErrorLaunchFailure"),
         ("cudaStreamSynchronize 700 3", "cudaErrorIllegalAddress"),
@@ -76,7 +76,7 @@ class Faults(FaultTest):
         ("cudaLaunchKernel kill 3", "was ended by a signal (Killed)"),
     )
     KINDS = (("--kind", "any"), (), ("--kind", "multi", "--max-hits", "3"))
-    # Each fault with a kind, and what is read from the answers with all.
+    # Each fault with one kind of query, and one fault with all kinds.
     CASES = (*zip(FAULTS, itertools.cycle(KINDS)), (FAULTS[3], KINDS[1]), (FAULTS[3], KINDS[2]))
 
     def test_a_job_ends_with_the_same_bytes_and_a_note(self):
@@ -106,7 +106,7 @@ class Faults(FaultTest):
             for worker in ("cpu", "auto"):
                 self.wait_until_up()
                 if worker == "auto":
-                    self.inject("cudaLaunchKernel 719 6")  # two a call: the rays are made there
+                    self.inject("cudaLaunchKernel 719 6")  # two launches per call
                 files.append(self.out / f"{worker}.png")
                 told = self.client.json("render", scene, "-o", files[-1], "--size", "400x300",
                                         "--worker", worker)
@@ -142,7 +142,7 @@ class Faults(FaultTest):
         self.inject("cudaLaunchKernel 700")
         render = ("render", scene, "-o", self.out / "x.png", "--worker", "cuda")
         self.refused(6, "cudaErrorIllegalAddress", *render)
-        # Meanwhile it is started again.
+        # Meanwhile the worker is started again.
         done = self.client.run(*render)
         self.assertIn(done.returncode, (0, 6), done.stderr)
         self.wait_until_up()
@@ -169,7 +169,7 @@ class Faults(FaultTest):
         self.assertIn("cudaErrorInsufficientDriver", self.daemon.log())
 
     def test_a_scene_that_ends_one_process_after_the_other_is_left_to_the_cpu(self):
-        """Though most of its chunks do no harm."""
+        """Most of its chunks do no harm."""
         bad = self.fresh_scene()
         for _ in range(3):
             self.wait_until_up()
@@ -177,7 +177,7 @@ class Faults(FaultTest):
             self.assertEqual(told["worker"], "cuda")
             self.inject("cudaLaunchKernel 719 3")
             self.query("auto", scene=bad)
-            self.assertFalse(self.fault.exists(), "the fault was not met")
+            self.assertFalse(self.fault.exists(), "no call met the fault")
         self.wait_until_up()
         told, _ = self.query("auto", scene=bad)
         self.assertEqual(told["worker"], "cpu")
@@ -199,12 +199,12 @@ class Faults(FaultTest):
             _, errors = process.communicate(timeout=PATIENCE)
             self.assertEqual(process.returncode, 0, errors)
             self.assertEqual(file.read_bytes(), expected)
-        if self.fault.exists():  # they had all ended before it
+        if self.fault.exists():  # all jobs ended before the fault
             self.fault.unlink()
 
 
 class LargeCalls(FaultTest):
-    """Frames that wait are one call, and all of them are traced again."""
+    """Waiting frames go in one call, and all of them are traced again."""
     arguments = (*SOON, "--cuda-call-ms-max", "60000")
 
     def test_a_call_of_many_frames_ends_with_the_same_bytes_and_a_note(self):
@@ -213,11 +213,11 @@ class LargeCalls(FaultTest):
         scene = self.fresh_scene()
         _, expected = self.query("cpu", scene=scene)
         before = self.metric("bytes_received")
-        self.inject("cudaMalloc hold")  # the first frames' calls wait for the scene, the others for them
+        self.inject("cudaMalloc hold")  # the first calls wait for the scene
         file = self.out / "auto.npz"
         running = self.client.start("--json", "query", scene, "--rays", self.rays, "-o", file, "--worker", "auto")
         until(lambda: self.metric("bytes_received") - before > 24 * rays)
-        self.inject(f"cudaLaunchKernel 719 {DEVICE_CALLS + 3}")  # after those that run, wait and are parked
+        self.inject(f"cudaLaunchKernel 719 {DEVICE_CALLS + 3}")  # after the waiting calls
         output, errors = running.communicate(timeout=PATIENCE)
         self.assertEqual(running.returncode, 0, errors)
         again, chunks = self.fallen_back(json.loads(output))
@@ -227,7 +227,8 @@ class LargeCalls(FaultTest):
 
 
 class Hang(FaultTest):
-    """A worker that gets no processor for so long is lost, too: there may be more faults than one."""
+    """A worker that gets no processor time for so long is lost, too, so there may be more faults
+    than one."""
     arguments = (*SOON, *SMALL_CALLS, "--cuda-call-ms-max", "5000")
 
     def test_a_job_ends_with_the_same_bytes_and_a_note(self):
@@ -240,7 +241,8 @@ class Hang(FaultTest):
 
 
 class HangingLoad(FaultTest):
-    """Has the time of a call, and what its bytes take: a job's deadline waits for it."""
+    """Loading may take the time of a call plus the time for its bytes; a job's deadline waits
+    for it."""
     arguments = (*SOON, *SMALL_CALLS, "--cuda-call-ms-max", "5000", "--cuda-start-ms-max", "600000")
 
     def test_a_job_ends_with_the_same_bytes_and_a_note(self):
@@ -248,16 +250,16 @@ class HangingLoad(FaultTest):
 
 
 class OutOfMemory(FaultTest):
-    """Of a launch, and of the host: no fault of the device."""
+    """Running out of memory, for a launch or on the host, is not a fault of the device."""
 
     def drop(self, scene):
         self.inject("cudaLaunchKernel 2")
         told, answer = self.query("auto", scene=scene)
-        self.assertFalse(self.fault.exists(), "the fault was not met")
+        self.assertFalse(self.fault.exists(), "no call met the fault")
         return told, answer
 
     def is_resident(self, scene):
-        """Is it traced without getting there first? If not it is lost."""
+        """Checks whether a scene is traced without being loaded first. If not, it is lost."""
         self.inject("cudaMalloc 700")
         told, _ = self.query("auto", scene=scene)
         if there := self.fault.exists():
@@ -274,7 +276,7 @@ class OutOfMemory(FaultTest):
         for driven_out in range(8):
             told, answer = self.drop("woods")
             self.assertEqual(answer, expected)
-            if told["notes"]:  # there is nothing left to drive out
+            if told["notes"]:  # nothing is left to evict
                 break
             self.assertEqual(told["worker"], "cuda")
         self.assertGreaterEqual(driven_out, 2)  # the scene of the probe, and the other one
@@ -294,7 +296,7 @@ class OutOfMemory(FaultTest):
 
 
 class OthersMeanwhile(FaultTest):
-    """What the device takes its time for holds up nobody else."""
+    """A slow device delays only the jobs that use it."""
     arguments = (*SOON, "--cuda-call-ms-max", "1000000")
 
     def test_a_job_of_the_cpu_does_not_wait_for_a_worker_that_stands_still(self):
@@ -305,7 +307,7 @@ class OthersMeanwhile(FaultTest):
         for _ in range(5):
             self.client.json("render", "woods", "--size", "64x64", "-o", self.out / "x.png",
                              "--worker", "cpu")
-        self.assertIsNone(waiting.poll(), "the job on the device was to wait")
+        self.assertIsNone(waiting.poll(), "the job on the device should wait")
         os.kill(worker, signal.SIGKILL)
         _, errors = waiting.communicate(timeout=PATIENCE)
         self.assertEqual(waiting.returncode, 0, errors)
@@ -321,22 +323,23 @@ class OthersMeanwhile(FaultTest):
 
 
 class OthersOnTheWay(FaultTest):
-    """While a scene gets there calls of others go on, and who waits for its turn does not for ever."""
+    """While a scene loads, calls of others go on, and a call that waits for its turn does not
+    wait for ever."""
     arguments = (*SOON, *SMALL_CALLS, "--cuda-call-ms-max", "8000")
 
     @unittest.skipIf("RAYNEST_PATIENCE" in os.environ,
-                     "sanitizers need longer for a query than the one patience outlasts the other")
+                     "with sanitizers a query takes longer than the difference of the two timeouts")
     def test_calls_go_on_and_who_waits_for_too_long_goes_to_the_cpu(self):
         scene = self.fresh_scene()
         _, expected = self.query("cpu", scene=scene)
-        # 280 MB have four seconds more than a few.
+        # Loading 280 MB may take four seconds longer than loading a few.
         self.client.json("load", "builtin:terrain?size=1448", "--build", "fast", "--name", "hills")
         self.query("cuda")
         faults = self.metric("cuda_faults")
         self.inject("cudaMalloc hold")
         first = self.client.start("query", "hills", "--rays", self.rays, "-o", self.out / "x.npz")
         until(lambda: [job for job in self.client.json("jobs")["jobs"] if job["kind"] == "query"])
-        # At once, so that its own patience ends well before that of the scene on the way.
+        # Submit it at once, so that its own timeout ends well before that of the loading scene.
         with concurrent.futures.ThreadPoolExecutor(1) as thread:
             waiting = thread.submit(self.query, "auto", scene=scene)
             told, _ = self.query("cuda")
@@ -350,7 +353,7 @@ class OthersOnTheWay(FaultTest):
 
 
 class Breaker(CudaTest):
-    """A device that somebody else has for himself may be free later."""
+    """A device in another process's exclusive use may be free later."""
     environment = {"RAYNEST_FAKE_CUDA_ALWAYS": "cudaSetDevice 46"}
     arguments = ("--cuda-retry-ms", "50", "--cuda-retry-ms-max", "300", "--log-level", "debug")
 

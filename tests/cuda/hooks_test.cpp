@@ -1,6 +1,6 @@
-// The walk of a GPU asks an intersector about boxes, primitives and instances, at every level, for
-// every query, and what it refuses is not hit. conformance sees the intersectors of the list, none
-// of which looks at boxes.
+// Checks that the GPU traversal calls an intersector's hooks for boxes, primitives and instances,
+// at every level, for every query, and that refused primitives are not hit. conformance only tests
+// the intersectors of the list, none of which has a hook for boxes.
 #include "engine/assets/import.h"
 #include "engine/cuda/compress.h"
 #include "engine/cuda/traverse.h"
@@ -24,10 +24,10 @@ using namespace raynest;
 
 namespace {
 
-/// Cuts away what lies above a plane of the world; a ray that rises need not look into boxes that
-/// it enters above it. Refuses the way into every fifth instance.
+/// Cuts away everything above a plane in world space; a rising ray skips boxes that it enters above
+/// the plane. Refuses to enter every fifth instance.
 struct Section {
-    std::array<std::uint32_t, 4>& boxes_at;  ///< times asked, by instances on the way
+    std::array<std::uint32_t, 4>& boxes_at;  ///< calls, by number of instances on the way
     std::uint32_t& primitives;
     std::uint32_t& instances;
 
@@ -79,7 +79,7 @@ struct Tally {
     std::uint32_t hits = 0;
 };
 
-/// Rays through `trees` and through the reference; make(room) gives an empty query.
+/// Traces rays through `trees` and through the reference; make(room) returns an empty query.
 template <class Trees, class Make>
 Tally compare(const SceneView& scene, const Trees& trees, const std::vector<Ray>& rays,
               Make&& make) {
@@ -94,7 +94,7 @@ Tally compare(const SceneView& scene, const Trees& trees, const std::vector<Ray>
         auto query = make(room);
         CHECK(cuda::traverse_levels(view, trees, isect, query));
         auto expected = make(other_room);
-        visit_everything(view, Bvh{&scene, scene.root}, oracle, expected);
+        brute_force(view, Bvh{&scene, scene.root}, oracle, expected);
         tally.different += same(query, expected) ? 0U : 1U;
         if constexpr (requires { query.found; }) tally.hits += query.found ? 1U : 0U;
         if constexpr (requires { query.best; }) tally.hits += query.best.hit;
@@ -109,7 +109,7 @@ TEST_CASE("hooks are called at every level by every query on both layouts") {
     for (const std::uint32_t depth : {1U, 2U, 3U, 4U}) {
         CAPTURE(depth);
         const SceneDescription description = conformance::nested_scene(depth, 3);
-        const auto snapshot = Snapshot::bake(description);
+        const auto snapshot = Snapshot::build(description);
         REQUIRE(snapshot.has_value());
         const SceneView& scene = (*snapshot)->view();
         conformance::Random random(depth);
@@ -156,7 +156,7 @@ SceneDescription spheres(std::size_t count) {
 class RayFrom {
 public:
     explicit RayFrom(const SceneDescription& description)
-        : snapshot_(*Snapshot::bake(description)),
+        : snapshot_(*Snapshot::build(description)),
           trees_(*cuda::compress(snapshot_->view())) {}
 
     [[nodiscard]] bool is_answered(const Vec3& direction, auto query) const {
@@ -175,12 +175,12 @@ private:
     const cuda::DeviceTrees trees_;
 };
 
-/// Too short to tell a box from another: the ray meets all that a scene holds.
+/// Too short to tell one box from another: the ray meets everything in a scene.
 const Vec3 endless(-1e-45F);
 
 }  // namespace
 
-TEST_CASE("a ray that meets all of a scene is given up, one that hits something is not") {
+TEST_CASE("a ray that meets everything in a scene exceeds the step limit, one that hits does not") {
     const RayFrom flake(*describe_builtin("builtin:flake?depth=8"));
     std::array<HitRecord, 4> room;
     CHECK_FALSE(flake.is_answered(endless, ClosestHit{}));
@@ -192,7 +192,7 @@ TEST_CASE("a ray that meets all of a scene is given up, one that hits something 
 }
 
 TEST_CASE("every triangle and record that a ray is tested against is a step of it") {
-    // With few enough nodes and leaves; half as many are not too many.
+    // Half as many nodes and leaves stay below the limit.
     CHECK_FALSE(
         RayFrom(*describe_builtin("builtin:terrain?size=384")).is_answered(endless, AnyHit{}));
     CHECK(RayFrom(*describe_builtin("builtin:terrain?size=256")).is_answered(endless, AnyHit{}));

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""A new intersector is one header and one line with CUDA, too: in a copy of engine/, nvcc compiles the one of
-engine/INTERSECTORS.md, which stays with the CPU for its outputs, and a section as a GPU takes it.
+"""Checks that a new intersector is one header and one line with CUDA, too: in a copy of engine/,
+nvcc compiles the one of engine/INTERSECTORS.md, which runs on the CPU because of its outputs, and a
+section in the form that a GPU needs.
 
   own_intersector_test.py SOURCE_DIR CMAKE HAS_CUDA(0|1) [CMAKE_OPTION...]
 
-Exit code 77 (skipped) where the build has no CUDA.
+Exit code 77 (skipped) if the build has no CUDA.
 """
 import pathlib
 import re
@@ -15,7 +16,7 @@ import tempfile
 import unittest
 
 SOURCE, CMAKE, OPTIONS = pathlib.Path(), "", []
-ARCHITECTURE = "90-real"  # one is enough: it is the host's half of nvcc that reads the definitions
+ARCHITECTURE = "90-real"  # one is enough: the host pass of nvcc reads the definitions
 
 SECTION = """
 #pragma once
@@ -89,7 +90,7 @@ class OwnIntersector(unittest.TestCase):
         return start(CMAKE, "--build", self.build, "--target", f"pack_cuda_{name}")
 
     def kernels(self, name):
-        """Of the object, by the names of the host's functions that start them."""
+        """Returns the kernels of an object, by the names of the host functions that start them."""
         compiled = self.compile(name)
         self.assertEqual(compiled.returncode, 0, compiled.stdout[-3000:])
         [object_file] = self.build.rglob(f"pack_cuda_{name}.dir/*.o")

@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""What a GPU's kernels need: registers, frame and spills of every intersector x query, and of make_rays, held to a
-table.
+"""Compares the registers, frame and spills of every GPU kernel (intersector x query, and make_rays)
+with a table.
 
   registers_test.py BUILD_DIR TABLE [--update]
 
-Compiles each source once more for sm_90, as the build does otherwise, and reads what ptxas says. Fails on
-any spill, on a kernel that the table does not know or has no more, and where one needs more than the table
-allows: 8 registers are the step in which a GPU hands them out. On the other architectures spills are warnings of
-the build, errors with RAYNEST_WERROR; that they are asked for is checked here. --update writes the table anew. Exit
-code 77 (skipped) where the build has no CUDA.
+Compiles each source once more for sm_90, with the build's other options, and reads ptxas's report.
+Fails on any spill, on a kernel that only one of build and table has, and on one that needs more
+than the table allows: a GPU allocates registers in steps of 8. On the other architectures spills
+are warnings of the build, errors with RAYNEST_WERROR; this test checks that they are requested.
+--update rewrites the table. Exit code 77 (skipped) if the build has no CUDA.
 """
 import json
 import pathlib
@@ -24,7 +24,8 @@ FRAME_MORE = 64  # bytes
 
 
 def sources(build):
-    """(intersector or name of the file, command, folder) of all that the build compiles for GPUs."""
+    """Yields (intersector or file name, command, folder) for each source that is compiled for
+    GPUs."""
     for entry in json.loads((build / "compile_commands.json").read_text()):
         if entry["file"].endswith(".cu"):
             variant = re.search(r"RAYNEST_INTERSECTOR_FUNCTION=raynest_variant_(\w+)", entry["command"])
@@ -32,7 +33,7 @@ def sources(build):
 
 
 def compile_for_report(command, folder, output):
-    """What ptxas says of one source."""
+    """Returns ptxas's report on one source."""
     command = re.sub(r'"?--generate-code=\S+', "", command)
     command = re.sub(r" -o \S+", "", command)
     command = re.sub(r" -M\S* | -MF \S+| -MT \S+", " ", command)
@@ -45,7 +46,7 @@ def compile_for_report(command, folder, output):
 
 
 def needs(report):
-    """{query, or - of a kernel that answers none: (registers, frame bytes, spilt bytes)}"""
+    """Returns {query, or - for a kernel without one: (registers, frame bytes, spilt bytes)}."""
     found = {}
     for kernel in re.split(r"Compiling entry function", report)[1:]:
         query = re.search(r"trace_kernel\w*QueryE(\d)", kernel)
@@ -80,14 +81,14 @@ def main():
         head = [line for line in path.read_text().splitlines() if line.startswith("#")]
         path.write_text("\n".join(head + rows) + "\n")
     table = read_table(path)
-    failures += [f"{key} stands in the table and is compiled no more" for key in table.keys() - measured.keys()]
+    failures += [f"{key} is in the table but not compiled" for key in table.keys() - measured.keys()]
     for key, (registers, frame, spilt) in measured.items():
         if spilt:
             failures.append(f"{key} spills {spilt} bytes")
         if key not in table:
             failures.append(f"{key} is not in the table: --update")
         elif registers > table[key][0] + REGISTERS_MORE or frame > table[key][1] + FRAME_MORE:
-            failures.append(f"{key} needs {registers} registers and a frame of {frame} bytes, the table says {table[key]}")
+            failures.append(f"{key} needs {registers} registers and a frame of {frame} bytes, the table has {table[key]}")
     print(*("FAILED: " + failure for failure in failures), sep="\n", end="\n" if failures else "")
     print(f"{len(measured)} kernels, {len(failures)} failures")
     return 1 if failures else 0

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""compute-sanitizer finds nothing in what tests/cuda/slots_test.cpp does on a GPU.
+"""Checks that compute-sanitizer finds nothing in tests/cuda/slots_test.cpp on a GPU.
 
   sanitizer_test.py SLOTS_TEST          RAYNEST_DEVICE_PACK names the pack
 
-Exit code 77 (skipped) where there is no CUDA in the build, no GPU or no compute-sanitizer.
+Exit code 77 (skipped) if there is no CUDA in the build, no GPU or no compute-sanitizer.
 """
 import os
 import shutil
@@ -11,7 +11,7 @@ import subprocess
 import sys
 
 TOOLS = "memcheck", "initcheck", "racecheck", "synccheck"
-FOUND = 99  # the exit code that stands for a finding
+FOUND = 99  # exit code for a finding
 
 
 def run(*command):
@@ -44,7 +44,7 @@ def main():
             print(said[-5000:], f"FAILED: {tool}: exit code {code}", sep="\n")
         elif "ERROR SUMMARY" not in said and "RACECHECK SUMMARY" not in said:
             failures += 1
-            print(said[-5000:], f"FAILED: {tool} did not look at the program", sep="\n")
+            print(said[-5000:], f"FAILED: {tool} did not check the program", sep="\n")
     print(f"{len(TOOLS)} tools, {failures} failures")
     return 1 if failures else 0
 

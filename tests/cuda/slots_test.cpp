@@ -1,7 +1,6 @@
-// A device's pack at its second door: every kernel over scenes that stay there, two calls in
-// flight, with rays that are brought and rays that the device makes, and the bytes of the CPU's
-// pack. Little work, so that compute-sanitizer comes to its end. RAYNEST_DEVICE_PACK names the
-// pack.
+// Tests the device entry points of a pack: every kernel over loaded scenes, two calls in flight,
+// with rays from the host and rays that the device makes, against the bytes of the CPU's pack. The
+// work is small, so that compute-sanitizer finishes. RAYNEST_DEVICE_PACK names the pack.
 #include "engine/cuda/limits.h"
 #include "engine/packs/load.h"
 #include "engine/packs/registry.h"
@@ -54,10 +53,10 @@ std::uint32_t differing_rays(const Answers& a, const Answers& b, Query query) {
     return differing;
 }
 
-/// Into the middle of a scene; its rays begin within the picture.
+/// Returns camera rays into the middle of a scene, which start within the picture.
 PinholeRays camera(bool tiles) {
     Pinhole pinhole;
-    pinhole.mount.pose.origin = {1, 2, 12};
+    pinhole.sensor_pose.pose.origin = {1, 2, 12};
     pinhole.size = {25, 17};
     pinhole.center_x = 12.5;
     pinhole.center_y = 8.5;
@@ -65,7 +64,7 @@ PinholeRays camera(bool tiles) {
     return {pinhole, 100, tiles};
 }
 
-/// What the device is asked, and what the CPU traces for it.
+/// A call to the device, and the same call on the CPU.
 struct Question {
     const PinholeRays* made;
     std::vector<Ray> rays;
@@ -120,7 +119,7 @@ TEST_CASE("through slots every kernel gives the CPU's bytes") {
                                        conformance::sphere_scene(5)};
     std::uint32_t kernels = 0;
     for (const SceneDescription& description : scenes) {
-        const auto snapshot = Snapshot::bake(description);
+        const auto snapshot = Snapshot::build(description);
         REQUIRE(snapshot.has_value());
         const SceneView& view = (*snapshot)->view();
         DeviceScene* loaded = nullptr;
@@ -129,7 +128,7 @@ TEST_CASE("through slots every kernel gives the CPU's bytes") {
                                                                                   device.unload);
         const auto compare = [&](const PackVariant& variant, const Question& question,
                                  Query query) {
-            const TraceFunction kernel = variant.trace[precision_fast][traversal_latency][query][0];
+            const TraceFunction kernel = variant.trace[precision_fast][traversal_single][query][0];
             if (kernel == nullptr) return;
             ++kernels;
             Answers expected;
@@ -138,7 +137,7 @@ TEST_CASE("through slots every kernel gives the CPU's bytes") {
             call.rays = question.rays.data();
             const Variant* const cpu = (*registry)->find(variant.name);
             REQUIRE((cpu != nullptr));
-            REQUIRE(cpu->code->trace[precision_fast][traversal_latency][query][0](&call) ==
+            REQUIRE(cpu->code->trace[precision_fast][traversal_single][query][0](&call) ==
                     trace_ok);
             std::array<Answers, 2> answers;
             for (std::size_t i = 0; i < slots.size(); ++i) {

@@ -1,9 +1,9 @@
 // One intersector of the cuda target on the host: the functions that a GPU's threads run, in a loop
 // over the rays, behind the cuda pack's own launch code and a fake of the CUDA runtime. A pack of
-// these goes through the whole of conformance, so a machine without a GPU knows that the walk, the
-// compressed trees, the hooks and the way to the device and back are right, bit for bit; it does
-// not know that nvcc's arithmetic is g++'s. tests/cuda/CMakeLists.txt compiles this file as
-// packs/variant.cpp is. The table is as a GPU's is: without a reference.
+// these passes the whole of conformance, so a machine without a GPU checks the traversal, the
+// compressed trees, the hooks and the copies, bit for bit. It does not check that nvcc's arithmetic
+// equals g++'s. tests/cuda/CMakeLists.txt compiles this file as packs/variant.cpp is compiled. The
+// table is that of a GPU: without a reference.
 #include "engine/cuda/variant.h"
 
 #include "engine/cuda/check.h"

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The CUDA worker of a real daemon: same answers, and what happens when something is amiss.
+"""Tests the CUDA worker of a real daemon: the same answers, and the behaviour when something fails.
 
   worker_test.py RAYNESTD RAYNEST PACK          PACK is the cuda pack over tests/cuda/fake_runtime, which
                                                 fails on demand
@@ -15,11 +15,11 @@ import unittest
 import cuda_daemon
 from cuda_daemon import PATIENCE, PROGRAMS, Client, CudaTest, Daemon, device_workers, until, why_no_worker, write_rays
 
-RAYS_ON_GPU = 1_250_000  # of each of eight
+RAYS_ON_GPU = 1_250_000  # rays of each of eight
 
 
 class SameAnswers(CudaTest):
-    """Calls are half as large as usual, so that small pictures are several."""
+    """Calls are half as large as usual, so that small pictures take several."""
     arguments = (*CudaTest.arguments, "--cuda-rays-max", "65536")
 
     def setUp(self):
@@ -52,7 +52,7 @@ class SameAnswers(CudaTest):
                     self.assertEqual(told["worker"], worker)
                     files[worker] = file.read_bytes()
                 self.assertEqual(files["cpu"], files["cuda"])
-        # The last ones are more than one call, of whole bands of tiles in frames that are not.
+        # The last options need several calls, of whole bands of tiles in frames that are not whole.
         for options in (("--generate", "pinhole", "size=151x111", "fx=90"),
                         ("--generate", "camera", "size=151x111"),
                         ("--generate", "equirectangular", "size=200x100"),
@@ -84,8 +84,8 @@ class SameAnswers(CudaTest):
         told, _ = self.query("auto")
         self.assertEqual((told["worker"], told["worker_reason"]), ("cuda", "cuda: at least 65536 rays"))
         for options, reason in ((("--size", "64x64"), "fewer than 65536 rays"),
-                                (("--size", "640x480", "--traversal", "batch"),
-                                 "traversal batch is the CPU's")):
+                                (("--size", "640x480", "--traversal", "stream"),
+                                 "traversal stream is the CPU's")):
             told = self.client.json("render", "woods", "-o", self.out / "x.png", *options)
             self.assertEqual((told["worker"], told["worker_reason"]), ("cpu", "cpu: " + reason))
         told, _ = self.query("auto", "--kind", "all")
@@ -124,7 +124,7 @@ class NotPinned(CudaTest):
 
 
 class LittleMemory(CudaTest):
-    """Room for the slots, the probe's scene and one of the two forests, not both."""
+    """Memory for the slots, the probe's scene and one of the two forests, but not both."""
     scenes = (("builtin:forest?trees=20", "woods"), ("builtin:forest?trees=20&seed=2", "park"),
               ("builtin:terrain?size=512", "hills"))
     environment = {"RAYNEST_FAKE_CUDA_MEMORY": 64_000_000}
@@ -139,11 +139,11 @@ class LittleMemory(CudaTest):
         told, answer = self.query("auto", scene="hills")
         self.assertEqual((told["worker"], answer), ("cpu", expected))
         self.assertIn("out of device memory (cudaErrorMemoryAllocation", told["notes"][0])
-        # It is remembered for some seconds: a job that comes in time does not try.
+        # The failure is remembered for some seconds: a job within that time does not try.
         until(lambda: "out of device memory" in self.query("auto", scene="hills")[0]["worker_reason"])
         self.refused(6, "out of device memory", "render", "hills", "-o", self.out / "x.png",
                      "--worker", "cuda")
-        # That was no fault of the device.
+        # Lack of memory is not a fault of the device.
         self.assertEqual(self.metric("cuda_faults"), 0)
         told, _ = self.query("cuda", scene="woods")
         self.assertEqual(told["worker"], "cuda")
@@ -179,7 +179,7 @@ class LongRays(CudaTest):
                                     "--worker", "auto")
         self.addCleanup(endless.communicate)
         self.addCleanup(endless.kill)
-        until(lambda: self.metric("cuda_refusals") > refusals + 3)  # as many calls as there are at a time
+        until(lambda: self.metric("cuda_refusals") > refusals + 3)  # as many as the calls in flight
         told, _ = self.query("cuda")
         self.assertEqual(told["worker"], "cuda")
         self.assertEqual(self.metric("rays") - rays, cuda_daemon.RAYS, "the other job has no answer yet")
@@ -195,16 +195,17 @@ class DeepScene(CudaTest):
         told, answer = self.query("auto", scene="flake")
         self.assertEqual((told["worker"], answer), ("cpu", expected))
         self.assertIn("nested too deep for it: 12 levels, at most 8", told["worker_reason"])
-        self.assertEqual(told["notes"], [])  # the scene was not even handed over
+        self.assertEqual(told["notes"], [])  # the scene was not even sent to the device
         self.refused(5, "nested too deep", "render", "flake", "-o", self.out / "x.png",
                      "--worker", "cuda")
 
 
 class NeverUp(CudaTest):
-    """A device that no process can use: jobs run on the CPU and say why, cuda demanded is refused."""
+    """A device that no process can use: jobs run on the CPU and give the reason; `cuda` is
+    refused."""
     environment = {"RAYNEST_FAKE_CUDA_ALWAYS": "cudaSetDeviceFlags 35"}
     reason = "cudaErrorInsufficientDriver"
-    code = 5  # not to be tried again
+    code = 5  # not worth a retry
 
     def test_jobs_run_on_the_cpu(self):
         until(lambda: "cuda_down" in self.daemon.log())
@@ -214,12 +215,12 @@ class NeverUp(CudaTest):
         self.refused(self.code, "the CUDA worker: ", "render", "woods", "-o", self.out / "x.png",
                      "--worker", "cuda")
         self.assertEqual(self.metric("cuda_starts"), 0)
-        # Said once, however often it is tried.
+        # The log has it once, however often the worker is tried.
         self.assertEqual(self.daemon.log().count(self.reason), 1, self.daemon.log())
 
 
 class NoCode(NeverUp):
-    """A GPU older than what the pack is compiled for."""
+    """A GPU older than those that the pack is compiled for."""
     environment = {"RAYNEST_FAKE_CUDA_ALWAYS": "cudaFuncGetAttributes 209"}
     reason = "cudaErrorNoKernelImageForDevice"
 
@@ -256,7 +257,7 @@ class NoSlots(NeverUp):
 
 
 class WrongAnswers(NeverUp):
-    """Its answers are possible, but not the CPU's: rays do not arrive."""
+    """Its answers are plausible but not the CPU's: rays do not arrive."""
     environment = {"RAYNEST_FAKE_CUDA_ALWAYS": "cudaMemcpyAsync garbage"}
     reason = "are not those of the CPU"
     code = 6
@@ -269,7 +270,7 @@ class WrongPack(unittest.TestCase):
         self.pack = pathlib.Path(folder.name) / "pack.so"
 
     def render(self, cuda, *options):
-        """A daemon with this pack, and what a command of its client came to."""
+        """Returns a daemon with this pack, and the result of a client's command."""
         daemon = Daemon(PROGRAMS[0], "--cuda", cuda, "--cuda-start-ms-max", "1000000")
         self.addCleanup(daemon.stop)
         client = Client(PROGRAMS[1], daemon.uri)

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""The default intersector costs a GPU nothing: the machine code of its kernels, with hooks and with every hook
-call compiled out (RAYNEST_NO_HOOKS), is the same to the byte.
+"""Checks that the default intersector costs a GPU nothing: the machine code of its kernels is the
+same with hooks and with every hook call compiled out (RAYNEST_NO_HOOKS), to the byte.
 
   zero_cost_test.py BUILD_DIR
 
-Compiles `opaque` both ways for sm_90, and `procedural_mask` as the control, whose code must differ. Exit code
-77 (skipped) where the build has no CUDA.
+Compiles `opaque` both ways for sm_90, and `procedural_mask` as the control, whose code must differ.
+Exit code 77 (skipped) if the build has no CUDA.
 """
 import pathlib
 import sys

@@ -1,5 +1,5 @@
-// Compressed geometry from a stranger: the first bytes say how it is asked for, the rest is the
-// stream. It decodes to no more than was allowed, or not at all.
+// Decodes hostile compressed geometry: the first bytes state its form, the rest is the stream. It
+// must decode to at most the allowed size, or fail.
 #include "engine/assets/gltf_draco.h"
 #include "engine/assets/gltf_meshopt.h"
 #include "tests/fuzz/target.h"
@@ -18,7 +18,7 @@ constexpr std::uint64_t bytes_max = 1 << 20;
 constexpr std::array<const char*, 4> modes{"ATTRIBUTES", "TRIANGLES", "INDICES", "OTHER"};
 constexpr std::array<const char*, 4> filters{"NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL"};
 
-/// Byte 0 chooses Draco (even) or meshopt; three more say count, stride, and mode with filter, or
+/// Byte 0 chooses Draco (even) or meshopt; three more state count, stride, and mode with filter, or
 /// type, width and id.
 constexpr std::size_t head = 4;
 

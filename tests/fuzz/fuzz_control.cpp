@@ -1,6 +1,6 @@
-// One control message: the first byte is its type, the rest the FlatBuffers table. Reaches deeper
-// into the verifier and validate() than whole frames do, whose headers mostly break first. Every
-// field of what is accepted is read, and the message written anew says the same.
+// Opens one control message: the first byte is its type, the rest the FlatBuffers table. This
+// reaches deeper into the verifier and validate() than whole frames, whose headers mostly fail
+// first. Every field of an accepted message is read, and writing it again gives the same content.
 #include "tests/fuzz/target.h"
 #include "tests/golden/examples.h"
 #include "tests/golden/full.h"
@@ -44,7 +44,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     frame.control = protocol::Buffer(size - 1);
     if (size > 1) std::memcpy(frame.control.data(), data + 1, size - 1);
     frame.header.control_bytes = static_cast<std::uint32_t>(size - 1);
-    // With and without a bulk part, as a block list may ask for either.
+    // Test with and without a bulk part, because a block list may ask for either.
     if (golden::open_any(frame)) check_accepted(frame);
     frame.header.block_count = 1;
     frame.header.bulk_bytes = 64;

@@ -1,8 +1,9 @@
-// The connection's state machine, frames in and frames out, without sockets and threads.
+// Runs the connection's state machine, frames in and frames out, without sockets and threads.
 //
-// The input is a program of steps: a byte says what the client or the daemon's surroundings do
-// next, the bytes after it how. Most frames are sound, so that programs get deep; any of them may
-// be damaged on its way. What the daemon says is held against a model of what a client may rely on.
+// The input is a program of steps: a byte chooses the next action of the client or of the daemon's
+// surroundings, and the bytes after it are its arguments. Most frames are valid, so that programs
+// get deep; any of them may be damaged in transit. A model of the promises to a client checks the
+// daemon's frames.
 #include "tests/fuzz/target.h"
 #include "tests/golden/examples.h"
 #include "tests/unit/server/small_daemon.h"
@@ -19,7 +20,7 @@ using namespace raynest;
 namespace {
 
 constexpr std::size_t steps_max = 200;
-/// Requests take their ids from 1 to this, so that they meet.
+/// Requests use ids from 1 to this, so that ids collide.
 constexpr std::uint64_t ids = 4;
 
 /// The input, byte by byte; zeros after its end.
@@ -52,13 +53,13 @@ protocol::Limits small_limits() {
     return limits;
 }
 
-// ---- what a client may say
+// ---- messages of a client
 
 std::unique_ptr<wire::JobT> job(Program& program) {
     auto job = std::make_unique<wire::JobT>();
     job->scene = "forest";
     job->intersector = program.word<4>({"auto", "opaque", "alpha_mask", "procedural_mask"});
-    job->traversal = program.word<5>({"auto", "latency", "batch", "coherent", "reference"});
+    job->traversal = program.word<5>({"auto", "single", "stream", "packet", "reference"});
     job->priority = program.word<3>({"normal", "low", "high"});
     job->precision = program.word<2>({"watertight", "fast"});
     job->epoch = program.below(3);
@@ -93,7 +94,7 @@ protocol::Frame rays(Program& program, std::uint64_t id, std::uint64_t first) {
     for (std::size_t i = 0; i < values.size(); ++i) values[i] = ray[i % 8];
     wire::QueryRaysT message;
     message.first_ray = first;
-    // Half of the frames say what their rays lack, or what they bring.
+    // Half of the frames state values that their rays lack, or contain.
     if (program.below(2) == 0)
         message.origin = std::make_unique<wire::Vec3>(ray[0], ray[1], ray[2]);
     if (program.below(2) == 0) message.tmin = ray[3], message.tmax = ray[4];
@@ -154,10 +155,10 @@ void damage(Program& program, protocol::Frame& frame) {
     }
 }
 
-// ---- what a client relies on
+// ---- promises to a client
 
-/// Frames of one request come between its start and its end, its rays are answered once, and never
-/// with more bytes than it has credit for.
+/// Checks that frames of a request come between its start and its end, that its rays are answered
+/// once, and that answers never exceed its credit.
 class Model {
 public:
     void greeted(std::uint64_t window) { window_ = window; }
@@ -184,7 +185,7 @@ public:
                 return;
             }
             case wire::Message::Error:
-                // One that refuses a second use of an id leaves the first use alone.
+                // A refused second use of an id does not end the first.
                 request.running = request.running && runner.knows(frame.header.request_id);
                 return;
             default:
@@ -287,14 +288,14 @@ private:
         const auto hello = protocol::open<wire::Hello>(frame);
         const std::uint64_t window = hello ? (*hello)->window_bytes() : 0;
         const auto admitted = conversation_.admit(frame.header);
-        if (!admitted) return conversation_.give_up(admitted.error());
-        if (!*admitted) frame.bulk = {};  // passed unread, as the decoder does
+        if (!admitted) return conversation_.close_with_error(admitted.error());
+        if (!*admitted) frame.bulk = {};  // skipped, as the decoder does
         conversation_.receive(std::move(frame));
         if (!greeted && conversation_.greeted())
             model_.greeted(window == 0 ? daemon_.limits.window_bytes : window);
     }
 
-    /// What happens around the conversation: workers, the socket, the clock, the operator.
+    /// Simulates events around the conversation: workers, the socket, the clock, the operator.
     void surroundings(std::uint8_t what, Program& program) {
         switch (what) {
             case 28:
@@ -313,7 +314,7 @@ private:
     }
 
     test::SmallDaemon& daemon_;
-    server::Conversation conversation_{daemon_.services, daemon_.engine, daemon_, "me"};
+    test::Client conversation_{daemon_};
     Model model_;
     std::map<std::uint64_t, std::uint64_t> sent_rays_;
 };
@@ -341,7 +342,7 @@ std::vector<fuzz::Input> fuzz::seeds() {
 
 int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     static test::SmallDaemon daemon(small_limits());
-    static const std::uint64_t idle_bytes = daemon.budget.used();
+    static const std::uint64_t idle_bytes = daemon.used_bytes();
     Program program({data, size});
     daemon.waiting = 0;
     {
@@ -352,6 +353,6 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     }
     fuzz::require(daemon.metrics.jobs_started == daemon.metrics.jobs_ended);
     fuzz::require(daemon.admission.active() == 0);
-    fuzz::require(daemon.budget.used() == idle_bytes);
+    fuzz::require(daemon.used_bytes() == idle_bytes);
     return 0;
 }

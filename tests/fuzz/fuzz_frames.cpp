@@ -1,5 +1,5 @@
-// The frame decoder and every message behind it, over a stream in pieces of changing size. What is
-// accepted must be the same bytes again when written.
+// Runs the frame decoder and every message behind it over a stream in pieces of changing size.
+// Writing an accepted frame must give the same bytes again.
 #include "protocol/frame.h"
 #include "tests/fuzz/target.h"
 #include "tests/golden/examples.h"
@@ -24,7 +24,7 @@ std::vector<fuzz::Input> fuzz::seeds() {
 
 int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     const std::span bytes(reinterpret_cast<const std::byte*>(data), size);
-    // Small limits, so that a lucky length does not spend the run on allocating.
+    // Use small limits, so that a large random length does not spend the run on allocating.
     protocol::Limits limits;
     limits.frame_bytes_max = 1 << 20;
     protocol::FrameDecoder decoder(limits);

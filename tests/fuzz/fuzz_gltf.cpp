@@ -1,4 +1,5 @@
-// A scene file from a stranger, a GLB or a .gltf on its own: it is described, or refused in words.
+// Imports a hostile scene file, a GLB or a single .gltf: it is described, or refused with a
+// message.
 #include "engine/assets/gltf.h"
 #include "tests/fuzz/target.h"
 
@@ -31,7 +32,7 @@ std::string glb(const std::string& json, const std::string& binary) {
            json + word(binary.size()) + std::string("BIN\0", 4) + binary;
 }
 
-/// A skinned, morphed triangle: one vertex buffer serves as everything.
+/// Returns a skinned, morphed triangle; one vertex buffer serves as every attribute.
 std::string deformed_triangle() {
     std::string floats(144, '\0');
     for (std::size_t i = 0; i < 36; ++i) {
@@ -74,7 +75,7 @@ std::vector<fuzz::Input> fuzz::seeds() {
 }
 
 int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-    if (size == 0) return 0;  // refused by describe(), one step before
+    if (size == 0) return 0;  // describe() refuses it earlier
     const auto bytes = std::span(reinterpret_cast<const std::byte*>(data), size);
     const bool is_glb = size >= 4 && std::memcmp(data, "glTF", 4) == 0;
     ImportRequest request;

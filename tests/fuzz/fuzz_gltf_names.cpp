@@ -1,4 +1,5 @@
-// The client's reading of a glTF from a stranger: what it names must be a path beneath its folder.
+// Reads the file names of a hostile glTF as the client does: each must be a path beneath its
+// folder.
 #include "client/gltf_names.h"
 #include "tests/fuzz/target.h"
 

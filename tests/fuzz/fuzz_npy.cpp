@@ -1,4 +1,4 @@
-// A .npy from a stranger: what parses has exactly as many bytes as its shape says.
+// Parses a hostile .npy: an accepted one has exactly as many bytes as its shape states.
 #include "client/npy.h"
 #include "tests/fuzz/target.h"
 

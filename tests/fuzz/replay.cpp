@@ -1,6 +1,5 @@
 // main() of a fuzz target without libFuzzer: `replay_x [ROUNDS] [FILE|FOLDER]...`, or
-// `replay_x --seeds FOLDER`, which writes the target's own inputs there for libFuzzer to begin
-// with.
+// `replay_x --seeds FOLDER`, which writes the target's own inputs there as libFuzzer's start.
 #include "tests/fuzz/target.h"
 
 #include <cstdlib>
@@ -15,8 +14,8 @@ namespace {
 
 using raynest::fuzz::Input;
 
-/// A few of: flip a bit, set a byte to an extreme, cut, repeat a stretch, overwrite a stretch with
-/// another seed's.
+/// Applies a few mutations: flip a bit, set a byte to an extreme, cut, repeat a range, overwrite a
+/// range with another seed's.
 Input mutate(Input input, const Input& other, std::mt19937& random) {
     const auto below = [&](std::size_t n) { return n == 0 ? 0 : random() % n; };
     for (std::size_t rounds = 1 + below(4); rounds > 0 && !input.empty(); --rounds) {
@@ -80,7 +79,7 @@ int main(int argc, char** argv) {
     std::size_t files = 0;
     for (int i = 2; i < argc; ++i) {
         if (!std::filesystem::exists(argv[i])) {
-            std::cerr << argv[i] << " is not there to be replayed\n";
+            std::cerr << argv[i] << " does not exist\n";
             return EXIT_FAILURE;
         }
         files += replay(argv[i]);

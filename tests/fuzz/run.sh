@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Runs the fuzz targets under libFuzzer, AddressSanitizer and UndefinedBehaviorSanitizer.
 #   bash tests/fuzz/run.sh [EXECUTIONS [TARGET...]]     default: 100000 of every target
-# Needs clang 14 with its runtime (clang, libclang-rt-14-dev). What is found to reach new code stays
-# beneath build/fuzz/found, so that a later run goes on where this one ended; a finding's input is left
-# there too. Kernels come from the packs of the plain build: tests/conformance looks after those.
+# Needs clang 14 with its runtime (clang, libclang-rt-14-dev). Inputs that reach new code stay in
+# build/fuzz/found, so that a later run continues from them; inputs of findings stay there, too.
+# Kernels come from the packs of the plain build; tests/conformance tests those.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 executions=${1:-100000}

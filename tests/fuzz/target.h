@@ -1,8 +1,8 @@
 // The shape of a fuzz target: one input in, no crash out.
 //
-// With clang a target links libFuzzer; with any compiler it also links replay.cpp, a main that
-// mutates the target's own good inputs with a fixed seed and replays every file given to it, so
-// that the same code runs in each ctest.
+// With clang a target links libFuzzer. With any compiler it also links replay.cpp, a main that
+// mutates the target's own good inputs with a fixed seed and replays every given file, so that each
+// ctest runs the same code.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,7 @@ using Input = std::vector<std::uint8_t>;
 /// Good inputs to start from; at least one.
 std::vector<Input> seeds();
 
-/// Ends the process, as a fuzzer expects of a finding.
+/// Ends the process if the condition is false, as a fuzzer expects for a finding.
 inline void require(bool holds) {
     if (!holds) __builtin_trap();
 }

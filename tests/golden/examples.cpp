@@ -63,7 +63,7 @@ wire::JobT forest_job() {
 std::unique_ptr<wire::SceneInfoT> forest_info() {
     auto info = std::make_unique<wire::SceneInfoT>();
     info->name = "forest";
-    info->hash = "9f86d081884c7d659a2feaa0c55ad015";
+    info->hash = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08";
     info->epoch = 1;
     info->unique_triangles = 1200;
     info->instanced_triangles = 460763;
@@ -148,10 +148,7 @@ void add_work_requests(Collection& all) {
     sweep.fields = {"t"};
     sweep.generator = std::make_unique<wire::GeneratorT>();
     sweep.generator->kind = "lidar";
-    sweep.generator->elevations = {-15, 0, 15};
-    sweep.generator->azimuth_count = 1800;
-    sweep.generator->camera = std::make_unique<wire::CameraT>();
-    sweep.generator->camera->name = "overview";
+    sweep.generator->settings = {"elevations=-15,0,15", "azimuths=0:360:1800", "camera=overview"};
     all.add(12, sweep, " of a generator");
 
     Bulk rays;
@@ -221,7 +218,7 @@ void add_scene_answers(Collection& all) {
     wire::SceneListT list;
     list.total = 1;
     list.names = {"forest"};
-    list.hashes = {"9f86d081884c7d659a2feaa0c55ad015"};
+    list.hashes = {"9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"};
     list.epochs = {1};
     list.instanced_triangles = {460763};
     list.bytes = {1U << 20};
@@ -286,11 +283,11 @@ void add_scene_answers(Collection& all) {
 void add_work_answers(Collection& all) {
     wire::StartedT started;
     started.scene = "forest";
-    started.hash = "9f86d081884c7d659a2feaa0c55ad015";
+    started.hash = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08";
     started.epoch = 1;
     started.intersector = "alpha_mask";
     started.target = "v3";
-    started.traversal = "latency";
+    started.traversal = "single";
     started.precision = "fast";
     started.worker = "cpu";
     all.add(7, started);
@@ -327,7 +324,7 @@ void add_work_answers(Collection& all) {
     done.hits = 1;
     done.misses = 1;
     done.seconds = 0.25;
-    done.traversal = "latency";
+    done.traversal = "single";
     done.heat = std::make_unique<wire::HeatStatisticsT>();
     done.heat->metric = "total";
     done.heat->max = 40;
@@ -380,25 +377,22 @@ void add_jobs(Collection& all) {
     all.add(12, detached);
 }
 
-/// Calls `use` with the table that a type of the header names, out of THE LIST.
-template <class... Tables>
-struct AnyOf {
-    template <class Use>
-    static bool visit(std::uint16_t type, Use use) {
-        return ((type == static_cast<std::uint16_t>(protocol::message_of<Tables>) &&
-                 (use(std::type_identity<Tables>{}), true)) ||
-                ...);
+/// Calls `use` with the table that a type of the header names.
+template <class Use>
+void visit(std::uint16_t type, Use use) {
+    switch (type) {
+#define RAYNEST_VISIT(number, Name) \
+    case number:                    \
+        return use(std::type_identity<wire::Name>{});
+#define RAYNEST_REQUEST(number, Name, ...) RAYNEST_VISIT(number, Name)
+#define RAYNEST_PART(number, Name, ...) RAYNEST_VISIT(number, Name)
+#define RAYNEST_ANSWER(number, Name, ...) RAYNEST_VISIT(number, Name)
+#include "protocol/requests.def"
+#undef RAYNEST_VISIT
+        default:
+            return;
     }
-};
-using AnyMessage =
-    AnyOf<wire::Hello, wire::Ping, wire::Cancel, wire::Load, wire::Upload, wire::Scenes, wire::Info,
-          wire::Path, wire::Unload, wire::Variants, wire::Stats, wire::Query, wire::QueryRays,
-          wire::Render, wire::Heatmap, wire::Credit, wire::Welcome, wire::Pong, wire::Error,
-          wire::Loaded, wire::Need, wire::SceneList, wire::SceneInfo, wire::PathName,
-          wire::Unloaded, wire::VariantList, wire::Statistics, wire::Started, wire::Chunk,
-          wire::Progress, wire::Picture, wire::Done, wire::Jobs, wire::Wait, wire::Fetch,
-          wire::CancelJob, wire::JobList, wire::JobInfo, wire::Detached, wire::Parts,
-          wire::PartList>;
+}
 
 }  // namespace
 
@@ -435,7 +429,7 @@ std::vector<std::byte> wire_bytes(const Frame& frame) {
 Result<void> open_any(const Frame& frame) {
     Result<void> result =
         protocol::fail(protocol::Code::unknown_type, protocol::message_name(frame.header.type));
-    AnyMessage::visit(frame.header.type, [&]<class Table>(std::type_identity<Table>) {
+    visit(frame.header.type, [&]<class Table>(std::type_identity<Table>) {
         const auto opened = protocol::open<Table>(frame);
         result = opened ? Result<void>{} : tl::unexpected<protocol::Error>(opened.error());
     });
@@ -445,7 +439,7 @@ Result<void> open_any(const Frame& frame) {
 Result<Frame> rewrite(const Frame& frame) {
     Result<Frame> result =
         protocol::fail(protocol::Code::unknown_type, protocol::message_name(frame.header.type));
-    AnyMessage::visit(frame.header.type, [&]<class Table>(std::type_identity<Table>) {
+    visit(frame.header.type, [&]<class Table>(std::type_identity<Table>) {
         typename Table::NativeTableType native;
         flatbuffers::GetRoot<Table>(frame.control.data())->UnPackTo(&native);
         result = protocol::encode(frame.header.request_id, native);

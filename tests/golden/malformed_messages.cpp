@@ -137,47 +137,17 @@ void add_bad_generators(Table& table) {
         query.job->scene = "forest";
         query.generator = std::make_unique<wire::GeneratorT>();
         query.generator->kind = "lidar";
-        query.generator->elevations = {0, 1};
-        query.generator->azimuth_count = 4;
+        query.generator->settings = {"elevations=0,1", "azimuths=0:360:4"};
         spoil(query, *query.generator);
         table.spoilt(name, query, code);
     };
-    constexpr float infinite = std::numeric_limits<float>::infinity();
-    constexpr float nan = std::numeric_limits<float>::quiet_NaN();
     add("Query of a nameless generator", Code::invalid_field, [](auto&, auto& g) { g.kind = ""; });
-    add("Query of a generator and rays", Code::invalid_field,
-        [](auto& q, auto&) { q.ray_count = 1; });
-    add("Query of a hemisphere of no points", Code::invalid_field,
-        [](auto&, auto& g) { g.kind = "hemisphere"; });
-    add("Query of no samples", Code::invalid_field, [](auto&, auto& g) { g.samples = 0; });
-    add("Query of too many samples", Code::limit_exceeded, [](auto&, auto& g) { g.samples = ~0U; });
-    add("Query of 65537 azimuths", Code::limit_exceeded,
-        [](auto&, auto& g) { g.azimuth_count = 65537; });
-    add("Query of 513 channels", Code::limit_exceeded,
-        [](auto&, auto& g) { g.elevations.assign(513, 0.0F); });
-    add("Query of a NaN elevation", Code::invalid_field, [=](auto&, auto& g) {
-        g.elevations = {0, nan};
-    });
-    add("Query of an azimuth too few", Code::invalid_field,
-        [](auto&, auto& g) { g.azimuth_offsets = {1}; });
-    add("Query of an origin too many", Code::invalid_field,
-        [](auto&, auto& g) { g.origin_offsets.assign(3, wire::Vec3(0, 0, 0)); });
-    add("Query of an infinite origin", Code::invalid_field,
-        [=](auto&, auto& g) { g.origin_offsets.assign(2, wire::Vec3(0, infinite, 0)); });
-    add("Query of half a pose", Code::invalid_field,
-        [](auto&, auto& g) { g.pose.assign(6, 1.0F); });
-    add("Query of a NaN pose", Code::invalid_field,
-        [=](auto&, auto& g) { g.pose.assign(12, nan); });
-    add("Query from infinity", Code::invalid_field, [=](auto&, auto& g) { g.tmin = infinite; });
-    add("Query of a NaN focal length", Code::invalid_field, [=](auto&, auto& g) { g.fx = nan; });
-    add("Query of an image 16385 wide", Code::limit_exceeded,
-        [](auto&, auto& g) { g.width = 16385; });
-    add("Query of an image of too many pixels", Code::limit_exceeded,
-        [](auto&, auto& g) { g.width = g.height = 16000; });
-    add("Query of a camera of 180 degrees", Code::invalid_field, [](auto&, auto& g) {
-        g.camera = std::make_unique<wire::CameraT>();
-        g.camera->fov_degrees = 180;
-    });
+    add("Query of a generator with a setting without a value", Code::invalid_field,
+        [](auto&, auto& g) { g.settings = {"samples"}; });
+    add("Query of a generator with 513 settings", Code::limit_exceeded,
+        [](auto&, auto& g) { g.settings.assign(513, "a=1"); });
+    add("Query of a generator with a control character", Code::invalid_field,
+        [](auto&, auto& g) { g.settings = {"camera=\x1b[2J"}; });
     add("Query of an overlong reducer", Code::limit_exceeded,
         [](auto& q, auto&) { q.reduce = std::string(257, 'r'); });
 }

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What an administrator meets: the ready file, signals, the log, the Unix socket, empty folders.
+"""Tests an administrator's tools: the ready file, signals, the log, the Unix socket, empty folders.
 
   administration_test.py RAYNESTD RAYNEST
 """
@@ -32,13 +32,13 @@ class Administration(unittest.TestCase):
         return daemon
 
     def refused(self, *arguments):
-        """What a daemon says that does not start."""
+        """Returns the error output of a daemon that does not start."""
         done = subprocess.run([self.raynestd, "--cuda", "off", *map(str, arguments)], text=True,
                               stdin=subprocess.DEVNULL, capture_output=True, timeout=PATIENCE)
         return done.returncode, done.stderr
 
     def lines(self, daemon, event):
-        """The log's lines of an event, each as a dict of its fields and `level`."""
+        """Returns the log's lines of an event, each as a dict of its fields and `level`."""
         found = []
         for line in daemon.log().splitlines():
             words = re.findall(r'(?:[^\s"]|"(?:\\.|[^"\\])*")+', line)
@@ -48,7 +48,7 @@ class Administration(unittest.TestCase):
         return found
 
     def level_after(self, job):
-        """Where the line of a job stands that nothing but its time can make matter."""
+        """Returns the log level of a job whose only notable property may be its time."""
         return "info" if float(job["seconds"]) > 1 else "debug"
 
     def test_a_ready_file_replaces_nothing_that_is_not_its_own(self):
@@ -92,7 +92,7 @@ class Administration(unittest.TestCase):
                                 (("--socket-group", str(group), "--socket-mode", "0600"), 0o600),
                                 ((), 0o600)):
             path = self.folder / "socket"
-            before = os.umask(0o077)  # which must not take away what was asked for
+            before = os.umask(0o077)  # the daemon must not apply the umask to the requested mode
             try:
                 daemon = Daemon(self.raynestd, "--listen", f"unix:{path}", *arguments)
             finally:
@@ -106,6 +106,100 @@ class Administration(unittest.TestCase):
             finally:
                 daemon.stop()
             self.assertFalse(path.exists())
+
+    def test_what_cannot_be_printed_is_a_failure(self):
+        for command in ((self.raynestd, "--print-config"), (self.raynestd, "--help"),
+                        (self.raynest, "--help"), (self.raynest, "--version")):
+            with open("/dev/full", "wb") as full:
+                done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, check=False,
+                                      text=True, timeout=PATIENCE)
+            self.assertEqual(done.returncode, 1, command)
+            self.assertIn("cannot write to stdout", done.stderr)
+
+    def test_options_of_a_unix_socket_that_is_not_there_are_warned_of(self):
+        daemon = self.daemon("--socket-mode", "0660")
+        self.assertEqual(self.lines(daemon, "socket_access_unused")[0]["level"], "warning")
+
+    def test_the_first_line_says_what_was_started(self):
+        daemon = self.daemon("--threads", "2", "--memory", "64M")
+        line = self.lines(daemon, "started")[0]
+        self.assertEqual((line["pid"], line["threads"], line["memory"]),
+                         (str(daemon.process.pid), "2", '"64.0 MiB"'))
+        self.assertRegex(line["target"], "v[234]")
+
+    def test_too_few_descriptors_are_named_with_their_remedy(self):
+        done = subprocess.run(["prlimit", "--nofile=15", self.raynestd, "--cuda", "off", "--listen",
+                               "tcp://127.0.0.1:0"], stdin=subprocess.DEVNULL, capture_output=True,
+                              check=False, text=True, timeout=PATIENCE)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("raise LimitNOFILE or ulimit -n", done.stderr)
+
+    def test_a_forced_end_takes_the_ready_file_along(self):
+        daemon = Daemon(self.raynestd)
+        self.addCleanup(daemon.folder.cleanup)
+        self.addCleanup(daemon.process.kill)
+        client = Client(self.raynest, daemon.uri)
+        self.assertEqual(client.run("load", "builtin:forest?trees=2000").returncode, 0)
+        busy = client.start("render", "forest", "--size", "4096x4096", "--traversal", "reference",
+                            "-o", self.folder / "a.png")
+        until(lambda: client.json("jobs")["jobs"])
+        ready = pathlib.Path(daemon.folder.name) / "ready.json"
+        self.assertTrue(ready.exists())
+        daemon.process.send_signal(signal.SIGTERM)
+        until(lambda: self.lines(daemon, "draining"))
+        daemon.process.send_signal(signal.SIGTERM)
+        self.assertEqual(daemon.process.wait(PATIENCE), 3)
+        self.assertFalse(ready.exists())
+        busy.communicate(timeout=PATIENCE)
+
+    def test_who_may_not_open_the_socket_reads_how_to(self):
+        path = self.folder / "socket"
+        self.daemon("--listen", f"unix:{path}")
+        self.folder.chmod(0o755)
+        stranger = {"user": 65534, "group": 65534, "extra_groups": []}
+        if os.geteuid() != 0:
+            path.chmod(0)
+            stranger = {}
+        process = Client(self.raynest, f"unix:{path}").start("scenes", **stranger)
+        _, said = process.communicate(timeout=PATIENCE)
+        self.assertEqual(process.returncode, 4, said)
+        self.assertIn("join its group, or start raynestd with --socket-group", said)
+
+    def test_a_file_that_is_no_socket_is_named_so(self):
+        file = self.folder / "file"
+        file.write_text("")
+        done = Client(self.raynest, f"unix:{file}").run("scenes")
+        self.assertEqual(done.returncode, 3)
+        self.assertIn("it is no socket", done.stderr)
+
+    def test_unload_goes_on_after_a_name_that_is_not_there(self):
+        client = Client(self.raynest, self.daemon().uri)
+        for name in ("a", "b"):
+            client.json("load", "builtin:terrain?size=8", "--name", name)
+        done = client.run("unload", "a", "nobody", "b", "gone")
+        self.assertEqual(done.returncode, 5)
+        self.assertEqual(done.stdout, "unloaded a\nunloaded b\n")
+        for name in ("'nobody'", "'gone'"):
+            self.assertIn(name, done.stderr)
+        self.assertEqual(client.json("scenes")["scenes"], [])
+        self.assertIn("go with their connections", client.run("unload", "--all").stdout)
+
+    def test_jobs_of_a_client_that_is_killed_count_as_cancelled(self):
+        daemon = self.daemon()
+        client = Client(self.raynest, daemon.uri)
+        self.assertEqual(client.run("load", "builtin:forest?trees=2000").returncode, 0)
+        for number, end in enumerate((signal.SIGKILL, signal.SIGINT)):
+            busy = client.start("render", "forest", "--size", "4096x4096", "--traversal",
+                                "reference", "-o", self.folder / "a.png")
+            until(lambda: client.json("jobs")["jobs"])
+            busy.send_signal(end)
+            busy.communicate(timeout=PATIENCE)
+            until(lambda: client.json("stats")["jobs_cancelled"] == number + 1)
+            until(lambda: not client.json("jobs")["jobs"])
+        self.assertEqual(client.json("stats")["jobs_cancelled"], 2)
+        outcomes = {line["outcome"] for line in self.lines(daemon, "job")
+                    if line["kind"] == "render"}
+        self.assertEqual(outcomes, {'"CANCELLED: client is gone"', "CANCELLED"})
 
     def test_the_log_has_a_line_for_each_job_and_says_what_matters_at_info(self):
         daemon = self.daemon("--log-level", "debug")

@@ -50,7 +50,7 @@ bool send_all(int to, std::span<const std::byte> bytes) {
     return true;
 }
 
-/// The next close() of it is a reset.
+/// Makes the next close() of the descriptor a reset.
 void arm_reset(int descriptor) {
     const linger at_once{1, 0};
     setsockopt(descriptor, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
@@ -147,7 +147,7 @@ std::uint64_t ChaosProxy::length(const Lane& lane, Part part) {
 
 std::size_t ChaosProxy::until_point(Lane& lane, const std::byte* bytes, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i) {
-        // The type stands in bytes 4 and 5: a header's own point lies behind them.
+        // The type is in bytes 4 and 5, so a point in a header lies behind them.
         const bool known = lane.part != Part::header || lane.at >= 8;
         const bool here = known && lane.part == point_.part &&
                           lane.header.type == static_cast<std::uint16_t>(point_.message);
@@ -162,7 +162,7 @@ std::size_t ChaosProxy::until_point(Lane& lane, const std::byte* bytes, std::siz
             if (lane.at == 7) std::memcpy(&lane.header.type, lane.header_bytes + 4, 2);
         }
         if (++lane.at < size) continue;
-        // On to the next part that is not empty; behind the last one comes a header.
+        // Go on to the next part that is not empty; a header follows the last one.
         if (lane.part == Part::header)
             lane.header = protocol::read_header(lane.header_bytes, protocol::Limits{}).value();
         lane.at = 0;
@@ -186,7 +186,7 @@ bool ChaosProxy::do_harm(Lane& lane, Lane& other) {
             drip_ = 1 + random_() % drip_bytes_max;
             return true;
         case Harm::stall:
-            // Silence, and no end of it that the peers would live to see.
+            // Stay silent for longer than the peers wait.
             std::this_thread::sleep_for(pause);
             return false;
         case Harm::cut:

@@ -1,8 +1,8 @@
-// A bad network at every point of a conversation: whatever it does to one client, the daemon gives
-// back what that client held and serves the others; where all bytes arrive, the answers are the
-// same.
+// Simulates a bad network at every point of a conversation. Whatever happens to one client, the
+// daemon releases that client's resources and serves the others; if all bytes arrive, the answers
+// are the same.
 //
-// RAYNEST_CHAOS_SEEDS sets how many seeds each point is driven with.
+// RAYNEST_CHAOS_SEEDS sets the number of seeds per point.
 #include "protocol/hash.h"
 #include "tests/integration/chaos_proxy.h"
 #include "tests/integration/daemon.h"
@@ -21,10 +21,10 @@ namespace {
 
 using wire::Message;
 
-/// What a client learnt from one conversation, or that it was cut short.
+/// The frames that a client received in one conversation; nothing if it was cut short.
 using Learnt = std::optional<std::map<std::string, std::uint64_t>>;
 
-/// Says things through the network at hand and remembers what it hears, up to the stream's end.
+/// Sends requests through the given network and records the answers, up to the stream's end.
 class Client {
 public:
     explicit Client(std::uint16_t port) : peer_(port) {}
@@ -37,7 +37,7 @@ public:
         alive_ = alive_ && peer_.send_frame(frame);
         return *this;
     }
-    /// Hears frames until one of this type.
+    /// Reads frames up to one of this type.
     Client& until(Message last) {
         while (alive_) {
             const auto frame = peer_.read();
@@ -48,7 +48,7 @@ public:
                                      std::to_string(frame->header.request_id);
             // Chunks come in any order.
             if (type != Message::Progress)
-                learnt_[name] += 1 + protocol::content_hash(frame->bulk.span());
+                learnt_[name] += 1 + protocol::upload_checksum(frame->bulk.span());
             if (type == last) break;
         }
         return *this;
@@ -61,7 +61,7 @@ private:
     std::map<std::string, std::uint64_t> learnt_;
 };
 
-/// Tracing: every message of a query and a picture, a cancelled job, a ping.
+/// Traces: every message of a query and a picture, a cancelled job, a ping.
 Learnt trace(std::uint16_t port) {
     constexpr std::uint64_t chunk = 100;
     wire::CreditT credit;
@@ -91,7 +91,7 @@ Learnt trace(std::uint16_t port) {
         .learnt();
 }
 
-/// One unit sphere.
+/// Returns a file with one unit sphere.
 std::string sphere_file() {
     std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 4), }";
     header.resize(117, ' ');
@@ -102,7 +102,7 @@ std::string sphere_file() {
     return file;
 }
 
-/// A scene that is sent, imported and dropped again.
+/// Uploads, imports and drops a scene.
 Learnt upload(std::uint16_t port) {
     const std::string file = sphere_file();
     const auto bytes = std::as_bytes(std::span(file));
@@ -111,7 +111,7 @@ Learnt upload(std::uint16_t port) {
     load.name = "sent";
     load.primitive = "sphere";
     load.file_names = {"points.npy"};
-    load.file_hashes = {protocol::content_hash(bytes)};
+    load.file_hashes = {protocol::upload_checksum(bytes)};
     load.file_bytes = {bytes.size()};
     protocol::Bulk bulk;
     bulk.add("data", wire::Dtype::u8, 1, bytes.size());
@@ -166,7 +166,7 @@ std::uint64_t seeds() {
     return wanted != nullptr ? std::stoull(wanted) : sanitized ? 10 : 100;
 }
 
-/// What must be as it was once the clients are gone.
+/// The state that must return once the clients are gone.
 struct Idle {
     double memory;
     std::size_t descriptors;
@@ -178,7 +178,7 @@ void check_idle(Served& served, const Idle& idle) {
         return counter(peer, "connections_accepted") == counter(peer, "connections_closed") + 1;
     }));
     CHECK(eventually([&] { return counter(peer, "jobs_started") == counter(peer, "jobs_ended"); }));
-    // An import that nobody waits for any more still ends, and a scene that was published stays.
+    // An abandoned import still ends, and a published scene stays.
     wire::UnloadT unload;
     unload.scene = "sent";
     REQUIRE(peer.say(4, unload));
@@ -189,7 +189,7 @@ void check_idle(Served& served, const Idle& idle) {
     CHECK(peer.answers());
 }
 
-TEST_CASE_FIXTURE(Served, "whatever the network does at any point, the daemon gives all back") {
+TEST_CASE_FIXTURE(Served, "whatever the network does at any point, the daemon releases it all") {
     const Idle idle = {counter(peer, "memory_used_bytes"), daemon.descriptors()};
     std::array<std::size_t, harm_count> harms{};
     std::size_t points = 0;
@@ -215,7 +215,7 @@ TEST_CASE_FIXTURE(Served, "whatever the network does at any point, the daemon gi
     for (std::size_t i = 0; i < harm_count; ++i)
         done << ' ' << harm_name(static_cast<Harm>(i)) << ' ' << harms[i];
     tally("conversations through a bad network", points * seeds(),
-          std::to_string(points) + " points:" + done.str() + "; all is given back");
+          std::to_string(points) + " points:" + done.str() + "; everything is released");
 }
 
 }  // namespace

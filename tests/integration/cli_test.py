@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Every subcommand of raynest against a real daemon: answers, files and exit codes.
+"""Runs every subcommand of raynest against a real daemon: answers, files and exit codes.
 
   cli_test.py RAYNESTD RAYNEST
 """
@@ -233,13 +233,39 @@ class Cli(DaemonTest):
                                "size=8000x8000") as rows:
             rows.stdout.readline()
             rows.stdout.close()
-            self.assertIn("cannot write to stdout", rows.stderr.read())
-            self.assertEqual(rows.wait(PATIENCE), 1)
+            self.assertEqual(rows.stderr.read(), "")
+            self.assertEqual(rows.wait(PATIENCE), -signal.SIGPIPE)
         until(lambda: self.counter("jobs_started") == self.counter("jobs_ended"))
         self.assertLess(self.counter("rays") - before, 8_000_000)
 
+    def test_old_words_of_traversals_are_refused_with_the_new_ones(self):
+        for old, new in (("latency", "single"), ("batch", "stream"), ("coherent", "packet")):
+            self.expect(2, "query", "hills", "--ray", "0,100,0,0,-1,0", "--traversal", old,
+                        says=f"'{old}' is called {new}")
+
+    def test_a_picture_goes_to_a_device_and_its_size_is_checked_first(self):
+        for command in ("render", "heatmap"):
+            self.expect(0, command, "hills", "--size", "32x18", "-o", "/dev/null")
+            for size in ("99999x99999", "16385x1", "16384x16384", "0x1"):
+                self.expect(2, command, "hills", "-o", "x.png", "--size", size, says="--size: '")
+        self.expect(2, "render", "hills", "-o", "x.png", "--set", "cutoff=1", "seed=2",
+                    says="repeat --set before each NAME=VALUE")
+        self.expect(2, "render", "hills", "-o", "x.png", "--lookat", "nan,0,0,1,0,0",
+                    says="--lookat: 'nan,0,0,1,0,0' has a number that is not finite")
+        self.assertIn("--set NAME=VALUE", self.expect(0, "render", "--help").stdout)
+
+    def test_a_heat_map_says_what_it_counts_and_what_lies_below_its_range(self):
+        told = self.client.json("heatmap", "hills", "--size", "64x36", "-o", self.out / "h.png",
+                                "--range", "1000:2000", "--count", "necessary")
+        self.assertEqual(told["count"], "necessary")
+        self.assertGreater(told["below"], 0)
+        said = self.expect(0, "heatmap", "hills", "--size", "64x36", "-o", self.out / "h.png",
+                           "--range", "1000:2000", "--count", "necessary").stdout
+        self.assertIn("necessary total per ray", said)
+        self.assertIn("% below the range", said)
+
     def test_a_deadline_is_exit_code_7(self):
-        # Of the woods one chunk is half a billion triangles: minutes beneath a sanitizer, to its end.
+        # In the woods a single chunk is half a billion triangle tests: minutes under a sanitizer.
         self.expect(7, "render", "hills", "--size", "4096x4096", "--traversal", "reference", "-o",
                     self.out / "x.png", "--deadline", "0.2", says="longer --deadline")
 

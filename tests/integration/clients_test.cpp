@@ -1,4 +1,4 @@
-// Crowds of clients that fail or mean harm: what they did is undone, and the others are served.
+// Tests crowds of failing or malicious clients: their effects are undone, and others are served.
 #include "tests/integration/daemon.h"
 
 #include <doctest/doctest.h>
@@ -18,13 +18,13 @@ using protocol::Code;
 constexpr std::uint64_t chunk = 16384;
 constexpr std::chrono::milliseconds pause{20};
 
-/// One ray and its answer, whatever else comes on the connection.
+/// Sends one ray and reads its answer; other frames on the connection are skipped.
 bool served(Peer& peer) {
     return peer.say(9, query_of(1)) && peer.send_frame(rays_frame(9, 0, 1)) &&
            (peer.read_until<wire::Done>(), true);
 }
 
-/// What a daemon holds while nobody asks anything of it.
+/// The resources that an idle daemon holds.
 struct Baseline {
     explicit Baseline(Served& served)
         : memory(counter(served.peer, "memory_used_bytes")),
@@ -39,10 +39,10 @@ struct Baseline {
     const std::size_t descriptors;
 };
 
-/// A query with an answer of over 100 MB, which this client does not read, or byte by byte.
+/// Starts a query with an answer of over 100 MB and does not read it, or reads it byte by byte.
 void read_slowly(Peer& peer, bool drips, const std::atomic<bool>& over) {
     const protocol::Limits limits;
-    // As many rays as the credit allows, all of whose answers would be due.
+    // Send as many rays as the credit allows, so that all of their answers are due.
     for (std::uint64_t sent = 0; sent + chunk * 32 <= limits.window_bytes; sent += chunk * 32)
         if (!peer.send_frame(rays_frame(5, sent / 32, chunk))) return;
     while (drips && !over && peer.receive_some(256)) std::this_thread::sleep_for(pause);
@@ -50,7 +50,7 @@ void read_slowly(Peer& peer, bool drips, const std::atomic<bool>& over) {
 
 constexpr std::size_t slow_clients = sanitized ? 10 : 50;
 
-/// Has a place for the slow ones and for `peer`.
+/// A daemon with room for the slow clients and for `peer`.
 struct ServedInHaste : Served {
     ServedInHaste()
         : Served({"--give-way-ms", "300", "--connections-max", std::to_string(slow_clients + 1)}) {}
@@ -86,7 +86,7 @@ TEST_CASE_FIXTURE(ServedInHaste,
     CHECK(counter(peer, "gave_way_connections") == 0);
     std::vector<std::unique_ptr<Peer>> newcomers;
     CHECK(eventually([&] {
-        CHECK(peer.answers());  // this one does not pause
+        CHECK(peer.answers());  // this client does not pause
         auto newcomer = std::make_unique<Peer>(daemon);
         if (!newcomer->say(0, wire::HelloT{})) return false;
         const auto frame = newcomer->read();
@@ -123,7 +123,7 @@ TEST_CASE_FIXTURE(Served, "a thousand clients that die mid-job leave nothing beh
         if (i % 3 == 0) guest.read_until<wire::Started>();
         if (i % 5 == 0) guest.send(std::string_view("RYN1 and half a head"));
         if (i % 2 == 0) guest.reset();
-        // The first ones fill the allocator's and the workers' buffers.
+        // The first clients fill the buffers of the allocator and the workers.
         if (i == clients / 10) {
             baseline.check(*this);
             before = daemon.resident_bytes();
@@ -144,7 +144,7 @@ TEST_CASE_FIXTURE(Served, "a storm of requests and their cancels ends each of th
     std::size_t refused = 0;
     for (std::uint64_t first = 1; first <= pairs; first += batch) {
         for (std::uint64_t id = first; id < first + batch; ++id) {
-            // Pictures keep their places until the workers have let go of them.
+            // Pictures keep their places until the workers have released them.
             REQUIRE(
                 (id % 10 == 0 ? storm->say(id, endless_render()) : storm->say(id, query_of(1))));
             REQUIRE(storm->say(id, wire::CancelT{}));
@@ -168,14 +168,14 @@ TEST_CASE_FIXTURE(Served, "a storm of requests and their cancels ends each of th
               " refused, another client served after each hundred");
 }
 
-TEST_CASE("a daemon without descriptors tells newcomers, logs so rarely, and recovers") {
+TEST_CASE("a daemon without descriptors tells newcomers, logs it rarely, and recovers") {
     constexpr std::size_t descriptors_max = 64;
     const auto start = std::chrono::steady_clock::now();
     const Daemon daemon({"--give-way-ms", "600000"}, descriptors_max);
     Peer first(daemon);
     first.greet();
     const auto is_welcome = [](Peer& guest) {
-        static_cast<void>(guest.say(0, wire::HelloT{}));  // it may be closed already
+        static_cast<void>(guest.say(0, wire::HelloT{}));  // the connection may be closed already
         const auto frame = guest.read();
         REQUIRE(frame);
         return protocol::open<wire::Welcome>(*frame).has_value();

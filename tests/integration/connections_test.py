@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What connections cost, and what happens when there are no descriptors left for more of them.
+"""Tests the cost of connections, and the behaviour when no descriptors are left for more of them.
 
   connections_test.py RAYNESTD RAYNEST
 """
@@ -21,7 +21,7 @@ DESCRIPTORS = 64
 
 
 def golden(name):
-    """The bytes of a message, from tests/golden/frames.hex."""
+    """Returns the bytes of a message from tests/golden/frames.hex."""
     lines = (pathlib.Path(__file__).parents[1] / "golden" / "frames.hex").read_text().splitlines()
     rows = lines[lines.index("frame " + name) + 1:]
     data = b""
@@ -38,7 +38,7 @@ WELCOME, PONG, ERROR = 129, 130, 131
 
 
 def read_frame(connection):
-    """The type of the next frame; None at the end of the stream."""
+    """Returns the type of the next frame; None at the end of the stream."""
     def read(count):
         data = b""
         while len(data) < count:
@@ -80,9 +80,9 @@ class Connections(unittest.TestCase):
         self.assertEqual({read_frame(connection) for connection in crowd}, {WELCOME})
         each = (daemon.resident_bytes() - before) / IDLE
         print(f"{each:.0f} bytes per idle connection", file=sys.stderr)
-        # A sanitizer puts something around every allocation, or several bytes beside each of it.
+        # A sanitizer surrounds every allocation, or adds several bytes to each.
         self.assertLess(each, IDLE_BYTES_MAX * (8 if is_sanitized(self.raynestd) else 1))
-        # They are served, and so are others beside them.
+        # Idle connections are served, and so are others beside them.
         crowd[IDLE // 2].sendall(PING)
         self.assertEqual(read_frame(crowd[IDLE // 2]), PONG)
         told = client.json("load-test", "hills", "--clients", "8", "--seconds", "0.2")
@@ -100,7 +100,7 @@ class Connections(unittest.TestCase):
             self.assertEqual(read_frame(self.connect(daemon)), ERROR)
             refused = Client(self.raynest, daemon.uri).run("scenes")
             self.assertEqual(refused.returncode, 6)
-            self.assertIn("principal_connections_max", refused.stderr)
+            self.assertIn("--principal-connections-max", refused.stderr)
             self.assertEqual(Client(self.raynest, f"unix:{folder}/socket").run("scenes").returncode, 0)
             crowd[0].close()
             until(lambda: read_frame(self.connect(daemon)) == WELCOME)
@@ -115,8 +115,8 @@ class Connections(unittest.TestCase):
         for connection in crowd:
             connection.setblocking(False)
         left = [flood] * len(crowd)
-        # Until nobody takes any more of it, however often one asks: one pause in what is sent may
-        # only mean that the daemon had no processor, and that it can answer all of it into the
+        # Send until the sockets take no more, however often it is tried. A single pause may only
+        # mean that the daemon had no processor time, while it can still answer everything into the
         # kernel's buffers.
         sent, before_pause, pauses = 0, -1, 0
         while pauses < 10:
@@ -130,9 +130,9 @@ class Connections(unittest.TestCase):
                         count = connection.send(left[k])
                         sent += count
                         left[k] = left[k][count:] or flood
-        if not is_sanitized(self.raynestd):  # which keeps what was freed
+        if not is_sanitized(self.raynestd):  # sanitizers keep freed memory
             self.assertLess(daemon.resident_bytes("VmHWM") - before, len(crowd) << 20)
-        # They may stay like that, as long as nobody needs their places.
+        # The connections may stay like that while nobody needs their places.
         newcomers = []
         for _ in crowd:
             until(lambda: newcomers.append(self.connect(daemon)) or
@@ -141,7 +141,7 @@ class Connections(unittest.TestCase):
         self.assertGreaterEqual(client.json("stats")["gave_way_connections"], len(crowd) - 1)
 
     def test_a_command_whose_output_pauses_goes_on(self):
-        """As `raynest query ... | less` does."""
+        """A command behaves as in `raynest query ... | less`."""
         daemon = Daemon(self.raynestd, "--give-way-ms", "50")
         self.addCleanup(daemon.stop)
         client = Client(self.raynest, daemon.uri)
@@ -161,8 +161,31 @@ class Connections(unittest.TestCase):
         self.assertGreaterEqual(output.count("\n"), rays)
         self.assertEqual(client.json("stats")["gave_way_connections"], 0)
 
+    def test_readers_that_pause_give_way_to_a_load(self):
+        """Checks that a scene fits once those have gone that pause: the import alone knows its
+        size."""
+        daemon = Daemon(self.raynestd, "--memory", "48M", "--give-way-ms", "500")
+        self.addCleanup(daemon.stop)
+        client = Client(self.raynest, daemon.uri)
+        client.json("load", "builtin:terrain?size=8", "--name", "hills")
+        for _ in range(2):
+            paused = client.start("query", "hills", "--generate", "equirectangular",
+                                  "size=2000x1000", "--fields", "t,path,position,ng,uv")
+            self.addCleanup(paused.communicate)
+            self.addCleanup(paused.kill)
+        until(lambda: client.json("stats")["memory_used_bytes"] > 16 << 20)
+
+        def loaded():
+            done = client.run("load", "builtin:terrain")
+            if done.returncode != 0:
+                self.assertEqual(done.returncode, 6, done.stderr)
+            return done.returncode == 0
+
+        until(loaded)
+        self.assertGreaterEqual(client.json("stats")["gave_way_memory"], 1)
+
     def switches(self, daemon):
-        """How often the daemon's io thread has given up the processor to wait."""
+        """Returns how often the daemon's io thread has yielded the processor to wait."""
         status = pathlib.Path(f"/proc/{daemon.process.pid}/status").read_text()
         return int(status.split("voluntary_ctxt_switches:")[1].split()[0])
 
@@ -181,13 +204,13 @@ class Connections(unittest.TestCase):
         self.assertEqual(refused.returncode, 6, refused.stderr)
         self.assertIn("the daemon has no free connections", refused.stderr)
         self.assertIn("ulimit -n", refused.stderr)
-        # It waits for no descriptor meanwhile, and the log hears of it once a second at most.
+        # The daemon does not spin for a descriptor, and logs this at most once a second.
         before = self.switches(daemon)
         until(lambda: time.monotonic() - began > 0.5)
         self.assertLess(self.switches(daemon) - before, 20)
         lines = daemon.log().count("descriptors_used_up")
         self.assertTrue(0 < lines <= 1 + time.monotonic() - began, lines)
-        # With the last descriptor in use for its own connection a load has none.
+        # When a load's own connection takes the last descriptor, the load itself has none.
         served.pop().close()
         until(lambda: client.run("scenes").returncode == 0)
         short = client.run("load", "builtin:terrain?size=16")

@@ -31,7 +31,7 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds look_again{5};
 
-/// fork and exec; `output` becomes stdout and stderr, -1 keeps them.
+/// Forks and executes; `output` becomes stdout and stderr, -1 keeps them.
 pid_t spawn(const std::vector<std::string>& arguments, int output,
             std::size_t descriptors_max = 0) {
     std::vector<std::string> words = {RAYNEST_DAEMON};
@@ -83,7 +83,7 @@ Daemon::Daemon(const std::vector<std::string>& arguments, std::size_t descriptor
         return ended || std::filesystem::exists(ready);
     });
     if (!std::filesystem::exists(ready)) {
-        if (!ended) end_by_force();  // what fails in a constructor calls no destructor
+        if (!ended) end_by_force();  // a failing constructor calls no destructor
         FAIL("raynestd did not become ready: ", log());
     }
     const auto content = nlohmann::json::parse(std::ifstream(ready));
@@ -95,7 +95,7 @@ Daemon::Daemon(const std::vector<std::string>& arguments, std::size_t descriptor
 Daemon::~Daemon() {
     if (pid_ <= 0) return;
     kill(pid_, SIGTERM);
-    // A sanitizer's finding ends the daemon with a code of its own, a leak at the end only.
+    // A sanitizer's finding ends the daemon with its own exit code; a leak does so only at the end.
     const auto code = wait_for(pid_, patience());
     CHECK_MESSAGE(code.value_or(0) == 0, log());
     if (code) return;
@@ -207,7 +207,7 @@ std::optional<protocol::Frame> Peer::read() {
         pollfd wait{socket_, POLLIN, 0};
         const auto left = std::chrono::duration_cast<milliseconds>(end - Clock::now()).count();
         REQUIRE_MESSAGE(poll(&wait, 1, static_cast<int>(std::max<long long>(left, 0))) == 1,
-                        "the daemon says nothing");
+                        "the daemon sent nothing");
         std::array<std::byte, 65536> bytes;
         const ssize_t got = recv(socket_, bytes.data(), bytes.size(), 0);
         if (got <= 0) return std::nullopt;

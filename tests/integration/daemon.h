@@ -1,6 +1,6 @@
-// A real raynestd for tests: own process, own port, stopped with the test; and a raw connection
-// that can say anything to it. Every wait has a deadline: a hang is a failed test, never a stuck
-// one.
+// A real raynestd for tests, with its own process and port, stopped with the test; and a raw
+// connection that can send it any bytes. Every wait has a deadline: a hang fails the test instead
+// of blocking it.
 #pragma once
 
 #include "protocol/control.h"
@@ -20,16 +20,16 @@
 
 namespace raynest::test {
 
-/// A line of the tally of hostile clients: what they did, how often, and what came of it.
+/// Prints a line about hostile clients: their action, its count and the outcome.
 void tally(std::string_view clients, std::size_t count, std::string_view outcome);
 
-/// raynestd on a free loopback port, serving when the constructor returns.
+/// A raynestd on a free loopback port; ready when the constructor returns.
 class Daemon {
 public:
-    /// `descriptors_max` as `ulimit -n` would set it, 0: as it is here.
+    /// `descriptors_max` is the limit that `ulimit -n` would set; 0 keeps the current one.
     explicit Daemon(const std::vector<std::string>& arguments = {},
                     std::size_t descriptors_max = 0);
-    /// Stops it; the test fails when it does not end in time or not with 0.
+    /// Stops the daemon; the test fails if it does not end in time and with 0.
     ~Daemon();
     Daemon(const Daemon&) = delete;
 
@@ -37,14 +37,14 @@ public:
     [[nodiscard]] pid_t pid() const { return pid_; }
     [[nodiscard]] const std::filesystem::path& folder() const { return folder_.path(); }
     void signal(int number) const;
-    /// The exit code, once it has ended by itself; nothing when it runs after patience().
+    /// Returns the exit code once the daemon has ended by itself; nothing after patience().
     std::optional<int> wait();
-    /// Bytes of resident memory, now and at most so far.
+    /// Bytes of resident memory: current, and peak.
     [[nodiscard]] std::uint64_t resident_bytes() const { return memory("VmRSS:"); }
     [[nodiscard]] std::uint64_t resident_bytes_max() const { return memory("VmHWM:"); }
-    /// Open file descriptors.
+    /// Number of open file descriptors.
     [[nodiscard]] std::size_t descriptors() const;
-    /// Lines of its log that hold this text.
+    /// Number of log lines that contain this text.
     [[nodiscard]] std::size_t logged(std::string_view text) const;
 
 private:
@@ -57,7 +57,7 @@ private:
     std::uint16_t port_ = 0;
 };
 
-/// Runs raynestd to its end with its output caught.
+/// The result of a raynestd run to its end.
 struct Ended {
     int exit_code = -1;
     std::string output;  ///< stdout and stderr
@@ -72,7 +72,7 @@ public:
     ~Peer();
     Peer(const Peer&) = delete;
 
-    /// False when the daemon has closed the connection.
+    /// Sends bytes; false if the daemon has closed the connection.
     bool send(std::span<const std::byte> bytes);
     bool send(std::string_view text) { return send(std::as_bytes(std::span(text))); }
     template <class Native>
@@ -81,29 +81,30 @@ public:
     }
     bool send_frame(const protocol::Frame& frame);
 
-    /// Takes up to `bytes` off the socket and forgets them; false at the end of the stream.
+    /// Receives and discards up to `bytes` bytes; false at the end of the stream.
     bool receive_some(std::size_t bytes);
 
-    /// The next frame; nothing at the end of the stream. Fails the test after patience().
+    /// Returns the next frame; nothing at the end of the stream. Fails the test after patience().
     std::optional<protocol::Frame> read();
-    /// The next frame of type Table of any request, others skipped; fails the test without one.
+    /// Returns the next frame of type Table of any request and skips others; fails the test without
+    /// one.
     template <class Table>
     protocol::Frame read_until() {
         return read_type(static_cast<std::uint16_t>(protocol::message_of<Table>));
     }
-    /// The code of the next ERROR frame, other frames skipped; nothing at the end of the stream.
+    /// Returns the code of the next ERROR frame and skips others; nothing at the end of the stream.
     std::optional<protocol::Code> read_error();
-    /// Has the daemon closed? Skips what it still says.
+    /// Skips frames to the end of the stream; true if the daemon has closed.
     bool ends();
-    /// HELLO and WELCOME.
+    /// Exchanges HELLO and WELCOME.
     void greet(const wire::HelloT& hello = {});
-    /// Does a PONG come? Skips what comes before.
+    /// Skips frames up to a PONG; true if one comes.
     bool pongs();
-    /// PING and its PONG: the connection lives.
+    /// Sends a PING; true if its PONG comes, so the connection works.
     bool answers() { return say(1, wire::PingT{}) && pongs(); }
     /// Ends the connection without a FIN: the daemon sees a reset.
     void reset();
-    /// Stops sending, goes on reading.
+    /// Stops sending but continues reading.
     void finish_sending();
 
 private:
@@ -123,15 +124,15 @@ struct Served {
     Daemon daemon;
     Peer peer{daemon};
 };
-/// A query of `rays` rays of that scene; the rays are still to be sent.
+/// Returns a query of `rays` rays of that scene; the rays are sent separately.
 wire::QueryT query_of(std::uint64_t rays);
-/// Rays [first, first + count) of such a query, all downwards.
+/// Returns rays [first, first + count) of such a query, all downwards.
 protocol::Frame rays_frame(std::uint64_t id, std::uint64_t first, std::uint64_t count);
-/// A counter of `raynest stats`.
+/// Returns a counter of `raynest stats`.
 double counter(Peer& peer, std::string_view name);
 /// Waits until no job runs.
 void wait_for_idle(Peer& peer);
-/// A picture that takes minutes: something to interrupt.
+/// Returns a picture that takes minutes, to be interrupted.
 wire::RenderT endless_render();
 
 }  // namespace raynest::test

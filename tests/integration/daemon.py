@@ -1,6 +1,6 @@
-"""A real raynestd and the raynest command line, for the tests of this folder.
+"""A real raynestd and the raynest command line, for the tests in this folder.
 
-A daemon listens on a free loopback port and goes away with the test; every wait has a deadline.
+A daemon listens on a free loopback port and ends with the test; every wait has a deadline.
 """
 import contextlib
 import json
@@ -15,14 +15,14 @@ import threading
 import time
 import unittest
 
-PATIENCE = float(os.environ.get("RAYNEST_PATIENCE", "30"))  # s, as tests/patience.h has it
+PATIENCE = float(os.environ.get("RAYNEST_PATIENCE", "30"))  # s, as in tests/patience.h
 LONG = "RAYNEST_LONG" in os.environ  # tests/run.sh --long
 SHARED_SCENES = (pathlib.Path(__file__).resolve().parent / "../../../shared/scenes").resolve()
 
 
 def until(condition, why=lambda: "it did not come true", patience=PATIENCE):
-    """Asks until the answer is a true one, and gives that; `why` says what is amiss when patience
-    ends first."""
+    """Calls `condition` until it returns a true value, and returns that; `why` explains a
+    failure when patience ends first."""
     end = time.monotonic() + patience
     while not (answer := condition()):
         if time.monotonic() > end:
@@ -33,14 +33,14 @@ def until(condition, why=lambda: "it did not come true", patience=PATIENCE):
 
 @contextlib.contextmanager
 def closed_port():
-    """The URI of a port that nobody listens at, nor can meanwhile."""
+    """Returns the URI of a port that nobody listens on, and nobody can meanwhile."""
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         yield f"tcp://127.0.0.1:{taken.getsockname()[1]}"
 
 
 def device_workers(pid):
-    """Process ids of the daemon's children that are device workers."""
+    """Returns process ids of the daemon's children that are device workers."""
     found = []
     for entry in pathlib.Path("/proc").glob("[0-9]*"):
         try:
@@ -53,15 +53,16 @@ def device_workers(pid):
 
 
 def is_sanitized(program):
-    """Is it slowed down, and its memory blown up, by a sanitizer? As tests/sanitized.h tells C++."""
+    """True if the program is built with a sanitizer, which slows it down and enlarges its
+    memory. tests/sanitized.h does this for C++."""
     code = pathlib.Path(program).read_bytes()
     return b"__asan_init" in code or b"__tsan_init" in code
 
 
 class Daemon:
     def __init__(self, program, *arguments, under=()):
-        """`under` is a command that runs the daemon in its place, such as prlimit. Without a GPU, if the
-        machine has one, unless told otherwise."""
+        """Starts a daemon. `under` is a command that runs it, such as prlimit. Unless `--cuda`
+        is given, the daemon does not use the machine's GPU."""
         if "--cuda" not in arguments:
             arguments = ("--cuda", "off", *arguments)
         self.folder = tempfile.TemporaryDirectory(prefix="raynest-test-")
@@ -91,7 +92,7 @@ class Daemon:
         return self.process.poll() is None
 
     def stop(self):
-        """Ends it as a user would, which must succeed in time."""
+        """Ends the daemon as a user would; it must end in time and without error."""
         self.process.send_signal(signal.SIGTERM)
         try:
             code = self.process.wait(timeout=PATIENCE)
@@ -101,7 +102,8 @@ class Daemon:
             code = "nothing, on SIGTERM"
         log = self.log()
         self.folder.cleanup()
-        # A sanitizer's finding ends the daemon with a code of its own, a leak at the end only.
+        # A sanitizer's finding ends the daemon with its own exit code; a leak does so only at the
+        # end.
         if code != 0:
             raise RuntimeError(f"raynestd ended with {code}: {log}")
 
@@ -130,7 +132,7 @@ class Client:
         return subprocess.CompletedProcess(arguments, process.returncode, output, errors)
 
     def json(self, *arguments):
-        """The answer of a command that must succeed, one object."""
+        """Runs a command that must succeed, and returns its answer, one object."""
         done = self.run("--json", *arguments)
         if done.returncode != 0:
             raise AssertionError(f"{arguments}: {done.returncode}: {done.stderr}")
@@ -138,8 +140,8 @@ class Client:
 
 
 def run_tests():
-    """unittest.main(), but with exit code 77, which ctest takes for skipped, where none of the tests
-    could run."""
+    """Calls unittest.main(), with exit code 77, which ctest treats as skipped, if no test could
+    run."""
     result = unittest.main(exit=False).result
     for _, reason in result.skipped:
         print(reason, file=sys.stderr)
@@ -148,11 +150,11 @@ def run_tests():
 
 
 class DaemonTest(unittest.TestCase):
-    """The tests of a class share a daemon, a client of it and a folder; both programs are named
+    """The tests of a class share a daemon, a client of it and a folder. Both programs are set
     before they run."""
     raynestd = None
     raynest = None
-    arguments = ()  # of the daemon
+    arguments = ()  # the daemon's arguments
 
     @classmethod
     def setUpClass(cls):
@@ -168,7 +170,7 @@ class DaemonTest(unittest.TestCase):
         cls.folder.cleanup()
 
     def fed(self, name, data):
-        """A pipe that `data` is written to once it is read."""
+        """Returns a pipe to which `data` is written once it is read."""
         path = self.out / name
         os.mkfifo(path)
         feeder = threading.Thread(target=lambda: path.write_bytes(data))

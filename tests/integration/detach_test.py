@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Detached jobs from the command line: started, listed, waited for, fetched, cancelled, owned.
+"""Detached jobs on the command line: started, listed, waited for, fetched, cancelled, owned.
 
   detach_test.py RAYNESTD RAYNEST
 """
@@ -13,7 +13,7 @@ from npy import npy
 
 DOWN = "0.3,1000,0.4,0,-1,0"
 UP = "0.3,1000,0.4,0,1,0"
-# The reference traversal looks at all triangles for every ray: minutes of work.
+# The reference traversal tests all triangles for every ray: minutes of work.
 ENDLESS = ("--traversal", "reference", "--size", "4096x4096")
 
 
@@ -21,7 +21,7 @@ class Detach(DaemonTest):
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
-        cls.other = Client(cls.raynest, cls.socket)  # another principal: a user, no address
+        cls.other = Client(cls.raynest, cls.socket)  # another principal: a user, not an address
         cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
         cls.client.json("load", "builtin:terrain?size=64", "--name", "hills")
 
@@ -65,7 +65,7 @@ class Detach(DaemonTest):
                 job = self.detach(*words)
                 self.client.json("wait", job)
                 self.assertEqual(self.expect(0, "--json", "fetch", job).stdout, attached)
-                # As often as one likes.
+                # A result can be fetched repeatedly.
                 self.assertEqual(self.expect(0, "--json", "fetch", job).stdout, attached)
 
     def test_a_detached_query_of_many_rays_becomes_the_same_file(self):
@@ -104,7 +104,7 @@ class Detach(DaemonTest):
         self.assertEqual(jobs[runs]["worker"], "cpu")
         table = self.expect(0, "jobs").stdout
         self.assertIn("PROGRESS", table.splitlines()[0])
-        # What runs is not there to be fetched; another client's attached job can be ended too.
+        # A running job cannot be fetched; another client's attached job can be ended too.
         self.expect(6, "fetch", runs, "-o", self.out / "early.png", says="raynest wait")
         self.expect(0, "cancel", runs, says=f"cancelled job {runs} (heatmap, hills)")
         self.expect(5, "wait", runs, says="raynest jobs")
@@ -121,7 +121,7 @@ class Detach(DaemonTest):
         self.client.json("wait", job)
         for words in (("wait", job), ("fetch", job, "-o", self.out / "stolen.png"),
                       ("cancel", job)):
-            self.expect(4, *words, client=self.other, says="another principal")
+            self.expect(4, *words, client=self.other, says="only its owner may")
         self.assertIn(job, self.listed())
         self.expect(5, "wait", "999999", says="raynest jobs")
 
@@ -134,8 +134,8 @@ class Detach(DaemonTest):
         kept = [str(client.json(*words)["job"]) for _ in range(3)]
         for job in kept:
             client.json("wait", job)
-        self.expect(6, *words, says="principal_results_max", client=client)
-        # What was fetched makes room.
+        self.expect(6, *words, says="--principal-results-max", client=client)
+        # Fetching a result makes room.
         self.expect(0, "fetch", kept[1], client=client)
         self.expect(0, *words, client=client)
         self.expect(5, "fetch", kept[1], client=client)
@@ -171,13 +171,13 @@ class Detach(DaemonTest):
             wrong = self.out / f"query.{ending}"
             self.expect(2, "fetch", query, "-o", wrong, says=f"FILE.npz, not '{wrong}'")
             self.assertFalse(wrong.exists())
-        # Rows tell misses by a column that this job was not asked for.
-        self.expect(2, "fetch", query, says="-o FILE.npz")
+        # A table tells misses by columns that nobody sees.
+        self.assertEqual(self.expect(0, "fetch", query).stdout.split()[:2], ["ray", "t"])
         self.expect(0, "fetch", query, "-o", self.out / "right.npz")
 
     def test_more_than_one_principal_may_keep_is_refused_before_it_runs(self):
         self.expect(6, "query", "woods", "--generate", "equirectangular", "size=8192x8192",
-                    "--detach", says="principal_result_bytes_max")
+                    "--detach", says="--principal-result-bytes-max")
         self.assertFalse([job for job in self.listed().values()
                           if job["total"] == 8192 * 8192])
 
@@ -189,11 +189,11 @@ class Detach(DaemonTest):
         crowd.json("load", "builtin:terrain?size=8", "--name", "hills")
         words = ("render", "hills", "--traversal", "reference", "--detach", "--size")
         mine = single.json(*words, "4096x4096")["job"]
-        for _ in range(50):  # all of them fit one answer to `jobs`
+        for _ in range(50):  # all of them fit into one answer to `jobs`
             crowd.json(*words, "512x512")
 
         def traced():
-            """By the single job and by the crowd, at one moment."""
+            """Returns the chunks done by the single job and by the crowd, at one moment."""
             done = {job["job"]: job["done"] for job in crowd.json("jobs")["jobs"]}
             single = done.pop(mine)
             return single, sum(done.values())
@@ -203,7 +203,7 @@ class Detach(DaemonTest):
             meanwhile = [now - then for now, then in zip(traced(), before)]
             return meanwhile[0] >= 16 * 16384 and meanwhile
         own, others = until(sixteen_chunks_later)
-        # Chunks of all jobs are alike: one for the single job, one for the crowd, in turn. Without
+        # Chunks of all jobs are equal: the single job and the crowd get one each, in turn. Without
         # turns the crowd would trace fifty times as much meanwhile.
         self.assertTrue(0 < others < 3 * own, (own, others))
 

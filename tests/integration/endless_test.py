@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Rays that never end: through 9^16 spheres, with directions too short to tell a box from another.
-Whoever waits for them may stop to, and nobody else waits with him.
+"""Tests rays that never end: through 9^16 spheres, with directions too short to tell one box from
+another. A client that waits for them may stop waiting, and no other client is delayed.
 
   endless_test.py RAYNESTD RAYNEST
 """
@@ -18,7 +18,7 @@ INFINITY = float("inf")
 
 
 def save_rays(path, count, ray=ENDLESS):
-    """A .npy file of so many rays."""
+    """Writes a .npy file with this many copies of a ray."""
     x, y, z, *direction = map(float, ray.split(","))
     data = struct.pack("<8f", x, y, z, 0, *direction, INFINITY)
     path.write_bytes(npy((count, 8), data * count))
@@ -31,7 +31,7 @@ def running_jobs(client):
 
 
 class Endless(DaemonTest):
-    arguments = ("--threads", "2")  # whatever the machine has
+    arguments = ("--threads", "2")  # independent of the machine
 
     @classmethod
     def setUpClass(cls):
@@ -51,9 +51,9 @@ class Endless(DaemonTest):
               lambda: f"{running_jobs(client)} jobs run, not {count}")
 
     def test_a_deadline_is_seen_within_a_ray(self):
-        for traversal in ("auto", "latency", "batch", "coherent", "reference"):
+        for traversal in ("auto", "single", "stream", "packet", "reference"):
             for kind in ("closest", "any", "multi", "all"):
-                if kind in ("multi", "all") and traversal in ("batch", "coherent"):
+                if kind in ("multi", "all") and traversal in ("stream", "packet"):
                     continue
                 for rays in (("--ray", ENDLESS), ("--rays", self.many)):
                     with self.subTest(traversal=traversal, kind=kind, rays=rays[0]):
@@ -75,8 +75,8 @@ class Endless(DaemonTest):
                     self.wait_for_jobs(0)
 
     def test_others_are_served_meanwhile(self):
-        # More of them than the daemon has threads; each was first tried by the io thread, which
-        # answers the short one, or leaves it to a spare thread.
+        # More of them than the daemon has threads. The io thread tries each one first: it answers
+        # the short ray, or leaves it to a spare thread.
         endless = [self.begin("--ray", ENDLESS) for _ in range(4)]
         self.wait_for_jobs(4)
         answer = self.client.run("query", "flake", "--ray", SHORT)
@@ -90,7 +90,7 @@ class Endless(DaemonTest):
 
     def test_others_are_served_while_whole_chunks_never_end(self):
         usual = {count: save_rays(self.out / f"{count}.npy", count, SHORT) for count in (200, 66000)}
-        endless = [self.begin("--rays", self.many) for _ in range(2)]  # hold all threads
+        endless = [self.begin("--rays", self.many) for _ in range(2)]  # these hold all threads
         self.wait_for_jobs(2)
         for count, rays in usual.items():
             told = self.client.json("query", "flake", "--rays", rays, "-o", self.out / "usual.npz")
@@ -100,14 +100,14 @@ class Endless(DaemonTest):
 
     def test_who_waits_for_a_thread_need_not_wait_for_it_to_be_told(self):
         few = save_rays(self.out / "few.npy", 200)
-        endless = [self.begin("--rays", self.many) for _ in range(2)]  # hold all threads
+        endless = [self.begin("--rays", self.many) for _ in range(2)]  # these hold all threads
         self.wait_for_jobs(2)
         for rays in (few, self.many):
             with self.subTest(rays=rays.name):
                 done = self.client.run("query", "flake", "--rays", rays, "--deadline", "0.1", "-o",
                                        self.out / "answer.npz")
                 self.assertEqual(done.returncode, 7, done.stderr)
-                self.assertIn("the request's deadline passed", done.stderr)  # the daemon says it
+                self.assertIn("the request's deadline passed", done.stderr)  # the daemon's text
                 job = self.client.json("query", "flake", "--rays", rays, "--detach")["job"]
                 self.assertEqual(self.client.run("cancel", str(job)).returncode, 0)
                 self.wait_for_jobs(2)
@@ -160,7 +160,7 @@ class Endless(DaemonTest):
             for rays in (("--ray", ENDLESS), ("--rays", self.many)):
                 done = client.run("query", "flake", *rays, "-o", self.out / "held.npz")
                 self.assertEqual(done.returncode, 5, done.stderr)
-                self.assertIn("chunk_ms_max = 200", done.stderr)
+                self.assertIn("--chunk-ms-max 200", done.stderr)
                 self.assertEqual(done.stderr.strip().count("\n"), 0, done.stderr)
         finally:
             daemon.stop()

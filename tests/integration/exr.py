@@ -1,17 +1,18 @@
-"""Just enough of OpenEXR to read what the daemon writes: one part, scan lines, zip or no compression, 32 bits a value.
+"""A minimal OpenEXR reader for the daemon's files: one part, scan lines, zip or no compression,
+32 bits per value.
 
 The layout: https://openexr.com/en/latest/OpenEXRFileLayout.html
 """
 import struct
 import zlib
 
-LINES_OF_A_BLOCK = {0: 1, 2: 1, 3: 16}  # by compression: none, zips, zip
+LINES_OF_A_BLOCK = {0: 1, 2: 1, 3: 16}  # lines per block, by compression: none, zips, zip
 FORMATS = {0: "I", 2: "f"}
 
 
 def unpacked(data, size):
-    """A block as it was before compression: bytes were split into even and odd ones, each then written as what it
-    differs by from the one before."""
+    """Decompresses a block. Before compression its bytes were split into even and odd ones, and
+    each replaced by its difference from the previous one."""
     if len(data) == size:
         return data
     deltas = zlib.decompress(data)
@@ -25,14 +26,14 @@ def unpacked(data, size):
 
 
 def read_exr(data):
-    """(width, height, {channel: its values, row by row from the top})"""
+    """Returns (width, height, {channel: values, row by row from the top})."""
     if struct.unpack_from("<II", data) != (20000630, 2):
-        raise ValueError("no plain OpenEXR file")
+        raise ValueError("not a plain OpenEXR file")
     header, at = {}, 8
     while data[at]:
         end = data.index(0, at)
         name, at = data[at:end].decode(), end + 1
-        at = data.index(0, at) + 1  # past its type
+        at = data.index(0, at) + 1  # skip its type
         size, = struct.unpack_from("<I", data, at)
         header[name], at = data[at + 4:at + 4 + size], at + 4 + size
     at += 1

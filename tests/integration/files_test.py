@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""What the command line reads and writes: pipes, stdin and stdout, every form of numpy.save, odd names,
-modes and links.
+"""Tests files that the command line reads and writes: pipes, stdin and stdout, every form of
+numpy.save, odd names, modes and links.
 
   files_test.py RAYNESTD RAYNEST
 """
@@ -46,7 +46,7 @@ class Files(DaemonTest):
         cls.hit = cls.client.json("query", "hills", "--ray", "0.3,1000,0.4,0,-1,0")
 
     def run_with(self, data, *arguments, **options):
-        """The command with bytes on stdin; its answer is bytes too."""
+        """Runs the command with bytes on stdin; its output is bytes too."""
         return subprocess.run([self.raynest, *map(str, arguments)], input=data, check=False,
                               capture_output=True, timeout=PATIENCE,
                               env=dict(os.environ, RAYNEST_SERVER=self.daemon.uri), **options)
@@ -68,7 +68,8 @@ class Files(DaemonTest):
                          [self.hit])
         done = self.run_with(b"nothing", "query", "hills", "--rays", "-")
         self.assertEqual((done.returncode, done.stderr),
-                         (5, b"raynest: stdin is not a .npy file\n"))
+                         (5, b"raynest: stdin is not a .npy file; save its array with "
+                             b"numpy.save(FILE, array)\n"))
         done = self.run_with(b"", "query", "hills", "--rays", self.out)
         self.assertEqual((done.returncode, done.stderr.endswith(b"is a folder\n")), (5, True))
 
@@ -76,7 +77,7 @@ class Files(DaemonTest):
         os.mkfifo(self.out / "silent.glb")
         for arguments in (("load",), ("query", "hills", "--rays")):
             process = self.client.start(*arguments, self.out / "silent.glb")
-            # It can be opened for writing once it is read.
+            # The pipe can be opened for writing once the command reads it.
             with open(self.out / "silent.glb", "wb"):
                 process.send_signal(signal.SIGINT)
                 _, errors = process.communicate(timeout=PATIENCE)
@@ -102,7 +103,9 @@ class Files(DaemonTest):
                              (numpy.array([b"abc"]), b"text (|S3)"),
                              (numpy.zeros((1, 6), complex), b"complex numbers"),
                              (numpy.zeros((1, 6), bool), b"true and false"),
+                             (numpy.zeros((1, 6), numpy.longdouble), b"long doubles (<f16)"),
                              (numpy.zeros(2, [("o", "<f4", 3)]), b"records with named fields"),
+                             (numpy.zeros(2, [("o", "<f4", 3)]), b"structured_to_unstructured"),
                              (numpy.zeros((4, 5)), b"has the shape (4, 5); rays have the shape"),
                              (numpy.zeros(5), b"has the shape (5,); rays have the shape")):
             done = self.run_with(npy(array), "query", "hills", "--rays", "-")

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""What newcomers read: the first steps, how to start a daemon, which word was wrong and what to do,
-each client in its own words; progress of what takes long, and how Ctrl-C ends it.
+"""Tests a newcomer's messages: the first steps, how to start a daemon, the wrong word and its
+remedy, in each client's own words; progress of long commands, and how Ctrl-C ends them.
 
   first_hour_test.py RAYNESTD RAYNEST
 """
@@ -25,7 +25,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 
 def children(pid):
-    """Process ids of the children of a process."""
+    """Returns process ids of a process's children."""
     found = []
     for entry in pathlib.Path("/proc").glob("[0-9]*"):
         try:
@@ -48,6 +48,20 @@ class FirstHour(DaemonTest):
         for word in (words,) if isinstance(words, str) else words:
             self.assertIn(word, done.stderr)
         return done.stderr
+
+    def test_spaces_around_commas_are_no_mistake(self):
+        spaced, plain = (self.client.run("query", "hills", "--ray", ray, "--fields", fields)
+                         for ray, fields in (("0, 90 ,0, 0,-1, 0", "t, prim"),
+                                             ("0,90,0,0,-1,0", "t,prim")))
+        self.assertEqual((spaced.returncode, spaced.stdout), (0, plain.stdout), spaced.stderr)
+        self.says(2, "'0 0,90,0,0,-1,0'", "query", "hills", "--ray", "0 0,90,0,0,-1,0")
+
+    def test_what_is_not_what_it_was_taken_for_is_said(self):
+        self.says(5, ("no scene is called 'builtin:forest'", "raynest load"), "info",
+                  "builtin:forest")
+        self.says(2, "did you mean unix:/tmp/x/s?", "scenes", "--server", "/tmp/x/s")
+        self.says(2, "unix:PATH", "scenes", "--server", "unix:")
+        self.says(5, "convert it to .glb", "load", "a.stl")
 
     # ---- the first steps ------------------------------------------------------------------------
 
@@ -103,7 +117,8 @@ class FirstHour(DaemonTest):
             self.assertEqual("PNG in place of EXR" in done.stderr, advised, done.stderr)
 
     def test_each_client_knows_every_word_of_the_daemon(self):
-        """A word between backticks in a message is one of the protocol: each client has another."""
+        """Checks that each client replaces every protocol word, which messages put between
+        backticks."""
         words = set()
         for folder in ("server", "engine", "protocol"):
             for path in (ROOT / folder).rglob("*.cpp"):
@@ -123,7 +138,7 @@ class FirstHour(DaemonTest):
     # ---- what takes long ------------------------------------------------------------------------
 
     def on_terminal(self, *arguments):
-        """Starts a command whose stderr is a terminal; gives the process and that terminal."""
+        """Starts a command whose stderr is a terminal; returns the process and that terminal."""
         ours, theirs = pty.openpty()
         self.addCleanup(os.close, ours)
         with open(theirs, "wb", buffering=0) as terminal:
@@ -135,7 +150,7 @@ class FirstHour(DaemonTest):
         return process, ours
 
     def seen(self, terminal, enough=lambda text: False):
-        """What the terminal shows until that is enough, or the command has left it."""
+        """Reads the terminal until `enough` or until the command closes it."""
         text = b""
         end = time.monotonic() + PATIENCE
         while not enough(text) and time.monotonic() < end:
@@ -153,7 +168,7 @@ class FirstHour(DaemonTest):
         for options, shown in (((), True), (("--quiet",), False), (("--json",), False)):
             process, terminal = self.on_terminal(*options, "query", "hills", "--rays",
                                                  self.out / "slow.npy")
-            with open(self.out / "slow.npy", "wb") as pipe:  # opens once it is read
+            with open(self.out / "slow.npy", "wb") as pipe:  # opens once the command reads it
                 if shown:
                     text = self.seen(terminal, lambda text: b"reading" in text)
                     self.assertIn(b"reading 0 s", text)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The rays of every generator against numpy, by the formulas of protocol/PROTOCOL.md.
+"""Compares the rays of every generator with numpy, by the formulas of protocol/PROTOCOL.md.
 
   generators_test.py RAYNESTD RAYNEST
 """
@@ -16,7 +16,7 @@ ULP = 2.0**-23
 
 
 def rotation(seed):
-    """A random rotation and a place, as the 3x4 matrix of a pose."""
+    """Returns a random rotation and position, as the 3x4 matrix of a pose."""
     generator = numpy.random.default_rng(seed)
     q, _ = numpy.linalg.qr(generator.normal(size=(3, 3)))
     if numpy.linalg.det(q) < 0:
@@ -29,13 +29,13 @@ def words(array):
 
 
 def pixels():
-    """Column and row of every pixel's centre, row by row, y down."""
+    """Returns column and row of every pixel's centre, row by row, y down."""
     row, column = numpy.mgrid[0:HEIGHT, 0:WIDTH]
     return column.ravel() + 0.5, row.ravel() + 0.5
 
 
 def placed(pose, directions, offsets=None):
-    """Rays of a sensor's own frame in the world: origins and directions."""
+    """Transforms rays of a sensor's frame to world space: origins and directions."""
     matrix = pose.astype(numpy.float64)
     origins = numpy.broadcast_to(matrix[:, 3], directions.shape)
     if offsets is not None:
@@ -50,7 +50,7 @@ class Generators(DaemonTest):
         cls.client.json("load", "builtin:terrain?size=8", "--name", "hills")
 
     def generated(self, *generator):
-        """Origins and directions of the daemon; no ray is traced."""
+        """Returns the daemon's origins and directions; no ray is traced."""
         file = self.out / "rays.npz"
         done = self.client.run("query", "hills", "--generate", *generator, "--kind", "null",
                                "--fields", "origin,direction", "-o", file)
@@ -79,7 +79,7 @@ class Generators(DaemonTest):
         step = numpy.tan(numpy.deg2rad(50.0) / 2) / (HEIGHT / 2)
         directions = numpy.stack([(x - WIDTH / 2) * step, (HEIGHT / 2 - y) * step,
                                   -numpy.ones_like(x)], axis=1)
-        # From (1, 2, 3) along +x: the camera's right is +z.
+        # From (1, 2, 3) along +x, the camera's right is +z.
         turned = numpy.stack([-directions[:, 2], directions[:, 1], directions[:, 0]], axis=1)
         origins = numpy.broadcast_to([1.0, 2.0, 3.0], turned.shape)
         self.check(["camera", SIZE, "fov=50", "lookat=1,2,3,9,2,3"], origins, turned)
@@ -103,7 +103,8 @@ class Generators(DaemonTest):
         self.check(["equirectangular", SIZE, f"pose={words(pose)}"], *placed(pose, directions))
 
     def lidar(self, elevations, offsets, origins, start, stop, count):
-        """Directions and origins in the lidar's frame: x ahead, y left, z up; channel by channel."""
+        """Returns directions and origins in the lidar's frame (x ahead, y left, z up), channel
+        by channel."""
         head = numpy.deg2rad(start + (stop - start) * numpy.arange(count) / count)[None, :]
         azimuth = head + numpy.deg2rad(offsets)[:, None]
         elevation = numpy.broadcast_to(numpy.deg2rad(elevations)[:, None], azimuth.shape)
@@ -183,13 +184,13 @@ class Generators(DaemonTest):
         for generator, says in (
                 (["fisheye"], "there are camera, pinhole"),
                 (["pinhole", SIZE], "needs fx and fy above 0"),
-                (["orthographic", SIZE], "needs window_width"),
+                (["orthographic", SIZE], "needs window=WIDTHxHEIGHT"),
                 (["lidar", "azimuths=0:360:100"], "needs elevations"),
                 (["camera", "camera=unheard"], "unheard"),
                 (["camera", "size=0x5"], "from 1 to 16384"),
                 (["camera", "range=5:1"], "tmin <= tmax"),
                 (["camera", "size=5"], "'5' is not WIDTHxHEIGHT"),
-                (["camera", "fov=181"], "fov_degrees"),
+                (["camera", "fov=181"], "fov: '181' is not"),
                 (["pinhole", "focal=5"], "its keys are size"),
                 (["pinhole", "fx=9", "fov=50"], "fov is no key of pinhole"),
                 (["equirectangular", "lookat=1,2,3,4,5,6", "camera=0"], "give one of them"),

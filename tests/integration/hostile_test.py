@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Bad scene files through the whole house: the client that uploads them, the daemon that finds them.
+"""Sends bad scene files through the whole system: from the uploading client to the daemon.
 
   hostile_test.py RAYNESTD RAYNEST
 
-Every file ends in one clear line and exit code 5, or in a load; the daemon lives, stays small, and
-serves another client all the while.
+Every file ends in one clear line and exit code 5, or in a load. The daemon stays alive and small,
+and serves another client meanwhile.
 """
 import collections
 import concurrent.futures
@@ -18,7 +18,8 @@ import unittest
 from daemon import PATIENCE, SHARED_SCENES, Client, Daemon, run_tests
 
 RESIDENT_GROWTH_MAX = 512 << 20
-# What another client waits for one answer, the start of its process included. Some hundredths of a second are usual.
+# Limit for another client's wait for one answer, with the start of its process; usually some
+# hundredths of a second.
 WAIT_MAX = PATIENCE / 15
 CUTS = 200
 
@@ -42,7 +43,7 @@ class Hostile(unittest.TestCase):
         self.addCleanup(self.end_other)
 
     def serve_another(self):
-        """Somebody who works with the daemon meanwhile."""
+        """Sends requests meanwhile, as another client."""
         while not self.done.is_set():
             begin = time.monotonic()
             self.client.json("query", "other", "--ray", "0,1000,0,0,-1,0")
@@ -62,7 +63,7 @@ class Hostile(unittest.TestCase):
         return source, done.returncode, done.stderr, seconds
 
     def load_all(self, sources):
-        """Two at a time; counts of the exit codes."""
+        """Loads two files at a time; counts the exit codes."""
         with concurrent.futures.ThreadPoolExecutor(2) as pool:
             results = list(pool.map(self.load, sources, [f"scene-{i}" for i in range(len(sources))]))
         for source, code, errors, _ in results:
@@ -74,7 +75,7 @@ class Hostile(unittest.TestCase):
         self.assertTrue(self.daemon.alive(), self.daemon.log())
         self.assertTrue(self.other.is_alive())
         self.assertTrue(0 < self.slowest_answer < WAIT_MAX, self.slowest_answer)
-        # The resident peak, not only what is left of it.
+        # Compare the peak of resident memory, not the current value.
         growth = self.daemon.resident_bytes("VmHWM") - self.before
         self.assertLess(growth, RESIDENT_GROWTH_MAX)
         counts = collections.Counter(code for _, code, _, _ in results)

@@ -1,4 +1,4 @@
-// Jobs of a real daemon: streamed, cancelled, abandoned, too late, drained.
+// Jobs of a real daemon: streamed, cancelled, abandoned, late, drained.
 #include "tests/golden/examples.h"
 #include "tests/integration/daemon.h"
 
@@ -35,7 +35,7 @@ TEST_CASE("chunks cover every ray once, under the client's credit") {
         REQUIRE(peer.send_frame(rays_frame(5, first, std::min(chunk, rays - first))));
 
     std::vector<int> seen(rays, 0);
-    // Granted again only when a PONG tells that the daemon had time to send more than it may.
+    // Grant more only when a PONG shows that the daemon had time to exceed its credit.
     std::uint64_t credit = hello.window_bytes;
     bool asked = false;
     for (;;) {
@@ -63,7 +63,7 @@ TEST_CASE("chunks cover every ray once, under the client's credit") {
     CHECK(std::all_of(seen.begin(), seen.end(), [](int times) { return times == 1; }));
 }
 
-TEST_CASE("without credit the daemon keeps its answers to itself") {
+TEST_CASE("without credit the daemon sends no answers") {
     const Daemon daemon;
     Peer peer(daemon);
     wire::HelloT hello;
@@ -75,7 +75,7 @@ TEST_CASE("without credit the daemon keeps its answers to itself") {
 
     std::uint64_t got = 0;
     REQUIRE(peer.say(1, wire::PingT{}));
-    // A parked job says only how far it is: once something came, three such lines in a row, and
+    // A parked job only reports progress: after some data, three such frames in a row mean that
     // nothing else will come.
     for (int quiet = 0; quiet < 3 || got == 0;) {
         const auto frame = peer.read();
@@ -131,7 +131,7 @@ TEST_CASE_FIXTURE(Served, "a connection has only so many requests in flight") {
     peer.read_until<wire::Started>();
 }
 
-TEST_CASE("a principal has only so many rays in flight, over all connections") {
+TEST_CASE("a principal's rays in flight are limited over all connections") {
     const Daemon daemon({"--principal-rays-max", "1000"});
     Peer peer(daemon);
     peer.greet();
@@ -167,13 +167,13 @@ TEST_CASE_FIXTURE(Served, "a principal has only so many requests in flight, over
     peer.read_until<wire::Started>();
 }
 
-TEST_CASE_FIXTURE(Served, "bodies that are announced, or that nobody waits for, cost no memory") {
+TEST_CASE_FIXTURE(Served, "announced or unexpected bodies cost no memory") {
     const std::uint64_t before = daemon.resident_bytes();
     std::vector<std::unique_ptr<Peer>> crowd;
     for (int i = 0; i < 50; ++i) {
         Peer& guest = *crowd.emplace_back(std::make_unique<Peer>(daemon));
         guest.greet();
-        // A whole one for a request that is not there, then a large one of which nothing comes.
+        // Send a whole one for an unknown request, then only the header of a large one.
         REQUIRE(guest.send_frame(rays_frame(77, 0, chunk)));
         REQUIRE(guest.say(5, query_of(chunk)));
         guest.read_until<wire::Started>();
@@ -187,8 +187,9 @@ TEST_CASE_FIXTURE(Served, "bodies that are announced, or that nobody waits for, 
     CHECK(peer.answers());
 }
 
-TEST_CASE_FIXTURE(Served, "of frames of rays that wait, their rays alone take memory") {
-    // Nobody grants credit for the answers, so the rays stay; their control part is filled up.
+TEST_CASE_FIXTURE(Served, "waiting frames of rays take memory for their rays only") {
+    // Nobody grants credit for the answers, so the rays wait; their control part is padded to its
+    // limit.
     wire::HelloT hello;
     hello.window_bytes = 64 << 10;
     Peer guest(daemon);
@@ -220,7 +221,7 @@ TEST_CASE("answers that nobody reads stay within --memory, after their jobs too"
     query.fields = {"t", "prim", "geom", "path", "uv", "position", "ng"};
     query.generator = std::make_unique<wire::GeneratorT>();
     query.generator->kind = "equirectangular";
-    query.generator->width = query.generator->height = 380;
+    query.generator->settings = {"size=380x380"};
     std::vector<std::unique_ptr<Peer>> crowd;
     constexpr std::size_t clients = 60;
     std::size_t refused = 0;
@@ -236,7 +237,7 @@ TEST_CASE("answers that nobody reads stay within --memory, after their jobs too"
     const std::uint64_t growth = house.daemon.resident_bytes_max() - before;
     if (!sanitized) CHECK(growth < 96 << 20);
     crowd.clear();
-    // What they did not read is free again.
+    // Unread answers are freed.
     CHECK(eventually([&] { return counter(house.peer, "memory_used_bytes") < 1 << 20; }));
     tally("clients that read no answer of 8 MB", clients,
           std::to_string(refused) + " refused, " + std::to_string(growth >> 20) +
@@ -250,7 +251,7 @@ TEST_CASE("rays beyond the credit end their query") {
     hello.window_bytes = 64 << 10;
     peer.greet(hello);
     load_scene(peer);
-    // Answers are parked for lack of credit, so the rays are not taken either.
+    // Answers are parked for lack of credit, so the rays are not processed either.
     constexpr std::uint64_t frames = 40;
     REQUIRE(peer.say(5, query_of(frames * chunk)));
     for (std::uint64_t i = 0; i < frames; ++i)
@@ -259,7 +260,7 @@ TEST_CASE("rays beyond the credit end their query") {
     CHECK(peer.answers());
 }
 
-/// A new request is how a client sees that the daemon drains. Takes ids from 100 on.
+/// Waits for a drain, which a client sees when it makes a new request. Uses ids from 100 on.
 void wait_for_drain(Peer& peer) {
     std::uint64_t id = 100;
     REQUIRE(eventually([&] {
@@ -292,7 +293,8 @@ TEST_CASE_FIXTURE(Served, "a second SIGTERM ends the daemon at once with code 3"
     REQUIRE(peer.say(5, endless_render()));
     peer.read_until<wire::Started>();
     daemon.signal(SIGTERM);
-    // The render goes on; only a second signal ends it, and is one once the first was taken.
+    // The render goes on; only a second signal ends it, and it must come after the first was
+    // handled.
     wait_for_drain(peer);
     peer.read_until<wire::Progress>();
     daemon.signal(SIGTERM);

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""raynest load-test: what it counts agrees with the daemon, and refusals are told as such.
+"""Tests raynest load-test: its counts agree with the daemon's, and it reports refusals.
 
   load_test_test.py RAYNESTD RAYNEST
 
-Rates and times are whatever this machine gives; only counts and orders are asserted.
+Rates and times depend on the machine; only counts and orders are asserted.
 """
 import json
 import signal
@@ -44,7 +44,7 @@ class LoadTest(DaemonTest):
         rays = after["rays"] - before["rays"]
         jobs = after["jobs_started"] - before["jobs_started"]
         self.assertEqual(rays, 100 * jobs)
-        # The turn that warms up is not in the answer.
+        # The warm-up turn is not in the answer.
         self.assertLess(told["daemon"]["requests"], jobs)
         self.assertEqual(after["jobs_started"], after["jobs_ended"])
 
@@ -72,8 +72,8 @@ class LoadTest(DaemonTest):
         testing = client.start("--json", "load-test", "hills", "--clients", "2", "--rate", "200",
                                "--seconds", "3")
 
-        # Again and again, so that whichever turns are counted meet a freeze, whenever they come;
-        # each is shorter than what a turn has to catch up.
+        # Freeze the daemon repeatedly, so that some counted turn meets a freeze. Each is shorter
+        # than the time that a turn may catch up.
         while testing.poll() is None:
             daemon.process.send_signal(signal.SIGSTOP)
             time.sleep(1)
@@ -95,8 +95,8 @@ class LoadTest(DaemonTest):
         self.assertEqual(title.split()[-1], "MISSED")
         for side in sides:
             p50, *_, missed = side.split()[-8:]
-            self.assertGreater(float(p50), 1e6, side)  # late by seconds, as long as it went on
-            self.assertTrue(100_000 < int(missed) <= 1_000_000, side)  # a second's tenth is due
+            self.assertGreater(float(p50), 1e6, side)  # late by seconds, as long as the test ran
+            self.assertTrue(100_000 < int(missed) <= 1_000_000, side)  # 1/10 s of requests
         self.assertRegex(verdict, r"; raynestd answered \d+ of 1e\+07 requests per second: lower")
 
     def test_over_a_unix_socket_and_with_other_kinds(self):
@@ -113,7 +113,7 @@ class LoadTest(DaemonTest):
         self.assertIn("deadline", done.stderr)
 
     def test_the_controls_answer_what_the_daemon_does_and_refuse_nothing(self):
-        # One job at a time: most of what these clients ask is refused.
+        # With one job at a time, most requests of these clients are refused.
         daemon = Daemon(self.raynestd, "--total-jobs-max", "1")
         self.addCleanup(daemon.stop)
         client = Client(self.raynest, daemon.uri)

@@ -1,17 +1,17 @@
-""".npy files, for tests that do without numpy."""
+""".npy files, for tests without numpy."""
 import ast
 import struct
 
 
 def npy(shape, data):
-    """The file of an array of float32, from its bytes."""
+    """Returns the file of an array of float32, from its bytes."""
     header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}"
     header = header.ljust(64 * ((len(header) + 74) // 64) - 11).encode() + b"\n"
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + data
 
 
 def read_npy(data):
-    """dtype, shape and values of a .npy, without numpy."""
+    """Returns dtype, shape and values of a .npy."""
     assert data[:6] == b"\x93NUMPY", data[:6]
     size = struct.unpack("<H", data[8:10])[0]
     header = ast.literal_eval(data[10:10 + size].decode())

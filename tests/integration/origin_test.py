@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Scenes far from zero, asked in world coordinates from the command line and from Python; and rays
-that are not valid.
+"""Tests scenes far from zero, queried in world coordinates from the command line and from Python;
+and invalid rays.
 
   origin_test.py RAYNESTD RAYNEST
 """
@@ -19,7 +19,7 @@ from raynest import generators
 from daemon import DaemonTest
 
 FAR = np.array([5e5, 4.5e6, 100.0])
-# A square of 20 cm, its corners at places that float32 cannot tell apart out there.
+# A square of 20 cm, with corners that float32 cannot distinguish at that distance.
 SQUARE = FAR + [[0.1, 0.1, 0], [0.3, 0.1, 0], [0.3, 0.3, 0], [0.1, 0.3, 0]]
 FACES = [[0, 1, 2], [0, 2, 3]]
 ABOVE = FAR + [0.2, 0.25, 1]
@@ -58,7 +58,7 @@ class Origin(DaemonTest):
                          "--origin", words(FAR))
         scene = self.python.scene("balls")
         self.assertEqual(scene.origin.tolist(), FAR.tolist())
-        # Origins and directions, (N, 6), (N, 8) and float32 directions from one point: each form.
+        # Origins and directions in each form: (N, 6), (N, 8) and float32 directions from one point.
         start = FAR + [0.2, 0.2, 1]
         for rays in ((start, [DOWN]), ([[*start, *DOWN]],), ([[*start, 0, *DOWN, 9]],),
                      (start, np.array([DOWN], np.float32))):
@@ -67,7 +67,7 @@ class Origin(DaemonTest):
             self.assertEqual(hit["position"].dtype, np.float64)
             np.testing.assert_allclose(hit["position"], [FAR + [0.2, 0.2, 0.05]], atol=1e-6)
         self.assertTrue(scene.occluded(start, start - [0, 0, 2])[0])
-        # The position of a miss is 0, and no column comes that was not asked for.
+        # The position of a miss is 0, and only requested columns come.
         miss = scene.trace([[*start, 0, 0, 1]], fields=("position",))
         self.assertEqual((list(miss), miss["position"].tolist()), (["position"], [[0, 0, 0]]))
         (_, piece), = scene.stream([[*start, *DOWN]], fields=("position",))
@@ -102,7 +102,7 @@ class Origin(DaemonTest):
             done = self.client.run("--json", "query", "square", "--generate", "pinhole", "size=3x3",
                                    "fx=9", place)
             self.assertEqual(json.loads(done.stdout.splitlines()[4])["hits"][0]["t"], 1)
-        # Without a place a sensor stands where the world begins, not where the scene does.
+        # Without a pose a sensor is at the world's zero, not at the scene's.
         lidar = scene.trace(generators.lidar([0], (0, 360, 4)), fields=("origin",))
         np.testing.assert_allclose(lidar["origin"], 0, atol=0.5)
         by_python = scene.render(look_at=(ABOVE, ABOVE + DOWN), size=(8, 8))
@@ -117,8 +117,62 @@ class Origin(DaemonTest):
         scene = self.python.mesh(SQUARE, FACES, "square", origin=FAR)
         job = scene.trace([[*ABOVE, *DOWN]], fields=("t", "position"), detach=True).wait()
         np.testing.assert_allclose(job.fetch()["position"], [ABOVE + DOWN], atol=1e-7)
-        line = self.client.json("fetch", job.number)
-        np.testing.assert_allclose(line["hits"][0]["position"], ABOVE + DOWN, atol=1e-7)
+        hits = self.out / "fetched.npz"
+        done = self.client.run("fetch", job.number, "-o", hits)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with np.load(hits) as columns:
+            np.testing.assert_allclose(columns["position"], [ABOVE + DOWN], atol=1e-7)
+        with self.assertRaisesRegex(raynest.UsageError, "answers in world coordinates"):
+            scene.trace([[*ABOVE, *DOWN]], origin=(0, 0, 0), detach=True)
+
+    def test_fetched_answers_are_those_of_the_call(self):
+        scene = self.python.mesh(SQUARE, FACES, "square", origin=FAR)
+        rays = np.array([[*ABOVE, *DOWN], [*ABOVE, 0, 0, 1]])
+        np.save(self.out / "rays.npy", rays)
+        attached = scene.trace(rays, fields=("t", "position"))
+        self.assertEqual(attached["position"][1].tolist(), [0, 0, 0])
+        by_python = scene.trace(rays, fields=("t", "position"), detach=True).wait().number
+        words = ("query", "square", "--rays", self.out / "rays.npy", "--fields", "t,position")
+        for named in ((), ("-o", "any.npz")):
+            by_shell = self.client.run(*words, "--detach", *named)
+            self.assertEqual(by_shell.returncode, 0, by_shell.stderr)
+            for number in (by_python, int(by_shell.stdout)):
+                fetched = self.python.job(number).wait().fetch()
+                self.assertEqual(list(fetched), list(attached))
+                for name, column in attached.items():
+                    np.testing.assert_array_equal(fetched[name], column)
+                done = self.client.run("fetch", number, "-o", self.out / "f.npz")
+                self.assertEqual(done.returncode, 0, done.stderr)
+                with np.load(self.out / "f.npz") as columns:
+                    self.assertEqual(sorted(columns), ["position", "t"])
+                    np.testing.assert_array_equal(columns["position"], attached["position"])
+            rows = self.client.run("--json", "fetch", int(by_shell.stdout)).stdout.splitlines()
+            self.assertEqual([len(json.loads(row)["hits"]) for row in rows], [1, 0])
+            self.assertEqual(rows, self.client.run("--json", *words).stdout.splitlines())
+
+    def test_float32_rays_of_a_far_scene_are_warned_of(self):
+        scene = self.python.mesh(SQUARE, FACES, "square", origin=FAR)
+        ray = np.array([[*ABOVE, *DOWN]])
+        np.save(self.out / "coarse.npy", ray.astype(np.float32))
+        np.save(self.out / "fine.npy", ray)
+        says = "float32, which moves them by up to 0.25"
+        coarse = ray.astype(np.float32)
+        for call in (lambda: scene.trace(coarse),
+                     lambda: scene.trace(coarse[:, :3], [DOWN]),
+                     lambda: scene.trace(coarse[0, :3], [DOWN]),
+                     lambda: list(scene.stream(coarse)),
+                     lambda: scene.occluded(coarse[:, :3], coarse[:, :3] - np.float32(1)),
+                     lambda: scene.occluded(coarse[:, :3], coarse[:, :3] - np.float32(1),
+                                            margin_distance=0.1)):
+            with self.assertWarnsRegex(raynest.RayWarning, says):
+                call()
+        for name in ("coarse", "fine"):
+            done = self.client.run("query", "square", "--rays", self.out / f"{name}.npy")
+            self.assertEqual((done.returncode, says in done.stderr), (0, name == "coarse"))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            scene.trace(ray)
+            self.python.mesh(SQUARE - FAR, FACES, "near").trace(coarse)
 
     def test_a_scene_that_moves_takes_its_clients_along(self):
         with warnings.catch_warnings():
@@ -148,14 +202,14 @@ class Origin(DaemonTest):
         np.save(self.out / "far.npy", np.array([[*(FAR + 0.1), 0.05]]))
         done = self.client.run("load", self.out / "far.npy", "--primitive", "sphere")
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn("for example origin 500000,4500000,100", done.stdout)
-        with self.assertWarnsRegex(raynest.SceneWarning, "with an origin near it"):
+        self.assertIn("for example --origin 500000,4500000,100", done.stdout)
+        with self.assertWarnsRegex(raynest.SceneWarning, r"with an origin near it, for example origin=\(500000,4500000,100\)"):
             self.python.load(self.out / "far.npy", "again", primitive="sphere")
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             self.python.mesh(SQUARE, FACES, "kept", origin=FAR)
             self.python.mesh(SQUARE - FAR, FACES, "near")
-            # A triangle that never had an area is counted, and no reason to warn.
+            # A triangle that never had an area is counted but causes no warning.
             flat = self.python.mesh([[0, 0, 0.1], [1, 1, 0.1], [2, 2, 0.1], [0, 1, 0.1]],
                                     [[0, 1, 2], [0, 1, 3]], "flat")
         self.assertEqual(flat.info["degenerate_triangles"], 1)

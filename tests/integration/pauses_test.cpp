@@ -1,4 +1,4 @@
-// Clients that take their time: they lose nothing while nobody needs their place, and give way when
+// Tests clients that pause: they lose nothing while nobody needs their place, and give way when
 // somebody does.
 #include "tests/golden/examples.h"
 #include "tests/integration/daemon.h"
@@ -21,7 +21,7 @@ constexpr std::uint64_t chunk = 16384;
 using Crowd = std::vector<std::unique_ptr<Peer>>;
 using Bytes = std::vector<std::byte>;
 
-/// A daemon that takes a peer for paused at once, within `arguments`.
+/// A daemon that treats a peer as paused almost at once.
 struct Hasty : Served {
     explicit Hasty(std::vector<std::string> arguments = {})
         : Served([&] {
@@ -36,17 +36,17 @@ Peer& join(Crowd& crowd, const Daemon& daemon) {
     return *crowd.back();
 }
 
-/// A query whose answers of some 8 MB the daemon makes the rays for.
+/// Returns a query with answers of some 8 MB, for which the daemon makes the rays.
 wire::QueryT large_query() {
     wire::QueryT query = query_of(0);
     query.fields = {"t", "prim", "geom", "path", "uv", "position", "ng"};
     query.generator = std::make_unique<wire::GeneratorT>();
     query.generator->kind = "equirectangular";
-    query.generator->width = query.generator->height = 380;
+    query.generator->settings = {"size=380x380"};
     return query;
 }
 
-/// The answer to request 5, by first ray, with credit for all of it.
+/// Reads the answer to request 5, by first ray, and grants credit for all of it.
 std::map<std::uint64_t, Bytes> read_answer(Peer& peer) {
     std::map<std::uint64_t, Bytes> answer;
     for (auto frame = peer.read(); frame; frame = peer.read()) {
@@ -63,7 +63,7 @@ std::map<std::uint64_t, Bytes> read_answer(Peer& peer) {
     return answer;
 }
 
-/// Waits until the daemon sends no more to those who do not read.
+/// Waits until the daemon sends no more to clients that do not read.
 void wait_for_pause(Peer& peer) {
     double before = -1;
     CHECK(eventually([&] {
@@ -84,7 +84,7 @@ TEST_CASE_FIXTURE(Hasty, "a reader that pauses gets the answer of one that does 
     paused.greet();
     REQUIRE(paused.say(5, large_query()));
     wait_for_pause(peer);
-    // Others come and go meanwhile, who lack nothing.
+    // Other clients come and go meanwhile without delay.
     REQUIRE(eventually([&] {
         Peer newcomer(daemon);
         newcomer.greet();
@@ -108,7 +108,7 @@ TEST_CASE_FIXTURE(Hasty, "a frame that stops in the middle waits for its rest") 
     for (const std::size_t cut : cuts) {
         REQUIRE(guest.send(std::span(bytes).subspan(sent, cut - sent)));
         sent = cut;
-        // Longer than it takes for a peer to count as paused.
+        // Wait longer than it takes for a peer to count as paused.
         const auto begin = std::chrono::steady_clock::now();
         while (std::chrono::steady_clock::now() < begin + std::chrono::milliseconds(60))
             CHECK(peer.answers());
@@ -121,7 +121,7 @@ TEST_CASE("a newcomer gets the place of the connection that moved a whole frame 
     const Daemon daemon({"--give-way-ms", "50", "--connections-max", "3"});
     Crowd crowd;
     for (int i = 0; i < 3; ++i) join(crowd, daemon);
-    // Bytes that make no frame do not count: the first one stays the first to go.
+    // Bytes that complete no frame do not count: the first peer stays the first to go.
     const Bytes ping = golden::wire_bytes(protocol::encode(1, wire::PingT{}).value());
     std::size_t sent = 0;
     REQUIRE(eventually([&] {
@@ -129,7 +129,7 @@ TEST_CASE("a newcomer gets the place of the connection that moved a whole frame 
         Peer newcomer(daemon);
         const bool sure = newcomer.say(0, wire::HelloT{});
         const auto frame = newcomer.read();
-        // The others are served all the while.
+        // The others are served meanwhile.
         for (const std::size_t i : {1U, 2U}) CHECK(crowd[i]->answers());
         return sure && frame &&
                frame->header.type == static_cast<std::uint16_t>(wire::Message::Welcome);
@@ -194,7 +194,7 @@ TEST_CASE("readers that pause hold their windows, and give their memory to who n
             started = frame->header.type == static_cast<std::uint16_t>(wire::Message::Started);
         }
     }
-    // Some 8 to 13 of them fit at a time.
+    // About 8 to 13 of them fit at a time.
     CHECK(counter(house.peer, "gave_way_memory") >= clients / 2);
     const std::uint64_t growth = house.daemon.resident_bytes_max() - before;
     if (!sanitized) CHECK(growth < 128 << 20);

@@ -1,5 +1,5 @@
-// Rays as they come to a real daemon: whole, without what those of a frame have in common, and
-// traced together with those of others.
+// Sends rays to a real daemon in every form: whole, without the values that a frame's rays share,
+// and traced together with other clients' rays.
 #include "tests/integration/daemon.h"
 
 #include <doctest/doctest.h>
@@ -30,7 +30,7 @@ std::span<float> values_of(protocol::Frame& frame) {
             frame.bulk.size() / sizeof(float) / ray_values * ray_values};
 }
 
-/// A hundred rays that miss or hit another place for each `number`.
+/// Returns a hundred rays that miss, or hit another place for each `number`.
 protocol::Frame rays_of(std::uint64_t number) {
     protocol::Frame frame = rays_frame(5, 0, 100);
     const std::span<float> values = values_of(frame);
@@ -45,7 +45,7 @@ struct Fan {
     float tmax = std::numeric_limits<float>::infinity();
 };
 
-/// A hundred rays from one point above the scene, some of which hit.
+/// Returns a hundred rays from one point above the scene, some of which hit.
 protocol::Frame rays_of(const Fan& fan, std::uint64_t first = 0) {
     protocol::Frame frame = rays_frame(5, first, 100);
     const std::span<float> values = values_of(frame);
@@ -59,7 +59,7 @@ protocol::Frame rays_of(const Fan& fan, std::uint64_t first = 0) {
     return frame;
 }
 
-/// The same rays as 6 or 3 values each; the rest, that of the first one, goes for all of them.
+/// Shortens the rays to 6 or 3 values each; the frame takes the other values from the first ray.
 protocol::Frame shortened(protocol::Frame frame, std::uint32_t width) {
     const std::span<const float> values = values_of(frame);
     const auto whole = protocol::open<wire::QueryRays>(frame);
@@ -82,7 +82,7 @@ protocol::Frame shortened(protocol::Frame frame, std::uint32_t width) {
     return protocol::encode(frame.header.request_id, std::move(message), std::move(bulk)).value();
 }
 
-/// Chunk by chunk, in the order of their rays.
+/// Returns the columns chunk by chunk, in the order of their rays.
 std::vector<std::byte> columns_of(Peer& peer) {
     std::map<std::uint64_t, protocol::Frame> chunks;
     for (;;) {
@@ -101,7 +101,7 @@ std::vector<std::byte> columns_of(Peer& peer) {
 
 class Asked : public Served {
 public:
-    /// The query's answer to rays in these frames.
+    /// Returns the query's answer to rays in these frames.
     template <class... Frames>
     std::vector<std::byte> answer(const Frames&... frames) {
         REQUIRE(peer.say(5, query));
@@ -115,7 +115,7 @@ public:
 constexpr float open_end = std::numeric_limits<float>::infinity();
 
 TEST_CASE_FIXTURE(Asked, "what the rays of a frame have in common need not come with each") {
-    // Hits lie between 980 and 998: each range has another answer.
+    // Hits lie between 980 and 998, so each range has another answer.
     constexpr std::array fans = {Fan{0, 0, open_end}, Fan{0, 0, 989}, Fan{0, 989, open_end},
                                  Fan{0, 985, 990}, Fan{3, 0, open_end}};
     SUBCASE("rays") {
@@ -130,7 +130,7 @@ TEST_CASE_FIXTURE(Asked, "what the rays of a frame have in common need not come 
     SUBCASE("points") {
         query.generator = std::make_unique<wire::GeneratorT>();
         query.generator->kind = "hemisphere";
-        query.generator->samples = 3;
+        query.generator->settings = {"samples=3"};
         std::vector<std::vector<std::byte>> answers;
         for (const Fan& fan : {Fan{0, 0, open_end}, Fan{0, 0, 1}, Fan{3, 0, open_end}}) {
             answers.push_back(answer(rays_of(fan)));
@@ -149,7 +149,7 @@ TEST_CASE_FIXTURE(Asked, "what the rays of a frame have in common need not come 
     }
 }
 
-/// A frame of a hundred rays of `width` values; the message is as it is.
+/// Returns a frame of a hundred rays of `width` values, with an unchanged message.
 protocol::Frame frame_of(wire::QueryRaysT message, std::uint32_t width) {
     protocol::Bulk bulk;
     bulk.add("rays", wire::Dtype::f32, width, 100);
@@ -158,7 +158,7 @@ protocol::Frame frame_of(wire::QueryRaysT message, std::uint32_t width) {
     return protocol::encode(5, std::move(message), std::move(bulk)).value();
 }
 
-TEST_CASE_FIXTURE(Asked, "a frame says what its rays lack, and nothing else") {
+TEST_CASE_FIXTURE(Asked, "a frame states exactly the values that its rays lack") {
     const auto refused = [&](std::uint32_t width, bool origin, float tmin, float tmax) {
         wire::QueryRaysT message;
         if (origin) message.origin = std::make_unique<wire::Vec3>(0.0F, 0.0F, 0.0F);
@@ -177,7 +177,7 @@ TEST_CASE_FIXTURE(Asked, "a frame says what its rays lack, and nothing else") {
     CHECK(peer.answers());
 }
 
-TEST_CASE_FIXTURE(Asked, "an origin or a range that makes no sense gives misses with flag 1") {
+TEST_CASE_FIXTURE(Asked, "an invalid origin or range gives misses with flag 1") {
     query.fields = {"flags"};
     const float nan = std::numeric_limits<float>::quiet_NaN();
     for (const Fan& fan : {Fan{nan, 0, 1}, Fan{open_end, 0, 1}, Fan{0, -1, 1}, Fan{0, 2, 1},
@@ -201,8 +201,8 @@ TEST_CASE_FIXTURE(Served,
     }
     CHECK(counter(peer, "tasks_coalesced") == 0);
     CHECK(alone.front() != alone.back());
-    // All wait in their sockets when the daemon looks again. Where it gets too little processor to
-    // read two of them in one turn, the next round may do better.
+    // All wait in their sockets when the daemon reads again. If it has too little processor time to
+    // read two in one turn, the next round may succeed.
     CHECK(eventually([&] {
         daemon.signal(SIGSTOP);
         for (std::size_t i = 0; i < clients; ++i) {

@@ -1,4 +1,4 @@
-// How raynestd starts: what it refuses with which exit code, and what it leaves on disk.
+// Tests how raynestd starts: refusals with their exit codes, and the files that it leaves.
 #include "tests/integration/daemon.h"
 
 #include <doctest/doctest.h>
@@ -15,7 +15,7 @@ bool has(const Ended& ended, std::string_view text) {
     return ended.output.find(text) != std::string::npos;
 }
 
-TEST_CASE("addresses beyond loopback are refused with exit code 2 and a way out") {
+TEST_CASE("addresses beyond loopback are refused with exit code 2 and a remedy") {
     for (const char* uri : {"tcp://0.0.0.0:0", "tcp://[::]:0", "tcp://192.0.2.1:0"}) {
         const Ended ended = run_raynestd({"--listen", uri});
         CHECK(ended.exit_code == 2);
@@ -24,7 +24,7 @@ TEST_CASE("addresses beyond loopback are refused with exit code 2 and a way out"
     }
 }
 
-TEST_CASE("an address that is taken is an error that names it and a way out") {
+TEST_CASE("an address in use is an error that names it and a remedy") {
     const Daemon daemon;
     const std::string uri = "tcp://127.0.0.1:" + std::to_string(daemon.port());
     const Ended ended = run_raynestd({"--listen", uri});

@@ -1,5 +1,4 @@
-// A real daemon against bytes of every kind: whatever one connection says, the daemon lives, says
-// why, and serves the others.
+// Sends bytes of every kind to a real daemon: it stays alive, reports the error, and serves others.
 #include "tests/golden/examples.h"
 #include "tests/golden/malformed.h"
 #include "tests/integration/daemon.h"
@@ -90,13 +89,13 @@ TEST_CASE("a client of another protocol version is told which versions there are
     tally("clients of another version", 1, "told which there are, and closed");
 }
 
-TEST_CASE("a browser that finds the port is told off") {
+TEST_CASE("a browser that finds the port gets an error") {
     const Daemon daemon;
     Peer peer(daemon);
     peer.send(std::string_view("GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"));
     CHECK(peer.read_error() == Code::bad_frame);
     CHECK(peer.ends());
-    tally("HTTP requests", 1, "told off, and closed");
+    tally("HTTP requests", 1, "got an error, and closed");
 }
 
 TEST_CASE("a request before the greeting ends the connection") {
@@ -134,7 +133,7 @@ TEST_CASE_FIXTURE(Served, "an announced bulk part costs no memory until it comes
     for (std::size_t i = 0; i < count; ++i) {
         peers.push_back(std::make_unique<Peer>(daemon));
         peers.back()->greet();
-        // A control part of no bytes: the decoder goes on to the bulk part.
+        // The control part is empty, so the decoder goes on to the bulk part.
         protocol::FrameHeader header;
         header.type = static_cast<std::uint16_t>(wire::Message::Upload);
         header.block_count = 1;

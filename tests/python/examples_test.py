@@ -12,9 +12,13 @@ import unittest
 
 import numpy as np
 
+import raynest
 from daemon import Daemon, DaemonTest, PATIENCE, closed_port
 
 CLIENT = pathlib.Path(__file__).resolve().parents[2] / "client" / "python"
+sys.path.insert(0, str(CLIENT / "examples"))
+import visibility
+
 SECONDS_MAX = 4 * PATIENCE  # of a whole program
 FOREST = "builtin:forest?trees=20"
 
@@ -40,7 +44,7 @@ class Examples(DaemonTest):
         self.assertIn(f"{count:,} points", said)
         self.assertGreater(count, 50000)
         self.assertEqual(re.findall(rb"property (\w+ \w+)", header),
-                         [b"float x", b"float y", b"float z", b"float cosine", b"uint instance",
+                         [b"double x", b"double y", b"double z", b"float cosine", b"uint instance",
                           b"ushort channel"])
         self.example("lidar.py", FOREST, "-o", "a.npy")
         points = np.load(self.out / "a.npy")
@@ -59,6 +63,24 @@ class Examples(DaemonTest):
         distance = np.linalg.norm(away, axis=1)
         self.assertTrue((distance <= 40.001).all())
         self.assertGreater(distance.max(), 30)
+
+    def test_a_lidar_far_from_zero_keeps_its_digits(self):
+        far = np.array([5e5, 0, 4.5e6])
+        with raynest.connect(self.daemon.uri) as client:
+            client.mesh(far + [[-9, 0, -9], [9, 0, -9], [9, 0, 9], [-9, 0, 9]],
+                        [[0, 2, 1], [0, 3, 2]], "field", origin=far)
+            self.example("lidar.py", "field", "-o", "far.npy", "--at", *(far + [0.3, 1, 0.2]),
+                         "--channels", 2, "--elevations", -90, -89, "--azimuths", 4)
+        points = np.load(self.out / "far.npy")
+        np.testing.assert_allclose(points["x"], far[0] + 0.3, rtol=0, atol=0.02)
+        np.testing.assert_allclose(points["z"], far[2] + 0.2, rtol=0, atol=0.02)
+
+    def test_eyes_stand_on_the_ground(self):
+        with raynest.connect(self.daemon.uri) as client:
+            field = client.mesh([[-9, 0, -9], [9, 0, -9], [9, 0, 9], [-9, 0, 9], [0, 5, 0]],
+                                [[0, 2, 1], [0, 3, 2], [4, 4, 4]], "flat", keep=True)
+            eyes = visibility.scatter(field, 50, 1.7, 1)
+        np.testing.assert_allclose(eyes[:, 1], 1.7, atol=1e-5)
 
     def test_visibility_is_who_sees_whom(self):
         said = self.example("visibility.py", FOREST, "--random", 50, "-o", "sees.npy")

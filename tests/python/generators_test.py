@@ -91,8 +91,8 @@ class Generators(WithDaemon):
                                         fields=(*fields, "origin", "direction"))
                 rays = np.empty((generator.count, 8), np.float32)
                 rays[:, :3], rays[:, 4:7] = made.pop("origin"), made.pop("direction")
-                limits = generator._message if generator._points is None else {}
-                rays[:, 3], rays[:, 7] = limits.get("tmin", 0), limits.get("tmax", 0) or np.inf
+                limits = generator._mount
+                rays[:, 3], rays[:, 7] = limits.get("tmin", 0), limits.get("tmax", np.inf)
                 self.same(made, self.woods.trace(rays, kind=kind, fields=fields))
             self.assertGreater(len(made["t"]), 10)
 
@@ -115,6 +115,18 @@ class Generators(WithDaemon):
                           generators.hemisphere([down[:3, 3]], [0, 0, -1], samples=1)):
             self.assertEqual(self.made(generator, scene)[0].tolist(), [down[:3, 3].tolist()])
         self.assertEqual(scene.trace(generators.pinhole(1, size=(1, 1), pose=down))["t"], [2])
+
+    def test_azimuths_may_be_an_array_of_floats(self):
+        self.assertEqual(generators.lidar([0, 1], np.array([0.0, 360.0, 2048.0])).count, 4096)
+        for count in (2.5, np.inf):
+            with self.assertRaisesRegex(raynest.UsageError, "azimuths of"):
+                generators.lidar([0], (0, 360, count))
+
+    def test_points_that_are_nowhere_are_named(self):
+        points = np.array([[0, 3, 0], [0, 3, 0], [np.nan, 3, 0]])
+        with self.assertWarnsRegex(raynest.RayWarning, "first is ray 10, of point 2:"):
+            self.woods.trace(generators.hemisphere(points, [0, 1, 0], samples=5),
+                             reduce="hit_fraction")
 
     def test_sizes_may_be_any_whole_numbers(self):
         size = np.array([300, 250], np.uint16)

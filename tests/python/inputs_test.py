@@ -56,6 +56,40 @@ class Inputs(WithDaemon):
         with self.assertRaisesRegex(raynest.UsageError, r"shape \(3,\)"):
             self.woods.trace([1, 2, 3])
 
+    def test_a_mesh_must_say_which_triangles_it_has(self):
+        points = np.eye(3)
+        corners = [[0, 1, 2], [2, 1, 0]]
+        for vertices, faces, says in (
+                (points, np.ma.array(corners, mask=[[1, 0, 0], [0, 0, 0]]), "some faces are masked"),
+                (np.ma.array(points, mask=points > 0), corners, "some vertices are masked"),
+                (points, [[1, 2, 3]], "faces go from 1 to 3: .* 3 vertices, counted from 0")):
+            with self.assertRaisesRegex(raynest.UsageError, says):
+                self.client.mesh(vertices, faces)
+        with self.assertRaisesRegex(raynest.UsageError, "origin of .* finite"):
+            self.client.mesh(points, corners, origin=[1, 2, np.nan])
+        self.client.mesh(np.ma.array(points), corners)  # masks nothing
+        with self.assertWarnsRegex(raynest.SceneWarning, "1 of 1 triangles .* scale it up"):
+            self.client.mesh(points * 1e-25, [[0, 1, 2]])
+
+    def test_what_is_asked_twice_or_of_the_wrong_call_is_said(self):
+        for call, says in (
+                (lambda: self.woods.trace([DOWN], fields=("t", "t")), "'t' twice"),
+                (lambda: list(self.woods.stream([np.array([DOWN])] * 2)), r"pass iter\(blocks\)"),
+                (lambda: self.woods.trace([DOWN], detach=True, origin=(0, 0, 0)), "world"),
+                (lambda: self.client.load("a.stl"), "trimesh")):
+            with self.assertRaisesRegex(raynest.Error, says):
+                call()
+
+    def test_truncated_answers_are_warned_of(self):
+        with self.assertWarnsRegex(raynest.RayWarning, "1 of 1 rays have more hits than max_hits"):
+            self.woods.trace([DOWN], kind="all", max_hits=1)
+
+    def test_addresses_that_are_none_are_said(self):
+        for uri, says in (("unix:", "use tcp://HOST:PORT or unix:PATH"),
+                          ("/tmp/x/s", "did you mean unix:/tmp/x/s?")):
+            with self.assertRaisesRegex(raynest.UsageError, says):
+                raynest.connect(uri)
+
     def test_masked_rows_are_invalid_rays(self):
         rays = np.array([DOWN] * 4, np.float32)
         for kind in (np.float32, np.float64, np.int32):
@@ -120,6 +154,9 @@ class Inputs(WithDaemon):
         with self.assertRaisesRegex(raynest.ConnectError, "start a daemon with: raynestd --listen "
                                                           f"unix:{self.out}/nobody &"):
             raynest.connect(f"unix:{self.out}/nobody")
+        (pathlib.Path(self.out) / "file").write_text("")
+        with self.assertRaisesRegex(raynest.ConnectError, "it is no socket"):
+            raynest.connect(f"unix:{self.out}/file")
 
     def test_the_daemon_is_quoted_in_this_packages_words(self):
         for refused, says in ((lambda: self.woods.trace(DOWN, epoch=9), "leave epoch= out"),

@@ -37,6 +37,7 @@ class Jobs(WithDaemon):
             job = self.woods.trace(rays, detach=True, **options)
             self.assertIsInstance(job, raynest.Job)
             self.assertIs(job.wait(), job)
+            self.assertEqual((job.info["done"], job.info["total"]), (50000, 50000))
             for _ in range(2):  # as often as asked
                 news = []
                 fetched = job.fetch(progress=lambda *now: news.append(now))
@@ -132,7 +133,7 @@ class Jobs(WithDaemon):
             self.woods.trace(np.zeros((0, 6)), detach=True)
         with self.assertRaisesRegex(raynest.UsageError, "unheard"):
             self.woods.trace(rain(100_000), fields=("unheard",), detach=True)
-        with self.assertRaisesRegex(raynest.BusyError, "principal_result_bytes_max"):
+        with self.assertRaisesRegex(raynest.BusyError, "--principal-result-bytes-max"):
             self.woods.render(size=(8192, 8192), encode="exr", detach=True)
         with self.assertRaisesRegex(TypeError, "detach"):
             next(self.woods.stream(rain(9), detach=True))

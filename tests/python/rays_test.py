@@ -4,6 +4,8 @@ compared with what the command line answers.
 
   rays_test.py RAYNESTD RAYNEST FLATC
 """
+import warnings
+
 import numpy as np
 
 import raynest
@@ -121,11 +123,25 @@ class Rays(WithDaemon):
             a, b = np.array([[0, 0, 9]], dtype), np.array([[0, 0, 2]], dtype)
             past = self.client.mesh([[-1, -1, 5], [1, -1, 5], [0, 1, 5]], [[0, 1, 2]])
             self.assertEqual(past.occluded(a, b).tolist(), [True], dtype)
-        with self.assertRaisesRegex(raynest.UsageError, "too far"):
-            wall.occluded([0, 0, 1], [0, 0, -1e200])
-        for a, margin in (([0, 0, 1], 0.5), ([0, 0, 1], -1), ([0, 0, np.nan], 0), ([0, 0, np.inf], 0)):
+        for margin in (0.5, -1):
             with self.assertRaises(raynest.UsageError):
-                wall.occluded(a, ends, margin=margin)
+                wall.occluded([0, 0, 1], ends, margin=margin)
+
+    def test_occluded_warns_of_ends_that_are_nowhere(self):
+        wall = self.client.mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
+        behind = [[0, 0, -1]] * 4
+        for nowhere in (np.nan, np.inf, -1e200):
+            ends = np.array(behind, np.float64)
+            ends[2, 2] = nowhere
+            for lost in (ends, np.ma.masked_invalid(ends)):
+                for a, b in (([0, 0, 1], lost), (lost, [0, 0, 1])):
+                    for margin in ({}, {"margin_distance": 0.1}):
+                        with self.assertWarnsRegex(raynest.RayWarning, "^1 of 4 .* first is 2$"):
+                            hidden = wall.occluded(a, b, **margin)
+                        self.assertEqual(hidden.tolist(), [True, True, False, True])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a segment of no length is no mistake
+            self.assertEqual(wall.occluded([0, 0, 1], [0, 0, 1]).tolist(), [False])
 
     def test_options_reach_the_daemon(self):
         rays = rain(2000)
@@ -134,7 +150,7 @@ class Rays(WithDaemon):
                            1000).sum() for fill in (0.1, 0.9)]
         self.assertGreater(sums[0], sums[1])
         self.assertEqual(self.client.outcome["intersector"], "procedural_mask")
-        for traversal in ("latency", "batch"):
+        for traversal in ("single", "stream"):
             named = self.woods.trace(rays, traversal=traversal)
             self.assertEqual(self.client.outcome["traversal"], traversal)
             self.same(named, self.woods.trace(rays))

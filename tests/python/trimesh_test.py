@@ -317,8 +317,8 @@ class Trimesh(unittest.TestCase):
     def test_what_is_no_mesh_is_said(self):
         vertices = np.eye(3)
         for says, mesh in (("integers", Mesh(vertices, [[0, 1, 2.0]])),
-                           ("indices into the vertices", Mesh(vertices, [[0, 1, 3]])),
-                           ("indices into the vertices", Mesh(vertices, [[0, 1, -1]])),
+                           ("counted from 0", Mesh(vertices, [[0, 1, 3]])),
+                           ("counted from 0", Mesh(vertices, [[0, 1, -1]])),
                            ("no triangles", Mesh(vertices, [])),
                            ("shape", Mesh(np.eye(2), [[0, 1, 2]])),
                            ("integers", types.SimpleNamespace(vertices=vertices, faces=None))):

@@ -1,3 +1,3 @@
-// The one main() of the unit-test binaries; doctest's implementation takes 12 s to compile once.
+// The only main() of the unit tests; doctest's implementation takes 12 s to compile once.
 #define DOCTEST_CONFIG_IMPLEMENT_WITH_MAIN
 #include <doctest/doctest.h>

@@ -53,7 +53,7 @@ def measured(run):
 def main():
     chosen = options()
     with raynest.connect(chosen.server) as client, tempfile.TemporaryDirectory() as folder:
-        scene = client.load(chosen.source)
+        scene = terminal.scene(client, chosen.source)
         rays = rain(scene, chosen.rays)
         six = np.ascontiguousarray(rays[:, [0, 1, 2, 4, 5, 6]], np.float64)
         file, ours, theirs = (os.path.join(folder, name) for name in

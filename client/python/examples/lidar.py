@@ -5,15 +5,17 @@ import numpy as np
 import raynest
 import terminal
 
-POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("cosine", "<f4"), ("instance", "<u4"),
+POINT = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("cosine", "<f4"), ("instance", "<u4"),
                   ("channel", "<u2")])
-PLY_TYPES = {"<f4": "float", "<u4": "uint", "<u2": "ushort"}
+PLY_TYPES = {"<f8": "double", "<f4": "float", "<u4": "uint", "<u2": "ushort"}
 
 
 def options():
     parser = terminal.parser(__doc__, "lidar.py builtin:forest --channels 64 -o sweep.ply")
     parser.add_argument("-o", "--output", default="sweep.ply",
                         help=".ply or .npy of the points (%(default)s)")
+    parser.add_argument("--origin", type=float, nargs=3, metavar=("X", "Y", "Z"),
+                        help="a point near a scene that lies far from zero, for its digits")
     parser.add_argument("--at", type=float, nargs=3, metavar=("X", "Y", "Z"),
                         help="where it stands (over the middle of the scene)")
     parser.add_argument("--height", type=float, default=1.8,
@@ -65,7 +67,7 @@ def main():
     if not chosen.output.endswith((".ply", ".npy")):
         raise raynest.UsageError(f"--output {chosen.output}: points are written as .ply or .npy")
     with raynest.connect(chosen.server) as client:
-        scene = client.load(chosen.source)
+        scene = terminal.scene(client, chosen.source, chosen.origin)
         at = np.array(chosen.at) if chosen.at else stand(scene, chosen.height)
         lidar = raynest.generators.lidar(
             np.linspace(*chosen.elevations, chosen.channels), (0, 360, chosen.azimuths),

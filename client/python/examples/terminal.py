@@ -11,7 +11,8 @@ def parser(description, example):
     made = argparse.ArgumentParser(usage=f"{example}\n\n%(prog)s [SOURCE] [options]",
                                    description=description)
     made.add_argument("source", nargs="?", default="builtin:forest", metavar="SOURCE",
-                      help=".glb, .gltf, builtin:NAME or root:PATH (%(default)s)")
+                      help=".glb, .gltf, builtin:NAME or root:PATH, or the name of a loaded "
+                      "scene (%(default)s)")
     made.add_argument("--server", help="tcp://HOST:PORT or unix:PATH (RAYNEST_SERVER)")
     made.add_argument("--quiet", action="store_true", help="no progress")
     return made
@@ -22,6 +23,13 @@ def count(text):
     if not (text.isascii() and text.isdigit()) or int(text) < 1:
         raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 1")
     return int(text)
+
+
+def scene(client, source, origin=None):
+    """A loaded scene of that name, else what load() makes of the source."""
+    if any(source == info["name"] for info in client.scenes()):
+        return client.scene(source)
+    return client.load(source, origin=origin)
 
 
 def progress(quiet):

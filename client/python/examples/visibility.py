@@ -26,7 +26,7 @@ def scatter(scene, count, height, seed):
     sky = np.random.default_rng(seed).uniform(middle - half, middle + half, (count, 3))
     sky[:, 1] = high[1] + 1
     ground = scene.trace(sky, [0, -1, 0], fields=("t",))["t"]
-    sky[:, 1] -= np.minimum(ground, high[1] - low[1]) - height
+    sky[:, 1] -= np.minimum(ground, high[1] + 1 - low[1]) - height
     return sky
 
 
@@ -41,7 +41,7 @@ def who_sees_whom(scene, points, progress):
 def main():
     chosen = options()
     with raynest.connect(chosen.server) as client:
-        scene = client.load(chosen.source)
+        scene = terminal.scene(client, chosen.source)
         points = np.load(chosen.points) if chosen.points else \
             scatter(scene, chosen.random, chosen.height, chosen.seed)
         if len(points) < 2:

@@ -1,6 +1,7 @@
 """From tcp://HOST:PORT, tcp://[IPV6]:PORT or unix:PATH to a socket."""
 from __future__ import annotations
 
+import pathlib
 import re
 import socket
 
@@ -14,17 +15,23 @@ _TCP = re.compile(r"tcp://(\[[^]]+\]|[^:]+):(\d{1,5})")
 def connect(uri: str, seconds_max: float) -> socket.socket:
     """A connected socket that does not block."""
     try:
-        opened = _connect_unix(uri[5:], seconds_max) if uri.startswith("unix:") else \
+        opened = _connect_unix(uri[5:], seconds_max) if re.match("unix:.", uri) else \
             _connect_tcp(uri, seconds_max)
     except OSError as error:
-        raise errors.ConnectError(f"cannot connect to {uri}: {error.strerror or error}; "
-                                  f"{_start_hint(uri)}") from None
+        kind = errors.NotAllowedError if isinstance(error, PermissionError) else errors.ConnectError
+        raise kind(f"cannot connect to {uri}: {error.strerror or error}; "
+                   f"{_start_hint(uri, error)}") from None
     opened.setblocking(False)
     return opened
 
 
-def _start_hint(uri: str) -> str:
-    """How to come by a daemon where nobody listens."""
+def _start_hint(uri: str, error: OSError) -> str:
+    """How to come by a daemon where connecting failed."""
+    path = pathlib.Path(uri[5:]) if uri.startswith("unix:") else None
+    if path and isinstance(error, PermissionError):
+        return "you may not open this socket: join its group, or start raynestd with --socket-group"
+    if path and path.exists() and not path.is_socket():
+        return "it is no socket: name the PATH that a daemon was given with --listen unix:PATH"
     if uri == DEFAULT_URI:
         return "start a daemon with: raynestd &"
     if uri.startswith(("unix:", "tcp://127.", "tcp://localhost:", "tcp://[::1]:")):
@@ -54,7 +61,8 @@ def _keep_alive(opened: socket.socket) -> None:
 def _connect_tcp(uri: str, seconds_max: float) -> socket.socket:
     address = _TCP.fullmatch(uri)
     if address is None:
-        raise errors.UsageError(f"{uri!r} is no server: use tcp://HOST:PORT or unix:PATH")
+        hint = f"; did you mean unix:{uri}?" if uri.startswith("/") else ""
+        raise errors.UsageError(f"{uri!r} is no server: use tcp://HOST:PORT or unix:PATH{hint}")
     host, port = address[1].strip("[]"), int(address[2])
     if not 1 <= port <= 65535:
         raise errors.UsageError(f"{uri!r} needs a port from 1 to 65535")

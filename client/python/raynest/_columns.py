@@ -7,6 +7,7 @@ from typing import Any, Optional, Sequence
 
 import numpy as np
 
+from . import _lists
 from ._control import Message
 from ._frame import Array, Block
 from .errors import ProtocolError
@@ -15,28 +16,24 @@ Columns = dict[str, Array]
 
 MISS = 2**64 - 1  # in the column path
 
-_U8, _U32, _U64, _F32 = (np.dtype(kind) for kind in (np.uint8, np.uint32, np.uint64, np.float32))
+_DTYPES = {"u8": np.dtype(np.uint8), "u32": np.dtype(np.uint32), "u64": np.dtype(np.uint64),
+           "f32": np.dtype(np.float32)}
 
-# Columns of hits, of which a ray of these kinds has several. PROTOCOL.md, 7.
-CSR = ("multi", "all")
-OF_HITS: dict[str, tuple[np.dtype[Any], int]] = {
-    "t": (_F32, 1), "prim": (_U32, 1), "geom": (_U32, 1), "path": (_U64, 1), "inst": (_U32, 1),
-    "uid": (_U32, 1), "uv": (_F32, 2), "ng": (_F32, 3), "front": (_U8, 1), "position": (_F32, 3),
-    "material": (_U32, 1)}
+
+def _typed(columns: dict[str, tuple[str, int]]) -> dict[str, tuple[np.dtype[Any], int]]:
+    return {name: (_DTYPES[kind], width) for name, (kind, width) in columns.items()}
+
+
+# Columns of hits, of which a ray of a CSR kind has several. PROTOCOL.md, 7.
+OF_HITS = _typed(_lists.OF_HITS)
 # Columns of rays; an intersector's outputs, of names of its own, are more of them.
-OF_RAYS = {"hit": (_U8, 1), "flags": (_U8, 1), "ray_splits": (_U64, 1),
-           "origin": (_F32, 3), "direction": (_F32, 3),
-           **{counter: (_U32, 1) for counter in
-              ("nodes", "boxes", "leaves", "prims", "instances", "rejects", "total")}}
+OF_RAYS = {**_typed(_lists.OF_RAYS), "ray_splits": (_DTYPES["u64"], 1)}
 # Columns of sums over rays.
-REDUCED: dict[str, dict[str, tuple[np.dtype[Any], int]]] = {
-    "hit_fraction": {"hit_fraction": (_F32, 1)},
-    "visible_pixels": {"path": (_U64, 1), "pixels": (_U32, 1)}}
+REDUCED = {name: _typed(columns) for name, columns in _lists.REDUCED.items()}
 
-# Points: float32 less the scene's origin on their way, float64 in the world here.
-POINTS = ("position", "origin")
-
-_KNOWN = {**OF_HITS, **OF_RAYS, **REDUCED["hit_fraction"], **REDUCED["visible_pixels"]}
+_KNOWN = {**OF_HITS, **OF_RAYS}
+for _columns in REDUCED.values():
+    _KNOWN.update(_columns)
 
 
 class Chunk:
@@ -64,7 +61,7 @@ class Chunk:
 
     def to_world(self, origin: Array) -> None:
         """Once it has arrived. The position of a miss stays 0."""
-        for name in POINTS:
+        for name in _lists.POINTS:
             if name not in self.columns:
                 continue
             points = self.columns[name].astype(np.float64)
@@ -109,14 +106,15 @@ class Whole:
     known only at the end, as that of CSR hits, they stay in their chunks until then; and so do
     points, which arrive in another type."""
 
-    def __init__(self, rows: Optional[int]) -> None:
+    def __init__(self, rows: Optional[int], reduce: str = "") -> None:
         self._rows = rows
+        self._reduce = reduce or (REDUCED.keys() - _lists.REDUCED_TO_POINTS).pop()
         self._columns: Columns = {}
         self._chunks: list[Chunk] = []
 
     def place(self, chunk: Chunk) -> list[Array]:
         self._chunks.append(chunk)
-        return [block.array() if self._rows is None or block.name in POINTS or (
+        return [block.array() if self._rows is None or block.name in _lists.POINTS or (
                     chunk.csr and (block.name in OF_HITS or block.name == "ray_splits"))
                 else self._column(block, self._rows)[chunk.first:chunk.first + chunk.count]
                 for block in chunk.blocks]
@@ -133,7 +131,7 @@ class Whole:
         pieces = [chunk.columns for chunk in sorted(self._chunks, key=lambda chunk: chunk.first)]
         if not pieces:  # of what has no rows whatever was asked: no path was seen
             return {name: np.empty(0, dtype)
-                    for name, (dtype, _) in REDUCED["visible_pixels"].items()}
+                    for name, (dtype, _) in REDUCED.get(self._reduce, {}).items()}
         for name in pieces[0].keys() - self._columns.keys():
             if name == "ray_splits":
                 counts = [np.diff(piece[name]) for piece in pieces]

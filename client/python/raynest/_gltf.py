@@ -68,27 +68,29 @@ def _glb_json(data: bytes) -> bytes:
 
 
 def file_of_uri(uri: str) -> str | None:
-    """The file that a URI stands for: percent-decoded once, "./" dropped, "a/.." cancelled. None
-    where it has a scheme, is absolute, leaves the scene's folder, hides a dot or a slash, or is not
-    printable. The daemon applies the same rule (tests/golden/gltf_uris.json)."""
-    encoded = uri.encode("utf-8", "surrogatepass")
-    for escape in _ESCAPE.findall(encoded):
-        if not escape or bytes.fromhex(escape.decode()) in b"./":
-            return None
-    try:
-        name = _ESCAPE.sub(lambda match: bytes.fromhex(match[1].decode()), encoded).decode("utf-8")
-    except UnicodeDecodeError:
-        return None
-    if not name.isprintable() or "\\" in name or ":" in name:
+    """The file that a URI stands for: percent-decoded once, with / for \\, without empty parts and
+    "./", with "a/.." cancelled. None where it has a scheme, is absolute, leaves the scene's folder,
+    hides a separator, "." or "..", or is not printable. The daemon applies the same rule
+    (tests/golden/gltf_uris.json)."""
+    encoded = re.split(rb"[/\\]", uri.encode("utf-8", "surrogatepass"))
+    if not encoded[0] or not encoded[-1]:
         return None
     components: list[str] = []
-    for component in name.split("/"):
-        if component == "" or (component == ".." and not components):
-            return None
-        if component == "..":
+    for part in encoded:
+        if part == b"..":
+            if not components:
+                return None
             components.pop()
-        elif component != ".":
-            components.append(component)
+        elif part not in (b"", b"."):
+            if b"" in _ESCAPE.findall(part):
+                return None
+            try:
+                name = _ESCAPE.sub(lambda match: bytes.fromhex(match[1].decode()), part).decode()
+            except UnicodeDecodeError:
+                return None
+            if not name.isprintable() or re.search(r"[/\\:]|^\.\.?$", name):
+                return None
+            components.append(name)
     name = "/".join(components)
     return name if 0 < len(name.encode()) <= NAME_BYTES_MAX else None
 
@@ -97,6 +99,11 @@ def file_of_uri(uri: str) -> str | None:
 
 def triangles(vertices: Any, faces: Any) -> tuple[Array, Array]:
     """Both as arrays: vertices (N, 3), and faces (M, 3) that are indices of them."""
+    if np.ma.is_masked(faces):
+        raise UsageError("some faces are masked: pass numpy.ma.compress_rows(faces)")
+    if np.ma.is_masked(vertices):
+        raise UsageError("some vertices are masked: leave out the faces that use them, as "
+                         "faces[~vertices.mask.any(1)[faces].any(1)], and pass vertices.data")
     points, corners = np.asarray(vertices), np.asarray(faces)
     if not corners.size:
         raise UsageError("the mesh has no triangles")
@@ -106,7 +113,8 @@ def triangles(vertices: Any, faces: Any) -> tuple[Array, Array]:
         raise UsageError(f"faces must be integers of shape (M, 3), not {corners.dtype} "
                          f"{corners.shape}")
     if corners.min() < 0 or corners.max() >= len(points):
-        raise UsageError("faces must be indices into the vertices")
+        raise UsageError(f"faces go from {corners.min()} to {corners.max()}: they must be indices "
+                         f"of the {len(points)} vertices, counted from 0")
     return points, corners
 
 

@@ -24,7 +24,7 @@ _STEP = 1 << 16
 _POWERS = np.multiply.accumulate(np.full(_STEP, _PRIME, np.uint64))[::-1]
 
 
-def content_hash(data: Any) -> int:
+def upload_checksum(data: Any) -> int:
     """Of any contiguous bytes."""
     everything = np.frombuffer(data, np.uint8)
     state = _START

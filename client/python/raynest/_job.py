@@ -21,7 +21,7 @@ class JobOptions(TypedDict, total=False):
     intersector: Optional[str]      # a variant's name; "auto" masks by alpha where the scene does
     params: Optional[Mapping[str, object]]  # of the intersector: {"cutoff": 0.3}
     precision: Optional[str]        # "watertight" or "fast"
-    traversal: Optional[str]        # "auto", "latency", "batch" or "coherent"
+    traversal: Optional[str]        # "auto", or one of those that `raynest query --help` lists
     mask: Optional[int]             # instances that share a bit with it are seen
     epoch: Optional[int]            # of the scene; 0 is the current one
     deadline: Optional[float]       # seconds; 0 is none
@@ -49,12 +49,27 @@ class Outcome(dict[str, Any]):
             self.pop("first_invalid", None)
         if name == "Started":
             self["origin"] = origin_of(self)
+            del self["hidden"]
+
+    rays_per_point = 0
+    """Where the daemon makes rays from points."""
+
+    def warn_of_view(self) -> None:
+        for note in self.get("notes", ()):
+            if note.startswith("camera "):
+                warn(note, RayWarning)
 
     def warn_of_rays(self) -> None:
         if self.get("invalid"):
+            first = f"ray {self['first_invalid']}"
+            if self.rays_per_point:
+                first += f", of point {self['first_invalid'] // self.rays_per_point}"
             warn(f"{self['invalid']} of {self['rays']} rays are not valid and count as misses, the "
-                 f"first is ray {self['first_invalid']}: something in it is not finite, its "
+                 f"first is {first}: something in it is not finite, its "
                  "direction is zero, or tmin is negative or beyond tmax", RayWarning)
+        if self.get("truncated"):
+            warn(f"{self['truncated']} of {self['rays']} rays have more hits than max_hits, of "
+                 "which the nearest were kept; raise it", RayWarning)
 
 
 class SceneMoved(Exception):
@@ -72,6 +87,8 @@ def origin_of(message: dict[str, Any]) -> list[float]:
 
 def job_message(scene: str, options: JobOptions) -> Message:
     unknown = options.keys() - JobOptions.__annotations__.keys()
+    if "detach" in unknown:
+        raise TypeError("trace(), render() and heatmap() take detach, other calls do not")
     if unknown:
         raise TypeError(f"there is no option {', '.join(sorted(unknown))}; there are "
                         f"{', '.join(JobOptions.__annotations__)}")

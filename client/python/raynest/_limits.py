@@ -1,23 +1,25 @@
-"""Limits that bytes from a daemon are checked against before they cost anything.
-
-Names and values are those of protocol/limits.h; a test compares them.
-"""
-
-frame_bytes_max = 64 << 20
-control_bytes_max = 64 << 10
+"""Limits that bytes from a daemon are checked against before they cost anything. Written by
+.ci/lists.py from protocol/limits.def."""
+frame_bytes_max = 67108864
+control_bytes_max = 65536
 control_depth_max = 16
 control_tables_max = 256
 blocks_max = 64
-chunk_rays_max = 16 << 10
-window_bytes = 8 << 20
-window_bytes_max = 32 << 20
-rays_max = 1 << 36
+greeting_bytes_max = 4096
+greeting_ms_max = 2000
+chunk_rays_max = 16384
+window_bytes = 8388608
+window_bytes_max = 33554432
+jobs_max = 8
+rays_max = 68719476736
 hits_max = 256
 all_hits_max = 65536
 azimuths_max = 65536
+name_bytes_max = 256
+text_bytes_max = 4096
 list_items_max = 512
 upload_files_max = 512
-upload_bytes_max = 4 << 30
+upload_bytes_max = 4294967296
 picture_side_max = 16384
-picture_pixels_max = 64 << 20
+picture_pixels_max = 67108864
 samples_max = 65536

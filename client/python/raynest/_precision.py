@@ -24,6 +24,10 @@ def rounding_warning(vertices: Any, faces: Any, origin: Array, degenerate: int) 
     vanished = degenerate - _flat(exact, corners) if degenerate and moved else 0
     if moved <= NOTABLE_SHARE * size and vanished <= 0:
         return ""
+    if moved <= NOTABLE_SHARE * size:
+        return (f"{vanished} of {len(corners)} triangles are so small that they have no area in "
+                f"float32; the mesh's size is {size:.3g}: scale it up, or make small parts scenes of "
+                "their own")
     step = 10.0 ** math.ceil(math.log10(max(size, moved)))
     near = tuple((np.round(((low + high) / 2 + origin) / step) * step + 0.0).tolist())
     gone = f" and leaves {vanished} of {len(corners)} triangles without area" if vanished > 0 else ""

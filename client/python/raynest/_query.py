@@ -6,8 +6,8 @@ from typing import Callable, Generator, Optional, Sequence
 
 import numpy as np
 
-from . import _limits
-from ._columns import CSR, REDUCED, Answered, Chunk
+from . import _limits, _lists
+from ._columns import REDUCED, Answered, Chunk
 from ._connection import Connection
 from ._control import Message
 from ._frame import Array, Block, padding
@@ -32,8 +32,6 @@ class Answer:
         self.outcome = Outcome()
         self.origin: Optional[Array] = None
         """What was subtracted from the rays, where that is known."""
-        self.hidden: tuple[str, ...] = ()
-        """Columns that nobody asked for."""
         self._connection = connection
         self._seconds = seconds
         self._request, self._message = request, message
@@ -55,20 +53,22 @@ class Answer:
             arrived.append(chunk)
             return arrays
 
+        hidden: Sequence[str] = ()  # columns that users did not ask for
         frames = self._connection.exchange(self._request, self._message, self._seconds,
                                            place_blocks, self.feed)
         with contextlib.closing(frames):
             for name, message in frames:
                 self.outcome.take(name, message)
                 if name == "Started":
+                    hidden = message["hidden"]
                     self._check_origin(np.array(self.outcome["origin"]))
                 if name == "Chunk":
                     chunk = arrived.pop()
                     if chunk.csr:
                         chunk.check_splits()
                     chunk.to_world(np.zeros(3) if self.origin is None else self.origin)
-                    for column in self.hidden:
-                        del chunk.columns[column]
+                    for column in hidden:
+                        chunk.columns.pop(column, None)
                     yield chunk
         if self.answered != (self.outcome.get("rows") if self.rows is None else self.rows):
             raise ProtocolError("the daemon ended a query before its last answer")
@@ -103,21 +103,24 @@ class Query(Answer):
     def __init__(self, connection: Connection, message: Message, source: Source, origin: Array,
                  expects_origin: bool) -> None:
         # The position of a miss is 0 on its way, and stays 0.
-        hidden: tuple[str, ...] = ()
+        hidden: list[str] = []
         if origin.any() and message["kind"] in ("closest", "null") and \
                 "position" in message["fields"] and "hit" not in message["fields"]:
-            message["fields"], hidden = [*message["fields"], "hit"], ("hit",)
+            hidden = ["hit"]
         super().__init__(connection, "Query", {
-            **message, "ray_count": source.sent.count, "generator": source.generator},
+            **message, "fields": [*message["fields"], *hidden], "hidden": hidden,
+            "ray_count": source.sent.count, "generator": source.generator},
             message["job"]["deadline_ms"] / 1000)
-        self.origin, self.hidden, self._expects_origin = origin, hidden, expects_origin
+        self.origin, self._expects_origin = origin, expects_origin
+        if source.generator and source.sent.count:
+            self.outcome.rays_per_point = source.count // source.sent.count
         reduce = message["reduce"]
         self.fields = message["fields"] or tuple(REDUCED.get(reduce, ()))
-        self.csr = message["kind"] in CSR
+        self.csr = message["kind"] in _lists.CSR
         self._source = source
         self._sent = 0
-        if reduce != "visible_pixels":
-            self.rows = source.sent.count if reduce == "hit_fraction" else source.count
+        if not reduce or reduce in _lists.REDUCED_TO_POINTS:
+            self.rows = source.sent.count if reduce else source.count
 
     def _check_origin(self, origin: Array) -> None:
         if self._expects_origin and (origin != self.origin).any():

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import reprlib
 from typing import Any, Optional
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from ._arguments import float32, numbers, real
 from ._control import Message
 from ._frame import Array
-from .errors import UsageError
+from .errors import RayWarning, UsageError, warn
 
 
 class Rays:
@@ -47,6 +48,8 @@ class Rays:
         else:
             raise UsageError(f"rays of shape {np.shape(rays)}: they must be (N, 6) [ox oy oz dx dy "
                              "dz], (N, 8) [ox oy oz tmin dx dy dz tmax], or origins and directions")
+        if self._shift is not None:
+            warn_of_rounding(first if self._origins is None else self._origins)
         self.count = len(self._rest)
         self.width = self._rest.shape[1] + (0 if self._origins is None else 3)
 
@@ -82,13 +85,27 @@ class Source:
     generator: Optional[Message] = None     # by which the daemon makes them
 
 
+def warn_of_rounding(points: Array) -> None:
+    """A scene far from zero is worth its origin only where rays have as many digits."""
+    if points.dtype.kind == "f" and points.dtype.itemsize <= 4:
+        moved = np.spacing(np.abs(points).max(where=np.isfinite(points), initial=0)) / 2
+        if moved > NOTABLE_ROUNDING:
+            warn(f"origins of rays are {points.dtype}, which moves them by up to {moved:.2g} so far "
+                 "from zero: pass float64", RayWarning)
+
+
 def vector(what: str, value: Any) -> Array:
     """Three float64."""
     out = numbers(what, value).astype(np.float64)
     if out.shape != (3,):
         raise UsageError(f"{what} has the shape {out.shape}: it must be three numbers")
+    if not np.isfinite(out).all():
+        raise UsageError(f"{what} of {reprlib.repr(value)}: it must be three finite numbers")
     return out
 
+
+# Distance in the scene's units from which on rounding is worth a warning.
+NOTABLE_ROUNDING = 0.5e-3
 
 # The share of a line of sight that is left out at both ends, unless the user says more.
 SEGMENT_MARGIN = 1e-4
@@ -106,25 +123,21 @@ def segments(a: Any, b: Any, margin: Optional[float], margin_distance: Optional[
     if margin_distance is not None and not 0 <= real("margin_distance", margin_distance) < math.inf:
         raise UsageError(f"margin_distance of {margin_distance!r}: it must be a distance, 0 or more")
     start, end = pair(a, b)
-    if not (np.isfinite(start).all() and np.isfinite(end).all()):
-        raise UsageError("a point is not finite: no line of sight begins or ends there")
     # Signed, as the dtype of the points may not be.
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
         ways = np.subtract(end, start, dtype=np.result_type(start, end, np.float32))
-    if max(farthest(start), farthest(ways)) > np.finfo(np.float32).max:
-        raise UsageError("points are too far away for float32: it ends at 3e38")
+    unseen = ~(np.isfinite(float32(start)) & np.isfinite(float32(ways))).all(axis=1)
+    if unseen.any():
+        warn(f"{np.count_nonzero(unseen)} of {len(unseen)} lines of sight have an end that is not "
+             f"finite in float32, and count as free; the first is {unseen.argmax()}", RayWarning)
     if margin_distance is None:
         return Rays(a if np.shape(a) == (3,) else start, ways, origin, tmin=margin, tmax=1 - margin)
-    lengths = np.linalg.norm(ways.astype(np.float64), axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        lengths = np.linalg.norm(ways.astype(np.float64), axis=1)
     # Of a segment that is shorter than both ends an interval without a hit is left.
     ends = np.minimum(0.5, np.divide(margin_distance, lengths, out=np.full(len(ways), 0.5),
-                                     where=lengths > 0))
+                                     where=lengths > 0)).astype(ways.dtype)
     return Rays(np.column_stack([start, ends, ways, 1 - ends]), origin=origin)
-
-
-def farthest(points: Array) -> float:
-    """The largest coordinate, without its sign."""
-    return max(float(points.max()), -float(points.min())) if points.size else 0.0
 
 
 def pair(first: Any, second: Any) -> tuple[Array, Array]:

@@ -95,4 +95,14 @@ def _number(word: str) -> Number:
     return float(word) if "." in word else int(word)
 
 
-SCHEMA = Schema((pathlib.Path(__file__).parent / "messages.fbs").read_text(encoding="utf-8"))
+def _text() -> str:
+    file = pathlib.Path(__file__).parent / "messages.fbs"
+    try:
+        return file.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ImportError(f"raynest: {file} is missing. In the source tree it is a link to "
+                          "protocol/messages.fbs: copy client/python with cp -rL, or install it "
+                          "with pip") from None
+
+
+SCHEMA = Schema(_text())

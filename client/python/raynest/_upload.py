@@ -19,7 +19,7 @@ from ._control import Message
 from ._files import is_nameless, read_file, read_file_beneath, sendable
 from ._frame import Array, padding
 from ._gltf import file_names
-from ._hash import content_hash
+from ._hash import upload_checksum
 
 # A piece of a file: large enough that headers do not count, small enough for any frame limit.
 PIECE_BYTES = 1 << 20
@@ -38,7 +38,7 @@ class Upload(NamedTuple):
     def message(self) -> Message:
         return {"source": self.source, "name": self.scene_name,
                 "file_names": [file.name for file in self.files],
-                "file_hashes": [content_hash(file.data) for file in self.files],
+                "file_hashes": [upload_checksum(file.data) for file in self.files],
                 "file_bytes": [len(file.data) for file in self.files]}
 
 
@@ -50,8 +50,9 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
     stem, extension = os.path.splitext(name)
     nameless = is_nameless(source)
     if not nameless and extension.lower() not in (".glb", ".gltf", ".npy"):
-        raise errors.InvalidError(f"{source} is not a .glb, .gltf or .npy file, nor builtin:NAME",
-                                  "FILE_INVALID")
+        raise errors.InvalidError(f"{source} is not a .glb, .gltf or .npy file, nor builtin:NAME; "
+                                  "read it with trimesh and pass its vertices and faces to mesh(), "
+                                  "or convert it to .glb", "FILE_INVALID")
     data = read_file(source, _limits.upload_bytes_max)
     if nameless:
         stem, extension, folder = "", _sniff(source, data), "."

@@ -10,11 +10,13 @@ WORDS = {
     "Unload": "Scene.unload()", "Variants": "Client.variants()", "Wait": "Job.wait()",
     # fields
     "camera": "camera=", "deadline_ms": "deadline=", "epoch": "epoch=", "look_at": "look_at=",
-    "name": "name=", "origin": "origin=", "primitive": "primitive=", "replace": "replace=True",
+    "mask": "mask=", "name": "name=", "origin": "origin=", "primitive": "primitive=",
+    "replace": "replace=True",
     "samples": "spp=", "size": "size=", "traversal": "traversal=", "worker": "worker="}
 
 
 def in_own_words(message: str) -> str:
     """A message of the daemon, in which each word between backticks is a field or a message of the
     protocol (PROTOCOL.md, 9), with this package's spelling in its place."""
+    message = re.sub(r"`origin` ([-+.,e\d]+)", r"origin=(\1)", message)
     return re.sub("`([A-Za-z_]+)`", lambda match: WORDS.get(match[1], match[0]), message)

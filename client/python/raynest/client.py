@@ -16,7 +16,7 @@ from ._control import Message
 from ._files import path_text
 from ._gltf import mesh_glb
 from ._handles import Handles
-from ._hash import content_hash
+from ._hash import upload_checksum
 from ._job import Outcome, Progress
 from ._precision import rounding_warning
 from ._rays import vector
@@ -117,7 +117,7 @@ class Client:
         shift = np.zeros(3) if origin is None else vector("origin", origin)
         data = mesh_glb(vertices, faces, shift)
         built = "" if build == "medium" else f"-{build}"
-        upload = Upload("mesh.glb", name or f"mesh-{content_hash(data):016x}{built}",
+        upload = Upload("mesh.glb", name or f"mesh-{upload_checksum(data):016x}{built}",
                         (File("mesh.glb", data),))
         message = {**upload.message(), **_origin_message(shift), "replace": replace, "build": build,
                    "temporary": not name and not keep}

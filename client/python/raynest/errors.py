@@ -23,6 +23,7 @@ from __future__ import annotations
 import sys
 import warnings
 
+from ._lists import ERRORS
 from ._wording import in_own_words
 
 
@@ -97,32 +98,14 @@ def warn(text: str, category: type[Warning]) -> None:
     warnings.warn(text, category, level)
 
 
+_BY_EXIT_CODE: dict[int, type[Error]] = {kind.exit_code: kind for kind in (
+    FailedError, UsageError, ConnectError, NotAllowedError, InvalidError, BusyError, DeadlineError,
+    CancelledError)}
 INTERNAL: tuple[str, type[Error]] = ("INTERNAL", FailedError)
 
 # The error table of PROTOCOL.md, in order of its codes from 1.
-TABLE: tuple[tuple[str, type[Error]], ...] = (
-    ("BAD_FRAME", FailedError),
-    ("UNSUPPORTED_VERSION", ConnectError),
-    ("UNKNOWN_TYPE", FailedError),
-    ("LIMIT_EXCEEDED", InvalidError),
-    ("INVALID_FIELD", UsageError),
-    ("INVALID_PARAM", UsageError),
-    ("VARIANT_UNKNOWN", InvalidError),
-    ("SCENE_UNKNOWN", InvalidError),
-    ("SCENE_INVALID", InvalidError),
-    ("NAME_TAKEN", FailedError),
-    ("QUOTA", BusyError),
-    ("BUSY", BusyError),
-    ("DEADLINE", DeadlineError),
-    ("CANCELLED", CancelledError),
-    ("NOT_ALLOWED", NotAllowedError),
-    ("DRAINING", BusyError),
-    ("SLOW_CONSUMER", FailedError),
-    ("RESOURCE_EXHAUSTED", BusyError),
-    ("UNSUPPORTED", InvalidError),
-    INTERNAL,
-    ("JOB_UNKNOWN", InvalidError),
-)
+TABLE: tuple[tuple[str, type[Error]], ...] = tuple(
+    (name, _BY_EXIT_CODE[exit_code]) for name, exit_code in ERRORS)
 
 
 def from_daemon(code: int, message: str, retry_after_ms: int) -> Error:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import reprlib
-from typing import Any, Optional, Sequence, TypedDict, Union, cast
+from typing import Any, Callable, Optional, Sequence, TypedDict, Union, cast
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from . import _limits
 from ._arguments import Unpack, float32, none_is_default, numbers, real, whole
 from ._control import Message
 from ._frame import Array
+from ._lists import GENERATORS
 from ._picture import camera_message, size_message
 from ._rays import Rays, Source, pair, vector
 from .errors import UsageError
@@ -42,34 +43,51 @@ class Mount(TypedDict, total=False):
 class Generator:
     """Made by the functions below; `count` is its number of rays."""
 
-    def __init__(self, message: Message, count: int, points: Optional[Array] = None,
-                 mount: Optional[Mount] = None, fov: float = 0.0) -> None:
+    def __init__(self, kind: str, settings: dict[str, str], count: int,
+                 points: Optional[Array] = None, mount: Optional[Mount] = None,
+                 fov: float = 0.0) -> None:
         self.count = count
+        self._kind = kind
         self._points = points       # (N, 8): point, tmin, normal, tmax
         self._mount = _given(mount or {})
-        self._message = message if mount is None else {**message, **_limits_of(self._mount)}
+        self._settings = {**settings, **_range_of(self._mount)}
         self._pose = _pose(self._mount["pose"]) if "pose" in self._mount else None
         self._fov = fov
 
     def __repr__(self) -> str:
-        return f"<raynest.generators.{self._message['kind']}, {self.count} rays>"
+        return f"<raynest.generators.{self._kind}, {self.count} rays>"
 
     def source(self, origin: Any) -> Source:
         """What travels of it; points and places are shifted by `origin` as rays are."""
         if self._points is not None:
-            return Source(Rays(self._points, origin=origin), self.count, self._message)
+            return Source(Rays(self._points, origin=origin), self.count, self._message({}))
         shift = np.zeros(3) if origin is None else vector("origin", origin)
-        message = dict(self._message)
         look_at, camera = self._mount.get("look_at"), self._mount.get("camera")
         camera = "" if camera is None else camera
-        pose = self._pose
-        if pose is None and message["kind"] != "camera" and camera == "" and look_at is None:
+        pose, place = self._pose, {}
+        if pose is None and "pose" in GENERATORS[self._kind] and camera == "" and look_at is None:
             pose = np.eye(3, 4)
         if pose is not None:
-            message["pose"] = _floats("pose", pose - np.pad(shift[:, None], ((0, 0), (3, 0))))
+            place["pose"] = _text("pose", pose - np.pad(shift[:, None], ((0, 0), (3, 0))))
         if camera != "" or look_at is not None or self._fov:
-            message["camera"] = camera_message(camera, look_at, self._fov, shift)
-        return Source(Rays(np.empty((0, 8), np.float32)), self.count, message)
+            message = camera_message(camera, look_at, self._fov, shift)
+            if message["name"]:
+                place["camera"] = message["name"]
+            if look_at is not None:
+                place["lookat"] = _text("look_at", [message[at] for at in ("eye", "at", "up")])
+            if self._fov:
+                place["fov"] = _text("fov", self._fov)
+        return Source(Rays(np.empty((0, 8), np.float32)), self.count, self._message(place))
+
+    def _message(self, place: dict[str, str]) -> Message:
+        settings = {**self._settings, **place}
+        return {"kind": self._kind, "settings": [f"{name}={text}" for name, text in settings.items()]}
+
+
+def one_sample(generator: Message) -> Message:
+    """The same generator with one ray for each point."""
+    settings = [each for each in generator["settings"] if not each.startswith("samples=")]
+    return {**generator, "settings": [*settings, "samples=1"]}
 
 
 # ---- sensors ------------------------------------------------------------------------------------
@@ -81,7 +99,7 @@ def camera(*, fov: float = 0.0, size: tuple[int, int] = (960, 540),
     `fov` is vertical. t is depth along the axis."""
     if mount.get("pose") is not None:
         raise UsageError("camera() takes no pose: pass camera= or look_at=, or use pinhole()")
-    return _image("camera", size, mount, fov=real("fov", fov))
+    return _image("camera", size, mount, {}, fov=real("fov", fov))
 
 
 @none_is_default
@@ -90,10 +108,9 @@ def pinhole(fx: float, fy: Optional[float] = None, cx: Optional[float] = None,
             **mount: Unpack[Mount]) -> Generator:
     """A calibrated camera: focal lengths and principal point in pixels, by default square pixels
     and the middle. t is depth along the axis."""
-    image = size_message(size)
-    return _image("pinhole", size, mount, fx=fx, fy=fx if fy is None else fy,
-                  cx=image["width"] / 2 if cx is None else cx,
-                  cy=image["height"] / 2 if cy is None else cy)
+    given = {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
+    return _image("pinhole", size, mount, {name: _text(name, real(name, value))
+                                           for name, value in given.items() if value is not None})
 
 
 @none_is_default
@@ -104,13 +121,14 @@ def orthographic(window: tuple[float, float], *, size: tuple[int, int] = (960, 5
     if sides.shape != (2,):
         raise UsageError(f"window of {reprlib.repr(window)}: it must be (width, height)")
     width, height = sides.tolist()
-    return _image("orthographic", size, mount, window_width=width, window_height=height)
+    window_text = f"{_text('window', width)}x{_text('window', height)}"
+    return _image("orthographic", size, mount, {"window": window_text})
 
 
 @none_is_default
 def equirectangular(*, size: tuple[int, int] = (960, 480), **mount: Unpack[Mount]) -> Generator:
     """All directions: 360 degrees wide, ahead in the middle, 180 high."""
-    return _image("equirectangular", size, mount)
+    return _image("equirectangular", size, mount, {})
 
 
 @none_is_default
@@ -124,20 +142,27 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
     except (TypeError, ValueError):
         raise UsageError(f"azimuths of {reprlib.repr(azimuths)}: they must be (start, stop, count)"
                          ) from None
+    if isinstance(azimuth_count, (float, np.floating)) and float(azimuth_count).is_integer():
+        azimuth_count = int(azimuth_count)  # as an array of the three has it
     count = whole("azimuths", azimuth_count, _limits.azimuths_max)
-    message: Message = {
-        "kind": "lidar", "elevations": _floats("elevations", elevations),
-        "azimuth_offsets": _floats("azimuth_offsets", azimuth_offsets),
-        "origin_offsets": _offsets(origin_offsets), "azimuth_start": start,
-        "azimuth_stop": stop, "azimuth_count": count}
-    channels = len(message["elevations"])
+    offsets = _offsets(origin_offsets)
+    each = {"elevations": numbers("elevations", elevations).size,
+            "azimuth_offsets": numbers("azimuth_offsets", azimuth_offsets).size,
+            "origin_offsets": len(offsets)}
+    channels = each["elevations"]
     if not 0 < channels <= _limits.list_items_max:
         raise UsageError(f"a lidar of {channels} channels: it has 1 to {_limits.list_items_max}; "
                          "trace more in several sweeps")
     for name in ("azimuth_offsets", "origin_offsets"):
-        if len(message[name]) not in (0, channels):
+        if each[name] not in (0, channels):
             raise UsageError(f"{name} must be one for each of the {channels} elevations, or none")
-    return Generator(message, channels * count, mount=mount)
+    settings = {"elevations": _text("elevations", elevations),
+                "azimuths": f"{_text('azimuths', real('azimuths', start))}:"
+                            f"{_text('azimuths', real('azimuths', stop))}:{count}",
+                "azimuth_offsets": _text("azimuth_offsets", azimuth_offsets),
+                "origin_offsets": _text("origin_offsets", offsets)}
+    return Generator("lidar", {name: text for name, text in settings.items() if text},
+                     channels * count, mount=mount)
 
 
 # ---- points -------------------------------------------------------------------------------------
@@ -151,17 +176,36 @@ def hemisphere(points: Any, normals: Any, *, samples: int = 64, seed: int = 0, t
     places, ways = pair(points, normals)
     rows = np.empty((len(places), 8), np.result_type(places, ways, np.float32))
     rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7] = places, low, ways, high
-    message: Message = {"kind": "hemisphere",
-                        "seed": whole("seed", seed, 2**64 - 1, least=0),
-                        "samples": whole("samples", samples, _limits.samples_max)}
-    return Generator(message, len(rows) * message["samples"], rows)
+    seed, samples = whole("seed", seed, 2**64 - 1, 0), whole("samples", samples, _limits.samples_max)
+    return Generator("hemisphere", {"seed": str(seed), "samples": str(samples)}, len(rows) * samples,
+                     rows)
 
 
-def _image(kind: str, size: tuple[int, int], mount: Mount, fov: float = 0.0,
-           **fields: float) -> Generator:
+# ---- others -------------------------------------------------------------------------------------
+
+def __getattr__(kind: str) -> Callable[..., Generator]:
+    """Any other image that protocol/generators.def lists: its settings as keyword arguments, texts
+    or numbers, and `size` as above."""
+    if "size" not in GENERATORS.get(kind, ()):
+        raise AttributeError(f"module {__name__!r} has no attribute {kind!r}")
+
+    def image(*, size: tuple[int, int] = (960, 540), pose: Any = None,
+              camera: Union[str, int, None] = None, look_at: Optional[Sequence[Any]] = None,
+              tmin: Optional[float] = None, tmax: Optional[float] = None,
+              **settings: Any) -> Generator:
+        texts = {name: value if isinstance(value, str) else _text(name, value)
+                 for name, value in settings.items()}
+        return _image(kind, size, Mount(pose=pose, camera=camera, look_at=look_at, tmin=tmin,
+                                        tmax=tmax), texts)
+    return image
+
+
+def _image(kind: str, size: tuple[int, int], mount: Mount, settings: dict[str, str],
+           fov: float = 0.0) -> Generator:
     image = size_message(size)
-    return Generator({"kind": kind, **image, **fields}, image["width"] * image["height"],
-                     mount=mount, fov=fov)
+    width, height = image["width"], image["height"]
+    return Generator(kind, {"size": f"{width}x{height}", **settings}, width * height, mount=mount,
+                     fov=fov)
 
 
 def _given(mount: Mount) -> Mount:
@@ -177,13 +221,15 @@ def _given(mount: Mount) -> Mount:
     return cast(Mount, given)
 
 
-def _limits_of(mount: Mount) -> Message:
+def _range_of(mount: Mount) -> dict[str, str]:
+    if "tmin" not in mount and "tmax" not in mount:
+        return {}
     tmin, tmax = _range(mount.get("tmin", 0.0), mount.get("tmax", math.inf))
-    return {"tmin": tmin, "tmax": 0.0 if math.isinf(tmax) else tmax}
+    return {"range": f"{_text('tmin', tmin)}:{_text('tmax', tmax)}"}
 
 
 def _range(tmin: Any, tmax: Any) -> tuple[float, float]:
-    """As float32 has them, in which they travel: there a tmax of 0 would be no end."""
+    """As float32 has them, in which they travel."""
     low, high = float32((real("tmin", tmin), real("tmax", tmax))).tolist()
     if not 0 <= low < high:
         raise UsageError(f"tmin {tmin} and tmax {tmax}: it must be 0 <= tmin < tmax, in float32")
@@ -200,14 +246,14 @@ def _pose(value: Any) -> Array:
     return pose
 
 
-def _floats(what: str, value: Any) -> list[float]:
-    """What float32 cannot hold becomes infinite, and the daemon refuses it."""
-    out: list[float] = float32(numbers(what, value)).ravel().tolist()
-    return out
+def _text(what: str, value: Any) -> str:
+    """Numbers with the digits that float32 keeps. What it cannot hold becomes infinite, and the daemon
+    refuses it."""
+    return ",".join(map(str, float32(numbers(what, value)).ravel()))
 
 
-def _offsets(value: Any) -> list[tuple[float, ...]]:
-    rows = float32(numbers("origin_offsets", value))
+def _offsets(value: Any) -> Array:
+    rows = numbers("origin_offsets", value)
     if rows.size and (rows.ndim != 2 or rows.shape[1] != 3):
         raise UsageError(f"origin_offsets of shape {rows.shape}: they must be (C, 3)")
-    return [tuple(row) for row in rows.reshape(-1, 3).tolist()]
+    return rows.reshape(-1, 3)

@@ -11,7 +11,7 @@ from typing import Any, Iterator
 from . import client as clients  # which imports this module: its names are there later
 from . import errors
 from ._arguments import milliseconds, none_is_default, whole
-from ._columns import Whole
+from ._columns import REDUCED, Whole
 from ._connection import Connection
 from ._control import Message
 from ._job import Progress
@@ -37,8 +37,8 @@ class Job:
             if info["job"] == self.number:
                 return info
             break
-        raise errors.InvalidError(f"there is no job {self.number}; Client.jobs() lists those that "
-                                  "there are", "JOB_UNKNOWN")
+        raise errors.InvalidError(f"there is no job {self.number}, or its answer is gone; see "
+                                  "Client.jobs()", "JOB_UNKNOWN")
 
     @none_is_default
     def wait(self, *, deadline: float = 0.0, progress: Progress = None) -> Job:
@@ -68,7 +68,8 @@ class Job:
         with client.connection.interrupts, contextlib.closing(answer.chunks(rows.place)) as chunks:
             for _ in chunks:
                 if progress:
-                    progress(answer.answered, max(info["total"], answer.answered), "fetching")
+                    total = 0 if info["detail"] in REDUCED else info["total"]  # rays, not rows
+                    progress(answer.answered, max(total, answer.answered), "fetching")
         client.outcome = answer.outcome
         answer.outcome.warn_of_rays()
         return rows.columns()

@@ -10,7 +10,7 @@ from typing import (Any, Callable, Generator, Iterable, Iterator, Literal, Mappi
 
 import numpy as np
 
-from . import _limits
+from . import _limits, _lists
 from . import client as clients  # which imports this module: its names are there later
 from ._arguments import Unpack, none_is_default, whole, whole_numbers
 from ._columns import MISS, Chunk, Columns, Whole, anywhere
@@ -22,7 +22,7 @@ from ._query import Query
 from ._rays import Rays, Source, segments, vector
 from ._words import path_info, scene_info
 from .errors import InvalidError, UsageError
-from .generators import Generator as RayGenerator
+from .generators import Generator as RayGenerator, one_sample
 from .job import Job
 
 
@@ -91,7 +91,7 @@ class Scene:
         unit length: t is in units of it. float32 of the first two forms is sent as it lies, and so
         are directions with one origin, which travels once; all else is converted on the way. Of a
         scene with an origin that is subtracted first, in float64. `origin` takes its place for this
-        call: with (0, 0, 0) rays and answers are relative to the scene's.
+        call: with (0, 0, 0) rays and answers are relative to the scene's; a detached job has none.
         Or it is made by raynest.generators: then the daemon makes the rays, and none travel.
 
         kind "closest", the default, gives the first hit, "any" only whether there is one (column
@@ -107,6 +107,9 @@ class Scene:
         gives the columns path, ascending, and pixels: how many rays meet that path first.
         """
         if detach:
+            if origin is not None:
+                raise UsageError("a detached job answers in world coordinates: pass those and leave "
+                                 "origin= away")
             self._look_up(job)
         answer = self._at(origin, lambda shift, expected: self._trace(
             self._source(rays, directions, shift), shift, expected, kind, fields, max_hits, job,
@@ -122,13 +125,13 @@ class Scene:
         # errors and dtypes are those of any other query.
         asked = source if source.count else dataclasses.replace(
             source, sent=Rays(np.zeros((1, 8), np.float32)), count=1,
-            generator=source.generator and {**source.generator, "samples": 1})
+            generator=source.generator and one_sample(source.generator))
         query = self._query(asked, origin, expected, kind, fields, max_hits, job, reduce)
         if detach:
             if source.count == 0:
                 raise UsageError("a detached job needs rays: pass some, or leave detach away")
             return Job(self._client, query.detach())
-        answer = Whole(query.rows)
+        answer = Whole(query.rows, reduce)
         with self._client.connection.interrupts, \
                 contextlib.closing(query.chunks(answer.place)) as chunks:
             for _ in chunks:
@@ -155,6 +158,9 @@ class Scene:
         answered, so those of 100,000 rays or more keep the daemon busy.
         """
         first = 0
+        if isinstance(rays, (list, tuple)) and rays and (
+                isinstance(rays[0], RayGenerator) or np.ndim(rays[0]) > 1):
+            raise UsageError("a list of blocks is not an iterator of them: pass iter(blocks)")
         for block in rays if isinstance(rays, Iterator) else (rays,):
             count = 0
             for chunk in self._stream(block, directions, origin, kind, fields, max_hits, job):
@@ -189,7 +195,8 @@ class Scene:
         """Is there anything between points a and b? (N,) bool; a and b are (N, 3), or one is (3,).
         Both ends of each segment are left out, so that points on a surface do not hide themselves:
         a share `margin` of it (1e-4), or `margin_distance` in the scene's units, metres in glTF.
-        Nothing is in the way on a segment that is no longer than both its ends."""
+        Nothing is in the way on a segment that is no longer than both its ends, or that has an end
+        which is not finite or masked: a RayWarning counts those."""
         def ask(shift: Array, expected: bool) -> Any:
             source = self._source(segments(a, b, margin, margin_distance, shift), None, shift)
             return self._trace(source, shift, expected, "any", ("hit",), None, job, "", progress,
@@ -231,20 +238,24 @@ class Scene:
                fields: Union[str, Sequence[str], None], max_hits: Optional[int], job: JobOptions,
                reduce: str = "") -> Query:
         if kind is None:
-            kind = "any" if reduce == "hit_fraction" else "closest"
+            kind = _lists.REDUCED_KIND.get(reduce, "closest")
         if isinstance(fields, str):
             fields = (fields,)
         if fields is None:
-            fields = () if reduce else ("hit",) if kind == "any" else \
-                ("t", "prim", "geom", "path", "uv")
+            fields = () if reduce else _lists.SHOWN["any" if kind == "any" else "hits"]
         if not isinstance(fields, Iterable):
             raise UsageError(f"fields of {reprlib.repr(fields)}: it must be the names of columns, "
                              "as ('t', 'prim')")
-        if max_hits is not None and kind not in ("multi", "all"):
-            raise UsageError(f"max_hits is of the kinds multi and all, not of {kind}")
+        fields = list(fields)
+        for name in fields:
+            if fields.count(name) > 1:
+                raise UsageError(f"fields name {name!r} twice")
+        if max_hits is not None and kind not in _lists.CSR:
+            raise UsageError(f"max_hits is of the kinds {' and '.join(_lists.CSR)}, not of {kind}")
+        most = _limits.hits_max if kind == "multi" else _limits.all_hits_max
         return Query(self._client.connection, {
-            "job": job_message(self.name, job), "kind": kind, "fields": list(fields),
-            "max_hits": 0 if max_hits is None else whole("max_hits", max_hits, _limits.all_hits_max),
+            "job": job_message(self.name, job), "kind": kind, "fields": fields,
+            "max_hits": 0 if max_hits is None else whole("max_hits", max_hits, most),
             "reduce": reduce}, source, origin, expected)
 
     # ---- pictures -------------------------------------------------------------------------------
@@ -268,12 +279,18 @@ class Scene:
     @none_is_default
     def heatmap(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
                 fov: float = 0.0, size: tuple[int, int] = (960, 540), metric: str = "total",
-                palette: str = "turbo", scale: str = "linear", range: str = "p99",
+                palette: str = "turbo", scale: str = "linear",
+                range: Union[str, Sequence[float]] = "p99",
                 count: str = "traversed", encode: str = "raw", progress: Progress = None,
                 detach: bool = False, **job: Unpack[JobOptions]) -> Any:
         """What a ray through each pixel costs: counts, (height, width) of u32; with `encode` "png"
         or "exr" the bytes of such a file, the former with a legend. Statistics over all pixels are
-        in Client.outcome["heat"]. Cameras and `detach` are those of render()."""
+        in Client.outcome["heat"]. `range` is "p99", "auto", or (low, high). Cameras and `detach` are
+        those of render()."""
+        if not isinstance(range, str):
+            if np.shape(range) != (2,):
+                raise UsageError(f"range of {range!r}: it must be 'p99', 'auto' or (low, high)")
+            range = f"{float(range[0])!r}:{float(range[1])!r}"
         return self._picture("Heatmap", camera, look_at, fov, size, progress, detach, job, {
             "metric": metric, "palette": palette, "scale": scale, "range": range, "count": count,
             "encode": encode})
@@ -297,7 +314,10 @@ class Scene:
                                      options["deadline_ms"] / 1000)
             self._client.outcome = picture.outcome
             return pixels
-        return self._at(None, ask)
+        answer = self._at(None, ask)
+        if not detach:
+            self._client.outcome.warn_of_view()
+        return answer
 
     # ---- what it is -----------------------------------------------------------------------------
 

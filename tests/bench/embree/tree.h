@@ -1,4 +1,4 @@
-// A baked scene as Embree scenes: the root's own triangles and its instances in one scene.
+// A built scene as Embree scenes: the root's own triangles and its instances in one scene.
 //
 // Debian's Embree knows one level of instances, so deeper scenes are given as the list of their
 // leaf placements, in the order of our path ids.

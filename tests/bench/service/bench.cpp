@@ -8,7 +8,7 @@
 #include "client/load_test/echo.h"
 #include "client/query.h"
 #include "engine/integrators/generators.h"
-#include "engine/packs/tracer.h"
+#include "engine/packs/kernel_selector.h"
 #include "tests/bench/clock.h"
 #include "tests/bench/cpus.h"
 #include "tests/bench/crowding.h"
@@ -114,8 +114,8 @@ class InProcess {
 public:
     InProcess(const Workload& workload, const Variant& variant)
         : scene_(workload.scene->view()),
-          tracer_(must(
-              Tracer::make(variant, query_closest, precision_watertight, traversal_auto, false))),
+          selector_(must(
+              KernelSelector::make(variant, query_closest, precision_watertight, traversal_auto, false))),
           hits_(chunk_rays) {}
 
     void trace(std::span<const Ray> rays, std::uint64_t first, Answer& answer) {
@@ -126,7 +126,7 @@ public:
         call.hits_max = 1;
         call.mask = ~std::uint32_t{0};
         call.hits = hits_.data();
-        tracer_.function(tracer_.choose(rays, scene_))(&call);
+        selector_.function(selector_.choose(rays, scene_))(&call);
         for (std::size_t i = 0; i < rays.size(); ++i) {
             const HitRecord& hit = hits_[i];
             const ObjectRecord& object = scene_.objects[hit.hit != 0 ? hit.object : 0];
@@ -140,7 +140,7 @@ public:
 
 private:
     const SceneView scene_;
-    const Tracer tracer_;
+    const KernelSelector selector_;
     std::vector<HitRecord> hits_;
 };
 
@@ -225,9 +225,9 @@ private:
 Lidar lidar_of(const Workload& workload, std::span<const LidarChannel> channels,
                std::uint32_t azimuths) {
     const Pose camera = pose_of(must(choose_camera(*workload.scene, {})).to_world);
-    Mount mount;
-    mount.pose = {-camera.z, -camera.x, camera.y, camera.origin};
-    return {mount, channels, 0, 360, azimuths};
+    SensorPose sensor_pose;
+    sensor_pose.pose = {-camera.z, -camera.x, camera.y, camera.origin};
+    return {sensor_pose, channels, 0, 360, azimuths};
 }
 
 /// A tenth more than where all CPUs were ours. The least may be an outlier.
@@ -328,7 +328,7 @@ void run(Options options) {
 
     const RayKind kind = must(parse_ray_kind(options.rays));
     const TraceFunction trace =
-        must(find_function(variant, query_closest, precision_watertight, traversal_latency, false));
+        must(find_function(variant, query_closest, precision_watertight, traversal_single, false));
     std::vector<Ray> rays = make_rays(workload, kind, options.count, trace);
     options.count = static_cast<std::uint32_t>(rays.size()) / chunk_rays * chunk_rays;
     rays.resize(options.count);
@@ -352,13 +352,11 @@ void run(Options options) {
     wire::QueryT generated = request_of(options, "closest", 0);
     generated.generator = std::make_unique<wire::GeneratorT>();
     generated.generator->kind = "lidar";
-    generated.generator->camera = std::make_unique<wire::CameraT>();
-    generated.generator->azimuth_count = options.count / channel_count;
-    for (std::uint32_t i = 0; i < channel_count; ++i) {
-        channels[i].elevation = -30 + 0.75 * i;
-        generated.generator->elevations.push_back(static_cast<float>(channels[i].elevation));
-    }
-    const Lidar lidar = lidar_of(workload, channels, generated.generator->azimuth_count);
+    const auto azimuths = static_cast<std::uint32_t>(options.count / channel_count);
+    for (std::uint32_t i = 0; i < channel_count; ++i) channels[i].elevation = -30 + 0.75 * i;
+    generated.generator->settings = {"camera=", "elevations=-30:17.25:64",
+                                     "azimuths=0:360:" + std::to_string(azimuths)};
+    const Lidar lidar = lidar_of(workload, channels, azimuths);
 
     BareSockets sockets(connection->socket(), sent);
     BareSockets sockets_short(connection->socket(), sent_short);

@@ -1,8 +1,8 @@
-// The few functions of the CUDA runtime that engine/cuda calls, on the host: memory is the heap's,
-// streams do at once what they are asked, a kernel is a function that loops over its threads.
+// The functions of the CUDA runtime that engine/cuda calls, on the host: memory is the heap,
+// streams run each call at once, and a kernel is a function that loops over its threads.
 //
-// It is stricter than the runtime: copies and fills must stay within one allocation. And it fails
-// on demand, as fake_runtime.cpp says. Numbers are those of CUDA.
+// It is stricter than the runtime: copies and fills must stay within one allocation. It fails on
+// demand, as fake_runtime.cpp explains. Constants have CUDA's values.
 #pragma once
 
 #include <cstddef>
@@ -46,7 +46,7 @@ struct cudaDeviceProp {
 
 struct cudaFuncAttributes {};
 
-/// What `cudaLaunchKernel` takes for a kernel.
+/// The type of function that `cudaLaunchKernel` accepts as a kernel.
 using FakeKernel = void (*)(void** arguments, unsigned threads);
 
 cudaError_t cudaGetDeviceCount(int* count);

@@ -1,15 +1,15 @@
-// RAYNEST_FAKE_CUDA=FILE: "FUNCTION WHAT [N]" in it lets the next call of that function, or the
-// N-th, end in
-//   a number   that error; from 700 on it is sticky, as in CUDA: all later calls give it, too
+// RAYNEST_FAKE_CUDA=FILE: the line "FUNCTION WHAT [N]" in it makes the next call of that function,
+// or the N-th, end in
+//   a number   that error; from 700 on it is sticky, as in CUDA: all later calls return it, too
 //   kill       the end of the process
-//   hang       no answer for ever
-//   garbage    a copy that brings something else
-//   throw      std::bad_alloc, as of a host without memory
-// and removes the file; with
-//   hold       all wait until somebody else removes it. Copies from the device are called
-//   "cudaMemcpyAsync(back)".
+//   hang       no answer at all
+//   garbage    a copy with wrong data
+//   throw      std::bad_alloc, as on a host without memory
+// and removes the file. With
+//   hold       all such calls wait until somebody else removes the file.
+// Copies from the device are called "cudaMemcpyAsync(back)".
 // RAYNEST_FAKE_CUDA_ALWAYS="FUNCTION WHAT" does so for every call. RAYNEST_FAKE_CUDA_MEMORY=BYTES
-// is what the device has.
+// is the device's memory.
 #include "tests/cuda/fake_runtime/cuda_runtime_api.h"
 
 #include <unistd.h>
@@ -35,7 +35,7 @@ std::string environment(const char* name, const char* otherwise) {
     return value != nullptr ? value : otherwise;
 }
 
-/// "FUNCTION WHAT [N]".
+/// A fault to inject: "FUNCTION WHAT [N]".
 struct Order {
     std::string function;
     std::string what;
@@ -54,7 +54,7 @@ public:
         return device;
     }
 
-    /// A function begins: gives the word of its fault, or nothing.
+    /// Called when a function starts: returns the fault to inject, or nothing.
     std::string enter(const char* function) {
         std::istringstream always(always_);
         Order order(always);
@@ -93,7 +93,7 @@ public:
         std::free(block);
         return cudaSuccess;
     }
-    /// Do these bytes lie within one allocation?
+    /// True if these bytes lie within one allocation.
     bool owns(const void* at, std::size_t bytes) {
         const std::lock_guard lock(mutex_);
         const auto* first = static_cast<const std::byte*>(at);
@@ -105,7 +105,7 @@ public:
     [[nodiscard]] std::size_t memory() const { return memory_; }
 
 private:
-    /// What the file orders for this call.
+    /// Returns the fault that the file requests for this call.
     std::string next(const char* function) {
         const std::lock_guard lock(mutex_);
         std::ifstream file(next_);
@@ -120,14 +120,14 @@ private:
     const std::string next_ = environment("RAYNEST_FAKE_CUDA", "");
     const std::string always_ = environment("RAYNEST_FAKE_CUDA_ALWAYS", "");
     std::mutex mutex_;
-    unsigned calls_ = 0;  ///< that the file's order was for
+    unsigned calls_ = 0;  ///< calls that matched the file's fault
     cudaError_t sticky_ = cudaSuccess;
     std::map<std::byte*, std::size_t> blocks_;
     std::size_t used_ = 0;
     const std::size_t memory_ = std::stoull(environment("RAYNEST_FAKE_CUDA_MEMORY", "1000000000"));
 };
 
-/// What every function does first, then `action(whether it does its work wrong)`.
+/// Runs the common start of every function, then `action(true if its result must be wrong)`.
 template <class Action>
 cudaError_t call(const char* function, Action action) {
     Device& device = Device::get();

@@ -1,4 +1,4 @@
-// raynest-bench-bake: a scene of raynest-bench as the arena that a worker maps, and rays for it.
+// raynest-bench-bake: writes a scene of raynest-bench as the arena that a worker maps, and rays.
 //
 //   raynest-bench-bake builtin:forest forest.arena --rays primary=forest.rays --count 65536
 #include "engine/assets/builtin.h"
@@ -37,20 +37,20 @@ void run(const BakeOptions& options) {
     if (options.levels != 0) {
         const auto flat = flatten_levels(workload.description, options.levels, flat_triangles_max);
         if (!flat) throw std::runtime_error(flat.error().message);
-        workload.scene = value_of(Snapshot::bake(workload.description));
+        workload.scene = value_of(Snapshot::build(workload.description));
     }
     std::ofstream arena = create(options.arena);
     write(arena, workload.scene->bytes());
     arena.flush();
 
-    // Diffuse and other second rays start where opaque ones ended.
+    // Diffuse and other secondary rays start where opaque ones ended.
     const Variant* const opaque = value_of(registry->choose("opaque", workload.scene->view()));
     const TraceFunction trace =
-        value_of(find_function(*opaque, query_closest, precision_fast, traversal_latency, false));
+        value_of(find_function(*opaque, query_closest, precision_fast, traversal_single, false));
     for (const std::string& wanted : options.rays) {
         const std::size_t equals = wanted.find('=');
         if (equals == std::string::npos)
-            throw std::runtime_error("--rays takes KIND=FILE, not '" + wanted + "'");
+            throw std::runtime_error("--rays must be KIND=FILE, not '" + wanted + "'");
         const RayKind kind = value_of(parse_ray_kind(wanted.substr(0, equals)));
         const std::vector<Ray> rays = make_rays(workload, kind, options.count, trace);
         const auto count = static_cast<std::uint32_t>(rays.size());

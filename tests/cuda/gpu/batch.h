@@ -1,5 +1,5 @@
-// Rays with room for their answers, in memory that the device reads and writes on its own, and a
-// way to send them through slots.
+// Rays with room for their answers, in memory that the device reads and writes directly, and a way
+// to send them through slots.
 #pragma once
 
 #include "engine/bvh/pages.h"
@@ -12,7 +12,7 @@
 
 namespace raynest::bench {
 
-/// What is asked of every ray.
+/// A query to run for every ray.
 struct Question {
     const char* name;
     Query query;
@@ -20,21 +20,22 @@ struct Question {
 };
 inline constexpr Question questions[] = {
     {"closest", query_closest, 1}, {"any", query_any, 1}, {"multi", query_multi, 8}};
-inline constexpr std::uint32_t most_hits = 8;  ///< of a ray, in any question
+inline constexpr std::uint32_t most_hits = 8;  ///< most hits per ray of any query
 
-/// Once pinned it stays so: use the device no more when it is gone.
+/// Rays and their answers. Pinned memory stays pinned: stop using the device once the batch is
+/// destroyed.
 class Batch {
 public:
-    /// `count` rays: those of `from` over and over, or an even share of more.
+    /// Holds `count` rays: those of `from`, repeated or evenly sampled.
     Batch(std::span<const Ray> from, std::uint32_t count);
-    /// Gives why it is not pinned, or nothing.
+    /// Pins the memory. Returns the reason if that fails, else nothing.
     [[nodiscard]] std::string pin(const OpenDevice& device);
 
     [[nodiscard]] std::uint32_t count() const { return count_; }
-    /// Of rays [first, first + count).
+    /// Returns a call for rays [first, first + count).
     [[nodiscard]] TraceCall call(const Question& question, std::uint32_t first,
                                  std::uint32_t count);
-    /// What the question defines of a ray's answer.
+    /// Returns the part of a ray's answer that the query defines.
     [[nodiscard]] std::span<const HitRecord> answer(const Question& question,
                                                     std::uint32_t ray) const;
     void forget_answers();
@@ -46,20 +47,20 @@ private:
 
 struct Pass {
     double wall_seconds;    ///< from the first copy's start to the last one's end
-    double kernel_seconds;  ///< the kernels' own, added up
+    double kernel_seconds;  ///< sum over the kernels
 };
 
-/// A way to answer a batch.
+/// A way to trace a batch.
 struct Route {
     const OpenDevice* device;
     const OpenDevice::Scene* scene;
     TraceFunction kernel;
     std::span<const OpenDevice::Slot> slots;  ///< in flight at once
-    std::uint32_t chunk;                      ///< rays of a slot
+    std::uint32_t chunk;                      ///< rays per slot
     const PinholeRays* made = nullptr;        ///< not null: the device makes the batch's rays
 };
 
-/// Each slot is filled again when its call is finished, in turn.
+/// Runs a batch once; each slot is refilled in turn when its call is finished.
 Pass run_pass(const Route& route, const Question& question, Batch& batch);
 
 }  // namespace raynest::bench

@@ -1,9 +1,9 @@
-// raynest-bench-cuda: one scene and one file of rays on a GPU: equal to the CPU, and how fast.
+// raynest-bench-cuda: compares a GPU with the CPU on one scene and one file of rays, and times it.
 //
 //   raynest-bench-cuda check --pack CUDA.so --cpu-pack V3.so --arena F.arena --rays F.rays
 //   raynest-bench-cuda time  --pack CUDA.so --arena F.arena --rays F.rays
 //
-// For a bare machine: it needs the packs and a driver, no library of others, and reads arenas that
+// For a bare machine: it needs only the packs and a driver, and reads arenas that
 // raynest-bench-bake wrote. Exit codes: 0; 1 something failed; 2 a wrong argument; 9 answers
 // differ; 77 there is no GPU.
 #include "engine/bvh/pages.h"
@@ -31,7 +31,7 @@ constexpr int exit_failed = 1;
 constexpr int exit_differs = 9;
 constexpr int exit_no_device = 77;
 
-/// Aligned as a view needs it.
+/// Reads an arena into memory that is aligned as a view needs it.
 Pages read_arena(const std::string& path) {
     const std::vector<std::byte> bytes = value_of(read_file(path));
     Pages arena(bytes.size());
@@ -39,13 +39,14 @@ Pages read_arena(const std::string& path) {
     return arena;
 }
 
-/// A square picture of at least `count` pixels, in front of which the scene lies.
+/// Returns camera rays for a square picture of at least `count` pixels, with the whole scene in
+/// view.
 PinholeRays look_at(const Box& bounds, std::uint32_t count) {
     const auto side = static_cast<std::uint32_t>(std::ceil(std::sqrt(count)));
     const glm::dvec3 size(bounds.size());
     const double extent = std::max({size.x, size.y, size.z});
     Pinhole camera;
-    camera.mount.pose.origin =
+    camera.sensor_pose.pose.origin =
         glm::dvec3(0.5F * (bounds.lower + bounds.upper)) + glm::dvec3(0, 0, 1.5 * extent);
     camera.size = {side, side};
     camera.center_x = camera.center_y = side / 2.0;
@@ -72,7 +73,7 @@ int run(const CudaOptions& options) {
     const Box& bounds = scene.objects[scene.root].bounds;
     const PinholeRays made = look_at(bounds, options.count);
     const std::vector<Ray> rays = make_rays(options, bounds, made);
-    if (rays.empty()) throw std::runtime_error(options.rays + " rays: none; say --count");
+    if (rays.empty()) throw std::runtime_error(options.rays + ": no rays; pass --count");
     const OpenDevice device(options.pack);
 
     Work work{scene, rays, options.count, options.chunk, options.rays == "camera" ? &made : nullptr,

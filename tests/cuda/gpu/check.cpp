@@ -10,7 +10,7 @@
 namespace raynest::bench {
 namespace {
 
-/// Rays that differ in a byte, and what they met: a comparison of misses says little.
+/// Counts rays that differ in any byte, and rays that hit: a comparison of misses proves little.
 struct Tally {
     std::uint32_t differing = 0;
     std::uint32_t hitting = 0;
@@ -32,7 +32,7 @@ Tally compare(const Question& question, const Batch& a, const Batch& b) {
 }  // namespace
 
 bool check(const OpenDevice& device, const Pack& cpu, const Work& work) {
-    // Rays that the device makes do not lie there.
+    // Rays that the device makes are not in host memory.
     const Ray none{};
     Batch answers(work.made != nullptr ? std::span(&none, 1) : std::span(work.rays), work.count);
     Batch expected(work.rays, work.count);
@@ -49,7 +49,7 @@ bool check(const OpenDevice& device, const Pack& cpu, const Work& work) {
         const PackVariant* const other = find_variant(cpu, variant.name);
         for (const Question& question : questions) {
             const auto of = [&](const PackVariant& from) {
-                return from.trace[precision_fast][traversal_latency][question.query][0];
+                return from.trace[precision_fast][traversal_single][question.query][0];
             };
             if (of(variant) == nullptr) continue;
             if (other == nullptr || of(*other) == nullptr)

@@ -1,19 +1,20 @@
 #!/usr/bin/env python3
-"""Checks and timings on a GPU, in the folder that gather.sh made. One JSON object per line, the last is the verdict.
+"""Checks and times a GPU, in the folder that gather.sh made. Prints JSON objects, the verdict last.
 
   driver.py [OPTION...] [STAGE...]      default: all stages, in this order
 
-  check        does it run, is it equal: every variant and question against the CPU's bytes, of files of rays, of
-               random ones and of those of a camera, which the GPU makes
-  sanitize     compute-sanitizer over small checks, where the machine has it
+  check        compares every variant and query with the CPU's bytes: rays from files, random rays
+               and camera rays, which the GPU makes
+  sanitize     runs compute-sanitizer over small checks, if the machine has it
   conformance  the matrix of tests/conformance on the GPU: every variant, question and depth
   daemon       the same through raynestd and its worker process, camera rays made on the GPU included; bytes of files
   killed       kill -9 of the worker in the middle of a job: same bytes, a note, and the GPU again
   time         kernels alone, and from pinned memory to pinned memory: medians of interleaved rounds
 
-Needs Python's standard library and a driver, nothing else of CUDA. Leaves the device's settings as they are.
-Exit codes: 0; 1 an answer differs, a program fails or compute-sanitizer finds something; 2 there is no GPU. A
-goal of time that is missed stands in the verdict and is no failure: it means nothing without the device's name.
+Needs only Python's standard library and a driver. Leaves the device's settings as they are.
+Exit codes: 0; 1 an answer differs, a program fails or compute-sanitizer finds something; 2 there is
+no GPU. The verdict lists missed time goals; they are not failures, because they depend on the
+device.
 """
 import argparse
 import itertools
@@ -30,29 +31,30 @@ import served
 
 HERE = pathlib.Path(__file__).resolve().parent
 DIFFERS, SKIPPED, FOUND = 9, 77, 99  # exit codes of the programs
-SECONDS_MAX = 500  # of one program
-MADE_RAYS = 1 << 18  # of each kind per scene of check; with those of files 3 * 10^7 answers are compared
-SERVED_RAYS = 1 << 17  # of each of daemon's 90 requests: 1.1 * 10^7
+SECONDS_MAX = 500  # per program
+MADE_RAYS = 1 << 18  # per kind and scene of check: 3 * 10^7 answers with files
+SERVED_RAYS = 1 << 17  # per request of daemon's 90: 1.1 * 10^7
 TIMED_RAYS = 1 << 20  # enough to fill a GPU several times
 SMALL_SCENES, SMALL_COUNT = ("trees", "flake"), 2048  # triangles with masks; spheres
 
 MASKS = "procedural_mask", "alpha_mask"
-# What the rows of time are held to: variants, field, bound, and whether values lie below or above it.
+# The goals for the rows of time: variants, field, bound, and whether values must be below or above
+# it.
 GOALS = [(MASKS[:1], "kernel_over_opaque", "at most", 1.1), (MASKS[1:], "kernel_over_opaque", "at most", 1.3),
          (("opaque", *MASKS), "pinned_over_limit", "at least", 0.8),
          (("opaque", *MASKS), "frames_over_limit", "at least", 0.8)]
 NOT_MEASURED = ["opaque over a kernel without intersectors: their machine code is the same (ctest cuda_zero_cost)",
-                "over Visionaray's CUDA traversal: it is not part of this tree. Who has it needs a program that reads "
+                "over Visionaray's CUDA traversal: it is not part of this tree. To compare, a program must read "
                 "scenes/NAME.arena (engine/scene/FORMAT.md) and scenes/NAME-KIND.rays (tests/bench/files.h) and "
                 "prints kernel_mrays as the rows of `time` have it, on the same device"]
 
 
 class Failed(Exception):
-    """A program did not do what it was started for."""
+    """A program failed."""
 
 
 class NoGpu(Failed):
-    """There was none to begin with."""
+    """There is no GPU."""
 
 
 def emit(row):
@@ -70,11 +72,11 @@ def run(command):
 
 
 def last_line(*texts):
-    return next((text.strip().splitlines()[-1] for text in texts if text.strip()), "it says nothing")
+    return next((text.strip().splitlines()[-1] for text in texts if text.strip()), "no output")
 
 
 def bench(options, what, scene, rays, count, *more, under=()):
-    """Rows of raynest-bench-cuda."""
+    """Returns the rows of raynest-bench-cuda."""
     command = [*under, HERE / "bin/raynest-bench-cuda", what, "--pack", options.pack, "--rays", rays,
                "--arena", HERE / "scenes" / f"{scene}.arena", "--count", count, *more]
     if what == "check":
@@ -88,8 +90,8 @@ def bench(options, what, scene, rays, count, *more, under=()):
 
 
 def inputs(made_count, file_count, *made):
-    """(scene, rays, how many): every scene with its files, those of its instanced form where it is flat, and with
-    those that are `made`. 0 is as many as the file holds."""
+    """Yields (scene, rays, count): every scene with its files of rays (a flat scene uses those
+    of its instanced form), and with `made` rays. A count of 0 means all rays of the file."""
     for arena in sorted((HERE / "scenes").glob("*.arena")):
         for rays in sorted((HERE / "scenes").glob(f"{arena.stem.removesuffix('-flat')}-*.rays")):
             yield arena.stem, rays, file_count
@@ -119,7 +121,7 @@ def conformance(options):
     done = run([HERE / "bin/conformance", "--target", "v3", "--target", "cuda", "--pack-dir", options.pack.parent])
     row = {"what": "conformance", "said": last_line(done.stdout, done.stderr)}
     if done.returncode == SKIPPED:
-        row["skipped"] = "this machine runs not both targets"
+        row["skipped"] = "this machine does not run both targets"
     elif done.returncode:
         raise Failed(f"exit code {done.returncode}: {row['said']}")
     yield row
@@ -143,7 +145,7 @@ STAGES = {stage.__name__: stage for stage in (check, sanitize, conformance, daem
 
 
 def machine(options):
-    """Ends with NoGpu where there is none."""
+    """Yields a row about the machine. Raises NoGpu if there is no GPU."""
     row = {"what": "machine", "device": bench(options, "check", SMALL_SCENES[0], "random", 64)[0]["device"],
            "cores": os.cpu_count(), "libc": " ".join(platform.libc_ver())}
     if shutil.which("nvidia-smi"):
@@ -154,7 +156,7 @@ def machine(options):
 
 
 def judge(rows):
-    """The goals that can be told from the rows."""
+    """Yields the goals that the rows decide."""
     for variants, field, relation, bound in GOALS:
         values = {" ".join((row["scene"], row["rays"], row["query"], row["variant"])): row[field]
                   for row in rows if row["what"] == "time" and row["variant"] in variants and field in row}
@@ -187,7 +189,7 @@ def main():
     unknown = set(options.stages) - STAGES.keys()
     if unknown:
         parser.error(f"there is no stage {', '.join(unknown)}; there are {', '.join(STAGES)}")
-    # Of what programs are linked to, a bare machine may have the C library only.
+    # A bare machine may have only the C library of the libraries that programs need.
     os.environ["LD_LIBRARY_PATH"] = ":".join(filter(None, (str(HERE / "lib"), os.environ.get("LD_LIBRARY_PATH"))))
     stages, rows, failures = options.stages or list(STAGES), [], []
     try:

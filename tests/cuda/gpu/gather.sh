@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Gathers what a bare GPU machine without network needs to run driver.py: programs with their libraries,
-# packs, baked scenes and rays, under 64 MB.
+# Gathers the files that a bare GPU machine without network needs to run driver.py: programs with
+# their libraries, packs, baked scenes and rays, under 64 MB.
 #   gather.sh OUT_DIR          then, there: python3 OUT_DIR/driver.py
-# RAYNEST_BUILD names the build folder (default: build beside the sources), which has to be configured
-# with nvcc, RAYNEST_TESTS and RAYNEST_BENCH; what is not built in it is. Its
-# RAYNEST_CUDA_ARCHITECTURES says for which GPUs, for example -DRAYNEST_CUDA_ARCHITECTURES=90-real.
+# RAYNEST_BUILD names the build folder (default: build beside the sources). It must be configured
+# with nvcc, RAYNEST_TESTS and RAYNEST_BENCH; missing targets are built. Its
+# RAYNEST_CUDA_ARCHITECTURES chooses the GPUs, for example -DRAYNEST_CUDA_ARCHITECTURES=90-real.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../.." && pwd)
 build=${RAYNEST_BUILD:-$root/build}
@@ -15,10 +15,10 @@ fail() { printf 'error: %s\n' "$1" >&2; exit 1; }
 
 (($# == 1)) || fail "usage: gather.sh OUT_DIR"
 out=$1
-[[ ! -e $out || -z $(ls -A "$out") ]] || fail "$out is not empty: name a folder that is, or a new one"
-[[ -f $build/CMakeCache.txt ]] || fail "$build is no build folder: configure one, or set RAYNEST_BUILD"
+[[ ! -e $out || -z $(ls -A "$out") ]] || fail "$out is not empty: name an empty or new folder"
+[[ -f $build/CMakeCache.txt ]] || fail "$build is not a build folder: configure or set RAYNEST_BUILD"
 cmake --build "$build" --target help | grep -w pack_cuda >/dev/null ||
-    fail "$build was configured without CUDA: 'CUDA: off, ...' in the configure output says why"
+    fail "$build was configured without CUDA: the configure output says why: 'CUDA: off, ...'"
 programs=(raynestd raynest conformance raynest-bench-cuda)
 cmake --build "$build" --target pack_cuda raynest_packs raynest-bench-bake "${programs[@]}"
 
@@ -27,8 +27,8 @@ cp "$root"/tests/cuda/gpu/{driver,served}.py "$root"/tests/integration/{daemon,n
 cp "${programs[@]/#/$build/bin/}" "$out/bin"
 cp "$build"/lib/raynest/raynest-pack-*.so "$out/lib/raynest"
 cp "$build/lib/raynest-cuda/raynest-pack-cuda.so" "$out/lib/raynest-cuda"
-# All that these are linked to but the C library, which belongs to the machine. OpenImageIO, with hundreds of
-# libraries, is loaded by the image module alone, and that stays here: pictures are .npy there.
+# Copies all linked libraries but the C library, which belongs to the machine. Only the image module
+# loads OpenImageIO, with hundreds of libraries, and it stays here: pictures are .npy there.
 find "$out"/{bin,lib} -type f -exec ldd {} + | awk '$2 == "=>" && $3 ~ /^\// { print $3 }' | sort -u |
     grep -vE '/(libc|libm|libdl|librt|libpthread|libresolv)\.so\.[0-9]+$' | xargs cp -Lt "$out/lib"
 find "$out"/{bin,lib} -type f -exec strip --strip-unneeded {} +
@@ -51,4 +51,4 @@ bake flake 'builtin:flake?depth=5' primary
 total=$(du --summarize --bytes "$out" | cut -f1)
 printf '%s: %d MB for GPUs of %s\n' "$out" $((total / 1000000)) \
     "$(sed -n 's/^RAYNEST_CUDA_ARCHITECTURES:[A-Z]*=//p' "$build/CMakeCache.txt")"
-((total < bytes_max)) || fail "$out holds $total bytes, at most $bytes_max are wanted"
+((total < bytes_max)) || fail "$out holds $total bytes, at most $bytes_max are allowed"

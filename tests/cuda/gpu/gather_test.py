@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""gather.sh and driver.py, as far as a machine without a GPU can try them: on the tests' fake of the CUDA runtime.
+"""Tests gather.sh and driver.py on a machine without a GPU, on the fake of the CUDA runtime.
 
   gather_test.py BUILD_DIR FAKE_PACK HAS_CUDA(0|1)
 
-Exit code 77 (skipped) where the build has no CUDA.
+Exit code 77 (skipped) if the build has no CUDA.
 """
 import itertools
 import json
@@ -47,7 +47,7 @@ class Gathered(unittest.TestCase):
         return start("bash", HERE / "gather.sh", cls.out, RAYNEST_BUILD=BUILD)
 
     def drive(self, *arguments, **environment):
-        """(exit code, rows, what stderr says)"""
+        """Returns (exit code, rows, stderr)."""
         done = start(sys.executable, self.out / "driver.py", *arguments, **environment)
         return done.returncode, [json.loads(line) for line in done.stdout.splitlines()], done.stderr
 
@@ -106,10 +106,10 @@ class Gathered(unittest.TestCase):
 
     def test_a_wrong_answer_of_a_daemon_is_seen(self):
         fault = self.out.parent / "wrong"
-        fault.write_text("cudaMemcpyAsync garbage 20")  # behind those of the probe
+        fault.write_text("cudaMemcpyAsync garbage 20")  # after those of the probe
         code, rows, _ = self.drive_fake("--count", "1024", "daemon", RAYNEST_FAKE_CUDA=str(fault))
         self.assertEqual(code, 1)
-        self.assertFalse(fault.exists(), "the fault was not met")
+        self.assertFalse(fault.exists(), "no call met the fault")
         [wrong] = [row for row in rows if row["what"] == "daemon" and row["differing"]]
         self.assertEqual(wrong["rays"], "sent")
         self.assertFalse(rows[-1]["passed"])
@@ -152,7 +152,7 @@ class Gathered(unittest.TestCase):
                 self.assertEqual(row["kernel_over_opaque"], 1)
         goals = rows[-1]["goals"]
         self.assertEqual([goal["of"] for goal in goals], [len(times) // 3, len(times) // 3, len(times), len(times)])
-        # Frames of the daemon and larger chunks, each with one, two and four on their way.
+        # Times frames of the daemon and larger chunks, each with one, two and four in flight.
         self.assertEqual({way for row in times for way in row["pinned_mrays"]},
                          {f"{slots} x {rays}" for slots in (1, 2, 4) for rays in (1 << 14, 1 << 17)})
 

@@ -24,7 +24,7 @@ OpenDevice::Scene OpenDevice::load(const SceneView& view) const {
     DeviceScene* scene = nullptr;
     const TraceStatus status = doors_.device->load(&view, &scene);
     if (status == trace_too_deep)
-        throw std::runtime_error("the scene has more levels than the device's kernels take");
+        throw std::runtime_error("the scene has more levels than the device's kernels support");
     expect_ok(status, "copying the scene");
     return {scene, doors_.device->unload};
 }
@@ -55,7 +55,7 @@ double OpenDevice::finish(const Slot& slot) const {
 
 void OpenDevice::expect_ok(TraceStatus status, const std::string& step) const {
     if (status == trace_ok) return;
-    if (status == trace_bad_call) throw std::runtime_error(step + ": the pack refuses the call");
+    if (status == trace_bad_call) throw std::runtime_error(step + ": the pack refused the call");
     throw std::runtime_error(step + ": " + doors_.device->error());
 }
 

@@ -1,6 +1,7 @@
-// A device pack at its second door (packs/device.h), with scenes and slots that free themselves.
+// A device pack opened by its device entry point (packs/device.h), with scenes and slots that free
+// themselves.
 //
-// A benchmark goes on only where all goes well: what fails throws std::runtime_error.
+// Benchmarks stop at the first failure: every failure throws std::runtime_error.
 #pragma once
 
 #include "engine/packs/load.h"
@@ -12,17 +13,17 @@
 
 namespace raynest::bench {
 
-/// None can be opened.
+/// Thrown if no device can be opened.
 struct NoDevice : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// The first door of any pack, of this tree's ABI and for this machine's CPU.
+/// Opens the first entry point of a pack with this tree's ABI, for this machine's CPU.
 const Pack& open_pack(const std::string& path);
-/// null where it has none of that name.
+/// Returns the variant of that name, or null.
 const PackVariant* find_variant(const Pack& pack, const std::string& name);
 
-/// Opens the first device; stays loaded.
+/// Opens the first device; the pack stays loaded.
 class OpenDevice {
 public:
     explicit OpenDevice(const std::string& path);
@@ -33,13 +34,14 @@ public:
     using Slot = std::unique_ptr<DeviceSlot, void (*)(DeviceSlot*) noexcept>;
     [[nodiscard]] Scene load(const SceneView& view) const;
     [[nodiscard]] Slot make_slot(std::uint64_t rays, std::uint64_t hits) const;
-    /// Gives why it was refused, or nothing: without it copies are slower, and right.
+    /// Pins memory. Returns the reason if that is refused, else nothing: copies are then slower but
+    /// correct.
     [[nodiscard]] std::string pin(void* memory, std::uint64_t bytes) const;
 
-    /// With `made` the device makes the call's rays.
+    /// Starts a call. With `made` the device makes the call's rays.
     void start(const Slot& slot, const Scene& scene, TraceFunction kernel, const TraceCall& call,
                const PinholeRays* made) const;
-    /// Gives the seconds that its kernel took.
+    /// Waits for a call and returns the seconds that its kernel took.
     double finish(const Slot& slot) const;
 
 private:

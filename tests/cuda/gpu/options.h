@@ -8,24 +8,24 @@
 
 namespace raynest::bench {
 
-/// Of raynest-bench-cuda.
+/// Options of raynest-bench-cuda.
 struct CudaOptions {
-    bool timing = false;  ///< time, else check
+    bool timing = false;  ///< true: time; false: check
     std::string pack, cpu_pack, arena, rays;
-    std::uint32_t count = 0;  ///< 0: as many as the file has
+    std::uint32_t count = 0;  ///< 0: all rays of the file
     std::uint32_t chunk = 1U << 17;
     std::uint32_t rounds = 11;
 };
 
-/// Of raynest-bench-bake.
+/// Options of raynest-bench-bake.
 struct BakeOptions {
     std::string source, arena;
     std::vector<std::string> rays;  ///< KIND=FILE
-    std::uint32_t levels = 0;       ///< merged until there are so many; 0: as described
+    std::uint32_t levels = 0;       ///< levels to keep when merging; 0: as described
     std::uint32_t count = 1U << 16;
 };
 
-/// Either options to run with, or the exit code of a command line that is already answered.
+/// Parses a command line. Returns the options, or the exit code if the line was already answered.
 template <class Options>
 struct Parsed {
     std::optional<Options> options;

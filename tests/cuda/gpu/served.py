@@ -1,6 +1,6 @@
-"""The stages of driver.py that go through a daemon, whose worker process has the GPU.
+"""The stages of driver.py that go through a daemon, whose worker process uses the GPU.
 
-Scenes are those that a daemon makes itself: it takes no baked arena. Standard library only.
+Scenes are built-in ones: a daemon does not load baked arenas. Standard library only.
 """
 import array
 import contextlib
@@ -16,19 +16,19 @@ import tempfile
 from daemon import Client, Daemon, device_workers, until
 from npy import npy
 
-FAILURES = AssertionError, RuntimeError, OSError, subprocess.SubprocessError  # of a stage
-SECONDS_MAX = 500  # of one command
-START_SECONDS_MAX = 300  # PTX is translated by the first start
+FAILURES = AssertionError, RuntimeError, OSError, subprocess.SubprocessError  # failures of a stage
+SECONDS_MAX = 500  # per command
+START_SECONDS_MAX = 300  # the first start translates PTX
 # Masks in four levels, one large tree, spheres in six levels.
 SCENES = {"forest": "builtin:forest", "terrain": "builtin:terrain", "flake": "builtin:flake?depth=6"}
 COLUMNS = "hit,flags,t,prim,geom,path,inst,uid,uv,ng,front,position,material,origin,direction"
 KINDS = {"closest": ("--fields", COLUMNS), "any": (), "multi": ("--max-hits", "8")}
-# For the job that loses its worker. What is asked is a sum, so that a client is not what it waits for.
+# The job that loses its worker reduces to a sum, so that it does not wait for its client.
 KILLED_SIDES = 256, 1024, 4096, 16384
 
 
 def rays_file(count, seed):
-    """A .npy of rays from near and far towards the middle of a scene."""
+    """Writes a .npy of rays from near and far towards the middle of a scene."""
     chance = random.Random(seed)
     values = array.array("f")
     for _ in range(count):
@@ -40,7 +40,7 @@ def rays_file(count, seed):
 
 
 def difference(ours, theirs):
-    """Bytes that differ."""
+    """Returns the number of bytes that differ."""
     if ours == theirs:
         return 0
     return abs(len(ours) - len(theirs)) + sum(map(int.__ne__, ours, theirs))
@@ -51,12 +51,12 @@ class Served:
 
     def __init__(self, programs, pack, folder):
         self.folder = pathlib.Path(folder)
-        # The tests' fake of a GPU is slow: it may take seconds for a call.
+        # The tests' fake GPU is slow: a call may take seconds.
         self.daemon = Daemon(programs / "raynestd", "--cuda", pack, "--cuda-call-ms-max", "60000")
         self.client = Client(programs / "raynest", self.daemon.uri)
 
     def wait_until_up(self):
-        """Gives the intersectors that the GPU has."""
+        """Returns the intersectors that the GPU has."""
         def found():
             if "cuda_down" in self.daemon.log():
                 raise AssertionError("the worker does not start: " + self.daemon.log().splitlines()[-1])
@@ -71,13 +71,13 @@ class Served:
         return self.client.json("stats")[name]
 
     def start(self, ending, worker, command, *words):
-        """(process, the file that it writes)"""
+        """Returns (process, the file that it writes)."""
         file = self.folder / f"{worker}.{ending}"
         return self.client.start("--quiet", "--json", command, *words, "-o", file, "--worker", worker), file
 
     @staticmethod
     def finish(process, file):
-        """(what the reply tells, the file's bytes)"""
+        """Returns (the reply's JSON, the file's bytes)."""
         output, errors = process.communicate(timeout=SECONDS_MAX)
         if process.returncode:
             raise AssertionError(f"raynest: exit code {process.returncode}: {errors.strip()}")
@@ -87,7 +87,7 @@ class Served:
         return self.finish(*self.start(*words))
 
     def compare(self, ending, *words):
-        """The counts of a row: the same words to the CPU and to the GPU."""
+        """Returns the counts of a row: the same request to the CPU and to the GPU."""
         told, ours = self.ask(ending, "cpu", *words)
         on_gpu, theirs = self.ask(ending, "cuda", *words)
         if (told["worker"], on_gpu["worker"]) != ("cpu", "cuda"):
@@ -107,8 +107,8 @@ def served(programs, pack):
 
 
 def daemon(programs, pack, count):
-    """Rows: each scene by every intersector and kind, about `count` rays from a client, as many that the device
-    makes and as many that the daemon makes; and pictures."""
+    """Yields rows: each scene by every intersector and kind, with about `count` rays each from a
+    client, from the device and from the daemon; and pictures."""
     side = max(1, math.isqrt(count))
     size = f"{side}x{side}"
     with served(programs, pack) as one:
@@ -132,7 +132,7 @@ def daemon(programs, pack, count):
 
 
 def killed(programs, pack):
-    """One row: a job loses its worker half way, and a later one has it again."""
+    """Yields one row: a job loses its worker half way, and a later job uses the GPU again."""
     with served(programs, pack) as one:
         one.wait_until_up()
         one.client.json("load", SCENES["forest"], "--name", "forest")
@@ -147,7 +147,7 @@ def killed(programs, pack):
             told, answer = one.finish(job, file)
             until(lambda: one.stat("cuda_starts") > starts, one.daemon.log, START_SECONDS_MAX)
             if told["worker"] != "cuda":
-                break  # else it had ended before
+                break  # otherwise the job ended too early
         else:
             raise AssertionError("no job lasted until its worker was killed")
         if not any("was ended by a signal" in note for note in told["notes"]):

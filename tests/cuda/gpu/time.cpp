@@ -15,12 +15,12 @@ namespace {
 
 constexpr std::uint32_t slot_counts[] = {1, 2, 4};
 constexpr std::uint32_t slots_max = 4;
-/// Of a slot: what the daemon's worker takes at least where there is more (chunk_rays_max), and
-/// what fills a large GPU.
+/// Rays per slot: the daemon's minimum for a busy worker (chunk_rays_max), and enough to fill a
+/// large GPU.
 constexpr std::uint32_t frame_rays = 1U << 14;
 constexpr std::uint32_t chunk_rays = 1U << 17;
 
-/// Rays go through it untouched: its root holds nothing.
+/// An empty scene: rays pass through its root.
 struct Nothing {
     ObjectRecord root{};
     SceneView view;
@@ -32,7 +32,7 @@ struct Nothing {
     }
 };
 
-/// Seconds per round of every way to answer one question; all take turns.
+/// Times every way to answer one query, in seconds per round; all ways take turns.
 class Race {
 public:
     Race(const Question& question, Batch& batch) : question_(question), batch_(batch) {}
@@ -41,7 +41,7 @@ public:
     void run(std::uint32_t rounds) {
         for (const auto& [name, route] : routes_) run_pass(route, question_, batch_);
         for (std::size_t turn = 0; turn < rounds * routes_.size(); ++turn) {
-            // Each round starts with another one.
+            // Each round starts with another way.
             const std::size_t round = turn / routes_.size();
             const auto& [name, route] = routes_[(turn + round) % routes_.size()];
             passes_[name].push_back(run_pass(route, question_, batch_));
@@ -53,7 +53,7 @@ public:
         for (const Pass& pass : passes_.at(name)) each.push_back(pass.*seconds);
         return 1e-6 * batch_.count() / median(std::move(each));
     }
-    /// Of the kernels' times, round by round.
+    /// Returns the median ratio of kernel times, round by round.
     [[nodiscard]] double kernel_ratio(const std::string& name, const std::string& over) const {
         std::vector<double> each;
         for (std::size_t round = 0; round < passes_.at(name).size(); ++round) {
@@ -70,7 +70,7 @@ private:
     std::map<std::string, std::vector<Pass>> passes_;
 };
 
-/// How rays are on their way.
+/// Names the number of slots in flight and the rays per slot.
 std::string in_flight(std::uint32_t slots, std::uint32_t rays) {
     return std::to_string(slots) + " x " + std::to_string(rays);
 }
@@ -79,10 +79,10 @@ std::string in_flight(const std::string& name, std::uint32_t slots, std::uint32_
 }
 
 TraceFunction kernel_of(const PackVariant& variant, const Question& question) {
-    return variant.trace[precision_fast][traversal_latency][question.query][0];
+    return variant.trace[precision_fast][traversal_single][question.query][0];
 }
 
-/// The best of a way with any number of slots.
+/// Returns the best result of a way over all numbers of slots.
 double best_mrays(const Race& race, const std::string& name, std::uint32_t rays) {
     double best = 0;
     for (const std::uint32_t slots : slot_counts) {
@@ -109,7 +109,7 @@ nlohmann::ordered_json row_of(const Race& race, const std::string& variant,
         row["not_pinned"] = not_pinned;
         return row;
     }
-    // The limit is the same for both: what the device is able to.
+    // The limit is the same for both: the speed that the device allows.
     const double limit = std::min(kernel, best_mrays(race, "bus", chunk_rays));
     row["pinned_over_limit"] = best_mrays(race, variant, chunk_rays) / limit;
     row["frames_over_limit"] = best_mrays(race, variant, frame_rays) / limit;

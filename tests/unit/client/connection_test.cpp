@@ -36,9 +36,9 @@ wire::InfoT info_request() {
 }
 
 constexpr std::byte filling{0x5a};
-constexpr std::uint64_t large = 8U << 20;  // more than a socket takes unread
+constexpr std::uint64_t large = 8U << 20;  // more than a socket buffers
 
-/// A request, and behind it a frame that the daemon does not read.
+/// Sends a request, and after it a frame that the daemon does not read.
 client::Result<void> send_much(Connection& connection, std::chrono::milliseconds deadline = {}) {
     if (auto started = connection.start(info_request(), deadline); !started) return started;
     protocol::Bulk bulk;
@@ -48,7 +48,7 @@ client::Result<void> send_much(Connection& connection, std::chrono::milliseconds
     return connection.send_bulk(wire::UploadT{}, std::move(bulk));
 }
 
-/// What is still to be read until the end of the stream.
+/// Reads the rest of the stream.
 std::vector<std::byte> rest_of(int socket) {
     std::vector<std::byte> bytes;
     std::array<std::byte, 4096> part{};
@@ -102,7 +102,7 @@ TEST_CASE("a refused greeting keeps the daemon's words and exit code") {
     }
 }
 
-TEST_CASE("something else that listens is not taken for a daemon") {
+TEST_CASE("another kind of server is not mistaken for a daemon") {
     FakeDaemon daemon([](Peer& peer) {
         peer.receive();
         const std::string text = "HTTP/1.1 400 Bad Request\r\nConnection: close\r\n\r\n";
@@ -172,7 +172,7 @@ TEST_CASE("a daemon that goes away within an answer may have wanted the reader's
     CHECK(info.error().message.find("gave way") != std::string::npos);
 }
 
-TEST_CASE("consumed bulk is granted again before the window is used up") {
+TEST_CASE("credit for consumed bulk is granted before the window is used up") {
     constexpr std::uint64_t piece = 1U << 20;
     std::uint64_t granted = 0;
     {
@@ -204,7 +204,7 @@ TEST_CASE("consumed bulk is granted again before the window is used up") {
     CHECK(granted <= 8 * piece);
 }
 
-TEST_CASE("a server that says nothing is none, within the time of a greeting") {
+TEST_CASE("a silent server is an error within the time of a greeting") {
     FakeDaemon daemon([](Peer& peer) {
         while (peer.receive().header.type != 0) {
         }
@@ -215,7 +215,7 @@ TEST_CASE("a server that says nothing is none, within the time of a greeting") {
     CHECK(connection.error().message.find("--deadline") == std::string::npos);
 }
 
-TEST_CASE("a server that hangs up on the greeting is none") {
+TEST_CASE("a server that hangs up on the greeting is an error") {
     const auto [listener, path] = client::listen_somewhere();
     std::thread hanging_up([listener = listener] { ::close(client::accept_one(listener)); });
     CHECK(exit_of_open("unix:" + path) == Exit::cannot_connect);
@@ -237,7 +237,7 @@ TEST_CASE("where too many wait for a Unix socket's daemon, the client waits too"
     }
     REQUIRE(errno == EAGAIN);
     std::thread daemon([listener = listener, waiting = crowd.size() - 1] {
-        // For the client to find the socket full; it is served in any case.
+        // Give the client time to find the socket full; it is served in any case.
         std::this_thread::sleep_for(std::chrono::milliseconds(50));
         for (std::size_t i = 0; i < waiting; ++i) ::close(client::accept_one(listener));
         Peer(client::accept_one(listener)).welcome();
@@ -249,7 +249,7 @@ TEST_CASE("where too many wait for a Unix socket's daemon, the client waits too"
     ::unlink(path.c_str());
 }
 
-TEST_CASE("the deadline is seen while a daemon takes nothing") {
+TEST_CASE("the deadline is kept while a daemon reads nothing") {
     const auto [listener, path] = client::listen_somewhere();
     std::unique_ptr<Peer> peer;
     std::thread daemon([&peer, listener = listener] {

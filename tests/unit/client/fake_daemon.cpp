@@ -27,7 +27,7 @@ ClosedPort::ClosedPort(int family) : socket_(::socket(family, SOCK_STREAM | SOCK
     auto* const address =
         family == AF_INET6 ? reinterpret_cast<sockaddr*>(&six) : reinterpret_cast<sockaddr*>(&four);
     socklen_t size = family == AF_INET6 ? sizeof six : sizeof four;
-    // A machine without IPv6 has nobody there either, at any port.
+    // Without IPv6, nobody listens on that port either.
     (void)::bind(socket_, address, size);
     (void)::getsockname(socket_, address, &size);
     const int port = ntohs(family == AF_INET6 ? six.sin6_port : four.sin_port);
@@ -67,7 +67,7 @@ Peer::~Peer() {
 
 protocol::Frame Peer::receive() {
     std::byte byte;
-    // Byte by byte: slow, but nothing is read ahead of the frame.
+    // Read byte by byte: slow, but nothing is read beyond the frame.
     while (!decoder_.complete()) {
         const std::span<std::byte> room = decoder_.room();
         std::byte* const out = room.empty() ? &byte : room.data();

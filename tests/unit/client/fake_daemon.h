@@ -1,4 +1,4 @@
-// A daemon of a few lines for the client's tests: a Unix socket, the frame decoder, and a script.
+// A minimal daemon for the client's tests: a Unix socket, the frame decoder, and a script.
 #pragma once
 
 #include "protocol/control.h"
@@ -18,7 +18,7 @@ public:
     Peer(const Peer&) = delete;
     Peer& operator=(const Peer&) = delete;
 
-    /// The next frame; an empty one (type 0) at the end of the stream.
+    /// Returns the next frame; an empty one (type 0) at the end of the stream.
     protocol::Frame receive();
     void send(const protocol::Frame& frame);
     template <class Native>
@@ -30,7 +30,7 @@ public:
         send(protocol::encode(id, std::move(message), std::move(bulk)).value());
     }
     void send_bytes(std::span<const std::byte> bytes);
-    /// Takes the client's Hello and welcomes it with this window.
+    /// Reads the client's Hello and answers with a Welcome of this window.
     void welcome(std::uint64_t window_bytes = 8U << 20, std::uint32_t chunk_rays_max = 16U << 10);
 
 private:
@@ -39,8 +39,8 @@ private:
     protocol::FrameDecoder decoder_{limits_};
 };
 
-/// Listens at once; runs `script` for one connection in a thread of its own, and joins it at its
-/// end.
+/// Listens at once. Runs `script` for one connection in a thread of its own, which the destructor
+/// joins.
 class FakeDaemon {
 public:
     explicit FakeDaemon(std::function<void(Peer&)> script);
@@ -55,10 +55,10 @@ private:
     std::thread thread_;
 };
 
-/// A TCP port of this machine that nobody listens at, nor can meanwhile.
+/// A TCP port of this machine that nobody listens on, and nobody can meanwhile.
 class ClosedPort {
 public:
-    /// AF_INET or AF_INET6.
+    /// `family` is AF_INET or AF_INET6.
     explicit ClosedPort(int family);
     ~ClosedPort();
     ClosedPort(const ClosedPort&) = delete;
@@ -70,9 +70,9 @@ private:
     std::string uri_;
 };
 
-/// A listening Unix socket in the temporary folder; for tests that accept by themselves.
+/// Returns a listening Unix socket in the temporary folder, for tests that accept by themselves.
 std::pair<int, std::string> listen_somewhere();
-/// The next connection of a listener, or -1 when patience ends.
+/// Returns the next connection of a listener, or -1 when patience ends.
 int accept_one(int listener);
 
 }  // namespace raynest::client

@@ -47,7 +47,7 @@ TEST_CASE("buffers and images name files, nothing else does") {
     CHECK(*names == Names{"a.bin", "t/leaf one.png"});
 }
 
-TEST_CASE("what is no JSON object, or nested too deeply, is refused without recursion") {
+TEST_CASE("text that is not a JSON object, or nested too deeply, is refused without recursion") {
     for (const std::string& bad :
          {std::string(), std::string("[]"), std::string("7"), std::string("{"),
           std::string("{\"a\":1e999}"), std::string("{\"a\":\"\xff\"}"), std::string("{} {}"),
@@ -61,7 +61,7 @@ TEST_CASE("what is no JSON object, or nested too deeply, is refused without recu
     CHECK(!names_of("{\"a\":" + std::string(64, '[') + std::string(64, ']') + "}"));
 }
 
-TEST_CASE("a URI names a file beneath the scene's folder, or none, as for the daemon") {
+TEST_CASE("the client accepts the same URIs as the daemon") {
     std::ifstream table(RAYNEST_SOURCE_DIR "/tests/golden/gltf_uris.json");
     const auto cases = nlohmann::json::parse(table);
     REQUIRE(cases.size() > 40);

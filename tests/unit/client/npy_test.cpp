@@ -24,7 +24,7 @@ std::vector<std::byte> bytes_of(const std::string& text) {
     return {data, data + text.size()};
 }
 
-/// A version 1 .npy with this header text and data.
+/// Returns a version 1 .npy with this header text and data.
 std::vector<std::byte> npy(const std::string& header, const std::string& data) {
     std::string text = "\x93NUMPY";
     text += '\x01';
@@ -46,7 +46,7 @@ void write_rays(const test::TemporaryFolder& folder, const Array& array) {
 
 }  // namespace
 
-TEST_CASE("what is written reads back") {
+TEST_CASE("written arrays read back") {
     const std::vector<std::byte> data(96);
     for (const Array& array : {Array{"<f4", {3, 8}, data}, Array{"<f8", {12}, data},
                                Array{"|u1", {96}, data}, Array{"<u8", {1, 2, 6}, data}}) {
@@ -68,7 +68,7 @@ TEST_CASE("the header is NumPy's own") {
     CHECK(text[127] == '\n');
 }
 
-TEST_CASE("files that are no arrays of numbers are refused") {
+TEST_CASE("files other than arrays of numbers are refused") {
     const std::string eight(8, 'x');
     CHECK(client::parse_npy(npy(header_of("<f4", "False", "(2,)"), eight)));
     CHECK(client::parse_npy(npy(header_of("<f8", "False", "()"), eight)));
@@ -142,7 +142,7 @@ TEST_CASE("an archive ends with a directory of its members") {
     CHECK(text.find("PK\x06\x06") != std::string::npos);
 }
 
-TEST_CASE("the scene's origin is subtracted from where rays start, before digits are lost") {
+TEST_CASE("the scene's origin is subtracted from ray origins before digits are lost") {
     const test::TemporaryFolder folder;
     const client::WorldPoint origin = {500'000, 4'500'000, 100};
     std::vector<float> out(6);

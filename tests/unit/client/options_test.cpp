@@ -159,7 +159,7 @@ TEST_CASE("mistakes are usage errors in one line") {
     }
 }
 
-TEST_CASE("a complaint names what is wrong and what is wanted") {
+TEST_CASE("a complaint names the wrong word and the accepted ones") {
     const auto says = [](const std::string& line, const std::string& part) {
         CAPTURE(line);
         const std::string message = complaint(words_of(line));
@@ -185,7 +185,7 @@ TEST_CASE("a complaint names what is wrong and what is wanted") {
     says(query + "--fields t,,prim", "empty name");
 }
 
-TEST_CASE("the bare name is answered by what to type first") {
+TEST_CASE("the bare command prints the first command to type") {
     for (const char* line : {"", "--quiet"}) {
         const std::string message = complaint(words_of(line));
         CHECK(message.find("\n  raynest load builtin:forest\n") != std::string::npos);

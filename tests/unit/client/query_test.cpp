@@ -34,7 +34,7 @@ wire::QueryT query_of(const std::string& kind, std::uint64_t count) {
     return query;
 }
 
-/// A chunk whose column t of ray i is i.
+/// Sends a chunk in which column t of ray i is i.
 void send_answers(Peer& peer, std::uint64_t id, std::uint64_t first, std::uint32_t count) {
     protocol::Bulk bulk;
     bulk.add("t", wire::Dtype::f32, 1, count);
@@ -68,7 +68,7 @@ client::Result<void> ignore(const QueryChunk&) {
     return {};
 }
 
-/// One chunk made by `build`, then Done: does the client take it?
+/// Sends one chunk made by `build`, then Done; true if the client accepts it.
 bool takes(const std::string& kind, std::uint32_t count,
            const std::function<void(protocol::Bulk&)>& build, std::uint64_t first = 0) {
     const auto outcome = run(
@@ -106,7 +106,7 @@ TEST_CASE("chunks that come in any order are consumed in ray order") {
             peer.receive();
             wire::StartedT started;
             started.intersector = "opaque";
-            started.traversal = "latency";
+            started.traversal = "single";
             peer.send(id, started);
             send_answers(peer, id, 6, 4);
             send_answers(peer, id, 0, 1);
@@ -114,7 +114,7 @@ TEST_CASE("chunks that come in any order are consumed in ray order") {
             send_answers(peer, id, 1, 2);
             wire::DoneT done;
             done.rays = 10;
-            done.traversal = "batch";
+            done.traversal = "stream";
             peer.send(id, done);
         },
         [&](const QueryChunk& chunk) -> client::Result<void> {
@@ -124,7 +124,7 @@ TEST_CASE("chunks that come in any order are consumed in ray order") {
         });
     REQUIRE(outcome);
     CHECK(outcome->intersector == "opaque");
-    CHECK(outcome->traversal == "batch");
+    CHECK(outcome->traversal == "stream");
     REQUIRE(seen.size() == 10);
     for (std::size_t i = 0; i < 10; ++i) CHECK(seen[i] == static_cast<float>(i));
 }
@@ -147,7 +147,7 @@ TEST_CASE("rays are sent within the daemon's credit and in frames of its size") 
                 received += rays->blocks[0].count;
                 outstanding += frame.header.bulk_bytes;
                 most_outstanding = std::max(most_outstanding, outstanding);
-                // Grants late: only when the client has stopped for want of credit.
+                // Grant late: only when the client has stopped for lack of credit.
                 if (outstanding + frame.header.bulk_bytes > window) {
                     wire::CreditT credit;
                     credit.bytes = std::exchange(outstanding, 0);
@@ -176,8 +176,8 @@ TEST_CASE("columns of another length than their rays or hits are refused") {
     CHECK(!takes("closest", 2, t_column(1)));
     CHECK(!takes("closest", 2, t_column(3)));
     CHECK(!takes("closest", 1, t_column(1)));     // Done, but a ray has no answer
-    CHECK(!takes("closest", 3, t_column(3)));     // more rays than were asked
-    CHECK(!takes("closest", 1, t_column(1), 2));  // a ray that was not asked
+    CHECK(!takes("closest", 3, t_column(3)));     // more rays than were sent
+    CHECK(!takes("closest", 1, t_column(1), 2));  // a ray that was not sent
     CHECK(!takes("closest", 0, t_column(0)));
 }
 
@@ -199,7 +199,7 @@ TEST_CASE("ray_splits must be there, begin at 0, rise and fit the columns") {
     }));
 }
 
-TEST_CASE("of rays that the daemon makes, and of tables, it says how many rows there are") {
+TEST_CASE("the daemon states the number of rows for rays that it makes and for tables") {
     const auto run_made = [](const std::string& reduce, std::uint64_t announced,
                              std::uint64_t rows) {
         FakeDaemon daemon([&](Peer& peer) {
@@ -244,7 +244,7 @@ TEST_CASE("an answer that comes twice is refused") {
     CHECK(!outcome);
 }
 
-TEST_CASE("what the consumer refuses ends the query") {
+TEST_CASE("a refusal by the consumer ends the query") {
     const auto outcome = run(
         "closest", 1,
         [](Peer& peer, std::uint64_t id) {

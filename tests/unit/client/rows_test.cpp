@@ -95,7 +95,7 @@ TEST_CASE("a table has a title, a row per hit and dashes for a miss") {
           "         6               -           3\n");
 }
 
-TEST_CASE("rows of a reducer are its columns, numbered where they do not say of what they are") {
+TEST_CASE("rows of a reducer are its columns, numbered if no column identifies them") {
     const Sample sample;
     QueryChunk chunk = sample.chunk();
     const std::vector<protocol::BlockView> columns = {sample.columns[1], sample.columns[4]};
@@ -119,8 +119,7 @@ TEST_CASE("numbers read as they were meant") {
 
 TEST_CASE("errors read as one line, plain or JSON") {
     const client::Failure busy = client::failure({protocol::Code::busy, "", 250});
-    CHECK(client::describe(busy, false) ==
-          "raynest: the daemon is full; try again later (try again in 250 ms)");
+    CHECK(client::describe(busy, false) == "raynest: the daemon is full (try again in 250 ms)");
     const auto json = nlohmann::json::parse(client::describe(busy, true));
     CHECK(json["error"]["code"] == 12);
     CHECK(json["error"]["name"] == "BUSY");

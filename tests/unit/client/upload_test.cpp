@@ -33,7 +33,7 @@ TemporaryFolder& sample_folder() {
 
 }  // namespace
 
-TEST_CASE("a glTF is gathered with what it names") {
+TEST_CASE("a glTF is gathered with the files that it names") {
     const auto upload = gather(sample_folder().file("scene.gltf"), "", "");
     REQUIRE(upload);
     CHECK(upload->source == "scene.gltf");
@@ -44,15 +44,15 @@ TEST_CASE("a glTF is gathered with what it names") {
     CHECK(upload->files[2].name == "t/leaf.png");
     CHECK(upload->files[1].bytes.size() == 6);
     const std::string text = "buffer";
-    CHECK(upload->files[1].hash == protocol::content_hash(std::as_bytes(std::span(text))));
+    CHECK(upload->files[1].hash == protocol::upload_checksum(std::as_bytes(std::span(text))));
 }
 
 TEST_CASE("the hash is FNV-1a") {
     const std::string text = "foobar";
-    CHECK(protocol::content_hash({}) == 0xCBF29CE484222325ULL);
+    CHECK(protocol::upload_checksum({}) == 0xCBF29CE484222325ULL);
     const auto bytes = std::as_bytes(std::span(text));
-    CHECK(protocol::content_hash(bytes) == 0x85944171F73967E8ULL);
-    CHECK(protocol::content_hash(bytes.subspan(2), protocol::content_hash(bytes.first(2))) ==
+    CHECK(protocol::upload_checksum(bytes) == 0x85944171F73967E8ULL);
+    CHECK(protocol::upload_checksum(bytes.subspan(2), protocol::upload_checksum(bytes.first(2))) ==
           0x85944171F73967E8ULL);
 }
 
@@ -166,7 +166,7 @@ bool have_shared_scenes() {
 TEST_CASE("the shared hostile files are refused or left to the daemon, quickly") {
     if (!have_shared_scenes()) return;
     const std::filesystem::path hostile = std::string(RAYNEST_SHARED_SCENES) + "/hostile";
-    // What they name must not be sent along.
+    // The files that they name must not be sent along.
     std::size_t outside = 0;
     const std::set<std::string> stems = {"buf_uri", "img_uri"};
     for (const auto& entry : std::filesystem::directory_iterator(hostile)) {
@@ -184,7 +184,7 @@ TEST_CASE("the shared hostile files are refused or left to the daemon, quickly")
     CHECK(outside >= 15);
 }
 
-TEST_CASE("a good scene cut anywhere is refused, or the daemon's to refuse") {
+TEST_CASE("a good scene cut anywhere is refused by the client or left to the daemon") {
     if (!have_shared_scenes()) return;
     const std::filesystem::path whole =
         std::string(RAYNEST_SHARED_SCENES) + "/small/simple-instancing.glb";

@@ -20,13 +20,13 @@ inline Transform scaling(float x, float y, float z) {
     return {{x, 0, 0, 0, 0, y, 0, 0, 0, 0, z, 0}};
 }
 
-/// About the y axis, radians.
+/// Returns a rotation about the y axis, in radians.
 inline Transform rotation(float angle) {
     const float c = std::cos(angle), s = std::sin(angle);
     return {{c, 0, s, 0, 0, 1, 0, 0, -s, 0, c, 0}};
 }
 
-/// The unit square in the xy plane, two triangles, normal +z, texture coordinates = (x, y).
+/// Returns the unit square in the xy plane, two triangles, normal +z, texture coordinates = (x, y).
 inline GeometryDescription unit_square(std::uint32_t material = no_id) {
     GeometryDescription square;
     square.positions = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}};
@@ -41,15 +41,15 @@ inline InstanceDescription place(std::uint32_t object, const Transform& transfor
     return {object, transform, 0xFFFFFFFFU, uid, std::move(name)};
 }
 
-/// Bakes, or throws the error's message.
-inline std::shared_ptr<const Snapshot> bake(const SceneDescription& description) {
-    auto snapshot = Snapshot::bake(description);
+/// Bakes a scene; throws the error's message.
+inline std::shared_ptr<const Snapshot> build_scene(const SceneDescription& description) {
+    auto snapshot = Snapshot::build(description);
     if (!snapshot) throw std::runtime_error(snapshot.error().message);
     return *snapshot;
 }
 
-/// Objects: 0 "leaf" (a square), 1 "twig" (its own square and two leaves), 2 "root" (three twigs
-/// and a leaf). Paths: twig = 3, root = 10.
+/// Returns objects: 0 "leaf" (a square), 1 "twig" (its own square and two leaves), 2 "root" (three
+/// twigs and a leaf). Paths: twig = 3, root = 10.
 inline SceneDescription tree_scene() {
     SceneDescription scene;
     scene.objects.resize(3);

@@ -43,12 +43,12 @@ TEST_CASE("columns come back as they were written, empty ones too") {
     CHECK(protocol::find_block(opened->blocks, "none")->count == 0);
     CHECK(protocol::find_block(opened->blocks, "hit")->values<std::uint8_t>()[64] == 7);
     CHECK(protocol::find_block(opened->blocks, "nowhere") == nullptr);
-    // Padding is zero, so that the same answer is the same bytes.
+    // Padding is zero, so that equal answers are equal bytes.
     for (std::size_t i = 64 + 65; i < frame.bulk.size(); ++i)
         CHECK(frame.bulk.data()[i] == std::byte{0});
 }
 
-TEST_CASE("a message that carries one block says so when it gets another") {
+TEST_CASE("a message with the wrong block reports the expected one") {
     const auto only = [](std::string_view name, wire::Dtype dtype, std::uint32_t width) {
         Bulk bulk;
         bulk.add(name, dtype, width, 1);

@@ -17,7 +17,7 @@ using protocol::Limits;
 
 namespace {
 
-/// Feeds `bytes` in pieces of `piece`; the frames that came out.
+/// Feeds `bytes` in pieces of `piece` bytes; returns the decoded frames.
 std::vector<Frame> decode(const std::vector<std::byte>& bytes, std::size_t piece) {
     const Limits limits;
     FrameDecoder decoder(limits);
@@ -136,7 +136,7 @@ TEST_CASE("bulk bytes may be read straight into their place") {
     }
 }
 
-TEST_CASE("a bulk part that nobody wants takes no memory, and the stream goes on behind it") {
+TEST_CASE("an unwanted bulk part takes no memory, and the stream continues after it") {
     const Limits limits;
     const std::vector<golden::Example> examples = golden::examples();
     for (const std::size_t piece : {std::size_t{1}, std::size_t{7}, std::size_t{4096}}) {
@@ -159,7 +159,7 @@ TEST_CASE("a bulk part that nobody wants takes no memory, and the stream goes on
     }
 }
 
-TEST_CASE("what is refused by its header ends the stream before its control part comes") {
+TEST_CASE("a refused header ends the stream before its control part comes") {
     const Limits limits;
     FrameDecoder decoder(limits);
     decoder.set_admission([](const protocol::FrameHeader&) -> protocol::Result<bool> {
@@ -189,7 +189,7 @@ TEST_CASE("an error is final") {
     CHECK(decoder.feed(good).error().code == protocol::Code::bad_frame);
 }
 
-TEST_CASE("the greeting has a smaller limit than what follows") {
+TEST_CASE("the greeting has a smaller limit than later frames") {
     const std::vector<std::byte> ping =
         golden::wire_bytes(protocol::encode(1, wire::PingT{}).value());
     const Limits limits;

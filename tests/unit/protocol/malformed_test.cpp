@@ -19,7 +19,7 @@ struct Reaction {
     bool closes = false;
 };
 
-/// What a daemon that only decodes and opens would answer; `internal` when it would accept.
+/// Returns the reaction of a daemon that only decodes and opens; `internal` if it accepts.
 Reaction react(const std::vector<std::byte>& bytes) {
     const protocol::Limits limits;
     protocol::FrameDecoder decoder(limits);
@@ -49,7 +49,7 @@ TEST_CASE("every malformed frame is refused with its code") {
     }
 }
 
-TEST_CASE("a message whose control part is cut anywhere never opens as something unsound") {
+TEST_CASE("a message whose control part is cut anywhere never opens as an invalid message") {
     std::size_t refused = 0;
     std::size_t cuts = 0;
     for (const golden::Example& example : golden::examples()) {
@@ -65,7 +65,7 @@ TEST_CASE("a message whose control part is cut anywhere never opens as something
             if (!golden::open_any(cut)) ++refused;
         }
     }
-    // What still opens has lost padding at its end, nothing else.
+    // A cut message that still opens has only lost padding at its end.
     CHECK(cuts - refused < cuts / 50);
 }
 
@@ -96,13 +96,13 @@ TEST_CASE("half a million tables in 32 KiB are refused at once") {
     frame.control = protocol::Buffer(bomb.size());
     std::memcpy(frame.control.data(), bomb.data(), bomb.size());
 
-    // Of the processor: what the rest of the machine does is not measured.
+    // Processor time is measured, so the rest of the machine does not matter.
     const std::clock_t start = std::clock();
     const auto opened = golden::open_any(frame);
     const std::clock_t took = std::clock() - start;
     REQUIRE(!opened);
     CHECK(opened.error().code == Code::bad_frame);
-    // The bomb is armed: without the limit on tables it verifies.
+    // Check the bomb: without the limit on tables it verifies.
     const std::clock_t again = std::clock();
     flatbuffers::Verifier careless(reinterpret_cast<const std::uint8_t*>(bomb.data()), bomb.size());
     CHECK(careless.VerifyBuffer<wire::VariantList>(nullptr));

@@ -16,7 +16,7 @@ TEST_CASE("a text is cut between two letters, on one line and printable") {
     CHECK(clean_text("\xff\xfe", 9) == "??");
 }
 
-TEST_CASE("a percent code is two hexadecimal digits behind its sign") {
+TEST_CASE("a percent code is two hexadecimal digits after its sign") {
     CHECK(percent_code("%20b") == ' ');
     CHECK(percent_code("%C3") == '\xc3');
     CHECK(percent_code("%00") == '\0');

@@ -96,17 +96,17 @@ TEST_CASE("a complaint names the field and the limit") {
     CHECK(opened.error().message == "width is 20000, over picture_side_max = 16384");
 }
 
-TEST_CASE("64-bit numbers that the verifier lets pass off their alignment are refused") {
+TEST_CASE("misaligned 64-bit numbers that the verifier accepts are refused") {
     bool met_misaligned = false;
     for (int shift = 0; shift < 2; ++shift) {
-        // A vector that says two elements of 8 bytes, laid out with the alignment of four of 4
+        // A vector that claims two elements of 8 bytes, with the alignment of four elements of 4
         // bytes.
         flatbuffers::FlatBufferBuilder builder;
         const auto name = builder.CreateString("name");
         builder.StartVector(4, 4);
         for (std::uint32_t i = 0; i < 4; ++i) builder.PushElement(i);
         const flatbuffers::Offset<flatbuffers::Vector<double>> values(builder.EndVector(2));
-        // Stands between the start of the message and the vector.
+        // This string lies between the start of the message and the vector.
         builder.CreateString(shift == 0 ? "abc" : "abcdefg");
         const auto names = builder.CreateVector(std::vector{name, name});
         builder.Finish(wire::CreateStatistics(builder, names, values));

@@ -26,7 +26,12 @@ TEST_CASE("only loopback may be listened on") {
     }
 }
 
-TEST_CASE("what is no address is refused") {
+TEST_CASE("a host's name is refused with what is needed in its place") {
+    CHECK(parse_address("tcp://example.org:1").error().message.find("an IP address or localhost") !=
+          std::string::npos);
+}
+
+TEST_CASE("an invalid address is refused") {
     const std::string long_path = "unix:" + std::string(108, 'x');
     for (const std::string& uri :
          {std::string(""), std::string("tcp://"), std::string("tcp://127.0.0.1"),

@@ -20,7 +20,7 @@ JobRecord asked(const std::string& principal, std::uint64_t rays) {
     return record;
 }
 
-TEST_CASE("a full daemon admits again when a slot ends, and says when to come back") {
+TEST_CASE("a full daemon admits again when a slot ends, and tells when to retry") {
     Admission admission(limits(2));
     auto a = admission.enter(asked("a", 0));
     const auto b = admission.enter(asked("b", 0));
@@ -44,7 +44,7 @@ TEST_CASE("one principal's jobs end at its quota, another's begin") {
     const auto refused = admission.enter(asked("crowd", 0));
     REQUIRE_FALSE(refused);
     CHECK(refused.error().code == Code::quota);
-    CHECK(refused.error().message.find("principal_jobs_max") != std::string::npos);
+    CHECK(refused.error().message.find("--principal-jobs-max 3") != std::string::npos);
     CHECK(admission.enter(asked("single", 0)));
     slots.pop_back();
     CHECK(admission.enter(asked("crowd", 0)));
@@ -54,12 +54,12 @@ TEST_CASE("rays in flight count over all jobs of a principal, and no number over
     Admission admission(limits(10));
     auto half = admission.enter(asked("me", 60));
     REQUIRE(half);
-    // Who waits gets the first of them some time, the others never.
+    // A retry can succeed for the first number, but never for the others.
     for (const std::uint64_t rays : {std::uint64_t{41}, std::uint64_t{101}, ~std::uint64_t{0}}) {
         const auto refused = admission.enter(asked("me", rays));
         REQUIRE_FALSE(refused);
         CHECK(refused.error().code == (rays == 41 ? Code::quota : Code::limit_exceeded));
-        CHECK(refused.error().message.find("principal_rays_max") != std::string::npos);
+        CHECK(refused.error().message.find("--principal-rays-max 100") != std::string::npos);
     }
     CHECK(admission.enter(asked("me", 40)));
     CHECK(admission.enter(asked("other", 100)));

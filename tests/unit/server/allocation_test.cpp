@@ -1,7 +1,7 @@
-// Memory that runs out at any moment: each script is run again and again, and each time one more
-// allocation succeeds before one fails. Whatever was under way then fails alone: nothing crashes,
-// nothing stays behind, the client hears an end or the connection ends, and the next client gets
-// the answer as ever.
+// Tests memory that runs out at any moment: each script runs repeatedly, and each time one more
+// allocation succeeds before one fails. Then only the current request or connection fails: nothing
+// crashes, nothing leaks, the client gets an end or the connection ends, and the next client gets
+// the usual answer.
 #include "tests/golden/examples.h"
 #include "tests/sanitized.h"
 #include "tests/unit/server/small_daemon.h"
@@ -21,9 +21,9 @@
 namespace {
 
 constexpr long never = -1;
-/// Allocations of this thread before the one that fails; it is only one.
+/// Number of allocations of this thread before the one that fails; only one fails.
 thread_local long until_failure = never;
-/// Of the allocations of this thread since a test set it to 0.
+/// Largest allocation of this thread since a test set it to 0.
 thread_local std::size_t largest_bytes = 0;
 
 void* allocate(std::size_t size, std::size_t alignment) {
@@ -36,14 +36,14 @@ void* allocate(std::size_t size, std::size_t alignment) {
 
 }  // namespace
 
-// These replace the library's own, for everything in this program.
+// Replace the library's own functions for everything in this program.
 void* operator new(std::size_t size) {
     return allocate(size, alignof(std::max_align_t));
 }
 void* operator new(std::size_t size, std::align_val_t alignment) {
     return allocate(size, static_cast<std::size_t>(alignment));
 }
-// The library's own call those above; a sanitizer's take memory of another kind.
+// The library's own versions call those above; a sanitizer's take memory of another kind.
 void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
     try {
         return operator new(size);
@@ -75,11 +75,11 @@ namespace raynest::test {
 namespace {
 
 constexpr long stride = sanitized ? 7 : 1;  ///< an import child takes half a second
-/// Too long to lie in a std::string itself.
+/// Too long for a std::string's internal buffer.
 constexpr const char* new_scene = "a scene with a name of some length";
 constexpr const char* principal = "a principal with a name of some length";
 
-/// What a client says after its Hello; the first request has the id 5.
+/// The client's frames after its Hello; the first request has the id 5.
 using Script = std::vector<protocol::Frame>;
 
 template <class Native>
@@ -137,7 +137,7 @@ Script about_forest(Native message) {
     return script(frame_of(5, message));
 }
 
-/// What came of a script.
+/// The daemon's answers to a script.
 struct Heard {
     bool connection_ended = false;
     bool request_ended = false;
@@ -153,21 +153,21 @@ class Trial {
 public:
     Trial() { daemon.services.import_child = {RAYNEST_DAEMON, "--import-child", "auto"}; }
 
-    /// Everything works but allocation `failing`, if it comes to that.
+    /// Runs a script in which only allocation `failing` fails, if it is reached.
     Heard run(const Script& script, long failing = never) {
         Script copies;
         copies.push_back(frame_of(0, wire::HelloT{}));
         for (const protocol::Frame& frame : script) copies.push_back(golden::copy(frame));
         daemon.sent.clear();
         Heard heard;
-        std::optional<server::Conversation> conversation;
+        std::optional<Client> conversation;
         until_failure = failing;
         try {
-            conversation.emplace(daemon.services, daemon.engine, daemon, principal);
+            conversation.emplace(daemon, principal);
             for (protocol::Frame& frame : copies) conversation->receive(std::move(frame));
             daemon.settle();
         } catch (const std::bad_alloc&) {
-            // As a session does, whose coroutine ends with it.
+            // The exception ends a session's coroutine and so its connection.
             heard.connection_ended = true;
         }
         failed = until_failure == never;
@@ -190,7 +190,7 @@ public:
     }
 
     SmallDaemon daemon;
-    bool failed = false;  ///< did the last run come to its failure?
+    bool failed = false;  ///< did the last run reach its failure?
 };
 
 TEST_CASE("an allocation that fails at any moment fails one request or one connection alone") {
@@ -219,7 +219,7 @@ TEST_CASE("an allocation that fails at any moment fails one request or one conne
         INFO(std::string(name));
         const Heard good = trial.run(script);
         trial.run(unload);
-        const std::uint64_t idle_bytes = daemon.budget.used();
+        const std::uint64_t idle_bytes = daemon.used_bytes();
         CHECK((script.empty() || good.request_ended));
         for (long n = 0;; n += stride, ++failures) {
             CAPTURE(n);
@@ -230,7 +230,7 @@ TEST_CASE("an allocation that fails at any moment fails one request or one conne
             CHECK(daemon.handlers_failed == 0);
             CHECK(daemon.metrics.jobs_ended.load() == daemon.metrics.jobs_started.load());
             CHECK(daemon.admission.active() == 0);
-            CHECK(daemon.budget.used() == idle_bytes);
+            CHECK(daemon.used_bytes() == idle_bytes);
             CHECK(trial.run(script).frames == good.frames);
             trial.run(unload);
         }
@@ -242,15 +242,13 @@ TEST_CASE("an allocation that fails at any moment fails one request or one conne
 
 TEST_CASE("the tables of a lidar are left to its tasks") {
     SmallDaemon daemon;
-    server::Conversation conversation(daemon.services, daemon.engine, daemon, principal);
+    Client conversation(daemon, principal);
     conversation.receive(frame_of(0, wire::HelloT{}));
     wire::QueryT query;
     query.job = forest_job();
     query.generator = std::make_unique<wire::GeneratorT>();
     query.generator->kind = "lidar";
-    query.generator->elevations = {-1};
-    query.generator->azimuth_count = 65536;
-    query.generator->azimuth_stop = 360;
+    query.generator->settings = {"elevations=-1", "azimuths=0:360:65536"};
     constexpr std::size_t table_bytes = 65536 * 2 * sizeof(double);
     largest_bytes = 0;
     conversation.receive(frame_of(1, query));

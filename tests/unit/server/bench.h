@@ -1,4 +1,4 @@
-// The jobs of a daemon without sockets: a runner, a sink in memory, scripted jobs.
+// Runs a daemon's jobs without sockets: a runner, a sink in memory, scripted jobs.
 #pragma once
 
 #include "protocol/control.h"
@@ -23,7 +23,7 @@ inline protocol::Limits few_jobs() {
     return limits;
 }
 
-/// Stands for the io thread: completions wait in a queue until the test takes them.
+/// Replaces the io thread: completions wait in a queue until the test takes them.
 class Bench final : public Sink {
 public:
     Bench() { runner->set_window(window); }
@@ -32,7 +32,7 @@ public:
     void send(protocol::Frame frame) override { sent.push_back(std::move(frame)); }
     [[nodiscard]] std::uint64_t backlog() const override { return waiting; }
 
-    /// Takes completions until `done` holds; false when none comes while patience lasts.
+    /// Takes completions until `done` holds; false if none comes while patience lasts.
     template <class Condition>
     bool run_until(Condition done) {
         while (!done()) {
@@ -48,7 +48,7 @@ public:
     }
     /// Runs what waits for `by_hand`, which has no threads, and takes completions, until neither is
     /// left.
-    void settle(Workers& by_hand) {
+    void settle(FairThreadPool& by_hand) {
         do {
             for (;;) {
                 std::unique_lock lock(mutex_);
@@ -60,11 +60,10 @@ public:
             }
         } while (by_hand.run_one());
     }
-    /// This bench's engine, but for what computes.
-    [[nodiscard]] Engine engine_with(Workers& compute) const {
-        return {compute,           engine.blocking,  engine.device, engine.admission,
-                engine.metrics,    engine.limits,    engine.post,   engine.budget,
-                engine.brief_turn, engine.coalescer, engine.peers};
+    /// This bench's context, but for what computes.
+    [[nodiscard]] JobContext engine_with(FairThreadPool& compute) const {
+        return {compute,       engine.admission,     engine.metrics,   engine.limits, engine.post,
+                engine.budget, engine.inline_budget, engine.coalescer, engine.peers};
     }
     bool run_until_idle() {
         return run_until([&] { return runner->size() == 0 && admission.active() == 0; });
@@ -87,7 +86,7 @@ public:
     Admission admission{limits};
     Budget budget{1ULL << 30};
     Peers peers{limits, budget, metrics};
-    BriefTurn brief_turn;
+    InlineBudget inline_budget;
     Coalescer coalescer;
     std::uint64_t waiting = 0;
     std::vector<protocol::Frame> sent;
@@ -96,26 +95,22 @@ private:
     std::mutex mutex_;
     std::condition_variable wake_;
     std::deque<std::function<void()>> posted_;
-    Workers compute_{2};
-    Workers blocking_{1};
-    Workers device_{1};
+    FairThreadPool compute_{2};
 
 public:
-    Engine engine{compute_,
-                  blocking_,
-                  device_,
-                  admission,
-                  metrics,
-                  limits,
-                  [this](std::function<void()> done) {
-                      const std::lock_guard lock(mutex_);
-                      posted_.push_back(std::move(done));
-                      wake_.notify_all();
-                  },
-                  budget,
-                  brief_turn,
-                  coalescer,
-                  peers};
+    JobContext engine{compute_,
+                      admission,
+                      metrics,
+                      limits,
+                      [this](std::function<void()> done) {
+                          const std::lock_guard lock(mutex_);
+                          posted_.push_back(std::move(done));
+                          wake_.notify_all();
+                      },
+                      budget,
+                      inline_budget,
+                      coalescer,
+                      peers};
     std::shared_ptr<Runner> runner = std::make_shared<Runner>(engine, *this, "me");
 };
 
@@ -126,7 +121,7 @@ inline protocol::Frame chunk_of(std::uint64_t bytes) {
     return protocol::encode(1, wire::ChunkT{}, std::move(bulk)).value();
 }
 
-/// `tasks` tasks that answer `bytes` each; `work` runs before each answer.
+/// A job of `tasks` tasks that answer `bytes` each; `work` runs before each answer.
 class ScriptedJob final : public Job {
 public:
     ScriptedJob(std::size_t tasks, std::uint64_t bytes,
@@ -163,8 +158,8 @@ private:
     std::size_t given_ = 0;
 };
 
-inline Accepted accept(std::unique_ptr<Job> job, std::uint32_t deadline_ms = 0) {
-    Accepted accepted;
+inline JobSubmission accept(std::unique_ptr<Job> job, std::uint32_t deadline_ms = 0) {
+    JobSubmission accepted;
     accepted.job = std::move(job);
     accepted.deadline_ms = deadline_ms;
     return accepted;

@@ -1,4 +1,4 @@
-// The protocol's state machine over plain memory, with whatever a client may send in any order.
+// Runs the protocol's state machine in memory, with any frames in any order.
 #include "server/conversation.h"
 
 #include "engine/math/random.h"
@@ -16,6 +16,7 @@
 namespace raynest::server {
 namespace {
 
+using test::Client;
 using test::SmallDaemon;
 
 template <class Native>
@@ -31,7 +32,7 @@ wire::QueryT query_of(std::uint64_t rays) {
     return query;
 }
 
-/// The codes of what was answered with an error, in order.
+/// Returns the codes of all error answers, in order.
 std::vector<Code> errors_of(const SmallDaemon& daemon) {
     std::vector<Code> codes;
     for (const protocol::Frame& frame : daemon.sent)
@@ -44,7 +45,7 @@ TEST_CASE("nothing but a greeting opens a conversation") {
     SmallDaemon daemon;
     for (const golden::Example& example : golden::examples()) {
         daemon.sent.clear();
-        Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+        Client conversation(daemon);
         conversation.receive(golden::copy(example.frame));
         CHECK(conversation.greeted() == (example.name == "Hello"));
         CHECK(conversation.closing() == (example.name != "Hello"));
@@ -52,9 +53,9 @@ TEST_CASE("nothing but a greeting opens a conversation") {
     }
 }
 
-TEST_CASE("a draining conversation answers questions, refuses jobs and ends with the last one") {
+TEST_CASE("a draining conversation answers requests, refuses jobs and ends with the last one") {
     SmallDaemon daemon;
-    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    Client conversation(daemon);
     conversation.receive(frame_of(0, wire::HelloT{}));
     wire::QueryT query;
     query.job = std::make_unique<wire::JobT>();
@@ -94,14 +95,14 @@ TEST_CASE(
         CAPTURE(all);
         daemon.sent.clear();
         {
-            Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+            Client conversation(daemon);
             conversation.receive(frame_of(0, wire::HelloT{}));
             conversation.receive(frame_of(1, query));
             conversation.receive(rays(0));
             CHECK_FALSE(daemon.said(wire::Message::Detached));
             if (all) conversation.receive(rays(1));
             CHECK(daemon.said(wire::Message::Detached) == all);
-            // The id is free again, and what was detached is not this connection's any more.
+            // The id is free again, and the detached job no longer belongs to this connection.
             if (all) conversation.receive(frame_of(1, wire::CancelT{}));
         }
         daemon.settle();
@@ -117,7 +118,7 @@ TEST_CASE(
 
 TEST_CASE("a connection has so many requests in flight, those included that are to be detached") {
     SmallDaemon daemon;
-    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    Client conversation(daemon);
     conversation.receive(frame_of(0, wire::HelloT{}));
     wire::QueryT detached = query_of(2);
     detached.job->detach = true;
@@ -135,7 +136,7 @@ TEST_CASE("a connection has so many requests in flight, those included that are 
 
 TEST_CASE("data that is too large, and bulk of an unknown type, cost their request alone") {
     SmallDaemon daemon;
-    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    Client conversation(daemon);
     conversation.receive(frame_of(0, wire::HelloT{}));
     protocol::FrameDecoder decoder(daemon.limits);
     decoder.set_admission(
@@ -177,7 +178,7 @@ TEST_CASE("data that is too large, and bulk of an unknown type, cost their reque
         CHECK_FALSE(conversation.closing());
         conversation.receive(frame_of(1, wire::CancelT{}));
     }
-    // What no request of any version brings bulk with.
+    // No request of any version brings this kind of bulk.
     protocol::Frame query = piece_of(1000);
     query.header.type = static_cast<std::uint16_t>(wire::Message::Query);
     const auto refused = conversation.admit(query.header);
@@ -187,7 +188,7 @@ TEST_CASE("data that is too large, and bulk of an unknown type, cost their reque
 
 TEST_CASE("a bad credit or cancel ends its request, and is ignored where that has ended") {
     SmallDaemon daemon;
-    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    Client conversation(daemon);
     conversation.receive(frame_of(0, wire::HelloT{}));
     const auto credit_of = [](std::uint64_t bytes) {
         wire::CreditT credit;
@@ -237,7 +238,7 @@ TEST_CASE(
     "credit for the rays of an all-hits query comes back once their whole frame is answered") {
     constexpr std::uint64_t frame_rays = 16U << 10;
     SmallDaemon daemon;
-    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    Client conversation(daemon);
     wire::HelloT hello;
     hello.window_bytes = 64 << 10;  // for answers of fewer rays than a frame has
     conversation.receive(frame_of(0, hello));
@@ -278,14 +279,14 @@ TEST_CASE(
 
 TEST_CASE("visible_pixels counts no more rays than its counters hold") {
     SmallDaemon daemon;
-    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    Client conversation(daemon);
     conversation.receive(frame_of(0, wire::HelloT{}));
     for (const std::uint64_t points : {65535U, 65536U}) {
         wire::QueryT query = query_of(points);
         query.reduce = "visible_pixels";
         query.generator = std::make_unique<wire::GeneratorT>();
         query.generator->kind = "hemisphere";
-        query.generator->samples = 65536;
+        query.generator->settings = {"samples=65536"};
         conversation.receive(frame_of(points, query));
     }
     CHECK(daemon.said(wire::Message::Started));
@@ -294,14 +295,13 @@ TEST_CASE("visible_pixels counts no more rays than its counters hold") {
 
 TEST_CASE("an answer is fetched where half of the window holds its frames") {
     SmallDaemon daemon;
-    Conversation asking(daemon.services, daemon.engine, daemon, "me");
+    Client asking(daemon);
     asking.receive(frame_of(0, wire::HelloT{}));
     wire::QueryT query = query_of(0);
     query.job->detach = true;
     query.generator = std::make_unique<wire::GeneratorT>();
     query.generator->kind = "pinhole";
-    query.generator->width = query.generator->height = 128;
-    query.generator->fx = query.generator->fy = 64;
+    query.generator->settings = {"size=128x128", "fx=64"};
     asking.receive(frame_of(1, query));
     daemon.settle();
     const auto& [number, job] = *daemon.detached.all().begin();
@@ -314,7 +314,7 @@ TEST_CASE("an answer is fetched where half of the window holds its frames") {
     fetch.job = number;
     for (const std::uint64_t window : {2 * largest - 64, 2 * largest}) {
         daemon.sent.clear();
-        Conversation fetching(daemon.services, daemon.engine, daemon, "me");
+        Client fetching(daemon);
         wire::HelloT hello;
         hello.window_bytes = window;
         fetching.receive(frame_of(0, hello));
@@ -325,9 +325,85 @@ TEST_CASE("an answer is fetched where half of the window holds its frames") {
     }
 }
 
-TEST_CASE("a detached query that goes wrong while its rays come tells its client") {
+TEST_CASE("only the principal that started a job waits for it, fetches it and cancels it") {
     SmallDaemon daemon;
-    Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+    Client owner(daemon);
+    Client stranger(daemon, "you");
+    for (Client* client : {&owner, &stranger}) client->receive(frame_of(0, wire::HelloT{}));
+    wire::QueryT detached = query_of(0);
+    detached.job->detach = true;
+    detached.generator = std::make_unique<wire::GeneratorT>();
+    detached.generator->kind = "pinhole";
+    detached.generator->settings = {"size=8x8", "fx=4"};
+    owner.receive(frame_of(1, detached));
+    owner.receive(frame_of(2, query_of(1)));  // attached, waits for its ray
+    daemon.settle();
+    const std::uint64_t kept = daemon.detached.all().begin()->first;
+    const std::uint64_t attached = daemon.admission.jobs().begin()->first;
+    const auto ask = [](Client& client, std::uint64_t job) {
+        wire::WaitT wait;
+        wire::FetchT fetch;
+        wire::CancelJobT cancel;
+        wait.job = fetch.job = cancel.job = job;
+        client.receive(frame_of(11, wait));
+        client.receive(frame_of(12, fetch));
+        client.receive(frame_of(13, cancel));
+    };
+    daemon.sent.clear();
+    ask(stranger, kept);
+    CHECK(errors_of(daemon) == std::vector(3, Code::not_allowed));
+    CHECK(daemon.detached.all().contains(kept));
+    daemon.sent.clear();
+    ask(stranger, attached);
+    CHECK(errors_of(daemon) == std::vector(3, Code::not_allowed));
+    CHECK(daemon.admission.find(attached) != nullptr);
+    daemon.sent.clear();
+    ask(owner, attached + 1);
+    CHECK(errors_of(daemon) == std::vector(3, Code::job_unknown));
+    daemon.sent.clear();
+    ask(owner, kept);
+    daemon.settle();
+    ask(owner, attached);
+    // An attached job is nothing to wait for or to fetch, and its request hears of the cancel.
+    CHECK(errors_of(daemon) == std::vector{Code::job_unknown, Code::job_unknown, Code::cancelled});
+    CHECK(daemon.admission.find(attached) == nullptr);
+    CHECK(daemon.detached.all().empty());
+}
+
+TEST_CASE("each message that a client may send has a row, and says when it may come") {
+    for (std::uint16_t type = 0; type < 256; ++type) {
+        CAPTURE(type);
+        const Request* request = find_request(type);
+        CHECK((request != nullptr) == protocol::sent_by_client(type));
+        if (request == nullptr) continue;
+        CHECK(request->type == static_cast<wire::Message>(type));
+        CHECK((request->answer != nullptr) != (request->act != nullptr));
+        CHECK(request->before_hello == (request->type == wire::Message::Hello));
+    }
+}
+
+TEST_CASE("a second greeting and an answer end the conversation, an unknown type does not") {
+    SmallDaemon daemon;
+    protocol::Frame unknown = frame_of(1, wire::PingT{});
+    unknown.header.type = 99;
+    std::vector<std::pair<protocol::Frame, bool>> cases;
+    cases.emplace_back(frame_of(0, wire::HelloT{}), true);
+    cases.emplace_back(frame_of(1, wire::DoneT{}), true);
+    cases.emplace_back(std::move(unknown), false);
+    for (const auto& [frame, closes] : cases) {
+        CAPTURE(frame.header.type);
+        daemon.sent.clear();
+        Client conversation(daemon);
+        conversation.receive(frame_of(0, wire::HelloT{}));
+        conversation.receive(golden::copy(frame));
+        CHECK(conversation.closing() == closes);
+        CHECK(errors_of(daemon) == std::vector{closes ? Code::bad_frame : Code::unknown_type});
+    }
+}
+
+TEST_CASE("a detached query that fails while its rays come tells its client") {
+    SmallDaemon daemon;
+    Client conversation(daemon);
     conversation.receive(frame_of(0, wire::HelloT{}));
     wire::QueryT query;
     query.job = std::make_unique<wire::JobT>();
@@ -348,7 +424,7 @@ TEST_CASE("a detached query that goes wrong while its rays come tells its client
 
 TEST_CASE("whatever frames come in whatever order, all jobs end and all memory returns") {
     SmallDaemon daemon;
-    const std::uint64_t idle_bytes = daemon.budget.used();
+    const std::uint64_t idle_bytes = daemon.used_bytes();
     // What only a daemon says would end the conversation at once.
     auto examples = golden::examples();
     std::erase_if(examples, [](const golden::Example& example) {
@@ -358,13 +434,13 @@ TEST_CASE("whatever frames come in whatever order, all jobs end and all memory r
     for (int round = 0; round < 1000; ++round) {
         INFO("round ", round);
         daemon.sent.clear();
-        Conversation conversation(daemon.services, daemon.engine, daemon, "me");
+        Client conversation(daemon);
         protocol::FrameDecoder decoder(daemon.limits);
         conversation.receive(frame_of(0, wire::HelloT{}));
         for (int step = 0; step < 12 && !conversation.closing(); ++step) {
             const auto& example = examples[random.next() % examples.size()];
             std::vector<std::byte> bytes = golden::wire_bytes(example.frame);
-            // Half of the frames are damaged somewhere behind the header.
+            // Half of the frames are damaged somewhere after the header.
             if (random.next() % 2 == 0 && bytes.size() > protocol::header_bytes) {
                 const std::size_t at = protocol::header_bytes +
                                        random.next() % (bytes.size() - protocol::header_bytes);
@@ -382,7 +458,7 @@ TEST_CASE("whatever frames come in whatever order, all jobs end and all memory r
         for (const auto& [number, job] : kept) daemon.detached.cancel(number);
         CHECK(daemon.metrics.jobs_started == daemon.metrics.jobs_ended);
     }
-    CHECK(daemon.budget.used() == idle_bytes);
+    CHECK(daemon.used_bytes() == idle_bytes);
     MESSAGE(daemon.metrics.jobs_started.load(), " jobs");
 }
 

@@ -1,4 +1,4 @@
-// Detached jobs against scripted ones: what is kept, for how long, at whose cost.
+// Tests detached jobs with scripted ones: which results are kept, for how long, at whose cost.
 #include "server/jobs/detached.h"
 
 #include "tests/unit/server/bench.h"
@@ -15,7 +15,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr std::uint64_t room = 64 << 10;  ///< of a scripted job's answer, at most
+constexpr std::uint64_t room = 64 << 10;  ///< most bytes of a scripted job's answer
 
 struct Store {
     Store() { bench.limits.principal_result_bytes_max = 3 * (room + (16 << 10)); }
@@ -23,12 +23,13 @@ struct Store {
     Reply<DetachedJobs::Pointer> start(const std::string& principal, std::size_t tasks,
                                        std::uint64_t bytes,
                                        std::function<Reply<void>(const Stop&)> work = {}) {
-        Accepted accepted = accept(std::make_unique<ScriptedJob>(tasks, bytes, std::move(work)));
+        JobSubmission accepted =
+            accept(std::make_unique<ScriptedJob>(tasks, bytes, std::move(work)));
         accepted.detach = true;
         accepted.result_bytes = room;
         return jobs.start(principal, 1, std::move(accepted));
     }
-    /// One that has ended, and whether it was fetched.
+    /// Runs a job to its end, fetched or not; returns its number.
     std::uint64_t keep(const std::string& principal, std::uint64_t bytes, bool fetched) {
         auto job = start(principal, 1, bytes).value();
         REQUIRE(bench.run_until([&] { return job->ended(); }));
@@ -42,7 +43,7 @@ struct Store {
     DetachedJobs jobs{bench.engine, [this] { ++changes; }};
 };
 
-/// What the connection hears that sends a job's data.
+/// The sink of the connection that sends a job's data.
 class Feeder final : public Sink {
 public:
     void send(protocol::Frame frame) override { types.push_back(frame.header.type); }
@@ -78,7 +79,7 @@ TEST_CASE("an answer goes away when its time is over, and not before") {
     CHECK(store.bench.budget.used() == 0);
 }
 
-TEST_CASE("what was fetched makes room, the oldest first, and what was not is never dropped") {
+TEST_CASE("fetched results make room, the oldest first, and others are never dropped") {
     Store store;
     const std::uint64_t dear = store.keep("me", 60'000, false);
     const std::uint64_t old = store.keep("me", 60'000, true);
@@ -90,11 +91,11 @@ TEST_CASE("what was fetched makes room, the oldest first, and what was not is ne
     CHECK(store.has(young));
     const std::uint64_t last = store.keep("me", 60'000, false);
     CHECK_FALSE(store.has(young));
-    // Full of what nobody has fetched: the next one is refused before it runs.
+    // The store is full of unfetched results: the next job is refused before it runs.
     const auto refused = store.start("me", 1, 1000);
     REQUIRE_FALSE(refused);
     CHECK(refused.error().code == Code::quota);
-    CHECK(refused.error().message.find("principal_result_bytes_max") != std::string::npos);
+    CHECK(refused.error().message.find("--principal-result-bytes-max") != std::string::npos);
     CHECK(store.has(dear));
     CHECK(store.has(next));
     CHECK(store.has(last));
@@ -119,12 +120,11 @@ TEST_CASE("when --memory is short, anybody's fetched answers go, then a new job 
     REQUIRE(store.bench.run_until_idle());
 }
 
-TEST_CASE("only the owner finds a job") {
+TEST_CASE("a job is found by its number") {
     Store store;
     const std::uint64_t number = store.keep("me", 10, false);
-    CHECK(store.jobs.find(number, "me"));
-    CHECK(store.jobs.find(number, "you").error().code == Code::not_allowed);
-    CHECK(store.jobs.find(number + 1, "me").error().code == Code::job_unknown);
+    CHECK(store.jobs.find(number));
+    CHECK(store.jobs.find(number + 1).error().code == Code::job_unknown);
 }
 
 TEST_CASE("a failed job keeps its error and no bytes") {
@@ -140,7 +140,7 @@ TEST_CASE("a failed job keeps its error and no bytes") {
     REQUIRE(store.bench.run_until_idle());
 }
 
-TEST_CASE("an answer that outgrows its room takes more, from what was fetched if need be") {
+TEST_CASE("an answer that outgrows its room takes more, from fetched results if necessary") {
     Store store;
     const std::uint64_t dear = store.keep("me", 60'000, false);
     const std::uint64_t fetched = store.keep("me", 60'000, true);
@@ -157,7 +157,7 @@ TEST_CASE("an answer that outgrows its room takes more, from what was fetched if
     CHECK(store.bench.budget.used() == 0);
 }
 
-TEST_CASE("an answer beyond what its owner may keep ends the job, and who feeds it hears of it") {
+TEST_CASE("an answer beyond its owner's quota ends the job, and its sender is told") {
     Store store;
     Feeder feeder;
     const auto job = store.start("me", 100, 10'000);
@@ -170,7 +170,7 @@ TEST_CASE("an answer beyond what its owner may keep ends the job, and who feeds 
     CHECK(store.bench.budget.used() < room);
 }
 
-TEST_CASE("cancelling stops what runs, drops what is kept, and gives all memory back") {
+TEST_CASE("cancelling stops running jobs, drops results, and frees all memory") {
     Store store;
     std::atomic<bool> running{false};
     const auto work = [&](const Stop& stop) -> Reply<void> {
@@ -188,7 +188,7 @@ TEST_CASE("cancelling stops what runs, drops what is kept, and gives all memory 
     CHECK(store.bench.budget.used() == 0);
 }
 
-TEST_CASE("a daemon that ends stops what runs with DRAINING, and leaves alone what has ended") {
+TEST_CASE("a daemon that ends stops running jobs with DRAINING, and keeps ended ones") {
     Store store;
     const auto endless = [](const Stop& stop) -> Reply<void> {
         while (!stop.requested()) std::this_thread::yield();
@@ -203,7 +203,7 @@ TEST_CASE("a daemon that ends stops what runs with DRAINING, and leaves alone wh
     CHECK_FALSE(store.jobs.all().at(kept)->error());
 }
 
-TEST_CASE("who sends a job's data hears of its credit and of its failure") {
+TEST_CASE("the sender of a job's data gets its credit and its failure") {
     class Sponge final : public Job {
         std::optional<Task> next() override { return std::nullopt; }
         [[nodiscard]] bool finished() const override { return false; }
@@ -215,7 +215,7 @@ TEST_CASE("who sends a job's data hears of its credit and of its failure") {
     };
     Store store;
     Feeder feeder;
-    Accepted accepted = accept(std::make_unique<Sponge>());
+    JobSubmission accepted = accept(std::make_unique<Sponge>());
     accepted.detach = true;
     const auto job = store.jobs.start("me", 1, std::move(accepted)).value();
     job->set_feeder(&feeder);
@@ -229,7 +229,7 @@ TEST_CASE("who sends a job's data hears of its credit and of its failure") {
                                      static_cast<std::uint16_t>(wire::Message::Error)});
 }
 
-TEST_CASE("who sends a job's data hears of a failure at its very start") {
+TEST_CASE("the sender of a job's data gets a failure at its very start") {
     class Failing final : public Job {
         std::optional<Task> next() override { throw std::bad_alloc(); }
         [[nodiscard]] bool finished() const override { return false; }
@@ -237,7 +237,7 @@ TEST_CASE("who sends a job's data hears of a failure at its very start") {
     };
     Store store;
     Feeder feeder;
-    Accepted accepted = accept(std::make_unique<Failing>());
+    JobSubmission accepted = accept(std::make_unique<Failing>());
     accepted.detach = true;
     const auto job = store.jobs.start("me", 1, std::move(accepted), &feeder).value();
     REQUIRE(job->error());

@@ -5,7 +5,7 @@
 namespace raynest::server {
 namespace {
 
-TEST_CASE("what a user can repair never reads as a defect of the daemon") {
+TEST_CASE("errors that a user can repair never read as defects of the daemon") {
     for (const ErrorCode code :
          {ErrorCode::scene_invalid, ErrorCode::scene_unsupported, ErrorCode::limit_exceeded,
           ErrorCode::variant_unknown, ErrorCode::param_invalid, ErrorCode::field_invalid,

@@ -1,4 +1,4 @@
-// LOAD as the io thread sees it: what it accepts, and what its tasks do.
+// LOAD on the io thread: which requests it accepts, and the work of its tasks.
 #include "protocol/hash.h"
 #include "server/handlers/handler.h"
 #include "tests/unit/server/small_daemon.h"
@@ -22,10 +22,10 @@ Reply<Answer> ask(SmallDaemon& daemon, const wire::LoadT& message,
 
 std::unique_ptr<Job> accepted(Reply<Answer> answer) {
     REQUIRE_MESSAGE(answer, (answer ? "" : answer.error().message));
-    return std::move(std::get<Accepted>(*answer).job);
+    return std::move(std::get<JobSubmission>(*answer).job);
 }
 
-/// A client that loses interest once it was asked for a few times.
+/// A stop flag that is set after a few calls.
 class Impatient final : public Stop {
 public:
     [[nodiscard]] bool requested() const noexcept override { return ++asked_ > 3; }
@@ -34,13 +34,13 @@ private:
     mutable int asked_ = 0;
 };
 
-/// An upload of one file of zeros.
+/// Returns an upload of one file of zeros.
 wire::LoadT upload_of(std::uint64_t bytes) {
     const std::vector<std::byte> zeros(bytes);
     wire::LoadT message;
     message.source = "a.glb";
     message.file_names = {"a.glb"};
-    message.file_hashes = {protocol::content_hash(zeros)};
+    message.file_hashes = {protocol::upload_checksum(zeros)};
     message.file_bytes = {bytes};
     return message;
 }
@@ -53,7 +53,7 @@ protocol::Frame piece_of(std::uint64_t bytes) {
     return protocol::encode(1, wire::UploadT{}, std::move(bulk)).value();
 }
 
-TEST_CASE("an upload takes of the budget what has come of it, not what it announces") {
+TEST_CASE("an upload reserves the bytes that have come, not those that it announces") {
     SmallDaemon daemon;
     const std::uint64_t before = daemon.budget.used();
     const std::uint64_t most = daemon.budget.limit() - before;
@@ -64,7 +64,7 @@ TEST_CASE("an upload takes of the budget what has come of it, not what it announ
     REQUIRE(first->feed(piece_of(1000)));
     CHECK(daemon.budget.used() == before + 1000);
 
-    // What others have taken since then is gone.
+    // Others reserve most of the budget meanwhile.
     const auto taken = daemon.budget.reserve(most - 1500);
     const auto refused = second->feed(piece_of(1000));
     REQUIRE_FALSE(refused);
@@ -102,7 +102,7 @@ TEST_CASE("the copy of the files that an import gets is reserved too") {
     CHECK(task->run(stop).error().code == Code::internal);
 }
 
-TEST_CASE("a load that nobody waits for ends its import process and frees its thread") {
+TEST_CASE("an abandoned load ends its import process and frees its thread") {
     SmallDaemon daemon;
     daemon.services.import_child = {"sleep", "1000"};
     wire::LoadT message;

@@ -5,7 +5,7 @@
 namespace raynest::server {
 namespace {
 
-TEST_CASE("plain values stand bare, others are quoted") {
+TEST_CASE("plain values are unquoted, others are quoted") {
     CHECK(format_event("loaded", {{"scene", "forest"}, {"epoch", "1"}}) ==
           "loaded scene=forest epoch=1");
     CHECK(format_event("e", {{"a", "two words"}}) == "e a=\"two words\"");

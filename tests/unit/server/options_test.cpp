@@ -57,6 +57,7 @@ TEST_CASE("a usage error is exit code 2") {
                                                       {"--socket-mode", "0780"},
                                                       {"--socket-mode", "rw"},
                                                       {"--socket-group", "no-such-group"},
+                                                      {"--socket-group", "4294967295"},
                                                       {"stray"}}) {
         const auto parsed = parse(arguments);
         CHECK_FALSE(parsed.options);
@@ -64,7 +65,7 @@ TEST_CASE("a usage error is exit code 2") {
     }
 }
 
-/// What is written to stderr while an argument list is refused.
+/// Returns the text on stderr when an argument list is refused.
 std::string complaint(const std::vector<const char*>& arguments) {
     std::ostringstream text;
     std::streambuf* const before = std::cerr.rdbuf(text.rdbuf());
@@ -100,7 +101,7 @@ TEST_CASE("a socket is opened to a group by its name or number") {
     CHECK(mentions(complaint({"--socket-group", "nobody-there"}), "no group 'nobody-there'"));
 }
 
-/// A configuration file in a folder of its own, and what parsing it says on stderr.
+/// A configuration file in a folder of its own, and the text on stderr when it is parsed.
 class ConfigFile {
 public:
     explicit ConfigFile(const std::string& text) { std::ofstream(path_) << text; }
@@ -149,6 +150,68 @@ TEST_CASE("a fault of a configuration file names its file, its line and its key"
              {file.path(), std::string(wrong.line), std::string(wrong.key)})
             CHECK_MESSAGE(file.complaint().find(word) != std::string::npos, file.complaint());
     }
+}
+
+TEST_CASE("a value in quotes is taken as it is, and a comment ends where it must") {
+    ConfigFile file(
+        "\xEF\xBB\xBFready-file=\"/tmp/a # \\\"b\\\" \\\\.json\"  # mine\r\n"
+        "listen=unix:/tmp/a#b 'unix:/tmp/c d' # two\n");
+    const auto parsed = file.read();
+    REQUIRE_MESSAGE(parsed.options, file.complaint());
+    CHECK(parsed.options->ready_file == "/tmp/a # \"b\" \\.json");
+    CHECK(parsed.options->listen == std::vector<std::string>{"unix:/tmp/a#b", "unix:/tmp/c d"});
+}
+
+TEST_CASE("what --print-config writes is read back") {
+    const std::string odd = "/tmp/a # \"b\" c\\d 'e'";
+    std::ostringstream printed;
+    std::streambuf* const before = std::cout.rdbuf(printed.rdbuf());
+    const auto answered = parse({"--print-config", "--ready-file", odd.c_str(), "--memory", "3G"});
+    std::cout.rdbuf(before);
+    CHECK(answered.exit_code == 0);
+    ConfigFile file(printed.str());
+    const auto parsed = file.read();
+    REQUIRE_MESSAGE(parsed.options, file.complaint());
+    CHECK(parsed.options->ready_file == odd);
+    CHECK(parsed.options->memory == 3ULL << 30);
+}
+
+TEST_CASE("a line that sets nothing clear is refused with its number and what is wrong") {
+    struct Case {
+        const char* line;
+        const char* fault;
+    };
+    for (const Case& wrong :
+         {Case{"threads", "has no value"}, Case{"state=", "has no value"},
+          Case{"state=\"\"", "has no value"}, Case{"state=\"/tmp", "not closed"},
+          Case{"state=/tmp/\x01", "control character"}, Case{"threads=3 4", "takes one value"},
+          Case{"memory=4G", "'memory' takes one value and has one above"},
+          Case{"log_level=info", "'log_level' is now spelled 'log-level'"}}) {
+        ConfigFile file("memory=2G\n" + std::string(wrong.line) + "\n");
+        CHECK_FALSE(file.read().options);
+        CHECK_MESSAGE(mentions(file.complaint(), "line 2: "), file.complaint());
+        CHECK_MESSAGE(mentions(file.complaint(), wrong.fault), file.complaint());
+    }
+}
+
+TEST_CASE("a size may have a fraction and a unit, and says what it should be") {
+    CHECK(parse({"--memory", "1.5G"}).options->memory == 3ULL << 29);
+    CHECK(parse({"--memory", "64 MiB"}).options->memory == 64ULL << 20);
+    CHECK(parse({"--memory", "2000000"}).options->memory == 2'000'000);
+    for (const char* wrong : {"abc", "8X", "8GG", "1K", "2P", "nan", "1e400"})
+        CHECK(mentions(complaint({"--memory", wrong}), "is not a size from 1M to 1P"));
+}
+
+TEST_CASE("no address is listened on twice, but a free port may be picked twice") {
+    CHECK(mentions(complaint({"--listen", "tcp://localhost:9", "--listen", "tcp://127.0.0.1:9"}),
+                   "'tcp://127.0.0.1:9' is given twice"));
+    CHECK(parse({"--listen", "tcp://[::1]:0", "--listen", "tcp://[::1]:0"}).options);
+}
+
+TEST_CASE("a fault in the environment names its variable") {
+    setenv("RAYNEST_TARGET", "v9", 1);
+    CHECK(mentions(complaint({}), "RAYNEST_TARGET: v9"));
+    unsetenv("RAYNEST_TARGET");
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Who gives way to a newcomer, and who does not, on a clock that the test moves.
+// Tests which peers give way to a newcomer, on a clock that the test moves.
 #include "server/jobs/peers.h"
 
 #include <doctest/doctest.h>
@@ -14,7 +14,7 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-/// Peers whose names tell who gave way.
+/// Peers whose names tell which one gave way.
 class House {
 public:
     class Guest final : public Peer {
@@ -48,13 +48,13 @@ public:
     public:
         Clock::time_point moved;
         std::uint64_t bytes = 0;
-        bool works = false;  ///< the daemon, for it
+        bool works = false;  ///< is the daemon working for this peer?
     };
 
     Guest& guest(const std::string& name, const std::string& principal, std::uint64_t bytes = 0) {
         guests_.push_back(std::make_unique<Guest>(*this, name, principal));
         guests_.back()->bytes = bytes;
-        now += milliseconds(1);  // in order of their coming
+        now += milliseconds(1);  // in order of arrival
         return *guests_.back();
     }
     using Names = std::vector<std::string>;
@@ -82,7 +82,7 @@ TEST_CASE(
     CHECK(house.peers.make_room(Resource::connections, "c"));
     second.moved = house.now - seconds(70);
     CHECK(house.peers.make_room(Resource::connections, "c"));
-    // Now b has one, for which the daemon works.
+    // The daemon works for b's last peer, so another principal's peer gives way.
     CHECK(house.peers.make_room(Resource::connections, "c"));
     CHECK_FALSE(house.peers.make_room(Resource::connections, "c"));
     CHECK(house.gone == House::Names{"first", "second", "single"});
@@ -91,6 +91,19 @@ TEST_CASE(
     CHECK(house.why.code == Code::slow_consumer);
     CHECK(house.why.message.find("60 s") != std::string::npos);
     CHECK(house.why.message.find("no free connections") != std::string::npos);
+    // Each of them has a request.
+    CHECK(house.why.message.find("connect again, and read answers") != std::string::npos);
+}
+
+TEST_CASE("what paused peers hold of the memory is known before anybody gives way") {
+    House house;
+    house.guest("paused", "a", 300);
+    house.guest("busy", "a", 200).works = true;
+    house.now += seconds(60);
+    CHECK(house.peers.reclaimable_bytes("b") == 300);
+    CHECK(house.gone.empty());
+    house.guest("large", "b", 600).works = true;
+    CHECK(house.peers.reclaimable_bytes("b") == 0);
 }
 
 TEST_CASE("a peer that moved a frame a moment ago stays, one that moves single bytes does not") {
@@ -116,7 +129,7 @@ TEST_CASE("no principal gives way to one that holds more") {
     CHECK(house.gone == House::Names{"reader"});
 }
 
-TEST_CASE("where a principal has all it may, only its own give way") {
+TEST_CASE("at a principal's limit, only its own peers give way") {
     House house;
     house.guest("other", "b");
     house.guest("mine", "a");
@@ -129,7 +142,7 @@ TEST_CASE("where a principal has all it may, only its own give way") {
     CHECK(house.peers.size_of("b") == 1);
 }
 
-TEST_CASE("memory comes from as many as are needed, and from nobody where all are too few") {
+TEST_CASE("memory comes from as many peers as needed, and from none if all are not enough") {
     House house;
     auto scenes = house.budget.reserve(940);
     house.guest("idle", "a");
@@ -137,7 +150,7 @@ TEST_CASE("memory comes from as many as are needed, and from nobody where all ar
     house.guest("large", "b", 30);
     house.guest("later", "b", 20);
     house.now += seconds(60);
-    house.peers.make_memory(60, "c");  // is free
+    house.peers.make_memory(60, "c");  // is still free
     house.peers.make_memory(121, "c");
     CHECK(house.gone.empty());
     house.peers.make_memory(95, "c");

@@ -1,42 +1,53 @@
-// RENDER as the io thread sees it: what it reserves, and what its tasks do.
+// RENDER on the io thread: the memory that it reserves, and the work of its tasks.
 #include "engine/assets/image.h"
 #include "server/handlers/handler.h"
+#include "server/handlers/picture_job.h"
 #include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>
+
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <vector>
 
 namespace raynest::server {
 namespace {
 
 using test::SmallDaemon;
 
-Accepted ask(SmallDaemon& daemon, std::uint32_t width, std::uint32_t height,
-             const std::string& encode) {
+/// From above a square, which does not fill the picture.
+std::unique_ptr<wire::CameraT> from_above() {
+    auto camera = std::make_unique<wire::CameraT>();
+    camera->look_at = true;
+    camera->eye = std::make_unique<wire::Vec3>(0.5F, 0.5F, 3.0F);
+    camera->at = std::make_unique<wire::Vec3>(0.5F, 0.5F, 0.0F);
+    camera->up = std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
+    return camera;
+}
+
+JobSubmission ask(SmallDaemon& daemon, std::uint32_t width, std::uint32_t height,
+                  const std::string& encode) {
     wire::RenderT message;
     message.job = std::make_unique<wire::JobT>();
     message.job->scene = "forest";
     message.width = width;
     message.height = height;
     message.encode = encode;
-    // From above a square, which does not fill the picture.
-    message.camera = std::make_unique<wire::CameraT>();
-    message.camera->look_at = true;
-    message.camera->eye = std::make_unique<wire::Vec3>(0.5F, 0.5F, 3.0F);
-    message.camera->at = std::make_unique<wire::Vec3>(0.5F, 0.5F, 0.0F);
-    message.camera->up = std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
+    message.camera = from_above();
     const auto frame = protocol::encode(1, message, daemon.limits).value();
     const auto opened = protocol::open<wire::Render>(frame, daemon.limits);
     REQUIRE(opened);
     auto answer = render(daemon.services, {{"me", 1}, 1, 1 << 20}, *opened);
     REQUIRE_MESSAGE(answer, (answer ? "" : answer.error().message));
-    return std::move(std::get<Accepted>(*answer));
+    return std::move(std::get<JobSubmission>(*answer));
 }
 
-TEST_CASE("a picture reserves what its encoder takes") {
+TEST_CASE("a picture reserves its encoder's memory") {
     SmallDaemon daemon;
     const std::uint64_t before = daemon.budget.used();
     const auto taken = [&](const std::string& encode) {
-        const Accepted picture = ask(daemon, 100, 100, encode);
+        const JobSubmission picture = ask(daemon, 100, 100, encode);
         return daemon.budget.used() - before;
     };
     const std::uint64_t raw = taken("raw");
@@ -48,7 +59,7 @@ TEST_CASE("a picture reserves what its encoder takes") {
     CHECK(daemon.budget.used() == before);
 }
 
-TEST_CASE("a detached picture reserves what its answer is at most") {
+TEST_CASE("a detached picture reserves its answer's largest size") {
     SmallDaemon daemon;
     const std::uint64_t raw = 100 * 100 * 4;
     for (const char* encode : {"raw", "png"}) {
@@ -72,7 +83,7 @@ TEST_CASE("hits and misses of a picture are its pixels, and misses are the trans
             rgba.insert(rgba.end(), frame.bulk.span().begin(), frame.bulk.span().end());
     }
     REQUIRE(job->finished());
-    rgba.resize(std::size_t{64} * 48 * 4);  // less the padding
+    rgba.resize(std::size_t{64} * 48 * 4);  // without the padding
     std::uint64_t transparent = 0;
     for (std::size_t i = 3; i < rgba.size(); i += 4) transparent += rgba[i] == std::byte{0};
 
@@ -87,7 +98,77 @@ TEST_CASE("hits and misses of a picture are its pixels, and misses are the trans
     CHECK((*done)->misses() > 0);
 }
 
-TEST_CASE("a picture that nobody waits for is not encoded") {
+/// A picture of several rays per pixel, which no request can ask for yet.
+class SampledPicture final : public PictureJob {
+public:
+    SampledPicture(const Services& services, const Caller& caller, PictureRequest asked)
+        : PictureJob(services, caller, std::move(asked)),
+          colours(request().pixels()) {}
+
+    std::vector<Vec4> colours;
+
+protected:
+    [[nodiscard]] CastPlans plans() const override { return {&plan_}; }
+    std::optional<CameraHits> trace_pixels(const PixelRange& pixels, const ColumnSource& scene,
+                                           RayCaster& caster, const PixelArrays& arrays) override {
+        std::vector<Vec4> values(pixels.count);
+        const auto seen = render_primary(pixels, scene, caster, arrays, values);
+        if (seen) place<Vec4>(pixels.first, values, colours.data());
+        return seen;
+    }
+    Reply<Payload> encode() override { return Payload{1, 1, std::vector<std::byte>(1)}; }
+};
+
+TEST_CASE("a picture of several samples per pixel ends, and its edges are smooth") {
+    // Chunks of 48 pixels of 5 rays, the last one is not full.
+    protocol::Limits limits;
+    limits.chunk_rays_max = 240;
+    SmallDaemon daemon(limits);
+    const Caller caller{{"me", 1}, 1, 1 << 20};
+    const auto picture_of = [&](std::uint32_t samples) {
+        wire::RenderT message;
+        message.job = std::make_unique<wire::JobT>();
+        message.job->scene = "forest";
+        message.camera = from_above();
+        const auto frame = protocol::encode(1, message, limits).value();
+        const auto opened = protocol::open<wire::Render>(frame, limits).value();
+        auto plan = make_plan(daemon.services, caller, *opened->job(), query_closest, false);
+        REQUIRE(plan);
+        REQUIRE(choose_backends(daemon.backends, 64 * 49, *plan));
+        auto request = make_request(daemon.services, caller, std::move(*plan), opened->camera(), 64,
+                                    49, "raw", 1000);
+        REQUIRE(request);
+        request->samples = samples;
+        SampledPicture job(daemon.services, caller, std::move(*request));
+        const StopFlag stop(Clock::time_point::max());
+        while (std::optional<Task> task = job.next()) {
+            REQUIRE(task->run(stop));
+            REQUIRE(job.ended());
+        }
+        REQUIRE(job.finished());
+        const Frames farewell = job.farewell();
+        const auto done = protocol::open<wire::Done>(farewell.at(0), limits);
+        REQUIRE(done);
+        CHECK((*done)->rays() == std::uint64_t{64} * 49 * samples);
+        CHECK((*done)->hits() + (*done)->misses() == (*done)->rays());
+        return std::move(job.colours);
+    };
+    const std::vector<Vec4> once = picture_of(1);
+    const std::vector<Vec4> often = picture_of(5);
+    std::size_t between = 0;
+    double difference = 0;
+    for (std::size_t i = 0; i < once.size(); ++i) {
+        CHECK((once[i].w == 0 || once[i].w == 1));
+        CHECK((often[i].w >= 0 && often[i].w <= 1));
+        between += often[i].w > 0 && often[i].w < 1 ? 1U : 0U;
+        difference += static_cast<double>(std::abs(often[i].w - once[i].w));
+    }
+    CHECK(between > 20);
+    CHECK(between < once.size() / 4);
+    CHECK(difference < static_cast<double>(between));
+}
+
+TEST_CASE("an abandoned picture is not encoded") {
     SmallDaemon daemon;
     StopFlag stop(Clock::time_point::max());
     const auto job = ask(daemon, 8, 8, "raw").job;

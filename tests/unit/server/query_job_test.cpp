@@ -1,14 +1,13 @@
-// The pieces of a query: what a GPU gives up is traced again, all of it.
+// The chunks of a query: what a backend gives up is traced again, all of it, and the frames that
+// the client sent stay until then.
 #include "server/handlers/query_job.h"
 
+#include "tests/unit/server/scripted_backend.h"
 #include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>
 
-#include <array>
-#include <cstddef>
 #include <optional>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -17,29 +16,26 @@ namespace {
 
 constexpr std::uint64_t frame_rays = 1000;
 
-/// Every call of the GPU fails; what comes back is answered, and noted as {first, count}.
-class GivenUpQuery final : public QueryJob {
+/// Notes the chunks that it is asked to answer, as {first, count}.
+class NotedQuery final : public QueryJob {
 public:
-    GivenUpQuery(const Services& services, const Caller& caller, Plan plan, RaySource source)
+    NotedQuery(const Services& services, const Caller& caller, Plan plan, RaySource source)
         : QueryJob(services, caller, std::move(plan), std::move(source)) {}
     [[nodiscard]] std::uint64_t result_bytes() const override { return 0; }
 
-    std::vector<std::pair<std::uint64_t, std::uint64_t>> given_up, answered;
+    std::vector<std::pair<std::uint64_t, std::uint64_t>> given_up, traced;
 
 protected:
-    Reply<Frames> answer(const Piece& piece, const Stop& /*stop*/) override {
-        TraceBuffers& buffers = TraceBuffers::of_this_thread();
-        if (on_cuda(piece)) {
-            given_up.emplace_back(piece.first, piece.count);
-            buffers.fallback = "lost";
-            return refuse(Code::internal, "lost");
-        }
-        answered.emplace_back(piece.first, piece.count);
-        tally_.add(buffers, {piece.count, 0, piece.count, 0});
+    Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override {
+        const auto rays = source_.trace(plan_, chunk, input_, stop, buffers, false);
+        (rays ? traced : given_up).emplace_back(chunk.first, chunk.count);
+        if (!rays) return tl::unexpected(rays.error());
+        answered(chunk.first, chunk.count);
         return Frames{};
     }
-    [[nodiscard]] std::uint64_t piece_rays(const Piece& rest) const override {
-        return on_cuda(rest) ? 1 << 20 : frame_rays;
+    [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
+                                           const Chunk& /*rest*/) const override {
+        return std::min<std::uint64_t>(backend.call_rays_max(plan_), 1 << 20);
     }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t /*rays*/) const override { return 0; }
     [[nodiscard]] std::uint64_t rows() const override { return 0; }
@@ -55,8 +51,13 @@ protocol::Frame frame_of_rays(std::uint64_t first) {
     return protocol::encode(1, std::move(rays), std::move(bulk)).value();
 }
 
-TEST_CASE("of a GPU's call of several frames all are traced again when it is given up") {
-    test::SmallDaemon daemon;
+TEST_CASE("a failed GPU call of several frames is traced again in full") {
+    protocol::Limits limits;
+    limits.chunk_rays_max = frame_rays;
+    test::SmallDaemon daemon(limits);
+    put_first(daemon.backends, std::make_unique<ScriptedBackend>(1 << 20, 1, [](std::uint64_t) {
+                  return ScriptedBackend::Does::refuses;
+              }));
     wire::QueryT query;
     query.job = std::make_unique<wire::JobT>();
     query.job->scene = "forest";
@@ -67,27 +68,29 @@ TEST_CASE("of a GPU's call of several frames all are traced again when it is giv
     const Caller caller{{"me", 1}, 1, 1 << 20};
     auto plan = make_plan(daemon.services, caller, *(*message)->job(), query_closest, false);
     REQUIRE(plan);
-    // Nobody looks behind the pointer: that there is one says whose the rays are.
-    alignas(device::Worker) std::array<std::byte, sizeof(device::Worker)> somewhere{};
-    plan->worker.cuda = reinterpret_cast<device::Worker*>(somewhere.data());
+    REQUIRE(choose_backends(daemon.backends, query.ray_count, *plan));
     auto source = RaySource::make(*message->table, plan->scene.snapshot());
     REQUIRE(source);
-    GivenUpQuery job(daemon.services, caller, std::move(*plan), std::move(*source));
+    NotedQuery job(daemon.services, caller, std::move(*plan), std::move(*source));
 
     for (std::uint64_t i = 0; i < 3; ++i) REQUIRE(job.feed(frame_of_rays(i * frame_rays)));
+    CHECK_FALSE(job.needs_input());
     const StopFlag stop(Clock::time_point::max());
     int tasks = 0;
+    std::uint64_t freed = 0;
     while (std::optional<Task> task = job.next()) {
         ++tasks;
-        REQUIRE(task->lane == (tasks == 1 ? Lane::device : Lane::compute));
+        CHECK((task->pool != nullptr) == (tasks == 1));
         REQUIRE(task->run(stop));
+        if (tasks == 1) CHECK(job.take_freed_input() == 0);
+        freed += job.take_freed_input();
     }
-    using Runs = std::vector<std::pair<std::uint64_t, std::uint64_t>>;
-    CHECK(job.given_up == Runs{{0, 3 * frame_rays}});
-    CHECK(job.answered ==
-          Runs{{0, frame_rays}, {frame_rays, frame_rays}, {2 * frame_rays, frame_rays}});
+    using Chunks = std::vector<std::pair<std::uint64_t, std::uint64_t>>;
+    CHECK(job.given_up == Chunks{{0, 3 * frame_rays}});
+    CHECK(job.traced ==
+          Chunks{{0, frame_rays}, {frame_rays, frame_rays}, {2 * frame_rays, frame_rays}});
+    CHECK(freed == 3 * frame_rays * sizeof(Ray));
     CHECK(job.finished());
-    CHECK_FALSE(job.needs_input());
 }
 
 }  // namespace

@@ -52,7 +52,7 @@ TEST_CASE("a ready file takes the place of an empty file or an older one, and of
         CHECK(refused.error().message.find(path.string()) != std::string::npos);
         CHECK(std::filesystem::file_size(path) == std::string(text).size());
     }
-    // Neither a folder nor what a link leads to.
+    // Neither a folder nor the target of a link is replaced.
     const auto link = folder.path() / "link";
     std::filesystem::create_symlink(path, link);
     CHECK_FALSE(check_ready_file(link));
@@ -90,7 +90,7 @@ TEST_CASE("a state folder has one owner at a time") {
     CHECK(StateLock::take(state));
 }
 
-TEST_CASE("a state folder that is a file is an error that says what to give") {
+TEST_CASE("a state folder that is a file is an error that names a remedy") {
     const test::TemporaryFolder folder;
     const auto file = folder.path() / "file";
     std::ofstream(file) << "x";

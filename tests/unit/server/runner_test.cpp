@@ -1,4 +1,4 @@
-// The runner against scripted jobs and a sink in memory: what the client would see, and when.
+// Tests the runner with scripted jobs and a sink in memory: frames to the client, and their order.
 #include "server/jobs/runner.h"
 
 #include "tests/unit/server/bench.h"
@@ -15,7 +15,7 @@ namespace {
 
 using std::chrono::seconds;
 
-TEST_CASE("a job answers all its tasks, then says farewell") {
+TEST_CASE("a job answers all its tasks, then ends") {
     Bench bench;
     REQUIRE(bench.runner->start(1, accept(std::make_unique<ScriptedJob>(50, 1000))));
     REQUIRE(bench.run_until_idle());
@@ -24,7 +24,7 @@ TEST_CASE("a job answers all its tasks, then says farewell") {
     CHECK(bench.metrics.jobs_ended == 1);
 }
 
-/// Tasks of `hits` rays each that note on which thread they run.
+/// Tasks of `hits` rays each that record the thread they run on.
 class BriefJob final : public Job {
 public:
     BriefJob(int tasks, std::uint64_t hits, std::vector<std::thread::id>& ran)
@@ -35,7 +35,7 @@ public:
         if (tasks_ == 0) return std::nullopt;
         --tasks_;
         Task task;
-        task.brief_hits = hits_;
+        task.inline_cost = hits_;
         task.run = [this](const Stop&) {
             ran_.push_back(std::this_thread::get_id());
             return Reply<Frames>();
@@ -51,7 +51,7 @@ private:
     std::vector<std::thread::id>& ran_;
 };
 
-TEST_CASE("a brief task is answered where it is asked, a longer one by a worker") {
+TEST_CASE("a brief task is answered on the io thread, a longer one by a worker") {
     Bench bench;
     const std::thread::id here = std::this_thread::get_id();
     std::vector<std::thread::id> ran;
@@ -67,7 +67,7 @@ TEST_CASE("a brief task is answered where it is asked, a longer one by a worker"
     CHECK(ran[0] != here);
 }
 
-TEST_CASE("of many small requests that come at once, the io thread answers a turn's share") {
+TEST_CASE("the io thread answers only a turn's share of many simultaneous small requests") {
     Bench bench;
     const std::thread::id here = std::this_thread::get_id();
     std::vector<std::thread::id> first;
@@ -84,14 +84,14 @@ TEST_CASE("of many small requests that come at once, the io thread answers a tur
     CHECK(first == std::vector<std::thread::id>{here, here});
 }
 
-/// A task that takes for ever on the io thread, and nothing at a worker.
+/// A task that runs for ever on the io thread, but returns at once on a worker.
 class SlowerThanItLooks final : public Job {
 public:
     explicit SlowerThanItLooks(std::vector<std::thread::id>& ran) : ran_(ran) {}
     std::optional<Task> next() override {
         if (std::exchange(given_, true)) return std::nullopt;
         Task task;
-        task.brief_hits = 1;
+        task.inline_cost = 1;
         task.run = [this, io = std::this_thread::get_id()](const Stop& stop) -> Reply<Frames> {
             ran_.push_back(std::this_thread::get_id());
             if (ran_.back() != io) return Frames{};
@@ -129,12 +129,13 @@ TEST_CASE("a brief task that takes long goes to a worker, and the rest of the tu
     CHECK(next == std::vector<std::thread::id>{here});
 }
 
-/// Tasks for a GPU that gives them up: each then is one for a CPU, where all stay for a while.
+/// Tasks that a GPU hands back; each then runs on the CPU, where all wait for `release`.
 class GivenUpJob final : public Job {
 public:
-    GivenUpJob(int tasks, int& handed_out, std::atomic<bool>& release)
+    GivenUpJob(int tasks, FairThreadPool& device, int& handed_out, std::atomic<bool>& release)
         : tasks_(tasks),
           left_(tasks),
+          device_(device),
           handed_out_(handed_out),
           release_(release) {}
     std::optional<Task> next() override {
@@ -151,7 +152,7 @@ public:
         }
         if (tasks_ == 0) return std::nullopt;
         --tasks_;
-        task.lane = Lane::device;
+        task.pool = &device_;
         task.run = [this](const Stop&) -> Reply<Frames> {
             ++given_up_;
             return Frames{};
@@ -165,22 +166,25 @@ private:
     int tasks_;
     std::atomic<int> left_;
     std::atomic<int> given_up_{0};
+    FairThreadPool& device_;
     int& handed_out_;  ///< to the CPU
     std::atomic<bool>& release_;
 };
 
-TEST_CASE("what a GPU gives up has all of the CPU, and the GPU is free for others") {
+TEST_CASE("tasks that a GPU hands back use the whole CPU, and the GPU is free for others") {
     Bench bench;
-    Workers compute(6);
-    const Engine engine = bench.engine_with(compute);
+    FairThreadPool compute(6);
+    FairThreadPool device(1);
+    const JobContext engine = bench.engine_with(compute);
     const auto runner = std::make_shared<Runner>(engine, bench, "me");
     int handed_out = 0;
     std::atomic<bool> release{false};
-    REQUIRE(runner->start(1, accept(std::make_unique<GivenUpJob>(20, handed_out, release))));
+    REQUIRE(
+        runner->start(1, accept(std::make_unique<GivenUpJob>(20, device, handed_out, release))));
     // One for each thread, one that waits for one and one that waits for its turn.
     const bool all = bench.run_until([&] { return handed_out == 8; });
     std::atomic<bool> on_device{false};
-    engine.device.submit("other", Priority::normal, [&] { on_device = true; });
+    device.submit("other", Priority::normal, [&] { on_device = true; });
     while (!on_device) std::this_thread::yield();
     release = true;
     CHECK(all);
@@ -188,12 +192,12 @@ TEST_CASE("what a GPU gives up has all of the CPU, and the GPU is free for other
     CHECK(handed_out == 20);
 }
 
-/// A job of five answers that two of which use up the credit, with all that can happen done.
+/// A job of five answers, two of which use up the credit; everything possible has run.
 struct Credited {
     static constexpr std::uint64_t bytes = 400 << 10;
     Bench bench;
-    Workers by_hand{0};
-    const Engine engine = bench.engine_with(by_hand);
+    FairThreadPool by_hand{0};
+    const JobContext engine = bench.engine_with(by_hand);
     const std::shared_ptr<Runner> runner = std::make_shared<Runner>(engine, bench, "me");
 
     Credited() {
@@ -221,7 +225,7 @@ TEST_CASE_FIXTURE(Credited, "never more bytes than the client's credit, and ever
     CHECK_FALSE(bench.error());
 }
 
-TEST_CASE_FIXTURE(Credited, "grants never wrap around: the largest one, twice, lets the job end") {
+TEST_CASE_FIXTURE(Credited, "grants never wrap around: two of the largest let the job end") {
     answers_after(std::numeric_limits<std::uint64_t>::max());
     CHECK(answers_after(std::numeric_limits<std::uint64_t>::max()) == 5);
     CHECK(runner->size() == 0);
@@ -240,7 +244,7 @@ TEST_CASE("a full connection parks its jobs until bytes leave") {
     CHECK(bench.count(wire::Message::Chunk) == 3);
 }
 
-TEST_CASE("whatever a task throws fails its job alone") {
+TEST_CASE("any exception of a task fails its job alone") {
     const std::pair<std::function<Reply<void>(const Stop&)>, Code> cases[] = {
         {[](const Stop&) -> Reply<void> { throw std::runtime_error("x"); }, Code::internal},
         {[](const Stop&) -> Reply<void> { throw std::bad_alloc(); }, Code::resource_exhausted},
@@ -349,10 +353,10 @@ TEST_CASE("a job waits for its client as long as it takes, and reports to one th
     bench.runner->cancel(1);
 }
 
-/// A connection that has paused since the clock began.
+/// A connection that has paused since the clock's start.
 class Pausing final : public Peer {
 public:
-    Pausing(Engine& engine, Runner& runner) : engine_(engine), runner_(runner) {
+    Pausing(JobContext& engine, Runner& runner) : engine_(engine), runner_(runner) {
         engine_.peers.join(*this);
     }
     ~Pausing() { engine_.peers.leave(*this); }
@@ -369,7 +373,7 @@ public:
     }
 
 private:
-    Engine& engine_;
+    JobContext& engine_;
     Runner& runner_;
     const std::string principal_ = "other";
 };
@@ -378,14 +382,14 @@ TEST_CASE("a full daemon takes the places and the memory of jobs that wait for t
     Bench bench;
     const auto other = std::make_shared<Runner>(bench.engine, bench, "other");
     Pausing pausing(bench.engine, *other);
-    Accepted large = accept(std::make_unique<ScriptedJob>(1, 10));
+    JobSubmission large = accept(std::make_unique<ScriptedJob>(1, 10));
     large.answer_bytes = bench.limits.window_bytes;
-    REQUIRE(other->start(1, std::move(large)));  // it grants no credit
+    REQUIRE(other->start(1, std::move(large)));  // its client grants no credit
     for (std::uint64_t id = 2; id <= bench.limits.total_jobs_max; ++id)
         REQUIRE(other->start(id, accept(std::make_unique<ScriptedJob>(1, 10))));
     CHECK(other->held_bytes() == bench.limits.window_bytes);
     auto rest = bench.budget.reserve(bench.budget.limit() - bench.budget.used());
-    Accepted newcomer = accept(std::make_unique<ScriptedJob>(1, 10));
+    JobSubmission newcomer = accept(std::make_unique<ScriptedJob>(1, 10));
     newcomer.answer_bytes = bench.limits.window_bytes;
     REQUIRE(bench.runner->start(1, std::move(newcomer)));
     CHECK(bench.metrics.gave_way_jobs == 1);
@@ -395,7 +399,7 @@ TEST_CASE("a full daemon takes the places and the memory of jobs that wait for t
     CHECK(bench.count(wire::Message::Done) == 1);
 }
 
-TEST_CASE("a full daemon says BUSY and when to come back") {
+TEST_CASE("a full daemon answers BUSY with a retry time") {
     Bench bench;
     bench.waiting = bench.limits.window_bytes;
     for (std::uint64_t id = 1; id <= 3; ++id)
@@ -426,7 +430,7 @@ TEST_CASE("an abandoned runner is silent, and its jobs still end") {
     CHECK(bench.metrics.jobs_started == bench.metrics.jobs_ended);
 }
 
-/// Takes whatever comes and never ends.
+/// Accepts all input and never ends.
 class Sponge final : public Job {
     std::optional<Task> next() override { return std::nullopt; }
     [[nodiscard]] bool finished() const override { return false; }
@@ -434,17 +438,16 @@ class Sponge final : public Job {
     Reply<std::uint64_t> feed(protocol::Frame frame) override { return frame.header.bulk_bytes; }
 };
 
-TEST_CASE(
-    "memory for what a client may send is reserved before it sends, and returns with the job") {
+TEST_CASE("memory for a client's input is reserved before it sends, and returns with the job") {
     Bench bench;
     const auto sponge = [](std::uint64_t bytes) {
-        Accepted accepted = accept(std::make_unique<Sponge>());
+        JobSubmission accepted = accept(std::make_unique<Sponge>());
         accepted.input_bytes = bytes;
         return accepted;
     };
     REQUIRE(bench.runner->start(1, sponge(1000)));
     CHECK(bench.budget.used() == 1000);
-    // Never more than the credit, whatever a request announces.
+    // The reservation never exceeds the credit, whatever a request announces.
     REQUIRE(bench.runner->start(2, sponge(1ULL << 40)));
     CHECK(bench.budget.used() == 1000 + bench.limits.window_bytes);
     auto rest = bench.budget.reserve(bench.budget.limit() - bench.budget.used() - 10);
@@ -464,7 +467,7 @@ TEST_CASE("only a job that waits for data gets memory for it") {
     REQUIRE(bench.runner->start(1, accept(std::make_unique<Sponge>())));
     CHECK(bench.runner->expects(1, bench.limits.window_bytes));
     CHECK_FALSE(bench.runner->expects(1, bench.limits.window_bytes + 1));
-    // A bulk part that passed unread, for lack of credit, is beyond the credit for good.
+    // A bulk part that was skipped for lack of credit stays beyond the credit.
     protocol::Frame passed = chunk_of(1000);
     passed.bulk = {};
     bench.runner->feed(std::move(passed));

@@ -1,4 +1,4 @@
-// Who keeps a scene: names, and the connections that loaded or opened it.
+// Tests the holders of a scene: names, and the connections that loaded or opened it.
 #include "server/store/scene_store.h"
 #include "tests/unit/engine/small_scenes.h"
 
@@ -18,7 +18,7 @@ std::shared_ptr<const Snapshot> square(float size) {
     scene.objects.resize(1);
     scene.objects[0].geometries = {test::unit_square()};
     for (Vec3& p : scene.objects[0].geometries[0].positions) p *= size;
-    return test::bake(scene);
+    return test::build_scene(scene);
 }
 
 float size_of(const Reply<NamedScene>& scene) {
@@ -53,26 +53,27 @@ TEST_CASE("unloading takes nothing from another connection, and its name works o
     CHECK(*holders == Names{"me (1 connection)", "you (1 connection)"});
     CHECK(scenes.find("town", 0, store.a).error().code == Code::scene_unknown);
     CHECK(size_of(scenes.find("town", 0, store.b)) == 1);
-    CHECK(scenes.unlisted() == 1);
+    CHECK(scenes.unlisted().scenes == 1);
 
-    // The name is free: others give it another meaning, for all but those that hold the first.
+    // The name is free: others can load another scene under it, for all but the holders of the
+    // first.
     REQUIRE(scenes.publish("town", square(2), {}, store.a));
     CHECK(size_of(scenes.find("town", 0, store.a)) == 2);
     CHECK(size_of(scenes.find("town", 0, store.b)) == 1);
     CHECK(size_of(scenes.find("town", 0, store.stranger)) == 1);
     CHECK(store.names(store.b) == Names{"town"});
 
-    // The last holder of the first frees its memory.
+    // The last holder of the first scene frees its memory.
     const std::uint64_t both = store.budget.used();
     scenes.disconnect(store.b);
     CHECK(store.budget.used() == both);
     scenes.disconnect(store.stranger);
     CHECK(store.budget.used() < both);
-    CHECK(scenes.unlisted() == 0);
+    CHECK(scenes.unlisted().scenes == 0);
     CHECK(size_of(scenes.find("town", 0, store.b)) == 2);
 }
 
-TEST_CASE("who loads a name anew has no longer the scene that was unloaded") {
+TEST_CASE("a connection that reloads a name drops the unloaded scene") {
     Store store;
     SceneStore& scenes = store.scenes;
     REQUIRE(scenes.publish("town", square(1), {}, store.a));
@@ -101,13 +102,13 @@ TEST_CASE("a temporary scene goes with its connections") {
     REQUIRE(scenes.publish("mesh", square(1), temporary, store.b));
     CHECK(scenes.find("mesh", 0, store.stranger));
     REQUIRE(scenes.unload("mesh", store.a));
-    CHECK(scenes.find("mesh", 0, store.a));  // as long as b has it
+    CHECK(scenes.find("mesh", 0, store.a));  // as long as b holds it
     scenes.disconnect(store.b);
     CHECK(scenes.find("mesh", 0, store.a).error().code == Code::scene_unknown);
     CHECK(store.budget.used() == 0);
 }
 
-TEST_CASE("unloading a temporary scene leaves what others keep by that name") {
+TEST_CASE("unloading a temporary scene keeps what others hold by that name") {
     Store store;
     SceneStore& scenes = store.scenes;
     const Publication temporary{.temporary = true};
@@ -116,14 +117,14 @@ TEST_CASE("unloading a temporary scene leaves what others keep by that name") {
     REQUIRE(scenes.publish("mesh", square(1), temporary, store.b));
     CHECK(*scenes.unload("mesh", store.b) == Names{"me (by its name)"});
     CHECK(scenes.find("mesh", 0, store.b));
-    // Loaded by its name as well, it is unloaded as such.
+    // It was also loaded by its name, so it is unloaded by it.
     REQUIRE(scenes.publish("mesh", square(1), {}, store.b));
     REQUIRE(scenes.publish("mesh", square(1), temporary, store.b));
     CHECK(scenes.unload("mesh", store.b)->empty());
     CHECK_FALSE(scenes.find("mesh", 0, store.b));
 }
 
-TEST_CASE("another principal opens and lets go, but does not unload or replace") {
+TEST_CASE("another principal may open and close, but not unload or replace") {
     Store store;
     SceneStore& scenes = store.scenes;
     REQUIRE(scenes.publish("town", square(1), {}, store.a));
@@ -133,7 +134,7 @@ TEST_CASE("another principal opens and lets go, but does not unload or replace")
     REQUIRE(scenes.open("town", store.stranger));
     CHECK(*scenes.unload("town", store.stranger) == Names{"me (by its name)", "me (1 connection)"});
     CHECK(scenes.find("town", 0, store.stranger));
-    // Who opened a scene does not keep its owner from replacing it.
+    // Another principal's opening does not keep the owner from replacing a scene.
     REQUIRE(scenes.open("town", store.stranger));
     REQUIRE(scenes.publish("town", square(2), {.replace = true}, store.b));
     CHECK(size_of(scenes.find("town", 0, store.stranger)) == 2);
@@ -149,7 +150,7 @@ TEST_CASE("jobs keep a scene that nobody else holds") {
     CHECK(store.budget.used() == 0);
 }
 
-TEST_CASE("what was not used for long, or all, is unloaded at once") {
+TEST_CASE("scenes unused for long, or all scenes, are unloaded at once") {
     Store store;
     SceneStore& scenes = store.scenes;
     REQUIRE(scenes.publish("old", square(1), {}, store.a));
@@ -168,15 +169,27 @@ TEST_CASE("what was not used for long, or all, is unloaded at once") {
     CHECK(listed[3].idle == std::chrono::minutes(20));
     CHECK(listed[3].holders == 1);
 
+    const auto unloaded = [&](SceneStore::Clock::duration idle, std::size_t most) {
+        Names names;
+        for (const auto& done : scenes.unload_idle(idle, most, store.b)) {
+            names.push_back(done.name);
+            // Connection a holds those that it loaded.
+            CHECK(done.holders.empty() == (done.name == "new"));
+        }
+        return names;
+    };
     const auto hour = std::chrono::hours(1);
-    CHECK(scenes.unload_idle(hour, 128, store.b) == Names{"old"});
-    CHECK(scenes.unload_idle(hour, 128, store.b).empty());
-    CHECK(scenes.unload_idle({}, 1, store.b) == Names{"new"});
-    CHECK(scenes.unload_idle({}, 128, store.b) == Names{"used"});
+    CHECK(unloaded(hour, 128) == Names{"old"});
+    CHECK(unloaded(hour, 128).empty());
+    CHECK(unloaded({}, 1) == Names{"new"});
+    CHECK(unloaded({}, 128) == Names{"used"});
+    const auto unlisted = scenes.unlisted();
+    CHECK(unlisted.scenes == 2);
+    CHECK(unlisted.bytes == square(1)->bytes().size() + square(2)->bytes().size());
     CHECK(store.names(store.b) == Names{"theirs"});
 }
 
-TEST_CASE("quotas count what is opened too, and name what was used the least recently") {
+TEST_CASE("quotas count opened scenes too, and name the least recently used one") {
     Store store;
     protocol::Limits limits;
     limits.principal_scenes_max = 4;

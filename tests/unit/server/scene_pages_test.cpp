@@ -1,4 +1,4 @@
-// SCENES and UNLOAD of many scenes: pages that fit a message, whatever the scenes are called.
+// SCENES and UNLOAD of many scenes: every page fits a message, however long the names are.
 #include "server/handlers/handler.h"
 #include "server/log.h"
 #include "tests/unit/server/small_daemon.h"
@@ -15,14 +15,14 @@ using test::SmallDaemon;
 
 constexpr int count = 300;
 
-/// So many names of the longest kind, of a principal of the longest kind that there is today.
+/// A store with many names of maximal length, of a principal with the longest existing name.
 struct Crowded {
     Crowded() {
         set_log_level(LogLevel::error);
         caller.principal = std::string(45, '1');
         caller.connection = daemon.scenes.connect();
         caller.request_id = 1;
-        const auto scene = test::bake(test::tree_scene());
+        const auto scene = test::build_scene(test::tree_scene());
         for (int i = 0; i < count; ++i) {
             const std::string number = std::to_string(1000 + i);
             const std::string name = number + std::string(daemon.limits.name_bytes_max - 4, 'n');
@@ -30,7 +30,7 @@ struct Crowded {
         }
     }
 
-    /// The answer of a handler, as a client opens it.
+    /// Returns a handler's answer, opened as a client opens it.
     template <class Table, class Ask, class Native>
     protocol::Frame ask(Ask handler, const Native& message) {
         const auto frame = protocol::encode(1, message, daemon.limits).value();
@@ -57,7 +57,9 @@ struct Crowded {
                       daemon.admission,
                       daemon.detached,
                       daemon.peers,
-                      nullptr};
+                      daemon.backends,
+                      daemon.trace_buffers,
+                      daemon.blocking};
     Caller caller;
 };
 

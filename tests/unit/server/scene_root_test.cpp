@@ -1,4 +1,4 @@
-// root:PATH must reach what lies beneath the folder, and nothing else.
+// Checks that root:PATH reaches files beneath the folder, and nothing else.
 #include "server/store/scene_files.h"
 #include "server/store/source_root.h"
 #include "tests/temporary_folder.h"
@@ -17,7 +17,7 @@ std::span<const std::byte> bytes_of(const std::string& text) {
     return std::as_bytes(std::span(text));
 }
 
-/// A file right below the root, or below `folder` there.
+/// Reads a file directly below the root, or below `folder` there.
 Result<std::optional<SourceFile>> read(const test::TemporaryFolder& root, const std::string& path,
                                        std::uint64_t bytes_max, Budget& budget,
                                        const std::string& folder = {}) {
@@ -88,6 +88,12 @@ TEST_CASE("nothing outside of the root is opened, and no message names a folder"
     CHECK(read(folder, "round", 100, budget).error().message.find("in a circle") !=
           std::string::npos);
     CHECK_FALSE(read_under_root({}, {}, "a", 100, budget));
+    const auto refusal = [&](const char* name, const char* below) {
+        return read(folder, name, 100, budget, below).error().message;
+    };
+    CHECK(refusal("x", "..").find("the path leaves --scene-root") != std::string::npos);
+    CHECK(refusal("../x", ".").find("the path leaves the scene's folder") != std::string::npos);
+    CHECK(refusal("", "odd").find("names no file") != std::string::npos);
 }
 
 TEST_CASE("a glTF's files are found by their names, once each, and unsafe ones are left out") {
@@ -102,7 +108,7 @@ TEST_CASE("a glTF's files are found by their names, once each, and unsafe ones a
     CHECK(named_files(bytes_of(std::string(1'000'000, '['))).empty());
 }
 
-TEST_CASE("a scene is read with what it names beneath its own folder") {
+TEST_CASE("a scene is read with the files that it names beneath its own folder") {
     Budget budget(1 << 20);
     const test::TemporaryFolder folder;
     folder.write("sub/scene.gltf",
@@ -126,7 +132,7 @@ TEST_CASE("a scene is read with what it names beneath its own folder") {
     CHECK(read_scene(folder.path(), "sub/scene.gltf", 10, bytes, budget));
     CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 10, bytes - 1, budget));
 
-    // Not as if the second file were missing: the scene would be another one.
+    // The second file must not count as missing: that would be another scene.
     CHECK(budget.used() == bytes);
     for (const std::uint64_t free : {bytes - 1, std::uint64_t{4}}) {
         Budget tight(free);

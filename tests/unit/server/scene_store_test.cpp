@@ -8,17 +8,17 @@
 namespace raynest::server {
 namespace {
 
-using test::bake;
+using test::build_scene;
 
 std::shared_ptr<const Snapshot> square(float size) {
     SceneDescription scene;
     scene.objects.resize(1);
     scene.objects[0].geometries = {test::unit_square()};
     for (Vec3& p : scene.objects[0].geometries[0].positions) p *= size;
-    return bake(scene);
+    return build_scene(scene);
 }
 
-/// A connection of its own, whenever one is asked for by this name.
+/// Returns a connection of this principal, the same one for the same number.
 ConnectionId of(const std::string& principal, std::uint64_t connection = 1) {
     return {principal, connection};
 }
@@ -42,7 +42,7 @@ TEST_CASE("other content under a taken name needs replace, and is a new epoch") 
     const auto old = store.find("a", 1, of("me"));
     REQUIRE_FALSE(old);
     CHECK(old.error().code == Code::scene_unknown);
-    // Whoever holds the first still has it.
+    // A holder of the first scene still has it.
     CHECK(first->snapshot().bounds().upper.x == 1);
 }
 
@@ -58,7 +58,7 @@ TEST_CASE("equal content is held once, and memory returns with the last holder")
     CHECK(store.unload("a", of("me")));
     CHECK(store.unload("b", of("me")));
     CHECK(budget.used() == used);
-    CHECK(store.holds(running->snapshot().hash()));
+    CHECK(store.holds(running->snapshot().digest()));
     running = refuse(Code::cancelled, "");
     CHECK(budget.used() == 0);
 }
@@ -78,7 +78,7 @@ TEST_CASE("a scene stays until its last owner unloads it") {
     CHECK(store.unload("a", of("you", 2)).error().code == Code::scene_unknown);
 }
 
-TEST_CASE("what others hold too is not replaced") {
+TEST_CASE("scenes that others hold too are not replaced") {
     Budget budget(1 << 30);
     SceneStore store(budget);
     REQUIRE(store.publish("a", square(1), {}, of("me")));
@@ -104,7 +104,7 @@ TEST_CASE("a scene beyond the budget is refused, and the name stays as it was") 
     CHECK(store.list(of("me")).size() == 1);
 }
 
-TEST_CASE("names out of a file are made safe to send, and long lists are cut with a word") {
+TEST_CASE("names from a file are made safe to send, and long lists are cut with a note") {
     SceneDescription scene;
     scene.objects.resize(1);
     scene.objects[0].geometries = {test::unit_square()};
@@ -116,7 +116,7 @@ TEST_CASE("names out of a file are made safe to send, and long lists are cut wit
     scene.warnings.assign(50, std::string(5000, 'w'));
     Budget budget(1 << 30);
     SceneStore store(budget);
-    const auto named = store.publish("a", bake(scene), {}, of("me"));
+    const auto named = store.publish("a", build_scene(scene), {}, of("me"));
     REQUIRE(named);
     const protocol::Limits limits;
     const auto frame = protocol::encode(1, scene_info(*named, limits), limits);
@@ -135,7 +135,17 @@ TEST_CASE("text is cut between characters") {
     CHECK(clean_text("a\x1b[2J", 9) == "a?[2J");
 }
 
-TEST_CASE("a principal holds so many scenes and so many bytes of them, and no more") {
+TEST_CASE("what makes room is true: nobody unloads where nothing is loaded") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    CHECK(store.remedy("me", "--memory") == "start raynestd with a larger --memory");
+    REQUIRE(store.publish("a", square(1), {}, of("me")));
+    for (const char* word : {"raynest unload NAME", "'a'", "a larger --memory"})
+        CHECK(store.remedy("me", "--memory").find(word) != std::string::npos);
+    CHECK(store.remedy("you", "--memory").find("raynest unload") == std::string::npos);
+}
+
+TEST_CASE("a principal's scenes are limited in number and bytes") {
     Budget budget(1 << 30);
     protocol::Limits limits;
     limits.principal_scenes_max = 2;
@@ -145,9 +155,9 @@ TEST_CASE("a principal holds so many scenes and so many bytes of them, and no mo
     const auto third = store.publish("c", square(3), {}, of("me"));
     REQUIRE_FALSE(third);
     CHECK(third.error().code == Code::quota);
-    CHECK(third.error().message.find("principal_scenes_max") != std::string::npos);
+    CHECK(third.error().message.find("--principal-scenes-max 2; ") != std::string::npos);
     CHECK_FALSE(store.check_quota("c", of("me"), 0));
-    // What it holds already may change, others may load, and unloading makes room.
+    // A held scene may change, others may load, and unloading makes room.
     CHECK(store.publish("b", square(3), {.replace = true}, of("me")));
     CHECK(store.publish("c", square(3), {}, of("you")));
     CHECK_FALSE(store.publish("c", square(3), {}, of("me")));
@@ -161,7 +171,7 @@ TEST_CASE("a principal holds so many scenes and so many bytes of them, and no mo
     const auto second = small.publish("b", square(2), {}, of("me"));
     REQUIRE_FALSE(second);
     CHECK(second.error().code == Code::quota);
-    CHECK(second.error().message.find("principal_scene_bytes_max") != std::string::npos);
+    CHECK(second.error().message.find("--principal-scene-bytes-max") != std::string::npos);
     CHECK(small.publish("a", square(2), {.replace = true}, of("me")));
 }
 

@@ -1,8 +1,10 @@
-// A daemon without sockets and threads: what it says lies in `sent`, and its tasks run when the
-// test says so, one at a time. The same frames give the same steps.
+// A daemon without sockets and threads: `sent` holds its frames, and its tasks run one at a time
+// when the test calls step(). Equal frames give equal steps.
 #pragma once
 
 #include "server/conversation.h"
+#include "server/execution/trace.h"
+#include "server/options.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <algorithm>
@@ -19,15 +21,22 @@ namespace raynest::test {
 class SmallDaemon final : public server::Sink {
 public:
     explicit SmallDaemon(const protocol::Limits& within = {}) : limits(within) {
-        // What the examples ask about; of another owner, so that none can unload it.
+        // The scene that the examples use; another owner holds it, so that none of them can unload
+        // it.
         SceneDescription forest = tree_scene();
         forest.cameras.resize(1);
         forest.cameras[0].name = "overview";
-        scenes.publish("forest", bake(forest), {}, {"owner", scenes.connect()}).value();
+        scenes.publish("forest", build_scene(forest), {}, {"owner", scenes.connect()}).value();
     }
 
     void send(protocol::Frame frame) override { sent.push_back(std::move(frame)); }
     [[nodiscard]] std::uint64_t backlog() const override { return waiting; }
+
+    /// Bytes of --memory in use, but for buffers that wait for the next chunk.
+    [[nodiscard]] std::uint64_t used_bytes() {
+        for (int i = 0; i < 2; ++i) trace_buffers.trim();
+        return budget.used();
+    }
 
     /// Hands one completion to the io side, or runs one task; false when neither waits.
     bool step() {
@@ -37,7 +46,7 @@ public:
         try {
             next();
         } catch (const std::exception&) {
-            ++handlers_failed;  // as the daemon's own loop, which goes on
+            ++handlers_failed;  // the daemon's own loop continues, too
         }
         return true;
     }
@@ -58,29 +67,41 @@ public:
     server::Peers peers{limits, budget, metrics};
     server::SceneStore scenes{budget, {}, [] { return server::SceneStore::Clock::time_point(); }};
     server::Admission admission{limits};
-    server::BriefTurn brief_turn;
+    server::InlineBudget inline_budget;
     server::Coalescer coalescer;
-    std::uint64_t waiting = 0;  ///< what backlog() says
+    std::uint64_t waiting = 0;  ///< the result of backlog()
     std::size_t handlers_failed = 0;
     std::vector<protocol::Frame> sent;
     std::deque<std::function<void()>> posted;
-    server::Services services{*registry, scenes, budget,    metrics,  limits, {},
-                              {},        {},     admission, detached, peers,  nullptr};
-    server::Workers compute{0};
-    server::Workers blocking{0};
-    server::Workers device{0};
-    server::Engine engine{compute,
-                          blocking,
-                          device,
-                          admission,
-                          metrics,
-                          limits,
-                          [this](std::function<void()> done) { posted.push_back(std::move(done)); },
-                          budget,
-                          brief_turn,
-                          coalescer,
-                          peers};
+    server::TraceBufferPool trace_buffers{budget};
+    server::Options options;
+    server::Backends backends =
+        server::make_backends({options, *registry, budget, metrics, limits});
+    server::FairThreadPool compute{0};
+    server::FairThreadPool blocking{0};
+    server::Services services{*registry, scenes,   budget, metrics,  limits,        {},      {}, {},
+                              admission, detached, peers,  backends, trace_buffers, blocking};
+    server::JobContext engine{
+        compute,
+        admission,
+        metrics,
+        limits,
+        [this](std::function<void()> done) { posted.push_back(std::move(done)); },
+        budget,
+        inline_budget,
+        coalescer,
+        peers};
     server::DetachedJobs detached{engine, [] {}};
+};
+
+/// A conversation of one client of that daemon.
+class Client final : public server::Conversation {
+public:
+    explicit Client(SmallDaemon& daemon, std::string principal = "me")
+        : Conversation(daemon.services, daemon.engine, daemon, "nobody",
+                       [principal](const wire::Hello&) -> server::Reply<server::Principal> {
+                           return server::Principal{principal, {}};
+                       }) {}
 };
 
 }  // namespace raynest::test

@@ -7,10 +7,10 @@ using namespace raynest;
 
 namespace {
 
-std::shared_ptr<const Snapshot> bake(const std::string& source) {
+std::shared_ptr<const Snapshot> build_scene(const std::string& source) {
     const auto scene = describe_builtin(source);
     REQUIRE_MESSAGE(scene.has_value(), (scene ? "" : scene.error().message));
-    auto snapshot = Snapshot::bake(*scene);
+    auto snapshot = Snapshot::build(*scene);
     REQUIRE(snapshot.has_value());
     return *snapshot;
 }
@@ -24,7 +24,7 @@ std::string refusal(const std::string& source) {
 }  // namespace
 
 TEST_CASE("the forest nests four levels, and is masked") {
-    const auto forest = bake("builtin:forest");
+    const auto forest = build_scene("builtin:forest");
     const SceneStatistics& s = forest->statistics();
     CHECK(s.levels == 4);
     CHECK(s.mask_materials >= 6);
@@ -36,16 +36,16 @@ TEST_CASE("the forest nests four levels, and is masked") {
 }
 
 TEST_CASE("the same keys give the same forest, another seed another one") {
-    const auto forest = bake("builtin:forest?trees=40&seed=7");
-    CHECK(forest->hash() == bake("builtin:forest?seed=7&trees=40")->hash());
-    CHECK(forest->hash() != bake("builtin:forest?trees=40&seed=8")->hash());
+    const auto forest = build_scene("builtin:forest?trees=40&seed=7");
+    CHECK(forest->digest() == build_scene("builtin:forest?seed=7&trees=40")->digest());
+    CHECK(forest->digest() != build_scene("builtin:forest?trees=40&seed=8")->digest());
 }
 
 TEST_CASE("fewer levels hold the same triangles") {
-    const auto nested = bake("builtin:forest?trees=40&leaves=4");
+    const auto nested = build_scene("builtin:forest?trees=40&leaves=4");
     for (const std::uint32_t levels : {1U, 2U, 3U}) {
         const auto flatter =
-            bake("builtin:forest?trees=40&leaves=4&levels=" + std::to_string(levels));
+            build_scene("builtin:forest?trees=40&leaves=4&levels=" + std::to_string(levels));
         CHECK(flatter->statistics().levels == levels);
         CHECK(flatter->statistics().instanced_triangles ==
               nested->statistics().instanced_triangles);
@@ -65,25 +65,25 @@ TEST_CASE("fewer levels hold the same triangles") {
 
 TEST_CASE("a forest may have any number of trees") {
     const auto triangles = [](const char* source) {
-        return bake(source)->statistics().instanced_triangles;
+        return build_scene(source)->statistics().instanced_triangles;
     };
     CHECK(triangles("builtin:forest?trees=1") > 10000);
     CHECK(triangles("builtin:forest?trees=100000") > 50 * triangles("builtin:forest?trees=1000"));
 }
 
 TEST_CASE("the terrain is one mesh, the flake is nested spheres") {
-    const auto terrain = bake("builtin:terrain?size=64");
+    const auto terrain = build_scene("builtin:terrain?size=64");
     CHECK(terrain->statistics().unique_triangles == 2 * 64 * 64);
     CHECK(terrain->statistics().levels == 1);
-    const auto flake = bake("builtin:flake?depth=4");
+    const auto flake = build_scene("builtin:flake?depth=4");
     CHECK(flake->statistics().levels == 4);
     CHECK(flake->statistics().instances == 1 + 9 + 81 + 729);
-    // 1 + 2/3 + 2/9 + 2/27 along one axis at most, and some slack for boxes of turned boxes.
+    // At most 1 + 2/3 + 2/9 + 2/27 along one axis, and some slack for boxes of turned boxes.
     CHECK(flake->bounds().upper.y < 2.3F);
     CHECK(flake->bounds().upper.y > 1.6F);
 }
 
-TEST_CASE("an unknown scene or key names what there is") {
+TEST_CASE("an unknown scene or key is an error that lists the known ones") {
     for (const char* scene : {"forest", "terrain", "flake"})
         CHECK(refusal("builtin:jungle").find(scene) != std::string::npos);
     CHECK(refusal("builtin:forest?tree=3").find("trees (1..4000000, default 1000)") !=

@@ -1,4 +1,4 @@
-// Describes a scene file in a test: what it must hold, or what it must be refused with.
+// Describes a scene file in a test: a helper each for success and for refusal.
 #pragma once
 
 #include "engine/assets/gltf.h"
@@ -34,7 +34,7 @@ inline bool contains(const std::string& text, const std::string& part) {
     return text.find(part) != std::string::npos;
 }
 
-/// A file of ../shared/scenes with those that stand beside it.
+/// Describes a file of ../shared/scenes with the other files of its folder.
 inline SceneDescription must_describe_shared(const std::string& name) {
     const Upload upload(shared_scene(name));
     return must_describe(describe_gltf(upload.request(), ImportLimits{}));

@@ -1,4 +1,4 @@
-// Compressed files as they are: read where the build has the library, else refused by name.
+// Whole compressed files: read if the build has the library, else refused by name.
 #include "engine/assets/gltf_compressed.h"
 
 #include "engine/scene/snapshot.h"
@@ -9,7 +9,7 @@ using test::contains;
 
 namespace {
 
-/// Whether this build decodes an extension; says so where it does not.
+/// True if this build decodes an extension; prints a message if not.
 bool decodes(const char* extension) {
     const gltf::Decoder* const decoder = gltf::find_decoder(extension);
     REQUIRE(decoder != nullptr);
@@ -36,7 +36,7 @@ void check_box(const std::string& name, float side) {
         for (const float x : {p.x, p.y, p.z})
             CHECK(std::abs(x) == doctest::Approx(side / 2).epsilon(1e-3));
     }
-    CHECK(Snapshot::bake(scene).has_value());
+    CHECK(Snapshot::build(scene).has_value());
 }
 
 }  // namespace
@@ -51,7 +51,7 @@ TEST_CASE("a box compressed with meshopt has its twelve triangles") {
     check_box("odd/box_meshopt.glb", 1);
 }
 
-TEST_CASE("what is called Draco and is not is refused as Draco") {
+TEST_CASE("data that is named Draco but is not is refused as Draco") {
     if (!decodes("KHR_draco_mesh_compression") || !test::have_shared_scenes()) return;
     const test::Upload upload(test::shared_scene("odd/draco_without_bufferview.gltf"));
     const auto scene = describe_gltf(upload.request(), ImportLimits{});

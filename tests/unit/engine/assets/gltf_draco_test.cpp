@@ -1,4 +1,4 @@
-// KHR_draco_mesh_compression: what Draco's encoder wrote comes back, and nothing else does.
+// KHR_draco_mesh_compression: streams of Draco's encoder are decoded, and damaged ones refused.
 #include "engine/assets/gltf_draco.h"
 
 #include "tests/unit/engine/assets/describe.h"
@@ -22,7 +22,7 @@ const Stream sequential(std::begin(test::draco_sequential), std::end(test::draco
 const Stream edgebreaker(std::begin(test::draco_edgebreaker), std::end(test::draco_edgebreaker));
 const Stream skinned(std::begin(test::draco_skinned), std::end(test::draco_skinned));
 
-/// Whether this build has Draco; says so where it does not.
+/// True if this build has Draco; prints a message if not.
 bool have_draco() {
     const auto available = gltf::draco_available();
     if (!available) MESSAGE("skipped: ", available.error().message);
@@ -84,7 +84,7 @@ TEST_CASE("Draco's sequential and edgebreaker meshes come back as they were enco
     CHECK(values_of<std::uint32_t>(mesh->indices) == std::vector<std::uint32_t>{0, 1, 2, 2, 1, 3});
     CHECK(values_of<float>(mesh->attributes[0]) == quad);
 
-    // Edgebreaker orders points and faces anew.
+    // Edgebreaker reorders points and faces.
     const auto turned = decode(edgebreaker);
     REQUIRE(turned.has_value());
     CHECK(turned->points == 4);
@@ -96,7 +96,7 @@ TEST_CASE("Draco's sequential and edgebreaker meshes come back as they were enco
     CHECK(values == expected);
 }
 
-TEST_CASE("a Draco scene shows what it holds, as triangles, and not its fallback") {
+TEST_CASE("a Draco scene shows its compressed data, as triangles, and not its fallback") {
     if (!have_draco()) return;
     for (const char* mode : {"", ",\"mode\":5"}) {
         const auto scene =
@@ -130,12 +130,15 @@ TEST_CASE("Draco data that does not fit its accessors is refused by name") {
         REQUIRE_FALSE(mesh.has_value());
         return mesh.error().message;
     };
-    CHECK(contains(message(decode({})), "Draco data without a header"));
+    CHECK(contains(message(decode({})), "Draco data that is no Draco stream"));
+    Stream other = edgebreaker;
+    other[0] = 'X';
+    CHECK(contains(message(decode(other)), "Draco data that is no Draco stream"));
     CHECK(contains(message(decode(Stream(36, 0))), "Draco"));
     CHECK(contains(message(decode(stream, 1 << 20, 7)), "without attribute 7"));
     CHECK(contains(message(decode(stream, 1 << 20, 0, Component::f32, 2)), "3 components"));
-    CHECK(contains(message(decode(stream, 10)), "far more than an honest"));
-    CHECK(contains(message(decode(stream, 50)), "far more than an honest"));
+    CHECK(contains(message(decode(stream, 10)), "far more than valid data"));
+    CHECK(contains(message(decode(stream, 50)), "far more than valid data"));
 
     const auto nowhere = test::refusal([] {
         CompressedScene scene = quad_scene();
@@ -147,10 +150,10 @@ TEST_CASE("Draco data that does not fit its accessors is refused by name") {
                    "mesh 0 has Draco data"));
 }
 
-TEST_CASE("a Draco header that promises millions of faces is refused before they are allocated") {
+TEST_CASE("a Draco header that declares millions of faces is refused before they are allocated") {
     if (!have_draco()) return;
     for (Stream stream : {sequential, edgebreaker}) {
-        // The number of faces is the varint behind the header of 11 bytes, or behind traversal and
+        // The number of faces is the varint after the header of 11 bytes, or after traversal and
         // number of vertices.
         const std::size_t at = stream == sequential ? 11 : 13;
         REQUIRE(stream[at] == 2);

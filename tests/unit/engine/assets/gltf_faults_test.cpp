@@ -1,4 +1,4 @@
-// Faults of the glTF reader that once went unnoticed: each of these fails with one of them.
+// Regression tests for faults of the glTF reader: each test fails with one of them.
 #include "tests/unit/engine/assets/describe.h"
 
 using namespace raynest;
@@ -8,7 +8,7 @@ using test::one_triangle_mesh;
 
 namespace {
 
-/// A quarter turn about z after scales of 1, 2 and 3, by column: (0,1,0), (-2,0,0), (0,0,3).
+/// Checks a quarter turn about z after scales of 1, 2 and 3, by column: (0,1,0), (-2,0,0), (0,0,3).
 void check_turned_and_scaled(const Transform& transform) {
     const std::array<float, 12> expected{0, -2, 0, 7, 1, 0, 0, 8, 0, 0, 3, 9};
     for (std::size_t i = 0; i < 12; ++i) {

@@ -1,5 +1,5 @@
-// Faults of a glTF that cost nobody anything: they are passed over, with a warning where the scene
-// is shown otherwise than its author may have meant. What is used must be sound.
+// Harmless faults of a glTF: they are accepted, with a warning if the scene may look different from
+// its author's intention. Only the parts in use must be valid.
 #include "tests/unit/engine/assets/describe.h"
 
 #include <utility>
@@ -14,13 +14,13 @@ using test::refusal;
 
 namespace {
 
-/// The one warning of a scene.
+/// Returns the only warning of a scene.
 std::string warning(const SceneDescription& scene) {
     REQUIRE(scene.warnings.size() == 1);
     return scene.warnings[0];
 }
 
-/// A .gltf of one triangle at (0,0,0), (1,0,0), (0,1,0), whose buffer is `buffer`.
+/// Returns a .gltf of one triangle at (0,0,0), (1,0,0), (0,1,0), whose buffer is `buffer`.
 test::Bytes triangle_of(const std::string& buffer, const std::string& more = {}) {
     return test::to_bytes(R"({"asset":{"version":"2.0"},"buffers":[)" + buffer +
                           R"(],"bufferViews":[{"buffer":0,"byteLength":36}],"accessors":[{
@@ -31,7 +31,7 @@ test::Bytes triangle_of(const std::string& buffer, const std::string& more = {})
 
 using Edits = std::vector<std::pair<std::string, std::string>>;
 
-/// A GLB with parts of its JSON text replaced, and blanks behind that as far as `alignment` asks.
+/// Returns a GLB with parts of its JSON text replaced, and padded with blanks to `alignment`.
 test::Bytes edited(const test::Bytes& glb, const Edits& edits, std::size_t alignment = 4) {
     const auto word = [](std::size_t value) {
         std::string text(4, '\0');
@@ -90,7 +90,7 @@ TEST_CASE("a data URI is base64 or percent-encoded, of any type") {
     }
 }
 
-TEST_CASE("a buffer without data matters to those who use it") {
+TEST_CASE("a buffer without data matters only if it is used") {
     CHECK(contains(refusal(triangle_of(R"({"byteLength":36})"), "scene.gltf"),
                    "mesh 0 needs buffer 0, which has no data"));
     CHECK(contains(refusal(triangle_of(R"({"byteLength":36,"uri":"gone.bin"})"), "scene.gltf"),
@@ -104,7 +104,7 @@ TEST_CASE("a buffer without data matters to those who use it") {
         const auto scene = must_describe(triangle_of(good + "," + other), "scene.gltf");
         CHECK(scene.objects[0].geometries[0].positions == triangle);
     }
-    // Nor does a second buffer get the binary chunk of a GLB.
+    // A second buffer does not get the binary chunk of a GLB either.
     GlbWriter writer;
     writer.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 3);
     CHECK(contains(
@@ -126,7 +126,7 @@ TEST_CASE("a buffer may be longer than the scene says, but not shorter") {
     CHECK(contains(refused.error().message, "it is cut short"));
 }
 
-TEST_CASE("an accessor without a bufferView is all zeros, as far as memory is not at stake") {
+TEST_CASE("an accessor without a bufferView is all zeros, up to a limit on memory") {
     const auto zeros = [](const std::string& position, const std::string& indices) {
         return test::to_bytes(R"({"asset":{"version":"2.0"},"nodes":[{"mesh":0}],"accessors":[
             {"componentType":5126,"count":)" +
@@ -158,7 +158,7 @@ TEST_CASE("sparse indices are read") {
           std::vector<Vec3>{{1, 0, 0}, {0, 1, 0}, {1, 1, 0}});
 }
 
-TEST_CASE("an accessor of an unknown type matters to those who use it") {
+TEST_CASE("an accessor of an unknown type matters only if it is used") {
     GlbWriter writer;
     const std::string mesh = one_triangle_mesh(writer);
     const auto with = [&](const char* type, int component, const std::string& more) {
@@ -230,7 +230,7 @@ TEST_CASE("an integer may be written with a fraction of 0") {
     }
 }
 
-TEST_CASE("a GLB may carry bytes behind its end and a JSON chunk that is not aligned") {
+TEST_CASE("a GLB may have bytes after its end and an unaligned JSON chunk") {
     GlbWriter writer;
     const std::string mesh = one_triangle_mesh(writer);
     test::Bytes glb = writer.glb(mesh + R"(,"nodes":[{"mesh":0}])");
@@ -261,7 +261,9 @@ TEST_CASE("a camera with odd numbers is shown with usual ones") {
                                      R"(],"nodes":[{"mesh":0},{"name":"eye","camera":0}])"));
         REQUIRE(scene.cameras.size() == 1);
         CHECK(scene.cameras[0].yfov == 0.7F);
-        CHECK(contains(warning(scene), "camera 0 has a yfov outside (0, pi)"));
+        const bool is_typed = contains(camera, "perspective");
+        CHECK(contains(warning(scene), is_typed ? "camera 0 ('eye'): its yfov is outside (0, pi)"
+                                                : "camera 0 ('eye'): its type is unknown"));
     }
 }
 
@@ -278,11 +280,11 @@ TEST_CASE("an orthographic camera with odd numbers shows two by two metres") {
         REQUIRE(scene.cameras.size() == 1);
         CHECK(scene.cameras[0].ymag == 1);
         CHECK(scene.cameras[0].aspect == 1);
-        CHECK(contains(warning(scene), "camera 0 has an xmag or ymag"));
+        CHECK(contains(warning(scene), "camera 0 ('eye'): its xmag or ymag is 0"));
     }
 }
 
-TEST_CASE("a scene that does not exist is that of a file without a choice") {
+TEST_CASE("a choice of a missing scene counts as no choice") {
     GlbWriter writer;
     const std::string nodes = one_triangle_mesh(writer) + R"(,"nodes":[{"mesh":0},{"mesh":0}])";
     for (const char* choice : {"1", "-2", "7"}) {
@@ -380,7 +382,8 @@ TEST_CASE("the diffuse colour of specular-glossiness counts, and its alpha") {
          R"({"diffuseTexture":{"index":0,"texCoord":"1"}})",
          R"({"diffuseTexture":{"index":0,"extensions":{"KHR_texture_transform":{"scale":[1]}}}})"}) {
         CAPTURE(odd);
-        CHECK_FALSE(describe(material(odd)).has_value());
+        const auto loaded = describe(material(odd));
+        CHECK((!loaded || !loaded->warnings.empty()));
     }
 }
 
@@ -399,4 +402,60 @@ TEST_CASE("the texture of specular-glossiness comes with its set and its transfo
     CHECK(scene.materials[0].texture == 0);
     CHECK(scene.materials[0].texcoord == 1);
     CHECK(scene.materials[0].uv_transform[2] == 0.5F);
+}
+
+TEST_CASE(
+    "an odd value of a material or a node becomes its default, with a warning that names it") {
+    const auto load = [](const std::string& material, const std::string& sampler = {},
+                         const std::string& node = {}) {
+        GlbWriter writer;
+        const std::string mesh = one_triangle_mesh(writer);
+        return must_describe(writer.glb(
+            mesh +
+            R"(,"textures":[{"sampler":0,"source":0}],"images":[{"uri":"data:,x"}],"samplers":[{)" +
+            sampler + R"(}],"materials":[{"name":"leaf",)" + material +
+            R"(}],"nodes":[{"mesh":0,"name":"oak")" + node + "}]"));
+    };
+    struct Case {
+        const char *material, *sampler, *node, *text;
+    };
+    constexpr const char* plain = R"("doubleSided":false)";
+    for (const auto& [material, sampler, node, text] :
+         {Case{R"("alphaCutoff":-1)", "", "", "material 0 ('leaf'): alphaCutoff is negative"},
+          Case{R"("alphaCutoff":"x")", "", "", "material 0 ('leaf'): alphaCutoff is not a number"},
+          Case{R"("alphaMode":"mask")", "", "", "material 0 ('leaf'): alphaMode is none of OPAQUE"},
+          Case{R"("alphaMode":3)", "", "", "material 0 ('leaf'): alphaMode is not a text"},
+          Case{R"("pbrMetallicRoughness":{"baseColorFactor":[1,0,0]})", "", "",
+               "material 0 ('leaf'): baseColorFactor is not four numbers"},
+          Case{R"("pbrMetallicRoughness":{"baseColorFactor":1})", "", "",
+               "material 0 ('leaf'): baseColorFactor is not a list of numbers"},
+          Case{plain, R"("wrapS":7)", "", "sampler 0: its wrapS or wrapT is unknown"},
+          Case{plain, R"("magFilter":7)", "", "sampler 0: its magFilter is unknown"},
+          Case{plain, "", R"(,"scale":2)", "node 0 ('oak'): scale is not a list of numbers"}}) {
+        CAPTURE(text);
+        const auto scene = load(material, sampler, node);
+        CHECK(contains(warning(scene), text));
+        const MaterialDescription& read = scene.materials[0];
+        CHECK(read.cutoff == 0.5F);
+        CHECK(read.alpha_mode == AlphaMode::opaque);
+        CHECK(read.base_colour == Vec4(1));
+        CHECK(scene.objects[scene.root].instances[0].transform == Transform{});
+    }
+    CHECK(load(plain, R"("wrapS":33071,"magFilter":9729)", R"(,"scale":[1,1,1])").warnings.empty());
+}
+
+TEST_CASE("a texture without the texture coordinates that it needs is left out with a warning") {
+    GlbWriter writer;
+    const std::string mesh = one_triangle_mesh(writer);
+    const auto scene = must_describe(
+        edited(writer.glb(mesh + R"(,"textures":[{"source":0}],"images":[{"uri":"data:,x"}],
+               "materials":[{"name":"x","pbrMetallicRoughness":{"baseColorTexture":{"index":0,
+               "texCoord":1}}}],"nodes":[{"mesh":0}])"),
+               {{R"("attributes":{)", R"("material":0,"attributes":{)"}}));
+    const auto found =
+        std::find_if(scene.warnings.begin(), scene.warnings.end(), [](const std::string& text) {
+            return contains(text,
+                            "mesh 0 ('leaf') has no TEXCOORD_1, which material 0 ('x') needs");
+        });
+    CHECK(found != scene.warnings.end());
 }

@@ -1,4 +1,4 @@
-// EXT_meshopt_compression: what the library's encoders write comes back, and nothing else does.
+// EXT_meshopt_compression: streams of the library's encoders are decoded, and damaged ones refused.
 #include "engine/assets/gltf_meshopt.h"
 
 #include "tests/unit/engine/assets/describe.h"
@@ -62,7 +62,7 @@ std::string refusal_of(const Stream& stream, std::uint64_t count, std::uint64_t 
     return bytes.error().message;
 }
 
-/// A scene of two buffers, the streams and a fallback that must not be read, and of the
+/// Returns a scene of two buffers, the streams and a fallback that must not be read, with the
 /// bufferViews and accessors that the caller states.
 test::Upload two_buffers(const std::vector<Stream>& streams,
                          const std::vector<std::string>& members, const std::string& accessors,
@@ -71,7 +71,7 @@ test::Upload two_buffers(const std::vector<Stream>& streams,
     std::string views;
     for (std::size_t i = 0; i < streams.size(); ++i) {
         if (i > 0) views += ',';
-        // Strides below 4 are only the extension's.
+        // Only the extension allows strides below 4.
         const bool both = !contains(members[i], "\"byteStride\":2");
         views += R"({"buffer":1,"byteLength":4)" + (both ? members[i] : std::string()) +
                  R"(,"extensions":{"EXT_meshopt_compression":{"buffer":0,"byteOffset":)" +
@@ -107,7 +107,8 @@ const std::vector<std::string> quad_views{R"(,"byteStride":12,"count":4,"mode":"
 
 TEST_CASE("every meshopt mode comes back as it was encoded") {
     CHECK(must_decode<float>(encode_attributes(quad, 4), 4, 12, "ATTRIBUTES") == quad);
-    // Triangles may be turned, so that the highest corner comes where it is cheapest.
+    // Triangles may be rotated, so that their highest corner comes first where that compresses
+    // best.
     CHECK(must_decode<std::uint16_t>(encode_triangles(quad_triangles, 4), 6, 2, "TRIANGLES") ==
           std::vector<std::uint16_t>{0, 1, 2, 2, 1, 3});
     CHECK(must_decode<std::uint32_t>(encode_triangles(quad_triangles, 4), 6, 4, "TRIANGLES") ==
@@ -116,7 +117,7 @@ TEST_CASE("every meshopt mode comes back as it was encoded") {
     CHECK(must_decode<std::uint32_t>(encode_sequence(strip, 70001), 7, 4, "INDICES") == strip);
 }
 
-TEST_CASE("every meshopt filter gives what was filtered, as nearly as it can") {
+TEST_CASE("every meshopt filter restores its input within its precision") {
     const std::vector<float> directions{0, 0.6F, 0.8F, 0, -1, 0, 0, 0, 0.6F, 0, -0.8F, 0};
     for (const std::size_t stride : {4U, 8U}) {
         std::vector<unsigned char> filtered(3 * stride);
@@ -150,7 +151,7 @@ TEST_CASE("every meshopt filter gives what was filtered, as nearly as it can") {
     for (std::size_t i = 0; i < 12; ++i) CHECK(std::abs(points[i] - quad[i]) < 0.001F);
 }
 
-TEST_CASE("a compressed scene shows what it holds, and not its fallback") {
+TEST_CASE("a compressed scene shows its compressed data, and not its fallback") {
     const auto upload =
         two_buffers({encode_attributes(quad, 4), encode_triangles(quad_triangles, 4)}, quad_views,
                     quad_accessors, quad_mesh);
@@ -210,7 +211,7 @@ TEST_CASE("damaged meshopt streams end in an error or in some numbers") {
     }
 }
 
-TEST_CASE("a meshopt extension that states nonsense is refused by name") {
+TEST_CASE("an invalid meshopt extension is refused by name") {
     const auto refused = [](const std::string& members) {
         const auto upload =
             two_buffers({encode_attributes(quad, 4), encode_triangles(quad_triangles, 4)},
@@ -220,11 +221,12 @@ TEST_CASE("a meshopt extension that states nonsense is refused by name") {
         return scene.error().message;
     };
     CHECK(contains(refused(R"(,"byteStride":12,"mode":"ATTRIBUTES")"), "bufferView 0"));
-    CHECK(contains(refused(R"(,"byteStride":12,"count":-4,"mode":"ATTRIBUTES")"), "lacks numbers"));
+    CHECK(contains(refused(R"(,"byteStride":12,"count":-4,"mode":"ATTRIBUTES")"),
+                   "missing or invalid numbers"));
     CHECK(contains(refused(R"(,"byteStride":12,"count":4,"mode":7)"), "unknown meshopt mode"));
     CHECK(contains(refused(R"(,"byteStride":12,"count":4,"mode":"ATTRIBUTES","filter":3)"),
                    "do not allow"));
-    // Indices that the vertices do not have are found where all indices are checked.
+    // Indices of missing vertices are found where all indices are checked.
     const auto upload =
         two_buffers({encode_attributes(quad, 4), encode_triangles({0, 1, 9, 9, 1, 3}, 10)},
                     quad_views, quad_accessors, quad_mesh);

@@ -1,4 +1,4 @@
-// Morph targets: the weights of the node, else of the mesh.
+// Morph targets with the weights of the node, else of the mesh.
 #include "tests/unit/engine/assets/describe.h"
 
 #include <cmath>
@@ -16,7 +16,7 @@ const std::vector<Vec3>& positions_of(const SceneDescription& scene, std::size_t
     return scene.objects[shown.object].geometries.at(0).positions;
 }
 
-/// A triangle whose targets are accessors 1 (all vertices by +1 in x) and 2 (by +1 in y).
+/// Returns a triangle with accessors 1 (all vertices by +1 in x) and 2 (by +1 in y) as targets.
 std::string morphed_triangle(GlbWriter& writer, const std::string& mesh_members) {
     writer.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 3);
     writer.add_floats({1, 0, 0, 1, 0, 0, 1, 0, 0}, "VEC3", 3);
@@ -65,7 +65,7 @@ TEST_CASE("targets may be sparse without a bufferView, and may change only some 
         "targets":[{"POSITION":3}]}],"weights":[0.25]}],"nodes":[{"mesh":0}])");
     for (const bool with_view : {true, false}) {
         if (!with_view) {
-            // The writer gives every accessor a bufferView: take this one's away.
+            // The writer gives every accessor a bufferView: remove this one's.
             const std::string member = "\"bufferView\":3";
             const auto begin = reinterpret_cast<char*>(bytes.data());
             std::string_view text(begin, bytes.size());
@@ -95,7 +95,7 @@ TEST_CASE("targets also change texture coordinates and colours") {
     CHECK(geometry.colours[11] == 255);
 }
 
-TEST_CASE("hostile morph targets are refused by name, surplus weights count for nothing") {
+TEST_CASE("hostile morph targets are refused by name, surplus weights are ignored") {
     const auto refused = [](const std::string& mesh_members, const std::string& node_members) {
         GlbWriter writer;
         return refusal(writer.glb(morphed_triangle(writer, mesh_members) +

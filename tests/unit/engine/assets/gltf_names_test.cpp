@@ -9,7 +9,7 @@ using namespace raynest;
 
 namespace {
 
-const std::string tree = "\xE6\xA3\xAE";  // a Japanese forest: one character
+const std::string tree = "\xE6\xA3\xAE";  // a forest in Japanese: one character
 
 std::string trees(int count) {
     std::string text;
@@ -19,7 +19,7 @@ std::string trees(int count) {
 
 }  // namespace
 
-TEST_CASE("a URI names a file beside or below the scene, or none") {
+TEST_CASE("a URI may only name a file beside or below the scene") {
     std::ifstream table(RAYNEST_SOURCE_DIR "/tests/golden/gltf_uris.json");
     const auto cases = nlohmann::json::parse(table);
     REQUIRE(cases.size() > 40);

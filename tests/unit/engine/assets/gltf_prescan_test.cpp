@@ -7,7 +7,7 @@ using gltf::prescan_json;
 
 namespace {
 
-/// The reason for a refusal, "" when the text may go on to the loader.
+/// Returns the reason for a refusal, or "" if the text may go on to the loader.
 std::string scan(const std::string& json) {
     const auto done = prescan_json(test::to_bytes(json), ImportLimits{});
     return done ? "" : done.error().message;
@@ -42,7 +42,7 @@ TEST_CASE("JSON that is cut, doubled or not JSON is refused at its byte") {
     CHECK(contains(scan("{\"n\":1e999}"), "damaged at byte"));
     CHECK(contains(scan("{\"n\":NaN}"), "damaged at byte"));
     CHECK(contains(scan("{\"n\":\"\xFF\"}"), "damaged at byte"));
-    CHECK(contains(scan("{\"nodes\":[],\"nodes\":[]}"), "stands twice"));
+    CHECK(contains(scan("{\"nodes\":[],\"nodes\":[]}"), "occurs twice"));
     CHECK(scan("{\"a\":{\"n\":1},\"b\":{\"n\":1}}").empty());
 }
 
@@ -65,7 +65,7 @@ TEST_CASE("only a scene whose bytes are all in one binary chunk is read as it is
     CHECK_FALSE(one_binary(R"({"buffers":[{"byteLength":0}]})"));
 }
 
-TEST_CASE("a GLB container that lies about its lengths is refused") {
+TEST_CASE("a GLB container with false lengths is refused") {
     test::GlbWriter writer;
     const test::Bytes good = writer.glb(test::one_triangle_mesh(writer));
     const auto glb = gltf::open_glb(good);

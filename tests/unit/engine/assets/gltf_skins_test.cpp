@@ -1,4 +1,5 @@
-// Skins: every vertex against an evaluation in float64, which shares no code with the importer.
+// Compares every vertex of skins with an evaluation in float64 that shares no code with the
+// importer.
 #include "engine/scene/snapshot.h"
 #include "tests/unit/engine/assets/describe.h"
 
@@ -58,22 +59,22 @@ void check_point(const Vec3& got, const Point& expected) {
     CHECK(std::abs(double{got.z} - expected[2]) < 1e-6);
 }
 
-/// The instances of the scene's root, and the vertices that each of them shows.
+/// Returns the geometry that an instance of the scene's root shows.
 const GeometryDescription& geometry_of(const SceneDescription& scene, std::size_t instance) {
     return scene.objects[scene.objects[scene.root].instances.at(instance).object].geometries.at(0);
 }
 
-/// Ten vertices beside a chain of two joints, as in simple_skin: the second stands at (0, 1, 0),
-/// and the weights pass from the first to the second on the way up, by quarters.
+/// Ten vertices beside a chain of two joints, as in simple_skin. The second joint is at (0, 1, 0),
+/// and the weights pass from the first to the second on the way up, in quarters.
 class Strip {
 public:
     static constexpr std::size_t count = 10;
-    static constexpr double share[5] = {0, 0.25, 0.5, 0.75, 1};  // of joint 1, by row
+    static constexpr double share[5] = {0, 0.25, 0.5, 0.75, 1};  // weight of joint 1, by row
 
     static Point position(std::size_t i) {
         return {static_cast<double>(i % 2), static_cast<double>(i / 2) * 0.5, 0};
     }
-    static constexpr double shift[3] = {-0.5, -1, 0};  // of both inverse bind matrices
+    static constexpr double shift[3] = {-0.5, -1, 0};  // translation of both inverse bind matrices
 
     GlbWriter writer;
     std::string attributes;
@@ -124,7 +125,8 @@ public:
         return "\"meshes\":[{\"primitives\":[{\"attributes\":{" + attributes +
                "},\"indices\":" + std::to_string(indices) + more + "}]}]";
     }
-    /// Node 0 shows the mesh, 1 and 2 are joints; the second is bent by a quarter turn.
+    /// Returns nodes: node 0 shows the mesh, 1 and 2 are joints; the second is bent by a quarter
+    /// turn.
     [[nodiscard]] std::string bent(const std::string& skin_members) const {
         return R"(,"skins":[{"joints":[1,2])" + skin_members +
                R"(}],"nodes":[{"mesh":0,"skin":0,"children":[1]},
@@ -165,7 +167,7 @@ TEST_CASE("a skinned mesh takes its place from its joints and not from its node"
     }
     Strip strip;
     strip.add_joints<std::uint8_t, float>(5121, 5126, 1);
-    // The node is moved, scaled to nothing, and stands below another; its name keeps both.
+    // The node is moved, scaled to zero, and a child of another; its name keeps both.
     const auto scene = must_describe(strip.writer.glb(
         strip.mesh() + R"(,"skins":[{"joints":[2,3],"skeleton":2)" + strip.bound() + R"(}],
         "nodes":[{"name":"body","mesh":0,"skin":0,"translation":[100,0,0],"scale":[0,0,0]},
@@ -199,7 +201,7 @@ TEST_CASE("weights may be floats or normalised bytes or shorts, joints bytes or 
         Strip strip;
         if (type == 0) strip.add_joints<std::uint8_t, float>(5121, 5126, 1);
         if (type == 1) strip.add_joints<std::uint16_t, float>(5123, 5126, 1);
-        // The largest multiples of four, so that the quarters are whole: sums are not 1.
+        // Use the largest multiples of four, so that quarters are whole numbers: sums are not 1.
         if (type == 2) strip.add_joints<std::uint8_t, std::uint8_t>(5121, 5121, 252);
         if (type == 3) strip.add_joints<std::uint16_t, std::uint16_t>(5123, 5123, 65532);
         check_bent(must_describe(strip.writer.glb(strip.mesh() + strip.bent(strip.bound()))));
@@ -234,7 +236,7 @@ TEST_CASE("weights are divided by their sum, and a vertex without any follows it
                     Strip::bent_position(Strip::position(i), 1));
 }
 
-TEST_CASE("without inverse bind matrices joints carry the mesh as it is") {
+TEST_CASE("without inverse bind matrices joints move the mesh as it is") {
     Strip strip;
     strip.add_joints<std::uint8_t, float>(5121, 5126, 1);
     const auto scene = must_describe(strip.writer.glb(strip.mesh() + strip.bent("")));
@@ -281,7 +283,7 @@ TEST_CASE("nodes that share a mesh share its geometry only where they share its 
     CHECK(geometry_of(scene, 2).positions[0] == Vec3(0, 0, 0));
     CHECK(instances[2].transform.point({0, 0, 0}) == Vec3(0, 0, 3));
     CHECK(instances[3].object == instances[0].object);
-    CHECK(Snapshot::bake(scene).has_value());
+    CHECK(Snapshot::build(scene).has_value());
 }
 
 TEST_CASE("equal subtrees with a skin are not shared: the mesh stands in the scene's space") {
@@ -376,7 +378,7 @@ TEST_CASE("hostile skins are refused by name") {
                    "JOINTS of the wrong type"));
 }
 
-TEST_CASE("a mesh that thousands of nodes pose anew is read only so often") {
+TEST_CASE("a mesh that thousands of nodes pose is read a limited number of times") {
     GlbWriter writer;
     std::vector<float> positions(90000, 0.5F);
     writer.add_floats(positions, "VEC3", 3);
@@ -388,5 +390,5 @@ TEST_CASE("a mesh that thousands of nodes pose anew is read only so often") {
     nodes.pop_back();
     CHECK(contains(refusal(writer.glb("\"meshes\":[{\"primitives\":[" + primitives +
                                       "]}],\"nodes\":[" + nodes + "]")),
-                   "again and again"));
+                   "repeatedly"));
 }

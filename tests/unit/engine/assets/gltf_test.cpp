@@ -79,7 +79,7 @@ TEST_CASE("transforms are composed, names kept by node") {
     CHECK(scene.path_nodes[2].parent == 1);
     CHECK(scene.path_nodes[2].source == 1);
     CHECK(scene.placed_nodes == std::vector<std::uint32_t>{2});
-    // A quarter turn about z, normalised; scaled by two; moved.
+    // The transform is a quarter turn about z, normalised; scaled by two; moved.
     const Vec3 p = instances[0].transform.point({1, 0, 0});
     CHECK(p.x == doctest::Approx(3));
     CHECK(p.y == doctest::Approx(4));
@@ -114,7 +114,7 @@ TEST_CASE("equal subtrees become one object, and equal subtrees of those too") {
     CHECK(root[0].object == root[1].object);
     CHECK(root[2].object == 0);
 
-    const auto snapshot = Snapshot::bake(scene);
+    const auto snapshot = Snapshot::build(scene);
     REQUIRE(snapshot.has_value());
     CHECK((*snapshot)->statistics().levels == 4);
     CHECK((*snapshot)->statistics().instances == 10);
@@ -123,7 +123,7 @@ TEST_CASE("equal subtrees become one object, and equal subtrees of those too") {
     CHECK(path_name(*path) == "stand-a/tree#1/leaf#1");
 }
 
-TEST_CASE("equal subtrees inside each other share no more levels than a GPU takes") {
+TEST_CASE("equal subtrees inside each other share no more levels than a GPU supports") {
     // Chain k is node k of 40: a mesh and, one to the side, chain k - 1. The scene places each.
     GlbWriter writer;
     std::string nodes;
@@ -142,11 +142,11 @@ TEST_CASE("equal subtrees inside each other share no more levels than a GPU take
     const std::string mesh = one_triangle_mesh(writer);
     const auto scene = must_describe(
         writer.glb(mesh + R"(,"scenes":[{"nodes":[)" + roots + R"(]}],"nodes":[)" + nodes + "]"));
-    const auto snapshot = Snapshot::bake(scene);
+    const auto snapshot = Snapshot::build(scene);
     REQUIRE_MESSAGE(snapshot.has_value(), (snapshot ? "" : snapshot.error().message));
     CHECK((*snapshot)->statistics().levels == 8);
     CHECK((*snapshot)->statistics().instances == 40 * 41 / 2);
-    // What is not shared still places what is.
+    // Subtrees that are not shared still place their meshes.
     CHECK(scene.objects[scene.root].instances.size() < 40 * 41 / 2);
 }
 
@@ -164,7 +164,7 @@ TEST_CASE("EXT_mesh_gpu_instancing places a mesh once per element") {
     const auto& instances = scene.objects[scene.root].instances;
     REQUIRE(instances.size() == 3);
     CHECK(instances[1].transform.point({1, 0, 0}) == Vec3(4, 0, 7));
-    const auto snapshot = Snapshot::bake(scene);
+    const auto snapshot = Snapshot::build(scene);
     REQUIRE(snapshot.has_value());
     CHECK((*snapshot)->statistics().instances == 2);
     CHECK((*snapshot)->statistics().skipped.at("singular_instances") == 1);
@@ -212,8 +212,8 @@ TEST_CASE("sparse accessors replace single elements") {
     writer.add_indices({2, 0});
     writer.add_floats({0, 5, 0}, "VEC3", 3);
     const auto with_sparse = [&](int count) {
-        // The accessor list is closed by the writer, so the sparse one replaces accessor 0 by a
-        // name of its own: a fourth accessor over bufferView 0.
+        // The writer closes the accessor list, so the sparse accessor is added as a fourth one over
+        // bufferView 0.
         GlbWriter sparse = writer;
         sparse.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 3);
         sparse.add<float>({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 5126, 3,
@@ -292,7 +292,7 @@ TEST_CASE("cameras come in node order, without their node's scale") {
                  {"name":"eye","camera":0,"translation":[0,0,1]},{"mesh":0},
                  {"scale":[1e30,1e30,1e30],"children":[5,6]},{"camera":0,"scale":[1e30,1e30,1e30]},
                  {"camera":0,"translation":[1e30,0,0]}])"));
-    REQUIRE(scene.cameras.size() == 3);  // a scale may be no float, a place must be
+    REQUIRE(scene.cameras.size() == 3);  // a scale may exceed a float, a position must not
     CHECK(scene.cameras[2].to_world == Transform{});
     CHECK(scene.cameras[0].name == "flat");
     CHECK(scene.cameras[0].yfov == 0);
@@ -306,7 +306,7 @@ TEST_CASE("cameras come in node order, without their node's scale") {
     CHECK(scene.skipped.at("cameras") == 1);
 }
 
-TEST_CASE("what is left out a thousand times is counted, and warned about a few times") {
+TEST_CASE("a thousand omissions are counted, and a few of them warned about") {
     GlbWriter writer;
     const std::string mesh = one_triangle_mesh(writer);
     std::string nodes = R"({"mesh":0})";
@@ -329,7 +329,7 @@ TEST_CASE("what is left out a thousand times is counted, and warned about a few 
     CHECK(scene.warnings.back() == "more textures are left out");
 }
 
-TEST_CASE("a hit's geometry is the primitive's index in its mesh, whatever stands before it") {
+TEST_CASE("a hit's geometry is the primitive's index in its mesh, whatever precedes it") {
     GlbWriter writer;
     const std::string position =
         std::to_string(writer.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 3));
@@ -344,14 +344,14 @@ TEST_CASE("a hit's geometry is the primitive's index in its mesh, whatever stand
     REQUIRE(geometries.size() == 3);
     CHECK(geometries[0].indices.empty());
     CHECK(geometries[1].indices.size() == 3);
-    const auto snapshot = Snapshot::bake(scene);
+    const auto snapshot = Snapshot::build(scene);
     REQUIRE_MESSAGE(snapshot.has_value(), (snapshot ? "" : snapshot.error().message));
     const SceneView& view = (*snapshot)->view();
     const ObjectRecord& object = view.objects[0];
     CHECK(&view.geometry_of(object, 0) == view.geometries + object.first_geometry + 1);
 }
 
-TEST_CASE("the chosen scene is placed, and only that") {
+TEST_CASE("only the chosen scene is placed") {
     GlbWriter writer;
     const std::string mesh =
         one_triangle_mesh(writer) + R"(,"nodes":[{"mesh":0},{"mesh":0},{"mesh":0}])";
@@ -366,7 +366,7 @@ TEST_CASE("the chosen scene is placed, and only that") {
     CHECK(twice.warnings.size() == 1);
 }
 
-TEST_CASE("what a small file cannot honestly hold is refused before it costs memory") {
+TEST_CASE("more data than a small file can hold is refused before it costs memory") {
     GlbWriter writer;
     writer.add_floats(std::vector<float>(30000, 1.0F), "VEC3", 3);
     std::string primitives;
@@ -374,7 +374,7 @@ TEST_CASE("what a small file cannot honestly hold is refused before it costs mem
     primitives.pop_back();
     CHECK(contains(refusal(writer.glb("\"meshes\":[{\"primitives\":[" + primitives +
                                       "]}],\"nodes\":[{\"mesh\":0}]")),
-                   "again and again"));
+                   "repeatedly"));
 
     std::string empty_nodes = "{}";
     for (int i = 0; i < 100000; ++i) empty_nodes += ",{}";
@@ -393,19 +393,20 @@ TEST_CASE("what a small file cannot honestly hold is refused before it costs mem
     CHECK(contains(refusal(instanced.glb(mesh + ",\"nodes\":[" + nodes + "]")), "instances"));
 }
 
-TEST_CASE("a refusal names the element at fault and its own fault, not a consequence") {
+TEST_CASE("a refusal names the faulty element and its fault, not a consequence") {
     GlbWriter writer;
     const std::string mesh = one_triangle_mesh(writer);
     CHECK(contains(refusal(writer.glb(mesh + R"(,"nodes":[{"mesh":0,"children":[0]}])")),
                    "node 0 is its own child"));
 
-    // Read as floats, three 16-bit indices reach beyond their bufferView, too.
+    // Read as floats, three 16-bit indices also reach beyond their bufferView.
     GlbWriter floats;
     floats.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 3);
     floats.add<std::uint16_t>({0, 1, 2}, "SCALAR", 5126, 1);
-    CHECK(contains(refusal(floats.glb(R"("nodes":[{"mesh":0}],"meshes":[{"primitives":[
+    CHECK(contains(
+        refusal(floats.glb(R"("nodes":[{"mesh":0}],"meshes":[{"primitives":[
                        {"attributes":{"POSITION":0},"indices":1}]}])")),
-                   "mesh 0 needs accessor 1, which holds indices but no plain unsigned integers"));
+        "mesh 0 needs accessor 1, which holds indices that are not plain unsigned integers"));
 }
 
 TEST_CASE("an import that fails names its file") {
@@ -417,7 +418,7 @@ TEST_CASE("an import that fails names its file") {
     CHECK(contains(scene.error().message, "sub/town.glb: the GLB file"));
 }
 
-TEST_CASE("a chain of a hundred thousand nodes is walked, not recursed into") {
+TEST_CASE("a chain of a hundred thousand nodes is traversed without recursion") {
     GlbWriter writer;
     const std::string mesh = one_triangle_mesh(writer);
     std::string nodes;
@@ -452,7 +453,7 @@ TEST_CASE("a scene reads the files that came with it, and no others") {
     CHECK(load("sub/a%20b.bin", "sub/a b.bin"));
     CHECK_FALSE(load("b.bin", "a.bin"));
 
-    // Secrets of the right length at every place that a careless reader would look.
+    // Plant secrets of the right length at every place that a careless reader would open.
     const auto folder = std::filesystem::temp_directory_path() / "raynest-planted-secret";
     std::filesystem::create_directories(folder / "inner");
     const auto before = std::filesystem::current_path();
@@ -468,7 +469,7 @@ TEST_CASE("a scene reads the files that came with it, and no others") {
           std::string("..%5csecret.bin"), std::string("%252e%252e/secret.bin")}) {
         CAPTURE(uri);
         CHECK_FALSE(load(uri, "other.bin"));
-        // Even a file that was uploaded under such a name is not served.
+        // Even a file that was uploaded under such a name is not read.
         if (uri != "secret.bin") CHECK_FALSE(load(uri, uri));
     }
     std::filesystem::current_path(before);

@@ -1,4 +1,4 @@
-// Files of others that must load: those of Khronos' validator without an error, and the odd ones.
+// Foreign files that must load: those of Khronos' validator without an error, and odd ones.
 #include "tests/unit/engine/assets/samples.h"
 
 #include <map>
@@ -22,7 +22,7 @@ std::shared_ptr<const Snapshot> must_import(const fs::path& path) {
     return *scene;
 }
 
-/// Below hostile/gltf-validator/test: files for which validator 2.0.0-dev.3.10 reports no error.
+/// Paths below hostile/gltf-validator/test for which validator 2.0.0-dev.3.10 reports no error.
 constexpr const char* without_errors[] = {
     "base/data/accessor/custom_property.gltf",
     "base/data/accessor/unknown_type.gltf",
@@ -147,7 +147,7 @@ constexpr const char* without_errors[] = {
     "ext/KHR_texture_transform/data/textureInfo/custom_property.gltf",
     "ext/KHR_texture_transform/data/textureInfo/valid.gltf",
 };
-/// The same, but a mesh that is shown has its vertices in a buffer that names no data.
+/// Files without an error whose visible mesh has its vertices in a buffer without data.
 constexpr const char* without_data[] = {"base/data/root/named_objects.gltf",
                                         "base/data/root/unused_objects.gltf"};
 
@@ -165,7 +165,7 @@ TEST_CASE("files without an error in Khronos' validator load") {
     }
 }
 
-TEST_CASE("a mesh whose data is nowhere cannot be shown") {
+TEST_CASE("a mesh without data cannot be shown") {
     if (!test::have_shared_scenes()) return;
     for (const char* name : without_data) {
         CAPTURE(name);
@@ -175,7 +175,7 @@ TEST_CASE("a mesh whose data is nowhere cannot be shown") {
     }
 }
 
-TEST_CASE("odd files are shown as their README says") {
+TEST_CASE("odd files are shown as their README states") {
     if (!test::have_shared_scenes()) return;
     const auto odd = [](const char* name) { return must_import(test::shared_scene("odd") / name); };
     for (const char* name : {"uri_dot_slash.gltf", "buffer_longer_than_bytelength.gltf"}) {

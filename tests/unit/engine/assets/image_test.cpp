@@ -24,7 +24,7 @@ std::vector<std::uint8_t> pixels_of(const Bytes& file) {
     return image->rgba;
 }
 
-/// A 64 x 48 picture with noise in every channel, alpha included.
+/// Returns a 64 x 48 picture with noise in every channel, alpha included.
 std::vector<std::uint8_t> noise() {
     std::vector<std::uint8_t> rgba(64 * 48 * 4);
     std::uint32_t state = 1;
@@ -45,7 +45,7 @@ TEST_CASE("a PNG comes back bit for bit, straight alpha included" * doctest::tes
     CHECK(pixels_of(*file) == rgba);
 }
 
-TEST_CASE("files of noise, which nothing compresses, are no larger than promised" *
+TEST_CASE("files of incompressible noise stay within the stated bound" *
           doctest::test_suite("images")) {
     if (!test::have_images()) return;
     for (const auto& [width, height] :
@@ -98,7 +98,7 @@ TEST_CASE("a WebP keeps its straight alpha" * doctest::test_suite("images")) {
     CHECK(pixels[3] == 128);
 }
 
-TEST_CASE("a picture is stopped by its header, not by its pixels" * doctest::test_suite("images")) {
+TEST_CASE("an oversized picture is refused by its header" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
     const Bytes wide = raw_png(5000, 2, 8, 0, std::string("\0\x10", 2));
     const auto too_wide = decode_image(wide, side_max, bytes_max);
@@ -113,8 +113,8 @@ TEST_CASE("a picture is stopped by its header, not by its pixels" * doctest::tes
 TEST_CASE("a PNG cut anywhere is an error" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
 #if defined(__SANITIZE_ADDRESS__)
-    // libpng jumps out of OpenImageIO's read callback, past the end of a string there: not our
-    // leak, and an import child does not live to mind it.
+    // libpng jumps out of OpenImageIO's read callback, past the end of a string there. The leak is
+    // theirs, and harmless in a short-lived import child.
     const __lsan::ScopedDisabler not_ours;
 #endif
     const auto file = encode_png(64, 48, noise());
@@ -128,8 +128,8 @@ TEST_CASE("a PNG cut anywhere is an error" * doctest::test_suite("images")) {
 
 TEST_CASE("a JPEG cut anywhere is an error" * doctest::test_suite("shared scenes")) {
     if (!test::have_shared_scenes() || !test::have_images()) return;
-    // The first JPEG inside a scene: from its start marker to the end of its bufferView is enough,
-    // for what follows the end marker does not matter.
+    // Take the first JPEG inside a scene, from its start marker to the end of its bufferView; data
+    // after the end marker does not matter.
     const Bytes scene = test::read_file(test::shared_scene("temple.glb"));
     const std::string_view text(reinterpret_cast<const char*>(scene.data()), scene.size());
     const std::size_t at = text.find("\xFF\xD8\xFF\xE0");
@@ -143,7 +143,7 @@ TEST_CASE("a JPEG cut anywhere is an error" * doctest::test_suite("shared scenes
     }
 }
 
-TEST_CASE("only PNG, JPEG and WebP are looked at" * doctest::test_suite("images")) {
+TEST_CASE("only PNG, JPEG and WebP are decoded" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
     for (const char* magic : {"BM", "GIF89a", "v/1\x01", "DDS ", "II*", "P6\n", "RIFF1234AVI "}) {
         const auto image =

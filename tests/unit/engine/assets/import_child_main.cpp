@@ -1,4 +1,4 @@
-// The import child of the tests: `--import-child` is the real one, the other words misbehave as a
+// The tests' import child: `--import-child` is the real one; other arguments misbehave as a
 // crashed, hung or hijacked child would.
 #include "engine/assets/import.h"
 #include "engine/assets/import_wire.h"
@@ -21,7 +21,7 @@ rlim_t limit_of(decltype(RLIMIT_AS) resource) {
     return limit.rlim_cur;
 }
 
-/// What holds of this process, a bit each, as the exit code.
+/// Returns the limits of this process as the exit code, one bit each.
 int report_limits() {
     return (::prctl(PR_GET_NO_NEW_PRIVS, 0, 0, 0, 0) == 1 ? 1 : 0) |
            (::prctl(PR_GET_DUMPABLE) == 0 ? 2 : 0) | (limit_of(RLIMIT_NOFILE) <= 64 ? 4 : 0) |
@@ -35,7 +35,7 @@ int report_limits() {
 int main(int count, char** words) {
     const std::string_view mode = count > 1 ? words[1] : "";
     if (mode == "--crash") {
-        std::signal(SIGSEGV, SIG_DFL);  // a sanitizer would make an exit code of it
+        std::signal(SIGSEGV, SIG_DFL);  // otherwise a sanitizer turns the signal into an exit code
         std::raise(SIGSEGV);
     }
     if (mode == "--hang") ::pause();
@@ -47,7 +47,7 @@ int main(int count, char** words) {
         return 0;
     }
     if (mode == "--list-descriptors") {
-        // One bit per open descriptor, as the exit code: 0..4 and nothing else.
+        // Report open descriptors as bits of the exit code: 0..4 and nothing else.
         int open = 0;
         for (int fd = 0; fd < 256; ++fd) {
             if (::lseek(fd, 0, SEEK_CUR) >= 0 || ::isatty(fd) != 0) ++open;
@@ -60,7 +60,7 @@ int main(int count, char** words) {
                                       raynest::Mapping::Access::read);
         const auto message = wire::parse_request(mapped.bytes());
         if (!message) return 1;
-        const auto result = raynest::import_here(message->request, {}, **registry);
+        const auto result = raynest::import_arena(message->request, {}, **registry);
         return wire::write_result(wire::result_fd, result) ? 0 : 1;
     }
     if (mode != "--import-child" && mode != "--report-limits") return 0;

@@ -30,13 +30,13 @@ ImportRequest builtin(const char* source) {
     return request;
 }
 
-/// Whether children are held to a limit on memory; says so where they are not.
+/// True if children have a limit on memory; prints a message if not.
 bool limits_bite() {
     if (test::sanitized) MESSAGE("skipped: sanitizers need more address space than any limit");
     return !test::sanitized;
 }
 
-/// Is a scene refused whose vertices alone take all of these bytes?
+/// True if a scene is refused whose vertices alone take all of these bytes.
 bool does_not_fit(std::uint64_t bytes) {
     const auto side = static_cast<int>(std::sqrt(static_cast<double>(bytes) / sizeof(Vec3)));
     ImportLimits limits;
@@ -63,7 +63,7 @@ TEST_CASE("the child makes the same snapshot as this process") {
     const auto there = import(request);
     REQUIRE(here.has_value());
     REQUIRE_MESSAGE(there.has_value(), (there ? "" : there.error().message));
-    CHECK((*here)->hash() == (*there)->hash());
+    CHECK((*here)->digest() == (*there)->digest());
 }
 
 TEST_CASE("the child's error arrives with its code") {
@@ -73,11 +73,11 @@ TEST_CASE("the child's error arrives with its code") {
     CHECK(scene.error().message.find("jungle") != std::string::npos);
 }
 
-TEST_CASE("a child that crashes, fails, hangs or lies is an error") {
+TEST_CASE("a child that crashes, fails, hangs or answers falsely is an error") {
     CHECK(refusal("--crash").find("ended the import process") != std::string::npos);
     CHECK(refusal("--fail").find("exit code 7") != std::string::npos);
-    CHECK(refusal("--junk").find("no complete result") != std::string::npos);
-    CHECK(refusal("--nothing").find("no complete result") != std::string::npos);
+    CHECK(refusal("--junk").find("incomplete result") != std::string::npos);
+    CHECK(refusal("--nothing").find("incomplete result") != std::string::npos);
     ImportLimits limits;
     limits.time_max = std::chrono::seconds(1);
     CHECK(refusal("--hang", limits).find("longer than 1 s") != std::string::npos);
@@ -85,36 +85,36 @@ TEST_CASE("a child that crashes, fails, hangs or lies is an error") {
     CHECK_FALSE(import_in_child(builtin("builtin:flake"), limits, absent).has_value());
 }
 
-TEST_CASE("a child that nobody waits for any more is ended") {
+TEST_CASE("a child whose result is unwanted is killed") {
     int asked = 0;
     const auto scene =
         import_in_child(builtin("builtin:flake"), {}, child("--hang"), [&] { return ++asked < 3; });
     REQUIRE_FALSE(scene.has_value());
-    CHECK(scene.error().message.find("given up") != std::string::npos);
+    CHECK(scene.error().message.find("abandoned") != std::string::npos);
     CHECK(asked == 3);
 }
 
-TEST_CASE("a scene larger than allowed is not read, whatever the child says") {
+TEST_CASE("a scene larger than allowed is not read, whatever the child claims") {
     ImportLimits limits;
     const auto scene = import(builtin("builtin:flake?depth=2"), "--boundless", limits);
     REQUIRE(scene.has_value());
     limits.scene_bytes_max = (*scene)->bytes().size();
     CHECK(import(builtin("builtin:flake?depth=2"), "--boundless", limits).has_value());
     --limits.scene_bytes_max;
-    CHECK(refusal("--boundless", limits).find("no complete result") != std::string::npos);
-    CHECK(refusal("--import-child", limits).find("--memory") != std::string::npos);
+    CHECK(refusal("--boundless", limits).find("incomplete result") != std::string::npos);
+    CHECK(refusal("--import-child", limits).find("MiB are free") != std::string::npos);
 }
 
-TEST_CASE("the child inherits nothing but its two files") {
-    // 0, 1, 2 are /dev/null, 3 and 4 the memory files; a descriptor without close-on-exec stays
-    // here.
+TEST_CASE("the child inherits only its two files") {
+    // 0, 1, 2 are /dev/null, 3 and 4 the memory files; a descriptor without close-on-exec must not
+    // pass.
     const int open_here = ::open("/dev/null", O_RDONLY);
     REQUIRE(open_here >= 0);
     CHECK(refusal("--list-descriptors").find("exit code 105") != std::string::npos);
     ::close(open_here);
 }
 
-TEST_CASE("the child gives up what it does not need before it looks at a file") {
+TEST_CASE("the child drops its privileges before it reads a file") {
     // No new privileges, not dumpable, few files, and limits on output, processor and memory.
     const int all = test::sanitized ? 31 : 63;
     CHECK(refusal("--report-limits").find(fmt::format("exit code {}", all)) != std::string::npos);
@@ -164,18 +164,18 @@ TEST_CASE("many imports at once do not disturb each other") {
         for (std::string& hash : hashes) {
             threads.emplace_back([&hash] {
                 const auto scene = import(builtin("builtin:flake?depth=3"));
-                hash = scene ? (*scene)->hash() : scene.error().message;
+                hash = scene ? (*scene)->digest() : scene.error().message;
             });
         }
     }
-    for (const std::string& hash : hashes) CHECK(hash == (*expected)->hash());
+    for (const std::string& hash : hashes) CHECK(hash == (*expected)->digest());
 }
 
 TEST_CASE("hostile files take neither five seconds nor 512 MiB from the child" *
           doctest::test_suite("shared scenes")) {
     if (!test::have_shared_scenes()) return;
     ImportLimits limits;
-    limits.bytes_max = 512ULL << 20;  // of address space, libraries included
+    limits.bytes_max = 512ULL << 20;  // address space, libraries included
     limits.time_max = std::chrono::seconds(5);
     if (limits_bite()) CHECK(does_not_fit(limits.bytes_max));
     for (const auto& entry : fs::directory_iterator(test::shared_scene("hostile"))) {

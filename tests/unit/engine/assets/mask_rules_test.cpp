@@ -1,4 +1,4 @@
-// Masks by the texts of paths: what a rule matches, and who gets the mask.
+// Masks by paths: which paths a rule matches, and which placements get its mask.
 #include "engine/assets/mask_rules.h"
 
 #include "engine/assets/gltf.h"
@@ -23,7 +23,7 @@ MaskRules rules_of(const Rules& texts) {
     return std::move(*rules);
 }
 
-/// Of a path, as the rules see it step by step; mask_all where they say nothing.
+/// Returns the mask of a path after step-by-step matching; mask_all if no rule matches.
 std::uint32_t mask_of(const Rules& texts, const std::string& path) {
     MaskRules rules = rules_of(texts);
     MaskRules::State state = MaskRules::start();
@@ -41,7 +41,7 @@ bool matches(const std::string& glob, const std::string& path) {
     return mask_of({glob + "=5"}, path) == 5;
 }
 
-/// Mask that a request needs at the least, by path text: all instances on the way must let it in.
+/// Returns by path the mask bits that a request needs: all instances on the path must admit it.
 std::map<std::string, std::uint32_t> masks_of(const Snapshot& scene) {
     std::map<std::string, std::uint32_t> masks;
     for (std::uint64_t path = 0; path < scene.statistics().instances; ++path) {
@@ -102,7 +102,7 @@ TEST_CASE("a match holds for all below, and the last rule that matches wins") {
     CHECK(mask_of({}, "north") == mask_all);
 }
 
-TEST_CASE("what is no rule is refused") {
+TEST_CASE("invalid rules are refused") {
     for (const char* text :
          {"", "=", "=1", "a", "a=", "a=g", "a=100000000", "a=-1", "a=0x", "a=1 "}) {
         CAPTURE(text);
@@ -112,7 +112,7 @@ TEST_CASE("what is no rule is refused") {
     }
 }
 
-TEST_CASE("more rules than a scene is worth end in an error") {
+TEST_CASE("too many rules for a scene are an error") {
     const Rules many(1000, "*a*b*c=1");
     MaskRules rules = rules_of(many);
     MaskRules::State state = MaskRules::start();
@@ -123,20 +123,20 @@ TEST_CASE("more rules than a scene is worth end in an error") {
     CHECK(last.error().code == ErrorCode::limit_exceeded);
 }
 
-TEST_CASE("one of two equal subtrees gets a mask: they are shared no longer") {
-    const auto plain = test::bake(describe_nodes(two_stands, {}));
+TEST_CASE("equal subtrees with different masks are not shared") {
+    const auto plain = test::build_scene(describe_nodes(two_stands, {}));
     CHECK(plain->statistics().levels == 3);
-    const auto masked = test::bake(describe_nodes(two_stands, {"south=2"}));
+    const auto masked = test::build_scene(describe_nodes(two_stands, {"south=2"}));
     CHECK(masks_of(*masked) == std::map<std::string, std::uint32_t>{{"north/oak", mask_all},
                                                                     {"north/elm", mask_all},
                                                                     {"south/oak", 2},
                                                                     {"south/elm", 2}});
-    CHECK(masked->hash() != plain->hash());
+    CHECK(masked->digest() != plain->digest());
     CHECK(masked->statistics().warnings.empty());
 }
 
-TEST_CASE("groups carry the union of what they hold") {
-    const auto scene = test::bake(describe_nodes(two_stands, {"*oak=1", "*elm=4"}));
+TEST_CASE("groups have the union of their members' masks") {
+    const auto scene = test::build_scene(describe_nodes(two_stands, {"*oak=1", "*elm=4"}));
     REQUIRE(scene->statistics().levels == 3);  // still equal
     const SceneView& view = scene->view();
     const ObjectRecord& root = view.objects[view.root];
@@ -145,25 +145,45 @@ TEST_CASE("groups carry the union of what they hold") {
     CHECK(masks_of(*scene).at("south/elm") == 4);
 }
 
-TEST_CASE("a node's own mask holds below it, and rules overrule it") {
+TEST_CASE("a node's own mask applies below it, and rules override it") {
     const std::string own =
         R"({"name":"a","extras":{"raynest":{"mask":6}},"children":[1,2]},{"name":"b","mesh":0},
            {"name":"c","mesh":0,"extras":{"raynest":{"mask":"F0"}}},{"name":"d","mesh":0})";
-    CHECK(masks_of(*test::bake(describe_nodes(own, {}))) ==
+    CHECK(masks_of(*test::build_scene(describe_nodes(own, {}))) ==
           std::map<std::string, std::uint32_t>{{"a/b", 6}, {"a/c", 0xF0}, {"d", mask_all}});
-    CHECK(masks_of(*test::bake(describe_nodes(own, {"*c=1"}))) ==
+    CHECK(masks_of(*test::build_scene(describe_nodes(own, {"*c=1"}))) ==
           std::map<std::string, std::uint32_t>{{"a/b", 6}, {"a/c", 1}, {"d", mask_all}});
 }
 
-TEST_CASE("extras that are no mask, and rules that match nothing, are warned about") {
-    for (const std::string mask : {"\"x\"", "1.5", "[1]", "\"123456789\"", "true"}) {
+TEST_CASE("invalid masks in extras, and rules that match nothing, cause warnings") {
+    for (const std::string mask : {"\"x\"", "1.5", "[1]", "\"123456789\"", "true", "null", "{}",
+                                   "-1", "-2", "4294967296", "4294967297", "1e12"}) {
         const auto scene =
             describe_nodes(R"({"mesh":0,"extras":{"raynest":{"mask":)" + mask + "}}}", {});
         CAPTURE(mask);
         REQUIRE(scene.warnings.size() == 1);
-        CHECK(scene.warnings[0].find("1 nodes have an extras.raynest.mask") != std::string::npos);
+        CHECK(scene.warnings[0].find("node 0: extras.raynest.mask is no") == 0);
+        CHECK(scene.objects[scene.root].instances[0].mask == mask_all);
     }
-    for (const char* extras : {"1", "[]", "{\"raynest\":3}", "{\"raynest\":{}}", "{\"mask\":1}"})
+    for (const auto& [mask, value] :
+         std::map<std::string, std::uint32_t>{{"0", 0},
+                                              {"4294967295", mask_all},
+                                              {"2147483648", 0x80000000},
+                                              {"2.0", 2},
+                                              {"3e0", 3}}) {
+        const auto scene = describe_nodes(
+            R"({"mesh":0},{"mesh":0,"extras":{"raynest":{"mask":)" + mask + "}}}", {});
+        CAPTURE(mask);
+        CHECK(scene.warnings.empty());
+        CHECK(scene.objects[scene.root].instances[0].mask == mask_all);
+        CHECK(scene.objects[scene.root].instances[1].mask == value);
+    }
+    const auto several = describe_nodes(
+        R"({"mesh":0,"name":"oak","extras":{"raynest":"x"}},{"mesh":0,"extras":{"raynest":7}})",
+        {});
+    REQUIRE(several.warnings.size() == 1);
+    CHECK(several.warnings[0].find("node 0 ('oak') and 1 other: extras") == 0);
+    for (const char* extras : {"1", "[]", "{\"raynest\":{}}", "{\"mask\":1}"})
         CHECK(describe_nodes(R"({"mesh":0,"extras":)" + std::string(extras) + "}", {})
                   .warnings.empty());
     const auto scene = describe_nodes(two_stands, {"west=1", "north=1"});
@@ -183,7 +203,7 @@ TEST_CASE("placements of an instanced node have masks of their own") {
     request.masks = {"fern#1=8"};
     const auto scene = describe_gltf(request, ImportLimits{});
     REQUIRE(scene.has_value());
-    CHECK(masks_of(*test::bake(*scene)) ==
+    CHECK(masks_of(*test::build_scene(*scene)) ==
           std::map<std::string, std::uint32_t>{
               {"fern#0", mask_all}, {"fern#1", 8}, {"fern#2", mask_all}});
 }
@@ -193,9 +213,9 @@ TEST_CASE("described scenes take rules as well") {
     MaskRules rules = rules_of({"second/*=2", "third=4", "*/low=8", "lone=1"});
     REQUIRE(apply_masks(rules, scene).has_value());
     CHECK(scene.warnings.empty());
-    const auto baked = test::bake(scene);
-    CHECK(baked->statistics().instances == 10);
-    CHECK(masks_of(*baked) == std::map<std::string, std::uint32_t>{{"first", mask_all},
+    const auto built = test::build_scene(scene);
+    CHECK(built->statistics().instances == 10);
+    CHECK(masks_of(*built) == std::map<std::string, std::uint32_t>{{"first", mask_all},
                                                                    {"first/low", 8},
                                                                    {"first/leaf", mask_all},
                                                                    {"second", mask_all},
@@ -211,6 +231,6 @@ TEST_CASE("rules that settle early copy nothing") {
     SceneDescription scene = test::tree_scene();
     MaskRules rules = rules_of({"second*=2"});
     REQUIRE(apply_masks(rules, scene).has_value());
-    CHECK(scene.objects.size() == 4);  // a copy of the root
-    CHECK(masks_of(*test::bake(scene)).at("second/low") == 2);
+    CHECK(scene.objects.size() == 4);  // includes a copy of the root
+    CHECK(masks_of(*test::build_scene(scene)).at("second/low") == 2);
 }

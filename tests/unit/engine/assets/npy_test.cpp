@@ -52,7 +52,7 @@ TEST_CASE("a point cloud becomes spheres, from float32 and float64 alike") {
     const auto wide = load(npy<double>("(2, 4)", {0, 0, 0, 1, 5, 0, 0, 2}));
     REQUIRE(narrow.has_value());
     REQUIRE(wide.has_value());
-    CHECK((*narrow)->hash() == (*wide)->hash());
+    CHECK((*narrow)->digest() == (*wide)->digest());
     CHECK((*narrow)->record_types() == std::vector<std::string>{"sphere"});
     CHECK((*narrow)->bounds().upper.x == doctest::Approx(7));
 }
@@ -72,7 +72,7 @@ TEST_CASE("instances.npy places the points") {
     CHECK_FALSE(load(spheres, &wrong).has_value());
 }
 
-TEST_CASE("an array that does not fit says what would") {
+TEST_CASE("an array of a wrong shape is an error that states the right one") {
     CHECK(refusal(npy<float>("(2, 3)", {0, 0, 0, 1, 1, 1})).find("(N, 4)") != std::string::npos);
     CHECK(refusal(npy<float>("(1, 4)", {0, 0, 0, 1}, "True")).find("C order") != std::string::npos);
     CHECK(refusal(npy<float>("(2, 4)", {0, 0, 0, 1})).find("cut short") != std::string::npos);

@@ -1,4 +1,4 @@
-// Scenes far from zero: what an origin keeps, and what is said without one.
+// Scenes far from zero: the digits that an origin keeps, and the warnings without one.
 #include "engine/assets/import.h"
 #include "tests/unit/engine/assets/samples.h"
 #include "tests/unit/engine/small_scenes.h"
@@ -28,14 +28,14 @@ std::shared_ptr<const Snapshot> load(const test::Upload& upload, const WorldPoin
     return *scene;
 }
 
-/// Says a warning of this scene that an origin would help?
+/// True if a warning of this scene states that an origin would help.
 bool names_origin(const Snapshot& scene) {
     for (const std::string& warning : scene.statistics().warnings)
-        if (warning.find("origin 500000,4500000,100") != std::string::npos) return true;
+        if (warning.find("`origin` 500000,4500000,100") != std::string::npos) return true;
     return false;
 }
 
-/// A mesh of one triangle at a node; both places are in the file's own numbers.
+/// Returns a mesh of one triangle at a node; both positions use the file's own numbers.
 test::Upload triangle(const std::vector<float>& vertices, const std::string& node) {
     test::GlbWriter writer;
     const int position = writer.add_floats(vertices, "VEC3", 3);
@@ -69,7 +69,7 @@ TEST_CASE("an origin is subtracted from placements before they are rounded") {
     const auto without = load(upload, {});
     CHECK(without->origin() == WorldPoint{});
     CHECK(names_origin(*without));
-    CHECK(without->hash() != scene->hash());
+    CHECK(without->digest() != scene->digest());
 }
 
 TEST_CASE("the origin belongs to the content") {
@@ -79,9 +79,9 @@ TEST_CASE("the origin belongs to the content") {
     const auto at_zero = load(near, {});
     const auto at_far = load(shifted, far);
     CHECK(at_zero->bounds().upper == at_far->bounds().upper);
-    CHECK(at_zero->hash() != at_far->hash());
-    CHECK(at_far->hash() == load(shifted, far)->hash());
-    CHECK(load(near, {-0.0, -0.0, -0.0})->hash() == at_zero->hash());
+    CHECK(at_zero->digest() != at_far->digest());
+    CHECK(at_far->digest() == load(shifted, far)->digest());
+    CHECK(load(near, {-0.0, -0.0, -0.0})->digest() == at_zero->digest());
 }
 
 TEST_CASE("a mesh with far vertices is moved to its centre, and its placements back") {
@@ -98,14 +98,14 @@ TEST_CASE("a mesh with far vertices is moved to its centre, and its placements b
     const Vec3* positions = view.attribute<Vec3>(view.geometries[0].positions);
     for (int i = 0; i < 3; ++i) CHECK(glm::length(positions[i]) <= 1);
 
-    // Without an origin the file is taken as it is: float32 has moved nothing of it.
+    // Without an origin the file is used as it is: float32 moves none of it.
     const auto without = load(upload, {});
     const SceneView& as_it_is = without->view();
     CHECK(as_it_is.attribute<Vec3>(as_it_is.geometries[0].positions)[0].x == 500'000.25F);
     CHECK_FALSE(names_origin(*without));
 }
 
-TEST_CASE("cameras stand in the scene's coordinates") {
+TEST_CASE("cameras are in the scene's coordinates") {
     test::GlbWriter writer;
     const std::string mesh = test::one_triangle_mesh(writer);
     const test::Upload upload(
@@ -138,7 +138,7 @@ TEST_CASE("records and their placements have the origin subtracted in double") {
     CHECK(instances->bounds().lower.z == doctest::Approx(-1));
 }
 
-TEST_CASE("an origin that is none is refused, and so is one of a built-in scene") {
+TEST_CASE("an invalid origin is refused, and so is one for a built-in scene") {
     const test::Upload upload = triangle({0, 0, 0, 1, 0, 0, 0, 1, 0}, "");
     for (const double bad : {std::numeric_limits<double>::infinity(), 1e16, std::nan("")})
         CHECK_THROWS_WITH(load(upload, {0, bad, 0}),
@@ -149,17 +149,17 @@ TEST_CASE("an origin that is none is refused, and so is one of a built-in scene"
     CHECK_FALSE(import_here(request, ImportLimits{}, registry()).has_value());
 }
 
-TEST_CASE("triangles that nothing can hit are counted, and counted as triangles") {
+TEST_CASE("triangles that no ray can hit are counted, also in the total") {
     SceneDescription scene;
     scene.objects.resize(1);
     GeometryDescription square = test::unit_square();
     square.positions.insert(square.positions.end(),
                             {{2, 2, 2}, {1e-24F, 0, 0}, {0, 1e-24F, 0}, {0, 0, 0}, {3, 3, 3}});
-    // A point, one that is too small, and one whose corners lie on a line.
+    // A point, a triangle that is too small, and one whose corners lie on a line.
     square.indices.insert(square.indices.end(), {4, 4, 0, 5, 6, 7, 0, 4, 8});
     square.texcoords[0].clear();
     scene.objects[0].geometries = {square};
-    const auto snapshot = test::bake(scene);
+    const auto snapshot = test::build_scene(scene);
     CHECK(snapshot->statistics().degenerate_triangles == 3);
     CHECK(snapshot->statistics().unique_triangles == 5);
 }

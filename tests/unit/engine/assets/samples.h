@@ -1,5 +1,5 @@
-// Inputs for the asset tests: a writer of small GLB files, a writer of raw PNG files, and access to
-// the shared scenes, which stand beside the repository and may be absent.
+// Inputs for the asset tests: writers of small GLB files and raw PNG files, and access to the
+// shared scenes, which are beside the repository and may be absent.
 #pragma once
 
 #include "engine/assets/image.h"
@@ -32,7 +32,7 @@ inline Bytes read_file(const std::filesystem::path& path) {
     return bytes;
 }
 
-/// Whether the shared scenes are there; says so where they are not. For the suite "shared scenes".
+/// True if the shared scenes exist; prints a message if not. For the suite "shared scenes".
 inline bool have_shared_scenes() {
     if (std::filesystem::exists(std::filesystem::path(RAYNEST_SHARED_SCENES) / "expected.json"))
         return true;
@@ -40,7 +40,7 @@ inline bool have_shared_scenes() {
     return false;
 }
 
-/// Whether this build decodes pictures; says so where it does not. For the suite "images".
+/// True if this build decodes pictures; prints a message if not. For the suite "images".
 inline bool have_images() {
     if (images_available()) return true;
     MESSAGE("skipped: no images, this build lacks OpenImageIO");
@@ -51,7 +51,7 @@ inline std::filesystem::path shared_scene(const std::string& name) {
     return std::filesystem::path(RAYNEST_SHARED_SCENES) / name;
 }
 
-/// A scene file and, for a .gltf, the other files of its folder: an upload. Owns the bytes.
+/// An upload: a scene file and, for a .gltf, the other files of its folder. Owns the bytes.
 class Upload {
 public:
     explicit Upload(const std::filesystem::path& path) {
@@ -72,7 +72,7 @@ public:
         bytes_.push_back(std::move(bytes));
         request_.files.push_back({name, bytes_.back()});
     }
-    /// The same upload with only the first bytes of the main file.
+    /// Returns the same upload with only the first bytes of the main file.
     [[nodiscard]] ImportRequest cut(std::size_t length) const {
         ImportRequest request = request_;
         request.files[0].bytes = request.files[0].bytes.first(length);
@@ -87,10 +87,10 @@ private:
     ImportRequest request_;
 };
 
-/// Writes GLB files: add accessors, then name them in the members of the JSON text.
+/// Writes GLB files: add accessors, then refer to them in the members of the JSON text.
 class GlbWriter {
 public:
-    /// `type` is "VEC3" etc., `component` the number of glTF. Returns the accessor's index.
+    /// Adds an accessor. `type` is "VEC3" etc., `component` is glTF's number. Returns its index.
     template <class T>
     int add(const std::vector<T>& values, const char* type, int component, std::size_t width,
             const std::string& extra = {}) {
@@ -114,7 +114,7 @@ public:
         return add(values, "SCALAR", 5123, 1);
     }
 
-    /// `members` are further top-level members, e.g. "\"nodes\":[{}]".
+    /// Returns the file. `members` are further top-level members, e.g. "\"nodes\":[{}]".
     [[nodiscard]] Bytes glb(const std::string& members) const {
         std::string json = R"({"asset":{"version":"2.0"},)" + members;
         if (count_ != 0) {
@@ -146,15 +146,15 @@ private:
     int count_ = 0;
 };
 
-/// One triangle in the plane z = 0; the caller adds nodes and more.
+/// Returns one triangle in the plane z = 0; the caller adds nodes and more.
 inline std::string one_triangle_mesh(GlbWriter& writer) {
     const int position = writer.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 3);
     return "\"meshes\":[{\"name\":\"leaf\",\"primitives\":[{\"attributes\":{\"POSITION\":" +
            std::to_string(position) + "}}]}]";
 }
 
-/// A PNG with stored (uncompressed) rows, of any colour type and depth; `rows` includes the filter
-/// byte of each row. `announced_*` go into the header: what a bomb lies about.
+/// Returns a PNG with stored (uncompressed) rows, of any colour type and depth; `rows` includes the
+/// filter byte of each row. The header gets `announced_*`, which a bomb states falsely.
 inline Bytes raw_png(std::uint32_t announced_width, std::uint32_t announced_height, int bit_depth,
                      int colour_type, const std::string& rows, const std::string& palette = {}) {
     const auto big = [](std::uint32_t value) {

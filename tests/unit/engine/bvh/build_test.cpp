@@ -1,4 +1,4 @@
-// The builder: every item in the tree once, inside its boxes, within the limits of node.h.
+// Tests the builder: every item is in the tree once, inside its boxes, within the limits of node.h.
 #include "engine/bvh/build.h"
 
 #include "engine/geometry/hit.h"
@@ -141,7 +141,7 @@ TEST_CASE("coincident, flat and enormous items give a tree of bounded height") {
     CHECK(walk({boxes, 3000, 0, 0}, coincident).seen.size() == 3000);
     CHECK(coincident.height <= tree_height_max);
 
-    // Each box twice as far as the one before: a binary split at a time would be 3000 deep.
+    // Each box is twice as far as the one before: with binary splits the tree would be 3000 deep.
     for (std::size_t i = 0; i < boxes.size(); ++i) {
         const float at = std::ldexp(1.0F, static_cast<int>(i % 98) - 49);
         boxes[i] = {Vec3(at, 0, 0), Vec3(at, at, 0)};
@@ -151,7 +151,7 @@ TEST_CASE("coincident, flat and enormous items give a tree of bounded height") {
     CHECK(skewed.height <= tree_height_max);
 }
 
-TEST_CASE("items without a finite box are left out, and nothing at all is an empty tree") {
+TEST_CASE("items without a finite box are left out, and no items give an empty tree") {
     const float inf = std::numeric_limits<float>::infinity();
     const std::vector<Box> boxes{Box{}, Box{Vec3(0), Vec3(inf)}, Box{Vec3(0), Vec3(1)},
                                  Box{Vec3(std::nanf("")), Vec3(1)}};
@@ -161,7 +161,7 @@ TEST_CASE("items without a finite box are left out, and nothing at all is an emp
 }
 
 TEST_CASE("the same input gives the same bytes on 1, 2, 3 and 8 threads") {
-    // Large enough that the passes over the items of the top nodes are shared out too.
+    // Use enough items that the passes over those of the top nodes are parallel, too.
     constexpr std::uint32_t count = 200'000;
     conformance::Random random(4);
     const auto boxes = random_boxes(count, random);

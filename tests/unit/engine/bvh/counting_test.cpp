@@ -1,4 +1,5 @@
-// Counters against a plain scalar walk of the same tree: one box, one triangle at a time.
+// Compares counters with a plain scalar traversal of the same tree: one box, one triangle at a
+// time.
 #include "engine/intersectors/counting.h"
 
 #include "engine/intersectors/opaque.h"
@@ -20,8 +21,8 @@ static_assert(nodes_together == RAYNEST_TEST_NODES_TOGETHER);
 
 namespace {
 
-// Children in the order of the ray's octant. What waits is skipped once the best hit lies before
-// it. A node is looked at together with the nodes that wait next to it.
+// Visits children in the order of the ray's octant. A waiting child is skipped once the best hit is
+// nearer. A node is tested together with the nodes that wait next to it.
 class ScalarWalk {
 public:
     ScalarWalk(const SceneView& scene, Counters& counters) : scene_(scene), counters_(counters) {}
@@ -47,7 +48,7 @@ public:
         }
     }
     ClosestHit query;
-    std::size_t most_together = 0;  ///< nodes of one look
+    std::size_t most_together = 0;  ///< most nodes tested at once
 
 private:
     struct Waiting {
@@ -94,7 +95,7 @@ private:
         }
     }
 
-    /// Farthest first, so that the nearest one is on top.
+    /// Pushes the farthest child first, so that the nearest is on top.
     void enter_children(const RayView& ray, const Node& node, std::vector<Waiting>& waiting) {
         ++counters_.nodes;
         for (int i = 0; i < 8; ++i) {
@@ -116,7 +117,7 @@ private:
     Counters& counters_;
 };
 
-/// Sees only the children at even places of a node.
+/// Accepts only the children at even places of a node.
 struct EveryOtherBox {
     auto operator()(const auto& ray, const BoxLike auto& boxes) {
         auto spans = intersect(ray, boxes);
@@ -125,7 +126,7 @@ struct EveryOtherBox {
     }
 };
 
-/// The closest hit of a ray as an intersector sees the scene.
+/// Returns the closest hit of a ray under an intersector.
 template <class Isect>
 HitRecord closest(const Ray& ray, const SceneView& view, Isect& isect) {
     RayView start = outermost_view(ray, &view, 0, 0xFFFFFFFFU, 0);
@@ -140,7 +141,7 @@ HitRecord closest(const Ray& ray, const SceneView& view, Isect& isect) {
 
 TEST_CASE("an intersector with boxes of its own answers alike, counted or not") {
     conformance::Random random(10);
-    const auto scene = Snapshot::bake(conformance::nested_scene(3, 4));
+    const auto scene = Snapshot::build(conformance::nested_scene(3, 4));
     REQUIRE(scene.has_value());
     const SceneView& view = (*scene)->view();
     int different = 0;
@@ -160,12 +161,12 @@ TEST_CASE("an intersector with boxes of its own answers alike, counted or not") 
 
 TEST_CASE("node, box, leaf, primitive and instance counts equal those of a scalar walk") {
     conformance::Random random(9);
-    // In trees as small as those of the nested scenes hardly three nodes wait.
+    // The trees of the nested scenes are so small that hardly three nodes wait.
     std::size_t most_together = 0;
     for (const SceneDescription& description :
          {conformance::nested_scene(1, 4), conformance::nested_scene(2, 4),
           conformance::nested_scene(3, 4), conformance::sheet_scene(20000, 2, 4)}) {
-        const auto scene = Snapshot::bake(description);
+        const auto scene = Snapshot::build(description);
         REQUIRE(scene.has_value());
         const SceneView& view = (*scene)->view();
         auto rays = conformance::random_rays(2000, 6, random);

@@ -1,5 +1,5 @@
-// Ends a test binary of one CPU target as skipped where the CPU is another: before anything that
-// was compiled for the target runs, its initialisers included. Itself it is compiled for any CPU.
+// Ends a test binary as skipped if the CPU does not support its target, before any code for the
+// target runs, initialisers included. This file is compiled for any CPU.
 #include <unistd.h>
 
 #include <cstdio>

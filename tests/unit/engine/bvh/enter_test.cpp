@@ -1,4 +1,4 @@
-// A ray on its way into an instance, against the rows of the instance's transform.
+// Compares a ray that enters an instance with the rows of the instance's transform.
 #include "engine/bvh/visit_primitive.h"
 #include "engine/math/random.h"
 #include "engine/math/vec.h"

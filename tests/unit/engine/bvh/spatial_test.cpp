@@ -1,6 +1,6 @@
-// Fast and high builds: other trees, the same answers. A high build cuts triangles in parts with
-// boxes of their own, so rays are aimed at where a part could be missed: at edges and vertices, and
-// along the planes of triangles.
+// Fast and high builds give other trees but the same answers. A high build cuts triangles into
+// parts with boxes of their own, so rays are aimed where a part could be missed: at edges and
+// vertices, and along the planes of triangles.
 #include "engine/bvh/build.h"
 #include "engine/geometry/triangle.h"
 #include "engine/packs/registry.h"
@@ -23,7 +23,8 @@ using namespace raynest;
 
 namespace {
 
-/// Triangles up to 1000 times as long as high, criss-cross in a box: whole boxes overlap a lot.
+/// Returns triangles up to 1000 times as long as high, at random in a box: their boxes overlap a
+/// lot.
 SceneDescription needles(std::uint32_t count, std::uint64_t seed) {
     conformance::Random random(seed);
     GeometryDescription geometry;
@@ -43,14 +44,15 @@ SceneDescription needles(std::uint32_t count, std::uint64_t seed) {
     return scene;
 }
 
-std::shared_ptr<const Snapshot> baked(SceneDescription scene, BuildQuality build) {
+std::shared_ptr<const Snapshot> built(SceneDescription scene, BuildQuality build) {
     scene.build = build;
-    const auto snapshot = Snapshot::bake(scene);
+    const auto snapshot = Snapshot::build(scene);
     REQUIRE(snapshot.has_value());
     return *snapshot;
 }
 
-/// Through points of random triangles, along their planes but for rounding and a little more.
+/// Returns rays through points of random triangles, along their planes except for rounding and a
+/// little more.
 std::vector<Ray> grazing_rays(const SceneDescription& scene, std::uint32_t count,
                               conformance::Random& random) {
     const GeometryDescription& geometry = scene.objects[0].geometries[0];
@@ -91,7 +93,7 @@ std::vector<HitRecord> trace(const Variant& variant, const Snapshot& scene, Trav
     return hits;
 }
 
-/// Hits as the request sees them: how many each ray has, whether it was cut short, and all of them.
+/// Hits as a request receives them: count per ray, truncation per ray, and all hits.
 struct All {
     std::vector<std::uint32_t> counts;
     std::vector<std::uint8_t> flags;
@@ -122,7 +124,7 @@ All trace_all(const Variant& variant, const Snapshot& scene, Traversal traversal
     return all;
 }
 
-/// The first `budget` hits of each ray, as All has them.
+/// Returns the first `budget` hits of each ray, in the form of All.
 All trace_multi(const Variant& variant, const Snapshot& scene, Traversal traversal,
                 std::uint32_t budget, const std::vector<Ray>& rays) {
     const auto function = find_function(variant, query_multi, precision_fast, traversal, false);
@@ -145,7 +147,7 @@ All trace_multi(const Variant& variant, const Snapshot& scene, Traversal travers
     return multi;
 }
 
-/// RAYNEST_SPATIAL_RAYS sets how many rays of each kind are traced.
+/// Returns the number of rays of each kind, which RAYNEST_SPATIAL_RAYS sets.
 std::uint32_t ray_count() {
     const char* const text = std::getenv("RAYNEST_SPATIAL_RAYS");
     return text != nullptr ? static_cast<std::uint32_t>(std::stoul(text)) : 20'000;
@@ -153,18 +155,17 @@ std::uint32_t ray_count() {
 
 }  // namespace
 
-TEST_CASE("fast and high builds answer as brute force does, at edges and along planes") {
+TEST_CASE("fast and high builds give the brute-force answers, at edges and along planes") {
     const auto registry = Registry::load({{}, "auto"});
     REQUIRE(registry.has_value());
     const Variant& opaque = *(*registry)->find("opaque");
     conformance::Random random(11);
     const SceneDescription description = needles(150, 5);
-    const auto medium = baked(description, BuildQuality::medium);
+    const auto medium = built(description, BuildQuality::medium);
     auto rays = conformance::edge_rays(description, ray_count(), 8, random);
     const auto grazing = grazing_rays(description, ray_count(), random);
     rays.insert(rays.end(), grazing.begin(), grazing.end());
-    // From where the box test's own allowance, which grows with the ray's origin, is nearly
-    // nothing.
+    // Start where the box test's own tolerance, which grows with the ray's origin, is almost zero.
     for (std::uint32_t i = 0; i < ray_count(); ++i) {
         Ray& ray = rays.emplace_back();
         ray.origin = random.in_box(1e-4F);
@@ -177,7 +178,7 @@ TEST_CASE("fast and high builds answer as brute force does, at edges and along p
           }) > static_cast<std::ptrdiff_t>(rays.size() / 4));
     for (const BuildQuality build : {BuildQuality::fast, BuildQuality::high}) {
         CAPTURE(build_quality_names[static_cast<std::size_t>(build)]);
-        const auto hits = trace(opaque, *baked(description, build), traversal_latency, rays);
+        const auto hits = trace(opaque, *built(description, build), traversal_single, rays);
         std::size_t different = 0;
         for (std::size_t i = 0; i < rays.size(); ++i) {
             different += std::size_t{std::memcmp(&hits[i], &expected[i], sizeof hits[i]) != 0};
@@ -186,19 +187,19 @@ TEST_CASE("fast and high builds answer as brute force does, at edges and along p
     }
 }
 
-TEST_CASE("of all hits each comes once, though a high build names a triangle in several leaves") {
+TEST_CASE("all reports each hit once, though a high build puts a triangle into several leaves") {
     const auto registry = Registry::load({{}, "auto"});
     REQUIRE(registry.has_value());
     const Variant& opaque = *(*registry)->find("opaque");
     conformance::Random random(12);
     const SceneDescription description = needles(600, 5);
     const auto rays = grazing_rays(description, 5000, random);
-    const auto medium = baked(description, BuildQuality::medium);
-    const auto high = baked(description, BuildQuality::high);
+    const auto medium = built(description, BuildQuality::medium);
+    const auto high = built(description, BuildQuality::high);
     for (const std::uint32_t budget : {2U, 1000U}) {
         CAPTURE(budget);
         const All expected = trace_all(opaque, *medium, traversal_reference, budget, rays);
-        const All all = trace_all(opaque, *high, traversal_latency, budget, rays);
+        const All all = trace_all(opaque, *high, traversal_single, budget, rays);
         CHECK(all.counts == expected.counts);
         CHECK(all.flags == expected.flags);
         REQUIRE(all.hits.size() == expected.hits.size());
@@ -210,17 +211,17 @@ TEST_CASE("of all hits each comes once, though a high build names a triangle in 
     }
 }
 
-TEST_CASE("multi gives the first hits of all, each once, though several leaves name a triangle") {
+TEST_CASE("multi reports the first hits of all once, though several leaves hold a triangle") {
     const auto registry = Registry::load({{}, "auto"});
     REQUIRE(registry.has_value());
     const Variant& opaque = *(*registry)->find("opaque");
     conformance::Random random(13);
     const SceneDescription description = needles(600, 5);
     const auto rays = grazing_rays(description, 5000, random);
-    const auto high = baked(description, BuildQuality::high);
+    const auto high = built(description, BuildQuality::high);
     for (const std::uint32_t budget : {2U, 8U}) {
-        const All expected = trace_all(opaque, *high, traversal_latency, budget, rays);
-        for (const Traversal traversal : {traversal_latency, traversal_batch}) {
+        const All expected = trace_all(opaque, *high, traversal_single, budget, rays);
+        for (const Traversal traversal : {traversal_single, traversal_stream}) {
             if (!find_function(opaque, query_multi, precision_fast, traversal, false)) continue;
             CAPTURE(budget);
             CAPTURE(traversal);
@@ -233,10 +234,10 @@ TEST_CASE("multi gives the first hits of all, each once, though several leaves n
     }
 }
 
-TEST_CASE("a high build cuts what overlaps, within its budget, and is cheaper to trace") {
+TEST_CASE("a high build cuts overlapping triangles within its budget, and is cheaper to trace") {
     const SceneDescription description = needles(2000, 6);
-    const auto medium = baked(description, BuildQuality::medium);
-    const auto high = baked(description, BuildQuality::high);
+    const auto medium = built(description, BuildQuality::medium);
+    const auto high = built(description, BuildQuality::high);
     const auto* blocks =
         format::section<TriangleBlock>(high->bytes().data(), format::Section::blocks);
     std::set<std::uint32_t> named;
@@ -259,8 +260,8 @@ TEST_CASE("a high build cuts what overlaps, within its budget, and is cheaper to
 
 TEST_CASE("a fast build loses little on scattered triangles") {
     SceneDescription description = conformance::sheet_scene(4096, 1, 3);
-    const auto medium = baked(description, BuildQuality::medium);
-    const auto fast = baked(description, BuildQuality::fast);
+    const auto medium = built(description, BuildQuality::medium);
+    const auto fast = built(description, BuildQuality::fast);
     CHECK(fast->statistics().trees.sah_cost < 1.5 * medium->statistics().trees.sah_cost);
     CHECK(fast->statistics().trees.sah_cost != medium->statistics().trees.sah_cost);
 }

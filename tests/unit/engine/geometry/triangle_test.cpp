@@ -1,4 +1,4 @@
-// The triangle test at all scales: no length that the scenes may have is too large for it.
+// Tests the triangle test at all scales: any length that a scene may have works.
 #include "engine/geometry/triangle.h"
 
 #include "engine/queries/range.h"
@@ -11,7 +11,7 @@ using namespace raynest;
 
 namespace {
 
-/// A tilted triangle of this size, and a ray that meets it at u = 0.3, v = 0.2, t = `t`.
+/// Returns the hit of a ray on a tilted triangle of this size, at u = 0.3, v = 0.2, t = `t`.
 HitRecord meet(float size, float t, float away = 1) {
     const std::array triangle{
         Triangle{size * Vec3(1, 0, 0.5F), size * Vec3(-0.5F, 1, -1), size * Vec3(-1, -1, 0.25F)}};

@@ -32,18 +32,23 @@ bool is_close(const Vec3& a, const Vec3& b) {
 
 }  // namespace
 
-TEST_CASE("cameras are chosen by name, then by index, else the first") {
-    const auto scene = test::bake(with_cameras());
+TEST_CASE("digits alone are the number of a camera, other texts are names, none is the first") {
+    const auto scene = test::build_scene(with_cameras());
     CHECK(choose_camera(*scene, {})->name == "front");
     CHECK(choose_camera(*scene, {})->yfov == 0.5F);
     CHECK(choose_camera(*scene, {.name = "side"})->to_world.m[3] == 9);
     CHECK(choose_camera(*scene, {.name = "0"})->name == "front");
-    CHECK(choose_camera(*scene, {.name = "1"})->to_world.m[3] == 7);  // a name wins
+    CHECK(choose_camera(*scene, {.name = "1"})->to_world.m[3] == 9);  // not the one of that name
     const auto none = choose_camera(*scene, {.name = "back"});
     REQUIRE_FALSE(none.has_value());
     CHECK(none.error().code == ErrorCode::scene_invalid);
     CHECK(none.error().message.find("'side'") != std::string::npos);
     CHECK_FALSE(choose_camera(*scene, {.name = "3"}).has_value());
+    SceneDescription twice = with_cameras();
+    twice.cameras[1].name = "front";
+    const auto several = choose_camera(*test::build_scene(twice), {.name = "front"});
+    REQUIRE_FALSE(several.has_value());
+    CHECK(several.error().message.find("several cameras are called 'front': give the number") == 0);
 }
 
 TEST_CASE("rays go through pixel centres, y down, one unit along the view axis") {
@@ -87,7 +92,7 @@ TEST_CASE("the tile order meets every pixel once, whole tiles first square by sq
 }
 
 TEST_CASE("look-at sees its target in the middle, up on top") {
-    const auto scene = test::bake(test::tree_scene());
+    const auto scene = test::build_scene(test::tree_scene());
     CameraRequest request;
     request.look_at = true;
     request.eye = {10, 0, 0};
@@ -97,14 +102,14 @@ TEST_CASE("look-at sees its target in the middle, up on top") {
     CHECK(camera->yfov == doctest::Approx(40 * 3.14159265 / 180));
     CHECK(is_close(ray_of(*camera, 1, 1, 0).direction, {-1, 0, 0}));
     CHECK(ray_of(*camera, 3, 3, 1).direction.y > 0);
-    CHECK(ray_of(*camera, 3, 3, 5).direction.z < 0);  // right of one who looks along -x
+    CHECK(ray_of(*camera, 3, 3, 5).direction.z < 0);  // the right of a view along -x
 
     request.fov_degrees = 90;
     CHECK(choose_camera(*scene, request)->yfov == doctest::Approx(3.14159265 / 2));
 }
 
-TEST_CASE("looking straight along up still gives a camera") {
-    const auto scene = test::bake(test::tree_scene());
+TEST_CASE("a view direction along `up` still gives a camera") {
+    const auto scene = test::build_scene(test::tree_scene());
     CameraRequest request;
     request.look_at = true;
     request.eye = {0, 10, 0};
@@ -118,7 +123,7 @@ TEST_CASE("looking straight along up still gives a camera") {
 }
 
 TEST_CASE("unusable requests are refused") {
-    const auto scene = test::bake(test::tree_scene());
+    const auto scene = test::build_scene(test::tree_scene());
     CameraRequest request;
     request.look_at = true;
     const auto refused = [&](const CameraRequest& r) {
@@ -139,7 +144,7 @@ TEST_CASE("unusable requests are refused") {
 }
 
 TEST_CASE("without cameras the whole scene is in the picture, seen from +x +y +z") {
-    const auto scene = test::bake(test::tree_scene());
+    const auto scene = test::build_scene(test::tree_scene());
     const auto camera = choose_camera(*scene, {});
     REQUIRE(camera.has_value());
     CHECK(camera->name == "automatic");
@@ -160,13 +165,13 @@ TEST_CASE("without cameras the whole scene is in the picture, seen from +x +y +z
         CHECK(aside < edge);
         nearest_to_edge = std::max(nearest_to_edge, aside / edge);
     }
-    CHECK(nearest_to_edge > 0.9F);  // it fills the picture
+    CHECK(nearest_to_edge > 0.9F);  // the scene fills the picture
 }
 
 TEST_CASE("an empty scene still has a camera") {
     SceneDescription description;
     description.objects.resize(1);
-    const auto scene = test::bake(description);
+    const auto scene = test::build_scene(description);
     const auto camera = choose_camera(*scene, {});
     REQUIRE(camera.has_value());
     for (const float element : camera->to_world.m) CHECK(std::isfinite(element));

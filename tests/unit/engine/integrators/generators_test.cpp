@@ -1,5 +1,5 @@
-// What every generator promises: chunks, tiles and whole sets have the same rays. That the rays are
-// those of PROTOCOL.md, tests/integration/generators_test.py checks against numpy.
+// Tests a property of every generator: chunks, tiles and whole sets have the same rays.
+// tests/integration/generators_test.py compares the rays with PROTOCOL.md, using numpy.
 #include "engine/integrators/generators.h"
 
 #include <doctest/doctest.h>
@@ -15,18 +15,18 @@ using namespace raynest;
 
 namespace {
 
-const Mount mount{pose_of(Transform{{0, 0, 1, 5, 1, 0, 0, 6, 0, 1, 0, 7}}), 0.5F, 100.0F};
+const SensorPose sensor_pose{pose_of(Transform{{0, 0, 1, 5, 1, 0, 0, 6, 0, 1, 0, 7}}), 0.5F, 100.0F};
 
 std::vector<Sensor> sensors() {
     constexpr ImageSize size{37, 21};
-    std::array<LidarChannel, 11> channels;  // no whole number of tiles
+    std::array<LidarChannel, 11> channels;  // not a whole number of tiles
     for (std::size_t i = 0; i < channels.size(); ++i)
         channels[i].elevation = 2 * static_cast<double>(i) - 10;
     channels[0] = {-10, 0.5, Vec3(0.1F, 0, 0)};
     channels[1].azimuth_offset = -0.5;
     channels[10].origin_offset = Vec3(0, 0, 0.2F);
-    return {Pinhole{mount, size, 18, 11, 0.02, 0.03}, Orthographic{mount, size, 4, 3},
-            Equirectangular(mount, size), Lidar(mount, channels, -90, 90, 250)};
+    return {Pinhole{sensor_pose, size, 18, 11, 0.02, 0.03}, Orthographic{sensor_pose, size, 4, 3},
+            Equirectangular(sensor_pose, size), Lidar(sensor_pose, channels, -90, 90, 250)};
 }
 
 std::vector<Ray> all_rays(const Sensor& sensor) {

@@ -35,7 +35,7 @@ std::array<int, 3> pixel(const Picture& picture, std::uint32_t x, std::uint32_t 
     return {at[0], at[1], at[2]};
 }
 
-/// Is the text written somewhere below the map, and does nothing touch it?
+/// True if the text is written somewhere below the map and nothing touches it.
 bool shows(const Picture& picture, std::uint32_t map_height, const std::string& text) {
     constexpr Colour ink{255, 255, 255};
     Picture drawn{text_width(text, 1), line_advance - 2, {}};
@@ -81,6 +81,7 @@ TEST_CASE("ranges are p99, auto or two numbers") {
     CHECK(fixed.range_low == 20);
     CHECK(fixed.range_high == 80.5);
     CHECK(fixed.clipped == doctest::Approx(0.2));
+    CHECK(fixed.below == doctest::Approx(0.19));
     CHECK(statistics_of({0, 0, 0}).range_high > 0);  // a map of zeros has a scale too
 }
 
@@ -96,7 +97,7 @@ TEST_CASE("unknown options are refused and the choices named") {
     CHECK(message({.scale = "square"}).find("linear, log") != std::string::npos);
     for (const char* range :
          {"", "p98", "3", "5:5", "9:2", "-1:4", "0:inf", "nan:1", "0:1x", "0:1e12"}) {
-        CHECK(message({.range = range}).find("low < high") != std::string::npos);
+        CHECK(message({.range = range}).find("low < high <= 4294967295") != std::string::npos);
     }
 }
 
@@ -126,9 +127,14 @@ TEST_CASE("the scale clamps both ends; a logarithmic one spends its colours on s
     CHECK(log.position(0) == 0);
     CHECK(log.position(999) == 1);
     CHECK(log.position(9) == doctest::Approx(1.0 / 3));
+    const HeatScale decade{100, 1000, true};
+    CHECK(decade.position(std::sqrt(1e5)) == doctest::Approx(0.5));
+    CHECK(decade.position(100) == 0);
+    CHECK(decade.position(0) == 0);
+    CHECK(decade.position(2000) == 1);
 }
 
-TEST_CASE("the map keeps every pixel and the legend stands below it") {
+TEST_CASE("the map keeps every pixel and the legend is below it") {
     const auto counts = one_to(200);
     const HeatOptions options{.palette = "gray", .range = "auto"};
     const auto picture = heat_picture(20, 10, counts, statistics_of(counts, options), options);
@@ -154,7 +160,7 @@ TEST_CASE("the legend shows the palette from end to end") {
     for (const Colour& c : palette) CHECK(shown.count({c.r, c.g, c.b}) == 1);
 }
 
-TEST_CASE("the legend says the statistics, each under its own word") {
+TEST_CASE("the legend shows the statistics, each under its own word") {
     const std::vector<std::uint32_t> counts(4, 5);
     HeatStatistics statistics;
     statistics.min = 12;
@@ -174,7 +180,7 @@ TEST_CASE("the legend says the statistics, each under its own word") {
     CHECK_FALSE(shows(*picture, 1, "max 901"));
 }
 
-TEST_CASE("a picture too narrow for the legend is widened on its right, not the legend cut") {
+TEST_CASE("a picture too narrow for the legend is widened on its right") {
     const auto counts = one_to(5);
     const HeatOptions options{.palette = "gray", .range = "auto"};
     const HeatStatistics statistics = statistics_of(counts, options);
@@ -223,7 +229,7 @@ TEST_CASE("counts that do not fill the picture are refused") {
     CHECK_FALSE(heat_picture(0, 0, {}, {}, {}).has_value());
 }
 
-TEST_CASE("every letter of the legends has a glyph of its own") {
+TEST_CASE("every letter of the legends has its own glyph") {
     const std::string letters =
         "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz.,:+-=/%()<>_#*";
     const auto drawn = [](char letter) {

@@ -9,11 +9,11 @@ using test::translation;
 
 namespace {
 
-/// A scene with a camera at (1, 2, 3) that shows 8 x 4 metres.
+/// Returns a scene with a camera at (1, 2, 3) that shows 8 x 4 metres.
 std::shared_ptr<const Snapshot> scene_with_camera() {
     SceneDescription scene = test::tree_scene();
     scene.cameras = {{"flat", translation(1, 2, 3), 0, 2, 2}};
-    return test::bake(std::move(scene));
+    return test::build_scene(std::move(scene));
 }
 
 Ray ray_of(ImageSize size, std::uint64_t column, std::uint64_t row) {
@@ -49,12 +49,12 @@ TEST_CASE("an orthographic camera has no field of view") {
     CHECK(refused.error().message.find("'flat' is orthographic") != std::string::npos);
 }
 
-TEST_CASE("a camera is perspective or orthographic, not both and not neither") {
+TEST_CASE("a camera is either perspective or orthographic") {
     const float huge = std::numeric_limits<float>::infinity();
     for (const auto& [yfov, ymag] :
          {std::pair{0.0F, 0.0F}, {0.5F, 1.0F}, {0.0F, -1.0F}, {0.0F, huge}, {3.2F, 0.0F}}) {
         SceneDescription scene = test::tree_scene();
         scene.cameras = {{"odd", translation(0, 0, 0), yfov, 0, ymag}};
-        CHECK_FALSE(Snapshot::bake(scene).has_value());
+        CHECK_FALSE(Snapshot::build(scene).has_value());
     }
 }

@@ -10,13 +10,13 @@ using namespace raynest;
 
 namespace {
 
-/// One square seen along -z, hit at texture coordinates (s, t) = (x, y).
+/// One square viewed along -z, hit at texture coordinates (s, t) = (x, y).
 struct Seen {
     std::shared_ptr<const Snapshot> scene;
     std::vector<Ray> rays{1};
     std::vector<HitRecord> hits{1};
 
-    explicit Seen(const SceneDescription& description) : scene(test::bake(description)) {
+    explicit Seen(const SceneDescription& description) : scene(test::build_scene(description)) {
         rays[0].direction = {0, 0, -3};
         hits[0].hit = 1;
         hits[0].t = 1;
@@ -72,7 +72,7 @@ TEST_CASE("base colour is factor times decoded texture times vertex colour") {
     CHECK(is_close(Seen(scene).at(1, 0), {0.5F, 0.2F * green, 0, 1}));
 }
 
-TEST_CASE("a material that says nothing is white, and light falls off with the angle") {
+TEST_CASE("a default material is white, and light falls off with the angle") {
     SceneDescription scene;
     scene.objects.resize(1);
     scene.objects[0].geometries = {test::unit_square()};
@@ -83,7 +83,7 @@ TEST_CASE("a material that says nothing is white, and light falls off with the a
     CHECK(is_close(seen.at(0.5F, 0.2F), {slant, slant, slant, 1}));
 }
 
-TEST_CASE("colour is filtered between texel centres, or nearest where the sampler says so") {
+TEST_CASE("colour is filtered between texel centres, or nearest if the sampler requests it") {
     // Two texels side by side: black, white.
     SceneDescription scene = textured(2, 1, {0, 0, 0, 255, 255, 255, 255, 255});
     CHECK(Seen(scene).at(0.25F, 0).x == doctest::Approx(0));

@@ -1,4 +1,4 @@
-// How much of a surface procedural_mask leaves solid.
+// Measures how much of a surface procedural_mask leaves solid.
 #include "engine/packs/registry.h"
 #include "tests/unit/engine/small_scenes.h"
 
@@ -15,16 +15,16 @@ using namespace raynest;
 
 namespace {
 
-/// The share of a grid of rays over the unit square that is stopped.
+/// Returns the share of a grid of rays over the unit square that is stopped.
 double solid_share(const std::string& pattern, double fill) {
     static const auto registry = Registry::load({});
     REQUIRE(registry.has_value());
     SceneDescription description;
     description.objects.emplace_back().geometries = {test::unit_square()};
-    const auto scene = test::bake(description);
+    const auto scene = test::build_scene(description);
     const auto variant = (*registry)->choose("procedural_mask", scene->view());
     REQUIRE(variant.has_value());
-    // Noise has one number per cell, so it takes many cells; the others take two on each side.
+    // Noise has one number per cell, so it needs many cells; the others need two on each side.
     const std::vector<std::pair<std::string, std::string>> assignments = {
         {"pattern", pattern},
         {"fill", std::to_string(fill)},
@@ -32,7 +32,7 @@ double solid_share(const std::string& pattern, double fill) {
     const auto settings = parse_settings(**variant, assignments);
     REQUIRE(settings.has_value());
     const auto function =
-        find_function(**variant, query_any, precision_fast, traversal_latency, false);
+        find_function(**variant, query_any, precision_fast, traversal_single, false);
     constexpr std::uint32_t side = 256;
     std::vector<Ray> rays(side * side);
     for (std::uint32_t i = 0; i < rays.size(); ++i) {
@@ -58,7 +58,7 @@ double solid_share(const std::string& pattern, double fill) {
 
 }  // namespace
 
-TEST_CASE("fill is the share that stays solid, of every pattern") {
+TEST_CASE("fill is the share that stays solid, for every pattern") {
     for (const char* pattern : {"heart", "checker", "discs", "noise"}) {
         CAPTURE(pattern);
         CHECK(solid_share(pattern, 0) == 0);

@@ -1,4 +1,4 @@
-// What alpha_mask and procedural_mask keep, through the packs as a request would run them.
+// Tests which hits alpha_mask and procedural_mask keep, through the packs as in a request.
 #include "engine/packs/registry.h"
 #include "engine/scene/snapshot.h"
 
@@ -31,7 +31,7 @@ SceneDescription quad(MaterialDescription material, ImageDescription image, bool
     return scene;
 }
 
-// 2 x 2 texels, alpha row by row from the top.
+// Returns 2 x 2 texels, alpha row by row from the top.
 ImageDescription alphas(std::uint8_t a, std::uint8_t b, std::uint8_t c, std::uint8_t d) {
     return {2, 2, {255, 255, 255, a, 255, 255, 255, b, 255, 255, 255, c, 255, 255, 255, d}};
 }
@@ -50,14 +50,14 @@ bool is_hit(const SceneDescription& description, float x, float y, const char* i
             const Assignments& settings = {}, float direction = -1) {
     static const auto registry = Registry::load({});
     REQUIRE_MESSAGE(registry.has_value(), (registry ? "" : registry.error().message));
-    const auto scene = Snapshot::bake(description);
+    const auto scene = Snapshot::build(description);
     REQUIRE(scene.has_value());
     const auto variant = (*registry)->choose(intersector, (*scene)->view());
     REQUIRE(variant.has_value());
     const auto parsed = parse_settings(**variant, settings);
     REQUIRE_MESSAGE(parsed.has_value(), (parsed ? "" : parsed.error().message));
     const auto function =
-        find_function(**variant, query_closest, precision_fast, traversal_latency, false);
+        find_function(**variant, query_closest, precision_fast, traversal_single, false);
     Ray ray;
     ray.origin = {x, y, -direction};
     ray.direction = {0, 0, direction};
@@ -88,7 +88,7 @@ TEST_CASE("alpha_mask keeps MASK texels at or above the material's cutoff") {
     CHECK(is_hit(scene, 0.8F, 0.8F, "opaque"));
 }
 
-TEST_CASE("alpha that equals the cutoff is hit, beside other texels and all over") {
+TEST_CASE("alpha that equals the cutoff is hit, beside other texels and everywhere") {
     for (const std::uint8_t beside : {std::uint8_t{0}, std::uint8_t{255}}) {
         CAPTURE(int{beside});
         for (const AlphaMode mode : {AlphaMode::mask, AlphaMode::blend}) {
@@ -113,8 +113,8 @@ TEST_CASE("--set cutoff overrides MASK materials only") {
     CHECK(is_hit(opaque, 0.5F, 0.5F, "alpha_mask", {{"cutoff", "1"}}));
 }
 
-TEST_CASE("alpha is factor x texture, bilinear between texel centres, nearest where asked") {
-    // Between a texel of 255 and one of 0 the bilinear alpha passes 0.5 in the middle.
+TEST_CASE("alpha is factor x texture, bilinear between texel centres, nearest on request") {
+    // Between a texel of 255 and one of 0 the bilinear alpha is 0.5 in the middle.
     const auto soft = quad(material(AlphaMode::mask), alphas(255, 0, 255, 0), false, Wrap::clamp);
     CHECK(is_hit(soft, 0.45F, 0.5F, "alpha_mask"));
     CHECK_FALSE(is_hit(soft, 0.55F, 0.5F, "alpha_mask"));
@@ -168,7 +168,7 @@ TEST_CASE("procedural_mask cuts its pattern into masked materials, or all of the
     CHECK(is_hit(mask, 0.3F, 0.3F, "procedural_mask", {{"pattern", "noise"}, {"fill", "1"}}));
     CHECK_FALSE(is_hit(mask, 0.3F, 0.3F, "procedural_mask", {{"pattern", "noise"}, {"fill", "0"}}));
 
-    // Beside a masked material an opaque one is spared, unless on=all.
+    // Beside a masked material an opaque one is not cut, unless on=all.
     auto mixed = quad(material(AlphaMode::opaque), alphas(255, 255, 255, 255), false);
     mixed.materials.push_back(material(AlphaMode::mask));
     CHECK(is_hit(mixed, 0.05F, 0.05F, "procedural_mask", discs));
@@ -177,7 +177,7 @@ TEST_CASE("procedural_mask cuts its pattern into masked materials, or all of the
     CHECK_FALSE(is_hit(mixed, 0.05F, 0.05F, "procedural_mask", everywhere));
 }
 
-TEST_CASE("what lies infinitely far in a pattern lies in its first cell") {
+TEST_CASE("infinite coordinates of a pattern count as its first cell") {
     auto far = quad(material(AlphaMode::mask), alphas(255, 255, 255, 255), false);
     auto first = far;
     std::fill_n(far.objects[0].geometries[0].texcoords[0].begin(), 4, Vec2(3e38F, -3e38F));
@@ -190,4 +190,14 @@ TEST_CASE("what lies infinitely far in a pattern lies in its first cell") {
         CHECK(is_hit(far, 0.3F, 0.3F, "procedural_mask", noise) ==
               is_hit(first, 0.3F, 0.3F, "procedural_mask", noise));
     }
+}
+
+TEST_CASE("a texture without its texture coordinates counts 1") {
+    auto description = quad(material(AlphaMode::mask), alphas(0, 255, 255, 0), true);
+    CHECK_FALSE(is_hit(description, 0.2F, 0.8F, "alpha_mask"));
+    description.objects[0].geometries[0].texcoords[0].clear();
+    for (const float x : {0.2F, 0.8F})
+        for (const float y : {0.2F, 0.8F}) CHECK(is_hit(description, x, y, "alpha_mask"));
+    description.materials[0].base_colour.w = 0.4F;
+    CHECK_FALSE(is_hit(description, 0.8F, 0.8F, "alpha_mask"));
 }

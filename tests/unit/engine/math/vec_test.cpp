@@ -58,7 +58,7 @@ TEST_CASE("mirrored, tiny and huge transforms have inverses") {
 TEST_CASE("singular transforms are refused and leave a zero inverse") {
     constexpr float nan = std::numeric_limits<float>::quiet_NaN();
     constexpr float infinity = std::numeric_limits<float>::infinity();
-    // The last but one has rank two in elements that no float represents exactly.
+    // The last but one has rank two, with elements that no float represents exactly.
     const Transform rank_two{{0.1F, 0.2F, 0.3F, 0, 0.4F, 0.5F, 0.6F, 0, 0.5F, 0.7F, 0.9F, 0}};
     Transform sum_of_rows = rank_two;
     for (std::size_t c = 0; c < 3; ++c) sum_of_rows.m[8 + c] = 2 * sum_of_rows.m[c];

@@ -1,4 +1,4 @@
-// A caller that wants the answers no more: every compiled function ends, within a ray too.
+// Tests callers that cancel: every compiled function ends, even within a ray.
 #include "engine/assets/import.h"
 #include "engine/packs/registry.h"
 #include "engine/scene/snapshot.h"
@@ -14,7 +14,7 @@ using namespace raynest;
 
 namespace {
 
-/// Says no so many times, then yes.
+/// Answers "go on" `patience` times, then "cancel".
 struct Caller {
     std::uint64_t patience;
     std::uint64_t asked = 0;
@@ -60,10 +60,10 @@ Outcome trace(TraceFunction function, Query query, const Snapshot& scene,
     return outcome;
 }
 
-/// Calls `check(name, function, query)` for everything that is compiled of an intersector.
+/// Calls `check(name, function, query)` for every compiled function of an intersector.
 template <class Check>
 void for_each_function(const Variant& variant, const Check& check) {
-    constexpr const char* traversals[] = {"latency", "batch", "coherent", "reference"};
+    constexpr const char* traversals[] = {"single", "stream", "packet", "reference"};
     constexpr const char* queries[] = {"closest", "any", "multi", "all"};
     std::size_t functions = 0;
     for (std::uint32_t traversal = 0; traversal < traversal_count; ++traversal) {
@@ -82,7 +82,7 @@ void for_each_function(const Variant& variant, const Check& check) {
     CHECK(functions >= 11);  // those of v2
 }
 
-/// No box is told from another by rays with such directions, or from so far.
+/// Returns rays that tell no box from another, by their tiny directions or their far origins.
 std::vector<Ray> rays_that_meet_everything(std::size_t count) {
     std::vector<Ray> rays(count);
     for (std::size_t i = 0; i < count; ++i) {
@@ -96,8 +96,8 @@ std::vector<Ray> rays_that_meet_everything(std::size_t count) {
 }  // namespace
 
 TEST_CASE("a ray that would never end is cancelled, by every function of every target") {
-    // 9^16 spheres: at a nanosecond for each a ray takes three weeks.
-    const auto endless = Snapshot::bake(*describe_builtin("builtin:flake?depth=16"));
+    // 9^16 spheres: at a nanosecond for each, a ray takes three weeks.
+    const auto endless = Snapshot::build(*describe_builtin("builtin:flake?depth=16"));
     REQUIRE(endless.has_value());
     const std::vector<Ray> rays = rays_that_meet_everything(300);
     const auto best = Registry::load({{}, "auto"}).value();
@@ -113,15 +113,15 @@ TEST_CASE("a ray that would never end is cancelled, by every function of every t
                     Caller caller{patience};
                     CHECK(trace(function, query, **endless, rays, &caller).status ==
                           trace_cancelled);
-                    CHECK(caller.asked == patience + 1);  // and not again
+                    CHECK(caller.asked == patience + 1);  // and never again
                 }
             });
         }
     }
 }
 
-TEST_CASE("a caller that is asked and never cancels gets what one gets who is not asked") {
-    const auto scene = Snapshot::bake(*describe_builtin("builtin:flake?depth=4"));
+TEST_CASE("a caller that never cancels gets the same answer as one without cancellation") {
+    const auto scene = Snapshot::build(*describe_builtin("builtin:flake?depth=4"));
     REQUIRE(scene.has_value());
     conformance::Random random(11);
     std::vector<Ray> rays(1500);

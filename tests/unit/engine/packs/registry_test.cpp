@@ -1,7 +1,7 @@
-// Choosing a variant and checking what a request sets.
+// Tests the choice of a variant and the checks of a request's settings.
 #include "engine/packs/registry.h"
 
-#include "engine/packs/tracer.h"
+#include "engine/packs/kernel_selector.h"
 
 #include <doctest/doctest.h>
 
@@ -43,7 +43,7 @@ TEST_CASE("the best target comes first and --target forces one") {
 
 TEST_CASE("an unknown target, pack directory or variant is an error that names the choice") {
     CHECK(Registry::load({{}, "v9"}).error().message ==
-          "unknown target 'v9': use auto, v2, v3 or v4");
+          "unknown target 'v9': use one of auto, v2, v3, v4");
     const auto missing = Registry::load({{"/nonexistent/packs"}, "auto"});
     CHECK(missing.error().code == ErrorCode::pack_invalid);
     const auto registry = registry_for("auto");
@@ -54,7 +54,7 @@ TEST_CASE("an unknown target, pack directory or variant is an error that names t
 }
 
 TEST_CASE("two packs of one target with the same intersector refuse to load") {
-    // The built-in directory given once more.
+    // Load the built-in directory a second time.
     const char* builtin = std::getenv("RAYNEST_BUILTIN_PACKS");
     REQUIRE(builtin != nullptr);
     const auto twice = Registry::load({{builtin}, "auto"});
@@ -92,13 +92,13 @@ TEST_CASE("parameters are checked by name, type, range and choice") {
     CHECK(settings->flags == trace_cull_back);
 }
 
-TEST_CASE("what was not compiled is refused with the way out") {
+TEST_CASE("a combination that was not compiled is refused with a remedy") {
     const auto registry = registry_for("auto");
     const Variant& opaque = *registry->find("opaque");
     CHECK(
-        find_function(opaque, query_closest, precision_fast, traversal_latency, true).has_value());
+        find_function(opaque, query_closest, precision_fast, traversal_single, true).has_value());
     const auto missing =
-        find_function(opaque, query_multi, precision_watertight, traversal_coherent, false);
+        find_function(opaque, query_multi, precision_watertight, traversal_packet, false);
     REQUIRE(!missing);
     CHECK(missing.error().message.find("watertight") != std::string::npos);
     CHECK(missing.error().message.find("try `traversal` auto") != std::string::npos);
@@ -107,7 +107,7 @@ TEST_CASE("what was not compiled is refused with the way out") {
 TEST_CASE("a malformed call is refused, not traced") {
     const auto registry = registry_for("auto");
     const auto function = find_function(*registry->find("opaque"), query_multi, precision_fast,
-                                        traversal_latency, false);
+                                        traversal_single, false);
     TraceCall call{};
     CHECK((*function)(&call) == trace_bad_call);
     SceneView scene;
@@ -121,7 +121,7 @@ TEST_CASE("a malformed call is refused, not traced") {
     CHECK((*function)(&call) == trace_bad_call);
 
     const auto all = find_function(*registry->find("opaque"), query_all, precision_fast,
-                                   traversal_latency, false);
+                                   traversal_single, false);
     std::uint32_t count = 0;
     std::uint32_t done = 0;
     std::uint8_t flags = 0;
@@ -141,7 +141,7 @@ TEST_CASE("a malformed call is refused, not traced") {
     CHECK((*all)(&call) == trace_bad_call);
 }
 
-TEST_CASE("traversal auto looks at the rays, a named one does not") {
+TEST_CASE("traversal auto depends on the rays, a named one does not") {
     const auto registry = registry_for("v3");
     const Variant& opaque = *registry->find("opaque");
     ObjectRecord root{};
@@ -161,49 +161,49 @@ TEST_CASE("traversal auto looks at the rays, a named one does not") {
         apart[i].direction = Vec3(i % 2 == 0 ? 1 : -1, 0.5F, i % 3 == 0 ? 1 : -1);
     }
     const auto make = [&](Query query, Traversal traversal, bool counting) {
-        const auto tracer = Tracer::make(opaque, query, precision_watertight, traversal, counting);
-        REQUIRE(tracer.has_value());
-        return *tracer;
+        const auto selector = KernelSelector::make(opaque, query, precision_watertight, traversal, counting);
+        REQUIRE(selector.has_value());
+        return *selector;
     };
 
-    const Tracer any_way = make(query_closest, traversal_auto, false);
-    CHECK(any_way.choose(alike, scene) == traversal_coherent);
-    CHECK(any_way.choose(apart, scene) == traversal_batch);
-    CHECK(any_way.choose(std::span(alike).first(63), scene) == traversal_latency);
-    CHECK(any_way.choose(std::span(apart).first(63), scene) == traversal_latency);
+    const KernelSelector any_way = make(query_closest, traversal_auto, false);
+    CHECK(any_way.choose(alike, scene) == traversal_packet);
+    CHECK(any_way.choose(apart, scene) == traversal_stream);
+    CHECK(any_way.choose(std::span(alike).first(63), scene) == traversal_single);
+    CHECK(any_way.choose(std::span(apart).first(63), scene) == traversal_single);
 
     ObjectRecord small_root = root;
     small_root.block_count = 1U << 12;
     SceneView small = scene;
     small.objects = &small_root;
-    CHECK(any_way.choose(alike, small) == traversal_coherent);
-    CHECK(any_way.choose(apart, small) == traversal_latency);
+    CHECK(any_way.choose(alike, small) == traversal_packet);
+    CHECK(any_way.choose(apart, small) == traversal_single);
 
     ObjectRecord instanced_root = root;
     instanced_root.levels = 2;
     SceneView instanced = scene;
     instanced.objects = &instanced_root;
-    CHECK(any_way.choose(alike, instanced) == traversal_coherent);
-    CHECK(any_way.choose(apart, instanced) == traversal_latency);
+    CHECK(any_way.choose(alike, instanced) == traversal_packet);
+    CHECK(any_way.choose(apart, instanced) == traversal_single);
 
-    const Tracer named = make(query_closest, traversal_batch, false);
-    CHECK(named.choose(alike, scene) == traversal_batch);
-    const Tracer counted = make(query_closest, traversal_auto, true);
-    CHECK(counted.choose(alike, scene) == traversal_latency);
-    const Tracer multi = make(query_multi, traversal_auto, false);  // coherent has no multi
-    CHECK(multi.choose(alike, scene) == traversal_latency);
-    CHECK(multi.choose(apart, scene) == traversal_batch);
+    const KernelSelector named = make(query_closest, traversal_stream, false);
+    CHECK(named.choose(alike, scene) == traversal_stream);
+    const KernelSelector counted = make(query_closest, traversal_auto, true);
+    CHECK(counted.choose(alike, scene) == traversal_single);
+    const KernelSelector multi = make(query_multi, traversal_auto, false);  // coherent has no multi
+    CHECK(multi.choose(alike, scene) == traversal_single);
+    CHECK(multi.choose(apart, scene) == traversal_stream);
 
-    // One that decides about boxes: its packets are single rays, and said to be.
+    // A variant that overloads boxes: its packets are single rays, and reported as such.
     PackVariant code = *opaque.code;
     auto& compiled = code.trace[precision_watertight];
-    compiled[traversal_coherent][query_closest][0] = compiled[traversal_latency][query_closest][0];
+    compiled[traversal_packet][query_closest][0] = compiled[traversal_single][query_closest][0];
     Variant boxes = opaque;
     boxes.code = &code;
-    const auto tracer = [&](Traversal traversal) {
-        return Tracer::make(boxes, query_closest, precision_watertight, traversal, false).value();
+    const auto selector = [&](Traversal traversal) {
+        return KernelSelector::make(boxes, query_closest, precision_watertight, traversal, false).value();
     };
-    CHECK(tracer(traversal_coherent).choose(alike, scene) == traversal_latency);
-    CHECK(tracer(traversal_auto).choose(alike, scene) == traversal_latency);
-    CHECK(tracer(traversal_auto).choose(apart, scene) == traversal_batch);
+    CHECK(selector(traversal_packet).choose(alike, scene) == traversal_single);
+    CHECK(selector(traversal_auto).choose(alike, scene) == traversal_single);
+    CHECK(selector(traversal_auto).choose(apart, scene) == traversal_stream);
 }

@@ -2,8 +2,9 @@
 // (Zellmann, 2019), in the same shape, on this engine: a custom primitive with intersect(), a
 // custom intersector, the queries with and without it, the alpha texture and bvh_costs.
 //
-// What differs from the paper: no CRTP base and no `using operator()` (traversal asks, it does not
-// derive), and `hr.keep_if(...)` in place of `hr.hit &= ...`, because a hit may have several lanes.
+// Differences from the paper: no CRTP base and no `using operator()` (the traversal calls the
+// intersector, nothing is derived), and `hr.keep_if(...)` in place of `hr.hit &= ...`, because a
+// hit may have several lanes.
 #include "engine/geometry/record.h"
 #include "engine/queries/range.h"
 #include "engine/scene/snapshot.h"
@@ -83,7 +84,7 @@ struct BvhCosts {
     unsigned num_tris = 0;
 };
 
-// Sees object space inside instances: refuses the upper quad.
+// Acts in object space inside instances: refuses the upper quad.
 struct LowerQuad {
     int asked = 0;
     auto operator()(const auto& ray, const TriangleLike auto& tri) {
@@ -113,7 +114,7 @@ Ray towards(float x, float y) {
     return ray;
 }
 
-// Quads at z = 0, -1, ... Each level lifts by 1/8, each further copy by another.
+// Returns quads at z = 0, -1, ... Each level lifts by 1/8, each further copy by another 1/8.
 std::shared_ptr<const Snapshot> quads_under_instances(int levels, int copies = 1, int quads = 2) {
     SceneDescription scene;
     ObjectDescription mesh;
@@ -139,7 +140,7 @@ std::shared_ptr<const Snapshot> quads_under_instances(int levels, int copies = 1
         scene.objects.push_back(outer);
     }
     scene.root = static_cast<std::uint32_t>(levels);
-    auto snapshot = Snapshot::bake(scene);
+    auto snapshot = Snapshot::build(scene);
     REQUIRE_MESSAGE(snapshot.has_value(), (snapshot ? "" : snapshot.error().message));
     return *snapshot;
 }
@@ -190,14 +191,14 @@ TEST_CASE("an alpha texture lets the ray through to the quad behind") {
     CHECK(multi_hit<2>(towards(0.75F, 0.7F), list.begin(), list.end(), alpha).count == 1);
 }
 
-TEST_CASE("bvh_costs counts in a list of BVHs what it cannot count in a list of triangles") {
+TEST_CASE("bvh_costs counts boxes in a list of BVHs, which a list of triangles lacks") {
     BvhCosts linear;
     const std::vector<Triangle> list = quad(0, 0, 0);
     CHECK(closest_hit(towards(0.3F, 0.2F), list.begin(), list.end(), linear).hit == 1);
     CHECK(linear.num_boxes == 0);  // no BVH, no box
     CHECK(linear.num_tris == 2);
 
-    // The same intersector, passed on to nested BVHs of any depth.
+    // The same intersector works in nested BVHs of any depth.
     for (const int levels : {0, 1, 2, 3}) {
         const auto scene = quads_under_instances(levels, 1, 20);  // more than a leaf holds
         const std::vector<Bvh> roots{{&scene->view(), scene->view().root}};

@@ -1,4 +1,4 @@
-// All hits of a plain list, through as little room and budget as there may be.
+// Finds all hits of a plain list, with buffer and budget as small as possible.
 #include "engine/geometry/sphere.h"
 #include "engine/queries/range.h"
 
@@ -10,7 +10,7 @@ using namespace raynest;
 
 namespace {
 
-/// A record that asks for an alignment.
+/// A record with an alignment requirement.
 template <int alignment>
 struct alignas(alignment) Point {
     float x, y, z, unused;
@@ -24,9 +24,9 @@ auto intersect(const R&, const Point<alignment>& p) {
     return no_hits<1>(p);
 }
 static_assert(RecordPrimitive<Point<4>>);
-static_assert(!RecordPrimitive<Point<16>>);  // records lie a word apart from each other
+static_assert(!RecordPrimitive<Point<16>>);  // records are only aligned to words
 
-/// Ten spheres in a row, the farthest first: a ray along it has twenty hits.
+/// Returns ten spheres in a row, the farthest first: a ray along it has twenty hits.
 std::vector<Sphere> row_of_spheres() {
     std::vector<Sphere> spheres;
     for (int i = 9; i >= 0; --i) spheres.push_back({Vec3(0, 0, 10.0F * static_cast<float>(i)), 1});
@@ -65,7 +65,7 @@ TEST_CASE("all hits are sorted, and only more than the budget are too many") {
     }
 }
 
-TEST_CASE("of more hits than the budget the nearest are kept, in room for twice as many") {
+TEST_CASE("the nearest hits within the budget are kept, in a buffer for twice as many") {
     for (const std::uint32_t budget : {1U, 2U, 7U, 19U}) {
         CAPTURE(budget);
         for (const std::size_t room :
@@ -80,7 +80,7 @@ TEST_CASE("of more hits than the budget the nearest are kept, in room for twice 
     }
 }
 
-TEST_CASE("room that is too small is told, not overrun") {
+TEST_CASE("a buffer that is too small is reported, not overrun") {
     CHECK(!find(20, 0).fits);
     CHECK(!find(20, 19).fits);
     CHECK(find(20, 20).fits);

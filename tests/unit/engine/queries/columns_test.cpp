@@ -25,7 +25,7 @@ std::vector<T> column(Field field, const ColumnSource& source, std::size_t rows)
     std::memset(values.data(), 0x5A, values.size() * sizeof(T));
     const T guard = values.back();
     write_column(field, source, reinterpret_cast<std::byte*>(values.data()));
-    CHECK(std::memcmp(&values.back(), &guard, sizeof(T)) == 0);  // not a byte too far
+    CHECK(std::memcmp(&values.back(), &guard, sizeof(T)) == 0);  // no byte too many
     values.pop_back();
     return values;
 }
@@ -45,13 +45,13 @@ HitRecord hit_at(const SceneView& scene, std::uint64_t path, std::uint32_t trian
     return hit;
 }
 
-/// A square placed once by `transform`.
+/// Returns a square placed once by `transform`.
 std::shared_ptr<const Snapshot> placed_square(const Transform& transform) {
     SceneDescription scene;
     scene.objects.resize(2);
     scene.objects[0].instances = {place(1, transform)};
     scene.objects[1].geometries = {test::unit_square()};
-    return test::bake(scene);
+    return test::build_scene(scene);
 }
 
 }  // namespace
@@ -77,7 +77,7 @@ TEST_CASE("names and columns match the table of PROTOCOL.md") {
 }
 
 TEST_CASE("a miss is canonical in every column") {
-    const auto scene = test::bake(test::tree_scene());
+    const auto scene = test::build_scene(test::tree_scene());
     const std::vector<Ray> rays(2);
     std::vector<HitRecord> misses(2);
     misses[1].flags = hit_invalid_ray;
@@ -100,7 +100,7 @@ TEST_CASE("hits name geometry, primitive, instance and user id") {
     description.materials.resize(3);
     description.objects[0].geometries = {test::unit_square(2), test::unit_square(),
                                          test::unit_square(1)};
-    const auto scene = test::bake(description);
+    const auto scene = test::build_scene(description);
     const SceneView& view = scene->view();
     const std::vector<Ray> rays(3);
     // Third twig, second leaf, second triangle of the third square; then the lone leaf; then a
@@ -119,11 +119,11 @@ TEST_CASE("hits name geometry, primitive, instance and user id") {
     CHECK(column<Vec2>(Field::uv, source, 3)[0] == Vec2(0.25F, 0.5F));
 }
 
-TEST_CASE("primitives of the root lie in no instance") {
+TEST_CASE("primitives of the root have no instance") {
     SceneDescription description;
     description.objects.resize(1);
     description.objects[0].geometries = {test::unit_square()};
-    const auto scene = test::bake(description);
+    const auto scene = test::build_scene(description);
     const std::vector<Ray> rays(1);
     const std::vector<HitRecord> hits{hit_at(scene->view(), 0, 0, 1)};
     const ColumnSource source{&scene->view(), rays, hits};
@@ -133,7 +133,7 @@ TEST_CASE("primitives of the root lie in no instance") {
 }
 
 TEST_CASE("positions lie on the ray of their hit, also in compacted multi-hit answers") {
-    const auto scene = test::bake(test::tree_scene());
+    const auto scene = test::build_scene(test::tree_scene());
     std::vector<Ray> rays(2);
     rays[0].direction = {0, 0, -2};
     rays[1].origin = {1, 2, 3};
@@ -159,18 +159,18 @@ TEST_CASE("normals are unit length and outward under rotation, stretching and mi
     const auto is_close = [](const Vec3& a, const Vec3& b) { return glm::length(a - b) < 1e-6F; };
     CHECK(is_close(normal_under(rotation(1)), {std::sin(1.0F), 0, std::cos(1.0F)}));
     CHECK(is_close(normal_under(scaling(3, 5, 1e-12F)), {0, 0, 1}));
-    CHECK(is_close(normal_under(scaling(-1, 1, 1)), {0, 0, 1}));  // winding turns, outside does not
+    CHECK(is_close(normal_under(scaling(-1, 1, 1)), {0, 0, 1}));  // winding flips, outside does not
     CHECK(is_close(normal_under(scaling(1, 1, -1)), {0, 0, -1}));  // outside itself is mirrored
-    // A shear along z of x: the plane leans, its normal stays perpendicular to it.
+    // A shear along z of x: the plane tilts, and its normal stays perpendicular to it.
     const Transform shear{{1, 0, 0, 0, 0, 1, 0, 0, 2, 0, 1, 0}};
     CHECK(is_close(normal_under(shear), glm::normalize(Vec3(-2, 0, 1))));
 }
 
-TEST_CASE("front says whether the ray meets the side that the normal points to, also mirrored") {
+TEST_CASE("front is set if the ray meets the side that the normal points to, also mirrored") {
     const auto registry = Registry::load({});
     REQUIRE(registry.has_value());
     const auto closest = find_function(*(*registry)->find("opaque"), query_closest, precision_fast,
-                                       traversal_latency, false);
+                                       traversal_single, false);
     REQUIRE(closest.has_value());
     for (const Transform& transform :
          {scaling(1, 1, 1), scaling(-1, 1, 1), scaling(1, 1, -1), scaling(-1, -2, -3)}) {
@@ -207,7 +207,7 @@ TEST_CASE("normals of tiny triangles do not vanish") {
     GeometryDescription square = test::unit_square();
     for (Vec3& p : square.positions) p *= 1e-30F;
     description.objects[0].geometries = {square};
-    const auto scene = test::bake(description);
+    const auto scene = test::build_scene(description);
     const std::vector<Ray> rays(1);
     const std::vector<HitRecord> hits{hit_at(scene->view(), 0, 1, 1)};
     CHECK(column<Vec3>(Field::ng, {&scene->view(), rays, hits}, 1)[0] == Vec3(0, 0, 1));
@@ -226,11 +226,11 @@ TEST_CASE("records have their own normal, index and no texture coordinates") {
         object.record_bounds.push_back(
             {Vec3(static_cast<float>(-i)), Vec3(static_cast<float>(1 - i))});
     }
-    const auto scene = test::bake(description);
+    const auto scene = test::build_scene(description);
     const std::vector<Ray> rays(1);
     const std::vector<HitRecord> hits{hit_at(scene->view(), 0, 7, 1)};
     ColumnSource source{&scene->view(), rays, hits};
-    CHECK(column<Vec3>(Field::ng, source, 1)[0] == Vec3(0));  // nobody knows the type
+    CHECK(column<Vec3>(Field::ng, source, 1)[0] == Vec3(0));  // unknown type
     source.record_normal = [](std::uint32_t type, const void*) -> RecordNormal {
         if (type != primitive_type("arrow")) return nullptr;
         return [](const void* record, const float*, float normal[3]) noexcept {
@@ -246,7 +246,7 @@ TEST_CASE("records have their own normal, index and no texture coordinates") {
 }
 
 TEST_CASE("counters are one per ray and total is boxes plus primitives") {
-    const auto scene = test::bake(test::tree_scene());
+    const auto scene = test::build_scene(test::tree_scene());
     const std::vector<Ray> rays(2);
     const std::vector<HitRecord> hits(2);
     const std::vector<Counters> counters{{1, 8, 2, 11, 3, 4}, {5, 6, 7, 8, 9, 10}};
@@ -264,7 +264,7 @@ TEST_CASE("counters are one per ray and total is boxes plus primitives") {
 
 TEST_CASE(
     "an order gives the hit and ray of each element, and rays are given back for misses too") {
-    const auto scene = test::bake(test::tree_scene());
+    const auto scene = test::build_scene(test::tree_scene());
     std::vector<Ray> rays(3);
     std::vector<HitRecord> hits(3);
     for (std::size_t i = 0; i < 3; ++i) {
@@ -284,8 +284,8 @@ TEST_CASE(
     CHECK(column<Vec3>(Field::direction, source, 2)[1] == Vec3(0, 10, 0));
 }
 
-TEST_CASE("a path gives the way from the world to its object") {
-    const auto scene = test::bake(test::tree_scene());
+TEST_CASE("a path gives the transform from the world to its object") {
+    const auto scene = test::build_scene(test::tree_scene());
     // Second twig at x = 10, second leaf at y = 4.
     CHECK(world_to_object(scene->view(), 5).point({10, 4, 0}) == Vec3(0, 0, 0));
 }

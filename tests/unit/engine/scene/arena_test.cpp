@@ -1,4 +1,4 @@
-// Arenas from outside: the round trip, and thousands of damaged ones.
+// Tests arenas from outside: a round trip, and thousands of damaged ones.
 #include "engine/bvh/node.h"
 #include "engine/geometry/path.h"
 #include "engine/geometry/triangle.h"
@@ -23,7 +23,8 @@ Arena copy_of(std::span<const std::byte> bytes) {
     return arena;
 }
 
-/// A little of everything: triangles in trees of several nodes, records, textures, cameras, names.
+/// Returns a scene with some of everything: triangles in trees of several nodes, records, textures,
+/// cameras, names.
 std::shared_ptr<const Snapshot> rich_scene() {
     SceneDescription scene = test::tree_scene();
     scene.objects.resize(4);
@@ -54,11 +55,11 @@ std::shared_ptr<const Snapshot> rich_scene() {
     }
     marbles.records.resize(20 * 8);
     scene.objects[2].instances.push_back(test::place(3, Transform{}, "bag"));
-    return test::bake(scene);
+    return test::build_scene(scene);
 }
 
-/// Reads everything that traversal and columns may reach; false when it leaves its place. Returns
-/// normally only when every walk ends, so a cycle would show as a time-out.
+/// Reads everything that traversal and columns may reach; false if it reads out of bounds. Every
+/// walk must end, so a cycle would show as a time-out.
 class Walk {
 public:
     explicit Walk(const Snapshot& scene) : scene_(scene), view_(scene.view()) {}
@@ -67,8 +68,8 @@ public:
         bool sound = true;
         for (std::uint32_t i = 0; i < view_.object_count; ++i)
             sound = sound && tree(view_.objects[i]);
-        for (std::uint64_t path = 0; path < std::min<std::uint64_t>(leaves(), 64); ++path) {
-            sound = sound && reads_path(path) && reads_path(leaves() - 1 - path);
+        for (std::uint64_t path = 0; path < std::min<std::uint64_t>(placement_count(), 64); ++path) {
+            sound = sound && reads_path(path) && reads_path(placement_count() - 1 - path);
         }
         return sound && surfaces();
     }
@@ -81,7 +82,7 @@ private:
                at + bytes <= begin + scene_.bytes().size();
     }
 
-    [[nodiscard]] std::uint64_t leaves() const { return view_.objects[view_.root].leaves; }
+    [[nodiscard]] std::uint64_t placement_count() const { return view_.objects[view_.root].placement_count; }
 
     bool tree(const ObjectRecord& object) const {
         if (object.root == child_empty) return true;
@@ -182,78 +183,78 @@ private:
 }  // namespace
 
 TEST_CASE("an arena opened from its bytes is the same scene") {
-    const auto baked = rich_scene();
-    const auto opened = Snapshot::open(copy_of(baked->bytes()));
+    const auto built = rich_scene();
+    const auto opened = Snapshot::open({copy_of(built->bytes())});
     REQUIRE(opened.has_value());
-    CHECK((*opened)->hash() == baked->hash());
-    CHECK((*opened)->statistics().instances == baked->statistics().instances);
-    CHECK((*opened)->statistics().warnings == baked->statistics().warnings);
-    CHECK((*opened)->statistics().skipped == baked->statistics().skipped);
-    CHECK((*opened)->record_types() == baked->record_types());
+    CHECK((*opened)->digest() == built->digest());
+    CHECK((*opened)->statistics().instances == built->statistics().instances);
+    CHECK((*opened)->statistics().warnings == built->statistics().warnings);
+    CHECK((*opened)->statistics().skipped == built->statistics().skipped);
+    CHECK((*opened)->record_types() == built->record_types());
     CHECK((*opened)->view().masked_materials == 1);
     CHECK(Walk(**opened).is_sound());
 }
 
 TEST_CASE("an arena cut short or grown is refused") {
-    const auto baked = rich_scene();
-    const std::span<const std::byte> bytes = baked->bytes();
+    const auto built = rich_scene();
+    const std::span<const std::byte> bytes = built->bytes();
     for (std::size_t cut = 0; cut < bytes.size(); cut += 61) {
-        CHECK_FALSE(Snapshot::open(copy_of(bytes.first(cut))).has_value());
+        CHECK_FALSE(Snapshot::open({copy_of(bytes.first(cut))}).has_value());
     }
     std::vector<std::byte> grown(bytes.begin(), bytes.end());
     grown.resize(grown.size() + 64);
-    CHECK_FALSE(Snapshot::open(copy_of(grown)).has_value());
+    CHECK_FALSE(Snapshot::open({copy_of(grown)}).has_value());
 }
 
-TEST_CASE("an arena of another version says what to do") {
-    const auto baked = rich_scene();
-    Arena arena = copy_of(baked->bytes());
+TEST_CASE("an arena of another version is an error with a remedy") {
+    const auto built = rich_scene();
+    Arena arena = copy_of(built->bytes());
     arena.data()[offsetof(format::Header, version)] = std::byte{9};
-    const auto opened = Snapshot::open(std::move(arena));
+    const auto opened = Snapshot::open({std::move(arena)});
     REQUIRE_FALSE(opened.has_value());
     CHECK(opened.error().code == ErrorCode::scene_unsupported);
     CHECK(opened.error().message.find("import the scene again") != std::string::npos);
 }
 
-TEST_CASE("what is copied out of an arena is bounded, whoever wrote it") {
+TEST_CASE("data copied out of an arena is bounded, whoever wrote it") {
     SceneDescription scene = test::tree_scene();
     scene.warnings.assign(scene_warnings_max, std::string(scene_name_bytes_max, 'w'));
-    const auto good = test::bake(scene);
+    const auto good = test::build_scene(scene);
     CHECK(good->statistics().warnings.size() == scene_warnings_max);
 
     scene.warnings.emplace_back("one more");
-    CHECK(Snapshot::bake(scene).error().code == ErrorCode::limit_exceeded);
+    CHECK(Snapshot::build(scene).error().code == ErrorCode::limit_exceeded);
     scene.warnings = {std::string(scene_name_bytes_max + 1, 'w')};
-    CHECK(Snapshot::bake(scene).error().code == ErrorCode::limit_exceeded);
+    CHECK(Snapshot::build(scene).error().code == ErrorCode::limit_exceeded);
     scene.warnings.clear();
     scene.cameras.resize(scene_cameras_max + 1);
-    CHECK(Snapshot::bake(scene).error().code == ErrorCode::limit_exceeded);
+    CHECK(Snapshot::build(scene).error().code == ErrorCode::limit_exceeded);
 
     // Two names become one that is too long.
     scene.cameras.clear();
     scene.warnings = {std::string(scene_name_bytes_max, 'v'), std::string(9, 'w')};
-    Arena joined = copy_of(test::bake(scene)->bytes());
+    Arena joined = copy_of(test::build_scene(scene)->bytes());
     auto* const names =
         const_cast<char*>(format::section<char>(joined.data(), format::Section::names));
     const std::string_view all(names, format::section_size(joined.data(), format::Section::names));
     const std::size_t end = all.find(std::string(scene_name_bytes_max, 'v')) + scene_name_bytes_max;
     names[end] = 'x';
-    const auto refused = Snapshot::open(std::move(joined));
+    const auto refused = Snapshot::open({std::move(joined)});
     REQUIRE_FALSE(refused.has_value());
     CHECK(refused.error().message.find("name") != std::string::npos);
 }
 
-TEST_CASE("trees that are no trees are refused") {
-    const auto baked = rich_scene();
-    const SceneView& view = baked->view();
+TEST_CASE("invalid trees are refused") {
+    const auto built = rich_scene();
+    const SceneView& view = built->view();
     const ObjectRecord* const object = view.objects;
     REQUIRE(object->node_count > 1);
     const auto opens_with = [&](auto&& spoil) {
-        Arena arena = copy_of(baked->bytes());
+        Arena arena = copy_of(built->bytes());
         const auto offset = reinterpret_cast<const std::byte*>(view.nodes + object->first_node) -
-                            baked->bytes().data();
+                            built->bytes().data();
         spoil(*reinterpret_cast<Node*>(arena.data() + offset));
-        return Snapshot::open(std::move(arena)).has_value();
+        return Snapshot::open({std::move(arena)}).has_value();
     };
     CHECK(opens_with([](Node&) {}));
     CHECK_FALSE(opens_with([](Node& n) { n.child[0] = 0; }));            // a cycle
@@ -265,8 +266,8 @@ TEST_CASE("trees that are no trees are refused") {
 }
 
 TEST_CASE("a damaged arena is refused, or every walk over it stays in range") {
-    const auto baked = rich_scene();
-    const std::span<const std::byte> bytes = baked->bytes();
+    const auto built = rich_scene();
+    const std::span<const std::byte> bytes = built->bytes();
     std::mt19937_64 random(20);
     constexpr std::uint32_t words[] = {0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0x7F800000};
     int refused = 0;
@@ -281,7 +282,7 @@ TEST_CASE("a damaged arena is refused, or every walk over it stays in range") {
                 std::memcpy(arena.data() + random() % (bytes.size() / 4) * 4, &word, 4);
             }
         }
-        const auto opened = Snapshot::open(std::move(arena));
+        const auto opened = Snapshot::open({std::move(arena)});
         if (!opened) {
             ++refused;
             REQUIRE(opened.error().code != ErrorCode::internal);
@@ -296,8 +297,8 @@ TEST_CASE("a damaged arena is refused, or every walk over it stays in range") {
 }
 
 TEST_CASE("every word of the records is checked or harmless") {
-    const auto baked = rich_scene();
-    const std::span<const std::byte> bytes = baked->bytes();
+    const auto built = rich_scene();
+    const std::span<const std::byte> bytes = built->bytes();
     const auto* header = reinterpret_cast<const format::Header*>(bytes.data());
     const auto& attributes =
         header->sections[static_cast<std::size_t>(format::Section::attributes)];
@@ -306,7 +307,7 @@ TEST_CASE("every word of the records is checked or harmless") {
             if (at >= attributes.offset && at < attributes.offset + attributes.count) continue;
             Arena arena = copy_of(bytes);
             std::memcpy(arena.data() + at, &word, 4);
-            const auto opened = Snapshot::open(std::move(arena));
+            const auto opened = Snapshot::open({std::move(arena)});
             if (opened) REQUIRE(Walk(**opened).is_sound());
         }
     }

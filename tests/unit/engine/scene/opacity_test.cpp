@@ -93,8 +93,8 @@ Vec2 barycentric(std::uint32_t i, Random& random) {
     return {u, random.unit() * (1 - u)};
 }
 
-std::shared_ptr<const Snapshot> baked(const SceneDescription& scene) {
-    const auto snapshot = Snapshot::bake(scene);
+std::shared_ptr<const Snapshot> built(const SceneDescription& scene) {
+    const auto snapshot = Snapshot::build(scene);
     REQUIRE(snapshot.has_value());
     return *snapshot;
 }
@@ -107,7 +107,7 @@ std::shared_ptr<const Snapshot> without_opacity(const Snapshot& scene) {
     for (std::uint32_t i = 0; i < scene.view().geometry_count; ++i) {
         const_cast<GeometryRecord&>(first[i]).opacity = no_offset;
     }
-    const auto snapshot = Snapshot::open(std::move(arena));
+    const auto snapshot = Snapshot::open({std::move(arena)});
     REQUIRE(snapshot.has_value());
     return *snapshot;
 }
@@ -118,7 +118,7 @@ TEST_CASE("no point of a triangle has an alpha that its opacity excludes") {
     Random random(31);
     std::uint64_t wrong = 0, decided = 0, triangles = 0;
     for (int round = 0; round < 600; ++round) {
-        const auto scene = baked(masked_scene(random));
+        const auto scene = built(masked_scene(random));
         const SceneView& view = scene->view();
         const GeometryRecord& geometry = view.geometries[0];
         for (std::uint32_t t = 0; t < geometry.triangle_count; ++t) {
@@ -148,7 +148,7 @@ TEST_CASE("opacity looks at the texels under the triangle and at no others") {
         description.materials[0].texture = 0;
         description.materials[0].base_colour.w = 1;
         description.objects[0].geometries[0].colours.clear();
-        const auto scene = baked(description);
+        const auto scene = built(description);
         const SceneView& view = scene->view();
         const GeometryRecord& geometry = view.geometries[0];
         for (std::uint32_t t = 0; t < geometry.triangle_count; ++t) {
@@ -183,7 +183,7 @@ TEST_CASE("opacity of one alpha everywhere is that alpha, rounded outward") {
         for (std::size_t i = 3; i < description.images[0].rgba.size(); i += 4) {
             description.images[0].rgba[i] = static_cast<std::uint8_t>(alpha);
         }
-        const auto scene = baked(description);
+        const auto scene = built(description);
         const Opacity opacity = scene->view().opacity_of(scene->view().geometries[0], 5);
         CHECK(int{opacity.least} == least);
         CHECK(int{opacity.largest} == largest);
@@ -198,7 +198,7 @@ TEST_CASE("no answer changes when the opacity of all triangles is ignored") {
     const auto forest = describe_builtin("builtin:forest?trees=20&leaves=200");
     REQUIRE(forest.has_value());
     for (const SceneDescription& description : {*forest, conformance::nested_scene(3, 2)}) {
-        const auto scene = baked(description);
+        const auto scene = built(description);
         const auto plain = without_opacity(*scene);
         const Box& box = scene->bounds();
         auto rays = conformance::random_rays(test::sanitized_share(30'000U, 10U), 8, random);

@@ -10,7 +10,7 @@
 using namespace raynest;
 
 TEST_CASE("path ids are dense and each names another leaf") {
-    const auto scene = test::bake(test::tree_scene());
+    const auto scene = test::build_scene(test::tree_scene());
     std::set<std::string> names;
     for (std::uint64_t path = 0; path < 10; ++path) {
         const auto steps = expand_path(*scene, path);
@@ -24,7 +24,7 @@ TEST_CASE("path ids are dense and each names another leaf") {
 }
 
 TEST_CASE("an expanded path gives index and user id of each level") {
-    const auto scene = test::bake(test::tree_scene());
+    const auto scene = test::build_scene(test::tree_scene());
     const auto steps = expand_path(*scene, 5);  // second twig, second leaf
     REQUIRE(steps.has_value());
     REQUIRE(steps->size() == 2);
@@ -40,7 +40,7 @@ TEST_CASE("nameless instances of nameless objects are named by their index") {
     description.objects.resize(2);
     description.objects[0].instances = {test::place(1, Transform{}), test::place(1, Transform{})};
     description.objects[1].geometries = {test::unit_square()};
-    const auto scene = test::bake(description);
+    const auto scene = test::build_scene(description);
     CHECK(path_name(*expand_path(*scene, 1)) == "#1");
 }
 
@@ -51,7 +51,7 @@ TEST_CASE("instances of empty groups take no path") {
                                         test::place(2, Transform{}), test::place(1, Transform{}),
                                         test::place(2, Transform{})};
     description.objects[1].geometries = {test::unit_square()};
-    const auto scene = test::bake(description);
+    const auto scene = test::build_scene(description);
     CHECK(scene->statistics().instances == 2);
     CHECK(expand_path(*scene, 0)->at(0).instance == 1);
     CHECK(expand_path(*scene, 1)->at(0).instance == 3);
@@ -61,7 +61,7 @@ TEST_CASE("the root's own primitives have an empty path; beyond the last there i
     SceneDescription description;
     description.objects.resize(1);
     description.objects[0].geometries = {test::unit_square()};
-    const auto scene = test::bake(description);
+    const auto scene = test::build_scene(description);
     const auto own = expand_path(*scene, 0);
     REQUIRE(own.has_value());
     CHECK(own->empty());

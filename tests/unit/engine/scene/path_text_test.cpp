@@ -1,4 +1,4 @@
-// Texts of paths: every one unique, and each finds its path again.
+// Texts of paths: every one is unique, and each finds its path again.
 #include "engine/assets/gltf.h"
 #include "engine/queries/columns.h"
 #include "engine/scene/format.h"
@@ -26,7 +26,7 @@ std::string text_of(const Snapshot& scene, std::uint64_t path) {
     return path_name(*steps);
 }
 
-/// The texts of all paths, after a look that no two are equal and each finds its path.
+/// Returns the texts of all paths; checks that no two are equal and each finds its path.
 std::vector<std::string> texts_of(const Snapshot& scene) {
     std::vector<std::string> texts;
     for (std::uint64_t path = 0; path < scene.statistics().instances; ++path) {
@@ -46,7 +46,8 @@ std::string complaint(const Snapshot& scene, const std::string& text) {
     return found.error().message;
 }
 
-/// Nodes of a GLB in which mesh 0 is a triangle without a name and mesh 1 one called "quill".
+/// Returns nodes of a GLB in which mesh 0 is a triangle without a name and mesh 1 one called
+/// "quill".
 std::shared_ptr<const Snapshot> read_nodes(const std::string& nodes) {
     test::GlbWriter writer;
     const std::string mesh = test::one_triangle_mesh(writer);
@@ -60,10 +61,10 @@ std::shared_ptr<const Snapshot> read_nodes(const std::string& nodes) {
     const test::Upload upload("scene.glb", writer.glb(two + ",\"nodes\":[" + nodes + "]"));
     const auto scene = describe_gltf(upload.request(), ImportLimits{});
     REQUIRE_MESSAGE(scene.has_value(), (scene ? "" : scene.error().message));
-    return test::bake(*scene);
+    return test::build_scene(*scene);
 }
 
-/// Two subtrees that place the same, with other names: the second one is the first one's object.
+/// Two subtrees with equal placements but other names: both become the same object.
 constexpr const char* equal_subtrees =
     R"({"name":"a","children":[2,3]},{"name":"b","translation":[9,0,0],"children":[5,4]},
        {"name":"x","mesh":0},{"name":"y","mesh":0,"translation":[0,2,0]},
@@ -118,7 +119,7 @@ TEST_CASE("a node without a name is named by its mesh, and one without both is n
           std::vector<std::string>{"wing/quill#0", "wing/#0", "wing/quill#1", "wing/tip"});
 }
 
-TEST_CASE("what has a meaning in texts is percent-encoded in names") {
+TEST_CASE("characters with a meaning in path texts are percent-encoded in names") {
     const auto scene = read_nodes(
         R"({"name":"a/b","mesh":0},{"name":"a","children":[2]},{"name":"b","mesh":0},
            {"name":"c#0","mesh":0},{"name":"c","mesh":0},{"name":"c","mesh":0},{"name":"5%","mesh":0},
@@ -141,24 +142,24 @@ TEST_CASE("placements of one instanced node are numbered, those that are skipped
                                          R"(,{"name":"fern","mesh":0},{"name":"rock","mesh":0}])"));
     const auto scene = describe_gltf(upload.request(), ImportLimits{});
     REQUIRE(scene.has_value());
-    const auto baked = test::bake(*scene);
-    CHECK(texts_of(*baked) == std::vector<std::string>{"fern#0", "fern#2", "fern#3", "rock"});
-    CHECK(expand_path(*baked, 1)->at(0).node == 0);
-    CHECK(expand_path(*baked, 2)->at(0).node == 1);
-    CHECK(complaint(*baked, "fern#1").find("places nothing") != std::string::npos);
+    const auto built = test::build_scene(*scene);
+    CHECK(texts_of(*built) == std::vector<std::string>{"fern#0", "fern#2", "fern#3", "rock"});
+    CHECK(expand_path(*built, 1)->at(0).node == 0);
+    CHECK(expand_path(*built, 2)->at(0).node == 1);
+    CHECK(complaint(*built, "fern#1").find("places nothing") != std::string::npos);
 }
 
 TEST_CASE("instances of a described scene are numbered as well") {
     SceneDescription description = test::tree_scene();
     description.objects[2].instances[1].name = "first";
     description.objects[2].instances[3].name = "";
-    const auto scene = test::bake(description);
+    const auto scene = test::build_scene(description);
     CHECK(texts_of(*scene) == std::vector<std::string>{"first#0", "first#0/low", "first#0/leaf",
                                                        "first#1", "first#1/low", "first#1/leaf",
                                                        "lone", "twig", "twig/low", "twig/leaf"});
 }
 
-TEST_CASE("a text that names no path says what there is") {
+TEST_CASE("an unknown path is an error that lists the known names") {
     const auto scene = read_nodes(equal_subtrees);
     CHECK(complaint(*scene, "a/p") == "'a' has no 'p'; there are: x, y");
     CHECK(complaint(*scene, "c") == "the scene has no 'c'; there are: a, b");
@@ -168,7 +169,7 @@ TEST_CASE("a text that names no path says what there is") {
         complaint(*scene, text);
     const auto twins = read_nodes(R"({"name":"n","mesh":0},{"name":"n","mesh":0})");
     CHECK(complaint(*twins, "n") == "the scene has several 'n': give the number, as 'n#0'");
-    CHECK(complaint(*twins, "n#2").find("places nothing") != std::string::npos);
+    CHECK(complaint(*twins, "n#2") == "there is no 'n#2': the last one is 'n#1'");
 }
 
 TEST_CASE("a chain of many nodes keeps the end of its text, and costs no more") {
@@ -187,7 +188,7 @@ TEST_CASE("a chain of many nodes keeps the end of its text, and costs no more") 
     CHECK(path_name(*steps).size() <= path_text_bytes_max + 4);
 }
 
-TEST_CASE("a long name is cut between characters, before what is encoded grows") {
+TEST_CASE("a long name is cut between characters, before encoding lengthens it") {
     const std::string cut = path_step_text(std::string(300, '/'));
     CHECK(cut.size() <= path_step_bytes_max);
     CHECK(cut.size() % 3 == 0);
@@ -198,22 +199,22 @@ TEST_CASE("path nodes that do not fit their scene are refused") {
     SceneDescription scene = test::tree_scene();
     scene.path_nodes = {{0, "", no_id, 0}, {0, "a", 0, 9}};
     scene.placed_nodes = {1};
-    CHECK_FALSE(Snapshot::bake(scene).has_value());  // the scene has ten placements
+    CHECK_FALSE(Snapshot::build(scene).has_value());  // the scene has ten placements
     scene.path_nodes[1].placements = 10;
-    CHECK(Snapshot::bake(scene).has_value());
+    CHECK(Snapshot::build(scene).has_value());
     scene.placed_nodes = {1, 1};
-    CHECK_FALSE(Snapshot::bake(scene).has_value());
+    CHECK_FALSE(Snapshot::build(scene).has_value());
     scene.placed_nodes = {2};
-    CHECK_FALSE(Snapshot::bake(scene).has_value());
+    CHECK_FALSE(Snapshot::build(scene).has_value());
     scene.placed_nodes = {1};
     scene.path_nodes[1].parent = 1;
-    CHECK_FALSE(Snapshot::bake(scene).has_value());
+    CHECK_FALSE(Snapshot::build(scene).has_value());
 }
 
 TEST_CASE("damaged names of paths are refused, or every text stays in range") {
     SceneDescription numbered_scene = test::tree_scene();
     numbered_scene.objects[2].instances[1].name = "first";
-    for (const auto& scene : {read_nodes(equal_subtrees), test::bake(numbered_scene)}) {
+    for (const auto& scene : {read_nodes(equal_subtrees), test::build_scene(numbered_scene)}) {
         const std::span<const std::byte> bytes = scene->bytes();
         const auto* header = reinterpret_cast<const format::Header*>(bytes.data());
         const auto first = static_cast<std::size_t>(format::Section::path_nodes);
@@ -223,7 +224,7 @@ TEST_CASE("damaged names of paths are refused, or every text stays in range") {
                 Arena arena(bytes.size());
                 std::copy(bytes.begin(), bytes.end(), arena.data());
                 std::memcpy(arena.data() + at, &word, 4);
-                const auto opened = Snapshot::open(std::move(arena));
+                const auto opened = Snapshot::open({std::move(arena)});
                 refused += opened ? 0 : 1;
                 for (std::uint64_t path = 0; opened && path < scene->statistics().instances; ++path)
                     static_cast<void>(find_path(**opened, text_of(**opened, path)));

@@ -1,0 +1,207 @@
+#!/usr/bin/env python3
+"""Writes what follows from the lists of the tree: Python's tables and the tables of the documents.
+
+  lists.py [--check] [ROOT]      --check writes nothing; prints what is stale, exit code 1 when anything is
+
+A list is a .def file: rows of a macro, which C++ includes wherever it needs them. This script reads the
+same rows. Where a document says `lists: NAME`, the lines up to `lists: end` are written here.
+"""
+import ast
+import pathlib
+import re
+import sys
+
+TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[(),]|[^"(),]+')
+MARK = re.compile(r"^(.*\blists: (?!end)(\w+).*\n)(?:.*\n)*?(.*\blists: end\b.*\n)", re.MULTILINE)
+TYPES = {"u8": ("u8", 1), "u32": ("u32", 1), "u64": ("u64", 1), "f32": ("f32", 1),
+         "vec2": ("f32", 2), "vec3": ("f32", 3), "point": ("f32", 3)}
+
+
+class Lists:
+    """The rows of every list: tuples of their arguments."""
+
+    def __init__(self, root):
+        self.root = root
+        self.exits = self.rows("protocol/errors.def", "EXIT")
+        self.errors = self.rows("protocol/errors.def", "ERROR")
+        self.limits = self.rows("protocol/limits.def", "LIMIT")
+        self.requests = self.rows("protocol/requests.def", "REQUEST")
+        self.parts = self.rows("protocol/requests.def", "PART")
+        self.answers = self.rows("protocol/requests.def", "ANSWER")
+        self.generators = self.rows("protocol/generators.def", "GENERATOR")
+        self.settings = self.rows("protocol/generators.def", "SETTING")
+        self.reducers = self.rows("protocol/reducers.def", "REDUCER")
+        self.fields = self.rows("engine/queries/fields.def", "FIELD")
+        # A sum has its value before its title.
+        self.counters = [(name, title) for name, *_, title in
+                         self.rows("engine/geometry/counters.def", "COUNTER|SUM")]
+        self.kinds = self.rows("engine/packs/words.def", "KIND")
+        self.untraced = self.rows("engine/packs/words.def", "UNTRACED")
+        self.traversals = self.rows("engine/packs/words.def", "TRAVERSAL")
+        self.palettes = self.rows("engine/integrators/palettes.def", "PALETTE")
+        self.metrics = self.rows("server/diag/metrics.def", "METRIC|GAUGE")
+
+    def rows(self, file, macro):
+        text = (self.root / file).read_text(encoding="utf-8")
+        text = re.sub(r"^\s*(?://|#).*$", "", text, flags=re.MULTILINE)
+        rows = [arguments(text, match.end())
+                for match in re.finditer(rf"\bRAYNEST_(?:{macro})\(", text)]
+        if not rows:
+            raise SystemExit(f"{file}: there is no row RAYNEST_{macro}(...)")
+        return rows
+
+
+def arguments(text, at):
+    """The arguments of a macro from behind its bracket on; strings without their quotes."""
+    found, depth = [""], 1
+    for match in TOKEN.finditer(text, at):
+        token = match.group()
+        depth += {"(": 1, ")": -1}.get(token, 0)
+        if depth == 0:
+            return tuple(part.strip() for part in found)
+        if token == "," and depth == 1:
+            found.append("")
+        else:
+            found[-1] += ast.literal_eval(token) if token.startswith('"') else token
+    raise SystemExit(f"a row does not end: {text[at:at + 60]}")
+
+
+def value(text):
+    """A number as C++ writes it."""
+    digits = re.sub(r"U?LL\b", "", text.replace("'", ""))
+    if not re.fullmatch(r"[\d <]+", digits):
+        raise SystemExit(f"'{text}' is no number that this script reads")
+    return eval(digits)
+
+
+def table(head, rows):
+    lines = [head, ["---"] * len(head), *rows]
+    return [f"| {' | '.join(map(str, line))} |".replace("|  |", "| |") for line in lines]
+
+
+def code(names):
+    return " ".join(f"`{name}`" for name in names)
+
+
+def type_text(kind):
+    dtype, width = TYPES[kind]
+    return dtype if width == 1 else f"{width} x {dtype}"
+
+
+def column_table(lists):
+    return table(("column", "type", ""),
+                 [(f"`{name}`", type_text(kind), text) for name, kind, *_, text in lists.fields] +
+                 [(f"`{name}`", "u32", text) for name, text in lists.counters])
+
+
+def message_table(lists):
+    rows = [(int(number), name, "client", f"-> {answer}")
+            for number, name, *_, answer in lists.requests]
+    rows += [(int(number), name, "client", text) for number, name, _, text in lists.parts]
+    rows += [(int(number), name, "daemon", "") for number, name, _ in lists.answers]
+    return table(("message", "type", "sent by", ""),
+                 [(name, number, by, text) for number, name, by, text in sorted(rows)])
+
+
+# What stands between the marks of a document, by the name of the mark.
+TABLES = {
+    "errors": lambda lists: table(("code", "name", "exit", "what to do"), [
+        (number, name, dict((n, e) for e, n, _ in lists.exits)[exit_name], remedy)
+        for number, name, _, exit_name, remedy in lists.errors]),
+    "exits": lambda lists: table(("exit", ""), [(number, text) for number, _, text in lists.exits]),
+    "limits": lambda lists: table(("limit", "value", "of"), [
+        (f"`{name}`", value(number), text) for name, number, _, text in lists.limits]),
+    "messages": message_table,
+    "union": lambda lists: ["union Message {", *(
+        f"  {name} = {number}," for number, name in sorted(
+            (int(row[0]), row[1]) for row in lists.requests + lists.parts + lists.answers)), "}"],
+    "columns": column_table,
+    "kinds": lambda lists: table(("kind", "answer per ray"), [
+        (f"`{name}`", text) for name, *_, text in lists.kinds + lists.untraced]),
+    "traversals": lambda lists: table(("traversal", ""), [
+        (f"`{word}`", text) for _, word, text in lists.traversals]),
+    "reducers": lambda lists: table(("reduce", "columns", ""), [
+        (f"`{name}`", columns, text) for name, _, _, columns, text in lists.reducers]),
+    "generators": lambda lists: table(("kind", "settings", "t", "rays"), [
+        (f"`{name}`", code(settings.split(", ")), t, rays)
+        for name, settings, t, rays in lists.generators]),
+    "settings": lambda lists: table(("setting", ""), [
+        (f"`{name}`", text) for name, _, text in lists.settings]),
+    "metrics": lambda lists: table(("name", ""), [
+        (f"`{row[0]}`", row[-1]) for row in lists.metrics]),
+    "words": lambda lists: table(("field", "words"), [
+        ("`metric`", code(name for name, _ in lists.counters)),
+        ("`palette`", code(row[0] for row in lists.palettes))]),
+}
+
+
+def python_module(lists):
+    def dtypes(columns):
+        return {name: TYPES[kind] for name, kind in columns}
+
+    values = {
+        "ERRORS": [(name, int(dict((n, e) for e, n, _ in lists.exits)[exit_name]))
+                   for _, name, _, exit_name, _ in lists.errors],
+        "OF_HITS": dtypes((row[0], row[1]) for row in lists.fields if row[2] == "hit"),
+        "OF_RAYS": dtypes([(row[0], row[1]) for row in lists.fields if row[2] == "ray"] +
+                          [(name, "u32") for name, _ in lists.counters]),
+        "POINTS": [row[0] for row in lists.fields if row[1] == "point"],
+        "SHOWN": {of: [row[0] for row in lists.fields if row[4] == of] for of in ("hits", "any")},
+        "CSR": [name for name, hits, _ in lists.kinds if hits == "many"],
+        "REDUCED": {name: dtypes(column.split() for column in columns.split(", "))
+                    for name, _, _, columns, _ in lists.reducers},
+        "REDUCED_KIND": {name: kind for name, kind, *_ in lists.reducers},
+        "REDUCED_TO_POINTS": [row[0] for row in lists.reducers if row[2] == "points"],
+        "GENERATORS": {name: settings.split(", ") for name, settings, _, _ in lists.generators},
+    }
+    types = {"ERRORS": "list[tuple[str, int]]", "OF_HITS": "dict[str, tuple[str, int]]",
+             "OF_RAYS": "dict[str, tuple[str, int]]", "POINTS": "list[str]", "CSR": "list[str]",
+             "SHOWN": "dict[str, list[str]]", "REDUCED": "dict[str, dict[str, tuple[str, int]]]",
+             "REDUCED_KIND": "dict[str, str]", "REDUCED_TO_POINTS": "list[str]",
+             "GENERATORS": "dict[str, list[str]]"}
+    lines = ['"""What client and daemon both list. Written by .ci/lists.py from the .def files of the '
+             'tree."""', "from __future__ import annotations", ""]
+    for name, listed in values.items():
+        opening, closing = "{}" if isinstance(listed, dict) else "[]"
+        items = listed.items() if isinstance(listed, dict) else listed
+        lines += [f"{name}: {types[name]} = {opening}",
+                  *(f"    {item[0]!r}: {item[1]!r}," if isinstance(listed, dict) else f"    {item!r},"
+                    for item in items), closing, ""]
+    return "\n".join(lines[:-1]) + "\n"
+
+
+def python_limits(lists):
+    lines = ['"""Limits that bytes from a daemon are checked against before they cost anything. Written '
+             'by', '.ci/lists.py from protocol/limits.def."""']
+    lines += [f"{name} = {value(number)}"
+              for name, number, kind, _ in lists.limits if kind == "fixed"]
+    return "\n".join(lines) + "\n"
+
+
+def filled(text, lists):
+    return MARK.sub(lambda match: match.group(1) + "\n".join(TABLES[match.group(2)](lists)) + "\n" +
+                    match.group(3), text)
+
+
+def main():
+    words = sys.argv[1:]
+    check = "--check" in words
+    words = [word for word in words if word != "--check"]
+    root = pathlib.Path(words[0] if words else pathlib.Path(__file__).parent.parent)
+    lists = Lists(root)
+    package = root / "client/python/raynest"
+    written = {package / "_lists.py": python_module(lists), package / "_limits.py": python_limits(lists)}
+    for name in ("protocol/PROTOCOL.md", "protocol/messages.fbs", "client/python/README.md"):
+        written[root / name] = filled((root / name).read_text(encoding="utf-8"), lists)
+    stale = [file for file, text in written.items()
+             if not file.exists() or file.read_text(encoding="utf-8") != text]
+    for file in stale:
+        if check:
+            print(f"{file.relative_to(root)} is stale: run python3 .ci/lists.py")
+        else:
+            file.write_text(written[file], encoding="utf-8")
+    return 1 if check and stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+// The words that requests take, for help texts, and what is known of the columns of answers. The
+// daemon checks requests: a word that is missing here reaches it all the same.
+#pragma once
+
+#include <array>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::client {
+
+inline constexpr std::array kind_words = {
+#define RAYNEST_KIND(name, ...) std::string_view(#name),
+#define RAYNEST_UNTRACED(name, ...) std::string_view(#name),
+#include "engine/packs/words.def"
+};
+inline constexpr std::array traversal_words = {
+    std::string_view("auto"),
+#define RAYNEST_TRAVERSAL(name, word, text) std::string_view(word),
+#include "engine/packs/words.def"
+};
+inline constexpr std::array metric_words = {
+#define RAYNEST_COUNTER(name, title) std::string_view(#name),
+#include "engine/geometry/counters.def"
+};
+inline constexpr std::array palette_words = {
+#define RAYNEST_PALETTE(name, ...) std::string_view(#name),
+#include "engine/integrators/palettes.def"
+};
+
+struct ReducerWords {
+    std::string_view name;
+    std::string_view kind;  ///< of a query that names none
+    std::string_view rows;  ///< points | found
+};
+inline constexpr std::array reducer_words = {
+#define RAYNEST_REDUCER(name, kind, rows, columns, text) ReducerWords{#name, #kind, #rows},
+#include "protocol/reducers.def"
+};
+inline constexpr std::array reduce_words = {
+#define RAYNEST_REDUCER(name, ...) std::string_view(#name),
+#include "protocol/reducers.def"
+};
+/// Null for a word that is none, as the empty one.
+[[nodiscard]] const ReducerWords* find_reducer(std::string_view name);
+
+struct ColumnWords {
+    std::string_view name;
+    std::string_view type;   ///< point: less the scene's origin
+    std::string_view of;     ///< hit | ray
+    std::string_view shown;  ///< hits | any | asked
+};
+inline constexpr std::array column_words = {
+#define RAYNEST_FIELD(name, type, of, reads, shown, text) ColumnWords{#name, #type, #of, #shown},
+#include "engine/queries/fields.def"
+};
+
+/// Has a ray of this kind any number of hits?
+[[nodiscard]] bool has_splits(std::string_view kind);
+/// Does this column describe hits (t, prim, ...), rather than rays (counters, flags, outputs)?
+[[nodiscard]] bool is_hit_field(std::string_view name);
+/// Does this column hold points, which travel less the scene's origin?
+[[nodiscard]] bool is_point_field(std::string_view name);
+/// The columns of a query that names none.
+[[nodiscard]] std::vector<std::string> default_fields(std::string_view kind);
+
+/// "hit t prim ...", counters at the end.
+[[nodiscard]] std::string known_fields();
+
+/// "a | b | c"
+[[nodiscard]] std::string alternatives(std::span<const std::string_view> words);
+
+}  // namespace raynest::client

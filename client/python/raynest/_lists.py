@@ -1,0 +1,92 @@
+"""What client and daemon both list. Written by .ci/lists.py from the .def files of the tree."""
+from __future__ import annotations
+
+ERRORS: list[tuple[str, int]] = [
+    ('BAD_FRAME', 1),
+    ('UNSUPPORTED_VERSION', 3),
+    ('UNKNOWN_TYPE', 1),
+    ('LIMIT_EXCEEDED', 5),
+    ('INVALID_FIELD', 2),
+    ('INVALID_PARAM', 2),
+    ('VARIANT_UNKNOWN', 5),
+    ('SCENE_UNKNOWN', 5),
+    ('SCENE_INVALID', 5),
+    ('NAME_TAKEN', 1),
+    ('QUOTA', 6),
+    ('BUSY', 6),
+    ('DEADLINE', 7),
+    ('CANCELLED', 130),
+    ('NOT_ALLOWED', 4),
+    ('DRAINING', 6),
+    ('SLOW_CONSUMER', 1),
+    ('RESOURCE_EXHAUSTED', 6),
+    ('UNSUPPORTED', 5),
+    ('INTERNAL', 1),
+    ('JOB_UNKNOWN', 5),
+]
+
+OF_HITS: dict[str, tuple[str, int]] = {
+    't': ('f32', 1),
+    'prim': ('u32', 1),
+    'geom': ('u32', 1),
+    'path': ('u64', 1),
+    'inst': ('u32', 1),
+    'uid': ('u32', 1),
+    'uv': ('f32', 2),
+    'ng': ('f32', 3),
+    'front': ('u8', 1),
+    'position': ('f32', 3),
+    'material': ('u32', 1),
+}
+
+OF_RAYS: dict[str, tuple[str, int]] = {
+    'hit': ('u8', 1),
+    'flags': ('u8', 1),
+    'origin': ('f32', 3),
+    'direction': ('f32', 3),
+    'nodes': ('u32', 1),
+    'boxes': ('u32', 1),
+    'leaves': ('u32', 1),
+    'prims': ('u32', 1),
+    'instances': ('u32', 1),
+    'rejects': ('u32', 1),
+    'total': ('u32', 1),
+}
+
+POINTS: list[str] = [
+    'position',
+    'origin',
+]
+
+SHOWN: dict[str, list[str]] = {
+    'hits': ['t', 'prim', 'geom', 'path', 'uv'],
+    'any': ['hit'],
+}
+
+CSR: list[str] = [
+    'multi',
+    'all',
+]
+
+REDUCED: dict[str, dict[str, tuple[str, int]]] = {
+    'hit_fraction': {'hit_fraction': ('f32', 1)},
+    'visible_pixels': {'path': ('u64', 1), 'pixels': ('u32', 1)},
+}
+
+REDUCED_KIND: dict[str, str] = {
+    'hit_fraction': 'any',
+    'visible_pixels': 'closest',
+}
+
+REDUCED_TO_POINTS: list[str] = [
+    'hit_fraction',
+]
+
+GENERATORS: dict[str, list[str]] = {
+    'camera': ['size', 'camera', 'lookat', 'fov', 'range'],
+    'pinhole': ['size', 'camera', 'lookat', 'pose', 'fx', 'fy', 'cx', 'cy', 'range'],
+    'orthographic': ['size', 'camera', 'lookat', 'pose', 'window', 'range'],
+    'equirectangular': ['size', 'camera', 'lookat', 'pose', 'range'],
+    'lidar': ['elevations', 'azimuths', 'azimuth_offsets', 'origin_offsets', 'camera', 'lookat', 'pose', 'range'],
+    'hemisphere': ['points', 'samples', 'seed'],
+}

@@ -1,0 +1,327 @@
+// Description -> snapshot: one tree per object, children first, then one arena.
+#include "engine/scene/content.h"
+#include "engine/scene/description_check.h"
+#include "engine/scene/graph.h"
+#include "engine/scene/opacity.h"
+#include "engine/scene/path_table.h"
+#include "engine/scene/placed_box.h"
+#include "engine/scene/precision.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <utility>
+
+namespace raynest {
+namespace {
+
+/// Beyond this the box test enters every box anyway; it keeps the arithmetic finite.
+constexpr float origin_error_max = 1e30F;
+
+/// How much rounding one level of instances adds, as a multiple of what a plain tree has.
+///
+/// A ray that enters an instance is transformed with rounding, so its hits lie off the exact ones
+/// by about eps * |origin|, in the instance's space. Seen from the parent that grows by the
+/// condition number of the transform, and what the levels below add grows along. Rotations and
+/// uniform scales have condition 1: 32 of them add up, they do not multiply.
+float placement_error(const Transform& to_parent, float child_error) {
+    return std::min(condition(to_parent) * (1 + child_error), origin_error_max);
+}
+
+bool in_range(const Box& box) {
+    if (box.is_empty()) return true;
+    const Vec3 reach = glm::max(glm::abs(box.lower), glm::abs(box.upper));
+    return std::max({reach.x, reach.y, reach.z}) <= coordinate_max;
+}
+
+/// Adds the seconds of a scope to a sum.
+class Stopwatch {
+public:
+    explicit Stopwatch(double& sum) : sum_(sum) {}
+    Stopwatch(const Stopwatch&) = delete;
+    ~Stopwatch() {
+        sum_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    }
+
+private:
+    double& sum_;
+    const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+class ArenaBuilder {
+public:
+    ArenaBuilder(const SceneDescription& description, const Graph& graph)
+        : description_(description),
+          graph_(graph),
+          opacity_(description) {}
+
+    Result<Arena> build() {
+        content_.build = description_.build;
+        add_surfaces(description_, content_);
+        add_cameras(description_, content_);
+        for (const GraphObject& object : graph_.objects) {
+            if (auto added = add_object(object); !added) return tl::unexpected(added.error());
+        }
+        add_path_nodes(description_, graph_, content_);
+        auto& numbers = content_.instance_numbers;
+        if (std::all_of(numbers.begin(), numbers.end(), [](auto n) { return n == no_id; }))
+            numbers.clear();
+        // There is one zero: -0 would be other content.
+        for (std::size_t i = 0; i < 3; ++i) content_.origin[i] = description_.origin[i] + 0.0;
+        content_.degenerate_triangles = degenerate_triangles_;
+        for (const auto& [reason, count] : graph_.skipped) {
+            content_.skips.push_back({count, content_.names.add(reason), 0});
+        }
+        for (const std::string& warning : description_.warnings) {
+            content_.warnings.push_back(content_.names.add(warning));
+        }
+        {
+            const Stopwatch stopwatch(build_seconds_);
+            content_.bounds = scene_bounds(content_);
+        }
+        const std::string rounded =
+            rounding_warning(description_.rounding, description_.origin, content_.bounds);
+        if (!rounded.empty() && content_.warnings.size() < scene_warnings_max) {
+            content_.warnings.push_back(content_.names.add(rounded));
+        }
+        if (content_.skips.size() > scene_skips_max) {
+            return fail(ErrorCode::limit_exceeded, "the scene has more reasons for skips than " +
+                                                       std::to_string(scene_skips_max));
+        }
+        if (content_.names.bytes().size() >= no_id) {
+            return fail(ErrorCode::limit_exceeded, "the scene's names take more than 4 GiB");
+        }
+        Arena arena = write_arena(content_);
+        const Stopwatch stopwatch(build_seconds_);
+        write_trees(content_, arena);
+        return arena;
+    }
+
+    /// Spent on bounds, trees and leaf blocks: what other libraries call a build.
+    [[nodiscard]] double build_seconds() const { return build_seconds_; }
+
+private:
+    Result<void> add_object(const GraphObject& node) {
+        const ObjectDescription& source = description_.objects[node.source];
+        const std::string label = object_label(description_, node.source);
+        ObjectRecord object{};
+        object.name = content_.names.add(source.name);
+        object.placement_count = node.traced.placement_count;
+        object.levels = node.levels;
+        object.origin_error = 1;
+        add_geometries(source, object);
+        add_records(source, object);
+
+        auto built = build_object(node, object, label);
+        if (!built) return tl::unexpected(built.error());
+        Tree& tree = *built;
+        const std::size_t blocks = tree.block_lanes.size() / 8;
+        if (blocks > std::size_t{leaf_first_max} + 1 || tree.height > tree_height_max) {
+            return fail(ErrorCode::limit_exceeded,
+                        "object " + label + " is too large for one tree: split it into several");
+        }
+        object.bounds = tree.bounds;
+        object.root = tree.root;
+        object.first_node = node_count_;
+        object.first_block = block_count_;
+        object.node_count = static_cast<std::uint32_t>(tree.nodes.size());
+        object.block_count = static_cast<std::uint32_t>(blocks);
+        object.texcoord_blocks = content_.attributes.reserve(
+            has_alpha_texture(object) ? blocks * sizeof(TexcoordBlock) : 0);
+        node_count_ += object.node_count;
+        block_count_ += object.block_count;
+
+        content_.sources.push_back(&source);
+        content_.trees.push_back(std::move(tree));
+        content_.objects.push_back(object);
+        return {};
+    }
+
+    Result<Tree> build_object(const GraphObject& node, ObjectRecord& object, const std::string& label) {
+        const Stopwatch stopwatch(build_seconds_);
+        const ObjectDescription& source = description_.objects[node.source];
+        std::vector<Box> boxes;
+        boxes.reserve(std::size_t{object.triangle_count} + object.record_count +
+                      node.instances.size());
+        add_triangle_bounds(source, boxes);
+        for (const GeometryDescription& geometry : source.geometries) {
+            degenerate_triangles_ += count_degenerate(geometry);
+        }
+        boxes.insert(boxes.end(), source.record_bounds.begin(), source.record_bounds.end());
+        add_instances(node, object, boxes);
+        const auto far = std::count_if(boxes.begin(), boxes.end(),
+                                       [](const Box& box) { return !in_range(box); });
+        if (far != 0) {
+            return fail(ErrorCode::scene_invalid, "object " + label + " has " +
+                                                      std::to_string(far) +
+                                                      " instances that reach beyond 1e15");
+        }
+
+        const bool clips = description_.build == BuildQuality::high;
+        const std::vector<Corners> corners = clips ? corners_of(source) : std::vector<Corners>();
+        return build_tree({boxes, object.triangle_count, object.record_count, object.instance_count,
+                           description_.build, corners});
+    }
+
+    void add_geometries(const ObjectDescription& source, ObjectRecord& object) {
+        object.first_geometry = static_cast<std::uint32_t>(content_.geometries.size());
+        object.geometry_count = static_cast<std::uint32_t>(source.geometries.size());
+        for (const GeometryDescription& geometry : source.geometries) {
+            GeometryRecord record{};
+            record.positions = content_.attributes.add(geometry.positions);
+            record.indices = content_.attributes.add(geometry.indices);
+            record.texcoords[0] = content_.attributes.add(geometry.texcoords[0]);
+            record.texcoords[1] = content_.attributes.add(geometry.texcoords[1]);
+            record.colours = content_.attributes.add(geometry.colours);
+            record.opacity =
+                content_.attributes.add(content_.opacities.emplace_back(opacity_.build(geometry)));
+            record.first_triangle = object.triangle_count;
+            record.triangle_count = static_cast<std::uint32_t>(geometry.indices.size() / 3);
+            record.vertex_count = static_cast<std::uint32_t>(geometry.positions.size());
+            record.material = geometry.material;
+            object.triangle_count += record.triangle_count;
+            content_.geometries.push_back(record);
+        }
+    }
+
+    void add_records(const ObjectDescription& source, ObjectRecord& object) {
+        object.first_record = record_bytes_;
+        if (source.record_bounds.empty()) return;
+        object.record_type = primitive_type(source.record_type.c_str());
+        object.record_count = static_cast<std::uint32_t>(source.record_bounds.size());
+        object.record_size =
+            static_cast<std::uint32_t>(source.records.size() / object.record_count);
+        record_bytes_ += records_bytes(object);
+        const std::uint32_t name = content_.names.add(source.record_type);
+        auto& types = content_.record_types;
+        if (std::find(types.begin(), types.end(), name) == types.end()) types.push_back(name);
+    }
+
+    [[nodiscard]] bool has_alpha_texture(const ObjectRecord& object) const {
+        const GeometryRecord* const first = content_.geometries.data() + object.first_geometry;
+        return std::any_of(first, first + object.geometry_count, [&](const GeometryRecord& record) {
+            return raynest::has_alpha_texture(record, content_.materials.data());
+        });
+    }
+
+    static void add_triangle_bounds(const ObjectDescription& source, std::vector<Box>& boxes) {
+        for (const GeometryDescription& geometry : source.geometries) {
+            const std::size_t first = boxes.size();
+            const std::size_t count = geometry.indices.size() / 3;
+            boxes.resize(first + count);
+            tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
+                for (std::size_t corner = 0; corner < 3; ++corner) {
+                    boxes[first + i].extend(geometry.positions[geometry.indices[3 * i + corner]]);
+                }
+            });
+        }
+    }
+
+    static std::vector<Corners> corners_of(const ObjectDescription& source) {
+        std::vector<Corners> corners;
+        for (const GeometryDescription& geometry : source.geometries) {
+            const auto corner = [&](std::size_t i) {
+                return geometry.positions[geometry.indices[i]];
+            };
+            for (std::size_t i = 0; i < geometry.indices.size(); i += 3) {
+                corners.push_back({corner(i), corner(i + 1), corner(i + 2)});
+            }
+        }
+        return corners;
+    }
+
+    void add_instances(const GraphObject& node, ObjectRecord& object, std::vector<Box>& boxes) {
+        const ObjectDescription& source = description_.objects[node.source];
+        object.first_instance = static_cast<std::uint32_t>(content_.instances.size());
+        object.instance_count = static_cast<std::uint32_t>(node.instances.size());
+        const std::size_t first = boxes.size();
+        boxes.resize(first + node.instances.size());
+        std::vector<float> errors(node.instances.size());
+        std::vector<double> paddings(node.instances.size());
+        tbb::parallel_for(std::size_t{0}, node.instances.size(), [&](std::size_t i) {
+            const Transform& to_parent = source.instances[node.declared_as[i]].transform;
+            const std::uint32_t child = node.instances[i].object;
+            errors[i] = placement_error(to_parent, content_.objects[child].origin_error);
+            const PlacedBox placed = placed_box(content_, child, to_parent, errors[i]);
+            boxes[first + i] = placed.box;
+            paddings[i] = placed.padding;
+        });
+        for (std::size_t i = 0; i < node.instances.size(); ++i) {
+            const InstanceDescription& declared = source.instances[node.declared_as[i]];
+            object.origin_error = std::max(object.origin_error, errors[i]);
+            content_.instance_paddings.push_back(paddings[i]);
+            content_.instances.push_back(node.instances[i]);
+            content_.instance_infos.push_back({declared.transform, declared.uid, 0});
+        }
+        if (description_.path_nodes.empty()) name_instances(node);
+    }
+
+    /// The instances that were added last, by their own names or else those of their objects; what
+    /// is left out as singular has a number as well.
+    void name_instances(const GraphObject& node) {
+        std::vector<std::uint32_t> names;
+        for (const InstanceDescription& declared : description_.objects[node.source].instances)
+            names.push_back(content_.names.add(step_name(description_, declared)));
+        const std::vector<std::uint32_t> numbers = number_siblings(names);
+        const std::size_t first = content_.instance_infos.size() - node.declared_as.size();
+        for (std::size_t i = 0; i < node.declared_as.size(); ++i) {
+            content_.instance_infos[first + i].name = names[node.declared_as[i]];
+            content_.instance_numbers.push_back(numbers[node.declared_as[i]]);
+        }
+    }
+
+    const SceneDescription& description_;
+    const Graph& graph_;
+    OpacityBuilder opacity_;
+    Content content_;
+    std::uint64_t node_count_ = 0;
+    std::uint64_t block_count_ = 0;
+    std::uint64_t record_bytes_ = 0;
+    std::uint64_t degenerate_triangles_ = 0;
+    double build_seconds_ = 0;
+};
+
+/// Section counts are u32 in the view, and nodes name every placement; checked before anything is
+/// built.
+Result<void> check_counts(const SceneDescription& description, const Graph& graph) {
+    std::uint64_t instances = 0;
+    std::uint64_t geometries = 0;
+    for (const GraphObject& object : graph.objects) {
+        instances += object.instances.size();
+        geometries += description.objects[object.source].geometries.size();
+    }
+    if (instances >= no_id || geometries >= no_id) {
+        return fail(ErrorCode::limit_exceeded,
+                    "the scene has more than 2^32 instances or geometries: nest them in groups");
+    }
+    std::uint64_t named = 0;
+    for (const PathNodeDescription& node : description.path_nodes) named += node.placements;
+    if (!description.path_nodes.empty() && named != graph.declared_leaves)
+        return fail(ErrorCode::scene_invalid, "the path nodes do not name every placement");
+    return {};
+}
+
+}  // namespace
+
+Result<BuiltArena> build_arena(const SceneDescription& description) {
+    if (auto checked = check_description(description); !checked) {
+        return tl::unexpected(checked.error());
+    }
+    const auto graph = resolve_graph(description);
+    if (!graph) return tl::unexpected(graph.error());
+    if (auto counted = check_counts(description, *graph); !counted) {
+        return tl::unexpected(counted.error());
+    }
+    ArenaBuilder builder(description, *graph);
+    auto arena = builder.build();
+    if (!arena) return tl::unexpected(arena.error());
+    return BuiltArena{std::move(*arena), builder.build_seconds()};
+}
+
+Result<std::shared_ptr<const Snapshot>> Snapshot::build(const SceneDescription& description) {
+    return build_arena(description).and_then(open);
+}
+
+}  // namespace raynest

@@ -1,0 +1,96 @@
+// The CPU backend: the compiled kernels of this process, on the thread that asks.
+#include "server/backends/backends.h"
+#include "server/execution/plan.h"
+
+#include <algorithm>
+#include <chrono>
+#include <string>
+
+namespace raynest::server {
+namespace {
+
+/// A chunk of the brute-force reference must stay short: others wait for its thread.
+constexpr std::uint64_t reference_rays_max = 64;
+
+/// Stops a chunk when its job is stopped or when it exceeds chunk_ms_max.
+class ChunkStop final : public Stop {
+public:
+    ChunkStop(const Stop& job, std::chrono::milliseconds time)
+        : job_(job),
+          end_(Clock::now() + time) {}
+    [[nodiscard]] bool requested() const noexcept override {
+        if (job_.requested()) return true;
+        // Short rays lead to a question per microsecond or two; reading the clock takes 25 ns.
+        constexpr unsigned questions_per_look = 4;
+        return ++questions_ % questions_per_look == 0 && Clock::now() >= end_;
+    }
+
+private:
+    const Stop& job_;
+    const Clock::time_point end_;
+    mutable unsigned questions_ = 0;
+};
+
+bool is_requested(const void* chunk) noexcept {
+    return static_cast<const ChunkStop*>(chunk)->requested();
+}
+
+/// Why a call did not end well.
+protocol::Error error_of(TraceStatus status, const Plan& plan, const Stop& stop,
+                         std::chrono::milliseconds time_max) {
+    if (status == trace_out_of_memory)
+        return {Code::resource_exhausted,
+                "the traversal of scene '" + plan.scene.name + "' ran out of memory", 0};
+    if (status != trace_cancelled)
+        return {Code::internal,
+                "intersector '" + plan.variant->name + "' on target " + plan.variant->target +
+                    " refused its call",
+                0};
+    if (stop.requested()) return {Code::cancelled, "", 0};
+    return {Code::limit_exceeded,
+            "a chunk of rays took longer than --chunk-ms-max " + std::to_string(time_max.count()) +
+                ": its rays meet too much of the scene, as they do from very far away or with "
+                "directions too short to divide by; look at the rays, or raise the daemon's limit",
+            0};
+}
+
+class CpuBackend final : public Backend {
+public:
+    explicit CpuBackend(const protocol::Limits& limits) : limits_(limits) {}
+
+    [[nodiscard]] std::string_view name() const override { return "cpu"; }
+    [[nodiscard]] std::string title() const override { return "the CPU"; }
+    [[nodiscard]] std::string target(const Plan& plan) const override {
+        return plan.variant->target;
+    }
+    [[nodiscard]] std::optional<Unavailable> unavailable_reason(const Plan& /*plan*/) override {
+        return std::nullopt;
+    }
+    [[nodiscard]] std::uint64_t call_rays_max(const Plan& plan) const override {
+        const std::uint64_t most = std::min(limits_.chunk_rays_max, plan.hit_rays_max());
+        return plan.traversal == traversal_reference ? std::min(reference_rays_max, most) : most;
+    }
+    Traced<Traversal> trace(const Plan& plan, const TraceCall& call, const PinholeRays* /*camera*/,
+                            const Stop& stop) override {
+        const std::chrono::milliseconds time_max(limits_.chunk_ms_max);
+        const ChunkStop chunk(stop, time_max);
+        TraceCall bounded = call;
+        bounded.cancelled = is_requested;
+        bounded.cancelled_context = &chunk;
+        const Traversal traversal = plan.selector.choose({call.rays, call.ray_count}, *call.scene);
+        const TraceStatus status = plan.selector.function(traversal)(&bounded);
+        if (status == trace_ok) return traversal;
+        return tl::unexpected(TraceFailure(error_of(status, plan, stop, time_max)));
+    }
+
+private:
+    const protocol::Limits& limits_;
+};
+
+}  // namespace
+
+std::unique_ptr<Backend> make_cpu(const BackendContext& context) {
+    return std::make_unique<CpuBackend>(context.limits);
+}
+
+}  // namespace raynest::server

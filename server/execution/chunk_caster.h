@@ -1,0 +1,50 @@
+// The rays of an integrator, through the backend of its chunk.
+#pragma once
+
+#include "engine/integrators/ray_caster.h"
+#include "server/execution/trace.h"
+
+namespace raynest::server {
+
+/// The plans by which an integrator's questions are answered; null: it does not ask that.
+struct CastPlans {
+    const Plan* closest = nullptr;
+    const Plan* any = nullptr;
+    const Plan* counted = nullptr;
+};
+
+/// One per chunk, on the thread that traces it. All plans name the same backends.
+class ChunkCaster final : public RayCaster {
+public:
+    ChunkCaster(const CastPlans& plans, std::size_t backend, const Stop& stop,
+                TraceBuffers& buffers)
+        : plans_(plans),
+          backend_(backend),
+          stop_(stop),
+          buffers_(buffers) {}
+
+    bool closest(std::span<const Ray> rays, std::span<HitRecord> hits) override;
+    bool closest(const PinholeRays& camera, std::span<const Ray> rays,
+                 std::span<HitRecord> hits) override;
+    bool occluded(std::span<const Ray> rays, std::span<std::uint8_t> answers) override;
+    bool counted(std::span<const Ray> rays, std::span<HitRecord> hits,
+                 std::span<Counters> counters) override;
+
+    /// Why the last call had no answers.
+    [[nodiscard]] const TraceFailure& failure() const { return failure_; }
+    /// The one that gave the last answers.
+    [[nodiscard]] Traversal traversal() const { return traversal_; }
+
+private:
+    bool cast(const Plan& plan, std::span<const Ray> rays, std::span<HitRecord> hits,
+              Counters* counters, const PinholeRays* camera);
+
+    const CastPlans plans_;
+    const std::size_t backend_;
+    const Stop& stop_;
+    TraceBuffers& buffers_;
+    TraceFailure failure_ = protocol::Error{Code::internal, "the integrator gave up", 0};
+    Traversal traversal_ = traversal_single;
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,36 @@
+#include "server/execution/chunked_job.h"
+
+#include <utility>
+
+namespace raynest::server {
+
+ChunkedJob::ChunkedJob(const Services& services, const Caller& caller, Plan plan,
+                       std::uint64_t total, bool joins)
+    : services_(services),
+      id_(caller.request_id),
+      plan_(std::move(plan)),
+      queue_(plan_.worker, total, joins) {}
+
+std::optional<ChunkedJob::Work> ChunkedJob::next_work() {
+    const auto chunk = queue_.next(
+        [this](const Backend& backend, const Chunk& rest) { return chunk_size(backend, rest); });
+    if (!chunk) return std::nullopt;
+    Work work{*chunk, {}};
+    work.task.pool = queue_.backend_of(*chunk).pool();
+    work.task.run = [this, chunk = *chunk](const Stop& stop) { return run(chunk, stop); };
+    return work;
+}
+
+Reply<Frames> ChunkedJob::run(const Chunk& chunk, const Stop& stop) {
+    statistics_.begin();
+    const TraceBufferPool::Use buffers = services_.trace_buffers.take();
+    auto answer = trace(chunk, stop, *buffers);
+    if (answer) return std::move(*answer);
+    if (auto* error = std::get_if<protocol::Error>(&answer.error()))
+        return tl::unexpected(std::move(*error));
+    const auto dealt = queue_.redeal(chunk, std::get<Unavailable>(answer.error()));
+    if (!dealt) return tl::unexpected(dealt.error());
+    return Frames{};
+}
+
+}  // namespace raynest::server

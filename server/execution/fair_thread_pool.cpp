@@ -1,0 +1,231 @@
+#include "server/execution/fair_thread_pool.h"
+
+#include <time.h>
+
+#include <algorithm>
+#include <exception>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+/// Some seconds: a task that hung must not cost its principal the rest of the day.
+constexpr std::int64_t debt_max = 1000;
+
+std::chrono::nanoseconds now_by(FairThreadPool::Time time) {
+    timespec now{};
+    clock_gettime(
+        time == FairThreadPool::Time::processor ? CLOCK_THREAD_CPUTIME_ID : CLOCK_MONOTONIC, &now);
+    return std::chrono::seconds(now.tv_sec) + std::chrono::nanoseconds(now.tv_nsec);
+}
+
+}  // namespace
+
+FairThreadPool::FairThreadPool(unsigned threads, Time charged, unsigned spares)
+    : charged_(charged),
+      spares_max_(spares),
+      regulars_(threads) {
+    try {
+        for (WorkerThread& seat : regulars_)
+            seat.thread = std::jthread([this, &seat] { run(seat); });
+        if (spares != 0) watch_ = std::thread([this] { watch(); });
+    } catch (...) {
+        stop();
+        throw;
+    }
+}
+
+FairThreadPool::~FairThreadPool() {
+    stop();
+}
+
+void FairThreadPool::stop() {
+    Accounts dropped;
+    {
+        const std::lock_guard lock(mutex_);
+        stopping_ = true;
+        turns_.clear();
+        dropped.swap(accounts_);
+    }
+    wake_.notify_all();
+    alarm_.notify_one();
+    if (watch_.joinable()) watch_.join();  // first: it starts others
+    for (WorkerThread& seat : regulars_) {
+        if (seat.thread.joinable()) seat.thread.join();
+    }
+    for (WorkerThread& seat : spares_) seat.thread.join();
+}
+
+bool FairThreadPool::later(const Waiting& a, const Waiting& b) {
+    return a.priority != b.priority ? a.priority < b.priority : a.number > b.number;
+}
+
+std::uint64_t FairThreadPool::submit(const std::string& principal, Priority priority,
+                                     std::function<void()> task) {
+    std::uint64_t number = 0;
+    {
+        const std::lock_guard lock(mutex_);
+        const auto account = accounts_.try_emplace(principal).first;
+        std::vector<Waiting>& queue = account->second.queue;
+        // Memory first: where it lacks, there must be neither a turn without a task nor a task
+        // without a turn.
+        if (queue.size() == queue.capacity()) queue.reserve(2 * queue.size() + 1);
+        if (queue.empty()) turns_.push_back(account);
+        number = submitted_++;
+        queue.push_back({priority, number, std::move(task)});
+        std::push_heap(queue.begin(), queue.end(), later);
+        if (std::exchange(resting_, false)) alarm_.notify_one();
+    }
+    wake_.notify_one();
+    return number;
+}
+
+bool FairThreadPool::change(const std::string& principal, std::uint64_t number,
+                            const std::function<bool()>& change) {
+    std::function<void()> dropped;  // goes after the lock
+    const std::lock_guard lock(mutex_);
+    const auto account = accounts_.find(principal);
+    if (account == accounts_.end()) return false;
+    std::vector<Waiting>& queue = account->second.queue;
+    const auto task = std::find_if(queue.begin(), queue.end(), [&](const Waiting& waiting) {
+        return waiting.number == number;
+    });
+    if (task == queue.end()) return false;
+    if (change()) return true;
+    dropped = std::move(task->task);
+    queue.erase(task);
+    std::make_heap(queue.begin(), queue.end(), later);
+    if (queue.empty()) turns_.remove(account);
+    return true;
+}
+
+bool FairThreadPool::run_one() noexcept {
+    WorkerThread here;
+    Taken taken;
+    {
+        const std::lock_guard lock(mutex_);
+        if (turns_.empty()) return false;
+        taken = take(next_in_turn(), here);
+    }
+    run_taken(std::move(taken), here);
+    return true;
+}
+
+FairThreadPool::Turns::iterator FairThreadPool::next_in_turn() {
+    // Without others nobody is kept waiting: nothing is owed.
+    if (turns_.size() == 1) turns_.front()->second.debt = 0;
+    while (turns_.front()->second.debt > 0) {
+        --turns_.front()->second.debt;
+        turns_.splice(turns_.end(), turns_, turns_.begin());
+    }
+    return turns_.begin();
+}
+
+FairThreadPool::Turns::iterator FairThreadPool::least_served() {
+    const auto least = std::min_element(turns_.begin(), turns_.end(), [](auto a, auto b) {
+        return a->second.running < b->second.running;
+    });
+    const std::size_t most = threads() + spares_max_ / 2;
+    return least != turns_.end() && (*least)->second.running < most ? least : turns_.end();
+}
+
+FairThreadPool::Taken FairThreadPool::take(Turns::iterator turn, WorkerThread& seat) {
+    const Accounts::iterator account = *turn;
+    std::vector<Waiting>& queue = account->second.queue;
+    std::pop_heap(queue.begin(), queue.end(), later);
+    Taken taken{account, std::move(queue.back().task)};
+    queue.pop_back();
+    ++account->second.running;
+    if (queue.empty())
+        turns_.erase(turn);
+    else
+        turns_.splice(turns_.end(), turns_, turn);
+    seat.since = Clock::now();
+    return taken;
+}
+
+void FairThreadPool::run_taken(Taken taken, WorkerThread& seat) {
+    const auto start = now_by(charged_);
+    taken.task();
+    taken.task = {};  // what it holds goes before the next one is taken
+    const auto turns = (now_by(charged_) - start) / slice;
+
+    const std::lock_guard lock(mutex_);
+    seat.since = Clock::time_point::max();
+    if (stopping_) return;  // the accounts are gone
+    Account& account = taken.account->second;
+    account.debt = std::min<std::int64_t>(account.debt + turns, debt_max);
+    if (--account.running == 0 && account.queue.empty() && account.debt == 0)
+        accounts_.erase(taken.account);
+    // Nobody waits: who asks next starts without a debt.
+    if (turns_.empty())
+        std::erase_if(accounts_, [](const auto& entry) { return entry.second.running == 0; });
+}
+
+void FairThreadPool::run(WorkerThread& self) {
+    for (;;) {
+        Taken taken;
+        {
+            std::unique_lock lock(mutex_);
+            wake_.wait(lock, [this] { return stopping_ || !turns_.empty(); });
+            if (stopping_) return;
+            taken = take(next_in_turn(), self);
+        }
+        run_taken(std::move(taken), self);
+    }
+}
+
+std::size_t FairThreadPool::held() const {
+    const Clock::time_point long_ago = Clock::now() - patience;
+    const auto is_held = [long_ago](const WorkerThread& seat) { return seat.since <= long_ago; };
+    return static_cast<std::size_t>(std::ranges::count_if(regulars_, is_held) +
+                                    std::ranges::count_if(spares_, is_held));
+}
+
+void FairThreadPool::watch() {
+    std::unique_lock lock(mutex_);
+    for (std::uint64_t seen = submitted_; !stopping_;) {
+        std::erase_if(spares_, [](const WorkerThread& seat) { return seat.over; });
+        const std::size_t wanted = std::min(held(), spares_max_);
+        while (spares_.size() < wanted && least_served() != turns_.end()) {
+            if (!start_spare()) break;
+        }
+        if (submitted_ != seen || !turns_.empty() || !spares_.empty()) {
+            seen = submitted_;
+            alarm_.wait_for(lock, patience, [this] { return stopping_; });
+        } else {
+            resting_ = true;
+            alarm_.wait(lock, [this] { return stopping_ || !resting_; });
+        }
+    }
+}
+
+bool FairThreadPool::start_spare() {
+    try {
+        WorkerThread& seat = spares_.emplace_back();
+        seat.thread = std::jthread([this, &seat] { run_spare(seat); });
+        return true;
+    } catch (const std::exception&) {  // no memory, or no thread: later, perhaps
+        std::erase_if(spares_, [](const WorkerThread& seat) { return !seat.thread.joinable(); });
+        return false;
+    }
+}
+
+void FairThreadPool::run_spare(WorkerThread& self) {
+    std::unique_lock lock(mutex_);
+    for (;;) {
+        wake_.wait_for(lock, patience, [this] { return stopping_ || !turns_.empty(); });
+        const auto turn = least_served();
+        const auto serving = std::ranges::count(spares_, false, &WorkerThread::over);
+        const bool is_needed = static_cast<std::size_t>(serving) <= held();
+        if (stopping_ || turn == turns_.end() || !is_needed) break;
+        Taken taken = take(turn, self);
+        lock.unlock();
+        run_taken(std::move(taken), self);
+        lock.lock();
+    }
+    self.over = true;
+    wake_.notify_one();  // what this one was woken for is another's now
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,167 @@
+#include "server/execution/plan.h"
+
+#include "engine/geometry/triangle.h"
+#include "server/handlers/scene_info.h"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+/// Half a million triangles, or records of as many bytes as their blocks have.
+constexpr std::uint64_t small_trees_blocks = 1 << 16;
+constexpr std::uint64_t small_trees_record_bytes = small_trees_blocks * sizeof(TriangleBlock);
+
+/// The engine reports unknown words as parameters; on the wire they are fields of the request.
+tl::unexpected<protocol::Error> refuse_word(Error error) {
+    return refuse(Code::invalid_field, std::move(error.message));
+}
+
+Reply<Priority> parse_priority(std::string_view word) {
+    if (word == "low") return Priority::low;
+    if (word == "normal") return Priority::normal;
+    if (word == "high") return Priority::high;
+    return refuse(Code::invalid_field,
+                  "unknown priority '" + std::string(word) + "': use one of low, normal, high");
+}
+
+Reply<Settings> read_settings(const Variant& variant, const protocol::StringList* list) {
+    std::vector<std::pair<std::string, std::string>> assignments;
+    for (const std::string& text : protocol::strings(list)) {
+        const auto equals = text.find('=');
+        assignments.emplace_back(text.substr(0, equals), text.substr(equals + 1));
+    }
+    auto settings = parse_settings(variant, assignments);
+    if (!settings) return refuse(settings.error());
+    return std::move(*settings);
+}
+
+RecordNormal record_normal(std::uint32_t type, const void* registry) {
+    const PackPrimitive* primitive = static_cast<const Registry*>(registry)->find_primitive(type);
+    return primitive == nullptr ? nullptr : primitive->normal;
+}
+
+}  // namespace
+
+Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
+                      Query query, bool counting) {
+    using protocol::text;
+    using protocol::word;
+    const auto priority = parse_priority(word(job.priority(), "normal"));
+    if (!priority) return tl::unexpected(priority.error());
+    const auto precision = parse_precision(word(job.precision(), "watertight"));
+    if (!precision) return refuse_word(precision.error());
+    const auto traversal = parse_traversal(word(job.traversal(), "auto"));
+    if (!traversal) return refuse_word(traversal.error());
+
+    Plan plan;
+    auto scene = services.scenes.find(text(job.scene()), job.epoch(), caller);
+    if (!scene) return tl::unexpected(scene.error());
+    plan.scene = std::move(*scene);
+    const auto variant =
+        services.registry.choose(word(job.intersector(), "auto"), plan.scene.snapshot().view());
+    if (!variant) return refuse(variant.error());
+    plan.variant = *variant;
+    auto settings = read_settings(*plan.variant, job.settings());
+    if (!settings) return tl::unexpected(settings.error());
+    plan.settings = std::move(*settings);
+
+    plan.precision = *precision;
+    plan.traversal = *traversal;
+    plan.mask = job.mask();
+    plan.worker.asked = word(job.worker(), "auto");
+    plan.priority = *priority;
+    plan.deadline_ms = job.deadline_ms();
+    plan.detach = job.detach();
+    return Plan::with(std::move(plan), query, counting);
+}
+
+Reply<Plan> Plan::with(Plan plan, Query query, bool counting) {
+    plan.query = query;
+    plan.counting = counting;
+    if (counting && plan.traversal != traversal_single) {
+        if (plan.traversal != traversal_auto)
+            plan.notes.push_back(
+                "counters are defined by the single traversal: it ran instead of " +
+                std::string(traversal_name(plan.traversal)));
+        plan.traversal = traversal_single;
+    }
+    auto selector = KernelSelector::make(*plan.variant, query, plan.precision, plan.traversal, counting);
+    if (!selector) return refuse(selector.error());
+    plan.selector = *selector;
+    return plan;
+}
+
+TraceCall Plan::call() const {
+    TraceCall call{};
+    call.scene = &scene.snapshot().view();
+    call.params = settings.params.empty() ? nullptr : settings.params.data();
+    call.hits_max = hits_max;
+    call.mask = mask;
+    call.flags = settings.flags;
+    return call;
+}
+
+bool Plan::same_call(const Plan& other) const {
+    return scene.held == other.scene.held && variant == other.variant &&
+           settings.params == other.settings.params && settings.flags == other.settings.flags &&
+           query == other.query && traversal == other.traversal && precision == other.precision &&
+           mask == other.mask && hits_max == other.hits_max;
+}
+
+std::uint64_t Plan::hit_rays_max() const {
+    if (query == query_all) return std::numeric_limits<std::uint64_t>::max();
+    return std::max<std::uint64_t>(1, hit_bytes_max / (sizeof(HitRecord) * hits_max));
+}
+
+bool Plan::has_small_trees() const {
+    const SceneView& view = scene.snapshot().view();
+    const ObjectRecord& last = view.objects[view.object_count - 1];
+    return last.first_block + last.block_count <= small_trees_blocks &&
+           last.first_record + records_bytes(last) <= small_trees_record_bytes;
+}
+
+ColumnSource Plan::source(const Registry& registry) const {
+    ColumnSource source;
+    source.scene = &scene.snapshot().view();
+    source.paths = &scene.snapshot().paths();
+    source.record_normal = record_normal;
+    source.context = &registry;
+    return source;
+}
+
+JobSubmission accept(const Plan& plan, const char* kind, std::uint64_t rays) {
+    JobSubmission accepted;
+    accepted.deadline_ms = plan.deadline_ms;
+    accepted.priority = plan.priority;
+    accepted.kind = kind;
+    accepted.scene = plan.scene.name;
+    accepted.worker = plan.worker.first().name();
+    accepted.rays = rays;
+    accepted.detach = plan.detach;
+    return accepted;
+}
+
+wire::StartedT started(const Plan& plan, const protocol::Limits& limits) {
+    wire::StartedT message;
+    message.scene = plan.scene.name;
+    message.hash = plan.scene.snapshot().digest();
+    message.epoch = plan.scene.epoch;
+    message.intersector = clean_text(plan.variant->name, limits.name_bytes_max);
+    message.target = plan.worker.first().target(plan);
+    message.traversal = plan.untraced ? "none" : traversal_name(plan.traversal);
+    message.precision = plan.precision == precision_fast ? "fast" : "watertight";
+    message.worker = plan.worker.first().name();
+    message.worker_reason = clean_text(plan.worker.reason, limits.text_bytes_max);
+    message.notes = plan.notes;
+    message.hidden = plan.hidden;
+    const WorldPoint& origin = plan.scene.snapshot().origin();
+    message.origin_x = origin[0];
+    message.origin_y = origin[1];
+    message.origin_z = origin[2];
+    return message;
+}
+
+}  // namespace raynest::server

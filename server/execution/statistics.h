@@ -1,0 +1,59 @@
+// The numbers of DONE, added up by a job's tasks.
+#pragma once
+
+#include "server/execution/chunk_queue.h"
+#include "server/execution/plan.h"
+#include "server/execution/trace.h"
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <limits>
+
+namespace raynest::server {
+
+/// Thread-safe.
+class JobStatistics {
+public:
+    /// A task starts.
+    void begin();
+
+    /// The numbers of one chunk.
+    struct Counts {
+        std::uint64_t rays = 0;
+        std::uint64_t hits = 0;
+        std::uint64_t misses = 0;     ///< rays without a hit
+        std::uint64_t truncated = 0;  ///< rays with more hits than their budget
+        std::uint64_t invalid = 0;    ///< rays that are none: misses, too
+        std::uint64_t first_invalid = 0;
+
+        /// Counts one record per ray, but for `hits`: rows of the query from `first` on, in `order`
+        /// as in TracedRays.
+        void add_rays(std::span<const HitRecord> records, std::span<const std::uint32_t> order,
+                      std::uint64_t first);
+    };
+    /// A chunk was answered, by the backend at this place of the plan's order.
+    void add(std::size_t backend, Traversal traversal, const Counts& counts);
+
+    [[nodiscard]] std::uint64_t hits() const { return hits_; }
+    /// Rays, hits, times, target, traversal, worker and notes of DONE.
+    [[nodiscard]] wire::DoneT done(const Plan& plan, const ChunkQueue& queue) const;
+
+private:
+    using Ticks = Clock::duration::rep;
+    static constexpr std::size_t backends_max = 8;
+
+    const Clock::time_point accepted_ = Clock::now();
+    std::atomic<std::uint64_t> rays_{0};
+    std::atomic<std::uint64_t> hits_{0};
+    std::atomic<std::uint64_t> misses_{0};
+    std::atomic<std::uint64_t> truncated_{0};
+    std::atomic<std::uint64_t> invalid_{0};
+    std::atomic<std::uint64_t> first_invalid_{std::numeric_limits<std::uint64_t>::max()};
+    std::atomic<std::uint32_t> traversals_{0};  ///< bit t: traversal t gave answers
+    std::atomic<Ticks> first_{0};               ///< since accepted_; 0: nothing began yet
+    std::atomic<Ticks> last_{0};
+    std::array<std::atomic<std::uint64_t>, backends_max> chunks_{};  ///< answered, per backend
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,45 @@
+// Rays that the daemon makes: a kind of generators.def and its settings become a sensor.
+#pragma once
+
+#include "engine/integrators/generators.h"
+#include "protocol/wire.h"
+#include "server/errors.h"
+
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <utility>
+#include <variant>
+
+namespace raynest::server {
+
+/// A sensor that is made when a task first asks for it: the tables of a lidar are too much work for
+/// the io thread.
+class LateSensor {
+public:
+    LateSensor(ImageSize grid, std::function<Sensor()> make)
+        : grid_(grid),
+          make_(std::move(make)) {}
+    [[nodiscard]] const ImageSize& grid() const { return grid_; }
+    /// Thread-safe.
+    [[nodiscard]] const Sensor& get() {
+        std::call_once(once_, [this] { sensor_ = make_(); });
+        return *sensor_;
+    }
+
+private:
+    const ImageSize grid_;
+    const std::function<Sensor()> make_;
+    std::once_flag once_;
+    std::optional<Sensor> sensor_;
+};
+using SensorPointer = std::shared_ptr<LateSensor>;
+
+/// A sensor has all of its rays; a hemisphere makes them from points that the client sends.
+using Generated = std::variant<SensorPointer, Hemisphere>;
+
+/// INVALID_FIELD or LIMIT_EXCEEDED names the setting that is wrong, missing, or not one of its kind.
+Reply<Generated> generate(const wire::Generator& message, const Snapshot& scene);
+
+}  // namespace raynest::server

@@ -1,0 +1,67 @@
+// How the settings of a generator are read: one type for each that generators.def names.
+#pragma once
+
+#include "engine/geometry/pinhole.h"
+#include "server/errors.h"
+
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::server::setting {
+
+/// The text itself.
+struct Name {
+    std::string value;
+};
+/// Comes in the frames of a query: the text says nothing.
+struct Sent {};
+/// WIDTHxHEIGHT
+struct Size {
+    ImageSize value;
+};
+/// Finite numbers, as many as their type has.
+struct Reals {
+    std::vector<float> values;
+    [[nodiscard]] double at(std::size_t i) const { return static_cast<double>(values[i]); }
+    [[nodiscard]] Vec3 vector(std::size_t i) const {
+        return {values[3 * i], values[3 * i + 1], values[3 * i + 2]};
+    }
+};
+struct Number : Reals {};
+struct Window : Reals {};
+struct LookAt : Reals {};
+struct Matrix : Reals {};
+struct Numbers : Reals {};
+struct Vectors : Reals {};
+/// Numbers, or LOWEST:HIGHEST:COUNT
+struct Steps : Reals {};
+/// Degrees from 0 to below 180.
+struct Angle {
+    float value = 0;
+};
+/// START:STOP:COUNT
+struct Sweep {
+    double start = 0, stop = 360;
+    std::uint32_t count = 0;
+};
+/// NEAR:FAR
+struct Range {
+    float tmin = 0, tmax = std::numeric_limits<float>::infinity();
+};
+struct Samples {
+    std::uint32_t value = 64;
+};
+struct Whole {
+    std::uint64_t value = 0;
+};
+
+// One for each type that generators.def names: INVALID_FIELD or LIMIT_EXCEEDED says what is wrong with
+// the text; whose it is, the caller says.
+#define RAYNEST_SETTING(name, type, description) \
+    Reply<void> read(std::string_view text, type& value);
+#include "protocol/generators.def"
+
+}  // namespace raynest::server::setting

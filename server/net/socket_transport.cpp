@@ -1,0 +1,102 @@
+#include "server/net/socket_transport.h"
+
+#include "protocol/keep_alive.h"
+
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+/// A wakeup for every segment costs more than the segment: up to twice the CPU time of a stream,
+/// whenever the reader keeps up with the sender. So a read waits for up to this many bytes.
+constexpr std::size_t wanted_max = 128 << 10;
+
+/// Keep-alive probes (protocol/keep_alive.h) find a dead peer only while nothing waits to be sent;
+/// otherwise TCP itself gives up after a quarter of an hour. These bounds find it sooner. A peer
+/// whose window is full is not dead: it answers the probes of its window.
+constexpr std::uint32_t silence_ms_max = 20'000;
+/// Unanswered window probes in a row.
+constexpr int probes_max = 3;
+
+}  // namespace
+
+PeerIdentity identity_of(Socket& socket) {
+    ucred peer{};
+    socklen_t size = sizeof peer;
+    sockaddr_storage address{};
+    socklen_t address_size = sizeof address;
+    auto* generic = reinterpret_cast<sockaddr*>(&address);
+    if (getsockname(socket.native_handle(), generic, &address_size) == 0 &&
+        address.ss_family == AF_UNIX &&
+        getsockopt(socket.native_handle(), SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0)
+        return {"uid:" + std::to_string(peer.uid)};
+    SystemError error;
+    const auto endpoint = socket.remote_endpoint(error);
+    asio::ip::tcp::endpoint tcp;
+    if (error || endpoint.size() > tcp.capacity()) return {"unknown"};
+    std::copy_n(reinterpret_cast<const char*>(endpoint.data()), endpoint.size(),
+                reinterpret_cast<char*>(tcp.data()));
+    return {tcp.address().is_loopback() ? "127.0.0.1" : tcp.address().to_string()};
+}
+
+SocketTransport::SocketTransport(Socket socket)
+    : socket_(std::move(socket)),
+      peer_(identity_of(socket_)) {
+    protocol::tune_tcp(socket_.native_handle());
+    SystemError ignored;
+    socket_.non_blocking(true, ignored);
+}
+
+// read() and write() hand Asio's awaitable on: a coroutine of their own would cost another frame.
+
+asio::awaitable<std::size_t> SocketTransport::read(const ReadBuffers& buffers, std::size_t wanted,
+                                                   SystemError& error) {
+    wanted = std::min(wanted, wanted_max);
+    if (wanted != wanted_) {
+        wanted_ = wanted;
+        const int mark = static_cast<int>(wanted);
+        // Unix sockets ignore it, and without it all that is lost is time.
+        (void)setsockopt(socket_.native_handle(), SOL_SOCKET, SO_RCVLOWAT, &mark, sizeof mark);
+    }
+    return socket_.async_read_some(buffers, asio::redirect_error(asio::use_awaitable, error));
+}
+
+asio::awaitable<std::size_t> SocketTransport::write(const WriteBatch::Rest& rest,
+                                                    SystemError& error) {
+    return socket_.async_write_some(rest, asio::redirect_error(asio::use_awaitable, error));
+}
+
+std::size_t SocketTransport::write_now(const WriteBatch::Rest& rest) {
+    SystemError ignored;
+    return socket_.write_some(rest, ignored);
+}
+
+asio::awaitable<void> SocketTransport::finish_writing() {
+    SystemError ignored;
+    socket_.shutdown(Socket::shutdown_send, ignored);
+    co_return;
+}
+
+void SocketTransport::close() {
+    SystemError ignored;
+    socket_.close(ignored);
+}
+
+bool SocketTransport::is_lost() {
+    tcp_info info{};
+    socklen_t size = sizeof info;
+    if (getsockopt(socket_.native_handle(), IPPROTO_TCP, TCP_INFO, &info, &size) != 0) return false;
+    const std::uint32_t silence_ms = info.tcpi_last_ack_recv;
+    if (silence_ms < silence_ms_max) return false;
+    // TCP repeats unanswered bytes after tcpi_rto, which doubles each time; a live peer answers each.
+    if (info.tcpi_unacked != 0) return silence_ms > info.tcpi_rto / 1000 * 3 / 2;
+    return info.tcpi_probes >= probes_max;
+}
+
+}  // namespace raynest::server

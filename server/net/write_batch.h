@@ -1,0 +1,57 @@
+// The frames of one gathered write, and how much of them has left.
+#pragma once
+
+#include "protocol/frame.h"
+#include "server/net/asio.h"
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <vector>
+
+namespace raynest::server {
+
+class WriteBatch {
+public:
+    /// The buffers that have not left yet; valid until the next call.
+    struct Rest {
+        using value_type = asio::const_buffer;
+        const asio::const_buffer* first;
+        const asio::const_buffer* last;
+        [[nodiscard]] const asio::const_buffer* begin() const { return first; }
+        [[nodiscard]] const asio::const_buffer* end() const { return last; }
+    };
+
+    [[nodiscard]] bool empty() const { return frames_.empty(); }
+    [[nodiscard]] Rest rest() const {
+        return {buffers_.data() + buffers_left_, buffers_.data() + buffers_.size()};
+    }
+
+    /// Takes the next frames of the outbox; only when empty.
+    void load(std::deque<protocol::Frame>& outbox);
+    /// Counts `bytes` of rest() as sent, and calls `sent(frame)` for each frame that is now sent as
+    /// a whole. The batch is empty again after its last frame.
+    template <class Sent>
+    void consume(std::size_t bytes, Sent sent) {
+        skip(bytes);
+        while (frames_left_ < frames_.size() && ends_[frames_left_] <= buffers_left_)
+            sent(frames_[frames_left_++]);
+        if (frames_left_ == frames_.size()) clear();
+    }
+
+private:
+    void skip(std::size_t bytes);
+    void clear();
+
+    static constexpr std::size_t frames_max = 16;
+    static constexpr std::uint64_t bytes_max = 1ULL << 20;
+    std::vector<protocol::Frame> frames_;
+    std::array<std::array<std::byte, protocol::header_bytes>, frames_max> headers_;
+    std::vector<asio::const_buffer> buffers_;
+    std::array<std::size_t, frames_max> ends_;  ///< buffers up to the end of each frame
+    std::size_t buffers_left_ = 0;              ///< buffers that have left
+    std::size_t frames_left_ = 0;               ///< frames that have left
+};
+
+}  // namespace raynest::server

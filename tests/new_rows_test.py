@@ -1,0 +1,192 @@
+#!/usr/bin/env python3
+"""A counter, a generator and a request are one row each, and what they do: adds them to a copy of the
+tree, builds that and uses them from the command line, from Python and in the documents.
+
+  new_rows_test.py SOURCE_DIR BUILD_DIR CMAKE      of tests/run.sh --long; else skipped
+"""
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+SOURCE, BUILD, CMAKE = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]), sys.argv[3]
+
+
+def run(*command, **options):
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, **options)
+    if done.returncode:
+        raise AssertionError(f"{command} gave {done.returncode}:\n{done.stdout[-5000:]}{done.stderr[-3000:]}")
+    return done.stdout
+
+
+class Tree:
+    """The tracked files of the tree, copied."""
+
+    def __init__(self, root):
+        self.root = root
+        names = run("git", "-C", SOURCE, "-c", f"safe.directory={SOURCE}", "ls-files", "-z").split("\0")
+        for name in filter(None, names):
+            if (SOURCE / name).is_file() or (SOURCE / name).is_symlink():
+                (root / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(SOURCE / name, root / name, follow_symlinks=False)
+
+    def edit(self, name, pattern, replacement):
+        """In one place."""
+        text, count = re.subn(pattern, lambda _: replacement, (self.root / name).read_text(), flags=re.M)
+        if count != 1:
+            raise AssertionError(f"{name} has {count} places like {pattern}")
+        (self.root / name).write_text(text)
+
+    def add_row(self, name, like, old, new):
+        """A row like another one of the list, behind it."""
+        text = (self.root / name).read_text()
+        row = next(line for line in text.splitlines() if line.startswith(like))
+        for word, other in zip(old, new):
+            if word not in row:
+                raise AssertionError(f"{name}: '{row}' has no {word}")
+            row = row.replace(word, other)
+        self.edit(name, rf"^{re.escape(like)}.*$", f"{next(x for x in text.splitlines() if x.startswith(like))}\n{row}")
+
+
+def add_counter(tree):
+    tree.add_row("engine/geometry/counters.def", "RAYNEST_COUNTER(leaves",
+                 ("leaves, ", "leaves visited"), ("pairs, ", "pairs of nodes"))
+    tree.edit("engine/intersectors/counting.h", r"\+\+c\.nodes;", "++c.nodes;\n        c.pairs += 2;")
+
+
+def add_generator(tree):
+    tree.add_row("protocol/generators.def", "RAYNEST_GENERATOR(equirectangular",
+                 ("equirectangular", "pose, range"), ("square_on", "pose, scale, range"))
+    tree.add_row("protocol/generators.def", "RAYNEST_SETTING(fx", ("fx", "in pixels"), ("scale", "over the width"))
+    tree.edit("server/handlers/generator.cpp", r"^Reply<Generated> make_equirectangular", """\
+Reply<Generated> make_square_on(const Request& request) {
+    if (!request.settings.scale) return lacks(request.kind, "scale");
+    const double focal = request.settings.scale->at(0) * request.size.width;
+    return ready(Pinhole{request.mount, request.size, 0, 0, 1 / focal, 1 / focal});
+}
+
+Reply<Generated> make_equirectangular""")
+
+
+def add_request(tree):
+    tree.add_row("protocol/requests.def", "RAYNEST_REQUEST(15", ("15", "Stats", "stats", "nothing", "plain", "Statistics"),
+                 ("40", "Echo", "echo", "checked", "Echoed"))
+    tree.add_row("protocol/requests.def", "RAYNEST_ANSWER(130", ("130", "Pong"), ("168", "Echoed"))
+    tree.edit("protocol/messages.fbs", r"^// ---- jobs -+$", """\
+table Echo { text: string; deadline_ms: uint; }
+table Echoed { text: string; }
+
+// ---- jobs""")
+    tree.edit("protocol/validate.cpp", r"^Result<void> validate\(const wire::Need&", """\
+Result<void> validate(const wire::Echo& message, const Limits& limits) {
+    return Checks(limits).needs("text", message.text()).text("text", message.text()).result();
+}
+
+Result<void> validate(const wire::Need&""")
+    (tree.root / "server/handlers/echo.cpp").write_text("""\
+#include "server/handlers/handler.h"
+
+namespace raynest::server {
+
+Reply<Answer> echo(const Services& services, const Caller& caller,
+                   const protocol::Opened<wire::Echo>& message) {
+    wire::EchoedT echoed;
+    echoed.text = protocol::text(message->text());
+    return answer_with(caller, echoed, services);
+}
+
+}  // namespace raynest::server
+""")
+    tree.edit("server/CMakeLists.txt", r"handlers/stats\.cpp", "handlers/stats.cpp handlers/echo.cpp")
+    handlers = (tree.root / "server/handlers/handler.cpp").read_text()
+    if "requests.def" not in handlers:
+        row = re.search(r"\w+<wire::Stats, stats>,", handlers)[0]
+        tree.edit("server/handlers/handler.cpp", re.escape(row), f"{row} {row.replace('Stats, stats', 'Echo, echo')}")
+        tree.edit("server/handlers/handler.h", r"^Reply<Answer> stats\(",
+                  "Reply<Answer> echo(const Services&, const Caller&, const protocol::Opened<wire::Echo>&);\n"
+                  "Reply<Answer> stats(")
+
+
+class NewRows(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.scratch = pathlib.Path(tempfile.mkdtemp(prefix="raynest-rows-"))
+        cls.addClassCleanup(shutil.rmtree, cls.scratch)
+        cls.tree = Tree(cls.scratch / "tree")
+        for add in (add_counter, add_generator, add_request):
+            add(cls.tree)
+        run(sys.executable, cls.tree.root / ".ci/lists.py")
+        run(sys.executable, cls.tree.root / ".ci/lists.py", "--check")
+        build = cls.scratch / "build"
+        target = "v3" if "avx2" in pathlib.Path("/proc/cpuinfo").read_text() else "v2"
+        run(CMAKE, "-S", cls.tree.root, "-B", build, "-G", "Ninja", "-C", SOURCE / ".ci/release.cmake",
+            f"-DRAYNEST_TARGETS={target}", "-DRAYNEST_CUDA=OFF", "-DRAYNEST_WERROR=ON", "-DRAYNEST_TESTS=OFF",
+            "-DRAYNEST_BENCH=OFF")
+        run(CMAKE, "--build", build, "--target", "raynestd", "raynest", "raynest_packs")
+        cls.bin = build / "bin"
+        cls.server = f"unix:{cls.scratch}/socket"
+        environment = {**os.environ, "RAYNEST_BUILTIN_PACKS": str(build / "lib/raynest")}
+        cls.daemon = subprocess.Popen([cls.bin / "raynestd", "--listen", cls.server, "--ready-file",
+                                       cls.scratch / "ready", "--log-level", "warn"], env=environment)
+        cls.addClassCleanup(cls.daemon.wait)
+        cls.addClassCleanup(cls.daemon.terminate)
+        until = time.monotonic() + 60
+        while not (cls.scratch / "ready").exists():
+            if cls.daemon.poll() is not None or time.monotonic() > until:
+                raise AssertionError("the daemon does not start")
+            time.sleep(0.05)
+        cls.raynest("load", "builtin:forest?trees=20", "--name", "woods")
+
+    @classmethod
+    def raynest(cls, *words):
+        return run(cls.bin / "raynest", "--server", cls.server, *words)
+
+    def python(self, program):
+        return run(sys.executable, "-c", "import sys, raynest; from raynest import generators\n"
+                   "client = raynest.connect(sys.argv[1]); woods = client.scene('woods')\n" + program, self.server,
+                   env={**os.environ, "PYTHONPATH": str(self.tree.root / "client/python")})
+
+    def page(self):
+        return (self.tree.root / "protocol/PROTOCOL.md").read_text()
+
+    def test_a_counter_is_a_column_and_a_metric(self):
+        self.assertIn("| pairs ", self.raynest("heatmap", "--help"))
+        self.raynest("heatmap", "woods", "--metric", "pairs", "--size", "32x32", "-o", self.scratch / "pairs.png")
+        table = self.raynest("query", "woods", "--ray", "8,50,-8,0,-1,0", "--fields", "nodes,pairs", "--json")
+        self.assertRegex(table, r'"nodes":[1-9]')
+        told = self.python("c = woods.trace([8, 50, -8, 0, -1, 0], fields=('nodes', 'pairs'))\n"
+                           "print(c['nodes'][0] > 0, c['pairs'][0] == 2 * c['nodes'][0], c['pairs'].dtype)")
+        self.assertEqual(told.split(), ["True", "True", "uint32"])
+        self.assertIn("| `pairs` | u32 | pairs of nodes per ray |", self.page())
+
+    def test_a_generator_makes_rays(self):
+        self.assertRegex(self.raynest("query", "--help"), r"square_on +size, camera, lookat, pose, scale, range")
+        self.raynest("query", "woods", "--generate", "square_on", "size=4x4", "scale=2", "--fields", "direction",
+                     "-o", self.scratch / "rays.npz")
+        told = self.python("rays = generators.square_on(size=(4, 4), scale=2)\n"
+                           "print(woods.trace(rays, fields=('direction',))['direction'][0].tolist())")
+        self.assertEqual(told.strip(), "[0.0625, -0.0625, -1.0]")
+        refused = subprocess.run([self.bin / "raynest", "--server", self.server, "query", "woods", "--generate",
+                                  "square_on"], capture_output=True, text=True)
+        self.assertEqual(refused.returncode, 2)
+        self.assertIn("generator square_on needs scale", refused.stderr)
+        self.assertIn("| `square_on` |", self.page())
+
+    def test_a_request_is_answered(self):
+        told = self.python("print(client.connection.ask('Echo', {'text': 'hello'}, 'Echoed')['text'])\n"
+                           "try: client.connection.ask('Echo', {'text': '\\x07'}, 'Echoed')\n"
+                           "except raynest.UsageError as error: print(error)")
+        self.assertEqual(told.splitlines(), ["hello", "text is not printable UTF-8"])
+        self.assertIn("| Echo | 40 | client |", self.page())
+
+
+if __name__ == "__main__":
+    if "RAYNEST_LONG" not in os.environ:
+        print("skipped: tests/run.sh --long runs it")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1])

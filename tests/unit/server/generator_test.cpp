@@ -1,0 +1,175 @@
+#include "server/handlers/generator.h"
+
+#include "tests/unit/engine/small_scenes.h"
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+using namespace raynest;
+using server::Code;
+using server::Generated;
+
+namespace {
+
+using Words = std::vector<std::string>;
+
+const Snapshot& scene() {
+    static const auto built = test::build_scene(test::tree_scene());
+    return *built;
+}
+
+server::Reply<Generated> generated(const std::string& kind, const Words& settings) {
+    wire::GeneratorT message;
+    message.kind = kind;
+    message.settings = settings;
+    flatbuffers::FlatBufferBuilder builder;
+    builder.Finish(wire::Generator::Pack(builder, &message));
+    return server::generate(*flatbuffers::GetRoot<wire::Generator>(builder.GetBufferPointer()),
+                            scene());
+}
+
+template <class Kind>
+Kind sensor(const std::string& kind, const Words& settings) {
+    const auto made = generated(kind, settings);
+    REQUIRE_MESSAGE(made.has_value(), (made ? "" : made.error().message));
+    return std::get<Kind>(std::get<server::SensorPointer>(*made)->get());
+}
+
+std::string complaint(const std::string& kind, const Words& settings,
+                      Code code = Code::invalid_field) {
+    const auto made = generated(kind, settings);
+    REQUIRE_FALSE(made.has_value());
+    CHECK(made.error().code == code);
+    return made.error().message;
+}
+
+bool mentions(const std::string& text, const std::string& what) {
+    return text.find(what) != std::string::npos;
+}
+
+const std::string pose = "pose=1,0,0,0,0,1,0,0,0,0,1,9", look_at = "lookat=1,2,3,4,5,6";
+
+}  // namespace
+
+TEST_CASE("an image has a size, and a pinhole square pixels and its axis in the middle") {
+    const auto image = sensor<Pinhole>("pinhole", {"fx=500"});
+    CHECK(image.size.width == 960);
+    CHECK(image.size.height == 540);
+    CHECK(image.center_x == 480);
+    CHECK(image.center_y == 270);
+    const auto other = sensor<Pinhole>("pinhole", {"size=8x6", "fx=5", "fy=6", "cx=0"});
+    CHECK(other.size.width == 8);
+    CHECK(other.center_x == 0);
+    CHECK(other.center_y == 3);
+}
+
+TEST_CASE("a lidar's channels are a list or an evenly divided range") {
+    const auto range = sensor<Lidar>("lidar", {"elevations=-15:15:4", "azimuths=0:180:90",
+                                               "range=0.5:inf"});
+    CHECK(range.rays().width == 90);
+    CHECK(range.rays().height == 4);
+    CHECK(range.ray(0, 0).tmin == 0.5F);
+    CHECK(static_cast<double>(range.ray(0, 0).direction.z) ==
+          doctest::Approx(std::sin(-15 * M_PI / 180)));
+    CHECK(static_cast<double>(range.ray(0, 1).direction.z) ==
+          doctest::Approx(std::sin(-5 * M_PI / 180)));
+    const auto list = sensor<Lidar>(
+        "lidar", {"elevations=1,2.5", "azimuths=0:9:9", "origin_offsets=1,2,3,4,5,6", "range=0:30"});
+    CHECK(list.ray(0, 1).origin == Vec3(4, 5, 6));
+    CHECK(list.ray(0, 0).tmax == 30);
+}
+
+TEST_CASE("a sensor stands where a camera, a look-at or a pose says") {
+    const Words sweep = {"elevations=0", "azimuths=0:1:1"};
+    const auto at = [&](const std::string& place) {
+        Words words = sweep;
+        if (!place.empty()) words.push_back(place);
+        return sensor<Lidar>("lidar", words).ray(0, 0).origin;
+    };
+    CHECK(at("") == Vec3(0));
+    CHECK(at(pose) == Vec3(0, 0, 9));
+    CHECK(at(look_at) == Vec3(1, 2, 3));
+    CHECK(mentions(complaint("lidar", {pose, look_at}), "lookat and pose each say where"));
+    CHECK(mentions(complaint("lidar", {"camera=1", pose}), "camera and pose each say where"));
+    CHECK(mentions(complaint("camera", {look_at, "camera=1"}), "camera and lookat each say where"));
+    CHECK(mentions(complaint("camera", {"camera=unheard"}), "camera"));
+}
+
+TEST_CASE("a hemisphere has samples and a seed") {
+    const auto made = generated("hemisphere", {"points=", "samples=9", "seed=18446744073709551615"});
+    REQUIRE(made.has_value());
+    CHECK(std::get<Hemisphere>(*made).samples == 9);
+    CHECK(std::get<Hemisphere>(*made).seed == ~0ULL);
+    CHECK(std::get<Hemisphere>(*generated("hemisphere", {})).samples == 64);
+}
+
+TEST_CASE("a key that its kind has not is refused with those that it has") {
+    CHECK(complaint("camera", {"zoom=2"}) ==
+          "zoom is no key of camera; its keys are size, camera, lookat, fov, range");
+    for (const auto& [kind, word] :
+         std::vector<std::pair<std::string, std::string>>{{"camera", pose},
+                                                          {"camera", "fx=5"},
+                                                          {"camera", "points="},
+                                                          {"pinhole", "fov=50"},
+                                                          {"pinhole", "window=1x1"},
+                                                          {"orthographic", "samples=1"},
+                                                          {"equirectangular", "fov=90"},
+                                                          {"lidar", "size=8x8"},
+                                                          {"hemisphere", "range=0:1"},
+                                                          {"hemisphere", look_at}}) {
+        const std::string name = word.substr(0, word.find('='));
+        CHECK(mentions(complaint(kind, {word}), name + " is no key of " + kind + "; its keys are "));
+    }
+    CHECK(mentions(complaint("fish", {}), "no generator 'fish'; there are camera, pinhole"));
+}
+
+TEST_CASE("what a kind lacks is named") {
+    for (const auto& [kind, says] : std::vector<std::pair<std::string, std::string>>{
+             {"pinhole", "generator pinhole needs fx and fy above 0"},
+             {"orthographic", "generator orthographic needs window=WIDTHxHEIGHT, both above 0"},
+             {"lidar", "generator lidar needs elevations and azimuths"}})
+        CHECK(complaint(kind, {}) == says);
+    CHECK(mentions(complaint("lidar", {"elevations=0,1", "azimuths=0:1:1", "azimuth_offsets=1"}),
+                   "azimuth_offsets must be as many as elevations"));
+    CHECK(mentions(complaint("lidar", {"elevations=0,1", "azimuths=0:1:1", "origin_offsets=1,2,3"}),
+                   "origin_offsets must be as many as elevations"));
+}
+
+TEST_CASE("rays that would end at 0 are refused") {
+    for (const char* range : {"range=0:0", "range=5:-0"})
+        CHECK(mentions(complaint("lidar", {range}), "cannot end at 0"));
+    CHECK(mentions(complaint("lidar", {"range=5:1"}), "0 <= tmin <= tmax"));
+}
+
+TEST_CASE("what is misshapen, too much or twice there is named") {
+    CHECK(complaint("camera", {"fov=1", "fov=2"}) == "fov is given twice");
+    for (const auto& [kind, words] : std::vector<std::pair<std::string, Words>>{
+             {"camera",
+              {"size=5", "size=5x", "size=-1x2", "size=1x2x3", "fov=", "fov=1,2", "fov=1e99",
+               "fov=180", "fov=nan", "lookat=1,2,3", "lookat=1,2,3,4,5,6,7", "range=1",
+               "range=nan:1", "range=inf:inf"}},
+             {"pinhole", {"pose=1,2,3", "pose=1,0,0,0,0,1,0,0,0,0,1,inf", "fx=a", "fx=inf"}},
+             {"orthographic", {"window=1", "window=1xnan"}},
+             {"lidar",
+              {"elevations=1:2", "elevations=0:1:1", "elevations=0:1:513", "elevations=0,nan",
+               "azimuths=5", "azimuths=0:1:x", "azimuths=0:1:0", "azimuths=0:1:65537",
+               "origin_offsets=1,2"}},
+             {"hemisphere",
+              {"samples=-1", "samples=0", "samples=65537", "samples=4294967296", "seed=1.5"}}})
+        for (const std::string& bad : words) {
+            const std::string message = complaint(kind, {bad});
+            const std::string key = bad.substr(0, bad.find('='));
+            CHECK_MESSAGE(message.starts_with(key + ": "), bad << ": " << message);
+        }
+    for (const char* const bad : {"size=4294967296x1", "size=0x1", "size=1x16385"})
+        CHECK(mentions(complaint("camera", {bad}), "is not a whole number from 1 to 16384"));
+    CHECK(mentions(complaint("camera", {"size=16384x16384"}, Code::limit_exceeded),
+                   "picture_pixels_max"));
+    std::string many = "elevations=0";
+    for (int i = 0; i < 512; ++i) many += ",0";
+    CHECK(mentions(complaint("lidar", {many}, Code::limit_exceeded), "list_items_max"));
+}

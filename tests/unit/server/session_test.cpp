@@ -1,0 +1,267 @@
+// Sessions over a transport in memory: what they do does not depend on how bytes are cut, and no
+// byte renews a deadline or a place.
+#include "server/net/session.h"
+
+#include "engine/math/random.h"
+#include "tests/unit/server/memory_transport.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <array>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+using std::chrono::milliseconds;
+using test::MemoryDaemon;
+using test::MemoryPeer;
+
+using Heard = std::vector<std::pair<std::uint16_t, std::vector<std::byte>>>;  // type and bulk
+
+bool is(const protocol::Frame& frame, wire::Message type) {
+    return frame.header.type == static_cast<std::uint16_t>(type);
+}
+
+/// The code of the last frame, if that is an error.
+std::optional<Code> last_error(MemoryPeer& peer) {
+    const auto frames = peer.take_frames();
+    if (frames.empty()) return std::nullopt;
+    const auto error = protocol::open<wire::Error>(frames.back());
+    return error ? std::optional(static_cast<Code>((*error)->code())) : std::nullopt;
+}
+
+std::unique_ptr<MemoryPeer> greeted(MemoryDaemon& house, const std::string& name = "memory") {
+    auto peer = house.connect(name);
+    peer->say(0, wire::HelloT{});
+    house.settle();
+    const auto frames = peer->take_frames();
+    REQUIRE(frames.size() == 1);
+    REQUIRE(is(frames[0], wire::Message::Welcome));
+    return peer;
+}
+
+protocol::Frame rays_frame(std::uint64_t first, std::uint64_t count) {
+    protocol::Bulk bulk;
+    bulk.add("rays", wire::Dtype::f32, 8, count);
+    bulk.allocate();
+    const auto floats = bulk.block_as<float>(0);
+    for (std::uint64_t ray = 0; ray < count; ++ray) {
+        const float x = static_cast<float>(first + ray) * 0.001F;
+        const std::array<float, 8> down = {x, 9, 0, 0, 0, -1, 0, 100};
+        std::copy(down.begin(), down.end(), floats.begin() + static_cast<std::ptrdiff_t>(8 * ray));
+    }
+    wire::QueryRaysT message;
+    message.first_ray = first;
+    return protocol::encode(5, std::move(message), std::move(bulk)).value();
+}
+
+/// Hello, a ping, a query with its rays, a request that is refused, and a frame that ends it all.
+Heard converse(const std::function<std::size_t(std::size_t)>& piece) {
+    MemoryDaemon house;
+    const auto peer = house.connect();
+    peer->wire->piece = piece;
+    peer->say(0, wire::HelloT{});
+    peer->say(1, wire::PingT{});
+    wire::QueryT query;
+    query.job = std::make_unique<wire::JobT>();
+    query.job->scene = "forest";
+    query.fields = {"t", "prim", "path"};
+    query.ray_count = 3000;
+    peer->say(5, query);
+    for (const std::uint64_t first : {0U, 1000U, 2000U}) {
+        peer->send_frame(rays_frame(first, 1000));
+        house.settle();
+    }
+    wire::InfoT info;
+    info.scene = "nothing";
+    peer->say(6, info);
+    peer->say(0, wire::HelloT{});
+    house.settle();
+    CHECK(peer->wire->finished);
+    Heard heard;
+    for (const protocol::Frame& frame : peer->take_frames()) {
+        // Depends on the clock.
+        if (is(frame, wire::Message::Progress)) continue;
+        const auto bulk = frame.bulk.span();
+        heard.emplace_back(frame.header.type, std::vector<std::byte>(bulk.begin(), bulk.end()));
+    }
+    return heard;
+}
+
+TEST_CASE("a conversation is the same however a transport cuts its bytes") {
+    const Heard whole = converse([](std::size_t most) { return most; });
+    std::vector<wire::Message> types;
+    for (const auto& [type, bulk] : whole) types.push_back(static_cast<wire::Message>(type));
+    using enum wire::Message;
+    CHECK(types == std::vector{Welcome, Pong, Started, Chunk, Chunk, Chunk, Done, Error, Error});
+    CHECK(converse([](std::size_t) { return std::size_t{1}; }) == whole);
+    Random random(25);
+    for (int round = 0; round < 20; ++round) {
+        CAPTURE(round);
+        CHECK(converse([&](std::size_t most) {
+                  return 1 + random.next() %
+                                 (random.next() % 2 == 0 ? most : std::min<std::size_t>(most, 40));
+              }) == whole);
+    }
+}
+
+protocol::Limits hasty() {
+    protocol::Limits limits;
+    limits.give_way_ms = 0;
+    limits.greeting_ms_max = 60;
+    return limits;
+}
+
+/// A whole frame of `peer` comes and another one goes.
+void exchange(MemoryDaemon& house, MemoryPeer& peer) {
+    peer.say(1, wire::PingT{});
+    house.settle();
+    REQUIRE(peer.take_frames().size() == 1);
+}
+
+/// True if the first of the two gives way to a newcomer, false if the second does.
+bool first_gives_way(MemoryDaemon& house, MemoryPeer& first, MemoryPeer& second) {
+    REQUIRE(house.daemon.peers.make_room(Resource::connections, "newcomer"));
+    house.settle();
+    REQUIRE(first.wire->closed != second.wire->closed);
+    return first.wire->closed;
+}
+
+TEST_CASE("a peer that sends single bytes gives way before one that sent a whole frame later") {
+    MemoryDaemon house(hasty());
+    const auto slow = greeted(house);
+    const auto other = greeted(house);
+    const auto ping = golden::wire_bytes(protocol::encode(1, wire::PingT{}).value());
+    SUBCASE("until the frame is whole") {
+        for (std::size_t sent = 0; sent + 1 < ping.size(); ++sent) {
+            slow->send(std::span(ping).subspan(sent, 1));
+            house.settle();
+            if (sent == ping.size() / 2) exchange(house, *other);
+        }
+        CHECK(first_gives_way(house, *slow, *other));
+        CHECK(last_error(*slow) == Code::slow_consumer);
+        CHECK(house.daemon.metrics.gave_way_connections == 1);
+    }
+    SUBCASE("which counts") {
+        exchange(house, *other);
+        for (const std::byte& byte : ping) {
+            slow->send(std::span(&byte, 1));
+            house.settle();
+        }
+        CHECK_FALSE(first_gives_way(house, *slow, *other));
+    }
+}
+
+TEST_CASE("a peer that reads single bytes gives way before one that read a whole frame later") {
+    MemoryDaemon house(hasty());
+    const auto slow = greeted(house);
+    const auto other = greeted(house);
+    slow->make_room(1);
+    slow->say(1, wire::StatsT{});
+    house.settle();
+    const auto read_byte = [&] {
+        slow->make_room(1);
+        house.settle();
+    };
+    for (int byte = 0; byte < 20; ++byte) read_byte();
+    SUBCASE("until the frame is whole") {
+        exchange(house, *other);
+        for (int byte = 0; byte < 20; ++byte) read_byte();
+        CHECK(slow->wire->to_peer.size() == 41);
+        CHECK(first_gives_way(house, *slow, *other));
+        // No error fits into the middle of a frame.
+        CHECK(slow->take_frames().empty());
+    }
+    SUBCASE("which counts") {
+        exchange(house, *other);
+        std::size_t before = 0;
+        while (std::exchange(before, slow->wire->to_peer.size()) != slow->wire->to_peer.size())
+            read_byte();
+        CHECK(slow->take_frames().size() == 1);
+        CHECK_FALSE(first_gives_way(house, *slow, *other));
+    }
+}
+
+TEST_CASE("single bytes do not lengthen the time for a greeting") {
+    MemoryDaemon house(hasty());
+    const auto hello = golden::wire_bytes(protocol::encode(0, wire::HelloT{}).value());
+    const auto slow = house.connect();
+    std::size_t sent = 0;
+    while (sent < hello.size() && !slow->wire->finished) {
+        slow->send(std::span(hello).subspan(sent++, 1));
+        house.settle_for(milliseconds(4));
+    }
+    CHECK(sent < hello.size());
+    CHECK(last_error(*slow) == Code::deadline);
+    CHECK(house.daemon.metrics.timeouts == 1);
+}
+
+TEST_CASE("the time for a greeting includes the transport's own handshake") {
+    MemoryDaemon house(hasty());
+    const auto silent = house.connect("memory", false);
+    silent->say(0, wire::HelloT{});
+    house.settle();
+    CHECK(silent->wire->to_peer.empty());
+    REQUIRE(test::eventually([&] {
+        house.settle_for(milliseconds(4));
+        return silent->wire->closed;
+    }));
+    CHECK(silent->wire->to_peer.empty());
+    CHECK(house.daemon.metrics.timeouts == 1);
+    CHECK(house.connections.empty());
+}
+
+/// A token makes the principal; its quota is one connection.
+Reply<Principal> by_token(const PeerIdentity& peer, const wire::Hello& hello,
+                          const protocol::Limits& limits) {
+    const auto token = protocol::text(hello.token());
+    if (token.empty()) return authenticate(peer, hello, limits);
+    if (token == "wrong") return refuse(Code::not_allowed, "no such token");
+    return Principal{"token:" + std::string(token), {.connections = 1}};
+}
+
+TEST_CASE("who a peer is, and what it may have, is decided by its greeting") {
+    MemoryDaemon house({}, by_token);
+    const auto say_hello = [&](const char* token) {
+        auto peer = house.connect();
+        wire::HelloT hello;
+        hello.token = token;
+        peer->say(0, hello);
+        house.settle();
+        return peer;
+    };
+    const Peers& peers = house.daemon.peers;
+    const auto silent = house.connect();
+    CHECK(peers.size_of("memory") == 1);
+    const auto known = say_hello("a");
+    CHECK(is(known->take_frames().at(0), wire::Message::Welcome));
+    CHECK(peers.size_of("memory") == 1);
+    CHECK(peers.size_of("token:a") == 1);
+    // Jobs are the principal's.
+    wire::QueryT query;
+    query.job = std::make_unique<wire::JobT>();
+    query.job->scene = "forest";
+    query.ray_count = 1;
+    known->say(5, query);
+    house.settle();
+    CHECK(house.daemon.admission.jobs().begin()->second.principal == "token:a");
+
+    const auto second = say_hello("a");
+    CHECK(last_error(*second) == Code::busy);
+    CHECK(house.daemon.metrics.connections_refused == 1);
+    const auto wrong = say_hello("wrong");
+    CHECK(last_error(*wrong) == Code::not_allowed);
+    const auto other = say_hello("");
+    CHECK(is(other->take_frames().at(0), wire::Message::Welcome));
+    CHECK(peers.size_of("token:a") == 1);
+}
+
+}  // namespace
+}  // namespace raynest::server
