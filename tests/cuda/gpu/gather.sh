@@ -9,7 +9,7 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../.." && pwd)
 build=${RAYNEST_BUILD:-$root/build}
 bytes_max=$((64 * 1000 * 1000))
-rays=49152
+rays=32768
 
 fail() { printf 'error: %s\n' "$1" >&2; exit 1; }
 
@@ -45,7 +45,7 @@ bake forest builtin:forest primary diffuse
 bake trees 'gen:forest1?scale=0.01' primary diffuse
 "$build/bin/raynest-bench-bake" 'gen:forest1?scale=0.01' "$out/scenes/trees-flat.arena" --levels 1
 bake cards 'gen:cards?scale=0.05' primary diffuse
-bake terrain 'gen:terrain?scale=0.03' primary diffuse
+bake terrain 'gen:terrain?scale=0.02' primary diffuse
 bake flake 'builtin:flake?depth=5' primary
 
 total=$(du --summarize --bytes "$out" | cut -f1)
