@@ -67,6 +67,8 @@ Result<MaskRules> MaskRules::parse(std::span<const std::string> rules) {
         start.places.push_back(rule.skip_stars(0));
         all.rules_.push_back(std::move(rule));
     }
+    // A glob of stars alone matches the empty path, so it applies to the root's own primitives.
+    all.match(start);
     all.number_of(std::move(start));
     return all;
 }
@@ -91,7 +93,7 @@ Result<MaskRules::State> MaskRules::step(State from, std::string_view name, bool
     if (is_settled(from)) return from;
     Reached reached = states_[from];
     for (std::uint32_t r = 0; r < rules_.size(); ++r) {
-        Rule& rule = rules_[r];
+        const Rule& rule = rules_[r];
         std::uint32_t& place = reached.places[r];
         if (place == no_id) continue;
         if (!first) place = rule.after(place, '/');
@@ -99,8 +101,15 @@ Result<MaskRules::State> MaskRules::step(State from, std::string_view name, bool
             if (place == no_id) break;
             place = rule.after(place, letter);
         }
-        if (place != rule.glob.size()) continue;
-        rule.matched = true;
+    }
+    match(reached);
+    return number_of(std::move(reached));
+}
+
+void MaskRules::match(Reached& reached) {
+    for (std::uint32_t r = 0; r < rules_.size(); ++r) {
+        if (reached.places[r] != rules_[r].glob.size()) continue;
+        rules_[r].matched = true;
         reached.matched = r;
     }
     // A later rule overrides earlier ones for everything below.
@@ -108,7 +117,6 @@ Result<MaskRules::State> MaskRules::step(State from, std::string_view name, bool
         const auto overruled = static_cast<std::ptrdiff_t>(reached.matched) + 1;
         std::fill_n(reached.places.begin(), overruled, no_id);
     }
-    return number_of(std::move(reached));
 }
 
 std::optional<std::uint32_t> MaskRules::mask(State state) const {

@@ -64,6 +64,8 @@ private:
         std::uint32_t matched = no_id;      ///< the last rule that matched
         std::vector<std::uint32_t> places;  ///< by rule; no_id if the rule can no longer match
     };
+    /// Records the last rule that matches here, and drops it and those that it overrides.
+    void match(Reached& reached);
     State number_of(Reached reached);
 
     std::vector<Rule> rules_;

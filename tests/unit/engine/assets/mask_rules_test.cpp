@@ -234,3 +234,16 @@ TEST_CASE("rules that settle early copy nothing") {
     CHECK(scene.objects.size() == 4);  // includes a copy of the root
     CHECK(masks_of(*test::build_scene(scene)).at("second/low") == 2);
 }
+
+TEST_CASE("a star alone applies to the root's own primitives too") {
+    SceneDescription scene;
+    scene.objects.resize(1);
+    scene.objects[0].geometries = {test::unit_square()};
+    MaskRules rules = rules_of({"lone=1", "*=2"});
+    REQUIRE(apply_masks(rules, scene).has_value());
+    REQUIRE(scene.warnings.size() == 1);
+    CHECK(scene.warnings[0].find("'lone=1'") != std::string::npos);
+    const auto masks = masks_of(*test::build_scene(scene));
+    REQUIRE(masks.size() == 1);
+    CHECK(masks.begin()->second == 2);
+}
