@@ -19,7 +19,7 @@ struct GeneratorSettings {
 #include "protocol/generators.def"
 };
 
-/// What most kinds make of their settings.
+/// The settings of a generator, and the values that most kinds derive from them.
 struct Request {
     std::string_view kind;
     const GeneratorSettings& settings;
@@ -106,7 +106,7 @@ Reply<Generated> make_equirectangular(const Request& request) {
     return ready(Equirectangular(request.sensor_pose, request.size));
 }
 
-/// Where a camera looks is ahead of a lidar, whose x is the camera's -z, its y the -x, its z the y.
+/// Converts a camera's pose to a lidar's: the lidar's x (ahead), y, z are the camera's -z, -x, y.
 Pose lidar_pose(const Pose& camera) {
     return {-camera.z, -camera.x, camera.y, camera.origin};
 }
@@ -171,7 +171,7 @@ constexpr std::array keys = {
 #include "protocol/generators.def"
 };
 
-/// Is the word among those of "a, b, c"?
+/// True if `word` is one of `names`, a list like "a, b, c".
 bool among(std::string_view names, std::string_view word) {
     for (std::size_t at = 0, end = 0; at < names.size(); at = end + 2) {
         end = std::min(names.find(", ", at), names.size());

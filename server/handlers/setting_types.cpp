@@ -31,7 +31,7 @@ std::vector<std::string_view> split(std::string_view text, char separator) {
     return parts;
 }
 
-/// A number to its last letter; infinity is one, NaN is none.
+/// Parses a number that takes up the whole text; accepts infinity, not NaN.
 template <class Value>
 std::optional<Value> number(std::string_view text) {
     if (text.starts_with('+')) text.remove_prefix(1);
@@ -55,7 +55,7 @@ Reply<void> read_whole(std::string_view text, Integer& value, std::uint64_t leas
     return {};
 }
 
-/// Finite numbers that float32 can hold.
+/// Parses finite float32 numbers.
 std::optional<std::vector<float>> numbers(std::span<const std::string_view> parts) {
     std::vector<float> values;
     for (const std::string_view part : parts) {
@@ -66,7 +66,7 @@ std::optional<std::vector<float>> numbers(std::span<const std::string_view> part
     return values;
 }
 
-/// `few` or `many` of them.
+/// Reads `few` or `many` numbers.
 Reply<void> read_reals(std::string_view text, Reals& to, const std::string& shape, std::size_t few,
                        std::size_t many, char separator = ',') {
     auto values = numbers(split(text, separator));
@@ -76,7 +76,7 @@ Reply<void> read_reals(std::string_view text, Reals& to, const std::string& shap
     return {};
 }
 
-/// At most list_items_max items of so many numbers.
+/// Reads at most list_items_max items of `each` numbers.
 Reply<void> read_list(std::string_view text, Reals& to, const std::string& shape,
                       std::size_t each) {
     auto values = numbers(split(text, ','));
@@ -89,7 +89,7 @@ Reply<void> read_list(std::string_view text, Reals& to, const std::string& shape
     return {};
 }
 
-/// FIRST:LAST:COUNT
+/// Reads FIRST:LAST:COUNT.
 Reply<void> read_steps(std::string_view text, const std::string& shape, std::uint64_t fewest,
                        std::uint64_t most, Sweep& sweep) {
     const auto parts = split(text, ':');
