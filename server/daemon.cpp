@@ -33,8 +33,8 @@
 namespace raynest::server {
 namespace {
 
-/// Maximum spare threads for tasks that wait while long ones occupy all threads. Three requests can
-/// have up to 2 * threads long chunks in flight; 16 more serve other principals.
+/// Maximum spare threads, for tasks that wait while long ones occupy all threads. Three requests
+/// have at most 3 * (threads + 1) chunks in flight; that leaves 13 threads for other tasks.
 constexpr unsigned spare_threads(unsigned threads) {
     return 2 * threads + 16;
 }
