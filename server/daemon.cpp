@@ -183,8 +183,8 @@ Result<void> Daemon::run() {
             io_.run();
             break;
         } catch (const std::exception& error) {
-            // Log and go on: the exception comes from a handler outside the connections' coroutines,
-            // and only that handler's work is lost.
+            // Log and go on: the exception comes from a handler outside the connections'
+            // coroutines, and only that handler's work is lost.
             log(LogLevel::error, "handler_failed", {{"reason", error.what()}});
         }
     }

@@ -1,5 +1,4 @@
-// The daemon owns the packs, scenes, workers, listeners and connections, and starts and stops them
-// in order.
+// The daemon: owns packs, scenes, workers, listeners and connections; starts and stops them.
 #pragma once
 
 #include "server/options.h"

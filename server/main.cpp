@@ -1,5 +1,5 @@
-// raynestd: one program for three kinds of process: the daemon, the short-lived import of one scene,
-// and the device worker.
+// raynestd: one program for three kinds of process: the daemon, the short-lived import of one
+// scene, and the device worker.
 #include "engine/assets/import.h"
 #include "server/backends/cuda/worker_process.h"
 #include "server/daemon.h"

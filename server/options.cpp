@@ -249,8 +249,8 @@ tl::expected<std::optional<CLI::ConfigItem>, std::string> to_item(const std::str
     return item;
 }
 
-/// Returns the error text of an option's values; empty if they are valid. `before` are the values of
-/// the same option on earlier lines.
+/// Returns the error text of an option's values; empty if they are valid. `before` are the values
+/// of the same option on earlier lines.
 std::string config_fault(const CLI::ConfigItem& item, const std::vector<std::string>& before) {
     Options options;
     Words words;

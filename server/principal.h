@@ -19,7 +19,7 @@ struct Hello;
 
 namespace raynest::server {
 
-/// A peer as its transport knows it.
+/// The identity of a peer, as known from its transport.
 struct PeerIdentity {
     std::string name;  ///< "uid:1000", "127.0.0.1"
 };
@@ -30,13 +30,14 @@ struct Quota {
     std::uint64_t connections = 0;
 };
 
+/// The user that a connection belongs to: a uid or an address.
 struct Principal {
     std::string id;
     Quota quota;
 };
 
-/// Identifies the principal of a peer: it is the name from its transport. Hello's token is reserved
-/// and ignored.
+/// Identifies the principal of a peer by the name from its transport. Ignores Hello's token, which
+/// is reserved.
 [[nodiscard]] Reply<Principal> authenticate(const PeerIdentity& peer, const wire::Hello& hello,
                                             const protocol::Limits& limits);
 

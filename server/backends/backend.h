@@ -30,8 +30,7 @@ struct Unavailable {
     bool absent = false;  ///< this daemon has no such backend at all
 };
 
-/// The reason why a chunk has no hits. Unavailable: another backend should trace it. Error: its job
-/// fails.
+/// The reason why a chunk has no hits: another backend should trace it, or its job fails.
 using TraceFailure = std::variant<Unavailable, protocol::Error>;
 template <class T>
 using Traced = tl::expected<T, TraceFailure>;
@@ -66,9 +65,8 @@ public:
     /// True if trace() generates pinhole camera rays itself; the call's rays are then not read.
     [[nodiscard]] virtual bool makes_camera_rays() const { return false; }
 
-    /// Blocking: fills in the hits of `call` and its other output buffers. `camera`, if not null,
-    /// generates the call's rays. Returns the traversal that was used, or CANCELLED if `stop` was
-    /// requested.
+    /// Fills in the hits of `call` and its other output buffers. Blocking. `camera`, if not null,
+    /// generates the call's rays. Returns the traversal used, or CANCELLED if `stop` was requested.
     virtual Traced<Traversal> trace(const Plan& plan, const TraceCall& call,
                                     const PinholeRays* camera, const Stop& stop) = 0;
 };

@@ -1,5 +1,4 @@
-// The daemon's backends, and the fixed rule that chooses which of them may trace a job
-// (PROTOCOL.md, "Workers").
+// The daemon's backends, and the rule that chooses those of a job (PROTOCOL.md, "Workers").
 #pragma once
 
 #include "server/backends/backend.h"
@@ -29,8 +28,7 @@ struct BackendContext {
     const protocol::Limits& limits;
 };
 
-/// Makes the backend that traces in this process. It accepts every plan and stops a chunk after
-/// chunk_ms_max.
+/// Makes the backend of this process. It accepts every plan and stops chunks after chunk_ms_max.
 std::unique_ptr<Backend> make_cpu(const BackendContext& context);
 /// Makes the backend of the system's first GPU. Without a kernel pack for it, the backend refuses
 /// every plan as absent.

@@ -14,8 +14,8 @@
 namespace raynest::server {
 namespace {
 
-/// Maximum concurrent calls: the copies of one overlap with the kernel of another. A small --memory
-/// allows fewer.
+/// Maximum concurrent calls, so that copies of one overlap with the kernel of another. A small
+/// --memory allows fewer.
 constexpr unsigned calls_max = 4;
 static_assert(calls_max <= device::slots_max);
 /// Threads for calls of other scenes while the calls of one scene wait for its upload.

@@ -36,8 +36,8 @@ struct Chunk {
 /// The chunks of a job that are neither answered nor running.
 class ChunkQueue {
 public:
-    /// `total` is the size of the job. If `joins`, adjacent ranges are merged into larger chunks for
-    /// a backend with threads of its own.
+    /// `total` is the size of the job. If `joins`, adjacent ranges are merged into larger chunks
+    /// for a backend with threads of its own.
     ChunkQueue(const BackendChoice& backends, std::uint64_t total, bool joins)
         : backends_(backends),
           total_(total),
@@ -48,8 +48,8 @@ public:
     }
     /// Adds a range that can be traced.
     void add(std::uint64_t first, std::uint64_t count);
-    /// Removes the next chunk; nothing if none waits. rays_max(backend, waiting) returns the maximum
-    /// size of a chunk that begins at waiting.first.
+    /// Removes the next chunk; nothing if none waits. rays_max(backend, waiting) returns the
+    /// maximum size of a chunk that begins at waiting.first.
     template <class RaysMax>
     std::optional<Chunk> next(const RaysMax& rays_max);
 

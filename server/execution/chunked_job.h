@@ -24,8 +24,8 @@ protected:
     /// Returns the maximum size of a chunk that begins at rest.first, for this backend.
     [[nodiscard]] virtual std::uint64_t chunk_size(const Backend& backend,
                                                    const Chunk& rest) const = 0;
-    /// Traces a chunk and returns the frames of its answer. Adds the answered rays to the statistics
-    /// and to the queue's count. Any thread.
+    /// Traces a chunk and returns the frames of its answer. Adds the answered rays to the
+    /// statistics and to the queue's count. Any thread.
     virtual Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) = 0;
 
     /// The next waiting chunk, and a task that traces it.

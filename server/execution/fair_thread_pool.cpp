@@ -67,7 +67,7 @@ std::uint64_t FairThreadPool::submit(const std::string& principal, Priority prio
         const std::lock_guard lock(mutex_);
         const auto account = accounts_.try_emplace(principal).first;
         std::vector<Waiting>& queue = account->second.queue;
-        // Allocate first: if that throws, no turn is left without a task, nor a task without a turn.
+        // Allocate first: if that throws, no turn lacks a task and no task lacks a turn.
         if (queue.size() == queue.capacity()) queue.reserve(2 * queue.size() + 1);
         if (queue.empty()) turns_.push_back(account);
         number = submitted_++;

@@ -6,8 +6,8 @@
 //
 // Principals take turns, however many connections and jobs they have: a principal with a single job
 // waits for one task of each other principal, never for all their tasks. After a long task its
-// principal skips a turn for each `slice` that the task took, while others wait. So principals share
-// time, not numbers of tasks. Jobs occupy no thread between chunks.
+// principal skips a turn for each `slice` that the task took, while others wait. So principals
+// share time, not numbers of tasks. Jobs occupy no thread between chunks.
 //
 // A task may take much longer than usual, e.g. if its rays meet most of a scene. Spare threads then
 // replace the threads that such tasks occupy, so that waiting tasks still get the full number of
@@ -31,7 +31,7 @@
 
 namespace raynest::server {
 
-/// Thread-safe.
+/// Runs the tasks of principals in turn. Thread-safe.
 class FairThreadPool {
 public:
     /// The time that a task costs its principal: CPU time, which does not depend on the load of the
@@ -86,8 +86,8 @@ private:
     /// A thread and the state of its task.
     struct WorkerThread {
         Clock::time_point since = Clock::time_point::max();  ///< start of its task; max: idle
-        bool over = false;                                   ///< true: a spare thread that has ended
-        std::jthread thread = {};                            ///< joined before this is destroyed
+        bool over = false;         ///< true: a spare thread that has ended
+        std::jthread thread = {};  ///< joined before this is destroyed
     };
     static bool later(const Waiting& a, const Waiting& b);
     void stop();

@@ -90,7 +90,8 @@ Reply<Plan> Plan::with(Plan plan, Query query, bool counting) {
                 std::string(traversal_name(plan.traversal)));
         plan.traversal = traversal_single;
     }
-    auto selector = KernelSelector::make(*plan.variant, query, plan.precision, plan.traversal, counting);
+    auto selector =
+        KernelSelector::make(*plan.variant, query, plan.precision, plan.traversal, counting);
     if (!selector) return refuse(selector.error());
     plan.selector = *selector;
     return plan;

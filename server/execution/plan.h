@@ -56,8 +56,8 @@ struct Plan {
 /// Maximum bytes of a chunk's hit records; it bounds the rays of a chunk if a ray has many hits.
 inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
 
-/// Makes the plan of a job; an error names the wrong word. `counting` forces the single traversal on
-/// the CPU, and a note to the user says so.
+/// Makes the plan of a job; an error names the wrong word. `counting` forces the single traversal
+/// on the CPU, and a note to the user says so.
 Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
                       Query query, bool counting);
 

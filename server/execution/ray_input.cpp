@@ -21,8 +21,8 @@ constexpr std::uint64_t received_bytes = 512;
 template <std::size_t vectors>
 void widen_from(const Vec3* sent, const Ray& common, std::span<Ray> rays) {
     for (Ray& out : rays) {
-        // Assign each member: assigning a Ray takes a third longer, because g++ builds it on the
-        // stack first.
+        // Assign each member: g++ builds a whole Ray on the stack first, which takes a third
+        // longer.
         out.origin = vectors == 2 ? sent[0] : common.origin;
         out.tmin = common.tmin;
         out.direction = sent[vectors - 1];

@@ -19,7 +19,7 @@
 
 namespace raynest::server {
 
-/// Rays as a client sends them: whole rays, or only the vectors in which the rays of a frame differ.
+/// Rays as a client sends them: whole, or only the vectors in which the rays of a frame differ.
 class SentRays {
 public:
     SentRays() = default;

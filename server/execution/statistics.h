@@ -27,8 +27,8 @@ public:
         std::uint64_t invalid = 0;    ///< invalid rays; they count as misses too
         std::uint64_t first_invalid = 0;
 
-        /// Sets the counts, except `rays` and `hits`, from one record per ray. The rows are those of
-        /// the query from `first` on; `order` as in TracedRays.
+        /// Sets the counts, except `rays` and `hits`, from one record per ray. The rows are those
+        /// of the query from `first` on; `order` as in TracedRays.
         void add_rays(std::span<const HitRecord> records, std::span<const std::uint32_t> order,
                       std::uint64_t first);
     };

@@ -25,14 +25,13 @@ struct TraceBuffers {
     std::vector<std::uint8_t> flags;    ///< HitFlags per ray, for kind all
     std::vector<Counters> counters;     ///< per ray, if the plan counts
     std::vector<std::vector<std::uint32_t>> outputs;  ///< [output of the intersector][ray]
-    std::vector<HitRecord> occluders;  ///< hits of an integrator's occlusion rays
+    std::vector<HitRecord> occluders;                 ///< hits of an integrator's occlusion rays
 
     Budget& budget;
     Budget::Lease lease;           ///< for the capacity of all vectors
     std::uint64_t used_bytes = 0;  ///< the most that a chunk used since the last trim()
 
-    /// Resizes a vector; its contents may be lost. Throws std::bad_alloc, also if --memory has no
-    /// room.
+    /// Resizes a vector; its contents may be lost. Throws std::bad_alloc, also beyond --memory.
     template <class T>
     void resize(std::vector<T>& vector, std::size_t count) {
         if (count > vector.capacity()) grow(vector, count);
@@ -79,8 +78,9 @@ private:
 /// Rays and their hits, as views of TraceBuffers.
 struct TracedRays {
     std::span<const Ray> rays = {};
-    std::span<HitRecord> hits = {};             ///< empty for kind null
-    std::span<const std::uint32_t> order = {};  ///< index of each row's ray and hit; empty: in order
+    std::span<HitRecord> hits = {};  ///< empty for kind null
+    std::span<const std::uint32_t> order =
+        {};  ///< index of each row's ray and hit; empty: in order
     std::span<const std::uint32_t> counts = {};
     std::span<const std::uint8_t> flags = {};
     std::span<const Counters> counters = {};
@@ -97,8 +97,8 @@ struct TracedRays {
 /// Traces rays on the plan's backend of this index. The hits lie in `buffers`. Returns all rays;
 /// for kind all, as many as had room for their hits. Kind null returns rays without hits. `camera`,
 /// for a backend with makes_camera_rays(), generates the rays; the contents of `rays` are then not
-/// read. Returns CANCELLED if `stop` was requested: on the CPU even within a ray, on a GPU after
-/// the call.
+/// read. Returns CANCELLED if `stop` was requested: the CPU stops even within a ray, a GPU does
+/// not.
 Traced<TracedRays> trace_rays(const Plan& plan, std::size_t backend, std::span<const Ray> rays,
                               const Stop& stop, TraceBuffers& buffers,
                               const PinholeRays* camera = nullptr);

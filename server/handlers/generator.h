@@ -14,8 +14,7 @@
 
 namespace raynest::server {
 
-/// A sensor that the first task constructs: the tables of a lidar are too much work for the io
-/// thread.
+/// A sensor that the first task constructs: a lidar's tables are too much work for the io thread.
 class LateSensor {
 public:
     LateSensor(ImageSize grid, std::function<Sensor()> make)

@@ -1,5 +1,4 @@
-// The interface of handlers. Each request has a file with its handler, and a row in the table of
-// handler.cpp.
+// The interface of handlers. Each request has a handler file and a row in the table of handler.cpp.
 //
 // A handler runs on the io thread with a message that protocol::open() has verified. It returns an
 // answer or a job. It never blocks and never uses a socket.

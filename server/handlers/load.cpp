@@ -24,7 +24,7 @@ namespace {
 
 constexpr std::string_view builtin_scheme = "builtin:";
 constexpr std::string_view root_scheme = "root:";
-/// Address space of an import child: `base` for its libraries, and `growth` times its largest scene.
+/// Address space of an import child: `base` for libraries, and `growth` times its largest scene.
 constexpr std::uint64_t import_base_bytes = 1ULL << 30;
 constexpr std::uint64_t import_growth = 4;
 
@@ -124,7 +124,7 @@ public:
     std::optional<Task> next() override {
         if (import_started_ || current_ < order_.files.size()) return std::nullopt;
         import_started_ = true;
-        // Make memory for a copy of the files and a scene of about their size.
+        // Free memory for a copy of the files and a scene of about their size.
         services_.peers.make_memory(2 * announced_, order_.caller.principal);
         Task task;
         task.pool = &services_.blocking;

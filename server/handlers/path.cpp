@@ -35,8 +35,7 @@ Reply<wire::PathNameT> describe(const Snapshot& scene, std::uint64_t path,
     return name;
 }
 
-/// Finds a path by its text in a task: a scene may have millions of names, too many for the io
-/// thread.
+/// Finds a path by text in a task: a scene may have millions of names, too many for the io thread.
 class PathJob final : public Job {
 public:
     PathJob(const Services& services, const Caller& caller, NamedScene scene, std::string text)

@@ -144,7 +144,7 @@ std::string PictureJob::hint() const {
     };
     if (scene.bounds().is_empty()) return line("nothing: the scene is empty");
     const bool nothing = statistics_.hits() == 0;
-    // True if more than 99 % of the rays hit a back side, as from inside a closed surface.
+    // True if all rays hit, more than 99 % of them a back side, as from inside a closed surface.
     const bool backs = plan_.query == query_closest && statistics_.hits() == request_.rays() &&
                        backs_ > request_.rays() / 100 * 99;
     if (!nothing && !backs) return {};

@@ -1,5 +1,4 @@
-// The base of RENDER and HEATMAP: traces camera rays in chunks, encodes one payload, sends its
-// pieces.
+// The base of RENDER and HEATMAP: traces camera rays, encodes one payload, sends it in pieces.
 //
 //   tracing (tasks in any order) ──all ended──► encoding (one task) ──► sending (under credit)
 #pragma once
@@ -84,8 +83,7 @@ protected:
     [[nodiscard]] std::unique_ptr<T[]> blank() const {
         return std::make_unique_for_overwrite<T[]>(request_.pixels());
     }
-    /// Copies the values of a chunk to the places of its pixels. Thread-safe, because chunks do not
-    /// overlap.
+    /// Copies a chunk's values to the places of its pixels. Thread-safe: chunks do not overlap.
     template <class T>
     void place(std::uint64_t first, std::span<const T> values, T* picture) const {
         for (std::size_t i = 0; i < values.size(); ++i) {
@@ -100,7 +98,7 @@ private:
     [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
                                            const Chunk& rest) const override;
     Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override;
-    /// Returns a note for a user whose camera sees nothing, or only backs of surfaces; else nothing.
+    /// Returns a note for a user whose camera sees nothing or only backs of surfaces; else empty.
     [[nodiscard]] std::string hint() const;
     Task encode_task();
     Task send_task();

@@ -19,15 +19,15 @@
 namespace raynest::server {
 namespace {
 
-/// Returns the maximum bytes of a task's answer. For kind all it is an eighth of the window, so that
-/// several tasks run at once, but at least the bytes of one ray.
+/// Returns the maximum bytes of a task's answer. For kind all it is an eighth of the window, so
+/// that several tasks run at once, but at least the bytes of one ray.
 std::uint64_t answer_bytes(const Plan& plan, const Columns::Cost& cost, const Caller& caller) {
     const std::uint64_t most = frame_bytes_max(caller);
     if (plan.query != query_all) return most;
     return std::clamp(caller.window_bytes / 8, cost.bytes(1, plan.hits_max), most);
 }
 
-/// Rays per chunk that the memory reserved for a detached query's answer assumes at most.
+/// Rays per frame, at most, in the estimate of how many frames a detached query's answer has.
 constexpr std::uint64_t kept_rays_min = 1024;
 
 /// Returns the maximum rays per answer frame.

@@ -9,7 +9,7 @@ namespace raynest::server {
 
 using protocol::clean_text;
 
-/// Describes a scene. Long lists are truncated to fit a message; a warning counts the missing items.
+/// Describes a scene. Long lists are cut to fit a message; a warning counts the missing items.
 [[nodiscard]] wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& limits);
 
 }  // namespace raynest::server

@@ -49,8 +49,8 @@ Reply<void> read_whole(std::string_view text, Integer& value, std::uint64_t leas
                        std::uint64_t most) {
     const auto read = number<Integer>(text);
     if (!read || *read < least || *read > most)
-        return misshapen(text, "a whole number from " + std::to_string(least) + " to " +
-                                   std::to_string(most));
+        return misshapen(
+            text, "a whole number from " + std::to_string(least) + " to " + std::to_string(most));
     value = *read;
     return {};
 }
@@ -70,8 +70,7 @@ std::optional<std::vector<float>> numbers(std::span<const std::string_view> part
 Reply<void> read_reals(std::string_view text, Reals& to, const std::string& shape, std::size_t few,
                        std::size_t many, char separator = ',') {
     auto values = numbers(split(text, separator));
-    if (!values || (values->size() != few && values->size() != many))
-        return misshapen(text, shape);
+    if (!values || (values->size() != few && values->size() != many)) return misshapen(text, shape);
     to.values = std::move(*values);
     return {};
 }
@@ -82,9 +81,9 @@ Reply<void> read_list(std::string_view text, Reals& to, const std::string& shape
     auto values = numbers(split(text, ','));
     if (!values || values->size() % each != 0) return misshapen(text, shape);
     if (values->size() / each > limits.list_items_max)
-        return refuse(Code::limit_exceeded, "has " + std::to_string(values->size() / each) +
-                                                " items, over list_items_max = " +
-                                                std::to_string(limits.list_items_max));
+        return refuse(Code::limit_exceeded,
+                      "has " + std::to_string(values->size() / each) +
+                          " items, over list_items_max = " + std::to_string(limits.list_items_max));
     to.values = std::move(*values);
     return {};
 }

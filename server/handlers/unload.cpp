@@ -1,5 +1,5 @@
-// UNLOAD: drops references to one scene, to all scenes of the caller, or to those unused for a given
-// time. Running jobs and other connections keep theirs.
+// UNLOAD: drops references to one scene, to all scenes of the caller, or to those unused for a
+// given time. Running jobs and other connections keep theirs.
 #include "server/handlers/handler.h"
 #include "server/log.h"
 

@@ -64,8 +64,7 @@ public:
         std::uint64_t number_ = 0;
     };
 
-    /// Limits: total_jobs_max for the daemon, principal_jobs_max and principal_rays_max for each
-    /// principal.
+    /// Limits: total_jobs_max of the daemon; principal_jobs_max, principal_rays_max of a principal.
     explicit Admission(const protocol::Limits& limits) : limits_(limits) {}
     Admission(const Admission&) = delete;
 

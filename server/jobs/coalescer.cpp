@@ -14,8 +14,7 @@
 namespace raynest::server {
 namespace {
 
-/// Maximum rays of a group: fills the lanes of a traversal many times, and leaves work for other
-/// threads.
+/// Maximum rays of a group: fills a traversal's lanes many times, leaves work for other threads.
 constexpr std::uint64_t group_rays_max = 1024;
 
 /// Time limit of a common call, a hundred times its usual duration.

@@ -7,8 +7,8 @@
 // share one call of the kernel. With 30 connections and requests of 8 to 32 rays this saves 8 to
 // 18 % of the daemon's CPU time per request. No task waits for others to arrive.
 //
-// No task waits for others to end either: if the common call fails, takes long, or has a member that
-// must stop, each member becomes a task of its own.
+// No task waits for others to end either: if the common call fails, takes long, or has a member
+// that must stop, each member becomes a task of its own.
 #pragma once
 
 #include "server/diag/metrics.h"

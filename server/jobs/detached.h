@@ -45,7 +45,8 @@ public:
 
     [[nodiscard]] Runner& runner() { return *runner_; }
     [[nodiscard]] const Runner& runner() const { return *runner_; }
-    /// Sets the connection that sends the job's data and receives its credit and errors; null: none.
+    /// Sets the connection that sends the job's data and receives its credit and errors; null:
+    /// none.
     void set_feeder(Sink* feeder) { feeder_ = feeder; }
 
 private:

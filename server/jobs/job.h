@@ -27,7 +27,7 @@ namespace raynest::server {
 
 using Clock = std::chrono::steady_clock;
 
-/// Tells a running task whether to stop. The task's thread asks often, so requested() must be cheap.
+/// Tells a running task whether to stop. Tasks ask often, so requested() must be cheap.
 class Stop {
 public:
     Stop() = default;
@@ -75,16 +75,16 @@ public:
     [[nodiscard]] virtual std::uint64_t rays() const = 0;
     /// True if both tasks can share a call: same scene, kernel and parameters.
     [[nodiscard]] virtual bool same_as(const MergeableTask& other) const = 0;
-    /// Traces the rays of all tasks; same_as() is true for each. After a failure, run each alone.
-    /// Any thread.
+    /// Traces the rays of all tasks, each same_as() this one. If it fails, run each alone. Any
+    /// thread.
     [[nodiscard]] virtual Reply<AnswerRows> trace(std::span<const MergeableTask* const> all,
                                                   const Stop& stop) const = 0;
 };
 
 /// A unit of work of a job.
 struct Task {
-    /// Does the work. The result is dropped once `stop` is requested. May be called again after a
-    /// failure.
+    /// Does the work; may be called again after a failure. The result is dropped once `stop` is
+    /// requested.
     std::function<Reply<Frames>(const Stop& stop)> run;
     /// Maximum bulk bytes of the result; reserved from the credit before the task runs.
     std::uint64_t reply_bytes_max = 0;

@@ -1,8 +1,8 @@
 // Runs the jobs of one connection: submits their tasks to workers while the client's credit and the
 // connection's window have room, collects answers, and ends jobs on error, cancel and deadline.
 //
-// The runner uses no sockets: frames go to a Sink, and completions come back through `post`. It runs
-// on the io thread; only tasks run elsewhere, and they share only a StopFlag with it.
+// The runner uses no sockets: frames go to a Sink, and completions come back through `post`. It
+// runs on the io thread; only tasks run elsewhere, and they share only a StopFlag with it.
 #pragma once
 
 #include "protocol/limits.h"
@@ -34,7 +34,7 @@ protected:
     ~Sink() = default;
 };
 
-/// Shared by all runners of a daemon; outlives them.
+/// The parts of the daemon that all runners share; outlives them.
 struct JobContext {
     FairThreadPool& compute;
     Admission& admission;
@@ -71,8 +71,8 @@ public:
     Reply<std::uint64_t> start(std::uint64_t id, JobSubmission accepted);
     /// True if the job is in flight and its input credit covers `bytes` of bulk data.
     [[nodiscard]] bool expects(std::uint64_t id, std::uint64_t bytes) const;
-    /// Passes bulk data to a job. Drops data for a job that has ended: they were sent before the
-    /// client knew.
+    /// Passes bulk data to a job; drops them if the job has ended, which the client cannot know
+    /// yet.
     void feed(protocol::Frame frame);
     /// Adds credit that the client granted to a job.
     void grant(std::uint64_t id, std::uint64_t bytes);
@@ -123,7 +123,7 @@ private:
         std::uint64_t credit = 0;              ///< bytes that the daemon may still send
         std::uint64_t reserved = 0;            ///< part of `credit` reserved for running tasks
         std::uint64_t input_credit = 0;        ///< bytes that the client may still send
-        std::uint64_t returned = 0;  ///< freed input bytes that are not yet granted again
+        std::uint64_t returned = 0;            ///< freed input bytes that are not yet granted again
     };
     using ActivePointer = std::shared_ptr<Active>;
 

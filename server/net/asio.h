@@ -1,9 +1,9 @@
 // Includes Boost.Asio with two workarounds. Other files include this header, never Asio's own.
 //
-// Boost 1.74 uses std::exchange without including <utility>. It does not recognise the coroutines of
-// clang 14 and 16 without two macros. Two rules for code that includes this header: do not write a
-// lambda with captures as a temporary inside a co_await expression, because g++ 12 destroys it twice
-// (name it and std::move it); do not cancel a coroutine of another executor.
+// Boost 1.74 uses std::exchange without including <utility>. It does not recognise the coroutines
+// of clang 14 and 16 without two macros. Two rules for code that includes this header: do not write
+// a lambda with captures as a temporary inside a co_await expression, because g++ 12 destroys it
+// twice (name it and std::move it); do not cancel a coroutine of another executor.
 #pragma once
 
 #include <utility>

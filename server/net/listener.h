@@ -19,9 +19,9 @@ class Listener {
 public:
     using Descriptors = Connections::Descriptors;
 
-    /// Binds and listens; port 0 picks a free port. A Unix socket has the mode and group of `access`
-    /// before any client can connect, and replaces the socket of a dead daemon. Fails with io_failed
-    /// and the reason.
+    /// Binds and listens; port 0 picks a free port. A Unix socket has the mode and group of
+    /// `access` before any client can connect, and replaces the socket of a dead daemon. Fails with
+    /// io_failed and the reason.
     static Result<std::unique_ptr<Listener>> open(asio::io_context& io, const Address& address,
                                                   const SocketAccess& access,
                                                   Connections& connections);

@@ -31,8 +31,7 @@ std::uint64_t control_bytes(const protocol::Frame& frame) {
     return waiting_frame_bytes + protocol::header_bytes + frame.control.size();
 }
 
-/// False for Progress, which the daemon sends by itself: sending it does not count as activity of
-/// the peer.
+/// False for Progress: the daemon sends it by itself, so it does not count as activity of the peer.
 bool shows_life(const protocol::Frame& frame) {
     return frame.header.type != static_cast<std::uint16_t>(wire::Message::Progress);
 }
@@ -224,8 +223,8 @@ void Session::take_frames(std::span<const std::byte> bytes) {
 }
 
 asio::awaitable<void> Session::linger() {
-    // Read until the peer closes: closing with unread bytes would reset the connection, and the peer
-    // could lose the last frame.
+    // Read until the peer closes: closing with unread bytes would reset the connection, and the
+    // peer could lose the last frame.
     const Transport::ReadBuffers buffers = {asio::buffer(stage_), asio::mutable_buffer()};
     SystemError error;
     while (open_ && !error) co_await transport_->read(buffers, 1, error);

@@ -18,8 +18,8 @@ namespace {
 constexpr std::size_t wanted_max = 128 << 10;
 
 /// Time without an answer after which a peer may be dead. Keep-alive probes (protocol/keep_alive.h)
-/// find a dead peer only while no bytes wait to be sent; otherwise TCP gives up after a quarter of an
-/// hour. A live peer with a full window answers window probes.
+/// find a dead peer only while no bytes wait to be sent; otherwise TCP gives up after a quarter of
+/// an hour. A live peer with a full window answers window probes.
 constexpr std::uint32_t silence_ms_max = 20'000;
 /// Number of unanswered window probes in a row that shows a dead peer.
 constexpr int probes_max = 3;
@@ -94,8 +94,8 @@ bool SocketTransport::is_lost() {
     if (getsockopt(socket_.native_handle(), IPPROTO_TCP, TCP_INFO, &info, &size) != 0) return false;
     const std::uint32_t silence_ms = info.tcpi_last_ack_recv;
     if (silence_ms < silence_ms_max) return false;
-    // Compare with the retransmission timeout tcpi_rto, which doubles each time: a live peer answers
-    // each retransmission.
+    // Compare with the retransmission timeout tcpi_rto, which doubles each time: a live peer
+    // answers each retransmission.
     if (info.tcpi_unacked != 0) return silence_ms > info.tcpi_rto / 1000 * 3 / 2;
     return info.tcpi_probes >= probes_max;
 }

@@ -5,6 +5,7 @@
 
 namespace raynest::server {
 
+/// A connection over TCP or a Unix socket.
 class SocketTransport final : public Transport {
 public:
     explicit SocketTransport(Socket socket);

@@ -3,8 +3,8 @@
 //   Session ──► Transport ◄── SocketTransport (TCP, Unix)      a new transport is one file, and one
 //                         ◄── tests: MemoryTransport           row of the list in transports.cpp
 //
-// Frames may cross the boundaries of a transport's own messages, as of WebSocket. Io thread only. At
-// most one read and one write run at a time; both end with an error after close().
+// Frames may cross the boundaries of a transport's own messages, as of WebSocket. Io thread only.
+// At most one read and one write run at a time; both end with an error after close().
 #pragma once
 
 #include "server/net/asio.h"
@@ -40,9 +40,8 @@ public:
     /// Writes at least one byte of `rest`.
     virtual asio::awaitable<std::size_t> write(const WriteBatch::Rest& rest,
                                                SystemError& error) = 0;
-    /// Writes as many bytes as possible without waiting and returns their number, perhaps 0. Saves a
-    /// pass through the event loop. Call it only while no write runs; the next write() reports
-    /// errors.
+    /// Writes as many bytes as possible without waiting and returns their number, perhaps 0. Saves
+    /// a pass through the event loop. No write may be running. The next write() reports errors.
     virtual std::size_t write_now(const WriteBatch::Rest& /*rest*/) { return 0; }
 
     /// Tells the peer that no more bytes follow.

@@ -10,6 +10,7 @@ namespace raynest::server {
 
 using MakeTransport = std::unique_ptr<Transport> (*)(Socket socket);
 
+/// A scheme of --listen, and the transport of its connections.
 struct Scheme {
     enum class Place { host_and_port, path };
 

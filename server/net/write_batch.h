@@ -12,6 +12,7 @@
 
 namespace raynest::server {
 
+/// Up to 16 frames for one gathered write.
 class WriteBatch {
 public:
     /// The buffers that were not sent yet; valid until the batch changes.

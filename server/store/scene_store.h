@@ -1,11 +1,11 @@
 // The scenes that the daemon holds, by name.
 //
 // A scene is immutable; jobs keep the one they started with. A scene stays while it has references:
-// one for each principal that loaded it (unless as temporary), and one for each open connection that
-// loaded or opened it. Unloading drops the references of the caller's principal and connection. When
-// no principal is left, the name is free for others; connections that still hold the scene can go on
-// using the name. Replacing a name's content publishes a new epoch for all holders. The last
-// reference frees the memory.
+// one for each principal that loaded it (unless as temporary), and one for each open connection
+// that loaded or opened it. Unloading drops the references of the caller's principal and
+// connection. When no principal is left, the name is free for others; connections that still hold
+// the scene can go on using the name. Replacing a name's content publishes a new epoch for all
+// holders. The last reference frees the memory.
 #pragma once
 
 #include "engine/scene/snapshot.h"
@@ -76,8 +76,8 @@ public:
     /// Publishes a snapshot under a name, and gives the caller's principal and connection a
     /// reference to it. Equal content under the same name keeps its epoch. Different content fails
     /// with NAME_TAKEN unless `how.replace`, and with NOT_ALLOWED if other principals use the name
-    /// too. Fails with QUOTA beyond the principal's quota, and with RESOURCE_EXHAUSTED if the budget
-    /// has no room. Equal content under two names is stored once.
+    /// too. Fails with QUOTA beyond the principal's quota, and with RESOURCE_EXHAUSTED if the
+    /// budget has no room. Equal content under two names is stored once.
     Reply<NamedScene> publish(const std::string& name, std::shared_ptr<const Snapshot> snapshot,
                               Publication how, const ConnectionId& caller);
 
@@ -89,8 +89,8 @@ public:
     [[nodiscard]] Reply<NamedScene> find(std::string_view name, std::uint64_t epoch,
                                          const ConnectionId& caller) const;
 
-    /// Finds a scene as find() does, and gives the caller's connection a reference to it. Fails with
-    /// QUOTA as publish() does.
+    /// Finds a scene as find() does, and gives the caller's connection a reference to it. Fails
+    /// with QUOTA as publish() does.
     Reply<NamedScene> open(std::string_view name, const ConnectionId& caller);
 
     struct Unloaded {

@@ -17,8 +17,7 @@ using ProbeTrace = std::function<Result<void>(const Variant&, Query, const Snaps
                                               const TraceCall&, const PinholeRays* made)>;
 
 /// Runs each query of each variant on the device, on a small nested scene with alpha-masked
-/// leaves. Fails if a call fails, or if its answers differ in any byte from those of the variant's
-/// CPU target.
+/// leaves. Fails if a call fails or its answers differ in any byte from those of the CPU.
 Result<void> probe(std::span<const Variant* const> variants, const ProbeTrace& trace);
 
 }  // namespace raynest::server::device

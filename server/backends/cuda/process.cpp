@@ -39,7 +39,7 @@ Result<std::shared_ptr<Process>> Process::start(const Setup& setup) {
     if (!pid) return tl::unexpected(pid.error());
     process->pid_ = *pid;
     {
-        // Close this process's copy of the child's end, so that the child's exit closes the channel.
+        // Close this process's copy of the child's end: the child's exit then closes the channel.
         const Channel theirs = std::move(control->second);
     }
     if (const auto greeted = process->greet(setup, std::move(control->first)); !greeted)

@@ -3,9 +3,9 @@
 //   starting ──probe succeeds──► up ──fault──► down ──after a pause──► starting
 //
 // The first pause is cuda_retry_ms; it doubles with each fault up to cuda_retry_ms_max. A worker
-// that was up for longer than cuda_retry_ms_max resets the pause. Jobs do not wait for a start: they
-// run on the CPU meanwhile, with the same answers. If a start finds no device, requests that demand
-// one are refused without a time to retry.
+// that was up for longer than cuda_retry_ms_max resets the pause. Jobs do not wait for a start:
+// they run on the CPU meanwhile, with the same answers. If a start finds no device, requests that
+// demand one are refused without a time to retry.
 #pragma once
 
 #include "engine/packs/registry.h"
@@ -82,8 +82,8 @@ private:
 
     struct Refused {
         Unavailable refusal;
-        unsigned losses = 0;  ///< processes lost with this scene, each soon after the one before
-        Clock::time_point lost;   ///< time of the last loss
+        unsigned losses = 0;     ///< processes lost with this scene, each soon after the one before
+        Clock::time_point lost;  ///< time of the last loss
         Clock::time_point until;  ///< end of the refusal
     };
     Refused& refused_locked(const Snapshot& scene);
@@ -119,8 +119,7 @@ private:
     /// reason that was found first.
     Unavailable lose(const ProcessPointer& process, const Snapshot& scene, Unavailable refusal);
     void lose_locked(std::string reason);
-    /// Waits until the process is lost or the daemon stops. Notices an exit during which no call
-    /// runs.
+    /// Waits until the process is lost or the daemon stops; notices an exit between calls.
     void watch(std::unique_lock<std::mutex>& lock);
 
     const Options options_;

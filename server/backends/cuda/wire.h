@@ -1,11 +1,11 @@
 // The messages between the daemon and its device worker: fixed size, one at a time per socket. Both
-// are the same program, so there is no version. A message of the wrong size counts as a closed
-// socket.
+// are the same program, so there is no version. After a message of the wrong size the socket counts
+// as closed.
 //
 //   control:    Hello, memory and a socket per slot ──►   ◄── Ready
 //   each slot:  Request (with a memory file, to load) ──►   ◄── Outcome
 //
-// Rays and answers lie in memory that both map. Each slot has a part of it:  rays | hits | hit counts
+// Rays and answers lie in memory that both map; each slot has a part:  rays | hits | hit counts
 #pragma once
 
 #include "engine/geometry/hit.h"
