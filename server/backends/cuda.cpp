@@ -110,7 +110,7 @@ std::unique_ptr<Backend> make_cuda(const BackendContext& context) {
     if (std::any_of(variants.begin(), variants.end(),
                     [](const Variant& variant) { return variant.target == "v2"; })) {
         const std::string why =
-            "target v2 does not promise the answers of a GPU; it takes v3 or v4";
+            "answers of target v2 may differ from those of a GPU; use --target v3 or v4";
         log(LogLevel::warn, "cuda_off", {{"reason", why}});
         return std::make_unique<NoCuda>(": " + why);
     }

@@ -178,7 +178,7 @@ Reply<void> read(std::string_view text, Range& value) {
         return misshapen(text, "NEAR:FAR");
     if (*far == 0)
         return refuse(Code::invalid_field, "a ray cannot end at 0; FAR is more than that, or inf");
-    if (*near < 0 || *near > *far) return misshapen(text, "of 0 <= tmin <= tmax");
+    if (*near < 0 || *near > *far) return misshapen(text, "a range with 0 <= tmin <= tmax");
     value = {*near, *far};
     return {};
 }

@@ -315,8 +315,9 @@ Clock::time_point Session::next_deadline() const {
 
 void Session::expire(Clock::time_point now) {
     if (now >= close_deadline_)
-        return backlog_ == 0 ? stop()
-                             : drop(services_.metrics.peers_cut_off, "it did not read the end");
+        return backlog_ == 0
+                   ? stop()
+                   : drop(services_.metrics.peers_cut_off, "it did not read the last frames");
     if (conversation_.closing()) return;
     conversation_.runner().tick(now);
     if (now >= greeting_deadline_) {

@@ -223,7 +223,8 @@ Result<void> Supervisor::probe_process(Process& process) {
         const auto index = find_kernel(process.ready(), {variant.name});
         if (!index) continue;
         if (!matches(process.ready(), process.ready().variants[*index], variant))
-            return fail(ErrorCode::pack_invalid, "its pack is not of this daemon: rebuild it");
+            return fail(ErrorCode::pack_invalid,
+                        "its kernel pack does not match this daemon; rebuild the pack");
         variants.push_back(&variant);
     }
     return probe(variants,
@@ -243,7 +244,8 @@ Result<void> Supervisor::probe_process(Process& process) {
                          traced = attempt();
                      }
                      if (!traced) return fail(ErrorCode::internal, traced.error().reason);
-                     if (!*traced) return fail(ErrorCode::internal, "its scene does not stay");
+                     if (!*traced)
+                         return fail(ErrorCode::internal, "its scene was evicted at once");
                      return {};
                  });
 }
@@ -302,7 +304,7 @@ tl::expected<std::optional<Supervisor::Turn>, Unavailable> Supervisor::take_turn
         if (changed_.wait_until(lock, end) == std::cv_status::timeout) {
             lock.unlock();
             return tl::unexpected(
-                remember(scene, later("other scenes are on their way to it", 1000)));
+                remember(scene, later("other scenes are being uploaded to it", 1000)));
         }
     }
     loading_ = scene.digest();
@@ -327,7 +329,8 @@ tl::expected<void, Unavailable> Supervisor::trace_if_up(const Kernel& kernel, co
         if (*traced) return {};
         if (const auto brought = bring(scene); !brought) return brought;
     }
-    return tl::unexpected(remember(scene, no_room("other scenes drove this one out at once")));
+    return tl::unexpected(
+        remember(scene, no_room("other scenes evicted this one before its call")));
 }
 
 tl::expected<bool, Unavailable> Supervisor::attempt(const Kernel& kernel, const Snapshot& scene,
@@ -398,7 +401,7 @@ tl::expected<bool, Unavailable> Supervisor::trace_on(Process& process, std::uint
         case Answers::given_up:
             return tl::unexpected(Unavailable{"rays meet too much of the scene for it"});
         case Answers::impossible:
-            return tl::unexpected(lost("it gave answers that cannot be"));
+            return tl::unexpected(lost("it returned hits that are impossible in the scene"));
     }
     return true;
 }
