@@ -118,7 +118,7 @@ public:
     virtual std::optional<Task> next() = 0;
     /// Called after a task succeeded and its frames were sent. An error ends the job.
     virtual Reply<void> ended() { return {}; }
-    /// True if next() will return no further task, whatever is fed.
+    /// True if next() will return no further task, even if more is fed.
     [[nodiscard]] virtual bool finished() const = 0;
     /// Returns the last frames of the answer, after all tasks succeeded. They have no bulk part.
     virtual Frames farewell() = 0;
