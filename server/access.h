@@ -1,5 +1,5 @@
-// THE RULES of who may touch what is not only theirs: each NOT_ALLOWED that a client hears comes
-// from here. They take facts; what they concern looks those up.
+// Access rules: every NOT_ALLOWED error that a client receives comes from these functions. They
+// decide by their arguments alone; callers look the facts up.
 #pragma once
 
 #include "server/errors.h"
@@ -9,16 +9,16 @@
 
 namespace raynest::server::access {
 
-/// A job belongs to the principal that started it, on whatever connection.
+/// Allows the principal that started the job, on any connection.
 [[nodiscard]] Reply<void> use_job(std::uint64_t number, std::string_view owner,
                                   std::string_view principal);
 
-/// A scene is unloaded by those that loaded it or hold it.
+/// Allows callers that loaded the scene or hold it.
 [[nodiscard]] Reply<void> unload_scene(std::string_view name, std::string_view owner,
                                        bool is_callers);
 
-/// A scene gets other content only where no other principal's load keeps its name: they would find
-/// another scene.
+/// Allows a replacement only if no other principal has loaded the scene by this name: others would
+/// find different content under it.
 [[nodiscard]] Reply<void> replace_scene(std::string_view name, bool is_only_callers);
 
 }  // namespace raynest::server::access

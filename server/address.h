@@ -1,4 +1,4 @@
-// Where the daemon listens: tcp://HOST:PORT or unix:PATH, checked before a socket is made.
+// Addresses to listen on, tcp://HOST:PORT or unix:PATH, checked before a socket is made.
 #pragma once
 
 #include "engine/result.h"
@@ -12,7 +12,7 @@
 namespace raynest::server {
 
 struct TcpAddress {
-    std::string host;  ///< numeric IPv4 or IPv6, no brackets
+    std::string host;  ///< numeric IPv4 or IPv6, without brackets
     std::uint16_t port = 0;
     std::string scheme = "tcp";
 };
@@ -21,20 +21,20 @@ struct UnixAddress {
 };
 using Address = std::variant<TcpAddress, UnixAddress>;
 
-/// Who may connect to a Unix socket: the mode and the group of its file.
+/// Mode and group of a Unix socket's file; they decide which users may connect.
 struct SocketAccess {
     unsigned mode = 0600;
-    std::optional<unsigned> group;  ///< number of a group; none: the daemon's own
+    std::optional<unsigned> group;  ///< group id; empty: the daemon's own group
 };
 
-/// "localhost" means 127.0.0.1. Addresses other than loopback are refused: until there is a token,
-/// whoever can connect may do everything.
+/// Parses a URI; "localhost" means 127.0.0.1. Refuses addresses other than loopback: clients are
+/// not authenticated, so anybody who can connect may do everything.
 [[nodiscard]] Result<Address> parse_address(std::string_view uri);
 
-/// A name in the list of transports (net/transports.h): "tcp", "unix".
+/// Returns the address's name in the list of transports (net/transports.h): "tcp" or "unix".
 [[nodiscard]] std::string scheme_of(const Address& address);
 
-/// The URI that parse_address reads, e.g. "tcp://[::1]:31060".
+/// Returns a URI that parse_address() reads, e.g. "tcp://[::1]:31060".
 [[nodiscard]] std::string to_uri(const Address& address);
 
 }  // namespace raynest::server

@@ -10,7 +10,7 @@
 namespace raynest::server {
 namespace {
 
-/// A smaller window could not hold one ray's answer: 256 hits with all columns.
+/// Minimum window: it holds the answer of one ray with 256 hits and all columns.
 constexpr std::uint64_t window_bytes_min = 64ULL << 10;
 
 }  // namespace
@@ -41,7 +41,7 @@ void Conversation::receive(protocol::Frame frame) {
     if (closing_) return;
     ++services_.metrics.frames_received;
     const std::uint64_t id = frame.header.request_id;
-    // An exception ends the request that caused it, and nothing else.
+    // Let an exception end only the request that caused it.
     try {
         handle(std::move(frame));
     } catch (const std::bad_alloc&) {
@@ -196,7 +196,7 @@ void Conversation::release_inputs() {
             continue;
         }
         job->set_feeder(nullptr);
-        // A job that failed has told the client itself.
+        // A failed job has already sent its error to the client.
         if (!job->error()) {
             wire::DetachedT detached;
             detached.job = job->record().number;

@@ -1,10 +1,10 @@
-// What one client may say and what it hears: the protocol's state machine, without a transport.
+// The protocol's state machine for one client, without a transport.
 //
-//   greeting ──Hello──► open ──fault of framing, drained──► closing
+//   greeting ──Hello──► open ──framing error, drained──► closing
 //
-// Frames come in through receive() and go out through the Sink; a fuzzer or a test drives it over
-// plain memory. Which message may come when, and what it does, is a row of the table in
-// handlers/handler.cpp. Io thread only.
+// Frames come in through receive() and go out through the Sink, so fuzzers and tests run it in
+// memory. The table in handlers/handler.cpp says when each message is allowed and what it does.
+// Io thread only.
 #pragma once
 
 #include "server/handlers/handler.h"
@@ -20,7 +20,7 @@ namespace raynest::server {
 
 class Conversation {
 public:
-    /// Decides who the client is once it has said Hello; an error ends the connection.
+    /// Identifies the client by its Hello message; an error ends the connection.
     using Authenticate = std::function<Reply<Principal>(const wire::Hello&)>;
 
     /// `peer` names the client until it is authenticated.
@@ -29,37 +29,39 @@ public:
     ~Conversation() { abandon(); }
     Conversation(const Conversation&) = delete;
 
-    /// True if there is memory for the bulk part of this frame. Decides by its header alone; an
-    /// error ends the connection, false lets the bulk pass unread.
+    /// Decides from a frame's header whether to read its bulk part. False: skip the bulk part. An
+    /// error ends the connection.
     [[nodiscard]] Reply<bool> admit(const protocol::FrameHeader& header) const;
 
+    /// Handles a frame, which admit() let in.
     void receive(protocol::Frame frame);
-    /// Tells the client why the connection ends, and ends it.
+    /// Sends the error to the client, then ends the connection.
     void close_with_error(const protocol::Error& error);
-    /// No new jobs; ends the connection when the running ones ended.
+    /// Refuses new jobs and ends the connection when the running ones have ended.
     void drain();
 
     [[nodiscard]] const std::string& principal() const { return caller_.principal; }
     [[nodiscard]] bool greeted() const { return greeted_; }
-    /// The last frame was sent: flush, then close.
+    /// True once the last frame was sent: flush, then close.
     [[nodiscard]] bool closing() const { return closing_; }
     [[nodiscard]] Runner& runner() { return *runner_; }
     [[nodiscard]] const Runner& runner() const { return *runner_; }
 
-    /// Number of requests in flight, including those that are detached once their data have come.
+    /// Number of requests in flight, including detached ones whose data are still arriving.
     [[nodiscard]] std::size_t jobs() const { return runner_->size() + feeding_.size(); }
-    /// Bytes of --memory that they and their answers have reserved.
+    /// Bytes of --memory that these requests and their answers have reserved.
     [[nodiscard]] std::uint64_t held_bytes() const;
     /// True if every request waits for its client.
     [[nodiscard]] bool waits_for_client() const;
 
-    /// The connection is gone: what still needs it ends.
+    /// Ends all requests that need the connection, because it is gone.
     void abandon();
-    /// To be called after anything that may have ended a job.
+    /// Releases complete detached jobs, and closes a drained connection that has no jobs left. Call
+    /// it after anything that may have ended a job.
     void settle();
 
 private:
-    friend struct RequestTable;  // its rows name what follows
+    friend struct RequestTable;  // its rows refer to the private members below
     void greet(protocol::Frame frame);
     void ping(protocol::Frame frame);
     void credit(protocol::Frame frame);
@@ -68,10 +70,10 @@ private:
 
     void handle(protocol::Frame frame);
     void start(const Request& request, const protocol::Frame& frame);
-    /// The runner of the request of this id, if there is such a request.
+    /// Returns the runner that has the request of this id: a detached job's, else the connection's.
     [[nodiscard]] Runner& runner_of(std::uint64_t id) const;
     Reply<void> detach(std::uint64_t id, JobSubmission accepted);
-    /// Detached jobs that have all their data need this connection no longer.
+    /// Releases detached jobs that have all their data and so no longer need this connection.
     void release_inputs();
     void refuse_request(std::uint64_t id, const protocol::Error& error);
 

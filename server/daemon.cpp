@@ -33,20 +33,20 @@
 namespace raynest::server {
 namespace {
 
-/// For tasks that wait while long ones hold all threads: the chunks that three requests have under
-/// way, and some for others.
+/// Maximum spare threads, for tasks that wait while long ones occupy all threads. Three requests
+/// have at most 3 * (threads + 1) chunks in flight; that leaves 13 threads for other tasks.
 constexpr unsigned spare_threads(unsigned threads) {
     return 2 * threads + 16;
 }
-/// Imports at once; each is a process of its own with limits of its own.
+/// Maximum concurrent imports; each is a process with limits of its own.
 constexpr unsigned imports_max = 2;
 constexpr std::chrono::milliseconds drain_look{20};
-/// How often peers are looked for whose machine or network is gone.
+/// Interval of the search for connections whose client's machine or network is gone.
 constexpr std::chrono::seconds lost_look{5};
-/// For clients to hear that their jobs are given up.
+/// Time for clients to receive the error after a drain took too long.
 constexpr std::chrono::milliseconds last_words_time{1000};
 constexpr int exit_forced = 3;
-/// For the program's own files, an import, and a few clients.
+/// Minimum number of file descriptors: the program's own files, an import, and a few clients.
 constexpr rlim_t descriptors_min = 16;
 
 class Daemon {
@@ -81,7 +81,7 @@ private:
     Services services_;
     JobContext context_;
     DetachedJobs detached_;
-    // Tasks use all of the above: threads end before it does.
+    // Keep the threads below all members that tasks use: destruction joins the threads first.
     Backends backends_;
     FairThreadPool compute_;
     FairThreadPool blocking_;
@@ -92,11 +92,11 @@ private:
     Connections connections_;
     std::vector<std::unique_ptr<Listener>> listeners_;
     Clock::time_point drain_deadline_ = Clock::time_point::max();
-    bool cut_short_ = false;  ///< the drain took too long
+    bool cut_short_ = false;  ///< the drain exceeded its deadline
 };
 
-/// This program again, as main.cpp understands it: the packs decide which primitives a file may
-/// hold.
+/// Returns the command line that makes this program an import process (main.cpp). The packs are
+/// passed on because they decide which primitives a file may hold.
 std::vector<std::string> import_command(const Options& options) {
     std::vector<std::string> command = {std::filesystem::read_symlink("/proc/self/exe").string(),
                                         std::string(import_child_flag), options.target};
@@ -174,7 +174,7 @@ Result<void> Daemon::run() {
     await_signal();
     look_for_lost();
     if (!options_.ready_file.empty()) {
-        // Without the file, programs that wait for it would wait for ever.
+        // Fail without the file: programs that wait for it would wait for ever.
         if (const auto written = write_ready_file(options_.ready_file, uris); !written)
             return tl::unexpected(written.error());
     }
@@ -183,7 +183,8 @@ Result<void> Daemon::run() {
             io_.run();
             break;
         } catch (const std::exception& error) {
-            // A handler outside of the connections' coroutines: what it belonged to is lost.
+            // Log and go on: the exception comes from a handler outside the connections'
+            // coroutines, and only that handler's work is lost.
             log(LogLevel::error, "handler_failed", {{"reason", error.what()}});
         }
     }
@@ -222,7 +223,7 @@ void Daemon::drain() {
     log(LogLevel::info, "draining", {{"connections", std::to_string(connections_.size())}});
     drain_deadline_ = Clock::now() + std::chrono::milliseconds(limits_.drain_ms_max);
     for (const auto& listener : listeners_) listener->close();
-    // No client could fetch them any more.
+    // Stop detached jobs: no client could fetch their answers any more.
     detached_.stop_running();
     connections_.drain();
     look_drained();
@@ -230,7 +231,7 @@ void Daemon::drain() {
 
 void Daemon::look_drained() {
     peers_.dismiss();
-    // Jobs of closed connections count too: their tasks still use what the daemon owns.
+    // Count jobs of closed connections too: their tasks still use members of the daemon.
     const bool drained = connections_.empty() && admission_.active() == 0;
     if (drained && !cut_short_) return io_.stop();
     const bool late = Clock::now() >= drain_deadline_;
@@ -247,7 +248,7 @@ void Daemon::look_drained() {
     });
 }
 
-// Does for detached jobs what each connection's watchdog does for its own.
+// Enforces the time limits of detached jobs; a connection's watchdog does so for its own jobs.
 void Daemon::look_after_detached() {
     const Clock::time_point next = detached_.next_tick();
     if (next == Clock::time_point::max()) return;
@@ -269,8 +270,8 @@ void Daemon::look_for_lost() {
     });
 }
 
-/// Connections need descriptors: take as many as the system grants. Fails where they would not do
-/// for the daemon itself.
+/// Raises the limit of file descriptors to the maximum that the system grants. Fails if that is
+/// less than descriptors_min.
 Result<void> raise_descriptor_limit() {
     rlimit limit{};
     if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return {};
@@ -307,7 +308,7 @@ int failed(const Error& error) {
 int run_daemon(const Options& options) {
     (void)std::signal(SIGPIPE, SIG_IGN);
     if (const auto enough = raise_descriptor_limit(); !enough) return failed(enough.error());
-    // Before anything listens: a file of somebody else's ends the start.
+    // Check the ready file before anything listens: another program's file ends the start.
     if (!options.ready_file.empty())
         if (const auto free = check_ready_file(options.ready_file); !free)
             return failed(free.error());

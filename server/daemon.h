@@ -1,5 +1,4 @@
-// The daemon: owns the packs, the scenes, the workers, the listeners and the connections, and knows
-// the order in which they start and stop.
+// The daemon: owns packs, scenes, workers, listeners and connections; starts and stops them.
 #pragma once
 
 #include "server/options.h"
@@ -8,12 +7,13 @@
 
 namespace raynest::server {
 
-/// `raynestd --import-child TARGET [PACK_DIR...]` is the import process of engine/assets/import.h.
+/// The command line of the import process (engine/assets/import.h) is
+/// `raynestd --import-child TARGET [PACK_DIR...]`.
 inline constexpr std::string_view import_child_flag = "--import-child";
 
-/// Runs until SIGTERM or SIGINT; returns the exit code: 0 after a drain, 1 with a line on stderr
-/// when packs, addresses or the state folder cannot be had. A second one of these signals, or a
-/// drain of over drain_ms_max, ends the process with code 3. SIGHUP is logged and ignored.
+/// Runs until SIGTERM or SIGINT. Returns the exit code: 0 after a drain; 1 with a line on stderr if
+/// packs, an address or the state folder cannot be used. A second signal, or a drain longer than
+/// drain_ms_max, ends the process with code 3. SIGHUP is logged and ignored.
 int run_daemon(const Options& options);
 
 }  // namespace raynest::server

@@ -3,7 +3,7 @@
 namespace raynest::server {
 namespace {
 
-// No default: a new engine code without a line here is a compiler warning.
+// Has no default case, so that the compiler warns of an engine code without a case.
 Code wire_code(ErrorCode code) {
     switch (code) {
         case ErrorCode::scene_invalid:
@@ -22,7 +22,7 @@ Code wire_code(ErrorCode code) {
             return Code::internal;
         case ErrorCode::out_of_memory:
             return Code::resource_exhausted;
-        case ErrorCode::io_failed:  // of an import: no descriptor, process or memory file to be had
+        case ErrorCode::io_failed:  // an import got no descriptor, process or memory file
             return Code::resource_exhausted;
         case ErrorCode::internal:
             return Code::internal;

@@ -1,5 +1,4 @@
-// Errors as the daemon answers them: the protocol's table, and the one place that maps the engine's
-// codes into it.
+// Errors in the daemon's answers: codes of the protocol, and the mapping from the engine's codes.
 #pragma once
 
 #include "engine/result.h"
@@ -11,21 +10,21 @@
 
 namespace raynest::server {
 
-/// What a handler or a task gives back: a value, or the error that the client will read.
+/// The result of a handler or a task: a value, or the error that the client receives.
 template <class T>
 using Reply = protocol::Result<T>;
 
 using protocol::Code;
 
-/// `return refuse(Code::busy, "...")` from any function that returns a Reply.
+/// Makes an error: `return refuse(Code::busy, "...")` in any function that returns a Reply.
 [[nodiscard]] inline tl::unexpected<protocol::Error> refuse(Code code, std::string message) {
     return protocol::fail(code, std::move(message));
 }
 
-/// An engine error in the wire's words.
+/// Converts an engine error into a protocol error.
 [[nodiscard]] protocol::Error to_wire(Error error);
 
-/// `return refuse(engine_result.error())`.
+/// Converts an engine error: `return refuse(engine_result.error())`.
 [[nodiscard]] inline tl::unexpected<protocol::Error> refuse(Error error) {
     return tl::unexpected<protocol::Error>(to_wire(std::move(error)));
 }

@@ -1,7 +1,7 @@
-// One line per event on stderr: `event key=value key="two words"`.
+// The log: one line per event on stderr, `event key=value key="two words"`.
 //
-// Values come from clients: control characters and quotes are escaped, so no value can forge a line
-// or a field. spdlog stays in log.cpp.
+// Values may come from clients. Control characters and quotes are escaped, so that no value can
+// forge a line or a field. Only log.cpp includes spdlog.
 #pragma once
 
 #include <initializer_list>
@@ -15,14 +15,15 @@ enum class LogLevel { error, warn, info, debug };
 
 using LogField = std::pair<std::string_view, std::string>;
 
-/// Events below `level` are dropped from now on. Thread-safe, as is log().
+/// Sets the level below which events are dropped. Thread-safe.
 void set_log_level(LogLevel level);
 
-/// Is an event of this level written? Ask before a line costs something to make.
+/// True if events of this level are written. Check it before composing an expensive line.
 [[nodiscard]] bool is_logged(LogLevel level);
+/// Writes an event. Thread-safe.
 void log(LogLevel level, std::string_view event, std::initializer_list<LogField> fields = {});
 
-/// The line that log() writes, without time and level.
+/// Returns the line that log() writes, without time and level.
 [[nodiscard]] std::string format_event(std::string_view event,
                                        std::initializer_list<LogField> fields);
 

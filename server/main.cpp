@@ -1,5 +1,5 @@
-// raynestd: one program, three lives: the daemon, the short-lived process that imports one scene,
-// and the one that has the GPU.
+// raynestd: one program for three kinds of process: the daemon, the short-lived import of one
+// scene, and the device worker.
 #include "engine/assets/import.h"
 #include "server/backends/cuda/worker_process.h"
 #include "server/daemon.h"
@@ -20,9 +20,9 @@ int run_import_child(int argc, const char* const* argv) {
     return registry ? import_child_main(**registry) : 2;
 }
 
-/// Frames of up to some MiB come and go on all threads. By default glibc gives the end of a heap
-/// back after each and takes it again page by page: 1,200 faults per million rays. What is larger
-/// than `frame` comes from the system and goes back at once.
+/// Keeps memory of freed frames, up to some MiB each, in the heap. By default glibc returns the end
+/// of a heap to the system after each and faults it in again: 1,200 page faults per million rays.
+/// Blocks larger than `frame` are still mapped and unmapped one by one.
 void keep_frames_in_heap() {
     constexpr int frame = 8 << 20;
     mallopt(M_MMAP_THRESHOLD, frame);

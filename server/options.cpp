@@ -24,7 +24,7 @@ namespace raynest::server {
 namespace {
 
 constexpr unsigned threads_max = 1024;
-/// As milliseconds 140 years, which a clock that counts nanoseconds can still add to.
+/// Maximum value of a limit: 140 years in milliseconds, which still fit a clock of nanoseconds.
 constexpr std::uint64_t limit_max = 1ULL << 42;
 
 std::uint64_t half_of_memory() {
@@ -32,13 +32,13 @@ std::uint64_t half_of_memory() {
     return pages * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE)) / 2;
 }
 
-// CLI11 wants the text of a fault, empty when there is none.
+// Returns the error text for CLI11; empty if there is no error.
 std::string address_fault(const std::string& uri) {
     const auto address = parse_address(uri);
     return address ? std::string() : address.error().message;
 }
 
-/// Options that are words for something else.
+/// Values of options as text, before they are converted.
 struct Words {
     std::string http = "off";
     std::string log_level = "info";
@@ -47,14 +47,14 @@ struct Words {
     std::string socket_group;
 };
 
-/// principal_jobs_max -> principal-jobs-max: how options are spelled.
+/// Returns the spelling of an option: principal_jobs_max -> principal-jobs-max.
 std::string hyphened(std::string_view name) {
     std::string text(name);
     std::replace(text.begin(), text.end(), '_', '-');
     return text;
 }
 
-/// Octal; none where it is no mode that the owner could use.
+/// Parses an octal mode; nothing if it is invalid or the owner could not read and write.
 std::optional<unsigned> to_mode(const std::string& text) {
     unsigned mode = 0;
     const char* last = text.data() + text.size();
@@ -68,14 +68,14 @@ std::string mode_fault(const std::string& text) {
     return to_mode(text) ? "" : "'" + text + "' is not a mode of 0600 to 0777, such as 0660";
 }
 
-/// The number of a group by its name or number.
+/// Returns the id of a group given by name or number.
 std::optional<unsigned> to_group(const std::string& text) {
     unsigned number = 0;
     const char* last = text.data() + text.size();
     const auto [end, error] = std::from_chars(text.data(), last, number);
-    // chown() reads -1 as "leave the group", while the mode would be widened.
+    // Reject -1: chown() would keep the group, and the wider mode would apply to that one.
     if (error == std::errc{} && end == last && number != static_cast<gid_t>(-1)) return number;
-    // Before any thread starts.
+    // getgrnam() is safe here: no other thread has started yet.
     const group* known = getgrnam(text.c_str());  // NOLINT(concurrency-mt-unsafe)
     return known == nullptr ? std::nullopt : std::optional<unsigned>(known->gr_gid);
 }
@@ -94,7 +94,7 @@ SocketAccess to_socket_access(const Words& words) {
     return access;
 }
 
-/// Bytes of a size such as 8G, 1.5GiB or 500m; none where it is not from 1M to 1P.
+/// Parses a size such as 8G, 1.5GiB or 500m; nothing if it is invalid or not from 1M to 1P.
 std::optional<std::uint64_t> to_size(const std::string& text) {
     double number = 0;
     const char* last = text.data() + text.size();
@@ -110,7 +110,7 @@ std::optional<std::uint64_t> to_size(const std::string& text) {
     return fits ? std::optional(static_cast<std::uint64_t>(number)) : std::nullopt;
 }
 
-// CLI11 hands the text over to be replaced by what it means.
+// Replaces the text by the number of bytes, as CLI11's transform() expects. Returns the error text.
 std::string size_fault(std::string& text) {
     const auto bytes = to_size(text);
     if (!bytes) return "'" + text + "' is not a size from 1M to 1P, such as 8G or 1.5G";
@@ -134,13 +134,12 @@ std::filesystem::path to_cuda_pack(const std::string& word) {
 }
 
 /// Reads a configuration file: KEY=VALUE lines, empty lines and comments. A value with blanks, '#'
-/// or quotes stands in quotes, as --print-config writes all of them. A fault names its file, its
-/// line and its key.
+/// or quotes must be quoted; --print-config quotes all values. Errors name file, line and key.
 class ConfigLines : public CLI::Config {
 public:
     explicit ConfigLines(const CLI::App& app) : app_(app) {}
     std::vector<CLI::ConfigItem> from_config(std::istream& file) const override;
-    // Not asked for: print_config() writes more than CLI11 knows of.
+    // Returns nothing: print_config() is used instead, because it also writes the limits.
     std::string to_config(const CLI::App*, bool, bool, std::string) const override { return ""; }
 
 private:
@@ -203,15 +202,15 @@ void declare(CLI::App& app, Options& options, Words& words) {
     app.config_formatter(std::make_shared<ConfigLines>(app));
 }
 
-/// How an option is spelled now that was spelled with underscores; empty where that is no such one.
+/// Returns a message about an option spelled with underscores; empty if there is no such option.
 std::string respelled(const CLI::App& app, const std::string& flag) {
     const std::string now = hyphened(flag);
     const bool old = now != flag && app.get_option_no_throw(now) != nullptr;
     return old ? flag + " is now spelled " + now : "";
 }
 
-/// The values of a line behind its KEY=, each a word or a text in quotes; none where a quote is not
-/// closed. A comment begins between them.
+/// Splits the part of a line after KEY= into values: words or quoted texts. '#' before a value
+/// begins a comment. Returns nothing if a quote is not closed.
 std::optional<std::vector<std::string>> to_values(const std::string& text) {
     std::vector<std::string> values;
     std::istringstream left(text);
@@ -227,8 +226,8 @@ std::optional<std::vector<std::string>> to_values(const std::string& text) {
     return values;
 }
 
-/// A line of a configuration file, without its end, as an option and its values; a text says what
-/// is wrong. Nothing for a line that sets nothing.
+/// Parses a line of a configuration file, without its newline, into an option and its values.
+/// Returns nothing for an empty line or a comment, and the error text for an invalid line.
 tl::expected<std::optional<CLI::ConfigItem>, std::string> to_item(const std::string& line) {
     const auto is_control = [](char c) { return c != '\t' && (c == 0x7F || (c >= 0 && c < ' ')); };
     const std::string text = CLI::detail::trim_copy(line);
@@ -250,7 +249,8 @@ tl::expected<std::optional<CLI::ConfigItem>, std::string> to_item(const std::str
     return item;
 }
 
-/// The reason why an option cannot be set so, after `before` of the same file; empty when it can.
+/// Returns the error text of an option's values; empty if they are valid. `before` are the values
+/// of the same option on earlier lines.
 std::string config_fault(const CLI::ConfigItem& item, const std::vector<std::string>& before) {
     Options options;
     Words words;
@@ -291,13 +291,13 @@ std::vector<CLI::ConfigItem> ConfigLines::from_config(std::istream& file) const 
         if (same == read.end()) same = read.insert(same, CLI::ConfigItem{{}, (*item)->name, {}});
         if (const std::string fault = config_fault(**item, same->inputs); !fault.empty())
             refuse(fault);
-        // CLI11 would take the first of two items only.
+        // Merge items of the same name: CLI11 would use only the first.
         same->inputs.insert(same->inputs.end(), (*item)->inputs.begin(), (*item)->inputs.end());
     }
     return read;
 }
 
-// Every line explains itself; what has no value stays as a comment, to be filled in.
+// Writes each option below its description; an option without a value becomes a comment.
 void print_config(const CLI::App& app) {
     std::cout << "# raynestd --config FILE reads this file; flags win over it.\n";
     for (const CLI::Option* option : app.get_options()) {
@@ -328,7 +328,7 @@ void refuse_old_spelling(const CLI::App& app, int argc, const char* const* argv)
     }
 }
 
-/// Two listeners of one address; port 0 is another port each time.
+/// Refuses two listeners on one address; port 0 is a different port each time.
 void refuse_repeated(const std::vector<std::string>& listen) {
     std::set<std::string> seen;
     for (const std::string& uri : listen)
@@ -337,20 +337,20 @@ void refuse_repeated(const std::vector<std::string>& listen) {
             throw CLI::ValidationError("--listen", "'" + uri + "' is given twice");
 }
 
-/// CLI11 blames the option where it was the environment's variable.
+/// Replaces --target in an error text if its value came from the environment variable.
 std::string blamed(std::string what, int argc, const char* const* argv) {
     constexpr std::string_view option = "--target";
     const bool given = std::any_of(argv, argv + argc, [&](const char* argument) {
         return std::string_view(argument).starts_with(option);
     });
-    // Before any thread starts.
+    // getenv() is safe here: no other thread has started yet.
     const char* variable = getenv("RAYNEST_TARGET");  // NOLINT(concurrency-mt-unsafe)
     if (variable != nullptr && !given && what.starts_with(option))
         what.replace(0, option.size(), "RAYNEST_TARGET");
     return what;
 }
 
-/// What was asked for is worth nothing where nobody got it.
+/// Ends a command that only prints; fails if stdout could not be written.
 ParsedOptions printed() {
     if (std::cout.flush()) return {std::nullopt, 0};
     std::cerr << "raynestd: cannot write to stdout\n";

@@ -1,10 +1,10 @@
-// Principals: whom quotas and fair shares are counted by, and whom scenes and jobs belong to.
+// Principals own scenes and jobs; quotas and fair shares are counted per principal.
 //
 //   Transport ──PeerIdentity──┐
 //                             ├─► authenticate() ─► Principal {id, quota}
 //   Hello (its token) ────────┘
 //
-// A peer that has not said Hello yet counts under the name that its transport knows it by.
+// Until a peer has sent Hello, it counts under the name from its transport.
 #pragma once
 
 #include "protocol/limits.h"
@@ -19,28 +19,29 @@ struct Hello;
 
 namespace raynest::server {
 
-/// A peer as its transport knows it.
+/// The identity of a peer, as known from its transport.
 struct PeerIdentity {
     std::string name;  ///< "uid:1000", "127.0.0.1"
 };
 
-/// What one principal may have at a time. The quotas of jobs, scenes and results are the same for
-/// all, the principal_* limits, and are counted by id where they are tested.
+/// Quotas that may differ between principals. The quotas of jobs, scenes and results are the same
+/// for all: the principal_* limits.
 struct Quota {
     std::uint64_t connections = 0;
 };
 
+/// The user that a connection belongs to: a uid or an address.
 struct Principal {
     std::string id;
     Quota quota;
 };
 
-/// Decides who the peer is, here and nowhere else: it is whom its transport says. Hello's token is
-/// reserved, this daemon knows none.
+/// Identifies the principal of a peer by the name from its transport. Ignores Hello's token, which
+/// is reserved.
 [[nodiscard]] Reply<Principal> authenticate(const PeerIdentity& peer, const wire::Hello& hello,
                                             const protocol::Limits& limits);
 
-/// Tests put another in its place.
+/// The type of authenticate(), which tests replace.
 using Authenticator = Reply<Principal> (*)(const PeerIdentity&, const wire::Hello&,
                                            const protocol::Limits&);
 

@@ -15,11 +15,11 @@ namespace raynest::server {
 
 namespace {
 
-/// Longer than any that was written: one address for each --listen.
+/// Maximum size of a ready file; larger than any with one address for each --listen.
 constexpr std::uintmax_t ready_file_bytes_max = 1 << 20;
 constexpr int names_max = 100;
 
-/// The pid of a ready file; 0 for an empty file, none for anything else.
+/// Returns the pid in a ready file; 0 for an empty file, nothing for anything else.
 std::optional<std::int64_t> pid_of(const std::filesystem::path& path) {
     std::error_code error;
     if (!std::filesystem::is_regular_file(std::filesystem::symlink_status(path, error)))
@@ -41,7 +41,7 @@ tl::unexpected<Error> not_written(const std::filesystem::path& path) {
                     "; give --ready-file a name in a folder that can be written");
 }
 
-/// A new file beside `path`; -1 when there can be none.
+/// Creates a file in the folder of `path`. Returns its descriptor, or -1 on failure.
 int make_beside(const std::filesystem::path& path, std::filesystem::path& made) {
     const std::string stem = ".raynest-ready-" + std::to_string(getpid()) + "-";
     for (int i = 0; i < names_max; ++i) {

@@ -1,5 +1,5 @@
-// Readiness and exclusiveness on disk: the file that says "requests are served", and the lock that
-// keeps two daemons out of one state directory.
+// The ready file, which appears once requests are served, and the lock that keeps a second daemon
+// out of a state directory.
 #pragma once
 
 #include "engine/result.h"
@@ -10,22 +10,23 @@
 
 namespace raynest::server {
 
-/// May a ready file be put there? Where nothing is, or an empty file, or an older ready file;
-/// io_failed names anything else.
+/// Checks that a ready file may be written: nothing is at `path`, or an empty file, or an older
+/// ready file. Otherwise fails with io_failed.
 Result<void> check_ready_file(const std::filesystem::path& path);
 
-/// Writes {"listen":[...],"http":"off","pid":N} beside `path`, then renames: a reader sees the
-/// whole file or none. Fails as check_ready_file() does.
+/// Writes {"listen":[...],"http":"off","pid":N} to a file beside `path`, then renames it, so that a
+/// reader sees the whole file or none. Fails as check_ready_file() does.
 Result<void> write_ready_file(const std::filesystem::path& path,
                               std::span<const std::string> listen);
 
-/// Removes the ready file of this process, and nothing else.
+/// Removes the file if it is this process's ready file.
 void remove_ready_file(const std::filesystem::path& path);
 
-/// An exclusive lock on DIR/lock for as long as it lives. Move-only.
+/// An exclusive lock on DIR/lock; the destructor releases it. Move-only.
 class StateLock {
 public:
-    /// Makes the directory (mode 0700) when it is not there; io_failed when another daemon has it.
+    /// Takes the lock; creates the directory (mode 0700) if needed. Fails with io_failed if another
+    /// daemon holds the lock.
     static Result<StateLock> take(const std::filesystem::path& directory);
     StateLock() = default;
     StateLock(StateLock&& other) noexcept : descriptor_(std::exchange(other.descriptor_, -1)) {}

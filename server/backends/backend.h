@@ -1,4 +1,4 @@
-// A backend traces the chunks of jobs: the CPU, a GPU, later other hosts.
+// The interface of backends. A backend traces the chunks of jobs: on the CPU, on a GPU.
 //
 //   Plan, rays ──► Backend::trace ──► hits | "try elsewhere, because ..." | the job's error
 //
@@ -21,21 +21,21 @@ namespace raynest::server {
 class FairThreadPool;
 struct Plan;
 
-/// Why a backend cannot trace something that another backend can.
+/// The reason why a backend cannot trace something that another backend can.
 struct Unavailable {
     std::string reason;
-    Code code = Code::unsupported;  ///< for a client that allows no other backend
+    Code code = Code::unsupported;  ///< error code if the request allows no other backend
     std::uint32_t retry_after_ms = 0;
-    bool lost = false;    ///< the process behind it is no good any more
+    bool lost = false;    ///< the backend's process failed and must be replaced
     bool absent = false;  ///< this daemon has no such backend at all
 };
 
-/// Why a chunk has no hits: another backend should trace it, or its job fails.
+/// The reason why a chunk has no hits: another backend should trace it, or its job fails.
 using TraceFailure = std::variant<Unavailable, protocol::Error>;
 template <class T>
 using Traced = tl::expected<T, TraceFailure>;
 
-/// Thread-safe. Outlives all jobs.
+/// Traces chunks. Thread-safe; outlives all jobs.
 class Backend {
 public:
     Backend() = default;
@@ -43,30 +43,30 @@ public:
     Backend& operator=(const Backend&) = delete;
     virtual ~Backend() = default;
 
-    /// The word of a request's `worker`.
+    /// The name by which a request's `worker` chooses this backend.
     [[nodiscard]] virtual std::string_view name() const = 0;
-    /// Its name in a sentence.
+    /// The name in error messages, e.g. "the CPU".
     [[nodiscard]] virtual std::string title() const = 0;
-    /// The target that its kernels for this plan are compiled for.
+    /// Returns the target that the kernels for this plan are compiled for.
     [[nodiscard]] virtual std::string target(const Plan& plan) const = 0;
-    /// Has it kernels of this intersector, beside those of the CPU?
+    /// True if the backend has kernels of its own for this intersector; false for the CPU.
     [[nodiscard]] virtual bool has_kernels(std::string_view /*intersector*/) { return false; }
 
-    /// Nothing where it takes the plan's chunks now.
+    /// Returns nothing if the backend accepts the plan's chunks at this moment.
     [[nodiscard]] virtual std::optional<Unavailable> unavailable_reason(const Plan& plan) = 0;
-    /// `auto` sends jobs of fewer rays elsewhere: the way there and back is not worth while.
+    /// Number of rays below which `auto` sends a job elsewhere, because transfers would cost more
+    /// than they gain.
     [[nodiscard]] virtual std::uint64_t job_rays_min() const { return 0; }
-    /// Rays of a call at most.
+    /// Maximum number of rays per call of trace().
     [[nodiscard]] virtual std::uint64_t call_rays_max(const Plan& plan) const = 0;
-    /// Threads that wait for its calls. Null: it traces on the daemon's compute threads, and small
-    /// requests at once or several together.
+    /// Threads that block in trace(). Null: chunks run on the daemon's compute threads, where small
+    /// requests may run inline or be coalesced.
     [[nodiscard]] virtual FairThreadPool* pool() { return nullptr; }
-    /// Does it make the rays of a pinhole camera itself? Then those of a call need not exist.
+    /// True if trace() generates pinhole camera rays itself; the call's rays are then not read.
     [[nodiscard]] virtual bool makes_camera_rays() const { return false; }
 
-    /// Blocking: fills in the hits of `call`, and what else it points to. `camera`, where there is
-    /// one, makes the rays of the call. Gives the traversal that was used.
-    /// CANCELLED where `stop` is requested meanwhile.
+    /// Fills in the hits of `call` and its other output buffers. Blocking. `camera`, if not null,
+    /// generates the call's rays. Returns the traversal used, or CANCELLED if `stop` was requested.
     virtual Traced<Traversal> trace(const Plan& plan, const TraceCall& call,
                                     const PinholeRays* camera, const Stop& stop) = 0;
 };

@@ -7,7 +7,7 @@
 namespace raynest::server {
 namespace {
 
-/// THE LIST, in the order of `auto`.
+/// THE LIST of backends, in the order in which `auto` tries them.
 constexpr std::unique_ptr<Backend> (*makers[])(const BackendContext&) = {make_cuda, make_cpu};
 
 std::optional<Unavailable> unavailable_reason(Backend& backend, const Plan& plan,

@@ -1,5 +1,4 @@
-// The backends of a daemon, and which of them may trace a job: a fixed rule (PROTOCOL.md,
-// "Workers").
+// The daemon's backends, and the rule that chooses those of a job (PROTOCOL.md, "Workers").
 #pragma once
 
 #include "server/backends/backend.h"
@@ -20,7 +19,7 @@ class Budget;
 struct Metrics;
 struct Options;
 
-/// Material that backends are made from; outlives them.
+/// References that backends are constructed with; their targets outlive the backends.
 struct BackendContext {
     const Options& options;
     const Registry& registry;
@@ -29,32 +28,33 @@ struct BackendContext {
     const protocol::Limits& limits;
 };
 
-/// The one of this process: it takes every plan, and ends a chunk after chunk_ms_max.
+/// Makes the backend of this process. It accepts every plan and stops chunks after chunk_ms_max.
 std::unique_ptr<Backend> make_cpu(const BackendContext& context);
-/// The first GPU of the system; without one, or without a pack for it, an absent one.
+/// Makes the backend of the system's first GPU. Without a kernel pack for it, the backend refuses
+/// every plan as absent.
 std::unique_ptr<Backend> make_cuda(const BackendContext& context);
 
-/// In the order of `auto`: the CPU is last.
+/// Backends in the order in which `auto` tries them; the CPU is last.
 using Backends = std::vector<std::unique_ptr<Backend>>;
 
-/// Those of THE LIST (backends.cpp).
+/// Makes all backends of THE LIST in backends.cpp.
 [[nodiscard]] Backends make_backends(const BackendContext& context);
 
-/// Which backends may trace a job.
+/// The backends that may trace a job.
 struct BackendChoice {
-    std::string asked = "auto";        ///< or the name of a backend
-    std::vector<Backend*> order = {};  ///< the first one traces what it can, the next one the rest
-    std::string reason = {};           ///< of auto: why the first one; empty without a choice
+    std::string asked = "auto";        ///< "auto" or the name of a backend
+    std::vector<Backend*> order = {};  ///< chunks that one backend gives up go to the next one
+    std::string reason = {};           ///< why `auto` put the first one first; else empty
 
     [[nodiscard]] Backend& first() const { return *order.front(); }
 };
 
-/// Sets the backends of `plan`, which says what was asked, for a job of so many rays that also
-/// traces by `others`. Fails on an unknown word, and where the request demands what cannot be.
+/// Sets plan.worker for a job of `rays` rays from plan.worker.asked. A backend is chosen only if it
+/// also accepts the plans in `others`. Fails if the requested backend is unknown or unavailable.
 Reply<void> choose_backends(const Backends& backends, std::uint64_t rays, Plan& plan,
                             std::span<const Plan* const> others = {});
 
-/// As an error of a job that no other backend may trace.
+/// Returns the error of a job that no other backend may trace.
 [[nodiscard]] protocol::Error unavailable_error(const Backend& backend, const Unavailable& why);
 
 }  // namespace raynest::server

@@ -1,4 +1,4 @@
-// The CPU backend: the compiled kernels of this process, on the thread that asks.
+// The CPU backend runs the kernels of this process on the calling thread.
 #include "server/backends/backends.h"
 #include "server/execution/plan.h"
 
@@ -9,7 +9,7 @@
 namespace raynest::server {
 namespace {
 
-/// A chunk of the brute-force reference must stay short: others wait for its thread.
+/// Maximum rays per chunk of the brute-force reference, so that other jobs get its thread soon.
 constexpr std::uint64_t reference_rays_max = 64;
 
 /// Stops a chunk when its job is stopped or when it exceeds chunk_ms_max.
@@ -20,7 +20,7 @@ public:
           end_(Clock::now() + time) {}
     [[nodiscard]] bool requested() const noexcept override {
         if (job_.requested()) return true;
-        // Short rays lead to a question per microsecond or two; reading the clock takes 25 ns.
+        // Kernels ask every 1 to 2 us when rays are short; reading the clock takes 25 ns.
         constexpr unsigned questions_per_look = 4;
         return ++questions_ % questions_per_look == 0 && Clock::now() >= end_;
     }
@@ -35,7 +35,7 @@ bool is_requested(const void* chunk) noexcept {
     return static_cast<const ChunkStop*>(chunk)->requested();
 }
 
-/// Why a call did not end well.
+/// Returns the error of a call that did not end with trace_ok.
 protocol::Error error_of(TraceStatus status, const Plan& plan, const Stop& stop,
                          std::chrono::milliseconds time_max) {
     if (status == trace_out_of_memory)

@@ -1,4 +1,4 @@
-// The CUDA backend: chunks of rays go to a process with a GPU (cuda/supervisor.h).
+// The CUDA backend sends chunks of rays to a process that owns the GPU (cuda/supervisor.h).
 #include "server/backends/backends.h"
 #include "server/backends/cuda/probe.h"
 #include "server/backends/cuda/supervisor.h"
@@ -14,19 +14,20 @@
 namespace raynest::server {
 namespace {
 
-/// Calls at a time: one's copies run beside another's kernel. Fewer where --memory is small.
+/// Maximum concurrent calls, so that copies of one overlap with the kernel of another. A small
+/// --memory allows fewer.
 constexpr unsigned calls_max = 4;
 static_assert(calls_max <= device::slots_max);
-/// Threads for calls of other scenes, while one's calls wait for it to get there.
+/// Threads for calls of other scenes while the calls of one scene wait for its upload.
 constexpr unsigned spare_threads = 4;
-/// `auto` keeps smaller jobs on the CPU.
+/// Minimum number of rays of a job that `auto` sends to the GPU.
 constexpr std::uint64_t rays_min = 65536;
 
-/// Rays of a call at most: `cuda_rays_max`, but a frame's at least, and no more than hits have room
-/// for. A large GPU has more threads at a time than a frame has rays. Other jobs' calls, cancels
-/// and deadlines wait for no more than the few calls before them: at 2^17 rays some milliseconds
-/// each, of rays as they usually are. Where a small GPU needs cuda_call_ms_max for rays that it
-/// gives up, fewer are better.
+/// Maximum rays per call: `cuda_rays_max`, but at least the rays of a frame and at most as many as
+/// there is room for hits. A large GPU runs more threads at once than a frame has rays. A call
+/// cannot be interrupted, so other jobs, cancels and deadlines wait for the calls before them: at
+/// 2^17 usual rays some milliseconds each. A lower cuda_rays_max suits a small GPU on which calls
+/// exceed cuda_call_ms_max.
 std::uint64_t rays_max(const protocol::Limits& limits) {
     return std::clamp(limits.cuda_rays_max, limits.chunk_rays_max,
                       hit_bytes_max / sizeof(HitRecord));
@@ -74,10 +75,10 @@ public:
 private:
     const protocol::Limits& limits_;
     device::Supervisor supervisor_;
-    FairThreadPool pool_;  ///< its calls end before the process does
+    FairThreadPool pool_;  ///< last member: its calls end before the process does
 };
 
-/// Stands for a GPU that this daemon does not use, and says why.
+/// Stands in for a GPU that this daemon does not use; refuses every plan with the reason.
 class NoCuda final : public Backend {
 public:
     explicit NoCuda(const std::string& reason)
@@ -103,13 +104,13 @@ private:
 std::unique_ptr<Backend> make_cuda(const BackendContext& context) {
     const std::string& pack = context.options.cuda_pack;
     if (pack.empty()) return std::make_unique<NoCuda>("");
-    // A CPU of target v2 has no fma, so a GPU's answers would not be those of the CPU that it falls
-    // back to.
+    // CPUs of target v2 have no fma: answers would differ between the GPU and the CPU that takes
+    // over its chunks.
     const auto variants = context.registry.variants();
     if (std::any_of(variants.begin(), variants.end(),
                     [](const Variant& variant) { return variant.target == "v2"; })) {
         const std::string why =
-            "target v2 does not promise the answers of a GPU; it takes v3 or v4";
+            "answers of target v2 may differ from those of a GPU; use --target v3 or v4";
         log(LogLevel::warn, "cuda_off", {{"reason", why}});
         return std::make_unique<NoCuda>(": " + why);
     }

@@ -1,4 +1,4 @@
-// Counters of the daemon, as metrics.def lists them.
+// The daemon's counters, as listed in metrics.def.
 #pragma once
 
 #include <array>
@@ -8,7 +8,7 @@
 
 namespace raynest::server {
 
-/// Thread-safe; counters only grow.
+/// The counters; they only grow. Thread-safe.
 struct Metrics {
     using Counter = std::atomic<std::uint64_t>;
 #define RAYNEST_METRIC(name, text) Counter name{0};

@@ -1,4 +1,4 @@
-// The rays of an integrator, through the backend of its chunk.
+// Traces an integrator's rays on the backend of its chunk.
 #pragma once
 
 #include "engine/integrators/ray_caster.h"
@@ -6,14 +6,14 @@
 
 namespace raynest::server {
 
-/// The plans by which an integrator's questions are answered; null: it does not ask that.
+/// The plans for the functions of RayCaster; null for functions that the integrator does not call.
 struct CastPlans {
     const Plan* closest = nullptr;
     const Plan* any = nullptr;
     const Plan* counted = nullptr;
 };
 
-/// One per chunk, on the thread that traces it. All plans name the same backends.
+/// A RayCaster for one chunk, used on the thread that traces it. All plans have the same backends.
 class ChunkCaster final : public RayCaster {
 public:
     ChunkCaster(const CastPlans& plans, std::size_t backend, const Stop& stop,
@@ -30,9 +30,9 @@ public:
     bool counted(std::span<const Ray> rays, std::span<HitRecord> hits,
                  std::span<Counters> counters) override;
 
-    /// Why the last call had no answers.
+    /// The reason why the last call failed.
     [[nodiscard]] const TraceFailure& failure() const { return failure_; }
-    /// The one that gave the last answers.
+    /// The traversal of the last successful call.
     [[nodiscard]] Traversal traversal() const { return traversal_; }
 
 private:

@@ -1,11 +1,11 @@
-// The chunks of a job: cut to what their backend takes, dealt again when it gives them up.
+// The chunks of a job, cut to the size that their backend takes, and redealt when it gives them up.
 //
-//   add ──► ranges that wait ──next: cut──► a task ──answered──► counted
+//   add ──► waiting ranges ────next: cut──► a task ──answered──► counted
 //              ▲                              │
 //              └──── redeal, give_back ◄──────┘
 //
-// A chunk is a value, and tracing it twice does no harm: the digest of the scene, the request and
-// its first ray identify its answer.
+// A chunk is a value, and tracing it twice is harmless: its answer depends only on the scene's
+// digest, the request and the range.
 #pragma once
 
 #include "server/backends/backends.h"
@@ -22,9 +22,9 @@ namespace raynest::server {
 struct Chunk {
     std::uint64_t first = 0;
     std::uint64_t count = 0;
-    std::size_t backend = 0;  ///< place in BackendChoice::order; those before it gave the chunk up
+    std::size_t backend = 0;  ///< index in BackendChoice::order; earlier ones gave the chunk up
 
-    /// Cuts off the first `most`, or all.
+    /// Removes the first `most` rays or pixels, or all if there are fewer, and returns them.
     Chunk split(std::uint64_t most) {
         Chunk head{first, std::min(most, count), backend};
         first += head.count;
@@ -33,9 +33,11 @@ struct Chunk {
     }
 };
 
+/// The chunks of a job that are neither answered nor running.
 class ChunkQueue {
 public:
-    /// `joins`: may a chunk for a backend with threads of its own consist of several ranges?
+    /// `total` is the size of the job. If `joins`, adjacent ranges are merged into larger chunks
+    /// for a backend with threads of its own.
     ChunkQueue(const BackendChoice& backends, std::uint64_t total, bool joins)
         : backends_(backends),
           total_(total),
@@ -44,23 +46,23 @@ public:
     [[nodiscard]] Backend& backend_of(const Chunk& chunk) const {
         return *backends_.order[chunk.backend];
     }
-    /// These can be traced now.
+    /// Adds a range that can be traced.
     void add(std::uint64_t first, std::uint64_t count);
-    /// The next chunk; nothing where none waits. `rays_max` gives the bound of one that begins
-    /// where its second argument does: rays_max(backend, chunk).
+    /// Removes the next chunk; nothing if none waits. rays_max(backend, waiting) returns the
+    /// maximum size of a chunk that begins at waiting.first.
     template <class RaysMax>
     std::optional<Chunk> next(const RaysMax& rays_max);
 
-    /// Any thread: the chunk's backend gave it up, the next one gets it. The error of the job where
-    /// there is none.
+    /// Passes a chunk that its backend gave up to the next backend. Returns the error of the job if
+    /// there is none left. Any thread.
     Reply<void> redeal(Chunk chunk, const Unavailable& why);
-    /// Any thread: what did not fit an answer.
+    /// Returns the rest of a chunk that did not fit its answer. Any thread.
     void give_back(const Chunk& rest);
-    /// Any thread: so much of a chunk is answered.
+    /// Counts rays or pixels as answered. Any thread.
     void answered(std::uint64_t count) { answered_ += count; }
     [[nodiscard]] std::uint64_t answered() const { return answered_; }
     [[nodiscard]] bool all_answered() const { return answered_ == total_; }
-    /// Why the first chunk was dealt again, for the user.
+    /// Returns why the first chunk was redealt, for the user. Any thread.
     [[nodiscard]] std::string redealt_reason() const;
 
 private:
@@ -69,7 +71,7 @@ private:
     const bool joins_;
     std::atomic<std::uint64_t> answered_{0};
     mutable std::mutex mutex_;
-    std::deque<Chunk> waiting_;  ///< neither answered nor under way
+    std::deque<Chunk> waiting_;  ///< neither answered nor running
     std::string redealt_reason_;
 };
 
@@ -85,7 +87,7 @@ std::optional<Chunk> ChunkQueue::next(const RaysMax& rays_max) {
     Backend& backend = backend_of(waiting_.front());
     const std::uint64_t most = rays_max(backend, waiting_.front());
     Chunk chunk = take(most);
-    // A frame of rays does not fill a GPU. It gets those that have come, and waits for none.
+    // Join the ranges that have arrived, without waiting for more: one frame does not fill a GPU.
     const auto continues = [&] {
         return !waiting_.empty() && waiting_.front().first == chunk.first + chunk.count &&
                waiting_.front().backend == chunk.backend;

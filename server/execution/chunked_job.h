@@ -1,5 +1,4 @@
-// The base of all jobs that trace rays: a plan, a queue of chunks, and a way for each of them to a
-// backend and back.
+// The base of all jobs that trace rays: a plan, a queue of chunks, and the tasks that trace them.
 //
 //   ChunkQueue ──► task ──► trace(chunk) ──► frames
 //        ▲                      │ try elsewhere
@@ -18,26 +17,25 @@ namespace raynest::server {
 
 class ChunkedJob : public Job {
 protected:
-    /// `total`: how much there is to be answered, in the unit of its chunks. `joins` as in
-    /// ChunkQueue.
+    /// `total` is the size of the job in the unit of its chunks. `joins` as in ChunkQueue.
     ChunkedJob(const Services& services, const Caller& caller, Plan plan, std::uint64_t total,
                bool joins);
 
-    /// The most that a chunk may hold for this backend. It begins where `rest` does.
+    /// Returns the maximum size of a chunk that begins at rest.first, for this backend.
     [[nodiscard]] virtual std::uint64_t chunk_size(const Backend& backend,
                                                    const Chunk& rest) const = 0;
-    /// Any thread: traces a chunk, and gives the frames that answer it. Adds to the statistics and
-    /// counts in the queue what it answered.
+    /// Traces a chunk and returns the frames of its answer. Adds the answered rays to the
+    /// statistics and to the queue's count. Any thread.
     virtual Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) = 0;
 
-    /// The next chunk that waits, and a task that traces it.
+    /// The next waiting chunk, and a task that traces it.
     struct Work {
         Chunk chunk;
         Task task;
     };
     std::optional<Work> next_work();
 
-    /// DONE, as far as the statistics know it.
+    /// Returns DONE with the fields that the statistics know.
     [[nodiscard]] wire::DoneT done() const { return statistics_.done(plan_, queue_); }
 
     const Services& services_;

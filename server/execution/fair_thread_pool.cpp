@@ -9,7 +9,7 @@
 namespace raynest::server {
 namespace {
 
-/// Some seconds: a task that hung must not cost its principal the rest of the day.
+/// Maximum debt of a principal in turns, 4 s: bounds the cost of a task that hung.
 constexpr std::int64_t debt_max = 1000;
 
 std::chrono::nanoseconds now_by(FairThreadPool::Time time) {
@@ -49,7 +49,7 @@ void FairThreadPool::stop() {
     }
     wake_.notify_all();
     alarm_.notify_one();
-    if (watch_.joinable()) watch_.join();  // first: it starts others
+    if (watch_.joinable()) watch_.join();  // first, because it starts spare threads
     for (WorkerThread& seat : regulars_) {
         if (seat.thread.joinable()) seat.thread.join();
     }
@@ -67,8 +67,7 @@ std::uint64_t FairThreadPool::submit(const std::string& principal, Priority prio
         const std::lock_guard lock(mutex_);
         const auto account = accounts_.try_emplace(principal).first;
         std::vector<Waiting>& queue = account->second.queue;
-        // Memory first: where it lacks, there must be neither a turn without a task nor a task
-        // without a turn.
+        // Allocate first: if that throws, no turn lacks a task and no task lacks a turn.
         if (queue.size() == queue.capacity()) queue.reserve(2 * queue.size() + 1);
         if (queue.empty()) turns_.push_back(account);
         number = submitted_++;
@@ -82,7 +81,7 @@ std::uint64_t FairThreadPool::submit(const std::string& principal, Priority prio
 
 bool FairThreadPool::change(const std::string& principal, std::uint64_t number,
                             const std::function<bool()>& change) {
-    std::function<void()> dropped;  // goes after the lock
+    std::function<void()> dropped;  // destroyed after the lock is released
     const std::lock_guard lock(mutex_);
     const auto account = accounts_.find(principal);
     if (account == accounts_.end()) return false;
@@ -112,7 +111,7 @@ bool FairThreadPool::run_one() noexcept {
 }
 
 FairThreadPool::Turns::iterator FairThreadPool::next_in_turn() {
-    // Without others nobody is kept waiting: nothing is owed.
+    // Cancel the debt of a principal that waits alone: it delays no other.
     if (turns_.size() == 1) turns_.front()->second.debt = 0;
     while (turns_.front()->second.debt > 0) {
         --turns_.front()->second.debt;
@@ -147,17 +146,17 @@ FairThreadPool::Taken FairThreadPool::take(Turns::iterator turn, WorkerThread& s
 void FairThreadPool::run_taken(Taken taken, WorkerThread& seat) {
     const auto start = now_by(charged_);
     taken.task();
-    taken.task = {};  // what it holds goes before the next one is taken
+    taken.task = {};  // release its captures before the next task is taken
     const auto turns = (now_by(charged_) - start) / slice;
 
     const std::lock_guard lock(mutex_);
     seat.since = Clock::time_point::max();
-    if (stopping_) return;  // the accounts are gone
+    if (stopping_) return;  // stop() has removed the accounts
     Account& account = taken.account->second;
     account.debt = std::min<std::int64_t>(account.debt + turns, debt_max);
     if (--account.running == 0 && account.queue.empty() && account.debt == 0)
         accounts_.erase(taken.account);
-    // Nobody waits: who asks next starts without a debt.
+    // Forget all debts when no task waits.
     if (turns_.empty())
         std::erase_if(accounts_, [](const auto& entry) { return entry.second.running == 0; });
 }
@@ -205,7 +204,7 @@ bool FairThreadPool::start_spare() {
         WorkerThread& seat = spares_.emplace_back();
         seat.thread = std::jthread([this, &seat] { run_spare(seat); });
         return true;
-    } catch (const std::exception&) {  // no memory, or no thread: later, perhaps
+    } catch (const std::exception&) {  // no memory or no thread; the watch tries again later
         std::erase_if(spares_, [](const WorkerThread& seat) { return !seat.thread.joinable(); });
         return false;
     }
@@ -225,7 +224,7 @@ void FairThreadPool::run_spare(WorkerThread& self) {
         lock.lock();
     }
     self.over = true;
-    wake_.notify_one();  // what this one was woken for is another's now
+    wake_.notify_one();  // pass the notification on: this thread takes no more tasks
 }
 
 }  // namespace raynest::server

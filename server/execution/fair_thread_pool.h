@@ -1,18 +1,18 @@
 // A fixed set of threads that run tasks, shared fairly by the principals whose tasks wait.
 //
-//   turns:  uid:1000 ──► 127.0.0.1 ──► ...      the first in turn gives one task, then goes last
-//             │ high 7                          within a principal: by priority, then by order
+//   turns:  uid:1000 ──► 127.0.0.1 ──► ...      the first principal runs one task, then goes last
+//             │ high 7                          within a principal: by priority, then in order
 //             │ normal 3, 5, 8
 //
-// A principal is who asks, however many connections and jobs that takes: one with a single job
-// waits for one task of each other, never for all of them. Who had a long task sits out a turn for
-// each slice of time that it took, while others wait: the share is of time, not of tasks. Jobs hold
-// no thread: a job submits one chunk at a time and is asked again when it ended.
+// Principals take turns, however many connections and jobs they have: a principal with a single job
+// waits for one task of each other principal, never for all their tasks. After a long task its
+// principal skips a turn for each `slice` that the task took, while others wait. So principals
+// share time, not numbers of tasks. Jobs occupy no thread between chunks.
 //
-// A task may take much longer than its kind usually does: rays that meet all that a scene holds.
-// Spare threads take the place of those that such tasks hold, so that as many as ever run what
-// waits; the system shares the processor among them all. Half of the spare threads are out of reach
-// for any one principal.
+// A task may take much longer than usual, e.g. if its rays meet most of a scene. Spare threads then
+// replace the threads that such tasks occupy, so that waiting tasks still get the full number of
+// threads; the operating system shares the processor among all. One principal can use at most half
+// of the spare threads.
 #pragma once
 
 #include "server/jobs/job.h"
@@ -31,36 +31,37 @@
 
 namespace raynest::server {
 
-/// Thread-safe.
+/// Runs the tasks of principals in turn. Thread-safe.
 class FairThreadPool {
 public:
-    /// Measures what a task costs its principal: by the processor, where what the rest of the
-    /// machine does is nobody's debt; or by the clock, where tasks wait for something else.
+    /// The time that a task costs its principal: CPU time, which does not depend on the load of the
+    /// machine, or wall-clock time, for tasks that wait for processes or devices.
     enum class Time { processor, clock };
 
-    /// Throws std::system_error when the system has no threads left. With 0 of them tasks wait for
-    /// run_one(). Up to `spares` threads more, in the place of those that are held.
+    /// Throws std::system_error if the system has no threads left. With 0 threads, tasks run in
+    /// run_one(). Up to `spares` more threads replace those that long tasks occupy.
     explicit FairThreadPool(unsigned threads, Time charged = Time::processor, unsigned spares = 0);
-    /// Drops what has not started, waits for what runs.
+    /// Drops tasks that have not started; waits for running ones.
     ~FairThreadPool();
     FairThreadPool(const FairThreadPool&) = delete;
 
-    /// The task must not throw. Unbounded by itself: callers bound what they have in flight. Gives
-    /// the number by which it can be changed.
+    /// Queues a task, which must not throw. The queue is unbounded: callers limit their tasks in
+    /// flight. Returns the task's number, for change().
     std::uint64_t submit(const std::string& principal, Priority priority,
                          std::function<void()> task);
 
-    /// While a task waits nobody runs it: `change` then says whether there is anything left of it
-    /// to do, and without it is dropped. False, and nothing happens, once it was begun.
+    /// Calls `change` if the task has not started, and keeps it from starting meanwhile; drops the
+    /// task if `change` returns false. Returns false, without a call, if the task has started.
     bool change(const std::string& principal, std::uint64_t number,
                 const std::function<bool()>& change);
 
-    /// Runs the next task here; false when none waits.
+    /// Runs the next task on the calling thread; false if none waits.
     bool run_one() noexcept;
 
-    /// So much time is one turn: the time of a usual chunk.
+    /// Time that counts as one turn: that of a usual chunk.
     static constexpr std::chrono::milliseconds slice{4};
-    /// A task that takes longer holds its thread; that is seen after as long again, at most.
+    /// Time after which a task counts as long. The watch looks at this interval, so a spare thread
+    /// starts after at most twice this time.
     static constexpr std::chrono::milliseconds patience{250};
 
     [[nodiscard]] std::size_t threads() const { return regulars_.size(); }
@@ -68,13 +69,13 @@ public:
 private:
     struct Waiting {
         Priority priority;
-        std::uint64_t number;  ///< of its submission
+        std::uint64_t number;  ///< in order of submission
         std::function<void()> task;
     };
     struct Account {
-        std::vector<Waiting> queue;  ///< a heap: what is to run next lies in front
+        std::vector<Waiting> queue;  ///< a heap; the next task to run is in front
         std::size_t running = 0;
-        std::int64_t debt = 0;  ///< turns to sit out
+        std::int64_t debt = 0;  ///< turns to skip
     };
     using Accounts = std::map<std::string, Account>;
     using Turns = std::list<Accounts::iterator>;
@@ -82,39 +83,41 @@ private:
         Accounts::iterator account;
         std::function<void()> task;
     };
-    /// A thread and what it is at.
+    /// A thread and the state of its task.
     struct WorkerThread {
-        Clock::time_point since = Clock::time_point::max();  ///< it runs its task; max: it has none
-        bool over = false;                                   ///< a spare one that has ended
-        std::jthread thread = {};                            ///< joined before its seat goes
+        Clock::time_point since = Clock::time_point::max();  ///< start of its task; max: idle
+        bool over = false;         ///< true: a spare thread that has ended
+        std::jthread thread = {};  ///< joined before this is destroyed
     };
     static bool later(const Waiting& a, const Waiting& b);
     void stop();
     void run(WorkerThread& self);
-    /// The principal whose task a thread takes next; `turns_` must not be empty.
+    /// Returns the principal whose task a regular thread takes next; `turns_` must not be empty.
     Turns::iterator next_in_turn();
-    /// The same for a spare thread: of whom least runs, if that is little enough; else the end.
+    /// Returns the principal whose task a spare thread takes next: the one with the fewest running
+    /// tasks. Returns the end if that one has its share of threads already.
     Turns::iterator least_served();
-    /// `seat` is that of the thread that asks.
+    /// Removes the next task of a principal; `seat` is the calling thread's.
     Taken take(Turns::iterator turn, WorkerThread& seat);
     void run_taken(Taken taken, WorkerThread& seat);
-    /// Threads that have been at one task for longer than `patience`.
+    /// Number of threads whose task has run for longer than `patience`.
     [[nodiscard]] std::size_t held() const;
+    /// Starts and removes spare threads; runs on a thread of its own.
     void watch();
-    /// False when the system has no room for one.
+    /// Returns false if the system has no memory or thread for it.
     bool start_spare();
     void run_spare(WorkerThread& self);
 
     std::mutex mutex_;
     std::condition_variable wake_;
-    Accounts accounts_;  ///< of principals with tasks that wait or run, or debt
-    Turns turns_;        ///< those with tasks that wait, each once
+    Accounts accounts_;  ///< principals with waiting or running tasks, or with debt
+    Turns turns_;        ///< principals with waiting tasks, each once
     std::uint64_t submitted_ = 0;
     bool stopping_ = false;
     const Time charged_;
     const std::size_t spares_max_;
-    std::condition_variable alarm_;  ///< wakes the thread that watches
-    bool resting_ = false;           ///< nothing to watch until the next task comes
+    std::condition_variable alarm_;  ///< wakes the thread of watch()
+    bool resting_ = false;           ///< watch() sleeps until the next task is submitted
     std::vector<WorkerThread> regulars_;
     std::list<WorkerThread> spares_;
     std::thread watch_;

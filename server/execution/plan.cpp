@@ -10,11 +10,13 @@
 namespace raynest::server {
 namespace {
 
-/// Half a million triangles, or records of as many bytes as their blocks have.
+/// Largest trees that count as small: half a million triangles in leaf blocks, and as many bytes of
+/// other primitives' records.
 constexpr std::uint64_t small_trees_blocks = 1 << 16;
 constexpr std::uint64_t small_trees_record_bytes = small_trees_blocks * sizeof(TriangleBlock);
 
-/// The engine reports unknown words as parameters; on the wire they are fields of the request.
+/// Refuses an unknown word as INVALID_FIELD: the engine calls it a parameter, but on the wire it is
+/// a field of the request.
 tl::unexpected<protocol::Error> refuse_word(Error error) {
     return refuse(Code::invalid_field, std::move(error.message));
 }
@@ -88,7 +90,8 @@ Reply<Plan> Plan::with(Plan plan, Query query, bool counting) {
                 std::string(traversal_name(plan.traversal)));
         plan.traversal = traversal_single;
     }
-    auto selector = KernelSelector::make(*plan.variant, query, plan.precision, plan.traversal, counting);
+    auto selector =
+        KernelSelector::make(*plan.variant, query, plan.precision, plan.traversal, counting);
     if (!selector) return refuse(selector.error());
     plan.selector = *selector;
     return plan;

@@ -1,5 +1,5 @@
-// The description of what a job traces, and how: the words of a wire::Job become compiled functions and a call to fill
-// in per chunk. Decided once per job, never per ray; nothing changes a plan once its job runs.
+// A plan says what a job traces and how: it turns the words of a wire::Job into compiled functions
+// and the arguments of their calls. It is made once per job and does not change while the job runs.
 #pragma once
 
 #include "engine/packs/kernel_selector.h"
@@ -18,15 +18,15 @@ struct Plan {
     const Variant* variant = nullptr;
     Settings settings;
     Query query = query_closest;
-    Traversal traversal = traversal_auto;  ///< as asked; JobStatistics knows what chunks used
+    Traversal traversal = traversal_auto;  ///< as requested; JobStatistics has those that ran
     Precision precision = precision_watertight;
     KernelSelector selector;
     bool counting = false;
     bool untraced = false;   ///< kind null: every answer is the canonical miss
-    bool reads_rays = true;  ///< what becomes of the answers looks at the rays, too
+    bool reads_rays = true;  ///< columns or reducers read the rays besides the hits
     std::uint32_t mask = 0xFFFFFFFFU;
-    std::uint32_t hits_max = 1;   ///< of `all`: the budget of a ray
-    std::uint64_t hits_room = 0;  ///< of `all`: records that one call of the kernel may fill
+    std::uint32_t hits_max = 1;   ///< maximum hits per ray
+    std::uint64_t hits_room = 0;  ///< kind all: maximum hit records per call of the kernel
     Priority priority = Priority::normal;
     std::uint32_t deadline_ms = 0;
     bool detach = false;
@@ -34,38 +34,37 @@ struct Plan {
     std::vector<std::string> hidden;  ///< columns that only the client needs, sent with STARTED
     BackendChoice worker;
 
-    /// Has a ray any number of hits, so that answers need splits?
+    /// True if the number of hits per ray varies, so that answers need splits.
     [[nodiscard]] bool csr() const { return query == query_multi || query == query_all; }
-    /// Everything of a call but the rays and where the answers go.
+    /// Returns a call without rays and output buffers.
     [[nodiscard]] TraceCall call() const;
-    /// Does it make the same call, so that one of it may serve both?
+    /// True if call() is the same for both plans, so that one call can trace rays of both.
     [[nodiscard]] bool same_call(const Plan& other) const;
-    /// May the io thread trace a ray? None is interrupted within a tree, and of one that is not
-    /// small it takes milliseconds to meet all.
+    /// True if the io thread may trace a ray of this plan. A ray cannot be interrupted within a
+    /// tree, and one that meets all of a large tree takes milliseconds.
     [[nodiscard]] bool has_small_trees() const;
-    /// Rays whose hits fit hit_bytes_max; of `all` any number.
+    /// Maximum number of rays whose hits fit hit_bytes_max; unbounded for kind all.
     [[nodiscard]] std::uint64_t hit_rays_max() const;
-    /// Are its rays traced on the daemon's own compute threads, if nothing goes wrong?
+    /// True if the first backend traces on the daemon's own compute threads.
     [[nodiscard]] bool is_local() const { return worker.first().pool() == nullptr; }
-    /// A plan for the same rays by another function: for integrators that ask several questions.
+    /// Returns a copy of `plan` with another query, for integrators that make several.
     [[nodiscard]] static Reply<Plan> with(Plan plan, Query query, bool counting);
-    /// Where columns come from; the caller adds rays and hits.
+    /// Returns the source of columns; the caller adds rays and hits.
     [[nodiscard]] ColumnSource source(const Registry& registry) const;
 };
 
-/// The hit records of a chunk fit into this; it bounds the rays of a chunk where a ray has many
-/// hits.
+/// Maximum bytes of a chunk's hit records; it bounds the rays of a chunk if a ray has many hits.
 inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
 
-/// Looks everything up; the error names the word that is wrong. `counting` forces the single
-/// traversal on the CPU, and a note says so.
+/// Makes the plan of a job; an error names the wrong word. `counting` forces the single traversal
+/// on the CPU, and a note to the user says so.
 Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
                       Query query, bool counting);
 
-/// The submission of a job with this plan, but for the job itself.
+/// Returns the submission of a job with this plan; the caller adds the job itself.
 [[nodiscard]] JobSubmission accept(const Plan& plan, const char* kind, std::uint64_t rays);
 
-/// STARTED, as far as the plan knows it.
+/// Returns STARTED with the fields that the plan knows.
 [[nodiscard]] wire::StartedT started(const Plan& plan, const protocol::Limits& limits);
 
 }  // namespace raynest::server

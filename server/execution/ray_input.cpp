@@ -13,15 +13,16 @@ constexpr std::uint32_t whole_bytes = sizeof(Ray);
 constexpr std::uint32_t rangeless_bytes = 2 * sizeof(Vec3);
 constexpr std::uint32_t direction_bytes = sizeof(Vec3);
 
-/// Cost of a frame that waits, beside its bulk part, which its credit pays for: mostly more than 64
-/// bytes, the least bulk.
+/// Bytes of memory that a waiting frame takes besides its bulk part, which the credit covers. It is
+/// reserved because it exceeds the smallest bulk part, 64 bytes.
 constexpr std::uint64_t received_bytes = 512;
 
-/// Rays of which `vectors` were sent each, of all else what is common to them.
+/// Makes rays from the `vectors` that were sent for each; the other members come from `common`.
 template <std::size_t vectors>
 void widen_from(const Vec3* sent, const Ray& common, std::span<Ray> rays) {
     for (Ray& out : rays) {
-        // Member by member: a whole Ray is made on the stack first, which takes a third more.
+        // Assign each member: g++ builds a whole Ray on the stack first, which takes a third
+        // longer.
         out.origin = vectors == 2 ? sent[0] : common.origin;
         out.tmin = common.tmin;
         out.direction = sent[vectors - 1];

@@ -1,4 +1,4 @@
-// The rays, or points, that a client sends for a query, from their frames to their answers.
+// The rays or points that a client sends for a query, kept until they are answered.
 #pragma once
 
 #include "engine/geometry/ray.h"
@@ -19,34 +19,34 @@
 
 namespace raynest::server {
 
-/// Rays as a client sends them: whole ones, or only what those of a frame do not have in common.
+/// Rays as a client sends them: whole, or only the vectors in which the rays of a frame differ.
 class SentRays {
 public:
     SentRays() = default;
-    /// Those of a frame, which must outlive it. INVALID_FIELD where it lacks what they need, or
-    /// says of all what each ray brings.
+    /// Reads the rays of a frame, which must outlive the result. Fails with INVALID_FIELD if the
+    /// frame lacks a value that its rays need, or has one that each of its rays has too.
     static Reply<SentRays> of(const protocol::Opened<wire::QueryRays>& message);
 
     [[nodiscard]] bool empty() const { return count() == 0; }
     [[nodiscard]] std::uint64_t count() const { return bytes_.size() / stride_; }
-    /// Do they lie there as whole rays?
+    /// True if the frame holds whole rays.
     [[nodiscard]] bool are_whole() const { return stride_ == sizeof(Ray); }
-    /// The whole rays [first, first + count), where they lie.
+    /// Returns rays [first, first + count) in place; they must be whole.
     [[nodiscard]] std::span<const Ray> whole(std::uint64_t first, std::uint64_t count) const;
-    /// Writes rays [first, first + out.size()).
+    /// Writes rays [first, first + out.size()) to `out` as whole rays.
     void widen(std::uint64_t first, std::span<Ray> out) const;
 
 private:
     std::span<const std::byte> bytes_;
     std::uint32_t stride_ = sizeof(Ray);
-    Ray common_;  ///< what shorter rays do not bring
+    Ray common_;  ///< the members that all rays of the frame share
 };
 
-/// Keeps each frame until the last of its rays is answered. feed() on the io thread, the rest on
-/// any.
+/// Keeps each frame until the last of its rays is answered. Call feed() on the io thread, the rest
+/// on any thread.
 class RayInput {
 public:
-    /// `sent`: rays, or points of `rays_each` rays, that the client sends.
+    /// `sent` is the number of rays that the client sends, or of points with `rays_each` rays each.
     RayInput(std::uint64_t sent, std::uint64_t rays_each, const protocol::Limits& limits,
              Budget& budget)
         : sent_(sent),
@@ -54,30 +54,30 @@ public:
           limits_(limits),
           budget_(budget) {}
 
-    /// Takes a QUERY_RAYS frame, and gives how many rays of the query it holds, or makes.
+    /// Takes a QUERY_RAYS frame. Returns the number of the query's rays that come from it.
     Reply<std::uint64_t> feed(protocol::Frame frame);
     [[nodiscard]] bool complete() const { return received_ == sent_; }
-    /// Rays that the frames so far hold, or make.
+    /// Number of the query's rays that come from the frames so far.
     [[nodiscard]] std::uint64_t received_rays() const { return received_ * rays_each_; }
 
-    /// The sent rays, or points, [first, first + count): where they lie, else in buffers.sent. They
-    /// stay until release().
+    /// Returns sent rays or points [first, first + count): in place if possible, else copied to
+    /// buffers.sent. They are valid until release().
     [[nodiscard]] std::span<const Ray> sent(std::uint64_t first, std::uint64_t count,
                                             TraceBuffers& buffers);
-    /// Rays [first, first + count) of the query are answered.
+    /// Marks rays [first, first + count) of the query as answered; frees frames without others.
     void release(std::uint64_t first, std::uint64_t count);
-    /// Bulk bytes of frames that were released since the last call.
+    /// Returns the bulk bytes of frames freed since the last call.
     [[nodiscard]] std::uint64_t take_freed() { return freed_bytes_.exchange(0); }
 
 private:
     struct Received {
-        std::uint64_t first;  ///< in the query: of what was sent
+        std::uint64_t first;  ///< index of its first ray or point among those sent
         SentRays sent;
         protocol::Buffer bulk;
-        Budget::Lease lease;       ///< of what it costs beside its bulk
-        std::uint64_t unanswered;  ///< rays
+        Budget::Lease lease;       ///< for the memory besides `bulk`
+        std::uint64_t unanswered;  ///< number of rays
     };
-    /// The frame that holds what was sent as number `first`; under the lock.
+    /// Returns the frame that holds the sent ray or point `first`. Requires the lock.
     [[nodiscard]] Received& frame_of(std::uint64_t first);
 
     const std::uint64_t sent_;
@@ -87,7 +87,7 @@ private:
     std::uint64_t received_ = 0;
     std::atomic<std::uint64_t> freed_bytes_{0};
     std::mutex mutex_;
-    std::deque<Received> frames_;  ///< in order, from the first one that is not answered on
+    std::deque<Received> frames_;  ///< in order; the front one has unanswered rays
 };
 
 }  // namespace raynest::server

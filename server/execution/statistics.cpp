@@ -70,7 +70,7 @@ wire::DoneT JobStatistics::done(const Plan& plan, const ChunkQueue& queue) const
                                 : "mixed";
     }
     std::uint64_t chunks = 0;
-    std::size_t answering = 0;  // backends
+    std::size_t answering = 0;  // number of backends that answered chunks
     const Backend* backend = plan.worker.order.back();
     for (std::size_t i = 0; i < plan.worker.order.size(); ++i) {
         if (chunks_[i] == 0) continue;

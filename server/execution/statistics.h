@@ -1,4 +1,4 @@
-// The numbers of DONE, added up by a job's tasks.
+// The statistics of a job for its DONE message; its tasks add to them.
 #pragma once
 
 #include "server/execution/chunk_queue.h"
@@ -12,31 +12,31 @@
 
 namespace raynest::server {
 
-/// Thread-safe.
+/// Sums over the chunks of a job. Thread-safe.
 class JobStatistics {
 public:
-    /// A task starts.
+    /// Records the start of the first task; later calls do nothing.
     void begin();
 
-    /// The numbers of one chunk.
+    /// The counts of one chunk.
     struct Counts {
         std::uint64_t rays = 0;
         std::uint64_t hits = 0;
         std::uint64_t misses = 0;     ///< rays without a hit
         std::uint64_t truncated = 0;  ///< rays with more hits than their budget
-        std::uint64_t invalid = 0;    ///< rays that are none: misses, too
+        std::uint64_t invalid = 0;    ///< invalid rays; they count as misses too
         std::uint64_t first_invalid = 0;
 
-        /// Counts one record per ray, but for `hits`: rows of the query from `first` on, in `order`
-        /// as in TracedRays.
+        /// Sets the counts, except `rays` and `hits`, from one record per ray. The rows are those
+        /// of the query from `first` on; `order` as in TracedRays.
         void add_rays(std::span<const HitRecord> records, std::span<const std::uint32_t> order,
                       std::uint64_t first);
     };
-    /// A chunk was answered, by the backend at this place of the plan's order.
+    /// Adds an answered chunk; `backend` is an index in the plan's BackendChoice::order.
     void add(std::size_t backend, Traversal traversal, const Counts& counts);
 
     [[nodiscard]] std::uint64_t hits() const { return hits_; }
-    /// Rays, hits, times, target, traversal, worker and notes of DONE.
+    /// Returns DONE with rays, hits, times, target, traversal, worker and notes.
     [[nodiscard]] wire::DoneT done(const Plan& plan, const ChunkQueue& queue) const;
 
 private:
@@ -50,9 +50,9 @@ private:
     std::atomic<std::uint64_t> truncated_{0};
     std::atomic<std::uint64_t> invalid_{0};
     std::atomic<std::uint64_t> first_invalid_{std::numeric_limits<std::uint64_t>::max()};
-    std::atomic<std::uint32_t> traversals_{0};  ///< bit t: traversal t gave answers
-    std::atomic<Ticks> first_{0};               ///< since accepted_; 0: nothing began yet
-    std::atomic<Ticks> last_{0};
+    std::atomic<std::uint32_t> traversals_{0};  ///< bit t: traversal t was used
+    std::atomic<Ticks> first_{0};               ///< first start, since accepted_; 0: none yet
+    std::atomic<Ticks> last_{0};                ///< last answer, since accepted_
     std::array<std::atomic<std::uint64_t>, backends_max> chunks_{};  ///< answered, per backend
 };
 

@@ -31,7 +31,7 @@ TraceBufferPool::Use TraceBufferPool::take() {
         idle_.pop_back();
         return last;
     }
-    idle_.reserve(count_ + 1);  // so that giving back needs no memory
+    idle_.reserve(count_ + 1);  // so that give_back() cannot throw
     Use fresh(new TraceBuffers(budget_), {this});
     ++count_;
     return fresh;
@@ -57,8 +57,8 @@ TracedRays TracedRays::slice(std::size_t from, std::size_t count) const {
         if (!span.empty()) span = span.subspan(from * each, count * each);
     };
     cut(part.order, 1);
-    if (!order.empty()) return part;  // whose places are of the whole
-    // Those of `all` are packed: a part that begins with the first row has them from there on.
+    if (!order.empty()) return part;  // `order` indexes all rays and hits: do not cut those
+    // Leave packed hits (kind all) uncut: such a slice begins with the first row.
     if (flags.empty() && !rays.empty()) cut(part.hits, hits.size() / rays.size());
     cut(part.rays, 1);
     cut(part.counts, 1);

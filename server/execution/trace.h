@@ -1,4 +1,4 @@
-// Rays through a backend, and the memory that their hits lie in.
+// Tracing rays on a backend, and the memory for rays and hits.
 #pragma once
 
 #include "server/execution/plan.h"
@@ -13,35 +13,34 @@
 
 namespace raynest::server {
 
-/// Room for one chunk's rays and hits. Counts towards --memory; its pool frees it as a whole.
+/// Memory for one chunk's rays and hits. It counts towards --memory; its pool frees it as a whole.
 struct TraceBuffers {
     explicit TraceBuffers(Budget& memory) : budget(memory) {}
 
-    std::vector<Ray> rays;              ///< for callers that make their own
-    std::vector<Ray> sent;              ///< for those that came without what they have in common
-    std::vector<HitRecord> hits;        ///< hits_max per ray; of `all` packed
-    std::vector<std::uint32_t> order;   ///< the hit of each row
-    std::vector<std::uint32_t> counts;  ///< hits per ray, multi and all only
-    std::vector<std::uint8_t> flags;    ///< HitFlags per ray, all only
-    std::vector<Counters> counters;     ///< per ray, counting only
-    std::vector<std::vector<std::uint32_t>> outputs;  ///< per output of the intersector: per ray
-    std::vector<HitRecord> occluders;  ///< of rays that only ask whether there is one
+    std::vector<Ray> rays;              ///< rays that the daemon generates
+    std::vector<Ray> sent;              ///< sent rays, completed with what their frame shares
+    std::vector<HitRecord> hits;        ///< hits_max per ray; packed for kind all
+    std::vector<std::uint32_t> order;   ///< index of each row's ray and hit
+    std::vector<std::uint32_t> counts;  ///< hits per ray, for kinds multi and all
+    std::vector<std::uint8_t> flags;    ///< HitFlags per ray, for kind all
+    std::vector<Counters> counters;     ///< per ray, if the plan counts
+    std::vector<std::vector<std::uint32_t>> outputs;  ///< [output of the intersector][ray]
+    std::vector<HitRecord> occluders;                 ///< hits of an integrator's occlusion rays
 
     Budget& budget;
-    Budget::Lease lease;           ///< of their capacities
+    Budget::Lease lease;           ///< for the capacity of all vectors
     std::uint64_t used_bytes = 0;  ///< the most that a chunk used since the last trim()
 
-    /// Makes a vector `count` long; what it held may be lost. Throws std::bad_alloc also where
-    /// --memory has no room for it.
+    /// Resizes a vector; its contents may be lost. Throws std::bad_alloc, also beyond --memory.
     template <class T>
     void resize(std::vector<T>& vector, std::size_t count) {
         if (count > vector.capacity()) grow(vector, count);
         vector.resize(count);
     }
 
-    /// Makes room for the intersector's outputs of `count` rays, and gives the columns of a call.
+    /// Resizes the intersector's outputs for `count` rays. Returns their columns for a TraceCall.
     std::vector<void*> resize_outputs(const Plan& plan, std::size_t count);
-    /// Bytes of what lies in them now.
+    /// Bytes in use, not the capacity.
     [[nodiscard]] std::uint64_t bytes() const;
 
 private:
@@ -49,23 +48,22 @@ private:
     void grow(std::vector<T>& vector, std::size_t count);
 };
 
-/// The buffers of a daemon: one per chunk that is traced, and those that wait for the next ones.
-/// Thread-safe.
+/// The buffers of the daemon: one for each running chunk, and idle ones. Thread-safe.
 class TraceBufferPool {
 public:
     explicit TraceBufferPool(Budget& budget) : budget_(budget) {}
     TraceBufferPool(const TraceBufferPool&) = delete;
 
-    /// Gives its buffers back at its end.
+    /// Deleter that returns buffers to the pool.
     struct GiveBack {
         TraceBufferPool* pool;
         void operator()(TraceBuffers* buffers) const noexcept { pool->give_back(buffers); }
     };
     using Use = std::unique_ptr<TraceBuffers, GiveBack>;
 
-    /// The buffers that were used last, whose pages are warm; or new ones.
+    /// Returns the idle buffers that were used last, because their pages are warm, or new ones.
     [[nodiscard]] Use take();
-    /// Frees those that were not needed since the last call, or not half of them.
+    /// Frees idle buffers of which at most half was used since the last call.
     void trim();
 
 private:
@@ -73,32 +71,34 @@ private:
 
     Budget& budget_;
     std::mutex mutex_;
-    std::vector<std::unique_ptr<TraceBuffers>> idle_;  ///< room for all of them
+    std::vector<std::unique_ptr<TraceBuffers>> idle_;  ///< capacity for all count_ buffers
     std::size_t count_ = 0;
 };
 
-/// Rays and what was found for them: views of TraceBuffers.
+/// Rays and their hits, as views of TraceBuffers.
 struct TracedRays {
     std::span<const Ray> rays = {};
-    std::span<HitRecord> hits = {};             ///< none where nothing is traced
-    std::span<const std::uint32_t> order = {};  ///< the ray and hit of each row; empty: in order
+    std::span<HitRecord> hits = {};  ///< empty for kind null
+    std::span<const std::uint32_t> order =
+        {};  ///< index of each row's ray and hit; empty: in order
     std::span<const std::uint32_t> counts = {};
     std::span<const std::uint8_t> flags = {};
     std::span<const Counters> counters = {};
     std::span<const std::vector<std::uint32_t>> outputs = {};
-    std::size_t first = 0;  ///< of `outputs`: the place of the first row
+    std::size_t first = 0;  ///< index in `outputs` of the first row
     Traversal traversal = traversal_single;
-    std::size_t backend = 0;  ///< place in the plan's order
+    std::size_t backend = 0;  ///< index in the plan's BackendChoice::order
 
     [[nodiscard]] std::size_t rows() const { return order.empty() ? rays.size() : order.size(); }
-    /// `count` rows from `first` on; of `all` from 0 on.
+    /// Returns rows [first, first + count); `first` must be 0 for kind all.
     [[nodiscard]] TracedRays slice(std::size_t first, std::size_t count) const;
 };
 
-/// Traces rays and gives them with their hits, which lie in `buffers`: all of them, but where the
-/// hits of `all` have no more room. A plan that traces nothing has no hits. `camera`: one that
-/// makes these rays, for a backend that makes them itself; they need not lie in `rays`.
-/// CANCELLED where `stop` is requested meanwhile, within a ray too; on a GPU after the call.
+/// Traces rays on the plan's backend of this index. The hits lie in `buffers`. Returns all rays;
+/// for kind all, as many as had room for their hits. Kind null returns rays without hits. `camera`,
+/// for a backend with makes_camera_rays(), generates the rays; the contents of `rays` are then not
+/// read. Returns CANCELLED if `stop` was requested: the CPU stops even within a ray, a GPU does
+/// not.
 Traced<TracedRays> trace_rays(const Plan& plan, std::size_t backend, std::span<const Ray> rays,
                               const Stop& stop, TraceBuffers& buffers,
                               const PinholeRays* camera = nullptr);
@@ -106,7 +106,7 @@ Traced<TracedRays> trace_rays(const Plan& plan, std::size_t backend, std::span<c
 template <class T>
 void TraceBuffers::grow(std::vector<T>& vector, std::size_t count) {
     const std::uint64_t freed = vector.capacity() * sizeof(T);
-    std::vector<T>().swap(vector);  // first: both together need not fit
+    std::vector<T>().swap(vector);  // free first: old and new together may exceed --memory
     lease.shrink(lease.bytes() - freed);
     auto room = budget.reserve(count * sizeof(T));
     if (!room) throw std::bad_alloc();

@@ -1,4 +1,4 @@
-// CANCEL_JOB: ends one of the caller's jobs, on whatever connection, and drops what is kept of it.
+// CANCEL_JOB: ends one of the caller's jobs, on any connection, and drops its kept answer.
 #include "server/handlers/handler.h"
 #include "server/handlers/job_info.h"
 
@@ -11,7 +11,7 @@ Reply<Answer> cancel_job(const Services& services, const Caller& caller,
     if (const JobRecord* attached = services.admission.find(number);
         attached != nullptr && !attached->detached) {
         info = job_info(*attached);
-        // The record goes with the job, and this function with it.
+        // Copy the function: calling it destroys the job's record, which owns it.
         const std::function<void()> cancel = attached->cancel;
         cancel();
     } else {

@@ -28,12 +28,11 @@ bool per_ray(Field field, Query query) {
     return !csr || field_info(field).of_ray;
 }
 
-/// The hits of a multi or all query as the columns see them: one after the other, each with its
-/// ray.
+/// The hits of a multi or all query without gaps, with the ray of each.
 struct Compacted {
     std::vector<std::uint64_t> splits;
     std::vector<std::uint32_t> ray_of;
-    std::vector<HitRecord> rays;  ///< one per ray, for `hit` and the flags
+    std::vector<HitRecord> rays;  ///< one per ray; only `hit` and the flags are set
 };
 
 Compacted compact(const Plan& plan, const TracedRays& traced) {
@@ -60,14 +59,14 @@ Compacted compact(const Plan& plan, const TracedRays& traced) {
     return result;
 }
 
-/// A column and where its next element goes.
+/// A column and the place of its next element.
 struct Target {
     Field field;
     std::byte* out;
 };
 
-/// Writes `count` elements of each column. Block by block, so that all columns read the records of
-/// a block while they are in the nearest cache.
+/// Writes `count` elements of each column. Works in blocks of records that stay in the L1 cache
+/// while all columns read them.
 void write_columns(std::span<Target> columns, const ColumnSource& all, std::size_t count) {
     constexpr std::size_t block = 512;
     for (std::size_t at = 0; at < count; at += block) {
@@ -161,7 +160,7 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
     if (many) csr = compact(plan, traced);
     const std::uint64_t hit_count = many ? csr.splits.back() : rows;
 
-    // Lay the blocks out: splits first, then the fields as asked for, then outputs.
+    // Lay out the blocks: splits, then fields in the order of the request, then outputs.
     protocol::Bulk bulk;
     if (many) bulk.add(splits_name, wire::Dtype::u64, 1, rows + 1);
     const std::size_t first_column = bulk.count();

@@ -1,4 +1,4 @@
-// FETCH: the answer of a detached job, frame by frame under the credit of who fetches it.
+// FETCH: sends the answer of a detached job, frame by frame, under the credit of the caller.
 #include "server/handlers/handler.h"
 
 #include <algorithm>
@@ -24,7 +24,7 @@ public:
           source_(std::move(source)) {}
 
     std::optional<Task> next() override {
-        // In the order in which they were made, whatever the workers do.
+        // Run one task at a time, so that frames leave in the order of the answer.
         if (running_ || next_ == source_->answer().size()) return std::nullopt;
         running_ = true;
         const protocol::Frame& frame = source_->answer()[next_++];
@@ -45,7 +45,7 @@ public:
         return {};
     }
     [[nodiscard]] bool finished() const override { return next_ == source_->answer().size(); }
-    /// Done is the last frame of the answer itself.
+    /// Returns nothing: the kept answer ends with its own DONE.
     Frames farewell() override {
         source_->set_fetched();
         return {};
@@ -75,7 +75,7 @@ Reply<Answer> fetch(const Services& services, const Caller& caller,
     if (job.error()) return tl::unexpected(*job.error());
     JobSubmission accepted;
     for (const protocol::Frame& frame : job.answer()) {
-        // Credit for more than half of a window need never come back.
+        // Refuse larger frames: a client may return credit only after half a window.
         if (frame.header.bulk_bytes > caller.window_bytes / 2)
             return refuse(Code::invalid_field,
                           name + " has frames of " + std::to_string(frame.header.bulk_bytes) +

@@ -19,7 +19,7 @@ struct GeneratorSettings {
 #include "protocol/generators.def"
 };
 
-/// What most kinds make of their settings.
+/// The settings of a generator, and the values that most kinds derive from them.
 struct Request {
     std::string_view kind;
     const GeneratorSettings& settings;
@@ -91,7 +91,8 @@ Reply<Generated> make_pinhole(const Request& request) {
     };
     const double fx = number(given.fx, 0), fy = number(given.fy, fx);
     if (!(fx > 0 && fy > 0)) return lacks(request.kind, "fx and fy above 0");
-    return ready(Pinhole{request.sensor_pose, request.size, number(given.cx, 0.5 * request.size.width),
+    return ready(Pinhole{request.sensor_pose, request.size,
+                         number(given.cx, 0.5 * request.size.width),
                          number(given.cy, 0.5 * request.size.height), 1 / fx, 1 / fy});
 }
 
@@ -106,15 +107,14 @@ Reply<Generated> make_equirectangular(const Request& request) {
     return ready(Equirectangular(request.sensor_pose, request.size));
 }
 
-/// Where a camera looks is ahead of a lidar, whose x is the camera's -z, its y the -x, its z the y.
+/// Converts a camera's pose to a lidar's: the lidar's x (ahead), y, z are the camera's -z, -x, y.
 Pose lidar_pose(const Pose& camera) {
     return {-camera.z, -camera.x, camera.y, camera.origin};
 }
 
 Reply<Generated> make_lidar(const Request& request) {
     const GeneratorSettings& given = request.settings;
-    if (!given.elevations || !given.azimuths)
-        return lacks(request.kind, "elevations and azimuths");
+    if (!given.elevations || !given.azimuths) return lacks(request.kind, "elevations and azimuths");
     std::vector<LidarChannel> channels;
     for (const float elevation : given.elevations->values)
         channels.push_back({static_cast<double>(elevation)});
@@ -164,14 +164,14 @@ struct Key {
     Reply<void> (*read)(std::string_view text, GeneratorSettings& to);
 };
 constexpr std::array keys = {
-#define RAYNEST_SETTING(name, type, text)                        \
+#define RAYNEST_SETTING(name, type, text)                          \
     Key{#name, [](std::string_view given, GeneratorSettings& to) { \
-            return setting::read(given, to.name.emplace());      \
+            return setting::read(given, to.name.emplace());        \
         }},
 #include "protocol/generators.def"
 };
 
-/// Is the word among those of "a, b, c"?
+/// True if `word` is one of `names`, a list like "a, b, c".
 bool among(std::string_view names, std::string_view word) {
     for (std::size_t at = 0, end = 0; at < names.size(); at = end + 2) {
         end = std::min(names.find(", ", at), names.size());
@@ -183,8 +183,8 @@ bool among(std::string_view names, std::string_view word) {
 Reply<void> read_setting(const Kind& kind, std::string_view word, GeneratorSettings& to) {
     const std::size_t equals = word.find('=');
     const std::string name(word.substr(0, equals));
-    const auto* key = std::find_if(keys.begin(), keys.end(),
-                                   [&](const Key& each) { return each.name == name; });
+    const auto* key =
+        std::find_if(keys.begin(), keys.end(), [&](const Key& each) { return each.name == name; });
     if (key == keys.end() || !among(kind.settings, name))
         return refuse(Code::invalid_field, name + " is no key of " + std::string(kind.name) +
                                                "; its keys are " + std::string(kind.settings));
@@ -212,8 +212,7 @@ Reply<Generated> generate(const wire::Generator& message, const Snapshot& scene)
         if (auto read = read_setting(*kind, word, settings); !read)
             return tl::unexpected(read.error());
         const std::string key = word.substr(0, word.find('='));
-        if (!given.insert(key).second)
-            return refuse(Code::invalid_field, key + " is given twice");
+        if (!given.insert(key).second) return refuse(Code::invalid_field, key + " is given twice");
     }
     Request request{name, settings, scene};
     if (settings.size) request.size = settings.size->value;

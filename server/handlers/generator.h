@@ -1,4 +1,4 @@
-// Rays that the daemon makes: a kind of generators.def and its settings become a sensor.
+// Generators make rays in the daemon: a kind from generators.def and its settings become a sensor.
 #pragma once
 
 #include "engine/integrators/generators.h"
@@ -14,15 +14,14 @@
 
 namespace raynest::server {
 
-/// A sensor that is made when a task first asks for it: the tables of a lidar are too much work for
-/// the io thread.
+/// A sensor that the first task constructs: a lidar's tables are too much work for the io thread.
 class LateSensor {
 public:
     LateSensor(ImageSize grid, std::function<Sensor()> make)
         : grid_(grid),
           make_(std::move(make)) {}
     [[nodiscard]] const ImageSize& grid() const { return grid_; }
-    /// Thread-safe.
+    /// Returns the sensor; the first call constructs it. Thread-safe.
     [[nodiscard]] const Sensor& get() {
         std::call_once(once_, [this] { sensor_ = make_(); });
         return *sensor_;
@@ -36,10 +35,12 @@ private:
 };
 using SensorPointer = std::shared_ptr<LateSensor>;
 
-/// A sensor has all of its rays; a hemisphere makes them from points that the client sends.
+/// The result of a generator: a sensor with all of its rays, or a hemisphere, which makes rays from
+/// points that the client sends.
 using Generated = std::variant<SensorPointer, Hemisphere>;
 
-/// INVALID_FIELD or LIMIT_EXCEEDED names the setting that is wrong, missing, or not one of its kind.
+/// Makes a generator. Fails with INVALID_FIELD or LIMIT_EXCEEDED, and names the setting that is
+/// wrong, missing or not allowed for its kind.
 Reply<Generated> generate(const wire::Generator& message, const Snapshot& scene);
 
 }  // namespace raynest::server

@@ -14,7 +14,7 @@ namespace {
 template <class Table>
 using Typed = Reply<Answer> (*)(const Services&, const Caller&, const protocol::Opened<Table>&);
 
-/// A job that is unknown is left to the handler.
+/// Refuses another principal's job; an unknown job is left to the handler.
 Reply<void> check_own_job(const Services& services, const Caller& caller, std::uint64_t number) {
     if (const JobRecord* running = services.admission.find(number))
         return access::use_job(number, running->principal, caller.principal);
@@ -60,7 +60,7 @@ constexpr Request data{protocol::message_of<Table>, after_hello, bulk, nullptr, 
 
 }  // namespace
 
-/// A row for each message that a client may send.
+/// The table of requests: a row for each message that a client may send.
 struct RequestTable {
     static constexpr std::array rows = {
         message<wire::Hello, &Conversation::greet, before_hello>,
@@ -77,10 +77,10 @@ struct RequestTable {
 
 namespace {
 
-/// Types below this are for clients to send.
+/// Message types below this value are sent by clients.
 constexpr std::size_t client_types = 128;
 
-/// Rows by type; null where there is none.
+/// Rows by message type; null for types without a row.
 constexpr auto by_type = [] {
     std::array<const Request*, client_types> found{};
     for (const Request& row : RequestTable::rows) found[static_cast<std::size_t>(row.type)] = &row;

@@ -1,7 +1,7 @@
-// One file per request, one row in the table: how a request becomes an answer.
+// The interface of handlers. Each request has a handler file and a row in the table of handler.cpp.
 //
-// A handler runs on the io thread with a message that protocol::open() has verified. It answers at
-// once, or hands over a job; it never blocks and never touches a socket.
+// A handler runs on the io thread with a message that protocol::open() has verified. It returns an
+// answer or a job. It never blocks and never uses a socket.
 #pragma once
 
 #include "engine/assets/import.h"
@@ -24,7 +24,7 @@ namespace raynest::server {
 
 class TraceBufferPool;
 
-/// What handlers may use; one per daemon, outlives all jobs.
+/// The parts of the daemon that handlers may use. One per daemon; outlives all jobs.
 struct Services {
     const Registry& registry;
     SceneStore& scenes;  ///< io thread only
@@ -42,10 +42,10 @@ struct Services {
     FairThreadPool& blocking;  ///< for tasks that wait for processes and disks
 };
 
-/// The connection that asks, and its request.
+/// A request and its connection.
 struct Caller : ConnectionId {
     std::uint64_t request_id = 0;
-    std::uint64_t window_bytes = 0;  ///< credit that the client grants at the start
+    std::uint64_t window_bytes = 0;  ///< credit that the client grants to each request at its start
 };
 
 using Answer = std::variant<Frames, JobSubmission>;
@@ -68,26 +68,25 @@ Reply<Answer> cancel_job(const Services&, const Caller&, const protocol::Opened<
 
 class Conversation;
 
-/// What must be the caller's for a request to be answered; else it hears NOT_ALLOWED. Scenes have
-/// rules that depend on their content, too (access.h).
+/// The object that must belong to the caller; otherwise the request fails with NOT_ALLOWED. Rules
+/// about scenes are checked by their handlers (access.h).
 enum class Needs { nothing, own_job };
 
-/// A message that a client may send: one row of the table in handler.cpp. A role will be one more
-/// column here.
+/// A message that a client may send: a row of the table in handler.cpp.
 struct Request {
     wire::Message type;
-    bool before_hello;  ///< it comes before Hello was answered, or else after
-    /// Bytes of its bulk part at most, 0: it has none.
+    bool before_hello;  ///< true: allowed only before Hello is answered; false: only after
+    /// Returns the maximum bytes of the bulk part; 0: the message has none.
     std::uint64_t (*bulk_bytes_max)(const protocol::Limits&);
-    /// Answers a request, after `needs` was tested; null: `act` does what the message says.
+    /// Checks Needs and answers the request. Null: the message is handled by `act`.
     Reply<Answer> (*answer)(const Services&, const Caller&, const protocol::Frame&);
     void (Conversation::*act)(protocol::Frame);
 };
 
-/// null for messages that no client sends.
+/// Returns the row of a message type; null for messages that clients do not send.
 [[nodiscard]] const Request* find_request(std::uint16_t type);
 
-/// An answer of one frame.
+/// Makes an answer of one frame.
 template <class Native>
 Reply<Answer> answer_with(const Caller& caller, const Native& message, const Services& services) {
     Reply<protocol::Frame> frame = protocol::encode(caller.request_id, message, services.limits);

@@ -1,4 +1,4 @@
-// HEATMAP: what a ray costs, per pixel. The raw counts are the data.
+// HEATMAP: the cost of each pixel's ray, as raw counts or as a picture.
 #include "engine/assets/image.h"
 #include "engine/integrators/picture.h"
 #include "server/handlers/handler.h"
@@ -12,15 +12,15 @@
 namespace raynest::server {
 namespace {
 
-/// The count, a sorted copy for percentiles, the picture and the encoded file.
+/// Bytes per pixel: the count, a sorted copy for percentiles, the picture and the encoded file.
 constexpr std::uint64_t pixel_bytes = 4 * sizeof(std::uint32_t);
 
-/// A narrow map costs what the map that its legend widens it to costs.
+/// Returns the bytes that a job holds. A narrow map is widened to the width of its legend.
 std::uint64_t heat_bytes(std::uint32_t width, std::uint32_t height) {
     return pixel_bytes * std::max(width, heat_picture_width_min) * height;
 }
 
-/// Bytes of the finished payload at most.
+/// Returns the maximum bytes of the payload.
 std::uint64_t payload_bytes_max(std::uint32_t width, std::uint32_t height,
                                 std::string_view encode) {
     if (encode == "png")
@@ -32,7 +32,7 @@ std::uint64_t payload_bytes_max(std::uint32_t width, std::uint32_t height,
 
 class HeatmapJob final : public PictureJob {
 public:
-    /// `uncounted` finds the hits; there for necessary work only.
+    /// `uncounted` is the plan that finds the hits; set only for count "necessary".
     HeatmapJob(const Services& services, const Caller& caller, PictureRequest asked,
                HeatOptions options, std::optional<Plan> uncounted)
         : PictureJob(services, caller, std::move(asked)),
@@ -104,7 +104,7 @@ private:
     HeatStatistics statistics_;
 };
 
-/// Options with the defaults filled in, checked before a ray is traced.
+/// Returns the options with defaults filled in, checked before a ray is traced.
 Reply<HeatOptions> heat_options(const wire::Heatmap& message) {
     using protocol::word;
     HeatOptions options;

@@ -1,4 +1,4 @@
-// INFO: what a scene holds; the connection keeps it from then on where it says `hold`.
+// INFO: describes a scene. With `hold`, the connection keeps the scene from then on.
 #include "server/handlers/handler.h"
 #include "server/handlers/scene_info.h"
 

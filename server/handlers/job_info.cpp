@@ -13,7 +13,7 @@ std::uint64_t milliseconds(Clock::duration time) {
         std::max<std::int64_t>(0, std::chrono::duration_cast<milliseconds>(time).count()));
 }
 
-/// Until a moment that may never come: 0 then.
+/// Returns the time until `end`; 0 if there is no end.
 std::uint64_t milliseconds_until(Clock::time_point end) {
     return end == Clock::time_point::max() ? 0 : milliseconds(end - Clock::now());
 }

@@ -1,13 +1,13 @@
-// What is told about a job, in flight or kept.
+// The description of a job, in flight or kept.
 #pragma once
 
 #include "server/handlers/handler.h"
 
 namespace raynest::server {
 
-/// Of one in flight.
+/// Describes a job in flight.
 [[nodiscard]] wire::JobInfoT job_info(const JobRecord& record);
-/// Of a detached one, in flight or not.
+/// Describes a detached job, in flight or ended.
 [[nodiscard]] wire::JobInfoT job_info(const DetachedJob& job, const Services& services);
 
 }  // namespace raynest::server

@@ -1,4 +1,4 @@
-// JOBS: what is in flight and what is kept, a page at a time.
+// JOBS: lists jobs in flight and kept answers, a page at a time.
 #include "server/handlers/handler.h"
 #include "server/handlers/job_info.h"
 
@@ -9,7 +9,7 @@
 namespace raynest::server {
 namespace {
 
-/// A message has at most 256 tables, and texts of the longest kind still fit.
+/// Jobs per page: below the limit of 256 tables per message, and the longest texts still fit.
 constexpr std::size_t page_jobs = 32;
 
 }  // namespace

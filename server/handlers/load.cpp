@@ -1,4 +1,4 @@
-// LOAD: files, a built-in scene or a file under --scene-root become a named scene.
+// LOAD: imports uploaded files, a built-in scene or a file under --scene-root as a named scene.
 //
 //   upload:  NEED ──► UPLOAD pieces ──► import       builtin:, root:  import at once
 //
@@ -24,7 +24,7 @@ namespace {
 
 constexpr std::string_view builtin_scheme = "builtin:";
 constexpr std::string_view root_scheme = "root:";
-/// Address space of an import child: its libraries, and this many times the scene it may make.
+/// Address space of an import child: `base` for libraries, and `growth` times its largest scene.
 constexpr std::uint64_t import_base_bytes = 1ULL << 30;
 constexpr std::uint64_t import_growth = 4;
 
@@ -32,8 +32,8 @@ bool starts_with(std::string_view text, std::string_view prefix) {
     return text.substr(0, prefix.size()) == prefix;
 }
 
-/// "root:maps/town.v2.glb" -> "town.v2", as the client names uploads; "builtin:forest?trees=9" ->
-/// "forest".
+/// Returns the name of a scene from its source: "root:maps/town.v2.glb" -> "town.v2" (as the client
+/// does for uploads), "builtin:forest?trees=9" -> "forest".
 std::string default_name(std::string_view source) {
     if (starts_with(source, builtin_scheme))
         source = source.substr(builtin_scheme.size(), source.find('?') - builtin_scheme.size());
@@ -50,7 +50,7 @@ tl::unexpected<protocol::Error> refuse_memory(const std::string& what, std::uint
                       " of raynestd's --memory are free; " + remedy);
 }
 
-/// One file of an upload while its pieces come.
+/// A file of an upload; its data arrive in pieces.
 struct UploadFile {
     std::string name;
     std::uint64_t hash = 0;
@@ -58,7 +58,7 @@ struct UploadFile {
     std::uint64_t received = 0;
 };
 
-/// What a load was asked for.
+/// The checked contents of a LOAD request.
 struct LoadOrder {
     std::string source;
     std::string name;
@@ -69,7 +69,7 @@ struct LoadOrder {
     WorldPoint origin{};
     std::vector<std::string> masks;
     std::vector<UploadFile> files;
-    Budget::Lease lease;  ///< of what has come of the files
+    Budget::Lease lease;  ///< for the received bytes of the files
 };
 
 class LoadJob final : public Job {
@@ -106,7 +106,7 @@ public:
             return refuse(Code::invalid_field, "file " + std::to_string(current_) +
                                                    " is longer than its announced " +
                                                    std::to_string(file.bytes.size()) + " bytes");
-        // Piece by piece: an upload that is announced and does not come takes nothing.
+        // Reserve each piece as it comes: an upload that is announced but not sent takes nothing.
         services_.peers.make_memory(block->count, order_.caller.principal);
         auto lease = services_.budget.reserve(block->count);
         if (!lease)
@@ -124,11 +124,12 @@ public:
     std::optional<Task> next() override {
         if (import_started_ || current_ < order_.files.size()) return std::nullopt;
         import_started_ = true;
-        // A copy of the files, and a scene of about their size.
+        // Free memory for a copy of the files and a scene of about their size.
         services_.peers.make_memory(2 * announced_, order_.caller.principal);
         Task task;
         task.pool = &services_.blocking;
-        // How large the scene is the import alone knows: those that pause give way when it is made.
+        // Let the import count on memory of paused connections. They are closed when the scene is
+        // published: only the import knows its size.
         task.run = [this, reclaimable = services_.peers.reclaimable_bytes(order_.caller.principal),
                     remedy = memory_remedy()](const Stop& stop) -> Reply<Frames> {
             auto snapshot = import(stop, reclaimable, remedy);
@@ -189,14 +190,14 @@ private:
         return std::chrono::duration<double>(Clock::now() - started_).count();
     }
 
-    /// Files of no bytes, and the one that has just got its last, need no piece.
+    /// Skips files that need no more pieces: empty ones, and the one that was just completed.
     void skip_complete_files() {
         while (current_ < order_.files.size() &&
                order_.files[current_].received == order_.files[current_].bytes.size())
             ++current_;
     }
 
-    /// Worker thread; the io thread leaves the order alone meanwhile.
+    /// Imports the scene on a thread of the blocking pool. The io thread does not use order_ then.
     Reply<std::shared_ptr<const Snapshot>> import(const Stop& stop, std::uint64_t reclaimable,
                                                   const std::string& remedy) const {
         const auto with_remedy = [&](Error error) {
@@ -226,7 +227,7 @@ private:
             request.source = found.front().name;
             for (const SourceFile& file : found) request.files.push_back({file.name, file.bytes});
         }
-        // The child gets a copy of the files.
+        // Reserve memory for the child's copy of the files.
         std::uint64_t copied = 0;
         for (const NamedBytes& file : request.files) copied += file.bytes.size();
         const auto copy = services_.budget.reserve(copied);
@@ -234,12 +235,12 @@ private:
             return refuse_memory("the import's copy of the files", copied, services_.budget,
                                  remedy);
         ImportLimits limits = services_.import_limits;
-        // What does not fit is refused by the child, before this process maps it; while it works a
-        // child may hold a few times what it makes, beside its libraries.
+        // Let the child refuse a scene that does not fit, before this process maps it. While it
+        // works, a child may hold a few times the bytes of the scene, besides its libraries.
         limits.scene_bytes_max = services_.budget.limit() - services_.budget.used() + reclaimable;
         limits.bytes_max =
             std::min(limits.bytes_max, import_base_bytes + import_growth * limits.scene_bytes_max);
-        // At the deadline the runner stops the task, and the child with it.
+        // Stop the child with the task; the runner stops that at the job's deadline.
         auto snapshot = import_in_child(request, limits, services_.import_child,
                                         [&] { return !stop.requested(); });
         if (stop.requested()) return refuse(Code::cancelled, "");
@@ -255,14 +256,14 @@ private:
         order_.files.begin(), order_.files.end(), std::uint64_t{0},
         [](std::uint64_t sum, const UploadFile& file) { return sum + file.bytes.size(); });
     std::uint64_t received_ = 0;
-    std::size_t current_ = 0;  ///< the file whose pieces come now
+    std::size_t current_ = 0;  ///< index of the file that is being received
     bool import_started_ = false;
     bool reused_ = false;
     std::shared_ptr<const Snapshot> snapshot_;  ///< written by the import task
     std::optional<NamedScene> scene_;
 };
 
-/// The files of the message with memory for each, or none.
+/// Fills in order.files from the message and allocates their memory.
 Reply<void> read_files(const Services& services, const wire::Load& message, LoadOrder& order) {
     const std::vector<std::string> names = protocol::strings(message.file_names());
     const bool upload =
@@ -274,7 +275,7 @@ Reply<void> read_files(const Services& services, const wire::Load& message, Load
     std::uint64_t total = 0;
     for (std::size_t i = 0; i < names.size(); ++i)
         total += message.file_bytes()->Get(static_cast<flatbuffers::uoffset_t>(i));
-    // What does not fit now is not uploaded first; it is reserved as it comes.
+    // Refuse an upload that does not fit now, before it is sent. Memory is reserved piece by piece.
     services.peers.make_memory(total, order.caller.principal);
     if (!services.budget.reserve(total))
         return refuse_memory("the upload", total, services.budget,
@@ -311,7 +312,7 @@ Reply<Answer> load(const Services& services, const Caller& caller,
         return refuse(Code::invalid_field, "the scene needs a name of 1.." +
                                                std::to_string(services.limits.name_bytes_max) +
                                                " bytes; pass another `name`");
-    // What cannot be kept is not uploaded first.
+    // Check the quota before the upload.
     if (const auto quota = services.scenes.check_quota(order.name, caller, 0); !quota)
         return tl::unexpected(quota.error());
     if (const auto files = read_files(services, *message.table, order); !files)

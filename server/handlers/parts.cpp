@@ -1,4 +1,4 @@
-// PARTS: the meshes or the materials of a scene, a page at a time.
+// PARTS: lists the meshes or materials of a scene, a page at a time.
 #include "engine/scene/snapshot.h"
 #include "server/handlers/handler.h"
 #include "server/handlers/scene_info.h"
@@ -9,9 +9,9 @@
 namespace raynest::server {
 namespace {
 
-/// Names of the longest kind of a page stay far below the size of a message.
+/// Parts per page; a page of the longest names is far below control_bytes_max.
 constexpr std::size_t page_parts = 128;
-/// In the order of AlphaMode, as glTF spells them.
+/// glTF's names, in the order of AlphaMode.
 constexpr std::array<const char*, 3> alpha_modes = {"OPAQUE", "MASK", "BLEND"};
 
 void add_mesh(const SceneView& view, const MeshUse& mesh, std::size_t name_bytes,

@@ -1,4 +1,4 @@
-// PATH: a flat path id as the names of the steps on the way down, and the other way round.
+// PATH: converts a path number to the names of its instances, and names to a number.
 #include "engine/geometry/hit.h"
 #include "engine/scene/snapshot.h"
 #include "server/handlers/handler.h"
@@ -13,7 +13,7 @@
 namespace raynest::server {
 namespace {
 
-/// The engine calls any damage of a scene invalid; here it is the request that names no path.
+/// Refuses as INVALID_FIELD what the engine calls an invalid scene: the request names no path.
 tl::unexpected<protocol::Error> no_such_path(const Error& error) {
     return refuse(Code::invalid_field, error.message);
 }
@@ -35,7 +35,7 @@ Reply<wire::PathNameT> describe(const Snapshot& scene, std::uint64_t path,
     return name;
 }
 
-/// A text is looked for among all names of a scene, which may be millions: not on the io thread.
+/// Finds a path by text in a task: a scene may have millions of names, too many for the io thread.
 class PathJob final : public Job {
 public:
     PathJob(const Services& services, const Caller& caller, NamedScene scene, std::string text)

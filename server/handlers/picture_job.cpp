@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::uint64_t piece_bytes_max = 1ULL << 20;
 
-/// Header, control message and padding of a frame with a piece of the payload.
+/// Bytes of header, control message and padding of a frame with a piece of the payload.
 constexpr std::uint64_t piece_overhead_bytes = 512;
 
 std::uint64_t piece_bytes(const Caller& caller) {
@@ -49,7 +49,7 @@ Reply<PictureRequest> make_request(const Services& services, const Caller& calle
     request.encode = std::move(*word);
 
     auto chosen = choose_camera(plan.scene.snapshot(), camera_request(camera));
-    // No camera of that name: a fault of the request, not of the scene.
+    // Report an unknown camera as a fault of the request, not of the scene.
     if (!chosen) return refuse(Code::invalid_field, chosen.error().message);
     request.camera = std::move(*chosen);
     const bool asked =
@@ -106,7 +106,7 @@ std::optional<Task> PictureJob::next() {
             if (!encode_started_) return encode_task();
             return std::nullopt;
         case Stage::sending:
-            // Pieces come in order: the next one is made when this one has been handed on.
+            // Make one piece at a time, so that pieces leave in order.
             if (!piece_running_ && sent_ < payload_.bytes.size()) return send_task();
             return std::nullopt;
     }
@@ -144,7 +144,7 @@ std::string PictureJob::hint() const {
     };
     if (scene.bounds().is_empty()) return line("nothing: the scene is empty");
     const bool nothing = statistics_.hits() == 0;
-    // Every pixel, but for a few cracks and edges, is the back of something.
+    // True if all rays hit, more than 99 % of them a back side, as from inside a closed surface.
     const bool backs = plan_.query == query_closest && statistics_.hits() == request_.rays() &&
                        backs_ > request_.rays() / 100 * 99;
     if (!nothing && !backs) return {};
@@ -199,7 +199,7 @@ Task PictureJob::encode_task() {
     encode_started_ = true;
     Task task;
     task.run = [this](const Stop& stop) -> Reply<Frames> {
-        // Once begun it takes its time, a second for a large PNG.
+        // Check before encoding, which cannot be interrupted: a large PNG takes a second.
         if (stop.requested()) return refuse(Code::cancelled, "");
         auto payload = encode();
         if (!payload) return tl::unexpected(payload.error());

@@ -1,7 +1,6 @@
-// RENDER and HEATMAP: camera rays in chunks, then one payload, then pieces of it.
+// The base of RENDER and HEATMAP: traces camera rays, encodes one payload, sends it in pieces.
 //
-//   tracing (tasks in any order) ──all ended──► encoding (one task) ──► sending (pieces under
-//   credit)
+//   tracing (tasks in any order) ──all ended──► encoding (one task) ──► sending (under credit)
 #pragma once
 
 #include "engine/integrators/camera.h"
@@ -20,14 +19,14 @@
 
 namespace raynest::server {
 
-/// The finished payload: an encoded file or raw rows.
+/// The bytes of a picture: an encoded file or raw rows.
 struct Payload {
     std::uint32_t width = 0;
     std::uint32_t height = 0;
     std::vector<std::byte> bytes;
 };
 
-/// The words of a picture request, checked.
+/// A checked picture request.
 struct PictureRequest {
     Plan plan;
     Camera camera;
@@ -35,24 +34,25 @@ struct PictureRequest {
     std::uint32_t height = 0;
     std::uint32_t samples = 1;  ///< rays per pixel
     std::string encode;         ///< png | exr | raw
-    Budget::Lease lease;        ///< of what the job holds, the finished payload included
+    Budget::Lease lease;        ///< for all memory of the job, including the payload
     [[nodiscard]] std::uint64_t pixels() const { return std::uint64_t{width} * height; }
     [[nodiscard]] std::uint64_t rays() const { return pixels() * samples; }
 };
 
-/// Bytes of the frames that carry a payload of so many bytes at most: what its answer takes.
+/// Returns the maximum bytes of the frames that carry a payload.
 [[nodiscard]] std::uint64_t picture_answer_bytes(const Caller& caller, std::uint64_t payload_bytes);
 
-/// What helps where a picture is too large, in words.
+/// Returns advice for the user on how to make a picture smaller.
 [[nodiscard]] std::string smaller_picture(std::string_view encode);
 
-/// `bytes`: what the job holds; reserved from the budget. Asks for a camera of the scene and adds a
-/// note where none was there.
+/// Makes a picture request and reserves `bytes`, the memory of the job. Chooses a camera of the
+/// scene; adds a note if the scene has none.
 Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
                                    const wire::Camera* camera, std::uint32_t width,
                                    std::uint32_t height, std::string_view encode,
                                    std::uint64_t bytes);
 
+/// The base of picture jobs.
 class PictureJob : public ChunkedJob {
 public:
     PictureJob(const Services& services, const Caller& caller, PictureRequest request);
@@ -66,25 +66,24 @@ public:
     [[nodiscard]] std::optional<Progress> progress() const override;
 
 protected:
-    /// The plans by which pixels are traced.
+    /// Returns the plans for the integrator's rays.
     [[nodiscard]] virtual CastPlans plans() const = 0;
-    /// Any thread: traces pixels, and keeps what the picture needs. Nothing where the caster has no
-    /// answers.
+    /// Traces pixels and stores their values. Returns nothing if the caster failed. Any thread.
     virtual std::optional<CameraHits> trace_pixels(const PixelRange& pixels,
                                                    const ColumnSource& scene, RayCaster& caster,
                                                    const PixelArrays& arrays) = 0;
-    /// Any thread, after all chunks.
+    /// Encodes the payload after all chunks are traced. Any thread.
     virtual Reply<Payload> encode() = 0;
-    /// Adds to DONE what only this kind of picture knows.
+    /// Adds the fields of DONE that are specific to this kind of picture.
     virtual void complete(wire::DoneT& /*done*/) const {}
 
-    /// A value for each pixel, on pages that come when workers write to them: zeroing a large
-    /// picture would hold up the io thread, and all clients with it.
+    /// Allocates a value for each pixel, uninitialised: zeroing a large picture would block the io
+    /// thread and so all clients.
     template <class T>
     [[nodiscard]] std::unique_ptr<T[]> blank() const {
         return std::make_unique_for_overwrite<T[]>(request_.pixels());
     }
-    /// Puts the values of a chunk where its pixels are. Chunks do not overlap.
+    /// Copies a chunk's values to the places of its pixels. Thread-safe: chunks do not overlap.
     template <class T>
     void place(std::uint64_t first, std::span<const T> values, T* picture) const {
         for (std::size_t i = 0; i < values.size(); ++i) {
@@ -99,7 +98,7 @@ private:
     [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
                                            const Chunk& rest) const override;
     Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override;
-    /// A line for a user whose camera sees nothing, or only the backs of surfaces; else empty.
+    /// Returns a note for a user whose camera sees nothing or only backs of surfaces; else empty.
     [[nodiscard]] std::string hint() const;
     Task encode_task();
     Task send_task();

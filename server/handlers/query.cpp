@@ -1,9 +1,9 @@
-// QUERY: rays come in QUERY_RAYS frames, or are made here, and are traced as they come; answers
-// leave as CHUNKs of columns, or are added up (reduce.h).
+// QUERY: traces rays as they arrive in QUERY_RAYS frames, or that a generator makes. Answers leave
+// as CHUNKs of columns, or are summed by a reducer (reduce.h).
 //
-// How many hits the rays of kind `all` have is known only once they are traced. A task promises a
-// frame of bounded size, answers as many of its rays as fit, and gives the others back; how many
-// fitted is how many the next task gets.
+// The number of hits of kind `all` is known only after tracing. A task promises a frame of bounded
+// size, answers as many of its rays as fit, and returns the others to the queue. The next task gets
+// as many rays as fitted.
 #include "server/handlers/columns.h"
 #include "server/handlers/handler.h"
 #include "server/handlers/query_job.h"
@@ -19,18 +19,18 @@
 namespace raynest::server {
 namespace {
 
-/// Bytes that a task promises not to exceed. Where hits are not known in advance, an eighth of the
-/// window, so that several tasks run at a time; but room for one ray at least.
+/// Returns the maximum bytes of a task's answer. For kind all it is an eighth of the window, so
+/// that several tasks run at once, but at least the bytes of one ray.
 std::uint64_t answer_bytes(const Plan& plan, const Columns::Cost& cost, const Caller& caller) {
     const std::uint64_t most = frame_bytes_max(caller);
     if (plan.query != query_all) return most;
     return std::clamp(caller.window_bytes / 8, cost.bytes(1, plan.hits_max), most);
 }
 
-/// Room for the answers of a detached query is reserved for chunks of so many rays at least.
+/// Rays per frame, at most, in the estimate of how many frames a detached query's answer has.
 constexpr std::uint64_t kept_rays_min = 1024;
 
-/// Rays per answer.
+/// Returns the maximum rays per answer frame.
 std::uint64_t chunk_rays(const Plan& plan, const Columns::Cost& cost, std::uint64_t bytes,
                          const protocol::Limits& limits) {
     std::uint64_t most = limits.chunk_rays_max;
@@ -42,25 +42,25 @@ std::uint64_t chunk_rays(const Plan& plan, const Columns::Cost& cost, std::uint6
     return std::clamp<std::uint64_t>(by_reply, 1, most);
 }
 
-/// Records that a task has room for: what fits its answer, at least what any ray needs.
+/// Returns the number of hit records of a task: as many as fit its answer, but at least two rays'.
 std::uint64_t hits_room(const Plan& plan, const Columns::Cost& cost, std::uint64_t bytes) {
     const std::uint64_t most = hit_bytes_max / sizeof(HitRecord);
     const std::uint64_t fit = cost.per_hit == 0 ? most : (bytes - cost.fixed) / cost.per_hit;
     return std::clamp(fit, std::uint64_t{2} * plan.hits_max, most);
 }
 
-/// Hits per ray where a request names no number.
+/// Default maximum hits per ray, for kinds multi and all.
 constexpr std::uint32_t multi_hits = 8;
 constexpr std::uint32_t all_hits = 4096;
 
-/// Room for a detached query's answer of any number of hits is reserved for so many per ray, more
-/// as it comes.
+/// Hits per ray for which a detached query of kind all reserves memory at its start; more is
+/// reserved as the answer grows.
 constexpr std::uint64_t expected_hits = 8;
 
-/// A task of so few rays may share its call of the kernel with others.
+/// Maximum rays of a task that may be merged with others into one call of the kernel.
 constexpr std::uint64_t merged_rays_max = 256;
 
-/// A row per ray, or one per hit.
+/// A query that is answered with columns: a row per ray, or per hit.
 class ColumnsJob final : public QueryJob {
 public:
     ColumnsJob(const Services& services, const Caller& caller, Plan plan, RaySource source,
@@ -73,8 +73,8 @@ public:
           fitting_(chunk_rays_) {}
 
 protected:
-    /// Several answers' worth where a backend takes more rays at a time; together they are no more
-    /// than one answer may be.
+    /// Returns the rays of several answers if the backend takes that many, as long as these answers
+    /// together are within answer_bytes_.
     [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
                                            const Chunk& /*rest*/) const override {
         if (plan_.query == query_all) return fitting_;
@@ -123,7 +123,7 @@ protected:
     }
 
 private:
-    /// A closest or any query of rays that the client sent.
+    /// A chunk of a closest or any query with rays that the client sent.
     class MergeableChunk final : public MergeableTask {
     public:
         MergeableChunk(ColumnsJob& job, const Chunk& chunk) : job_(job), chunk_(chunk) {}
@@ -149,7 +149,7 @@ private:
                 rest = rest.subspan(chunk.count);
             }
             auto traced = trace_rays(job_.plan_, chunk_.backend, buffers->rays, stop, *buffers);
-            if (!traced) return refuse(Code::busy, "");  // each alone says why
+            if (!traced) return refuse(Code::busy, "");  // each then runs alone and gets its reason
             return [buffers, traced = *traced](const MergeableTask& of, std::uint64_t first_row) {
                 const auto& merged = static_cast<const MergeableChunk&>(of);
                 return merged.job_.answer_rows(merged.chunk_, traced.slice(first_row, of.rays()));
@@ -174,18 +174,19 @@ private:
         return cost_.bytes(rays, rays * plan_.hits_max);
     }
 
-    /// Any thread: the frame with the columns of these rays.
+    /// Encodes the frame with the columns of these rays. Any thread.
     Reply<protocol::Frame> encode(std::uint64_t first, const TracedRays& traced) {
         return columns_.encode(plan_, services_.registry, id_, first, traced, statistics_);
     }
 
-    /// May rays be traced among others, in any order? Each then has one hit and nothing else.
+    /// True if rays may be traced in any order and among others, because each has one hit record
+    /// and nothing else.
     [[nodiscard]] bool any_order() const {
         return !plan_.csr() && !plan_.counting && !plan_.untraced &&
                plan_.variant->outputs().empty();
     }
 
-    /// How many of the traced rays fit the promised answer; one always does.
+    /// Returns how many of the traced rays fit the promised answer; at least one does.
     [[nodiscard]] std::uint64_t fitting(const TracedRays& traced) const {
         if (plan_.query != query_all) return traced.rays.size();
         std::uint64_t hits = 0;
@@ -196,7 +197,8 @@ private:
         return rays;
     }
 
-    /// `count` rays of the chunk fitted an answer.
+    /// Returns the rays after the first `count`, which fitted the answer, to the queue, and adapts
+    /// fitting_.
     void give_back_behind(Chunk chunk, std::uint64_t count) {
         chunk.split(count);
         if (chunk.count != 0) {
@@ -210,11 +212,11 @@ private:
     const Columns columns_;
     const Columns::Cost cost_;
     const std::uint64_t answer_bytes_;
-    const std::uint64_t chunk_rays_;      ///< of an answer
-    std::atomic<std::uint64_t> fitting_;  ///< rays to try with the next task
+    const std::uint64_t chunk_rays_;      ///< maximum rays per answer
+    std::atomic<std::uint64_t> fitting_;  ///< kind all: rays of the next task
 };
 
-/// Every answer must fit a frame that the client can take.
+/// Fails if the answer of one ray does not fit a frame that the client can receive.
 Reply<void> check_frame_bytes(const Plan& plan, const Columns::Cost& cost, const Caller& caller) {
     const std::uint64_t bytes = cost.bytes(1, plan.hits_max);
     const std::uint64_t most = frame_bytes_max(caller);
@@ -226,7 +228,7 @@ Reply<void> check_frame_bytes(const Plan& plan, const Columns::Cost& cost, const
                       "larger window_bytes");
 }
 
-/// The question about each ray. Kind `null` asks nothing: the answers of a closest query that misses.
+/// The kind of a query. Kind `null` traces nothing: all rays of a closest query miss.
 struct Kind {
     Query query = query_closest;
     bool untraced = false;
@@ -279,7 +281,7 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     JobSubmission accepted = accept(*plan, "query", source->rays());
     accepted.detail =
         reduce.empty() ? protocol::word(message->kind(), default_kind(reduce)) : reduce;
-    // At worst every ray comes in a frame of its own.
+    // Assume the worst case, a frame per ray.
     accepted.input_bytes = protocol::alignment * message->ray_count();
     auto job = reduce.empty()
                    ? columns_job(services, caller, std::move(*plan), std::move(*source),

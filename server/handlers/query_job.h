@@ -1,5 +1,5 @@
-// The base of all queries: takes rays in, or makes them, and hands them out in chunks. They differ
-// in how a chunk becomes an answer.
+// The base of all queries: receives or generates rays and deals them out in chunks. Derived classes
+// define the answer of a chunk.
 #pragma once
 
 #include "server/execution/chunked_job.h"
@@ -11,17 +11,19 @@
 
 namespace raynest::server {
 
-/// No answer may be larger, so that half of the client's window is enough for it; and cache-sized
-/// ones cost less to send than larger ones (1.5 times, measured).
+/// Returns the maximum bytes of an answer frame: half of the client's window, so that one frame
+/// never needs more credit than the client returns, but at most 4 MiB, because larger frames fall
+/// out of the cache and cost 1.5 times as much to send.
 [[nodiscard]] std::uint64_t frame_bytes_max(const Caller& caller);
 
-/// Header and control message of an answer: a name and a description for each of at most 64 blocks.
+/// Maximum bytes of an answer's header and control message, which describes at most 64 blocks.
 inline constexpr std::uint64_t answer_head_bytes_max = 8ULL << 10;
 
+/// The base of query jobs.
 class QueryJob : public ChunkedJob {
 public:
-    /// Bytes of all answers, headers included: what a detached query reserves. At most; where hits
-    /// are not known in advance, what is usual.
+    /// Returns the maximum bytes of all answers with headers, which a detached query reserves; for
+    /// kind all, the usual bytes.
     [[nodiscard]] virtual std::uint64_t result_bytes() const = 0;
 
     Frames greeting() override;
@@ -36,16 +38,16 @@ public:
 protected:
     QueryJob(const Services& services, const Caller& caller, Plan plan, RaySource source);
 
-    /// Not null where a chunk may be traced together with those of other jobs.
+    /// Returns null unless the chunk may be traced together with those of other jobs.
     [[nodiscard]] virtual std::shared_ptr<const MergeableTask> mergeable(const Chunk& /*chunk*/) {
         return nullptr;
     }
-    /// Bulk bytes of the answer to a chunk of so many rays, at most.
+    /// Returns the maximum bulk bytes of the answer to a chunk of `rays` rays.
     [[nodiscard]] virtual std::uint64_t reply_bytes(std::uint64_t rays) const = 0;
-    /// Rows of the whole answer, once all is answered.
+    /// Number of rows of the whole answer; valid once all rays are answered.
     [[nodiscard]] virtual std::uint64_t rows() const = 0;
 
-    /// Any thread: rays [first, first + count) are answered.
+    /// Marks rays [first, first + count) as answered. Any thread.
     void answered(std::uint64_t first, std::uint64_t count);
 
     const RaySource source_;

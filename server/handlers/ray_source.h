@@ -1,4 +1,4 @@
-// Where the rays of a query come from: the client sends them, or the daemon makes them.
+// The source of a query's rays: sent by the client, or made by a generator.
 #pragma once
 
 #include "protocol/control.h"
@@ -18,32 +18,34 @@
 
 namespace raynest::server {
 
-/// A camera of the scene, or a look-at, as a request describes it.
+/// Converts a request's camera: a camera of the scene, or a look-at.
 [[nodiscard]] CameraRequest camera_request(const wire::Camera* camera);
 
+/// Makes and traces the rays of a query.
 class RaySource {
 public:
-    /// INVALID_FIELD names what a generator lacks.
+    /// Fails with INVALID_FIELD if the generator lacks a setting, points or its kind.
     static Reply<RaySource> make(const wire::Query& query, const Snapshot& scene);
 
-    /// Rays of the query, and how many each point has that the client sends (1: it sends rays).
+    /// Number of rays of the query.
     [[nodiscard]] std::uint64_t rays() const { return rays_; }
+    /// Number of rays for each point that the client sends; 1 if it sends rays.
     [[nodiscard]] std::uint64_t rays_per_point() const;
     [[nodiscard]] bool has_points() const { return std::holds_alternative<Hemisphere>(origin_); }
-    /// Rays or points that the client sends.
+    /// Number of rays or points that the client sends.
     [[nodiscard]] std::uint64_t sent() const {
         return std::holds_alternative<SensorPointer>(origin_) ? 0 : rays_ / rays_per_point();
     }
-    /// As many rays as a task should take: whole bands of tiles, if `most` allows.
+    /// Returns the rays of a task, at most `most`: whole rows of a sensor's tiles if they fit.
     [[nodiscard]] std::uint64_t chunk_rays(std::uint64_t most) const;
 
-    /// Any thread: traces a chunk, whose sent rays or points lie in `input`. With `any_order`
-    /// rays may be traced among others: neighbours in square tiles are traced faster.
+    /// Traces a chunk; sent rays or points are read from `input`. `any_order` allows tracing in
+    /// square tiles, which is faster because the rays of a tile are coherent. Any thread.
     Traced<TracedRays> trace(const Plan& plan, const Chunk& chunk, RayInput& input,
                              const Stop& stop, TraceBuffers& buffers, bool any_order) const;
 
 private:
-    /// Is it whole bands of tiles?
+    /// True if the chunk consists of whole rows of a sensor's tiles.
     [[nodiscard]] bool has_tiles(const Chunk& chunk) const;
     [[nodiscard]] const SensorPointer* sensor() const {
         return std::get_if<SensorPointer>(&origin_);

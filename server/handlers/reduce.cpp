@@ -14,7 +14,7 @@
 namespace raynest::server {
 namespace {
 
-/// The numbers of a chunk whose first ray this is.
+/// Returns the statistics of a chunk whose first ray is `first_ray`.
 JobStatistics::Counts count_hits(const TracedRays& traced, std::uint64_t first_ray) {
     JobStatistics::Counts counts;
     counts.rays = traced.hits.size();
@@ -35,8 +35,9 @@ Reply<Frames> rows_frame(std::uint64_t id, std::uint64_t first, std::uint64_t co
     return frames;
 }
 
-/// The share of each point's rays that hit something. A task takes whole points, or a part of one
-/// that has more rays than a task should trace; the last of its parts to end answers for it.
+/// Reducer hit_fraction: the share of each point's rays that hit something. A chunk holds whole
+/// points, or a part of a point with more rays than a chunk may have; the part that ends last sends
+/// the point's answer.
 class FractionJob final : public QueryJob {
 public:
     FractionJob(const Services& services, const Caller& caller, Plan plan, RaySource source)
@@ -78,11 +79,11 @@ protected:
     }
 
 private:
-    /// Whole points of a chunk; one that has more rays goes in parts.
+    /// Returns the number of whole points per chunk, at least 1.
     [[nodiscard]] std::uint64_t chunk_points(std::uint64_t rays_max) const {
         return std::clamp<std::uint64_t>(rays_max / source_.rays_per_point(), 1, points_max_);
     }
-    /// Was it the last part of its point? Then `hits` become those of all.
+    /// Adds a part of a point. Returns true for the last part, and sets `hits` to the sum of all.
     bool add_part(const Chunk& chunk, std::uint32_t& hits) {
         const std::uint64_t each = source_.rays_per_point();
         const std::lock_guard lock(mutex_);
@@ -108,13 +109,13 @@ private:
         std::uint64_t rays = 0;
         std::uint32_t hits = 0;
     };
-    const std::uint64_t points_max_;  ///< of an answer
+    const std::uint64_t points_max_;  ///< maximum points per answer
     std::mutex mutex_;
-    std::map<std::uint64_t, PartialSum> parts_;  ///< of points that are traced in parts, so far
+    std::map<std::uint64_t, PartialSum> parts_;  ///< sums of points that are traced in parts
 };
 
-/// How many rays see each instance path first. The counts of all tasks are added up; the table is
-/// sorted when the last one has ended, and leaves in frames of its rows.
+/// Reducer visible_pixels: the number of rays whose closest hit is on each instance path. Tasks add
+/// up counts; after the last one the table is sorted and sent in frames of rows.
 class VisibleJob final : public QueryJob {
 public:
     VisibleJob(const Services& services, const Caller& caller, Plan plan, RaySource source,
@@ -227,7 +228,7 @@ const Reducer* find_reducer(std::string_view name) {
                                      [&](const Reducer& each) { return each.name == name; });
     return found == reducers.end() ? nullptr : found;
 }
-/// One path may be met by all of them, and its count travels as u32.
+/// Maximum rays of visible_pixels: all may hit the same path, whose count is sent as u32.
 constexpr std::uint64_t visible_rays_max = ~std::uint32_t{0};
 
 tl::unexpected<protocol::Error> refuse_use(std::string_view reduce, const char* why) {

@@ -1,4 +1,4 @@
-// RENDER: a picture of what a camera sees.
+// RENDER: a picture from a camera.
 #include "engine/assets/image.h"
 #include "engine/integrators/picture.h"
 #include "server/handlers/handler.h"
@@ -11,14 +11,14 @@
 namespace raynest::server {
 namespace {
 
-/// Linear RGBA; beside it the 8-bit form, or the planes and rows of an EXR. An encoded file is at
-/// most as large as what it is made from, and while it grows or is copied there three times.
+/// Bytes per pixel: linear RGBA, and the 8-bit form or the planes and rows of an EXR. An encoded
+/// file is at most as large as its input, and exists up to three times while it grows or is copied.
 constexpr std::uint64_t pixel_bytes(std::string_view encode) {
     constexpr std::uint64_t rgba = 4;
     if (encode == "exr") return 6 * sizeof(Vec4);
     return sizeof(Vec4) + (encode == "png" ? 4 : 2) * rgba;
 }
-/// Bytes of the finished payload at most.
+/// Returns the maximum bytes of the payload.
 std::uint64_t payload_bytes_max(std::uint32_t width, std::uint32_t height,
                                 std::string_view encode) {
     if (encode == "png") return png_bytes_max(width, height);
@@ -34,7 +34,7 @@ Result<std::vector<std::byte>> encode_linear_exr(std::uint32_t width, std::uint3
     for (int i = 0; i < 4; ++i) {
         auto& plane = planes[static_cast<std::size_t>(i)];
         plane.reserve(pixels.size());
-        // Colours of an EXR are multiplied by alpha, so the background is 0.
+        // Premultiply colours by alpha, as EXR requires; the background becomes 0.
         for (const Vec4& pixel : pixels) plane.push_back(pixel[i] * (i < 3 ? pixel.w : 1));
         channels[static_cast<std::size_t>(i)] = {names[static_cast<std::size_t>(i)], plane, {}};
     }

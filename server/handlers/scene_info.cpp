@@ -8,10 +8,10 @@
 namespace raynest::server {
 namespace {
 
-/// All strings of the message together; leaves room for what FlatBuffers adds to each.
+/// Maximum bytes of all strings of the message; leaves room for the overhead of FlatBuffers.
 constexpr std::size_t text_bytes_max = 32 << 10;
 
-/// Fills lists of a message until its share of the message is used up.
+/// Fills lists of a message until text_bytes_max are used up.
 class TextBudget {
 public:
     explicit TextBudget(const protocol::Limits& limits) : limits_(limits) {}
@@ -21,7 +21,7 @@ public:
         std::string clean = clean_text(text, bytes_max);
         constexpr std::size_t overhead = 16;
         const std::size_t cost = clean.size() + overhead;
-        // One place of every list is kept for the line that says how many are missing.
+        // Keep one place of every list for the line that counts the missing items.
         if (cost > left_ || list.size() + 1 >= limits_.list_items_max) return false;
         left_ -= cost;
         list.push_back(std::move(clean));

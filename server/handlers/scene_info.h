@@ -1,4 +1,4 @@
-// What a scene tells about itself, fitted into a control message.
+// The description of a scene, fitted into a control message.
 #pragma once
 
 #include "protocol/control.h"
@@ -9,7 +9,7 @@ namespace raynest::server {
 
 using protocol::clean_text;
 
-/// Never larger than a message: of long lists the beginning, and a warning with the rest's count.
+/// Describes a scene. Long lists are cut to fit a message; a warning counts the missing items.
 [[nodiscard]] wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& limits);
 
 }  // namespace raynest::server

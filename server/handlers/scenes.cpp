@@ -1,4 +1,4 @@
-// SCENES: the list of scenes, a page at a time.
+// SCENES: lists scenes, a page at a time.
 #include "server/handlers/handler.h"
 
 #include <algorithm>
@@ -8,8 +8,8 @@ namespace raynest::server {
 namespace {
 
 constexpr std::size_t page_scenes = 128;
-/// Names, hashes and owners of a page, so that it stays within control_bytes_max beside its
-/// numbers: 128 scenes with names of the longest kind and the owners of today.
+/// Maximum bytes of a page's names, hashes and owners: with the numbers, the page stays within
+/// control_bytes_max. It suffices for 128 scenes with the longest names and usual owners.
 constexpr std::size_t page_text_bytes = 50 << 10;
 
 std::uint64_t milliseconds(SceneStore::Clock::duration duration) {

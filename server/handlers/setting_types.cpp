@@ -31,7 +31,7 @@ std::vector<std::string_view> split(std::string_view text, char separator) {
     return parts;
 }
 
-/// A number to its last letter; infinity is one, NaN is none.
+/// Parses a number that takes up the whole text; accepts infinity, not NaN.
 template <class Value>
 std::optional<Value> number(std::string_view text) {
     if (text.starts_with('+')) text.remove_prefix(1);
@@ -49,13 +49,13 @@ Reply<void> read_whole(std::string_view text, Integer& value, std::uint64_t leas
                        std::uint64_t most) {
     const auto read = number<Integer>(text);
     if (!read || *read < least || *read > most)
-        return misshapen(text, "a whole number from " + std::to_string(least) + " to " +
-                                   std::to_string(most));
+        return misshapen(
+            text, "a whole number from " + std::to_string(least) + " to " + std::to_string(most));
     value = *read;
     return {};
 }
 
-/// Finite numbers that float32 can hold.
+/// Parses finite float32 numbers.
 std::optional<std::vector<float>> numbers(std::span<const std::string_view> parts) {
     std::vector<float> values;
     for (const std::string_view part : parts) {
@@ -66,30 +66,29 @@ std::optional<std::vector<float>> numbers(std::span<const std::string_view> part
     return values;
 }
 
-/// `few` or `many` of them.
+/// Reads `few` or `many` numbers.
 Reply<void> read_reals(std::string_view text, Reals& to, const std::string& shape, std::size_t few,
                        std::size_t many, char separator = ',') {
     auto values = numbers(split(text, separator));
-    if (!values || (values->size() != few && values->size() != many))
-        return misshapen(text, shape);
+    if (!values || (values->size() != few && values->size() != many)) return misshapen(text, shape);
     to.values = std::move(*values);
     return {};
 }
 
-/// At most list_items_max items of so many numbers.
+/// Reads at most list_items_max items of `each` numbers.
 Reply<void> read_list(std::string_view text, Reals& to, const std::string& shape,
                       std::size_t each) {
     auto values = numbers(split(text, ','));
     if (!values || values->size() % each != 0) return misshapen(text, shape);
     if (values->size() / each > limits.list_items_max)
-        return refuse(Code::limit_exceeded, "has " + std::to_string(values->size() / each) +
-                                                " items, over list_items_max = " +
-                                                std::to_string(limits.list_items_max));
+        return refuse(Code::limit_exceeded,
+                      "has " + std::to_string(values->size() / each) +
+                          " items, over list_items_max = " + std::to_string(limits.list_items_max));
     to.values = std::move(*values);
     return {};
 }
 
-/// FIRST:LAST:COUNT
+/// Reads FIRST:LAST:COUNT.
 Reply<void> read_steps(std::string_view text, const std::string& shape, std::uint64_t fewest,
                        std::uint64_t most, Sweep& sweep) {
     const auto parts = split(text, ':');
@@ -179,7 +178,7 @@ Reply<void> read(std::string_view text, Range& value) {
         return misshapen(text, "NEAR:FAR");
     if (*far == 0)
         return refuse(Code::invalid_field, "a ray cannot end at 0; FAR is more than that, or inf");
-    if (*near < 0 || *near > *far) return misshapen(text, "of 0 <= tmin <= tmax");
+    if (*near < 0 || *near > *far) return misshapen(text, "a range with 0 <= tmin <= tmax");
     value = {*near, *far};
     return {};
 }

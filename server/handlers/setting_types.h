@@ -1,4 +1,4 @@
-// How the settings of a generator are read: one type for each that generators.def names.
+// The types of generator settings in generators.def, and how they are read.
 #pragma once
 
 #include "engine/geometry/pinhole.h"
@@ -12,17 +12,17 @@
 
 namespace raynest::server::setting {
 
-/// The text itself.
+/// The text as given.
 struct Name {
     std::string value;
 };
-/// Comes in the frames of a query: the text says nothing.
+/// A value that comes in the frames of a query; the text is ignored.
 struct Sent {};
 /// WIDTHxHEIGHT
 struct Size {
     ImageSize value;
 };
-/// Finite numbers, as many as their type has.
+/// Finite numbers; their count depends on the derived type.
 struct Reals {
     std::vector<float> values;
     [[nodiscard]] double at(std::size_t i) const { return static_cast<double>(values[i]); }
@@ -58,8 +58,8 @@ struct Whole {
     std::uint64_t value = 0;
 };
 
-// One for each type that generators.def names: INVALID_FIELD or LIMIT_EXCEEDED says what is wrong with
-// the text; whose it is, the caller says.
+// read() for each setting type of generators.def. Fails with INVALID_FIELD or LIMIT_EXCEEDED and
+// says what is wrong with the text; the caller adds the name of the setting.
 #define RAYNEST_SETTING(name, type, description) \
     Reply<void> read(std::string_view text, type& value);
 #include "protocol/generators.def"

@@ -1,4 +1,4 @@
-// STATS: the daemon's counters and budgets by name.
+// STATS: lists the daemon's counters and gauges by name.
 #include "server/handlers/handler.h"
 
 namespace raynest::server {

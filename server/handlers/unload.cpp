@@ -1,5 +1,5 @@
-// UNLOAD: drops references to one scene, to all of the caller's, or to those not used for long.
-// Running jobs and other connections keep theirs.
+// UNLOAD: drops references to one scene, to all scenes of the caller, or to those unused for a
+// given time. Running jobs and other connections keep theirs.
 #include "server/handlers/handler.h"
 #include "server/log.h"
 
@@ -9,9 +9,9 @@
 namespace raynest::server {
 namespace {
 
-/// A century: what a clock of nanoseconds can still count.
+/// Maximum idle time, a century; a clock of 64-bit nanoseconds can still count it.
 constexpr std::uint64_t idle_ms_max = 100ULL * 366 * 24 * 3600 * 1000;
-/// Names of the longest kind of one answer; the client asks again until there are none.
+/// Maximum scenes per answer, so that the longest names fit; the client repeats until none is left.
 constexpr std::size_t unloads_max = 128;
 
 }  // namespace
@@ -33,7 +33,7 @@ Reply<Answer> unload(const Services& services, const Caller& caller,
     }
     for (const auto& [name, holders] : done) {
         unloaded.names.push_back(name);
-        // The memory is free with the last holder only.
+        // Name the other holders: the last of them frees the memory.
         std::string still_held_by;
         for (const std::string& holder : holders)
             still_held_by += (still_held_by.empty() ? "" : ", ") + holder;

@@ -1,4 +1,4 @@
-// VARIANTS: every intersector with its parameters and outputs, a page at a time.
+// VARIANTS: lists all intersectors with their parameters and outputs, a page at a time.
 #include "server/handlers/handler.h"
 #include "server/handlers/scene_info.h"
 
@@ -7,11 +7,12 @@
 namespace raynest::server {
 namespace {
 
-/// A page stays below control_tables_max tables and the size of a message. A variant comes whole.
+/// Maximum tables and bytes of text of a page, below the limits of a message; a variant is not
+/// split between pages.
 constexpr std::size_t page_tables = 128;
 constexpr std::size_t page_text_bytes = 24 << 10;
 
-// Kernels and clients agree on how many hits a ray may have.
+// Kernels and the protocol must have the same limits of hits per ray.
 static_assert(multi_hits_max == protocol::Limits{}.hits_max);
 static_assert(all_hits_max == protocol::Limits{}.all_hits_max);
 
@@ -35,7 +36,7 @@ std::vector<std::string> compiled_queries(const PackVariant& code) {
     return queries;
 }
 
-/// A description of one variant and what it adds to the page.
+/// The description of a variant, and its tables and bytes of text.
 struct Described {
     wire::VariantT variant;
     std::size_t tables = 1;

@@ -1,4 +1,4 @@
-// WAIT: answers when a detached job has ended.
+// WAIT: answers once a detached job has ended.
 #include "server/handlers/handler.h"
 #include "server/handlers/job_info.h"
 

@@ -1,8 +1,8 @@
-// Which jobs are in flight, and whether one more may be: a bound for the daemon, and quotas for
-// each principal, so that none can fill the daemon for all others.
+// The jobs in flight, and the limits on their number: one for the daemon, and quotas for each
+// principal, so that no principal can lock out the others.
 //
-// A job counts from its start until its last task really ended: cancelling is never cheaper than
-// working.
+// A job counts from its start until its last task has ended, even after a cancel. So a client gains
+// nothing by cancelling jobs and starting new ones.
 #pragma once
 
 #include "protocol/limits.h"
@@ -20,26 +20,26 @@
 
 namespace raynest::server {
 
-/// What the daemon knows of a job besides its work.
+/// A job's description, for limits, listings and the log.
 struct JobRecord {
-    std::uint64_t number = 0;  ///< never used again
+    std::uint64_t number = 0;  ///< unique; never reused
     std::string principal;
     std::string kind;
     std::string detail;
     std::string worker;
     std::string scene;
-    std::uint64_t rays = 0;  ///< that it was asked to trace
+    std::uint64_t rays = 0;  ///< rays that the request asks for
     bool detached = false;
     Clock::time_point started;
     Clock::time_point deadline = Clock::time_point::max();
-    const Job* job = nullptr;  ///< null once it has ended
+    const Job* job = nullptr;  ///< null once the job has ended
     std::function<void()> cancel;
 };
 
-/// Io thread only; must outlive its slots.
+/// Counts the jobs in flight. Io thread only; must outlive its slots.
 class Admission {
 public:
-    /// A place among the jobs in flight. Move-only.
+    /// A place among the jobs in flight; the destructor frees it. Move-only.
     class Slot {
     public:
         Slot() = default;
@@ -64,28 +64,27 @@ public:
         std::uint64_t number_ = 0;
     };
 
-    /// At most total_jobs_max jobs at once; the quotas are principal_jobs_max and
-    /// principal_rays_max.
+    /// Limits: total_jobs_max of the daemon; principal_jobs_max, principal_rays_max of a principal.
     explicit Admission(const protocol::Limits& limits) : limits_(limits) {}
     Admission(const Admission&) = delete;
 
-    /// A place for a job, which gets its number; QUOTA when the principal has too much in flight,
-    /// BUSY with the time to come back when the daemon has. Without a place the record stays as it
-    /// is.
+    /// Gives a job a place and a number. Fails with QUOTA if the principal has too much in flight,
+    /// and with BUSY and a retry time if the daemon has. On failure `record` is unchanged.
     Reply<Slot> enter(JobRecord&& record);
 
-    /// Whose job would have to end, for the principal to have a place for one more.
+    /// Returns whose job must end before the principal can start one more; nothing if none must.
     [[nodiscard]] std::optional<Peers::Whose> whose_place_lacks(const std::string& principal) const;
 
-    /// A job took this long: a moving mean says when a place is likely free.
+    /// Adds the duration of a job to the moving mean behind retry_after_ms().
     void record(std::chrono::duration<double> took) { mean_ += 0.1 * (took.count() - mean_); }
 
-    /// 10 ms .. 10 s: the mean time of a job, shared by those that run.
+    /// Returns the expected time until a job ends, 10 ms to 10 s: the mean duration of a job over
+    /// total_jobs_max.
     [[nodiscard]] std::uint32_t retry_after_ms() const;
     [[nodiscard]] std::size_t active() const { return jobs_.size(); }
-    /// By number.
+    /// The jobs in flight, by number.
     [[nodiscard]] const std::map<std::uint64_t, JobRecord>& jobs() const { return jobs_; }
-    /// null when it is not in flight.
+    /// Returns null if the job is not in flight.
     [[nodiscard]] const JobRecord* find(std::uint64_t number) const;
 
 private:
@@ -97,9 +96,9 @@ private:
 
     const protocol::Limits limits_;
     std::map<std::uint64_t, JobRecord> jobs_;
-    std::map<std::string, Use> uses_;  ///< of principals that have jobs in flight
+    std::map<std::string, Use> uses_;  ///< by principal, for those with jobs in flight
     std::uint64_t last_number_ = 0;
-    double mean_ = 0.1;
+    double mean_ = 0.1;  ///< duration of a job in seconds
 };
 
 }  // namespace raynest::server

@@ -14,16 +14,16 @@
 namespace raynest::server {
 namespace {
 
-/// Enough to fill a traversal's lanes many times; few enough to leave work for other threads.
+/// Maximum rays of a group: fills a traversal's lanes many times, leaves work for other threads.
 constexpr std::uint64_t group_rays_max = 1024;
 
-/// Time of a common call at most; a hundred times what it usually takes.
+/// Time limit of a common call, a hundred times its usual duration.
 constexpr std::chrono::milliseconds group_time_max{20};
 
 using Members = std::vector<DispatchedTaskPointer>;
 
-/// Ends the common call of several jobs: none waits for another one that must end, or that takes
-/// long.
+/// Stops the common call if one of its jobs must stop or the time limit has passed, so that no job
+/// waits for another.
 class CommonStop final : public Stop {
 public:
     explicit CommonStop(const Members& members) : members_(members) {}
@@ -38,7 +38,7 @@ private:
     const Clock::time_point end_ = Clock::now() + group_time_max;
 };
 
-/// Traces the rays of all at once; null, and nothing has happened, when that fails.
+/// Traces the rays of all members in one call. Returns null, without side effects, on failure.
 MergeableTask::AnswerRows trace_together(const Members& members) noexcept {
     try {
         std::vector<const MergeableTask*> tasks;
@@ -46,7 +46,7 @@ MergeableTask::AnswerRows trace_together(const Members& members) noexcept {
         auto rows = tasks.front()->trace(tasks, CommonStop(members));
         return rows ? std::move(*rows) : nullptr;
     } catch (...) {
-        return nullptr;  // each alone: what is wrong fails its own job only
+        return nullptr;  // the members then run alone, and an error fails only its own job
     }
 }
 
@@ -58,7 +58,7 @@ void end_one(DispatchedTask& task) {
     }
 }
 
-/// Ends a task that did not run: its job must end, or there is no memory for it.
+/// Ends a task that did not run, because its job must stop or memory is short.
 void end_unanswered(DispatchedTask& task) {
     task.reply = refuse(task.stop->requested() ? Code::cancelled : Code::resource_exhausted, "");
     end_one(task);
@@ -66,16 +66,16 @@ void end_unanswered(DispatchedTask& task) {
 
 }  // namespace
 
-/// A thread has it from when its task is begun until that is done, else the io thread.
+/// Tasks that run together. Owned by a pool thread while its task runs, otherwise by the io thread.
 struct Coalescer::Group {
     const Way way;
     const std::string principal;
     const Priority priority;
     Members members;
     std::uint64_t rays = 0;
-    std::optional<std::uint64_t> task = {};  ///< number of its task, once it has one
-    bool together = false;                   ///< its task answered all
-    /// Numbers of the members' own tasks, once they have some.
+    std::optional<std::uint64_t> task = {};  ///< number of the group's task in the pool, if any
+    bool together = false;                   ///< true: the common call answered all members
+    /// Numbers in the pool of members that run alone.
     std::map<const DispatchedTask*, std::uint64_t> alone = {};
 
     void run() noexcept {
@@ -96,7 +96,7 @@ struct Coalescer::Group {
         }
     }
 
-    /// Its task is done.
+    /// Ends the members after the group's task; on the io thread.
     void end() {
         for (const DispatchedTaskPointer& member : std::exchange(members, {})) {
             if (together)
@@ -128,7 +128,7 @@ struct Coalescer::Group {
     }
 
 private:
-    /// False without memory for its task.
+    /// Submits a member as a task of its own. Returns false if memory is short.
     bool send_alone(const DispatchedTaskPointer& member) {
         try {
             const auto place = alone.emplace(member.get(), 0).first;
@@ -174,7 +174,7 @@ void Coalescer::end_turn() {
                                                      post_surely(group->way.post, end);
                                                  });
         } catch (const std::bad_alloc&) {
-            // Out of the group, where a job that ends would look for its others.
+            // Empty the group first: a job that ends looks for its other tasks in it.
             for (const DispatchedTaskPointer& member : std::exchange(group->members, {}))
                 end_unanswered(*member);
         }

@@ -1,14 +1,14 @@
-// Small tasks that ask the same question become one.
+// Merges small tasks that make the same call of a kernel.
 //
-//   tasks of one turn of the io thread ──same question──► group ──end of turn──► worker
+//   tasks of one turn of the io thread ──same call──► group ──end of turn──► worker
 //
-// A worker's wakeup costs as much as some ten rays, and a few rays leave a traversal's lanes empty.
-// So what comes between two looks at the sockets, from whatever connections of a principal, goes
-// through one call of the kernel: 30 connections with requests of 8 to 32 rays cost 8 to 18 % less
-// of the daemon's CPU time per request. Nothing waits for others to come.
+// Waking a worker costs as much as some ten rays, and a few rays leave most lanes of a traversal
+// empty. So tasks that arrive between two polls of the sockets, from any connection of a principal,
+// share one call of the kernel. With 30 connections and requests of 8 to 32 rays this saves 8 to
+// 18 % of the daemon's CPU time per request. No task waits for others to arrive.
 //
-// Nor for others to end: where the common call fails, takes long or has a member that must end,
-// each becomes a task of its own.
+// No task waits for others to end either: if the common call fails, takes long, or has a member
+// that must stop, each member becomes a task of its own.
 #pragma once
 
 #include "server/diag/metrics.h"
@@ -23,19 +23,20 @@
 
 namespace raynest::server {
 
-/// Io thread only; must outlive what it posts.
+/// Merges tasks. Io thread only; must outlive the functions that it posts.
 class Coalescer {
 public:
     Coalescer() = default;
     Coalescer(const Coalescer&) = delete;
 
-    /// Where groups go; `post` puts the end of the turn behind whatever is ready to be handled now.
+    /// The pool that runs groups, and `post`, which queues the end of the turn after all handlers
+    /// that are ready.
     struct Way {
         FairThreadPool& pool;
         const Post& post;
         Metrics& metrics;
     };
-    /// Takes a task that is mergeable.
+    /// Adds a mergeable task to a group. The result takes it out again.
     TryDequeue add(const Way& way, const std::string& principal, Priority priority,
                    DispatchedTaskPointer task);
 

@@ -10,10 +10,10 @@
 namespace raynest::server {
 namespace {
 
-/// Headers, control messages, and the record of an answer without bulk.
+/// Bytes reserved for the record, headers and control messages of an answer.
 constexpr std::uint64_t base_bytes = 16ULL << 10;
 
-/// What helps where an answer is too large to be kept, beside asking for less.
+/// Advice for an answer that is too large to keep; follows the advice to ask for less.
 constexpr const char* not_kept = ", do not detach (an attached answer is not kept)";
 
 template <class Table>
@@ -30,7 +30,7 @@ DetachedJob::DetachedJob(const JobContext& context, JobRecord record, Budget::Le
       room_(std::move(room)),
       more_room_(std::move(more_room)),
       runner_(std::make_shared<Runner>(context, static_cast<Sink&>(*this), record_.principal)) {
-    // Memory takes all at once; what bounds the answer is its room.
+    // Grant unlimited credit: the answer is limited by its room in memory, not by a window.
     runner_->set_window(~std::uint64_t{0});
 }
 
@@ -59,7 +59,7 @@ void DetachedJob::send(protocol::Frame frame) {
             end(more.error());
             if (feeder_ != nullptr)
                 feeder_->send(protocol::encode_error(frame.header.request_id, *error_, false));
-            // Not from within its own doing.
+            // Post the cancel: the runner is in the middle of sending this frame.
             context_.post([runner = runner_] { runner->cancel_all(); });
             return;
         }
@@ -75,7 +75,7 @@ void DetachedJob::end(std::optional<protocol::Error> error) {
     error_ = std::move(error);
     if (error_) answer_.clear();
     if (error_) answer_bytes_ = 0;
-    // Give back what was reserved for the worst case, or for a failure.
+    // Return the memory that was reserved for the worst case or for an answer that failed.
     room_.shrink(std::min(room_.bytes(), base_bytes + answer_bytes_));
 }
 
@@ -101,7 +101,7 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
         room = make_room(principal, bytes, less);
     }
     if (!room) return tl::unexpected(room.error());
-    accepted.answer_bytes = 0;  // that is the room
+    accepted.answer_bytes = 0;  // `room` already covers the answer
     JobRecord record;
     record.principal = principal;
     record.kind = accepted.kind;

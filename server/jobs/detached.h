@@ -1,11 +1,11 @@
-// Jobs that outlive their connection: what they answer is kept in memory until somebody fetches it.
+// Jobs that outlive their connection: their answers are kept in memory until they are fetched.
 //
-//   start ──► running ──► kept ──► gone: its time is over, or it was fetched and room is needed
-//               │  frames of the answer are stored, in room reserved before the first ray, and more
-//               │  as they come where nobody knows how many hits there will be
+//   start ──► running ──► kept ──► gone: it expired, or it was fetched and its room is needed
+//               │  stores the frames of the answer in room that is reserved before the first ray;
+//               │  for an unknown number of hits, reserves more as they come
 //
-// A detached job is a Runner of its own whose sink is memory. It needs the connection that asked
-// until all its data have come, and no longer. Everything is lost with the daemon.
+// A detached job has a Runner of its own whose sink is memory. It needs the requesting connection
+// only until all its data have come. All jobs are lost when the daemon ends.
 #pragma once
 
 #include "server/jobs/runner.h"
@@ -20,10 +20,11 @@
 
 namespace raynest::server {
 
-/// One job and what it has answered so far. Io thread only, but for the answer of one that ended.
+/// A job and its answer so far. Io thread only, except that any thread may read the answer of a job
+/// that has ended.
 class DetachedJob final : private Sink {
 public:
-    /// Gives room for so many bytes more, or says why not.
+    /// Reserves `bytes` more for the answer.
     using MoreRoom = std::function<Reply<Budget::Lease>(std::uint64_t bytes)>;
     DetachedJob(const JobContext& context, JobRecord record, Budget::Lease room,
                 MoreRoom more_room);
@@ -31,20 +32,21 @@ public:
     DetachedJob(const DetachedJob&) = delete;
 
     [[nodiscard]] const JobRecord& record() const { return record_; }
-    /// The frames that an attached client would have read from Started to Done, but for Progress.
+    /// The frames that an attached client would receive, from Started to Done, without Progress.
     [[nodiscard]] const std::vector<protocol::Frame>& answer() const { return answer_; }
-    /// Bytes of the answer; while the job runs, as many as are reserved.
+    /// Bytes of the answer; while the job runs, the bytes reserved for it.
     [[nodiscard]] std::uint64_t bytes() const { return room_.bytes(); }
     [[nodiscard]] bool ended() const { return ended_ != Clock::time_point::max(); }
-    /// Why it failed, once it has ended.
+    /// The error of a job that has ended, if it failed.
     [[nodiscard]] const std::optional<protocol::Error>& error() const { return error_; }
-    /// When its answer goes away.
+    /// Time at which the answer is dropped; max while the job runs.
     [[nodiscard]] Clock::time_point expiry() const;
     void set_fetched() { fetched_ = true; }
 
     [[nodiscard]] Runner& runner() { return *runner_; }
     [[nodiscard]] const Runner& runner() const { return *runner_; }
-    /// The connection that sends the job's data: it hears of credit and of failure; null for none.
+    /// Sets the connection that sends the job's data and receives its credit and errors; null:
+    /// none.
     void set_feeder(Sink* feeder) { feeder_ = feeder; }
 
 private:
@@ -66,47 +68,48 @@ private:
     bool fetched_ = false;
 };
 
-/// All of them. Io thread only.
+/// All detached jobs. Io thread only.
 class DetachedJobs {
 public:
     using Pointer = std::shared_ptr<DetachedJob>;
 
-    /// `changed` is called when next_tick() may have come nearer.
+    /// `changed` is called when next_tick() may have become earlier.
     DetachedJobs(const JobContext& context, std::function<void()> changed)
         : context_(context),
           changed_(std::move(changed)) {}
     DetachedJobs(const DetachedJobs&) = delete;
 
-    /// Starts a job whose frames carry `request_id`. Room for its answer is made by dropping what
-    /// was fetched, the oldest first: QUOTA when the principal keeps too much, RESOURCE_EXHAUSTED
-    /// when --memory is short. `feeder` hears what happens in here, it may be null; afterwards the
-    /// caller sets one.
+    /// Starts a job whose frames carry `request_id`. Drops fetched answers, oldest first, to make
+    /// room for the job's answer. Fails with QUOTA if the principal keeps too much, with
+    /// RESOURCE_EXHAUSTED if --memory is short. `feeder`, which may be null, receives frames during
+    /// this call; afterwards the caller sets the feeder.
     Reply<Pointer> start(const std::string& principal, std::uint64_t request_id,
                          JobSubmission accepted, Sink* feeder = nullptr);
 
-    /// JOB_UNKNOWN where there is no such job.
+    /// Fails with JOB_UNKNOWN if there is no such job.
     [[nodiscard]] Reply<Pointer> find(std::uint64_t number) const;
     [[nodiscard]] const std::map<std::uint64_t, Pointer>& all() const { return jobs_; }
-    /// Stops it if it runs, and drops what it has answered.
+    /// Stops a job if it runs, and drops its answer.
     void cancel(std::uint64_t number);
-    /// Stops those that run, with DRAINING: the daemon ends.
+    /// Ends all running jobs with DRAINING.
     void stop_running();
 
-    /// Deadlines of the jobs and of what is kept.
+    /// Enforces the deadlines of running jobs and the expiry of answers.
     void tick(Clock::time_point now);
     [[nodiscard]] Clock::time_point next_tick() const;
 
 private:
-    /// `less` says how to ask for a smaller answer.
+    /// Reserves memory for an answer; drops fetched answers if needed. `less` is advice for the
+    /// error message on how to ask for a smaller answer.
     Reply<Budget::Lease> make_room(const std::string& principal, std::uint64_t bytes,
                                    const std::string& less);
-    /// Drops the oldest answer that was fetched; false when there is none. An empty principal: of
-    /// anybody.
+    /// Drops the oldest fetched answer of a principal, or of any if `principal` is empty. Returns
+    /// false if there is none.
     bool drop_fetched(const std::string& principal);
 
     const JobContext& context_;
     const std::function<void()> changed_;
-    std::map<std::uint64_t, Pointer> jobs_;  ///< by number, so in order of their starts
+    std::map<std::uint64_t, Pointer> jobs_;  ///< by number, so in order of start
 };
 
 }  // namespace raynest::server

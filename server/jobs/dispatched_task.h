@@ -1,4 +1,4 @@
-// A task on its way to a thread and back.
+// Sends a task to a pool thread and its result back to the io thread.
 #pragma once
 
 #include "server/jobs/job.h"
@@ -12,14 +12,14 @@
 
 namespace raynest::server {
 
-/// To the io thread; thread-safe.
+/// Queues a function for the io thread. Thread-safe.
 using Post = std::function<void(std::function<void()>)>;
 
-/// Why a job ends whose deadline passed.
+/// Returns the error of a job whose deadline has passed.
 [[nodiscard]] protocol::Error deadline_error();
 
-/// The border between tasks and the exceptions of libraries: whatever happens fails this job alone.
-/// `work` gives a Reply<Frames> and does not run for a job that must end.
+/// Runs `work`, which returns a Reply<Frames>, unless its job must stop. Converts exceptions to
+/// errors, so that they fail only this job.
 template <class Work>
 Reply<Frames> run_guarded(const StopFlag& stop, Work&& work) noexcept {
     try {
@@ -35,29 +35,29 @@ Reply<Frames> run_guarded(const StopFlag& stop, Work&& work) noexcept {
     }
 }
 
-/// Takes a task out of its queue; false once a thread has begun it. Needs no memory.
+/// Takes a task out of its queue; returns false once a thread has started it. Allocates no memory.
 using TryDequeue = std::function<bool()>;
 
-/// All that the way back needs is allocated before a task leaves, where a lack of memory fails its
-/// job and not the thread.
+/// A task with everything that its completion needs. It is allocated before the task is submitted,
+/// so that a lack of memory fails the job and not the thread.
 struct DispatchedTask {
     std::shared_ptr<const StopFlag> stop;
     Task task;
-    std::function<void(Reply<Frames>)> done;  ///< on the io thread, takes the reply
+    std::function<void(Reply<Frames>)> done;  ///< called with `reply` on the io thread
     Reply<Frames> reply = {};
 
-    /// On the thread that runs it.
+    /// Runs the task on a pool thread.
     void run() noexcept {
         reply = run_guarded(*stop, [this] { return task.run(*stop); });
     }
 };
 using DispatchedTaskPointer = std::shared_ptr<DispatchedTask>;
 
-/// Posts the end of what a thread has done. A completion that got lost would leave its job for
-/// ever: without memory it waits for some.
+/// Posts a completion. Waits while memory is short: without its completion a job would never end.
 void post_surely(const Post& post, const std::function<void()>& end) noexcept;
 
-/// Has `pool` run the task and post its end. Gives the number by which the pool knows it.
+/// Submits the task to `pool` and posts its completion. Returns its number for
+/// FairThreadPool::change().
 std::uint64_t dispatch(FairThreadPool& pool, const std::string& principal, Priority priority,
                        const Post& post, DispatchedTaskPointer task);
 

@@ -1,8 +1,8 @@
-// How much the io thread traces itself between two looks at its sockets.
+// Limits how much the io thread traces itself between two polls of its sockets.
 //
-// One small request is answered soonest where it was read. Of many that come at once, those beyond
-// a turn's share go to the workers, where they run at the same time and keep no connection waiting.
-// So does what takes longer than its few rays made expect.
+// A small request is answered soonest on the thread that read it. If many arrive at once, those
+// beyond the budget of a turn go to workers, where they run in parallel and delay no connection.
+// Tasks that take longer than expected go to workers too.
 #pragma once
 
 #include "server/jobs/job.h"
@@ -13,12 +13,12 @@
 
 namespace raynest::server {
 
-/// A request of so few rays and hits is answered sooner than a worker would wake up for it.
+/// Maximum rays, or hits, per turn. A request of this size is answered before a worker wakes up.
 inline constexpr std::uint64_t inline_cost_max = 64;
-/// Twenty times what they usually take.
+/// Time limit of an inline task, twenty times its usual duration.
 inline constexpr std::chrono::milliseconds inline_time_max{1};
 
-/// Ends a task on the io thread, where nobody else can stop it.
+/// Stops an inline task by time; no other thread could stop it.
 class InlineStop final : public Stop {
 public:
     [[nodiscard]] bool requested() const noexcept override { return Clock::now() >= end_; }
@@ -27,14 +27,15 @@ private:
     const Clock::time_point end_ = Clock::now() + inline_time_max;
 };
 
-/// Io thread only; must outlive what it posts.
+/// Rays, or hits, that the io thread may still trace in this turn. Io thread only; must outlive the
+/// functions that it posts.
 class InlineBudget {
 public:
     InlineBudget() = default;
     InlineBudget(const InlineBudget&) = delete;
 
-    /// May a task of so many rays, or hits, be answered in this turn? `post` puts the end of the
-    /// turn behind whatever is ready to be handled now.
+    /// Reserves part of the turn's budget; false if there is too little left. `post` queues the end
+    /// of the turn after all handlers that are ready.
     bool enter(std::uint64_t hits, const std::function<void(std::function<void()>)>& post) {
         if (hits > inline_cost_max - taken_) return false;
         if (taken_ == 0) post([this] { taken_ = 0; });
@@ -42,7 +43,7 @@ public:
         return true;
     }
 
-    /// Nothing more in this turn.
+    /// Uses up the budget of this turn.
     void end() { taken_ = inline_cost_max; }
 
 private:

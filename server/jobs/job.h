@@ -1,8 +1,8 @@
-// A job as the runner sees it: a sequence of tasks, each small enough to be one chunk.
+// The interface of jobs: a job is a sequence of tasks, each of which traces at most one chunk.
 //
-// A job is a state machine on the io thread. next() hands out a piece of work; the work runs on a
-// worker thread and gives back frames. Between tasks a job holds no thread: whoever reads slowly
-// leaves its job parked, at the cost of the job's own memory.
+// A job is a state machine on the io thread. next() returns a task, which runs on a worker thread
+// and returns frames. Between tasks a job occupies no thread: the job of a slow reader waits and
+// costs only its own memory.
 //
 //   next() -> task ──worker──► frames ──► outbox        feed(frame): rays and pieces of files
 //      ▲                          │                     progress(): a few times a second
@@ -27,7 +27,7 @@ namespace raynest::server {
 
 using Clock = std::chrono::steady_clock;
 
-/// Whether work is to be given up. Asked often, by the thread that works.
+/// Tells a running task whether to stop. Tasks ask often, so requested() must be cheap.
 class Stop {
 public:
     Stop() = default;
@@ -38,8 +38,8 @@ protected:
     ~Stop() = default;
 };
 
-/// Shared by a job and its tasks; thread-safe. At the deadline the io thread requests it, so that
-/// tasks need no clock.
+/// Stops a job and its tasks. The io thread requests the stop at the deadline, so that tasks need
+/// not read the clock. Thread-safe.
 class StopFlag final : public Stop {
 public:
     explicit StopFlag(Clock::time_point deadline) : deadline_(deadline) {}
@@ -59,7 +59,7 @@ using Frames = std::vector<protocol::Frame>;
 
 class FairThreadPool;
 
-/// A task of few rays that may be traced in one call together with others.
+/// A task of few rays that may be traced together with others in one call.
 class MergeableTask {
 public:
     MergeableTask() = default;
@@ -67,41 +67,44 @@ public:
     MergeableTask& operator=(const MergeableTask&) = delete;
     virtual ~MergeableTask() = default;
 
-    /// Gives what a task by itself would have given, out of the traced rays from `first_row` on.
+    /// Returns the frames that `task` would return if it ran alone; its rays begin at `first_row`
+    /// of the traced ones.
     using AnswerRows =
         std::function<Reply<Frames>(const MergeableTask& task, std::uint64_t first_row)>;
 
     [[nodiscard]] virtual std::uint64_t rays() const = 0;
-    /// Does the other ask the same of the same scene?
+    /// True if both tasks can share a call: same scene, kernel and parameters.
     [[nodiscard]] virtual bool same_as(const MergeableTask& other) const = 0;
-    /// Any thread: traces the rays of all, which ask the same as this one. On failure each is to
-    /// run by itself.
+    /// Traces the rays of all tasks, each same_as() this one. If it fails, run each alone. Any
+    /// thread.
     [[nodiscard]] virtual Reply<AnswerRows> trace(std::span<const MergeableTask* const> all,
                                                   const Stop& stop) const = 0;
 };
 
+/// A unit of work of a job.
 struct Task {
-    /// What it gives once `stop` is requested is dropped. It may be run again after it failed.
+    /// Does the work; may be called again after a failure. The result is dropped once `stop` is
+    /// requested.
     std::function<Reply<Frames>(const Stop& stop)> run;
-    /// Bulk bytes of the answer at most: reserved before it runs.
+    /// Maximum bulk bytes of the result; reserved from the credit before the task runs.
     std::uint64_t reply_bytes_max = 0;
-    /// The threads that run it; null: those that compute.
+    /// The pool that runs the task; null: the compute threads.
     FairThreadPool* pool = nullptr;
-    /// Rays or hits of a task that is shorter than the way to a thread and back, else 0: the io
-    /// thread runs it at once, unless a task of its job is under way or its budget is used up.
+    /// Number of rays or hits of a task that takes less time than a thread switch; else 0. The io
+    /// thread runs such a task at once if no other task of the job runs and InlineBudget allows it.
     std::uint64_t inline_cost = 0;
-    /// Not null where it may run together with others (coalescer.h).
+    /// Not null if the task may run together with others (coalescer.h).
     std::shared_ptr<const MergeableTask> mergeable = {};
 };
 
 struct Progress {
     std::uint64_t done = 0;
-    std::uint64_t total = 0;  ///< 0: not known
+    std::uint64_t total = 0;  ///< 0: unknown
     const char* stage = "";
 };
 
-/// All functions are called on the io thread, tasks run elsewhere and in any order; a task may
-/// touch what the io thread does not, until ended() was called for it.
+/// A job. Its functions are called on the io thread; its tasks run on other threads, in any order.
+/// Until ended() is called for a task, it may use members that the io thread does not use.
 class Job {
 public:
     Job() = default;
@@ -109,44 +112,44 @@ public:
     Job& operator=(const Job&) = delete;
     virtual ~Job() = default;
 
-    /// The frames that the client reads first.
+    /// Returns the first frames of the answer.
     virtual Frames greeting() { return {}; }
-    /// The next task; nothing when the job waits for input or for its running tasks.
+    /// Returns the next task; nothing if the job waits for input or for its running tasks.
     virtual std::optional<Task> next() = 0;
-    /// A task ended well; its frames are on their way. An error here ends the job.
+    /// Called after a task succeeded and its frames were sent. An error ends the job.
     virtual Reply<void> ended() { return {}; }
-    /// No further task will come, whatever is fed.
+    /// True if next() will return no further task, even if more is fed.
     [[nodiscard]] virtual bool finished() const = 0;
-    /// What the client reads last, after all tasks ended well. No bulk.
+    /// Returns the last frames of the answer, after all tasks succeeded. They have no bulk part.
     virtual Frames farewell() = 0;
-    /// Must its client send more before it can end?
+    /// True if the client must send more data before the job can end.
     [[nodiscard]] virtual bool needs_input() const { return false; }
-    /// Bytes of --memory that it has reserved itself, beside its windows.
+    /// Bytes of --memory that the job has reserved itself, besides its windows.
     [[nodiscard]] virtual std::uint64_t held_bytes() const { return 0; }
-    /// Bulk data for this job; gives the bytes that are free again at once.
+    /// Takes bulk data from the client. Returns the bytes that were freed at once.
     virtual Reply<std::uint64_t> feed(protocol::Frame frame);
-    /// Bulk bytes of fed frames that became free since it was last asked.
+    /// Returns the bulk bytes of fed frames that were freed since the last call.
     virtual std::uint64_t take_freed_input() { return 0; }
     [[nodiscard]] virtual std::optional<Progress> progress() const { return std::nullopt; }
 };
 
-/// Among the jobs of one principal: the higher one's tasks go first.
+/// Order of tasks among the jobs of one principal.
 enum class Priority { low, normal, high };
 
-/// A job, as a handler submits it.
+/// A job and its description, submitted by a handler.
 struct JobSubmission {
     std::unique_ptr<Job> job;
     std::uint32_t deadline_ms = 0;  ///< from now; 0: none
     Priority priority = Priority::normal;
-    std::uint64_t rays = 0;          ///< that it will trace
-    std::uint64_t input_bytes = 0;   ///< bulk bytes that the client will feed, at most
-    std::uint64_t answer_bytes = 0;  ///< bulk bytes that it will answer, at most
-    std::string kind;                ///< for people: query, render, ...
-    std::string detail;              ///< of a query: its kind
+    std::uint64_t rays = 0;          ///< rays that the job will trace
+    std::uint64_t input_bytes = 0;   ///< maximum bulk bytes that the client will send
+    std::uint64_t answer_bytes = 0;  ///< maximum bulk bytes of the answer
+    std::string kind;                ///< for listings and the log: query, render, ...
+    std::string detail;              ///< kind or reducer of a query; else empty
     std::string worker = "cpu";
     std::string scene;
-    bool detach = false;             ///< it outlives its connection
-    std::uint64_t result_bytes = 0;  ///< of a detached one: room to reserve for its answer
+    bool detach = false;             ///< true: the job outlives its connection
+    std::uint64_t result_bytes = 0;  ///< detached: bytes to reserve for the answer
     std::string less = "ask for fewer rays or fields";  ///< advice on a smaller answer
 };
 

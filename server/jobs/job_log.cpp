@@ -18,8 +18,8 @@ LogLevel level_of(const JobRecord& record, Clock::time_point ended,
     return matters ? LogLevel::info : LogLevel::debug;
 }
 
-/// "done", or the name of the error and what it says; advice in words of the protocol, which stand
-/// between backticks, is for the client.
+/// Returns "done", or the error's name and message. Cuts off advice with words of the protocol,
+/// which are in backticks: it is meant for the client.
 std::string outcome(const std::optional<protocol::Error>& error) {
     if (!error) return "done";
     const std::string name(protocol::error_info(error->code).name);
@@ -48,7 +48,7 @@ void log_job(const JobRecord& record, Clock::time_point ended,
              {"detached", record.detached ? "yes" : "no"},
              {"outcome", outcome(error)}});
     } catch (const std::bad_alloc&) {
-        // The job's end matters more than its line.
+        // Skip the line without memory: the job must end anyway.
     }
 }
 

@@ -1,4 +1,4 @@
-// The line that the log has for each job that ended.
+// Logs a line for each job that ended.
 #pragma once
 
 #include "server/jobs/admission.h"
@@ -7,8 +7,8 @@
 
 namespace raynest::server {
 
-/// One line, `job number=... principal=... kind=...`: at `info` where the job is detached, took
-/// over a second, was cancelled, or is a load that failed; at `debug` otherwise.
+/// Logs `job number=... principal=... kind=...`. The level is `info` if the job is detached, took
+/// over a second, was cancelled, or is a load that failed; otherwise `debug`.
 void log_job(const JobRecord& record, Clock::time_point ended,
              const std::optional<protocol::Error>& error);
 

@@ -99,7 +99,7 @@ bool Peers::make_room(Resource resource, const std::string& newcomer, std::uint6
     const Shortage& what = shortage(resource);
     for (bool first = true; amount != 0; first = false) {
         const Choice choice = choose(resource, newcomer, whose);
-        // As long as it is not enough, nobody goes for nothing.
+        // Close no connection if all of them together do not hold enough.
         if (choice.peer == nullptr || (first && choice.held < amount)) return false;
         const std::uint64_t held = choice.peer->holds(resource);
         log(LogLevel::warn, "gave_way",

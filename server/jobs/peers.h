@@ -1,12 +1,12 @@
-// The connections, and the one rule of who gives way when there is no place for a newcomer.
+// The connections, and the rule by which one of them is closed to make room for a newcomer.
 //
-// A peer that pauses (it reads nothing, grants no credit, does not send what its requests wait for,
-// stops in the middle of a frame) stays as long as nobody needs its place: it holds no worker, and
-// of --memory at most its windows. When connections, jobs or memory run short, the principal that
-// holds most of it gives way first, and of its peers the one on whose connection a whole frame
-// moved longest ago; single bytes count for nothing. Two bounds keep that fair: a peer for which
-// the daemon works, or that moved a frame within give_way_ms, stays; and no principal gives way to
-// one that holds more than it does.
+// A peer pauses when it reads nothing, grants no credit, does not send data that its requests need,
+// or stops in the middle of a frame. It stays connected while its place is not needed: it occupies
+// no worker, and at most its windows of --memory. When connections, jobs or memory run short, the
+// principal that holds most of the resource gives way first; among its peers, the one whose last
+// whole frame is oldest. Single bytes do not count. Two bounds keep this fair: a peer stays while
+// the daemon works for it, or if it moved a frame within give_way_ms; and no principal gives way to
+// one that holds more.
 #pragma once
 
 #include "protocol/limits.h"
@@ -25,25 +25,26 @@ namespace raynest::server {
 
 enum class Resource { connections, jobs, memory };
 
-/// One connection, as the rule sees it.
+/// The interface of a connection for this rule.
 class Peer {
 public:
     Peer() = default;
     Peer(const Peer&) = delete;
     [[nodiscard]] virtual const std::string& principal() const = 0;
-    /// Connections, jobs in flight, or bytes of --memory.
+    /// Returns how much the peer holds: connections, jobs in flight, or bytes of --memory.
     [[nodiscard]] virtual std::uint64_t holds(Resource resource) const = 0;
-    /// When a whole frame last moved, while the next move is the peer's; nothing while the daemon
-    /// works for it.
+    /// Returns when the last whole frame was sent or received if the daemon waits for the peer;
+    /// nothing while the daemon works for it.
     [[nodiscard]] virtual std::optional<Clock::time_point> paused_since() const = 0;
-    /// Says why, where the socket takes it, and closes. All that it held is free afterwards.
+    /// Sends the reason if the socket accepts it without waiting, then closes. Frees all that the
+    /// peer held.
     virtual void give_way(const protocol::Error& why) = 0;
 
 protected:
     ~Peer() = default;
 };
 
-/// Io thread only.
+/// The connections by principal. Io thread only.
 class Peers {
 public:
     using Now = std::function<Clock::time_point()>;
@@ -57,31 +58,32 @@ public:
     Peers(const Peers&) = delete;
 
     void join(Peer& peer);
-    /// Counts the peer under another principal, which its principal() names from now on.
+    /// Counts the peer under another principal. Its principal() must return that one afterwards.
     void move(Peer& peer, const std::string& principal);
     void leave(Peer& peer);
     [[nodiscard]] std::size_t size() const { return size_; }
     [[nodiscard]] std::size_t size_of(const std::string& principal) const;
 
-    /// Makes room for `amount` more, which `newcomer` lacks. False, and nobody has given way, where
-    /// those who may hold less than that.
+    /// Closes paused peers until `amount` of the resource is freed for `newcomer`. Closes none and
+    /// returns false if those that may give way hold less.
     bool make_room(Resource resource, const std::string& newcomer, std::uint64_t amount = 1,
                    Whose whose = Whose::everybodys);
-    /// The same for memory, where so many bytes are not free.
+    /// Closes paused peers if fewer than `bytes` of --memory are free.
     void make_memory(std::uint64_t bytes, const std::string& newcomer);
-    /// Bytes that make_memory() could free for `newcomer` beside those that are.
+    /// Returns the bytes that make_memory() could free for `newcomer`, besides those already free.
     [[nodiscard]] std::uint64_t reclaimable_bytes(const std::string& newcomer) const;
-    /// The daemon ends and needs all places: whoever may give way does.
+    /// Closes all paused peers, because the daemon drains.
     void dismiss();
 
 private:
     struct Choice {
         Peer* peer = nullptr;
         Clock::duration paused{};
-        std::uint64_t held = 0;  ///< by all that may give way
+        std::uint64_t held = 0;  ///< amount held by all peers that may give way
     };
+    /// Returns the peer that gives way first; null if there is none.
     [[nodiscard]] Choice choose(Resource resource, const std::string& newcomer, Whose whose) const;
-    /// How long it has paused, if that is long enough.
+    /// Returns how long the peer has paused if that is at least give_way_ms.
     [[nodiscard]] std::optional<Clock::duration> paused(const Peer& peer,
                                                         Clock::time_point now) const;
 

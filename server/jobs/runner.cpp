@@ -119,8 +119,8 @@ void Runner::feed(protocol::Frame frame) {
     const ActivePointer active = find(frame.header.request_id);
     if (active == nullptr || active->error) return;
     const std::uint64_t bytes = frame.header.bulk_bytes;
-    // Its bulk passed unread when it was too large or there was no credit for it, whatever was
-    // granted since.
+    // Fail also if the bulk part is missing: it was skipped because it exceeded the credit at that
+    // time, even if more was granted since.
     if (bytes > active->input_credit || frame.bulk.size() < bytes) {
         stop(*active, {Code::limit_exceeded,
                        "a frame of " + std::to_string(bytes) +
@@ -178,7 +178,7 @@ bool Runner::needs_client(std::uint64_t id) const {
 }
 
 void Runner::pump() {
-    // Whoever comes first takes the window's room: let everybody be first in turn.
+    // Rotate the order of jobs so that each gets the first share of the send window in turn.
     if (!jobs_.empty()) jobs_.splice(jobs_.end(), jobs_, jobs_.begin());
     const std::list<ActivePointer> jobs = jobs_;
     for (const ActivePointer& active : jobs) pump(active);
@@ -214,7 +214,7 @@ bool Runner::run_inline(Active& active, const Task& task) {
 bool Runner::may_start(const Active& active, const Task& task) const {
     const FairThreadPool& pool = pool_of(task);
     const auto there = std::ranges::count(active.tasks, &pool, &Outstanding::pool);
-    // One more than there are threads, so that none waits for the io thread.
+    // Allow one task more than there are threads, so that no thread waits for the io thread.
     if (static_cast<std::size_t>(there) > pool.threads()) return false;
     if (task.reply_bytes_max > active.credit - active.reserved) return false;
     const std::uint64_t waiting = in_flight_bytes_ + sink_->backlog();
@@ -297,7 +297,7 @@ void Runner::take_answer(Active& active, Reply<Frames> reply) {
 
 void Runner::return_input(Active& active, std::uint64_t bytes) {
     active.returned += bytes;
-    // Few grants, but early enough that the client never waits for one.
+    // Grant a quarter of the window at a time: few messages, and the client never waits for one.
     if (active.returned < context_.limits.window_bytes / 4) return;
     wire::CreditT credit;
     credit.bytes = std::exchange(active.returned, 0);
@@ -309,7 +309,7 @@ void Runner::stop(Active& active, protocol::Error error) {
     if (!active.error) active.error = std::move(error);
     active.parked.reset();
     active.stop.request();
-    // What no worker has begun holds up nobody: neither the client nor its place.
+    // Drop tasks that no worker has started, and release their reservations.
     for (auto task = active.tasks.begin(); task != active.tasks.end();) {
         const auto next = std::next(task);
         if (task->try_dequeue()) forget(active, task);
@@ -334,8 +334,7 @@ void Runner::finish(const ActivePointer& active) {
     }
     if (sink_ != nullptr && active->error)
         sink_->send(protocol::encode_error(active->id, *active->error, false));
-    // Here and now, not where the worker drops the last reference: what a job held is free again
-    // when its slot is.
+    // Free the job's memory together with its slot, not when a worker drops the last reference.
     active->slot = {};
     active->job.reset();
     active->input = {};
@@ -356,7 +355,7 @@ void Runner::tick(Clock::time_point now) {
             pump(active);
         } else if (now >= active->next_progress) {
             active->next_progress = now + tick_period;
-            // A client that is behind in its reading has no use for it.
+            // Send no progress to a client that has not read everything yet.
             if (const auto progress = active->job->progress();
                 progress && !active->error && sink_->backlog() == 0) {
                 wire::ProgressT message;
@@ -365,7 +364,7 @@ void Runner::tick(Clock::time_point now) {
                 message.stage = progress->stage;
                 sink_->send(*protocol::encode(active->id, message));
             }
-            // What a job waits for beside its client may have come.
+            // Pump: the job may have waited for something other than its client.
             pump(active);
         }
     }
@@ -381,7 +380,7 @@ Clock::time_point Runner::next_tick() const {
 
 void Runner::abandon() {
     sink_ = nullptr;
-    // Moved, not copied, and a short text: this must not need memory.
+    // Move the list, and keep the text below short: this must not allocate memory.
     const std::list<ActivePointer> jobs = std::move(jobs_);
     for (const ActivePointer& active : jobs) {
         stop(*active, {Code::cancelled, "client is gone", 0});

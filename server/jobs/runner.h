@@ -1,8 +1,8 @@
-// Runs the jobs of one connection: hands their tasks to workers while the client's credit and the
-// connection's window have room, collects answers, ends jobs on error, cancel and deadline.
+// Runs the jobs of one connection: submits their tasks to workers while the client's credit and the
+// connection's window have room, collects answers, and ends jobs on error, cancel and deadline.
 //
-// Knows no sockets: frames go to a Sink, completions come back through `post`. Everything here runs
-// on the io thread; only tasks run elsewhere, and what they share with it is a StopFlag.
+// The runner uses no sockets: frames go to a Sink, and completions come back through `post`. It
+// runs on the io thread; only tasks run elsewhere, and they share only a StopFlag with it.
 #pragma once
 
 #include "protocol/limits.h"
@@ -23,18 +23,18 @@
 
 namespace raynest::server {
 
-/// Where frames go; implemented by the session.
+/// Receives the frames for a client; implemented by sessions and detached jobs.
 class Sink {
 public:
     virtual void send(protocol::Frame frame) = 0;
-    /// Bytes that were sent but have not left yet.
+    /// Bytes passed to send() that have not been written to the socket yet.
     [[nodiscard]] virtual std::uint64_t backlog() const = 0;
 
 protected:
     ~Sink() = default;
 };
 
-/// Shared by all runners of a daemon; outlives them.
+/// The parts of the daemon that all runners share; outlives them.
 struct JobContext {
     FairThreadPool& compute;
     Admission& admission;
@@ -47,60 +47,60 @@ struct JobContext {
     Peers& peers;
 };
 
+/// Runs jobs. Io thread only.
 class Runner : public std::enable_shared_from_this<Runner> {
 public:
-    /// All jobs are the principal's, in quotas and at the workers.
+    /// All jobs count for `principal`, in quotas and in the order of tasks.
     Runner(const JobContext& context, Sink& sink, std::string principal)
         : context_(context),
           sink_(&sink),
           principal_(std::move(principal)) {}
 
-    /// Called before the first job, once the client is known.
+    /// Call before the first job, once the client is authenticated.
     void set_principal(std::string principal) { principal_ = std::move(principal); }
-    /// The credit that the client grants to each request at its start.
+    /// Sets the credit that the client grants to each request at its start.
     void set_window(std::uint64_t bytes) { window_bytes_ = bytes; }
 
-    /// Is a job of this id under way?
+    /// True if a job of this request id is in flight.
     [[nodiscard]] bool knows(std::uint64_t id) const;
     [[nodiscard]] std::size_t size() const { return jobs_.size(); }
 
-    /// Starts a job, with memory for what its client may send before it is taken, and for what may
-    /// wait for the client to read it; QUOTA (of the principal; jobs_max is the connection's to
-    /// count), BUSY or RESOURCE_EXHAUSTED when it may not, and no peer gives way to it.
-    /// Gives the job's number among all of the daemon's.
+    /// Starts a job. Reserves memory for the data that its client may send and for unread answers;
+    /// paused peers give way if needed. Fails with QUOTA (of the principal; the conversation checks
+    /// jobs_max), BUSY or RESOURCE_EXHAUSTED. Returns the job's number, unique in the daemon.
     Reply<std::uint64_t> start(std::uint64_t id, JobSubmission accepted);
-    /// Is there memory for so many bulk bytes to a job? Not to one that has ended, and not beyond
-    /// its credit.
+    /// True if the job is in flight and its input credit covers `bytes` of bulk data.
     [[nodiscard]] bool expects(std::uint64_t id, std::uint64_t bytes) const;
-    /// Bulk data for a job; that of a job that already ended is dropped: it was on its way.
+    /// Passes bulk data to a job; drops them if the job has ended, which the client cannot know
+    /// yet.
     void feed(protocol::Frame frame);
-    /// The client grants `bytes` more.
+    /// Adds credit that the client granted to a job.
     void grant(std::uint64_t id, std::uint64_t bytes);
     void cancel(std::uint64_t id);
     void cancel_all();
-    /// Ends a job with ERROR; one that has ended stays as it is.
+    /// Ends a job with an error; does nothing for a job that has ended.
     void fail(std::uint64_t id, const protocol::Error& error);
     void fail_all(const protocol::Error& error);
-    /// Has a job something to do with its client yet: data to come, or an error to tell?
+    /// True if the job still needs its client: to send data, or to receive an error.
     [[nodiscard]] bool needs_client(std::uint64_t id) const;
 
-    /// Bytes left: the sink has room again.
+    /// Starts tasks that waited for room in the sink. Call it after the sink's backlog shrank.
     void pump();
-    /// Deadlines and progress; the session calls it at next_tick().
+    /// Enforces deadlines and sends progress. Call it at next_tick().
     void tick(Clock::time_point now);
     [[nodiscard]] Clock::time_point next_tick() const;
-    /// Is the next move of every job its client's: to send data, to grant credit, to read?
+    /// True if every job waits for its client to send data, grant credit or read.
     [[nodiscard]] bool waits_for_client() const;
-    /// Bytes of --memory that its jobs and their answers have reserved.
+    /// Bytes of --memory that the jobs and their answers have reserved.
     [[nodiscard]] std::uint64_t held_bytes() const;
 
-    /// The connection is gone: all jobs stop, nothing is sent any more.
+    /// Stops all jobs and sends nothing more, because the connection is gone.
     void abandon();
 
 private:
-    /// A task that was submitted.
+    /// A submitted task.
     struct Outstanding {
-        std::uint64_t reserved = 0;  ///< of its job's credit
+        std::uint64_t reserved = 0;  ///< bytes of the job's credit
         const FairThreadPool* pool = nullptr;
         TryDequeue try_dequeue = {};
     };
@@ -110,45 +110,46 @@ private:
               job(std::move(work)),
               stop(deadline) {}
         const std::uint64_t id;
-        std::unique_ptr<Job> job;  ///< gone once finished, whoever still holds this record
+        std::unique_ptr<Job> job;  ///< null once finished, even if tasks still refer to this
         StopFlag stop;
         Admission::Slot slot;
-        Budget::Lease input;  ///< of fed frames that are not free yet
+        Budget::Lease input;  ///< for data that the client may send
         Priority priority = Priority::normal;
         Clock::time_point started;
         Clock::time_point next_progress;
         std::optional<protocol::Error> error;  ///< why the job ends early
-        std::optional<Task> parked;            ///< taken from the job, waits for room
-        std::list<Outstanding> tasks;          ///< that wait for a worker or run
-        std::uint64_t credit = 0;              ///< what we may still send
-        std::uint64_t reserved = 0;            ///< of it, promised to running tasks
-        std::uint64_t input_credit = 0;        ///< what the client may still send
-        std::uint64_t returned = 0;  ///< input bytes that are free but not yet granted again
+        std::optional<Task> parked;            ///< task that waits for a thread or for room
+        std::list<Outstanding> tasks;          ///< tasks that wait for a worker or run
+        std::uint64_t credit = 0;              ///< bytes that the daemon may still send
+        std::uint64_t reserved = 0;            ///< part of `credit` reserved for running tasks
+        std::uint64_t input_credit = 0;        ///< bytes that the client may still send
+        std::uint64_t returned = 0;            ///< freed input bytes that are not yet granted again
     };
     using ActivePointer = std::shared_ptr<Active>;
 
     ActivePointer find(std::uint64_t id) const;
-    /// A place for the job, if need be that of a peer that pauses.
+    /// Admits a job; closes a paused peer for it if needed.
     Reply<Admission::Slot> enter(JobRecord record);
-    /// Without memory for `step` the job fails, as it would for lack of it in a task.
+    /// Calls `step`; fails the job if memory is short, as in a task.
     template <class Step>
     void guarded(Active& active, Step step);
     void pump(const ActivePointer& active);
     [[nodiscard]] FairThreadPool& pool_of(const Task& task) const {
         return task.pool != nullptr ? *task.pool : context_.compute;
     }
-    /// Is there a thread for the task, and room for its answer?
+    /// True if there is a thread for the task and room for its answer.
     [[nodiscard]] bool may_start(const Active& active, const Task& task) const;
-    /// On the io thread; false where its turn is over, or ends before the task does.
+    /// Runs a task on the io thread. Returns false if InlineBudget has no room for it or the task
+    /// exceeds its time limit.
     bool run_inline(Active& active, const Task& task);
     void submit(const ActivePointer& active, Task task);
     void take_answer(Active& active, Reply<Frames> reply);
     void task_ended(const ActivePointer& active, std::list<Outstanding>::iterator task,
                     Reply<Frames> reply);
-    /// A submitted task that runs no more.
+    /// Removes a task that has ended or was dropped, and releases its reservations.
     void forget(Active& active, std::list<Outstanding>::iterator task);
     void return_input(Active& active, std::uint64_t bytes);
-    /// Without jobs the memory for answers is that of those which have not left yet.
+    /// Shrinks `answers_` to the sink's backlog if no job is in flight.
     void shrink_answers();
     void stop(Active& active, protocol::Error error);
     void finish(const ActivePointer& active);
@@ -159,8 +160,8 @@ private:
     std::list<ActivePointer> jobs_;
     std::uint64_t window_bytes_ = 0;
     std::uint64_t in_flight_bytes_ = 0;  ///< reserved by running tasks of all jobs
-    /// For what running tasks answer and what waits to leave, a window's worth at most. It outlives
-    /// its jobs: an answer that nobody reads takes memory although its job has ended.
+    /// Memory for the answers of running tasks and for unsent frames, at most a window. It outlives
+    /// the jobs, because an unread answer takes memory after its job has ended.
     Budget::Lease answers_;
 };
 

@@ -1,9 +1,9 @@
-// The one door to Boost.Asio, and the two facts that it needs from us.
+// Includes Boost.Asio with two workarounds. Other files include this header, never Asio's own.
 //
-// Boost 1.74 uses std::exchange without including it; clang 14 and 16 do not recognise their own
-// coroutines without being told. A rule for everything that includes this: never write a lambda
-// with captures as a temporary inside a co_await expression (g++ 12 destroys it twice), name it and
-// std::move it; never cancel a coroutine of another executor.
+// Boost 1.74 uses std::exchange without including <utility>. It does not recognise the coroutines
+// of clang 14 and 16 without two macros. Two rules for code that includes this header: do not write
+// a lambda with captures as a temporary inside a co_await expression, because g++ 12 destroys it
+// twice (name it and std::move it); do not cancel a coroutine of another executor.
 #pragma once
 
 #include <utility>
@@ -13,7 +13,7 @@
 #define BOOST_ASIO_HAS_STD_COROUTINE
 #endif
 
-/// The non-template part of Asio is compiled once, in asio.cpp.
+/// Compiles the non-template part of Asio once, in asio.cpp.
 #define BOOST_ASIO_SEPARATE_COMPILATION
 
 #include <boost/asio/awaitable.hpp>

@@ -71,7 +71,7 @@ void Connections::leave(const std::shared_ptr<Session>& session) {
     services_.peers.leave(*session);
 }
 
-// Sessions leave while they are called: these go over a copy.
+// The next three functions iterate over a copy: sessions may leave while they are called.
 
 void Connections::drain() {
     const Sessions sessions = sessions_;

@@ -1,7 +1,7 @@
-// All connections of the daemon: takes new ones in, learns who they are, ends them.
+// All connections of the daemon: accepts, authenticates and closes them.
 //
-//   Listener ──accept()──► counted under the name that the transport knows
-//   Session ──authenticate()──► counted under its principal, whose quota holds from now on
+//   Listener ──accept()──► counted under the name that the transport gives the peer
+//   Session ──authenticate()──► counted under its principal and that principal's quota
 #pragma once
 
 #include "server/net/session.h"
@@ -13,10 +13,11 @@
 
 namespace raynest::server {
 
-/// Io thread only.
+/// The set of sessions. Io thread only.
 class Connections {
 public:
-    /// Whether the process may open more files; a connection that took the last one is told so.
+    /// Tells whether the process has file descriptors left. A connection that got the last one is
+    /// refused with that reason.
     enum class Descriptors { free, used_up };
 
     Connections(asio::io_context& io, const Services& services, const JobContext& context,
@@ -27,31 +28,33 @@ public:
           authenticator_(authenticator) {}
     Connections(const Connections&) = delete;
 
-    /// Starts a session, or tells the peer that there is no place for it.
+    /// Starts a session, or sends the peer an error if there is no room for it.
     void accept(std::unique_ptr<Transport> transport, Descriptors descriptors);
     [[nodiscard]] bool empty() const { return sessions_.empty(); }
     [[nodiscard]] std::size_t size() const { return sessions_.size(); }
 
-    /// No new jobs; each connection closes when its running ones ended.
+    /// Refuses new jobs; each connection closes when its running jobs have ended.
     void drain();
     /// Ends all connections with this error.
     void close_with_error(const protocol::Error& error);
-    /// Closes those whose machine or network is gone.
+    /// Closes connections whose machine or network is gone.
     void close_lost();
 
-    // For sessions.
+    // Called by sessions.
 
-    /// Decides who the session's peer is; BUSY if that principal has all connections of its quota.
+    /// Identifies the session's peer. Fails with BUSY if the quota of its principal is used up.
     Reply<Principal> authenticate(Session& session, const wire::Hello& hello);
     void leave(const std::shared_ptr<Session>& session);
 
 private:
     using Sessions = std::unordered_set<std::shared_ptr<Session>>;
-    /// Each says why there is no place for one more connection, if nobody gives way to it: within
-    /// the principal's quota, and in the daemon.
+    /// Makes room for one more connection of the principal. Returns the reason if its quota is used
+    /// up and no peer gives way.
     std::optional<std::string> quota_full(const std::string& principal, std::uint64_t quota);
+    /// Makes room for one more connection of the daemon. Returns the reason if it has too many and
+    /// no peer gives way.
     std::optional<std::string> daemon_full(const std::string& principal, Descriptors descriptors);
-    /// Counts a connection that is turned away.
+    /// Counts a refused connection and returns its error.
     protocol::Error busy(std::string why);
 
     asio::io_context& io_;

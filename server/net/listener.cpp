@@ -22,7 +22,7 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr int backlog = 128;
-/// When accepting fails (no file descriptors left), it is tried again after this time, doubling.
+/// Pause after a failed accept, e.g. without file descriptors; it doubles from `min` to `max`.
 constexpr milliseconds backoff_min{10};
 constexpr milliseconds backoff_max{1000};
 constexpr std::chrono::seconds log_period{1};
@@ -36,7 +36,7 @@ Fd open_spare() {
     return Fd(::open("/dev/null", O_RDONLY | O_CLOEXEC));
 }
 
-/// A socket that listens, not yet given to Asio.
+/// A listening socket that Asio does not own yet.
 struct Bound {
     int descriptor = -1;
     int family = 0;
@@ -60,8 +60,8 @@ Result<int> make_socket(const Address& address, int family) {
     return descriptor;
 }
 
-/// Binds, calls `prepare`, which names the call that failed or null, and listens: nobody can
-/// connect before that.
+/// Binds, calls `prepare`, then listens; no client can connect before that. `prepare` returns null,
+/// or the name of the call that failed.
 template <class Prepare>
 Result<Bound> finish(int descriptor, int family, const Address& address, const sockaddr* name,
                      socklen_t size, Prepare prepare) {
@@ -99,7 +99,7 @@ Result<Bound> bind_tcp(TcpAddress address) {
     return bound;
 }
 
-/// Removes what a dead daemon left; fails when somebody answers there, or when it is no socket.
+/// Removes the socket of a dead daemon. Fails if a daemon listens on it, or if it is not a socket.
 Result<void> clear_path(const UnixAddress& address, const sockaddr_un& name) {
     struct stat status {};
     if (lstat(address.path.c_str(), &status) != 0) return {};
@@ -109,7 +109,7 @@ Result<void> clear_path(const UnixAddress& address, const sockaddr_un& name) {
     const int answer = connect(*probe, reinterpret_cast<const sockaddr*>(&name), sizeof name);
     const int why = answer == 0 ? 0 : errno;
     close(*probe);
-    // A full backlog is somebody's too.
+    // EAGAIN means a full backlog, so a daemon listens there.
     if (why == 0 || why == EAGAIN) return refused(address, "another daemon listens there");
     if (why != ECONNREFUSED) return refused(address, std::string("connect: ") + std::strerror(why));
     if (unlink(address.path.c_str()) != 0) return failed(address, "unlink");
@@ -123,8 +123,8 @@ Result<Bound> bind_unix(const UnixAddress& address, const SocketAccess& access) 
     if (const auto clear = clear_path(address, name); !clear) return tl::unexpected(clear.error());
     const auto descriptor = make_socket(address, AF_UNIX);
     if (!descriptor) return tl::unexpected(descriptor.error());
-    // The file gets the socket's mode less the umask, so never more than is asked for; the group
-    // comes before what the group may do.
+    // Widen access last: bind() creates the file with at most the socket's mode, 0600; then set the
+    // group, then the mode that gives the group access.
     const auto prepare = [&]() -> const char* {
         const char* path = address.path.c_str();
         if (access.group && chown(path, static_cast<uid_t>(-1), *access.group) != 0) {
@@ -191,7 +191,7 @@ void Listener::accepted(const SystemError& error, Socket socket) {
         return accept_next();
     }
     if (!used_up(error) || spare_.get() < 0) return accept_later(error);
-    // That is so before anybody comes: accept() looks for a descriptor first.
+    // Wait for a peer: accept() fails without a descriptor even if no peer waits.
     acceptor_.async_wait(acceptor_.wait_read, [this](const SystemError& cancelled) {
         if (cancelled || !acceptor_.is_open()) return;
         const SystemError failed = accept_newcomer();
@@ -219,7 +219,7 @@ SystemError Listener::accept_newcomer() {
 }
 
 void Listener::accept_later(const SystemError& error) {
-    // Out of descriptors or memory: spinning would make it worse.
+    // Pause before the next try: descriptors or memory are short, and a busy loop makes it worse.
     backoff_ = std::clamp(2 * backoff_, backoff_min, backoff_max);
     if (backoff_ == backoff_max)
         log(LogLevel::warn, "accept_failed", {{"listen", uri_}, {"reason", error.message()}});

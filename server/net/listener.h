@@ -1,4 +1,4 @@
-// Accepts connections on one address and hands their transports on.
+// Accepts connections on one address and passes their transports to Connections.
 #pragma once
 
 #include "engine/assets/child_process.h"
@@ -14,14 +14,14 @@
 
 namespace raynest::server {
 
-/// Io thread only; must stay until the io_context has run out of work.
+/// Listens on one address. Io thread only; must outlive the work of the io_context.
 class Listener {
 public:
     using Descriptors = Connections::Descriptors;
 
-    /// Binds and listens; port 0 takes a free one. A Unix socket has the mode and group of `access`
-    /// before anybody can connect, and one that a dead daemon left there is replaced. io_failed
-    /// says what is in the way.
+    /// Binds and listens; port 0 picks a free port. A Unix socket has the mode and group of
+    /// `access` before any client can connect, and replaces the socket of a dead daemon. Fails with
+    /// io_failed and the reason.
     static Result<std::unique_ptr<Listener>> open(asio::io_context& io, const Address& address,
                                                   const SocketAccess& access,
                                                   Connections& connections);
@@ -33,7 +33,7 @@ public:
     /// Stops accepting and removes a Unix socket's file; idempotent.
     void close();
 
-    /// The address as it is now, with the port that was picked.
+    /// The address with the actual port.
     [[nodiscard]] const std::string& uri() const { return uri_; }
 
 private:
@@ -45,7 +45,7 @@ private:
           connections_(connections) {}
     void accept_next();
     void accepted(const SystemError& error, Socket socket);
-    /// Accepts a peer that waits, with the spare descriptor where there is no other.
+    /// Accepts a waiting peer, with the spare descriptor if no other is left.
     SystemError accept_newcomer();
     void accept_later(const SystemError& error);
     void hand_on(Socket socket, Descriptors descriptors);
@@ -56,9 +56,9 @@ private:
     const MakeTransport make_transport_;
     Connections& connections_;
     std::string uri_;
-    std::string socket_file_;   ///< made for a Unix socket
-    Fd spare_;                  ///< lets a peer that comes when no other is left hear of that
-    Clock::time_point told_{};  ///< when the log last heard of that
+    std::string socket_file_;   ///< path of a Unix socket's file
+    Fd spare_;                  ///< freed to accept and refuse a peer when no descriptor is left
+    Clock::time_point told_{};  ///< time of the last log line about that
 };
 
 }  // namespace raynest::server

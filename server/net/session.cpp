@@ -16,22 +16,22 @@ using std::chrono::seconds;
 
 constexpr std::size_t stage_bytes = 4096;
 constexpr std::size_t read_bytes_max = 256 << 10;
-/// For the outbox to leave once the conversation is closing.
+/// Time to write the outbox once the conversation is closing.
 constexpr seconds flush_time{5};
-/// After that: for the peer to read the closing frame and to close.
+/// Time after that for the peer to read the last frame and to close.
 constexpr seconds linger_time{1};
-/// Memory of a waiting frame beside its bytes.
+/// Memory of a waiting frame besides its bytes.
 constexpr std::uint64_t waiting_frame_bytes = 256;
 
 constexpr Clock::time_point never = Clock::time_point::max();
 
-/// Waiting bytes that no credit bounds.
+/// Returns the memory of a waiting frame that no credit limits; 0 for frames with bulk.
 std::uint64_t control_bytes(const protocol::Frame& frame) {
     if (frame.header.bulk_bytes != 0) return 0;
     return waiting_frame_bytes + protocol::header_bytes + frame.control.size();
 }
 
-/// Progress comes by itself, whatever its reader does: it shows no life.
+/// False for Progress: the daemon sends it by itself, so it does not count as activity of the peer.
 bool shows_life(const protocol::Frame& frame) {
     return frame.header.type != static_cast<std::uint16_t>(wire::Message::Progress);
 }
@@ -144,14 +144,14 @@ std::optional<Clock::time_point> Session::paused_since() const {
 
 void Session::give_way(const protocol::Error& why) {
     if (!open_) return;
-    // In the middle of a frame that the peer does not read, no error would reach it.
+    // Skip the error if frames wait: it could not follow a partly written frame.
     if (backlog_ == 0) write_last_error(*transport_, why);
     stop();
 }
 
 void Session::send(protocol::Frame frame) {
     if (!open_) return;
-    // An answer that took long is not read yet: its reader's turn begins now.
+    // Restart the pause with the first frame of an answer, which may have taken long.
     if (backlog_ == 0 && !reading_ && shows_life(frame)) moved_ = Clock::now();
     const std::uint64_t bytes = frame.header.frame_bytes();
     outbox_.push_back(std::move(frame));
@@ -173,7 +173,7 @@ asio::awaitable<void> Session::read_frames() {
     opened_ = true;
     wake_.cancel();
     while (open_ && !error && !conversation_.closing()) {
-        // A peer that does not read its answers gets no more of its requests read.
+        // Read no more requests while too many answers are unread.
         while (open_ && crowded()) co_await wait(room_);
         if (!open_) co_return;
         co_await read_some(error);
@@ -183,7 +183,7 @@ asio::awaitable<void> Session::read_frames() {
 }
 
 asio::awaitable<void> Session::read_some(SystemError& error) {
-    // Bulk straight into its place, and what follows it in the same call.
+    // Read bulk data directly into place, and the bytes after it in the same call.
     std::span<std::byte> bulk = decoder_.room();
     std::span<std::byte> stage = stage_;
     if (bulk.size() > read_bytes_max) {
@@ -223,7 +223,8 @@ void Session::take_frames(std::span<const std::byte> bytes) {
 }
 
 asio::awaitable<void> Session::linger() {
-    // Closing with unread bytes would reset the connection, and the peer might lose the last frame.
+    // Read until the peer closes: closing with unread bytes would reset the connection, and the
+    // peer could lose the last frame.
     const Transport::ReadBuffers buffers = {asio::buffer(stage_), asio::mutable_buffer()};
     SystemError error;
     while (open_ && !error) co_await transport_->read(buffers, 1, error);
@@ -314,8 +315,9 @@ Clock::time_point Session::next_deadline() const {
 
 void Session::expire(Clock::time_point now) {
     if (now >= close_deadline_)
-        return backlog_ == 0 ? stop()
-                             : drop(services_.metrics.peers_cut_off, "it did not read the end");
+        return backlog_ == 0
+                   ? stop()
+                   : drop(services_.metrics.peers_cut_off, "it did not read the last frames");
     if (conversation_.closing()) return;
     conversation_.runner().tick(now);
     if (now >= greeting_deadline_) {

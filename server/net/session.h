@@ -1,14 +1,15 @@
 // One connection: a reader, a writer and a watchdog coroutine around a Conversation.
 //
 //   Transport ──reader──► FrameDecoder ──► Conversation ──► outbox ──writer──► Transport
-//                            watchdog: ticks of the jobs, deadlines of the greeting and the end
+//                            watchdog: ticks of the jobs, deadlines of greeting and closing
 //
-// All on one single-threaded io_context. The coroutines share this object and end when `open_`
-// turns false; waiting is a timer that others cancel (one waiter each, the predicate tested again).
+// All run on one single-threaded io_context. The coroutines share this object and end when `open_`
+// becomes false. A coroutine waits on a timer that others cancel; each timer has one waiter, which
+// tests its condition again.
 //
-// The deadlines of the greeting and of the end are fixed when these begin. Between them a peer may
-// take its time until somebody needs its place (jobs/peers.h): what counts there is when a whole
-// frame last moved. No byte renews any of the three.
+// The deadlines of greeting and closing are fixed when these begin. In between, a peer may pause
+// until its place is needed (jobs/peers.h); the pause begins when a whole frame was last sent or
+// received. Single bytes extend none of the three.
 #pragma once
 
 #include "protocol/frame.h"
@@ -28,20 +29,22 @@ namespace raynest::server {
 
 class Connections;
 
-/// Writes an error to a peer for which nothing else waits: it fits, or it does not matter.
+/// Writes an error before a connection is closed, as far as the socket accepts it without waiting.
+/// No other frame may be partly written.
 void write_last_error(Transport& transport, const protocol::Error& error);
 
+/// A connection. Io thread only.
 class Session final : public Sink, public Peer, public std::enable_shared_from_this<Session> {
 public:
-    /// Belongs to `connections`, which outlives it.
+    /// `connections` owns the session and outlives it.
     Session(asio::io_context& io, std::unique_ptr<Transport> transport, Connections& connections,
             const Services& services, const JobContext& context);
 
     /// Starts the coroutines; they keep the session alive until all have ended.
     void start();
-    /// No new jobs; closes when the running ones ended.
+    /// Refuses new jobs; closes when the running ones have ended.
     void drain();
-    /// Ends the running jobs with an error, then the connection.
+    /// Ends the running jobs, sends the error, then closes.
     void close_with_error(const protocol::Error& error);
     /// Closes at once. Idempotent.
     void stop();
@@ -70,44 +73,45 @@ private:
     asio::awaitable<void> watch();
     static asio::awaitable<void> wait(asio::steady_timer& timer);
 
-    /// Fills the batch from the outbox; false when there is nothing to write.
+    /// Fills the batch from the outbox; false if there is nothing to write.
     bool fill_stream();
-    /// Writes answers at once where the transport takes them; the writer gets the rest.
+    /// Writes answers without the writer coroutine, as far as the transport accepts them.
     void write_at_once();
     /// Counts `bytes` of the batch as sent.
     void sent(std::size_t bytes);
 
-    /// Hands complete frames on.
+    /// Decodes received bytes and passes complete frames to the conversation.
     void take_frames(std::span<const std::byte> bytes);
-    /// To be called after anything that may have moved a deadline or closed the conversation.
+    /// Updates the conversation and the watchdog. Call it after anything that may have changed a
+    /// deadline or closed the conversation.
     void settle();
-    /// True while so many answers wait that no more requests are read.
+    /// True while so many answers are unread that no more requests are read.
     [[nodiscard]] bool crowded() const;
     [[nodiscard]] Clock::time_point next_deadline() const;
     void expire(Clock::time_point now);
-    /// Counts and names a peer that is closed for what it does not do, and closes.
+    /// Counts, logs and closes a peer that does not respond.
     void drop(Metrics::Counter& counter, const char* why);
 
     const Services& services_;
     Connections& connections_;
     asio::io_context& io_;
     const std::unique_ptr<Transport> transport_;
-    asio::steady_timer wake_;      ///< the writer: there are frames, or the end came
-    asio::steady_timer room_;      ///< the reader: the outbox shrank
-    asio::steady_timer watchdog_;  ///< the watchdog: a deadline came nearer
+    asio::steady_timer wake_;      ///< wakes the writer: there are frames, or the session closes
+    asio::steady_timer room_;      ///< wakes the reader: the outbox shrank
+    asio::steady_timer watchdog_;  ///< wakes the watchdog: a deadline became earlier
     protocol::FrameDecoder decoder_;
     std::vector<std::byte> stage_;
     std::deque<protocol::Frame> outbox_;
     WriteBatch batch_;
     std::uint64_t backlog_ = 0;          ///< bytes in the outbox and in the batch
-    std::uint64_t control_backlog_ = 0;  ///< the part that is not bulk, with its cost in memory
+    std::uint64_t control_backlog_ = 0;  ///< memory of waiting frames without bulk
     Conversation conversation_;
     Clock::time_point greeting_deadline_;
-    Clock::time_point close_deadline_;  ///< once the conversation is closing
-    Clock::time_point moved_;           ///< when a whole frame last came or left
+    Clock::time_point close_deadline_;  ///< set once the conversation is closing
+    Clock::time_point moved_;           ///< when a whole frame was last sent or received
     bool open_ = true;
-    bool opened_ = false;   ///< the transport carries frames
-    bool reading_ = false;  ///< frames that came are being handled
+    bool opened_ = false;   ///< the transport is ready for frames
+    bool reading_ = false;  ///< received frames are being handled
     bool writing_ = false;  ///< the writer waits for the transport
 };
 

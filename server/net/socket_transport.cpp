@@ -13,15 +13,15 @@
 namespace raynest::server {
 namespace {
 
-/// A wakeup for every segment costs more than the segment: up to twice the CPU time of a stream,
-/// whenever the reader keeps up with the sender. So a read waits for up to this many bytes.
+/// Maximum bytes that a read waits for. Waking up for every segment costs up to twice the CPU time
+/// of a stream if the reader keeps up with the sender.
 constexpr std::size_t wanted_max = 128 << 10;
 
-/// Keep-alive probes (protocol/keep_alive.h) find a dead peer only while nothing waits to be sent;
-/// otherwise TCP itself gives up after a quarter of an hour. These bounds find it sooner. A peer
-/// whose window is full is not dead: it answers the probes of its window.
+/// Time without an answer after which a peer may be dead. Keep-alive probes (protocol/keep_alive.h)
+/// find a dead peer only while no bytes wait to be sent; otherwise TCP gives up after a quarter of
+/// an hour. A live peer with a full window answers window probes.
 constexpr std::uint32_t silence_ms_max = 20'000;
-/// Unanswered window probes in a row.
+/// Number of unanswered window probes in a row that shows a dead peer.
 constexpr int probes_max = 3;
 
 }  // namespace
@@ -53,7 +53,7 @@ SocketTransport::SocketTransport(Socket socket)
     socket_.non_blocking(true, ignored);
 }
 
-// read() and write() hand Asio's awaitable on: a coroutine of their own would cost another frame.
+// read() and write() return Asio's awaitable: a coroutine of their own would cost another frame.
 
 asio::awaitable<std::size_t> SocketTransport::read(const ReadBuffers& buffers, std::size_t wanted,
                                                    SystemError& error) {
@@ -61,7 +61,7 @@ asio::awaitable<std::size_t> SocketTransport::read(const ReadBuffers& buffers, s
     if (wanted != wanted_) {
         wanted_ = wanted;
         const int mark = static_cast<int>(wanted);
-        // Unix sockets ignore it, and without it all that is lost is time.
+        // Ignore failure: Unix sockets lack this option, and it only saves time.
         (void)setsockopt(socket_.native_handle(), SOL_SOCKET, SO_RCVLOWAT, &mark, sizeof mark);
     }
     return socket_.async_read_some(buffers, asio::redirect_error(asio::use_awaitable, error));
@@ -94,7 +94,8 @@ bool SocketTransport::is_lost() {
     if (getsockopt(socket_.native_handle(), IPPROTO_TCP, TCP_INFO, &info, &size) != 0) return false;
     const std::uint32_t silence_ms = info.tcpi_last_ack_recv;
     if (silence_ms < silence_ms_max) return false;
-    // TCP repeats unanswered bytes after tcpi_rto, which doubles each time; a live peer answers each.
+    // Compare with the retransmission timeout tcpi_rto, which doubles each time: a live peer
+    // answers each retransmission.
     if (info.tcpi_unacked != 0) return silence_ms > info.tcpi_rto / 1000 * 3 / 2;
     return info.tcpi_probes >= probes_max;
 }

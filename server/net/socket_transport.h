@@ -1,10 +1,11 @@
-// Frames over a stream socket: TCP and Unix.
+// The transport over stream sockets, TCP and Unix.
 #pragma once
 
 #include "server/net/transport.h"
 
 namespace raynest::server {
 
+/// A connection over TCP or a Unix socket.
 class SocketTransport final : public Transport {
 public:
     explicit SocketTransport(Socket socket);
@@ -21,11 +22,11 @@ public:
 private:
     Socket socket_;
     const PeerIdentity peer_;
-    std::size_t wanted_ = 1;  ///< bytes that wake a read up
+    std::size_t wanted_ = 1;  ///< bytes that must be there before a read returns
 };
 
-/// The user of a Unix socket's other end, "uid:1000", else the address of the peer. All of loopback
-/// is one, "127.0.0.1": any program may use any of its addresses, so they tell nobody apart.
+/// Returns the user at the other end of a Unix socket, e.g. "uid:1000", or else the peer's address.
+/// All loopback addresses count as "127.0.0.1": any program may use any of them.
 [[nodiscard]] PeerIdentity identity_of(Socket& socket);
 
 }  // namespace raynest::server

@@ -1,11 +1,10 @@
-// What a session needs of a connection: a stream of bytes in both directions, whatever carries it.
+// The interface of transports: a stream of bytes in both directions.
 //
 //   Session ──► Transport ◄── SocketTransport (TCP, Unix)      a new transport is one file, and one
 //                         ◄── tests: MemoryTransport           row of the list in transports.cpp
 //
-// Frames lie in the stream in any way: a transport that has messages of its own, as WebSocket does,
-// ends them wherever it likes. Everything runs on the io thread. At most one read and one write are
-// under way at a time; both end with an error after close().
+// Frames may cross the boundaries of a transport's own messages, as of WebSocket. Io thread only.
+// At most one read and one write run at a time; both end with an error after close().
 #pragma once
 
 #include "server/net/asio.h"
@@ -17,34 +16,35 @@
 
 namespace raynest::server {
 
+/// A connection to a peer.
 class Transport {
 public:
-    /// A read fills the first buffer before the second.
+    /// Two buffers of a read; it fills the first before the second.
     using ReadBuffers = std::array<asio::mutable_buffer, 2>;
 
     Transport() = default;
     Transport(const Transport&) = delete;
     virtual ~Transport() = default;
 
-    /// The peer as this transport knows it, before it has said anything.
+    /// The peer's identity, known before it sends anything.
     [[nodiscard]] virtual const PeerIdentity& peer() const = 0;
 
-    /// Exchanges what the transport itself needs before the first frame: a TLS handshake, the
-    /// upgrade to WebSocket. The time for Hello includes it.
+    /// Does the transport's own handshake before the first frame, such as TLS or the upgrade to
+    /// WebSocket. It counts towards the time limit for Hello.
     virtual asio::awaitable<void> open(SystemError& /*error*/) { co_return; }
 
-    /// Reads at least one byte; may wait until `wanted` bytes are there. The arguments of read()
-    /// and write() stay valid until they end.
+    /// Reads at least one byte; may wait for `wanted` bytes. The caller keeps the arguments of
+    /// read() and write() valid until they end.
     virtual asio::awaitable<std::size_t> read(const ReadBuffers& buffers, std::size_t wanted,
                                               SystemError& error) = 0;
     /// Writes at least one byte of `rest`.
     virtual asio::awaitable<std::size_t> write(const WriteBatch::Rest& rest,
                                                SystemError& error) = 0;
-    /// Writes what leaves without waiting, perhaps nothing; only while no write is under way. This
-    /// saves the way through the loop where it works; errors are left to the next write().
+    /// Writes as many bytes as possible without waiting and returns their number, perhaps 0. Saves
+    /// a pass through the event loop. No write may be running. The next write() reports errors.
     virtual std::size_t write_now(const WriteBatch::Rest& /*rest*/) { return 0; }
 
-    /// Tells the peer that nothing more will come.
+    /// Tells the peer that no more bytes follow.
     virtual asio::awaitable<void> finish_writing() { co_return; }
     /// Closes at once. Idempotent.
     virtual void close() = 0;

@@ -14,7 +14,7 @@ std::unique_ptr<Transport> make(Socket socket) {
     return std::make_unique<Made>(std::move(socket));
 }
 
-/// THE LIST.
+/// THE LIST of transports.
 constexpr std::array schemes = {
     Scheme{"tcp", Scheme::Place::host_and_port, make<SocketTransport>},
     Scheme{"unix", Scheme::Place::path, make<SocketTransport>},

@@ -1,4 +1,4 @@
-// THE LIST of transports: what carries frames over the sockets of each scheme of --listen.
+// The list of transports, by the scheme of a --listen address.
 #pragma once
 
 #include "server/net/transport.h"
@@ -10,15 +10,16 @@ namespace raynest::server {
 
 using MakeTransport = std::unique_ptr<Transport> (*)(Socket socket);
 
+/// A scheme of --listen, and the transport of its connections.
 struct Scheme {
     enum class Place { host_and_port, path };
 
-    std::string_view name;  ///< what stands before ':' in the address
-    Place place;            ///< what stands after it
+    std::string_view name;  ///< the part of an address before the first ':'
+    Place place;            ///< the form of the part after it
     MakeTransport make;
 };
 
-/// null for a scheme that is not in the list.
+/// Returns null for a scheme that is not in the list.
 [[nodiscard]] const Scheme* find_scheme(std::string_view name);
 
 }  // namespace raynest::server

@@ -1,4 +1,4 @@
-// The frames of one gathered write, and how much of them has left.
+// The frames of one gathered write, and how much of them was sent.
 #pragma once
 
 #include "protocol/frame.h"
@@ -12,9 +12,10 @@
 
 namespace raynest::server {
 
+/// Up to 16 frames for one gathered write.
 class WriteBatch {
 public:
-    /// The buffers that have not left yet; valid until the next call.
+    /// The buffers that were not sent yet; valid until the batch changes.
     struct Rest {
         using value_type = asio::const_buffer;
         const asio::const_buffer* first;
@@ -28,10 +29,10 @@ public:
         return {buffers_.data() + buffers_left_, buffers_.data() + buffers_.size()};
     }
 
-    /// Takes the next frames of the outbox; only when empty.
+    /// Takes the next frames from the outbox. The batch must be empty.
     void load(std::deque<protocol::Frame>& outbox);
-    /// Counts `bytes` of rest() as sent, and calls `sent(frame)` for each frame that is now sent as
-    /// a whole. The batch is empty again after its last frame.
+    /// Counts `bytes` of rest() as sent, and calls `sent(frame)` for each frame that is now
+    /// completely sent. The batch is empty after its last frame.
     template <class Sent>
     void consume(std::size_t bytes, Sent sent) {
         skip(bytes);
@@ -49,9 +50,9 @@ private:
     std::vector<protocol::Frame> frames_;
     std::array<std::array<std::byte, protocol::header_bytes>, frames_max> headers_;
     std::vector<asio::const_buffer> buffers_;
-    std::array<std::size_t, frames_max> ends_;  ///< buffers up to the end of each frame
-    std::size_t buffers_left_ = 0;              ///< buffers that have left
-    std::size_t frames_left_ = 0;               ///< frames that have left
+    std::array<std::size_t, frames_max> ends_;  ///< number of buffers up to each frame's end
+    std::size_t buffers_left_ = 0;              ///< number of buffers sent
+    std::size_t frames_left_ = 0;               ///< number of frames sent
 };
 
 }  // namespace raynest::server

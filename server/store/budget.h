@@ -1,4 +1,4 @@
-// The daemon's one byte budget (--memory): scenes, uploads and jobs reserve before they allocate.
+// The daemon's memory budget (--memory): scenes, uploads and jobs reserve before they allocate.
 #pragma once
 
 #include <atomic>
@@ -8,10 +8,10 @@
 
 namespace raynest::server {
 
-/// Thread-safe. Must outlive its leases.
+/// Counts reserved bytes. Thread-safe; must outlive its leases.
 class Budget {
 public:
-    /// A reservation; gives the bytes back when it ends. Move-only.
+    /// A reservation; the destructor returns its bytes. Not thread-safe. Move-only.
     class Lease {
     public:
         Lease() = default;
@@ -29,12 +29,12 @@ public:
         }
 
         [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
-        /// Takes another one of the same budget into this one.
+        /// Adds another lease of the same budget to this one.
         void merge(Lease more) {
             if (budget_ == nullptr) budget_ = more.budget_;
             bytes_ += std::exchange(more.bytes_, 0);
         }
-        /// Gives back all but `bytes`, which must not be more than it has.
+        /// Returns all but `bytes` to the budget; `bytes` must not exceed bytes().
         void shrink(std::uint64_t bytes) {
             if (budget_ != nullptr) budget_->used_ -= bytes_ - bytes;
             bytes_ = bytes;
@@ -50,7 +50,7 @@ public:
     explicit Budget(std::uint64_t limit) : limit_(limit) {}
     Budget(const Budget&) = delete;
 
-    /// Nothing when fewer than `bytes` are left; never overflows.
+    /// Reserves bytes; returns nothing if fewer are left. Does not overflow for any `bytes`.
     [[nodiscard]] std::optional<Lease> reserve(std::uint64_t bytes) {
         std::uint64_t used = used_.load();
         do {

@@ -12,8 +12,8 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// Collects `uri` of the objects in the top-level arrays "buffers" and "images", and builds
-/// nothing: a document of any depth costs one word per level.
+/// Collects `uri` of the objects in the top-level arrays "buffers" and "images". Builds no document
+/// in memory, so that a hostile file costs little.
 class UriCollector final : public nlohmann::json_sax<Json> {
 public:
     std::vector<std::string> names;
@@ -89,7 +89,7 @@ Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, st
         if (name == files.front().name) continue;
         auto file = read_under_root(root, folder, name, left, budget);
         if (!file) return tl::unexpected(file.error());
-        // Whether it is missed is for the import to say.
+        // Skip a missing file; the import reports it if it needs it.
         if (!*file) continue;
         left -= (*file)->bytes.size();
         files.push_back(std::move(**file));

@@ -1,4 +1,4 @@
-// A scene under --scene-root with the files that it names, read the way a client uploads one.
+// Reads a scene under --scene-root with the files that it names, as a client does for an upload.
 #pragma once
 
 #include "engine/result.h"
@@ -13,13 +13,13 @@
 
 namespace raynest::server {
 
-/// The files that a .gltf or .glb names, percent-decoded, each once; nothing for other formats and
-/// for bytes that are no glTF: the import will say what is wrong. Unsafe names are left out.
+/// Returns the names of files in a .gltf or .glb, percent-decoded, each once, without unsafe ones.
+/// Returns none for other formats and invalid files, which the import reports.
 [[nodiscard]] std::vector<std::string> named_files(std::span<const std::byte> main_file);
 
-/// The main file first, under its own name; then what it names beneath its folder. What is missing
-/// is for the import to report; a link that leaves the folder, and what the limits or the budget do
-/// not allow, is an error. Blocking.
+/// Reads the main file, then the files that it names beneath its folder. Skips missing files, which
+/// the import reports. Fails on a link that leaves the folder, or if the limits or the budget are
+/// exceeded. Blocking.
 Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, std::string_view path,
                                            std::size_t files_max, std::uint64_t bytes_max,
                                            Budget& budget);

@@ -9,7 +9,7 @@
 namespace raynest::server {
 namespace {
 
-/// Scenes that a refusal proposes to unload.
+/// Maximum number of scenes that an error message proposes to unload.
 constexpr std::size_t proposals_max = 3;
 
 std::string counted(std::size_t count, const char* thing) {
@@ -165,7 +165,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
             !allowed)
             return tl::unexpected(allowed.error());
 
-    // Complete before it is in the table, so that lack of memory leaves what was there.
+    // Complete the entry before it enters the table, so that a lack of memory changes nothing.
     Entry entry = taken ? found->second : Entry();
     entry.used = now_();
     if (!equal) {
@@ -185,7 +185,8 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         found->second = std::move(entry);
     else
         entries_.emplace(name, std::move(entry));
-    // The caller's name no longer means a scene that was unloaded and that it holds still.
+    // Release an unloaded scene of this name that the caller still holds: for the caller, the name
+    // means the new scene.
     const auto [first, last] = entries_.equal_range(name);
     const auto before = std::find_if(first, last, [&](const auto& known) {
         return !known.second.listed && known.second.held_by(caller);
@@ -263,7 +264,7 @@ std::vector<SceneStore::Unloaded> SceneStore::unload_idle(Clock::duration idle, 
         if (names.size() == most) break;
         const bool mine =
             entry.held_by(caller) || (entry.listed && entry.owners.contains(caller.principal));
-        // One that the caller holds hides another of that name.
+        // Skip a scene that is hidden by another of that name which the caller holds.
         if (mine && now - entry.used >= idle && &resolve(entries_, name, caller)->second == &entry)
             names.push_back(name);
     }

@@ -1,10 +1,11 @@
 // The scenes that the daemon holds, by name.
 //
-// A scene is immutable; jobs keep the one they started with. A scene stays while anything refers to
-// it: its name, once for each principal that loaded it to stay, and every open connection that
-// loaded or opened it. Unloading drops the name's reference and the caller's: then the name is free
-// for others, and works on for the connections that still hold the scene. Replacing a name's
-// content publishes a new epoch for all of them. Memory returns with the last holder.
+// A scene is immutable; jobs keep the one they started with. A scene stays while it has references:
+// one for each principal that loaded it (unless as temporary), and one for each open connection
+// that loaded or opened it. Unloading drops the references of the caller's principal and
+// connection. When no principal is left, the name is free for others; connections that still hold
+// the scene can go on using the name. Replacing a name's content publishes a new epoch for all
+// holders. The last reference frees the memory.
 #pragma once
 
 #include "engine/scene/snapshot.h"
@@ -24,13 +25,13 @@
 
 namespace raynest::server {
 
-/// A snapshot and the memory it is charged for. Shared by names, requests and running jobs.
+/// A snapshot and its memory reservation. Shared by names, requests and running jobs.
 struct HeldScene {
     std::shared_ptr<const Snapshot> snapshot;
     Budget::Lease lease;
 };
 
-/// What a name means at one moment.
+/// The scene of a name at one epoch.
 struct NamedScene {
     std::string name;
     std::uint64_t epoch = 0;  ///< 1 for the first content of a name
@@ -38,19 +39,19 @@ struct NamedScene {
     [[nodiscard]] const Snapshot& snapshot() const { return *held->snapshot; }
 };
 
-/// An open connection: the principal that it belongs to, and its number among all connections.
+/// An open connection: its principal, and its number among all connections.
 struct ConnectionId {
     std::string principal;
-    std::uint64_t connection = 0;  ///< from SceneStore::connect(); never used again
+    std::uint64_t connection = 0;  ///< from SceneStore::connect(); never reused
 };
 
 /// How a load publishes its scene.
 struct Publication {
-    bool replace = false;    ///< takes the place of other content of that name
-    bool temporary = false;  ///< the name keeps nothing: the scene goes with its connections
+    bool replace = false;    ///< true: replace different content of that name
+    bool temporary = false;  ///< true: drop the scene when its last connection closes
 };
 
-/// Not thread-safe: belongs to the io thread.
+/// The table of scenes. Io thread only.
 class SceneStore {
 public:
     using Clock = std::chrono::steady_clock;
@@ -62,47 +63,47 @@ public:
           limits_(limits),
           now_(std::move(now)) {}
 
-    /// The number of a new connection.
+    /// Returns the number of a new connection.
     [[nodiscard]] std::uint64_t connect() { return ++last_connection_; }
-    /// The connection has ended: drops its references. Idempotent, and needs no memory.
+    /// Drops the references of a connection that has ended. Idempotent; allocates no memory.
     void disconnect(const ConnectionId& caller) noexcept;
 
-    /// May the caller's principal hold a scene of `bytes` under this name, beside its others? QUOTA
-    /// says what to unload if not.
+    /// Checks that the caller's principal may hold a scene of `bytes` under this name, besides its
+    /// others. Otherwise fails with QUOTA and proposes what to unload.
     [[nodiscard]] Reply<void> check_quota(std::string_view name, const ConnectionId& caller,
                                           std::uint64_t bytes) const;
 
-    /// Gives `snapshot` a name, and the name and the caller a reference to it. Equal content under
-    /// the same name is no change; other content is NAME_TAKEN unless `how.replace`, and
-    /// NOT_ALLOWED where the name is another principal's too. QUOTA when it would be too much for
-    /// the principal, RESOURCE_EXHAUSTED when the budget cannot hold it. Equal content under two
-    /// names is held once.
+    /// Publishes a snapshot under a name, and gives the caller's principal and connection a
+    /// reference to it. Equal content under the same name keeps its epoch. Different content fails
+    /// with NAME_TAKEN unless `how.replace`, and with NOT_ALLOWED if other principals use the name
+    /// too. Fails with QUOTA beyond the principal's quota, and with RESOURCE_EXHAUSTED if the
+    /// budget has no room. Equal content under two names is stored once.
     Reply<NamedScene> publish(const std::string& name, std::shared_ptr<const Snapshot> snapshot,
                               Publication how, const ConnectionId& caller);
 
-    /// Is this content held already, under any name or by a running job?
+    /// True if this content is stored under any name or used by a running job.
     [[nodiscard]] bool holds(const std::string& hash) const;
 
-    /// The scene of that name that the caller holds, else the one that the name means for all.
-    /// `epoch` 0 takes the current one; any other must be it. SCENE_UNKNOWN says what to type.
+    /// Returns the scene of that name which the caller holds, or else the listed one. `epoch` must
+    /// be 0 or the current epoch. Fails with SCENE_UNKNOWN and a remedy.
     [[nodiscard]] Reply<NamedScene> find(std::string_view name, std::uint64_t epoch,
                                          const ConnectionId& caller) const;
 
-    /// As find(), and the caller's connection holds it from now on. QUOTA as for loading it.
+    /// Finds a scene as find() does, and gives the caller's connection a reference to it. Fails
+    /// with QUOTA as publish() does.
     Reply<NamedScene> open(std::string_view name, const ConnectionId& caller);
 
     struct Unloaded {
         std::string name;
-        std::vector<std::string> holders;  ///< that hold it still, as unload() gives them
+        std::vector<std::string> holders;  ///< remaining holders, as unload() returns them
     };
-    /// Drops the reference of the caller's principal to the name, and the caller's own; only the
-    /// latter where the caller loaded the scene as temporary. Gives those that hold the scene
-    /// still, one text per principal: "uid:1000 (2 connections)". NOT_ALLOWED where the scene is
-    /// only others'.
+    /// Drops the references of the caller's principal and connection; only that of the connection
+    /// if it loaded the scene as temporary. Returns the remaining holders, one text per principal:
+    /// "uid:1000 (2 connections)". Fails with NOT_ALLOWED if only others hold the scene.
     Reply<std::vector<std::string>> unload(std::string_view name, const ConnectionId& caller);
 
-    /// Unloads at most `most` scenes that the caller's principal loaded to stay or that its
-    /// connection holds, and that no request used for `idle`.
+    /// Unloads at most `most` scenes that the caller's principal or connection holds and that no
+    /// request has used for `idle`.
     std::vector<Unloaded> unload_idle(Clock::duration idle, std::size_t most,
                                       const ConnectionId& caller);
 
@@ -110,22 +111,22 @@ public:
         NamedScene scene;
         std::string owner;  ///< the principal that loaded this content
         Clock::duration age{};
-        Clock::duration idle{};   ///< since a request last used it
-        std::size_t holders = 0;  ///< open connections that loaded or opened it
+        Clock::duration idle{};   ///< time since a request last used the scene
+        std::size_t holders = 0;  ///< number of open connections that loaded or opened the scene
     };
-    /// All names that mean something to the caller, in their order.
+    /// Returns the scenes that find() can return to the caller, by name.
     [[nodiscard]] std::vector<Listed> list(const ConnectionId& caller) const;
 
-    /// Scenes that a name means for all, or only the connections that still hold them.
+    /// Number of scenes: listed ones, and unlisted ones, which only connections hold.
     [[nodiscard]] std::size_t size() const { return entries_.size(); }
     struct Total {
         std::size_t scenes = 0;
         std::uint64_t bytes = 0;
     };
-    /// The latter alone.
+    /// Returns number and bytes of the unlisted scenes.
     [[nodiscard]] Total unlisted() const;
-    /// What makes room for scenes, in words: unloading those that the principal has used the least
-    /// recently, where there are any, or a larger value of raynestd's `option`.
+    /// Returns advice on how to make room for scenes: to unload the principal's least recently used
+    /// ones, if any, or to start raynestd with a larger `option`.
     [[nodiscard]] std::string remedy(const std::string& principal, std::string_view option) const;
 
 private:
@@ -134,25 +135,26 @@ private:
         std::string owner;
         Clock::time_point loaded;
         mutable Clock::time_point used;
-        bool listed = true;            ///< the name means this scene for everybody
-        std::set<std::string> owners;  ///< principals whose loads keep it by its name
-        /// Connections of each principal; true where one loaded it as temporary.
+        bool listed = true;            ///< true: all clients find the scene by its name
+        std::set<std::string> owners;  ///< principals that loaded the scene, not as temporary
+        /// Connections of each principal; the value is true if it loaded the scene as temporary.
         std::map<std::string, std::map<std::uint64_t, bool>> holders;
 
         [[nodiscard]] bool held_by(const ConnectionId& caller) const;
         [[nodiscard]] bool temporary_of(const ConnectionId& caller) const;
-        /// Does it count towards the quotas of this principal?
+        /// True if the scene counts towards the quotas of this principal.
         [[nodiscard]] bool charged_to(const std::string& principal) const;
-        /// May this principal put other content in its place? Connections of others follow.
+        /// True if this principal may replace the scene's content: it is the only owner or, without
+        /// owners, the only holder. Connections of other principals get the new content too.
         [[nodiscard]] bool only_of(const std::string& principal) const;
         [[nodiscard]] std::size_t connections() const;
-        /// Drops the caller's own reference; true when that leaves none at all.
+        /// Drops the reference of the caller's connection; true if no reference is left.
         bool release(const ConnectionId& caller) noexcept;
     };
-    /// At most one of a name is listed, and a connection holds at most one of a name.
+    /// Scenes by name. Of one name, at most one is listed, and a connection holds at most one.
     using Entries = std::multimap<std::string, Entry, std::less<>>;
 
-    /// What the name means to the caller: an iterator of `entries`, which may be const.
+    /// Returns the entry that the caller finds by this name, or the end. `entries` may be const.
     template <class AnyEntries>
     static auto resolve(AnyEntries& entries, std::string_view name, const ConnectionId& caller);
     [[nodiscard]] Entries::iterator listed(std::string_view name);

@@ -96,7 +96,7 @@ Result<std::optional<SourceFile>> read_under_root(const std::filesystem::path& r
                         protocol::bytes_text(budget.limit() - budget.used()) +
                         " of raynestd's --memory are free");
 
-    // The file may shrink while it is read; it never grows past the size that was checked.
+    // Read only the size that was checked, even if the file grows; fail if it shrinks.
     SourceFile result{name, std::vector<std::byte>(size), std::move(*lease)};
     std::size_t done = 0;
     while (done < result.bytes.size()) {

@@ -1,8 +1,8 @@
-// root:PATH: files under --scene-root, and nothing else.
+// Reads root:PATH, files under --scene-root.
 //
-// The kernel resolves each path with RESOLVE_BENEATH, so that no "..", link or race leaves the
-// folder; links that end inside it are followed. FIFOs and devices are refused after a non-blocking
-// open.
+// The operating system resolves each path with RESOLVE_BENEATH, so that no "..", link or race can
+// leave the folder; links that end inside it are followed. FIFOs and devices are refused after a
+// non-blocking open.
 #pragma once
 
 #include "engine/result.h"
@@ -18,16 +18,17 @@
 
 namespace raynest::server {
 
-/// A whole file, by the name that the importer will look it up by.
+/// A whole file, and the name by which the importer finds it.
 struct SourceFile {
     std::string name;
     std::vector<std::byte> bytes;
-    Budget::Lease lease;  ///< of the bytes
+    Budget::Lease lease;  ///< for `bytes`
 };
 
-/// The regular file `name` beneath `folder`, which lies beneath `root`; nothing where it is absent.
-/// At most `bytes_max` long, and reserved from the budget before it is read: out_of_memory where
-/// that has too little left. Blocking. The messages name the path as asked for, never the root.
+/// Reads the regular file `name` beneath `folder`, which lies beneath `root`; returns nothing if it
+/// does not exist. Fails with limit_exceeded beyond `bytes_max`, and with out_of_memory if the
+/// budget has no room for the file. Blocking. Error messages contain the requested path, never the
+/// root.
 Result<std::optional<SourceFile>> read_under_root(const std::filesystem::path& root,
                                                   const std::filesystem::path& folder,
                                                   const std::string& name, std::uint64_t bytes_max,

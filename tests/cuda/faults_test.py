@@ -72,7 +72,7 @@ class Faults(FaultTest):
         ("cudaLaunchKernel 719 3", "cudaErrorLaunchFailure"),
         ("cudaStreamSynchronize 700 3", "cudaErrorIllegalAddress"),
         ("cudaMemcpyAsync 700 3", "cudaErrorIllegalAddress"),
-        ("cudaMemcpyAsync(back) garbage 3", "answers that cannot be"),
+        ("cudaMemcpyAsync(back) garbage 3", "hits that are impossible"),
         ("cudaLaunchKernel kill 3", "was ended by a signal (Killed)"),
     )
     KINDS = (("--kind", "any"), (), ("--kind", "multi", "--max-hits", "3"))
@@ -345,7 +345,7 @@ class OthersOnTheWay(FaultTest):
             told, _ = self.query("cuda")
             self.assertEqual((told["worker"], first.poll()), ("cuda", None))
             told, answer = waiting.result()
-        self.assertIn("other scenes are on their way to it", told["notes"][0])
+        self.assertIn("other scenes are being uploaded to it", told["notes"][0])
         self.assertEqual((answer, first.poll()), (expected, None))
         self.fault.unlink()
         _, errors = first.communicate(timeout=PATIENCE)

@@ -1,4 +1,4 @@
-// A pair of sockets between two processes that carries whole messages of fixed size.
+// A socket pair between two processes that carries whole messages of fixed size.
 #pragma once
 
 #include "engine/assets/child_process.h"
@@ -12,21 +12,21 @@ namespace raynest::server::device {
 
 enum class Received { message, nothing_in_time, closed };
 
-/// One end. One thread at a time.
+/// One end of the pair. Not thread-safe.
 class Channel {
 public:
     explicit Channel(Fd socket) : socket_(std::move(socket)) {}
 
-    /// Two ends, both out of the way of a child's descriptors.
+    /// Makes both ends. Their descriptors do not collide with those that a child inherits.
     static Result<std::pair<Channel, Channel>> make_pair();
 
-    /// False where the other end is closed. `files` are at most 16, and go along.
+    /// Sends a message with up to 16 file descriptors. Returns false if the other end is closed.
     template <class Message>
     bool send(const Message& message, std::span<const int> files = {}) {
         return send_bytes(std::as_bytes(std::span(&message, 1)), files);
     }
-    /// A message of another size counts as closed: the other end is not what it should be. Files
-    /// that came along are added to `files`, or closed.
+    /// Waits up to `patience` for a message. A message of the wrong size counts as closed: the
+    /// other end is faulty. Received descriptors are appended to `files`, or closed if it is null.
     template <class Message>
     Received receive(Message& message, std::chrono::milliseconds patience,
                      std::vector<Fd>* files = nullptr) {

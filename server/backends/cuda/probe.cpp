@@ -22,7 +22,7 @@ Result<std::shared_ptr<const Snapshot>> probe_scene() {
     return Snapshot::build(*description);
 }
 
-/// Between points in and around the scene.
+/// Makes rays between random points within the scene's bounds.
 std::vector<Ray> random_rays(const Box& bounds) {
     Random random(1);
     const auto point = [&] {

@@ -1,4 +1,4 @@
-// A device is trusted once it has given the CPU's answers to rays whose answers are known.
+// Compares a device's answers with the CPU's before the device is used.
 #pragma once
 
 #include "engine/geometry/pinhole.h"
@@ -11,13 +11,13 @@
 
 namespace raynest::server::device {
 
-/// Of a call through the device: fills in its hits and counts, or gives up with a reason.
+/// Makes a call on the device: fills in its hits and counts, or fails with a reason. `made`, if not
+/// null, generates the call's rays.
 using ProbeTrace = std::function<Result<void>(const Variant&, Query, const Snapshot&,
                                               const TraceCall&, const PinholeRays* made)>;
 
-/// Asks the device every kind of question that it has kernels for, about a small nested scene with
-/// masked leaves. Fails where it gave up, or with the first question to which its answers are not,
-/// byte for byte, those of the variants' CPU target.
+/// Runs each query of each variant on the device, on a small nested scene with alpha-masked
+/// leaves. Fails if a call fails or its answers differ in any byte from those of the CPU.
 Result<void> probe(std::span<const Variant* const> variants, const ProbeTrace& trace);
 
 }  // namespace raynest::server::device

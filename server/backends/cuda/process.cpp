@@ -13,13 +13,13 @@
 namespace raynest::server::device {
 namespace {
 
-/// For the end of a process that is as good as ended.
+/// Number of looks, 1 s in all, to wait for the end of a process that was killed or hung up.
 constexpr int looks_max = 200;
 constexpr std::chrono::milliseconds look{5};
 constexpr std::chrono::milliseconds stop_look{50};
 
-/// For a killed process that its driver holds back. Where there is no thread left it stays a
-/// zombie.
+/// Waits on a thread of its own for a killed process that its driver keeps from ending. If no
+/// thread can be started, the process stays a zombie.
 void wait_elsewhere(pid_t pid) noexcept {
     try {
         std::thread([pid] { ::waitpid(pid, nullptr, 0); }).detach();
@@ -39,12 +39,12 @@ Result<std::shared_ptr<Process>> Process::start(const Setup& setup) {
     if (!pid) return tl::unexpected(pid.error());
     process->pid_ = *pid;
     {
-        // Ours of the child's end goes here, so that its end is heard.
+        // Close this process's copy of the child's end: the child's exit then closes the channel.
         const Channel theirs = std::move(control->second);
     }
     if (const auto greeted = process->greet(setup, std::move(control->first)); !greeted)
         return tl::unexpected(greeted.error());
-    // Only now: where there is no device, its slots take no memory.
+    // Reserve only after the greeting: without a device the slots take no memory.
     if (const auto reserved = process->reserve(setup); !reserved)
         return tl::unexpected(reserved.error());
     return process;
@@ -134,7 +134,7 @@ void Process::kill() {
 
 std::optional<std::string> Process::end() const {
     siginfo_t info{};
-    // Looked at and left: it is waited for where it is forgotten.
+    // Leave the process waitable (WNOWAIT): the destructor reaps it.
     if (::waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOWAIT | WNOHANG) != 0)
         return "went away";
     if (info.si_pid == 0) return std::nullopt;

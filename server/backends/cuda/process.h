@@ -1,4 +1,4 @@
-// One life of the device worker, seen from the daemon.
+// The daemon's handle of one device worker process, from its start to its end.
 #pragma once
 
 #include "server/backends/cuda/channel.h"
@@ -15,23 +15,25 @@
 
 namespace raynest::server::device {
 
-/// Of --memory, what slots may take: the rest is for scenes and jobs.
+/// Returns the part of --memory that slots may take; the rest is for scenes and jobs.
 constexpr std::uint64_t slots_share(std::uint64_t memory) {
     return memory / 4;
 }
 
-/// Killed, if it still lives, when the last one forgets it. Thread-safe but for one slot.
+/// A running worker process; the destructor kills it. Thread-safe, except that each slot serves one
+/// thread at a time.
 class Process {
 public:
     struct Setup {
-        std::vector<std::string> command;  ///< ends up in run_worker_process()
+        std::vector<std::string> command;  ///< a program that calls run_worker_process()
         std::uint32_t slots = 1;           ///< at most slots_max
         SlotShape shape;
-        Budget* budget = nullptr;              ///< that the memory of its slots is of
-        std::chrono::milliseconds patience{};  ///< for its start
-        const std::atomic<bool>* stop;         ///< gives up the start
+        Budget* budget = nullptr;              ///< the slots' memory is reserved from it
+        std::chrono::milliseconds patience{};  ///< time limit of the start
+        const std::atomic<bool>* stop;         ///< true: give up the start
     };
-    /// Blocking. The error says why there is no device (pack_invalid), or no process.
+    /// Starts a process. Blocking. Fails with pack_invalid if there is no device, with other codes
+    /// if there is no process.
     static Result<std::shared_ptr<Process>> start(const Setup& setup);
     ~Process();
     Process(const Process&) = delete;
@@ -42,23 +44,23 @@ public:
         return {memory_.bytes().data(), shape_, slot};
     }
 
-    /// Blocking: what the worker answers to a slot's request. Fails where it ended or took too
-    /// long.
+    /// Sends a request to a slot and returns the worker's answer. Blocking. Fails if the worker
+    /// ended or did not answer within `patience`.
     Result<Outcome> ask(std::uint32_t slot, const Request& request,
                         std::chrono::milliseconds patience, std::span<const int> files = {});
 
-    /// So that no thread waits for it any more.
+    /// Kills the process, which ends all calls of ask().
     void kill();
-    /// How it ended, in words; nothing while it lives.
+    /// Returns how the process ended, in words; nothing while it runs.
     [[nodiscard]] std::optional<std::string> end() const;
 
 private:
     explicit Process(const SlotShape& shape) : shape_(shape) {}
     Result<void> share_memory(const Setup& setup);
-    /// What the slots' memory takes, of the budget.
+    /// Reserves the slots' memory from the budget.
     Result<void> reserve(const Setup& setup);
     Result<void> greet(const Setup& setup, Channel control);
-    /// Waits a little for its end. Gives how it ended, in words.
+    /// Waits up to 1 s for the process to end. Returns how it ended, in words.
     std::string reap() const;
 
     const SlotShape shape_;
@@ -66,7 +68,7 @@ private:
     Fd memory_file_;
     Mapping memory_;
     pid_t pid_ = -1;
-    std::optional<Channel> control_;  ///< once started: closing it ends the worker
+    std::optional<Channel> control_;  ///< set once started; closing it ends the worker
     std::vector<Channel> slots_;
     std::unique_ptr<Ready> ready_;
 };

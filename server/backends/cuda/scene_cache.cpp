@@ -45,7 +45,7 @@ TraceStatus DeviceSceneCache::load(std::string_view hash, const SceneView& scene
     std::list<Resident> loaded(1);
     Resident& resident = loaded.front();
     resident.hash = hash;
-    // Calls of other scenes go on meanwhile: a large scene takes seconds.
+    // Load without the lock, so that calls of other scenes go on: a large scene takes seconds.
     TraceStatus status = device_.load(&scene, &resident.scene);
     while (status == trace_out_of_memory && evict_one())
         status = device_.load(&scene, &resident.scene);

@@ -1,5 +1,5 @@
-// The scenes that a device holds, in the worker's process. They stay until room is needed, unloaded
-// or not; then the least recently used goes first.
+// The scenes in a device's memory; lives in the worker process. A scene stays until room is needed,
+// even if the daemon unloaded it; the least recently used one is evicted first.
 #pragma once
 
 #include "engine/packs/device.h"
@@ -13,22 +13,22 @@
 
 namespace raynest::server::device {
 
-/// Thread-safe, but for loads among themselves.
+/// Thread-safe, except that only one thread at a time may call load().
 class DeviceSceneCache {
 public:
-    /// Beyond `bytes_max` what is not in use goes, even where the device has room.
+    /// Evicts unused scenes beyond `bytes_max`, even if the device has room for more.
     DeviceSceneCache(const Device& device, std::uint64_t bytes_max)
         : device_(device),
           bytes_max_(bytes_max) {}
     DeviceSceneCache(const DeviceSceneCache&) = delete;
 
     class Use;
-    /// Empty where the scene is not there.
+    /// Returns an empty Use if the device does not hold the scene.
     [[nodiscard]] Use find(std::string_view hash);
-    /// Copies a scene to the device, unless it is there; makes room as far as scenes that are not
-    /// in use give it.
+    /// Copies a scene to the device if it is not there. Evicts scenes that are not in use if the
+    /// room is needed.
     TraceStatus load(std::string_view hash, const SceneView& scene);
-    /// The least recently used goes; false when all are in use.
+    /// Evicts the least recently used scene that is not in use; false if there is none.
     bool evict_one();
 
 private:
@@ -46,11 +46,11 @@ private:
     const Device& device_;
     const std::uint64_t bytes_max_;
     std::mutex mutex_;
-    std::list<Resident> scenes_;  ///< last used last
+    std::list<Resident> scenes_;  ///< least recently used first
     std::uint64_t bytes_ = 0;
 
 public:
-    /// While it lives, the scene stays. Move-only.
+    /// Keeps a scene on the device while it exists. Move-only.
     class Use {
     public:
         Use() = default;
@@ -60,7 +60,7 @@ public:
         Use& operator=(Use&&) = delete;
         Use(const Use&) = delete;
         ~Use();
-        /// null when empty.
+        /// Null if empty.
         [[nodiscard]] const DeviceScene* scene() const {
             return owner_ == nullptr ? nullptr : resident_->scene;
         }

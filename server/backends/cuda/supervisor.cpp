@@ -16,19 +16,19 @@ namespace {
 
 using std::chrono::milliseconds;
 
-/// A scene that found no room may find some later.
+/// Time for which a scene that found no room on the device is not tried again.
 constexpr std::chrono::seconds scene_pause{10};
-/// One that ends processes is left alone for longer, from the third time on: two may be chance.
-/// Whatever goes well between them: of its chunks one may be bad.
+/// Time for which a scene is not tried again after `losses_max` lost processes; two may be chance.
+/// Successful calls in between do not reset the count: only one of its chunks may be bad.
 constexpr std::chrono::seconds loss_pause{300};
 constexpr unsigned losses_max = 3;
-/// After so long without another, losses are forgotten.
+/// Time after which the losses of a scene no longer count if no other follows.
 constexpr std::chrono::seconds loss_memory{600};
-/// At whether the process lives.
+/// Interval at which the watch checks that the process still runs.
 constexpr milliseconds look{500};
 constexpr std::size_t refused_max = 1024;
 
-/// The variant's place in the worker's table, if it has such kernels.
+/// Returns the index of the kernel's variant in the worker's table, if the worker has the kernel.
 std::optional<std::uint32_t> find_kernel(const Ready& ready, const Kernel& kernel) {
     for (std::uint32_t i = 0; i < ready.variant_count; ++i) {
         const VariantInfo& variant = ready.variants[i];
@@ -38,17 +38,18 @@ std::optional<std::uint32_t> find_kernel(const Ready& ready, const Kernel& kerne
     return std::nullopt;
 }
 
-/// Of the trees that the process makes of a scene on their way to the device: 384 bytes of a
-/// block's 320, 96 of a node's 256 (cuda/device_tree.h).
+/// Returns a bound on the bytes of the trees that the worker makes of a scene before it uploads
+/// them: 384 bytes per leaf block instead of 320, 96 per node instead of 256 (cuda/device_tree.h).
 constexpr std::uint64_t compressed_bytes_max(std::uint64_t scene_bytes) {
     return scene_bytes + scene_bytes / 5;
 }
 
-/// One core copies, checks and compresses a scene at 360 MB/s (terrain of 2 million triangles, the
-/// fake device); a busy one has a fifth of that.
+/// Assumed speed of an upload. One core copies, checks and compresses a scene at 360 MB/s (terrain
+/// of 2 million triangles, fake device); a fifth of that leaves room for a busy machine.
 constexpr std::uint64_t loaded_bytes_per_ms = 70'000;
 
-/// For handing a scene over: meanwhile no deadline is seen.
+/// Returns the time limit of an upload. It is bounded because deadlines of jobs are not checked
+/// during an upload.
 milliseconds load_time_max(const protocol::Limits& limits, std::uint64_t scene_bytes) {
     return milliseconds(std::min(limits.cuda_start_ms_max,
                                  limits.cuda_call_ms_max + scene_bytes / loaded_bytes_per_ms));
@@ -66,8 +67,8 @@ Unavailable lost(std::string reason) {
     return {std::move(reason), protocol::Code::busy, 1000, true};
 }
 
-/// Is the device's variant compiled from the same parameters, and for all records that the CPU's
-/// meets?
+/// True if the device's variant has the same parameters as the CPU's variant and supports all of
+/// its record types.
 bool matches(const Ready& ready, const VariantInfo& theirs, const Variant& ours) {
     const std::span<const std::uint32_t> types(ready.record_types, ready.record_type_count);
     return theirs.params == fingerprint(ours.params()) && ours.params().size() <= params_max &&
@@ -94,7 +95,7 @@ public:
     ~Lease() {
         if (process_ == nullptr) return;
         const std::lock_guard lock(worker_->mutex_);
-        // Of a process that was lost meanwhile there is nothing to give back.
+        // Slots of a process that was lost in the meantime need not be returned.
         if (worker_->process_ == process_) worker_->free_.push_back(slot_);
         worker_->changed_.notify_all();
     }
@@ -143,7 +144,7 @@ Supervisor::~Supervisor() {
     thread_.join();
 }
 
-// The one thread that starts processes: they die with the thread that started them.
+// Starts all processes on this one thread, because a process dies with the thread that started it.
 void Supervisor::run() {
     const milliseconds pause_max(limits_.cuda_retry_ms_max);
     std::unique_lock lock(mutex_);
@@ -164,7 +165,7 @@ void Supervisor::run() {
             ++metrics_.cuda_starts;
             logged_.clear();
             watch(lock);
-            // Forgotten here, where waiting for its end keeps nobody.
+            // Destroy the lost process without the lock: the destructor waits for its end.
             lock.unlock();
             lost_ = nullptr;
             lock.lock();
@@ -177,7 +178,7 @@ void Supervisor::run() {
         }
         pause_ = std::max(milliseconds(limits_.cuda_retry_ms), std::min(2 * pause_, pause_max));
         retry_at_ = Clock::now() + pause_;
-        // A machine without a GPU is no fault, and once is enough.
+        // Log each reason once, and a machine without a GPU as information only.
         const LogLevel level = absent_ ? LogLevel::info : LogLevel::warn;
         log(std::exchange(logged_, reason_) == reason_ ? LogLevel::debug : level, "cuda_down",
             {{"reason", reason_}, {"retry_ms", std::to_string(pause_.count())}});
@@ -222,14 +223,15 @@ Result<void> Supervisor::probe_process(Process& process) {
         const auto index = find_kernel(process.ready(), {variant.name});
         if (!index) continue;
         if (!matches(process.ready(), process.ready().variants[*index], variant))
-            return fail(ErrorCode::pack_invalid, "its pack is not of this daemon: rebuild it");
+            return fail(ErrorCode::pack_invalid,
+                        "its kernel pack does not match this daemon; rebuild the pack");
         variants.push_back(&variant);
     }
     return probe(variants,
                  [&](const Variant& variant, Query query, const Snapshot& scene,
                      const TraceCall& call, const PinholeRays* made) -> Result<void> {
-                     // Kernels for other GPUs than those compiled for are translated by their first
-                     // call, which takes seconds.
+                     // Allow the first call seconds: the driver translates kernels that were not
+                     // compiled for this GPU.
                      const auto attempt = [&] {
                          return trace_on(process, 0, {variant.name, precision_watertight, query},
                                          scene, call, made,
@@ -242,7 +244,8 @@ Result<void> Supervisor::probe_process(Process& process) {
                          traced = attempt();
                      }
                      if (!traced) return fail(ErrorCode::internal, traced.error().reason);
-                     if (!*traced) return fail(ErrorCode::internal, "its scene does not stay");
+                     if (!*traced)
+                         return fail(ErrorCode::internal, "its scene was evicted at once");
                      return {};
                  });
 }
@@ -279,7 +282,7 @@ std::optional<Unavailable> Supervisor::unavailable_reason(const Kernel& kernel,
 
 tl::expected<Supervisor::Lease, Unavailable> Supervisor::take_slot() {
     std::unique_lock lock(mutex_);
-    // Who has one gives it back: calls and loads have time limits.
+    // Wait without a limit: the calls and loads that hold slots have time limits.
     changed_.wait(lock, [this] { return stopping_ || state_ != State::up || !free_.empty(); });
     if (stopping_) return tl::unexpected(later("the daemon stops", 1000));
     if (state_ != State::up) return tl::unexpected(refusal_locked());
@@ -294,14 +297,14 @@ tl::expected<std::optional<Supervisor::Turn>, Unavailable> Supervisor::take_turn
     std::unique_lock lock(mutex_);
     while (!loading_.empty()) {
         if (loading_ == scene.digest()) {
-            // That thread has the patience for it.
+            // Another thread loads this scene and observes the time limit.
             changed_.wait(lock, [&] { return loading_ != scene.digest(); });
             return std::nullopt;
         }
         if (changed_.wait_until(lock, end) == std::cv_status::timeout) {
             lock.unlock();
             return tl::unexpected(
-                remember(scene, later("other scenes are on their way to it", 1000)));
+                remember(scene, later("other scenes are being uploaded to it", 1000)));
         }
     }
     loading_ = scene.digest();
@@ -318,7 +321,7 @@ tl::expected<void, Unavailable> Supervisor::trace(const Kernel& kernel, const Sn
 tl::expected<void, Unavailable> Supervisor::trace_if_up(const Kernel& kernel, const Snapshot& scene,
                                                         const TraceCall& call,
                                                         const PinholeRays* made) {
-    // Others may drive it out before its call comes.
+    // Calls of other scenes may evict this one between its upload and its call.
     constexpr int tries = 3;
     for (int i = 0; i < tries; ++i) {
         const auto traced = attempt(kernel, scene, call, made);
@@ -326,7 +329,8 @@ tl::expected<void, Unavailable> Supervisor::trace_if_up(const Kernel& kernel, co
         if (*traced) return {};
         if (const auto brought = bring(scene); !brought) return brought;
     }
-    return tl::unexpected(remember(scene, no_room("other scenes drove this one out at once")));
+    return tl::unexpected(
+        remember(scene, no_room("other scenes evicted this one before its call")));
 }
 
 tl::expected<bool, Unavailable> Supervisor::attempt(const Kernel& kernel, const Snapshot& scene,
@@ -342,7 +346,7 @@ tl::expected<bool, Unavailable> Supervisor::attempt(const Kernel& kernel, const 
     return traced;
 }
 
-// Who waits for a turn holds no slot: calls of scenes that are there go on.
+// Takes the turn before the slot, so that calls of scenes on the device go on during the wait.
 tl::expected<void, Unavailable> Supervisor::bring(const Snapshot& scene) {
     const auto turn = take_turn(scene);
     if (!turn) return tl::unexpected(turn.error());
@@ -390,14 +394,14 @@ tl::expected<bool, Unavailable> Supervisor::trace_on(Process& process, std::uint
     std::copy_n(memory.hits, hits, call.hits);
     if (kernel.query == query_multi)
         std::copy_n(memory.hit_counts, call.ray_count, call.hit_counts);
-    // What was copied, so that nobody writes to it meanwhile.
+    // Validate the copy: the worker cannot change it any more.
     switch (validate_hits(call, scene.view(), kernel.query)) {
         case Answers::possible:
             break;
         case Answers::given_up:
             return tl::unexpected(Unavailable{"rays meet too much of the scene for it"});
         case Answers::impossible:
-            return tl::unexpected(lost("it gave answers that cannot be"));
+            return tl::unexpected(lost("it returned hits that are impossible in the scene"));
     }
     return true;
 }
@@ -425,8 +429,8 @@ std::optional<Unavailable> Supervisor::refusal_of(const Result<Outcome>& outcome
 
 tl::expected<void, Unavailable> Supervisor::load(Process& process, std::uint32_t slot,
                                                  const Snapshot& scene) {
-    // A copy, once: arenas lie on huge pages, which traversal gains 2 to 9 % by (bvh/pages.h) and
-    // memory files have none of unless the system was told to.
+    // Copy the arena into a memory file. It cannot lie in one from the start: traversal gains 2 to
+    // 9 % from huge pages (bvh/pages.h), which memory files lack by default.
     const auto bytes = scene.bytes();
     const auto lease = budget_.reserve(bytes.size() + compressed_bytes_max(bytes.size()));
     if (!lease)
@@ -463,7 +467,7 @@ Unavailable Supervisor::lose(const ProcessPointer& process, const Snapshot& scen
                              Unavailable refusal) {
     const std::lock_guard lock(mutex_);
     if (process_ != process) {
-        // Another thread found out before, and why: what this one saw may be the end that follows.
+        // Keep the reason of the thread that noticed first: this one may have seen a consequence.
         if (state_ != State::up) refusal.reason = reason_;
         return refusal;
     }

@@ -1,12 +1,11 @@
-// The CUDA worker as jobs see it: chunks of rays go there, or it says why not. Behind it is a
-// process that may die, and is started again.
+// Starts, probes, watches and restarts the CUDA worker process, and sends it chunks of rays.
 //
-//   starting ──its first answers are the CPU's──► up ──fault──► down ──after a while──► starting
+//   starting ──probe succeeds──► up ──fault──► down ──after a pause──► starting
 //
-// After a fault the worker is left alone for cuda_retry_ms, twice as long after each fault that
-// follows, up to cuda_retry_ms_max; one that was up for so long counts as the first. Nothing waits
-// for a start: meanwhile jobs run on the CPU, with the same answers. Where a start finds no device,
-// who demands one is told that there is none, not when to try again.
+// The first pause is cuda_retry_ms; it doubles with each fault up to cuda_retry_ms_max. A worker
+// that was up for longer than cuda_retry_ms_max resets the pause. Jobs do not wait for a start:
+// they run on the CPU meanwhile, with the same answers. If a start finds no device, requests that
+// demand one are refused without a time to retry.
 #pragma once
 
 #include "engine/packs/registry.h"
@@ -33,7 +32,7 @@
 
 namespace raynest::server::device {
 
-/// Of what a device is asked.
+/// Selects a kernel of the device.
 struct Kernel {
     std::string_view variant;
     Precision precision = precision_watertight;
@@ -41,33 +40,33 @@ struct Kernel {
     std::size_t param_count = 0;
 };
 
-/// Thread-safe.
+/// Owns the CUDA worker process. Thread-safe.
 class Supervisor {
 public:
     struct Options {
-        std::vector<std::string> command;  ///< ends up in run_worker_process()
-        std::uint32_t slots = 1;           ///< calls at a time
-        SlotShape shape;                   ///< of a call
+        std::vector<std::string> command;  ///< a program that calls run_worker_process()
+        std::uint32_t slots = 1;           ///< maximum concurrent calls
+        SlotShape shape;                   ///< maximum rays and hits of a call
     };
-    /// The registry's CPU target must be one that promises the device's bits: not v2.
+    /// The registry's CPU target must give the same bits as the device: v3 or v4, not v2.
     Supervisor(Options options, const Registry& registry, Budget& budget, Metrics& metrics,
                const protocol::Limits& limits);
-    /// Ends the process; no call may be under way.
+    /// Kills the process. No call may be running.
     ~Supervisor();
     Supervisor(const Supervisor&) = delete;
 
     [[nodiscard]] std::uint32_t slots() const { return options_.slots; }
 
-    /// Nothing where it takes such calls now.
+    /// Returns nothing if the worker accepts such calls at this moment.
     [[nodiscard]] std::optional<Unavailable> unavailable_reason(const Kernel& kernel,
                                                                 const Snapshot& scene);
 
-    /// Has it kernels of this variant? Not while it is not up.
+    /// True if the worker is up and has kernels of this variant.
     [[nodiscard]] bool has(std::string_view variant);
 
-    /// Blocking, for as long as a scene may take to get there: fills in the hits and hit counts of
-    /// `call`, whose scene is that of `scene`, and which fits the shape. With `made`, which are the
-    /// call's rays, the device makes them itself. What is refused has to be traced elsewhere.
+    /// Fills in the hits and hit counts of `call`. Blocking, up to the time limits of a call and of
+    /// an upload of the scene. `call` refers to `scene` and fits Options::shape. If `made` is not
+    /// null, the device generates the call's rays from it. Refused calls must be traced elsewhere.
     tl::expected<void, Unavailable> trace(const Kernel& kernel, const Snapshot& scene,
                                           const TraceCall& call, const PinholeRays* made);
 
@@ -76,16 +75,16 @@ private:
     using ProcessPointer = std::shared_ptr<Process>;
     enum class State { starting, up, down };
 
-    /// A slot of a process, given back at its end.
+    /// A slot of a process; the destructor returns it.
     class Lease;
-    /// The turn of one scene to get there; its end is the next one's.
+    /// The right to upload a scene; one thread at a time has it. The destructor passes it on.
     class Turn;
 
     struct Refused {
         Unavailable refusal;
-        unsigned losses = 0;  ///< of processes, by this scene, each soon after the one before
-        Clock::time_point lost;
-        Clock::time_point until;
+        unsigned losses = 0;     ///< processes lost with this scene, each soon after the one before
+        Clock::time_point lost;  ///< time of the last loss
+        Clock::time_point until;  ///< end of the refusal
     };
     Refused& refused_locked(const Snapshot& scene);
 
@@ -96,30 +95,31 @@ private:
     Result<void> probe_process(Process& process);
     [[nodiscard]] Unavailable refusal_locked() const;
     tl::expected<Lease, Unavailable> take_slot();
-    /// Nothing where another thread brought the scene meanwhile.
+    /// Waits for the turn to upload the scene; returns nothing if another thread uploaded it.
     tl::expected<std::optional<Turn>, Unavailable> take_turn(const Snapshot& scene);
     tl::expected<void, Unavailable> trace_if_up(const Kernel& kernel, const Snapshot& scene,
                                                 const TraceCall& call, const PinholeRays* made);
-    /// A call on a slot of its own. False where the scene is not there.
+    /// Takes a slot and makes the call on it. False if the device does not hold the scene.
     tl::expected<bool, Unavailable> attempt(const Kernel& kernel, const Snapshot& scene,
                                             const TraceCall& call, const PinholeRays* made);
-    /// The rays of `call` on a slot that is the caller's: its answers lie there.
+    /// Makes the call on a slot that the caller holds. False if the device does not hold the scene.
     tl::expected<bool, Unavailable> trace_on(Process& process, std::uint32_t slot,
                                              const Kernel& kernel, const Snapshot& scene,
                                              const TraceCall& call, const PinholeRays* made,
                                              std::chrono::milliseconds patience);
-    /// Gets the scene there, or waits for the thread that is at it. Scenes get there one at a time.
+    /// Uploads the scene, or waits for the thread that does. Scenes are uploaded one at a time.
     tl::expected<void, Unavailable> bring(const Snapshot& scene);
     tl::expected<void, Unavailable> load(Process& process, std::uint32_t slot,
                                          const Snapshot& scene);
-    /// Nothing where the process did what it was asked.
+    /// Returns nothing if the request succeeded.
     std::optional<Unavailable> refusal_of(const Result<Outcome>& outcome, const Snapshot& scene);
+    /// Refuses the scene for `scene_pause`; returns `refusal`.
     Unavailable remember(const Snapshot& scene, Unavailable refusal);
-    /// The process is no good any more, found with this scene. Gives the refusal with the reason
-    /// that was found first.
+    /// Kills the process after a fault while it handled this scene. Returns `refusal` with the
+    /// reason that was found first.
     Unavailable lose(const ProcessPointer& process, const Snapshot& scene, Unavailable refusal);
     void lose_locked(std::string reason);
-    /// Until it is lost, or the daemon ends: an end that no call sees, this does.
+    /// Waits until the process is lost or the daemon stops; notices an exit between calls.
     void watch(std::unique_lock<std::mutex>& lock);
 
     const Options options_;
@@ -132,20 +132,20 @@ private:
     std::condition_variable changed_;
     State state_ = State::starting;
     std::atomic<bool> stopping_{false};
-    ProcessPointer process_;            ///< of State::up
-    ProcessPointer lost_;               ///< the one before
-    ProcessPointer starting_;           ///< of State::starting, while it is probed
-    std::vector<std::uint32_t> free_;   ///< slots of it
-    std::string reason_ = "it starts";  ///< why it is not up
+    ProcessPointer process_;            ///< the running process; set in State::up
+    ProcessPointer lost_;               ///< the previous process, until run() destroys it
+    ProcessPointer starting_;           ///< the process that is being probed
+    std::vector<std::uint32_t> free_;   ///< free slots of process_
+    std::string reason_ = "it starts";  ///< why the worker is not up
     bool absent_ = false;               ///< the last start found no device, or no pack for it
     std::string logged_;                ///< the last reason in the log
-    Clock::time_point since_;           ///< of State::up
-    Clock::time_point retry_at_;        ///< of State::down
+    Clock::time_point since_;           ///< begin of State::up
+    Clock::time_point retry_at_;        ///< end of State::down
     std::chrono::milliseconds pause_{};
-    std::map<std::string, Refused> refused_;  ///< scenes, by hash
+    std::map<std::string, Refused> refused_;  ///< by digest of the scene
 
-    std::string loading_;  ///< hash of the one scene that is on its way to the device
-    std::thread thread_;   ///< run(); starts last
+    std::string loading_;  ///< digest of the scene that is being uploaded; else empty
+    std::thread thread_;   ///< executes run(); the last member, so that it starts last
 };
 
 }  // namespace raynest::server::device

@@ -23,7 +23,7 @@ bool is_hit(const SceneView& scene, const HitRecord& record) {
            record.path < scene.objects[scene.root].placement_count;
 }
 
-/// Of a query that says no more than whether there is one.
+/// True if this is the hit record of an any-hit query, which holds only the flag `hit`.
 bool is_any_hit(const HitRecord& record) {
     HitRecord hit;
     hit.hit = 1;
@@ -36,7 +36,7 @@ bool is_given_up(const HitRecord& record) {
     return std::memcmp(&given_up, &record, sizeof given_up) == 0;
 }
 
-/// `records` and `count` of one ray: how many of them are its hits, for a multi query.
+/// Checks the records of one ray; `count` is its number of hits, for a multi-hit query.
 bool are_possible(const SceneView& scene, Query query, std::span<const HitRecord> records,
                   std::uint32_t count) {
     const HitRecord& first = records.front();

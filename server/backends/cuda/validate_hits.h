@@ -1,5 +1,4 @@
-// What a device brings back is looked at before anything reads through it: a number in a hit is an
-// index into the scene.
+// Validates a device's hits before anything uses them: they hold indices into the scene's arrays.
 #pragma once
 
 #include "engine/geometry/views.h"
@@ -9,12 +8,11 @@ namespace raynest::server::device {
 
 enum class Answers {
     possible,
-    given_up,   ///< some rays have none, because they took too long
-    impossible  ///< no rays of this scene have such
+    given_up,   ///< the device gave up some rays because they took too long
+    impossible  ///< no ray can have such hits in this scene
 };
 
-/// What the call's hits and counts are, as answers about the scene. Says nothing about whether they
-/// are right.
+/// Checks that the call's hits and counts are in range for the scene, not that they are correct.
 [[nodiscard]] Answers validate_hits(const TraceCall& call, const SceneView& scene, Query query);
 
 }  // namespace raynest::server::device

@@ -1,11 +1,11 @@
-// What the daemon and its device worker say to each other: messages of fixed size, one at a time
-// per socket. Both are the same program, so there is no version; who gets a message of another size
-// takes the other end for gone.
+// The messages between the daemon and its device worker: fixed size, one at a time per socket. Both
+// are the same program, so there is no version. After a message of the wrong size the socket counts
+// as closed.
 //
 //   control:    Hello, memory and a socket per slot ──►   ◄── Ready
 //   each slot:  Request (with a memory file, to load) ──►   ◄── Outcome
 //
-// Rays and answers lie in memory that both map, a piece of it per slot:  rays | hits | hit counts
+// Rays and answers lie in memory that both map; each slot has a part:  rays | hits | hit counts
 #pragma once
 
 #include "engine/geometry/hit.h"
@@ -30,7 +30,7 @@ inline constexpr std::uint32_t variants_max = 64;
 inline constexpr std::uint32_t params_max = 32;
 inline constexpr std::uint32_t record_types_max = 32;
 
-/// Text that ends with a zero, shortened where it is too long.
+/// Zero-terminated text of at most N - 1 bytes; longer text is truncated.
 template <std::size_t N>
 struct Text {
     char chars[N] = {};
@@ -40,7 +40,7 @@ struct Text {
         std::memcpy(chars, text.data(), text.size() < N ? text.size() : N - 1);
     }
     [[nodiscard]] std::string_view view() const { return {chars, strnlen(chars, N)}; }
-    /// For people and messages, whatever a driver says.
+    /// Returns the text for messages; non-printable characters, e.g. of a driver, become '?'.
     [[nodiscard]] std::string printable() const {
         std::string text(view());
         for (char& c : text)
@@ -49,20 +49,22 @@ struct Text {
     }
 };
 
+/// Maximum rays and hits of a slot, and the layout of its memory.
 struct SlotShape {
     std::uint64_t rays_max = 0;
     std::uint64_t hits_max = 0;
 
     [[nodiscard]] std::size_t hits_at() const { return rays_max * sizeof(Ray); }
     [[nodiscard]] std::size_t counts_at() const { return hits_at() + hits_max * sizeof(HitRecord); }
-    /// Whole pages.
+    /// Bytes of a slot's memory, rounded up to whole pages.
     [[nodiscard]] std::size_t bytes() const {
         constexpr std::size_t page = 4096;
         return (counts_at() + rays_max * sizeof(std::uint32_t) + page - 1) / page * page;
     }
 };
 
-/// Of parameters as a variant declares them: equal where a call's values mean the same.
+/// Returns a hash of a variant's parameters: names, types and choices in order. Values of a call
+/// mean the same for variants with equal fingerprints.
 [[nodiscard]] inline std::uint64_t fingerprint(std::span<const PackParam> params) {
     std::string text;
     for (const PackParam& param : params) {
@@ -74,7 +76,7 @@ struct SlotShape {
     return protocol::upload_checksum(std::as_bytes(std::span(text)));
 }
 
-/// A slot's piece of the shared memory.
+/// The part of the shared memory that belongs to a slot.
 struct SlotMemory {
     Ray* rays;
     HitRecord* hits;
@@ -88,7 +90,7 @@ struct SlotMemory {
     }
 };
 
-/// Carries the memory file and the slots' sockets, in this order.
+/// The daemon's first message. Carries the memory file and the slots' sockets, in this order.
 struct Hello {
     pid_t parent = 0;
     std::uint32_t slots = 0;
@@ -101,9 +103,10 @@ struct VariantInfo {
     std::uint64_t params = 0;   ///< fingerprint()
 };
 
+/// The worker's answer to Hello.
 struct Ready {
     bool ok = false;
-    bool absent = false;  ///< not ok for good: there is no device, or no pack for it
+    bool absent = false;  ///< permanent failure: there is no device, or no pack for it
     Text<256> text;       ///< the device's name, or why it is not ok
     std::uint32_t variant_count = 0;
     VariantInfo variants[variants_max];
@@ -113,17 +116,17 @@ struct Ready {
 
 enum class Order : std::uint32_t {
     trace,
-    load  ///< brings the arena as a memory file
+    load  ///< uploads the arena in the attached memory file
 };
 
-/// A scene's digest (engine/scene/digest.h) with its zero.
+/// A scene's digest (engine/scene/digest.h), zero-terminated.
 using SceneText = Text<72>;
 
 struct Request {
     Order order = Order::trace;
     SceneText scene;  ///< its digest
 
-    // Of trace; the rays lie in the slot.
+    // The rest is for Order::trace; the rays lie in the slot's memory.
     std::uint32_t variant = 0;  ///< index in Ready
     std::uint32_t precision = 0;
     std::uint32_t query = 0;
@@ -131,19 +134,19 @@ struct Request {
     std::uint32_t hits_max = 0;
     std::uint32_t mask = 0;
     std::uint32_t flags = 0;
-    bool has_params = false;  ///< else all at their initial values
-    bool has_made = false;    ///< the device makes the rays
+    bool has_params = false;  ///< false: all parameters have their initial values
+    bool has_made = false;    ///< the device generates the rays from `made`
     double params[params_max] = {};
     PinholeRays made;
 };
 
 enum class Verdict : std::uint32_t {
     done,
-    unknown_scene,  ///< load it first
-    out_of_memory,  ///< the text says which
-    too_deep,       ///< kernels do not take the scene
-    refused,        ///< the request makes no sense
-    lost            ///< the device cannot be trusted any more
+    unknown_scene,  ///< the device does not hold the scene; load it first
+    out_of_memory,  ///< of the device or the host; the text says which
+    too_deep,       ///< the scene is nested deeper than the kernels support
+    refused,        ///< the request is invalid
+    lost            ///< the device failed; the process must be replaced
 };
 
 struct Outcome {

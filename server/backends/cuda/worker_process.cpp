@@ -18,7 +18,7 @@
 namespace raynest::server::device {
 namespace {
 
-/// Of the device's memory; the rest is for slots, and for whoever else uses the device.
+/// Share of the device's memory for scenes; the rest is for slots and other users of the device.
 constexpr double scenes_share = 0.8;
 
 Ready describe(const DevicePack& from, std::string_view name) {
@@ -56,8 +56,8 @@ public:
           memory_(memory),
           channel_(std::move(channel)) {}
 
-    /// Until the daemon closes the channel. Once the device is lost it answers that to everything;
-    /// the daemon, which then knows why, ends the process.
+    /// Serves until the daemon closes the channel. After a device fault every answer says `lost`;
+    /// the daemon learns the reason from it and kills the process.
     void serve() {
         for (;;) {
             Request request;
@@ -171,7 +171,7 @@ int run_worker_process(const char* path) {
     const Device& device = *pack->device;
     DeviceInfo info{};
     if (device.open(&info) != trace_ok) return end(control, device.error(), info.absent);
-    // Without it copies are slower, and right.
+    // Go on without pinned memory: copies are slower but correct.
     std::string name(info.name);
     if (device.pin(memory.bytes().data(), memory.bytes().size()) != trace_ok)
         name += std::string(" (memory not pinned: ") + device.error() + ")";
@@ -191,7 +191,7 @@ int run_worker_process(const char* path) {
     for (SlotServer& server : servers) threads.emplace_back([&server] { server.serve(); });
     Hello nothing;
     (void)control.receive(nothing, Channel::for_ever);
-    // The daemon is gone or has given up on us: nobody waits for what the threads still do.
+    // Do not join the threads: the daemon is gone or has dropped this process.
     ::_exit(0);
 }
 

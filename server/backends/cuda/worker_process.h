@@ -1,16 +1,16 @@
-// The device worker: a process of its own that has the device, so that an error of a kernel, which
-// poisons all that its process has there, ends this process and not the daemon.
+// The device worker process. It alone uses the device: a kernel error invalidates all device state
+// of its process, so it costs this process and not the daemon.
 #pragma once
 
 #include <string_view>
 
 namespace raynest::server::device {
 
-/// `raynestd --device-worker PACK` is this process.
+/// The command line of the process is `raynestd --device-worker PACK`.
 inline constexpr std::string_view worker_flag = "--device-worker";
 
-/// Serves the daemon at descriptor 3 until it closes; `pack` is a kernel pack with the door of
-/// packs/device.h. Gives the process's exit code.
+/// Serves the daemon on descriptor 3 until the daemon closes it. `pack` is the path of a kernel
+/// pack with the interface of packs/device.h. Returns the exit code of the process.
 int run_worker_process(const char* pack);
 
 }  // namespace raynest::server::device
