@@ -26,8 +26,8 @@ FairThreadPool::FairThreadPool(unsigned threads, Time charged, unsigned spares)
       spares_max_(spares),
       regulars_(threads) {
     try {
-        for (WorkerThread& seat : regulars_)
-            seat.thread = std::jthread([this, &seat] { run(seat); });
+        for (WorkerThread& worker : regulars_)
+            worker.thread = std::jthread([this, &worker] { run(worker); });
         if (spares != 0) watch_ = std::thread([this] { watch(); });
     } catch (...) {
         stop();
@@ -50,10 +50,10 @@ void FairThreadPool::stop() {
     wake_.notify_all();
     alarm_.notify_one();
     if (watch_.joinable()) watch_.join();  // first, because it starts spare threads
-    for (WorkerThread& seat : regulars_) {
-        if (seat.thread.joinable()) seat.thread.join();
+    for (WorkerThread& worker : regulars_) {
+        if (worker.thread.joinable()) worker.thread.join();
     }
-    for (WorkerThread& seat : spares_) seat.thread.join();
+    for (WorkerThread& worker : spares_) worker.thread.join();
 }
 
 bool FairThreadPool::later(const Waiting& a, const Waiting& b) {
@@ -128,7 +128,7 @@ FairThreadPool::Turns::iterator FairThreadPool::least_served() {
     return least != turns_.end() && (*least)->second.running < most ? least : turns_.end();
 }
 
-FairThreadPool::Taken FairThreadPool::take(Turns::iterator turn, WorkerThread& seat) {
+FairThreadPool::Taken FairThreadPool::take(Turns::iterator turn, WorkerThread& worker) {
     const Accounts::iterator account = *turn;
     std::vector<Waiting>& queue = account->second.queue;
     std::pop_heap(queue.begin(), queue.end(), later);
@@ -139,18 +139,18 @@ FairThreadPool::Taken FairThreadPool::take(Turns::iterator turn, WorkerThread& s
         turns_.erase(turn);
     else
         turns_.splice(turns_.end(), turns_, turn);
-    seat.since = Clock::now();
+    worker.since = Clock::now();
     return taken;
 }
 
-void FairThreadPool::run_taken(Taken taken, WorkerThread& seat) {
+void FairThreadPool::run_taken(Taken taken, WorkerThread& worker) {
     const auto start = now_by(charged_);
     taken.task();
     taken.task = {};  // release its captures before the next task is taken
     const auto turns = (now_by(charged_) - start) / slice;
 
     const std::lock_guard lock(mutex_);
-    seat.since = Clock::time_point::max();
+    worker.since = Clock::time_point::max();
     if (stopping_) return;  // stop() has removed the accounts
     Account& account = taken.account->second;
     account.debt = std::min<std::int64_t>(account.debt + turns, debt_max);
@@ -176,7 +176,9 @@ void FairThreadPool::run(WorkerThread& self) {
 
 std::size_t FairThreadPool::held() const {
     const Clock::time_point long_ago = Clock::now() - patience;
-    const auto is_held = [long_ago](const WorkerThread& seat) { return seat.since <= long_ago; };
+    const auto is_held = [long_ago](const WorkerThread& worker) {
+        return worker.since <= long_ago;
+    };
     return static_cast<std::size_t>(std::ranges::count_if(regulars_, is_held) +
                                     std::ranges::count_if(spares_, is_held));
 }
@@ -184,7 +186,7 @@ std::size_t FairThreadPool::held() const {
 void FairThreadPool::watch() {
     std::unique_lock lock(mutex_);
     for (std::uint64_t seen = submitted_; !stopping_;) {
-        std::erase_if(spares_, [](const WorkerThread& seat) { return seat.over; });
+        std::erase_if(spares_, [](const WorkerThread& worker) { return worker.over; });
         const std::size_t wanted = std::min(held(), spares_max_);
         while (spares_.size() < wanted && least_served() != turns_.end()) {
             if (!start_spare()) break;
@@ -201,11 +203,12 @@ void FairThreadPool::watch() {
 
 bool FairThreadPool::start_spare() {
     try {
-        WorkerThread& seat = spares_.emplace_back();
-        seat.thread = std::jthread([this, &seat] { run_spare(seat); });
+        WorkerThread& worker = spares_.emplace_back();
+        worker.thread = std::jthread([this, &worker] { run_spare(worker); });
         return true;
     } catch (const std::exception&) {  // no memory or no thread; the watch tries again later
-        std::erase_if(spares_, [](const WorkerThread& seat) { return !seat.thread.joinable(); });
+        std::erase_if(spares_,
+                      [](const WorkerThread& worker) { return !worker.thread.joinable(); });
         return false;
     }
 }

@@ -97,9 +97,9 @@ private:
     /// Returns the principal whose task a spare thread takes next: the one with the fewest running
     /// tasks. Returns the end if that one has its share of threads already.
     Turns::iterator least_served();
-    /// Removes the next task of a principal; `seat` is the calling thread's.
-    Taken take(Turns::iterator turn, WorkerThread& seat);
-    void run_taken(Taken taken, WorkerThread& seat);
+    /// Removes the next task of a principal; `worker` is the calling thread's.
+    Taken take(Turns::iterator turn, WorkerThread& worker);
+    void run_taken(Taken taken, WorkerThread& worker);
     /// Number of threads whose task has run for longer than `patience`.
     [[nodiscard]] std::size_t held() const;
     /// Starts and removes spare threads; runs on a thread of its own.

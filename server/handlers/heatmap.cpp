@@ -146,7 +146,7 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
         protocol::word(message->encode(), "png"), heat_bytes(message->width(), message->height()));
     if (!request) return tl::unexpected(request.error());
     JobSubmission accepted = accept(request->plan, "heatmap", request->rays());
-    accepted.less = smaller_picture(request->encode);
+    accepted.advice = smaller_picture(request->encode);
     accepted.answer_bytes = accepted.result_bytes = picture_answer_bytes(
         caller, payload_bytes_max(request->width, request->height, request->encode));
     accepted.job = std::make_unique<HeatmapJob>(services, caller, std::move(*request),

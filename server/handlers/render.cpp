@@ -104,7 +104,7 @@ Reply<Answer> render(const Services& services, const Caller& caller,
                                 image_header_bytes_max + pixel_bytes(encode) * pixels);
     if (!request) return tl::unexpected(request.error());
     JobSubmission accepted = accept(request->plan, "render", request->rays());
-    accepted.less = smaller_picture(request->encode);
+    accepted.advice = smaller_picture(request->encode);
     accepted.answer_bytes = accepted.result_bytes = picture_answer_bytes(
         caller, payload_bytes_max(request->width, request->height, request->encode));
     accepted.job = std::make_unique<RenderJob>(services, caller, std::move(*request));

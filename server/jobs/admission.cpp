@@ -39,7 +39,7 @@ Reply<Admission::Slot> Admission::enter(JobRecord&& record) {
     return Slot(this, last_number_);
 }
 
-std::optional<Peers::Whose> Admission::whose_place_lacks(const std::string& principal) const {
+std::optional<Peers::Whose> Admission::blocking_limit(const std::string& principal) const {
     const auto known = uses_.find(principal);
     if (known != uses_.end() && known->second.jobs >= limits_.principal_jobs_max)
         return Peers::Whose::own;

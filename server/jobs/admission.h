@@ -73,7 +73,7 @@ public:
     Reply<Slot> enter(JobRecord&& record);
 
     /// Returns whose job must end before the principal can start one more; nothing if none must.
-    [[nodiscard]] std::optional<Peers::Whose> whose_place_lacks(const std::string& principal) const;
+    [[nodiscard]] std::optional<Peers::Whose> blocking_limit(const std::string& principal) const;
 
     /// Adds the duration of a job to the moving mean behind retry_after_ms().
     void record(std::chrono::duration<double> took) { mean_ += 0.1 * (took.count() - mean_); }

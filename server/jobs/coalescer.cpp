@@ -68,7 +68,7 @@ void end_unanswered(DispatchedTask& task) {
 
 /// Tasks that run together. Owned by a pool thread while its task runs, otherwise by the io thread.
 struct Coalescer::Group {
-    const Way way;
+    const Route route;
     const std::string principal;
     const Priority priority;
     Members members;
@@ -92,7 +92,7 @@ struct Coalescer::Group {
             const MergeableTask& merged = *member->task.mergeable;
             member->reply = run_guarded(*member->stop, [&] { return answer_rows(merged, row); });
             row += merged.rays();
-            ++way.metrics.tasks_coalesced;
+            ++route.metrics.tasks_coalesced;
         }
     }
 
@@ -109,7 +109,7 @@ struct Coalescer::Group {
     bool try_dequeue(const DispatchedTask* member) {
         const auto separate = alone.find(member);
         if (separate != alone.end())
-            return way.pool.change(principal, separate->second, [] { return false; });
+            return route.pool.change(principal, separate->second, [] { return false; });
         DispatchedTaskPointer removed;
         const auto remove = [&] {
             const auto found = std::find_if(members.begin(), members.end(),
@@ -121,7 +121,7 @@ struct Coalescer::Group {
             return !members.empty();
         };
         if (task)
-            way.pool.change(principal, *task, std::cref(remove));
+            route.pool.change(principal, *task, std::cref(remove));
         else
             remove();
         return removed != nullptr;
@@ -132,7 +132,7 @@ private:
     bool send_alone(const DispatchedTaskPointer& member) {
         try {
             const auto place = alone.emplace(member.get(), 0).first;
-            place->second = dispatch(way.pool, principal, priority, way.post, member);
+            place->second = dispatch(route.pool, principal, priority, route.post, member);
             return true;
         } catch (const std::bad_alloc&) {
             return false;
@@ -140,7 +140,7 @@ private:
     }
 };
 
-TryDequeue Coalescer::add(const Way& way, const std::string& principal, Priority priority,
+TryDequeue Coalescer::add(const Route& route, const std::string& principal, Priority priority,
                           DispatchedTaskPointer task) {
     const MergeableTask& mergeable = *task->task.mergeable;
     const auto fits = [&](const std::shared_ptr<Group>& group) {
@@ -150,9 +150,9 @@ TryDequeue Coalescer::add(const Way& way, const std::string& principal, Priority
     };
     auto group = std::find_if(groups_.begin(), groups_.end(), fits);
     if (group == groups_.end()) {
-        auto fresh = std::make_shared<Group>(Group{way, principal, priority, {}});
+        auto fresh = std::make_shared<Group>(Group{route, principal, priority, {}});
         fresh->members.reserve(4);
-        if (groups_.empty()) way.post([this] { end_turn(); });
+        if (groups_.empty()) route.post([this] { end_turn(); });
         group = groups_.insert(groups_.end(), std::move(fresh));
     }
     TryDequeue try_dequeue = [group = *group, member = task.get()] {
@@ -168,11 +168,11 @@ void Coalescer::end_turn() {
         if (group->members.empty()) continue;
         try {
             std::function<void()> end = [group] { group->end(); };
-            group->task = group->way.pool.submit(group->principal, group->priority,
-                                                 [group, end = std::move(end)] {
-                                                     group->run();
-                                                     post_surely(group->way.post, end);
-                                                 });
+            group->task = group->route.pool.submit(group->principal, group->priority,
+                                                   [group, end = std::move(end)] {
+                                                       group->run();
+                                                       post_surely(group->route.post, end);
+                                                   });
         } catch (const std::bad_alloc&) {
             // Empty the group first: a job that ends looks for its other tasks in it.
             for (const DispatchedTaskPointer& member : std::exchange(group->members, {}))

@@ -31,13 +31,13 @@ public:
 
     /// The pool that runs groups, and `post`, which queues the end of the turn after all handlers
     /// that are ready.
-    struct Way {
+    struct Route {
         FairThreadPool& pool;
         const Post& post;
         Metrics& metrics;
     };
     /// Adds a mergeable task to a group. The result takes it out again.
-    TryDequeue add(const Way& way, const std::string& principal, Priority priority,
+    TryDequeue add(const Route& route, const std::string& principal, Priority priority,
                    DispatchedTaskPointer task);
 
 private:

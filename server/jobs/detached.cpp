@@ -94,11 +94,11 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
                                            " detached jobs, as many as --principal-results-max "
                                            "allows; fetch or cancel a finished one");
     const std::uint64_t bytes = base_bytes + accepted.result_bytes;
-    const std::string less = accepted.less;
-    auto room = make_room(principal, bytes, less);
+    const std::string advice = accepted.advice;
+    auto room = make_room(principal, bytes, advice);
     if (!room && room.error().code == Code::resource_exhausted) {
         context_.peers.make_memory(bytes, principal);
-        room = make_room(principal, bytes, less);
+        room = make_room(principal, bytes, advice);
     }
     if (!room) return tl::unexpected(room.error());
     accepted.answer_bytes = 0;  // `room` already covers the answer
@@ -110,9 +110,10 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
     record.scene = accepted.scene;
     record.started = Clock::now();
     record.detached = true;
-    auto job = std::make_shared<DetachedJob>(
-        context_, std::move(record), std::move(*room),
-        [this, principal, less](std::uint64_t more) { return make_room(principal, more, less); });
+    auto job = std::make_shared<DetachedJob>(context_, std::move(record), std::move(*room),
+                                             [this, principal, advice](std::uint64_t more) {
+                                                 return make_room(principal, more, advice);
+                                             });
     job->set_feeder(feeder);
     const auto number = job->runner().start(request_id, std::move(accepted));
     job->set_feeder(nullptr);
@@ -124,7 +125,7 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
 }
 
 Reply<Budget::Lease> DetachedJobs::make_room(const std::string& principal, std::uint64_t bytes,
-                                             const std::string& less) {
+                                             const std::string& advice) {
     const std::uint64_t most = context_.limits.principal_result_bytes_max;
     const auto kept = [&] {
         std::uint64_t sum = 0;
@@ -139,7 +140,7 @@ Reply<Budget::Lease> DetachedJobs::make_room(const std::string& principal, std::
                 "the answer needs " + protocol::bytes_text(bytes) + " more, " + principal +
                     " keeps " + protocol::bytes_text(kept()) +
                     ", the limit is --principal-result-bytes-max " + std::to_string(most) + "; " +
-                    (bytes > most ? "" : "fetch or cancel a finished job, ") + less + not_kept +
+                    (bytes > most ? "" : "fetch or cancel a finished job, ") + advice + not_kept +
                     ", or start raynestd with a larger --principal-result-bytes-max");
     auto room = context_.budget.reserve(bytes);
     while (!room && drop_fetched("")) room = context_.budget.reserve(bytes);
@@ -148,7 +149,7 @@ Reply<Budget::Lease> DetachedJobs::make_room(const std::string& principal, std::
                       "the answer needs " + protocol::bytes_text(bytes) + " more, " +
                           protocol::bytes_text(context_.budget.limit() - context_.budget.used()) +
                           " of raynestd's --memory are free; fetch or cancel a finished job, " +
-                          less + not_kept + ", or start raynestd with a larger --memory");
+                          advice + not_kept + ", or start raynestd with a larger --memory");
     return std::move(*room);
 }
 

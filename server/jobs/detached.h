@@ -99,10 +99,10 @@ public:
     [[nodiscard]] Clock::time_point next_tick() const;
 
 private:
-    /// Reserves memory for an answer; drops fetched answers if needed. `less` is advice for the
-    /// error message on how to ask for a smaller answer.
+    /// Reserves memory for an answer; drops fetched answers if needed. `advice` is the remedy for
+    /// the error message on how to ask for a smaller answer.
     Reply<Budget::Lease> make_room(const std::string& principal, std::uint64_t bytes,
-                                   const std::string& less);
+                                   const std::string& advice);
     /// Drops the oldest fetched answer of a principal, or of any if `principal` is empty. Returns
     /// false if there is none.
     bool drop_fetched(const std::string& principal);

@@ -150,7 +150,7 @@ struct JobSubmission {
     std::string scene;
     bool detach = false;             ///< true: the job outlives its connection
     std::uint64_t result_bytes = 0;  ///< detached: bytes to reserve for the answer
-    std::string less = "ask for fewer rays or fields";  ///< advice on a smaller answer
+    std::string advice = "ask for fewer rays or fields";  ///< advice on a smaller answer
 };
 
 }  // namespace raynest::server

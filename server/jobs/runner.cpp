@@ -46,7 +46,7 @@ bool Runner::knows(std::uint64_t id) const {
 Reply<Admission::Slot> Runner::enter(JobRecord record) {
     auto slot = context_.admission.enter(std::move(record));
     if (slot) return slot;
-    const auto whose = context_.admission.whose_place_lacks(principal_);
+    const auto whose = context_.admission.blocking_limit(principal_);
     if (!whose || !context_.peers.make_room(Resource::jobs, principal_, 1, *whose)) return slot;
     return context_.admission.enter(std::move(record));
 }

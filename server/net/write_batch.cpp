@@ -24,18 +24,18 @@ void WriteBatch::load(std::deque<protocol::Frame>& outbox) {
 
 void WriteBatch::skip(std::size_t bytes) {
     while (bytes != 0) {
-        asio::const_buffer& front = buffers_[buffers_left_];
+        asio::const_buffer& front = buffers_[buffers_sent_];
         const std::size_t part = std::min(bytes, front.size());
         front += part;
         bytes -= part;
-        if (front.size() == 0) ++buffers_left_;
+        if (front.size() == 0) ++buffers_sent_;
     }
 }
 
 void WriteBatch::clear() {
     frames_.clear();
     buffers_.clear();
-    buffers_left_ = frames_left_ = 0;
+    buffers_sent_ = frames_left_ = 0;
 }
 
 }  // namespace raynest::server

@@ -26,7 +26,7 @@ public:
 
     [[nodiscard]] bool empty() const { return frames_.empty(); }
     [[nodiscard]] Rest rest() const {
-        return {buffers_.data() + buffers_left_, buffers_.data() + buffers_.size()};
+        return {buffers_.data() + buffers_sent_, buffers_.data() + buffers_.size()};
     }
 
     /// Takes the next frames from the outbox. The batch must be empty.
@@ -36,7 +36,7 @@ public:
     template <class Sent>
     void consume(std::size_t bytes, Sent sent) {
         skip(bytes);
-        while (frames_left_ < frames_.size() && ends_[frames_left_] <= buffers_left_)
+        while (frames_left_ < frames_.size() && ends_[frames_left_] <= buffers_sent_)
             sent(frames_[frames_left_++]);
         if (frames_left_ == frames_.size()) clear();
     }
@@ -51,7 +51,7 @@ private:
     std::array<std::array<std::byte, protocol::header_bytes>, frames_max> headers_;
     std::vector<asio::const_buffer> buffers_;
     std::array<std::size_t, frames_max> ends_;  ///< number of buffers up to each frame's end
-    std::size_t buffers_left_ = 0;              ///< number of buffers sent
+    std::size_t buffers_sent_ = 0;              ///< number of buffers sent
     std::size_t frames_left_ = 0;               ///< number of frames sent
 };
 

@@ -51,21 +51,21 @@ bool Channel::send_bytes(std::span<const std::byte> bytes, std::span<const int> 
     return sent == static_cast<ssize_t>(bytes.size());
 }
 
-Received Channel::receive_bytes(std::span<std::byte> bytes, std::chrono::milliseconds patience,
+Received Channel::receive_bytes(std::span<std::byte> bytes, std::chrono::milliseconds time_limit,
                                 std::vector<Fd>* files) {
     using Clock = std::chrono::steady_clock;
-    const auto deadline = Clock::now() + patience;
+    const auto deadline = Clock::now() + time_limit;
     for (;;) {
         pollfd waiting{get(), POLLIN, 0};
-        auto left = patience;
-        if (patience >= patience.zero()) {
+        auto left = time_limit;
+        if (time_limit >= time_limit.zero()) {
             left = std::chrono::ceil<std::chrono::milliseconds>(deadline - Clock::now());
             left = std::max(left, left.zero());
         }
         const auto slice = static_cast<int>(std::min(left, poll_max).count());
         const int ready = ::poll(&waiting, 1, slice);
         if (ready > 0 || (ready < 0 && errno != EINTR)) break;
-        if (ready == 0 && left <= poll_max && patience >= patience.zero())
+        if (ready == 0 && left <= poll_max && time_limit >= time_limit.zero())
             return Received::nothing_in_time;
     }
     iovec piece{bytes.data(), bytes.size()};

@@ -25,12 +25,12 @@ public:
     bool send(const Message& message, std::span<const int> files = {}) {
         return send_bytes(std::as_bytes(std::span(&message, 1)), files);
     }
-    /// Waits up to `patience` for a message. A message of the wrong size counts as closed: the
+    /// Waits up to `time_limit` for a message. A message of the wrong size counts as closed: the
     /// other end is faulty. Received descriptors are appended to `files`, or closed if it is null.
     template <class Message>
-    Received receive(Message& message, std::chrono::milliseconds patience,
+    Received receive(Message& message, std::chrono::milliseconds time_limit,
                      std::vector<Fd>* files = nullptr) {
-        return receive_bytes(std::as_writable_bytes(std::span(&message, 1)), patience, files);
+        return receive_bytes(std::as_writable_bytes(std::span(&message, 1)), time_limit, files);
     }
     static constexpr std::chrono::milliseconds for_ever{-1};
 
@@ -38,7 +38,7 @@ public:
 
 private:
     bool send_bytes(std::span<const std::byte> bytes, std::span<const int> files);
-    Received receive_bytes(std::span<std::byte> bytes, std::chrono::milliseconds patience,
+    Received receive_bytes(std::span<std::byte> bytes, std::chrono::milliseconds time_limit,
                            std::vector<Fd>* files);
 
     Fd socket_;

@@ -14,8 +14,8 @@ namespace raynest::server::device {
 namespace {
 
 /// Number of looks, 1 s in all, to wait for the end of a process that was killed or hung up.
-constexpr int looks_max = 200;
-constexpr std::chrono::milliseconds look{5};
+constexpr int polls_max = 200;
+constexpr std::chrono::milliseconds poll_interval{5};
 constexpr std::chrono::milliseconds stop_look{50};
 
 /// Waits on a thread of its own for a killed process that its driver keeps from ending. If no
@@ -90,7 +90,7 @@ Result<void> Process::greet(const Setup& setup, Channel control) {
     }
     if (!control.send(Hello{::getpid(), setup.slots, shape_}, files)) return ended();
     ready_ = std::make_unique<Ready>();
-    const auto deadline = std::chrono::steady_clock::now() + setup.patience;
+    const auto deadline = std::chrono::steady_clock::now() + setup.time_limit;
     Received received = Received::nothing_in_time;
     while (received == Received::nothing_in_time && !*setup.stop &&
            std::chrono::steady_clock::now() < deadline)
@@ -102,7 +102,7 @@ Result<void> Process::greet(const Setup& setup, Channel control) {
             return ended();
         case Received::nothing_in_time:
             return fail(ErrorCode::io_failed, "the worker did not start within " +
-                                                  std::to_string(setup.patience.count()) + " ms");
+                                                  std::to_string(setup.time_limit.count()) + " ms");
     }
     if (!ready_->ok)
         return fail(ready_->absent ? ErrorCode::pack_invalid : ErrorCode::io_failed,
@@ -112,16 +112,16 @@ Result<void> Process::greet(const Setup& setup, Channel control) {
 }
 
 Result<Outcome> Process::ask(std::uint32_t slot, const Request& request,
-                             std::chrono::milliseconds patience, std::span<const int> files) {
+                             std::chrono::milliseconds time_limit, std::span<const int> files) {
     Channel& channel = slots_[slot];
     Outcome outcome;
     if (!channel.send(request, files)) return fail(ErrorCode::io_failed, "the worker " + reap());
-    switch (channel.receive(outcome, patience)) {
+    switch (channel.receive(outcome, time_limit)) {
         case Received::message:
             return outcome;
         case Received::nothing_in_time:
             return fail(ErrorCode::io_failed,
-                        "no answer within " + std::to_string(patience.count()) + " ms");
+                        "no answer within " + std::to_string(time_limit.count()) + " ms");
         case Received::closed:
             break;
     }
@@ -143,9 +143,9 @@ std::optional<std::string> Process::end() const {
 }
 
 std::string Process::reap() const {
-    for (int i = 0; i < looks_max; ++i) {
+    for (int i = 0; i < polls_max; ++i) {
         if (auto ended = end()) return *ended;
-        std::this_thread::sleep_for(look);
+        std::this_thread::sleep_for(poll_interval);
     }
     return "went away";
 }
@@ -154,11 +154,11 @@ Process::~Process() {
     if (pid_ <= 0) return;
     kill();
     int looks = 0;
-    while (looks < looks_max && ::waitpid(pid_, nullptr, WNOHANG) == 0) {
-        std::this_thread::sleep_for(look);
+    while (looks < polls_max && ::waitpid(pid_, nullptr, WNOHANG) == 0) {
+        std::this_thread::sleep_for(poll_interval);
         ++looks;
     }
-    if (looks == looks_max) wait_elsewhere(pid_);
+    if (looks == polls_max) wait_elsewhere(pid_);
 }
 
 }  // namespace raynest::server::device

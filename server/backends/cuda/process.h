@@ -28,9 +28,9 @@ public:
         std::vector<std::string> command;  ///< a program that calls run_worker_process()
         std::uint32_t slots = 1;           ///< at most slots_max
         SlotShape shape;
-        Budget* budget = nullptr;              ///< the slots' memory is reserved from it
-        std::chrono::milliseconds patience{};  ///< time limit of the start
-        const std::atomic<bool>* stop;         ///< true: give up the start
+        Budget* budget = nullptr;                ///< the slots' memory is reserved from it
+        std::chrono::milliseconds time_limit{};  ///< time limit of the start
+        const std::atomic<bool>* stop;           ///< true: give up the start
     };
     /// Starts a process. Blocking. Fails with pack_invalid if there is no device, with other codes
     /// if there is no process.
@@ -45,9 +45,9 @@ public:
     }
 
     /// Sends a request to a slot and returns the worker's answer. Blocking. Fails if the worker
-    /// ended or did not answer within `patience`.
+    /// ended or did not answer within `time_limit`.
     Result<Outcome> ask(std::uint32_t slot, const Request& request,
-                        std::chrono::milliseconds patience, std::span<const int> files = {});
+                        std::chrono::milliseconds time_limit, std::span<const int> files = {});
 
     /// Kills the process, which ends all calls of ask().
     void kill();

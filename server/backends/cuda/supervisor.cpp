@@ -25,7 +25,7 @@ constexpr unsigned losses_max = 3;
 /// Time after which the losses of a scene no longer count if no other follows.
 constexpr std::chrono::seconds loss_memory{600};
 /// Interval at which the watch checks that the process still runs.
-constexpr milliseconds look{500};
+constexpr milliseconds poll_interval{500};
 constexpr std::size_t refused_max = 1024;
 
 /// Returns the index of the kernel's variant in the worker's table, if the worker has the kernel.
@@ -188,7 +188,7 @@ void Supervisor::run() {
 
 void Supervisor::watch(std::unique_lock<std::mutex>& lock) {
     const auto over = [this] { return stopping_ || state_ == State::down; };
-    while (!changed_.wait_for(lock, look, over)) {
+    while (!changed_.wait_for(lock, poll_interval, over)) {
         if (const auto end = process_->end()) lose_locked("the worker " + *end);
     }
 }
@@ -327,7 +327,7 @@ tl::expected<void, Unavailable> Supervisor::trace_if_up(const Kernel& kernel, co
         const auto traced = attempt(kernel, scene, call, made);
         if (!traced) return tl::unexpected(traced.error());
         if (*traced) return {};
-        if (const auto brought = bring(scene); !brought) return brought;
+        if (const auto brought = upload(scene); !brought) return brought;
     }
     return tl::unexpected(
         remember(scene, no_room("other scenes evicted this one before its call")));
@@ -347,7 +347,7 @@ tl::expected<bool, Unavailable> Supervisor::attempt(const Kernel& kernel, const 
 }
 
 // Takes the turn before the slot, so that calls of scenes on the device go on during the wait.
-tl::expected<void, Unavailable> Supervisor::bring(const Snapshot& scene) {
+tl::expected<void, Unavailable> Supervisor::upload(const Snapshot& scene) {
     const auto turn = take_turn(scene);
     if (!turn) return tl::unexpected(turn.error());
     if (!*turn) return {};
@@ -362,7 +362,7 @@ tl::expected<void, Unavailable> Supervisor::bring(const Snapshot& scene) {
 tl::expected<bool, Unavailable> Supervisor::trace_on(Process& process, std::uint32_t slot,
                                                      const Kernel& kernel, const Snapshot& scene,
                                                      const TraceCall& call, const PinholeRays* made,
-                                                     milliseconds patience) {
+                                                     milliseconds time_limit) {
     const auto variant = find_kernel(process.ready(), kernel);
     if (!variant) return tl::unexpected(Unavailable{no_kernel(kernel)});
     const std::uint64_t hits = std::uint64_t{call.ray_count} * call.hits_max;
@@ -387,7 +387,7 @@ tl::expected<bool, Unavailable> Supervisor::trace_on(Process& process, std::uint
     else
         std::copy_n(call.rays, call.ray_count, memory.rays);
 
-    const Result<Outcome> outcome = process.ask(slot, request, patience);
+    const Result<Outcome> outcome = process.ask(slot, request, time_limit);
     if (outcome && outcome->verdict == Verdict::unknown_scene) return false;
     if (auto refusal = refusal_of(outcome, scene)) return tl::unexpected(std::move(*refusal));
 

@@ -106,9 +106,9 @@ private:
     tl::expected<bool, Unavailable> trace_on(Process& process, std::uint32_t slot,
                                              const Kernel& kernel, const Snapshot& scene,
                                              const TraceCall& call, const PinholeRays* made,
-                                             std::chrono::milliseconds patience);
+                                             std::chrono::milliseconds time_limit);
     /// Uploads the scene, or waits for the thread that does. Scenes are uploaded one at a time.
-    tl::expected<void, Unavailable> bring(const Snapshot& scene);
+    tl::expected<void, Unavailable> upload(const Snapshot& scene);
     tl::expected<void, Unavailable> load(Process& process, std::uint32_t slot,
                                          const Snapshot& scene);
     /// Returns nothing if the request succeeded.
