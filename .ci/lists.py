@@ -98,10 +98,10 @@ def column_table(lists):
 def message_table(lists):
     rows = [(int(number), name, f"-> {answer}") for number, name, *_, answer in lists.requests]
     rows += [(int(number), name, text) for number, name, _, text in lists.parts]
-    answers = ", ".join(f"{name} {number}" for number, name, _ in sorted(lists.answers, key=number_of))
+    answers = ", ".join(f"{name}~{number}" for number, name, _ in sorted(lists.answers, key=number_of))
     return [*table(("the client sends", "type", ""),
                    [(name, number, text) for number, name, text in sorted(rows)]), "",
-            *textwrap.wrap(f"The daemon sends {answers}.", 120)]
+            *(line.replace("~", " ") for line in textwrap.wrap(f"The daemon sends {answers}.", 120))]
 
 
 def side_by_side(rows):
