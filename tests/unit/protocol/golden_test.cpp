@@ -127,7 +127,8 @@ TEST_CASE("the dumps of PROTOCOL.md are frames of this protocol") {
 
 TEST_CASE("every message of requests.def has an example") {
     std::set<std::uint16_t> shown;
-    for (const golden::Example& example : golden::examples()) shown.insert(example.frame.header.type);
+    for (const golden::Example& example : golden::examples())
+        shown.insert(example.frame.header.type);
 #define RAYNEST_REQUEST(number, Name, ...) CHECK_MESSAGE(shown.contains(number), #Name);
 #define RAYNEST_PART(number, Name, ...) CHECK_MESSAGE(shown.contains(number), #Name);
 #define RAYNEST_ANSWER(number, Name, ...) CHECK_MESSAGE(shown.contains(number), #Name);
