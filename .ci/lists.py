@@ -10,6 +10,7 @@ import ast
 import pathlib
 import re
 import sys
+import textwrap
 
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[(),]|[^"(),]+')
 MARK = re.compile(r"^(.*\blists: (?!end)(\w+).*\n)(?:.*\n)*?(.*\blists: end\b.*\n)", re.MULTILINE)
@@ -95,12 +96,23 @@ def column_table(lists):
 
 
 def message_table(lists):
-    rows = [(int(number), name, "client", f"-> {answer}")
-            for number, name, *_, answer in lists.requests]
-    rows += [(int(number), name, "client", text) for number, name, _, text in lists.parts]
-    rows += [(int(number), name, "daemon", "") for number, name, _ in lists.answers]
-    return table(("message", "type", "sent by", ""),
-                 [(name, number, by, text) for number, name, by, text in sorted(rows)])
+    rows = [(int(number), name, f"-> {answer}") for number, name, *_, answer in lists.requests]
+    rows += [(int(number), name, text) for number, name, _, text in lists.parts]
+    answers = ", ".join(f"{name}~{number}" for number, name, _ in sorted(lists.answers, key=number_of))
+    return [*table(("the client sends", "type", ""),
+                   [(name, number, text) for number, name, text in sorted(rows)]), "",
+            *(line.replace("~", " ") for line in textwrap.wrap(f"The daemon sends {answers}.", 120))]
+
+
+def side_by_side(rows):
+    """Rows of two columns as half as many rows of four: the first half beside the second."""
+    half = (len(rows) + 1) // 2
+    right = [*rows[half:], ("", "")][:half]
+    return [left + beside for left, beside in zip(rows, right)]
+
+
+def number_of(row):
+    return int(row[0])
 
 
 # What stands between the marks of a document, by the name of the mark.
@@ -108,7 +120,8 @@ TABLES = {
     "errors": lambda lists: table(("code", "name", "exit", "what to do"), [
         (number, name, dict((n, e) for e, n, _ in lists.exits)[exit_name], remedy)
         for number, name, _, exit_name, remedy in lists.errors]),
-    "exits": lambda lists: table(("exit", ""), [(number, text) for number, _, text in lists.exits]),
+    "exits": lambda lists: textwrap.wrap("Exit codes: " + "; ".join(
+        f"{number} {text}" for number, _, text in lists.exits) + ".", 120),
     "limits": lambda lists: table(("limit", "value", "of"), [
         (f"`{name}`", value(number), text) for name, number, _, text in lists.limits]),
     "messages": message_table,
@@ -127,8 +140,8 @@ TABLES = {
         for name, settings, t, rays in lists.generators]),
     "settings": lambda lists: table(("setting", ""), [
         (f"`{name}`", text) for name, _, text in lists.settings]),
-    "metrics": lambda lists: table(("name", ""), [
-        (f"`{row[0]}`", row[-1]) for row in lists.metrics]),
+    "metrics": lambda lists: table(("name", "", "name", ""), side_by_side([
+        (f"`{row[0]}`", row[-1]) for row in lists.metrics])),
     "words": lambda lists: table(("field", "words"), [
         ("`metric`", code(name for name, _ in lists.counters)),
         ("`palette`", code(row[0] for row in lists.palettes))]),

@@ -172,7 +172,7 @@ class Tables(unittest.TestCase):
         self.assertEqual((error.name, error.exit_code, str(error)), ("INTERNAL", 1, "new"))
 
     def test_columns_are_those_of_the_protocol(self):
-        section = PROTOCOL[PROTOCOL.index("## 7. Columns"):PROTOCOL.index("## 8. ")]
+        section = PROTOCOL[PROTOCOL.index("lists: columns"):PROTOCOL.index("## 8. ")]
         documented = {}
         for names, kind in re.findall(r"^\| ((?:`\w+`,? ?)+) \| ([\w ,]+)", section, re.MULTILINE):
             kinds = kind.strip().split(", ")

@@ -1,4 +1,4 @@
-"""Frames: a header of 32 bytes, a control message, blocks of bulk data (PROTOCOL.md, 2 and 3)."""
+"""Frames: a header of 32 bytes, a control message, blocks of bulk data (PROTOCOL.md, 3 and 7)."""
 from __future__ import annotations
 
 import dataclasses
