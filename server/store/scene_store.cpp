@@ -18,6 +18,11 @@ std::string counted(std::size_t count, const char* thing) {
 
 }  // namespace
 
+const std::string& SceneStore::Entry::owner() const {
+    if (charged_to(loader) || (owners.empty() && holders.empty())) return loader;
+    return owners.empty() ? holders.begin()->first : *owners.begin();
+}
+
 bool SceneStore::Entry::held_by(const ConnectionId& caller) const {
     const auto found = holders.find(caller.principal);
     return found != holders.end() && found->second.contains(caller.connection);
@@ -174,7 +179,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         entry.scene.name = name;
         entry.scene.held = std::move(*held);
         ++entry.scene.epoch;
-        entry.owner = caller.principal;
+        entry.loader = caller.principal;
         entry.loaded = entry.used;
     }
     if (!how.temporary) entry.owners.insert(caller.principal);
@@ -240,7 +245,7 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
     const bool temporary_of_mine = entry.owners.empty() && entry.holders.contains(caller.principal);
     const bool mine =
         entry.owners.contains(caller.principal) || entry.held_by(caller) || temporary_of_mine;
-    if (const auto allowed = access::unload_scene(name, entry.owner, mine); !allowed)
+    if (const auto allowed = access::unload_scene(name, entry.owner(), mine); !allowed)
         return tl::unexpected(allowed.error());
 
     if (!entry.temporary_of(caller)) {
@@ -283,8 +288,8 @@ std::vector<SceneStore::Listed> SceneStore::list(const ConnectionId& caller) con
         const auto meant = resolve(entries_, entry->first, caller);
         if (meant == entries_.end()) continue;
         const Entry& known = meant->second;
-        scenes.push_back(
-            {known.scene, known.owner, now - known.loaded, now - known.used, known.connections()});
+        scenes.push_back({known.scene, known.owner(), now - known.loaded, now - known.used,
+                          known.connections()});
     }
     return scenes;
 }

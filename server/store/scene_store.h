@@ -109,7 +109,8 @@ public:
 
     struct Listed {
         NamedScene scene;
-        std::string owner;  ///< the principal that loaded this content
+        std::string
+            owner;  ///< the loader, or another owner or holder once the loader has dropped it
         Clock::duration age{};
         Clock::duration idle{};   ///< time since a request last used the scene
         std::size_t holders = 0;  ///< number of open connections that loaded or opened the scene
@@ -132,7 +133,7 @@ public:
 private:
     struct Entry {
         NamedScene scene;
-        std::string owner;
+        std::string loader;  ///< the principal that loaded this content
         Clock::time_point loaded;
         mutable Clock::time_point used;
         bool listed = true;            ///< true: all clients find the scene by its name
@@ -140,6 +141,8 @@ private:
         /// Connections of each principal; the value is true if it loaded the scene as temporary.
         std::map<std::string, std::map<std::uint64_t, bool>> holders;
 
+        /// Returns the loader or, once it has dropped the scene, another owner, else a holder.
+        [[nodiscard]] const std::string& owner() const;
         [[nodiscard]] bool held_by(const ConnectionId& caller) const;
         [[nodiscard]] bool temporary_of(const ConnectionId& caller) const;
         /// True if the scene counts towards the quotas of this principal.

@@ -68,11 +68,15 @@ TEST_CASE("a scene stays until its last owner unloads it") {
     SceneStore store(budget);
     REQUIRE(store.publish("a", square(1), {}, of("me")));
     REQUIRE(store.publish("a", square(1), {}, of("you", 2)));
+    CHECK(store.list(of("me")).at(0).owner == "me");
     CHECK(store.unload("a", of("stranger", 3)).error().code == Code::not_allowed);
     const auto mine = store.unload("a", of("me"));
     REQUIRE(mine);
     CHECK(*mine == std::vector<std::string>{"you (by its name)", "you (1 connection)"});
     CHECK(store.find("a", 0, of("me")));
+    // The error and the list name who still owns it, not who loaded it.
+    CHECK(store.unload("a", of("me")).error().message.find("belongs to you;") != std::string::npos);
+    CHECK(store.list(of("me")).at(0).owner == "you");
     CHECK(store.unload("a", of("you", 2))->empty());
     CHECK(store.find("a", 0, of("you", 2)).error().code == Code::scene_unknown);
     CHECK(store.unload("a", of("you", 2)).error().code == Code::scene_unknown);
