@@ -1,12 +1,17 @@
 // raynest: the command line. Parses, connects, runs one subcommand, ends with its exit code.
 #include "client/commands/commands.h"
 #include "client/interrupt.h"
+#include "client/local_daemon.h"
 #include "client/output.h"
+#include "client/scene_source.h"
 
 #include <cstdlib>
 #include <exception>
 #include <iostream>
+#include <optional>
+#include <string>
 #include <string_view>
+#include <utility>
 #include <variant>
 
 namespace {
@@ -26,7 +31,27 @@ int end_with(const Failure& failure, bool json) {
     return static_cast<int>(failure.exit);
 }
 
-Result<void> connect_and_run(const Options& options) {
+/// Loads the file that a command names in the place of a scene.
+template <class Command>
+Result<void> load_first(Context& context, Command& command) {
+    std::string* scene = nullptr;
+    if constexpr (requires { command.job.scene; }) scene = &command.job.scene;
+    if constexpr (requires { command.scene.size(); }) scene = &command.scene;
+    if (scene == nullptr || !is_source(*scene)) return {};
+    auto name = load_for_connection(context.connection, context.progress, *scene);
+    if (!name) return tl::unexpected<Failure>(name.error());
+    *scene = std::move(*name);
+    return {};
+}
+
+Result<void> connect_and_run(Options options) {
+    std::optional<LocalDaemon> local;
+    if (options.local) {
+        auto started = LocalDaemon::start();
+        if (!started) return tl::unexpected<Failure>(started.error());
+        local.emplace(std::move(*started));
+        options.server = local->uri();
+    }
     const char* token = std::getenv("RAYNEST_TOKEN");
     const auto connect = [&] {
         return Connection::open(options.server, token != nullptr ? token : "");
@@ -34,8 +59,14 @@ Result<void> connect_and_run(const Options& options) {
     Progress progress(Progress::style_for_stderr(options.quiet || options.json));
     const auto connection = connect();
     if (!connection) return tl::unexpected<Failure>(connection.error());
+    if (local) local->hide();
     Context context{**connection, progress, options.json, connect};
-    return std::visit([&](const auto& command) { return run(context, command); }, options.command);
+    return std::visit(
+        [&](auto& command) -> Result<void> {
+            if (auto loaded = load_first(context, command); !loaded) return loaded;
+            return run(context, command);
+        },
+        options.command);
 }
 
 }  // namespace
@@ -43,12 +74,12 @@ Result<void> connect_and_run(const Options& options) {
 int main(int argc, char** argv) {
     const bool json = wants_json(argc, argv);
     try {
-        const auto parsed = parse_options(argc, argv);
+        auto parsed = parse_options(argc, argv);
         if (!parsed) return end_with(parsed.error(), json);
         catch_interrupts();
         if (!parsed->options)
             std::cout << parsed->text;
-        else if (const auto done = connect_and_run(*parsed->options); !done)
+        else if (const auto done = connect_and_run(std::move(*parsed->options)); !done)
             return end_with(done.error(), json);
         const auto written = check_stdout();
         return written ? 0 : end_with(written.error(), json);

@@ -78,7 +78,10 @@ inline void check_settings(const std::vector<std::string>& settings) {
 }
 
 inline void add_scene(CLI::App& app, std::string& scene) {
-    app.add_option("SCENE", scene, "name of a loaded scene (see: raynest scenes)")->required();
+    app.add_option("SCENE", scene,
+                   "name of a loaded scene (see: raynest scenes); or FILE.glb, FILE.gltf, "
+                   "builtin:NAME or root:PATH, which is loaded for this command")
+        ->required();
 }
 
 inline void add_epoch(CLI::App& app, std::uint64_t& epoch) {

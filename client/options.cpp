@@ -3,6 +3,7 @@
 #include "client/connection.h"
 #include "client/generator.h"
 #include "client/option_parts.h"
+#include "client/scene_source.h"
 
 #include <algorithm>
 #include <charconv>
@@ -11,6 +12,7 @@
 #include <memory>
 #include <set>
 #include <string_view>
+#include <type_traits>
 #include <utility>
 
 namespace raynest::client {
@@ -174,8 +176,7 @@ void declare(CLI::App& app, HeatmapOptions& heatmap) {
     add_output(app, heatmap.output, {".png", ".exr", ".npy"},
                "FILE.png with a legend; FILE.exr or FILE.npy of raw counts");
     add_detach(app, heatmap.job, &heatmap.output);
-    app.add_option("--metric", heatmap.metric,
-                   alternatives(metric_words) + " (total)");
+    app.add_option("--metric", heatmap.metric, alternatives(metric_words) + " (total)");
     app.add_option("--palette", heatmap.palette, alternatives(palette_words));
     app.add_option("--scale", heatmap.scale, "linear | log");
     app.add_option("--range", heatmap.range, "auto | p99 | LOW:HIGH");
@@ -294,6 +295,30 @@ private:
     std::map<const CLI::App*, std::string> examples_;
 };
 
+/// A private daemon ends with its command, and knows only what that loads.
+Result<void> check_local(const Options& options) {
+    if (!options.local) return {};
+    return std::visit(
+        [](const auto& command) -> Result<void> {
+            using Command = std::decay_t<decltype(command)>;
+            const JobOptions* job = nullptr;
+            if constexpr (requires { command.job.detach; }) job = &command.job;
+            const std::string* scene = job != nullptr ? &job->scene : nullptr;
+            if constexpr (requires { command.scene.size(); }) scene = &command.scene;
+            if (job != nullptr && job->detach)
+                return fail(Exit::usage,
+                            "--local ends its daemon with the command: leave --detach out");
+            if (std::is_same_v<Command, LoadTestOptions>)
+                return fail(Exit::usage,
+                            "load-test measures a daemon that goes on: start raynestd");
+            if (scene != nullptr && !is_source(*scene))
+                return fail(Exit::usage, "--local begins with no scene: name a file in place of '" +
+                                             *scene + "', such as " + *scene + ".glb");
+            return {};
+        },
+        options.command);
+}
+
 }  // namespace
 
 Result<WorldRay> parse_ray(const std::string& text) {
@@ -315,6 +340,8 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     app.add_option("--server", options.server,
                    "tcp://HOST:PORT or unix:PATH (" + std::string(default_uri) + ")")
         ->envname("RAYNEST_SERVER");
+    app.add_flag("--local", options.local,
+                 "start a raynestd for this command alone, with no scene but those it loads");
     app.add_flag("--json", options.json, "answers and errors as JSON");
     app.add_flag("--quiet", options.quiet, "no progress on stderr, where that is a terminal");
     const Subcommands subcommands(app, options);
@@ -340,6 +367,7 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
         return refuse(complaint.empty() ? error.what() : complaint);
     }
     if (options.server.empty()) options.server = default_uri;
+    if (auto useful = check_local(options); !useful) return refuse(useful.error().message);
     return Parsed{"", std::move(options)};
 }
 

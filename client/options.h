@@ -119,6 +119,7 @@ using CommandOptions =
 
 struct Options {
     std::string server;
+    bool local = false;  ///< a daemon for this command alone
     bool json = false;
     bool quiet = false;
     CommandOptions command;

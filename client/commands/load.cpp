@@ -2,7 +2,7 @@
 #include "client/commands/commands.h"
 #include "client/files.h"
 #include "client/scene_info.h"
-#include "client/upload.h"
+#include "client/scene_source.h"
 
 #include <iostream>
 
@@ -11,7 +11,6 @@ namespace {
 
 wire::LoadT load_message(const LoadOptions& options, const Upload& upload) {
     wire::LoadT load;
-    load.source = upload.source;
     load.name = options.name.empty() ? upload.scene_name : options.name;
     load.replace = options.replace;
     load.build = options.build;
@@ -20,36 +19,7 @@ wire::LoadT load_message(const LoadOptions& options, const Upload& upload) {
     load.origin_y = options.origin[1];
     load.origin_z = options.origin[2];
     load.masks = options.masks;
-    for (const UploadFile& file : upload.files) {
-        load.file_names.push_back(file.name);
-        load.file_hashes.push_back(file.hash);
-        load.file_bytes.push_back(file.bytes.size());
-    }
     return load;
-}
-
-Result<Reply<wire::Loaded>> load_scene(Context& context, const LoadOptions& options,
-                                       const Upload& upload) {
-    Connection& connection = context.connection;
-    if (auto started = connection.start(load_message(options, upload)); !started)
-        return tl::unexpected<Failure>(started.error());
-    while (true) {
-        auto frame = connection.next();
-        if (!frame) return tl::unexpected<Failure>(frame.error());
-        if (is<wire::Loaded>(*frame)) return open_reply<wire::Loaded>(std::move(*frame));
-        if (is<wire::Need>(*frame)) {
-            const auto need = open_reply<wire::Need>(std::move(*frame));
-            if (!need) return tl::unexpected<Failure>(need.error());
-            const auto sent =
-                send_files(connection, upload, *need->message.table, context.progress);
-            if (!sent) return tl::unexpected<Failure>(sent.error());
-        } else if (is<wire::Progress>(*frame)) {
-            const auto news = open_reply<wire::Progress>(std::move(*frame));
-            if (news)
-                context.progress.update((*news)->done(), (*news)->total(),
-                                        protocol::text((*news)->stage()));
-        }
-    }
 }
 
 }  // namespace
@@ -61,7 +31,8 @@ Result<void> run(Context& context, const LoadOptions& options) {
     if (options.name.empty() && upload->scene_name.empty() && !upload->files.empty())
         return fail(Exit::usage, "a scene of " + shown_name(options.source) +
                                      " has no name of its own; pass --name NAME");
-    const auto loaded = load_scene(context, options, *upload);
+    const auto loaded =
+        load_scene(context.connection, context.progress, load_message(options, *upload), *upload);
     context.progress.clear();
     if (!loaded) return tl::unexpected<Failure>(loaded.error());
 

@@ -117,6 +117,17 @@ TEST_CASE("global options stand before or after the subcommand") {
     }
 }
 
+TEST_CASE("a private daemon is for commands that bring their scene and wait for their answer") {
+    const auto parsed = parse({"--local", "info", "a.glb"});
+    REQUIRE(parsed);
+    CHECK(parsed->options->local);
+    CHECK(parse({"variants", "--local"}));
+    CHECK(complaint({"--local", "info", "forest"}).find("forest.glb") != std::string::npos);
+    CHECK(complaint({"--local", "render", "a.glb", "--detach"}).find("--detach") !=
+          std::string::npos);
+    CHECK(complaint({"--local", "load-test", "a.glb"}).find("raynestd") != std::string::npos);
+}
+
 TEST_CASE("mistakes are usage errors in one line") {
     const std::vector<std::string> lines = {"nonsense",
                                             "load",
