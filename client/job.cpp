@@ -29,7 +29,6 @@ std::unique_ptr<wire::JobT> job_message(const JobOptions& options) {
     job->epoch = options.epoch;
     job->intersector = options.intersector;
     job->settings = options.settings;
-    job->precision = options.precision;
     job->traversal = options.traversal;
     job->mask = options.mask;
     job->worker = options.worker;
@@ -67,7 +66,6 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.intersector = protocol::text(started.intersector());
         outcome.target = protocol::text(started.target());
         outcome.traversal = protocol::text(started.traversal());
-        outcome.precision = protocol::text(started.precision());
         outcome.worker = protocol::text(started.worker());
         outcome.epoch = started.epoch();
         outcome.origin = origin_of(started);
@@ -125,7 +123,6 @@ Json outcome_json(const Outcome& outcome) {
               {"intersector", outcome.intersector},
               {"target", outcome.target},
               {"traversal", outcome.traversal},
-              {"precision", outcome.precision},
               {"worker", outcome.worker},
               {"worker_reason", outcome.worker_reason},
               {"camera", outcome.camera},

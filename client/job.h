@@ -22,7 +22,7 @@ namespace raynest::client {
 
 /// STARTED and DONE in one: filled as their frames come.
 struct Outcome {
-    std::string scene, hash, intersector, target, traversal, precision, worker, worker_reason;
+    std::string scene, hash, intersector, target, traversal, worker, worker_reason;
     std::string camera;  ///< of a picture
     std::uint64_t epoch = 0;
     std::vector<std::string> notes;

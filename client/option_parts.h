@@ -108,8 +108,12 @@ inline void add_job(CLI::App& app, JobOptions& job) {
         ->type_name("NAME=VALUE")
         ->take_all()
         ->allow_extra_args(false);
-    app.add_option("--precision", job.precision,
-                   "watertight | fast: the same code, because watertight costs nothing");
+    // An old option without effect; it has no group, so that help does not list it.
+    add_parsed(
+        app, "--precision",
+        [](const std::string&) { return "no longer exists: the watertight test is always used"; },
+        "")
+        ->group("");
     app.add_option("--traversal", job.traversal, alternatives(traversal_words));
     add_parsed(
         app, "--mask",

@@ -22,7 +22,6 @@ struct JobOptions {
     std::string scene;
     std::string intersector;
     std::vector<std::string> settings;
-    std::string precision;
     std::string traversal;
     std::uint32_t mask = 0xFFFFFFFF;
     std::uint64_t epoch = 0;

@@ -17,7 +17,6 @@ void check_job(Checks& checks, const wire::Job& job) {
         .needs("scene", job.scene())
         .name("intersector", job.intersector())
         .settings("settings", job.settings(), checks.limits().name_bytes_max, "name_bytes_max")
-        .name("precision", job.precision())
         .name("traversal", job.traversal())
         .name("worker", job.worker())
         .name("priority", job.priority());
@@ -350,7 +349,6 @@ Result<void> validate(const wire::Started& message, const Limits& limits) {
         .name("intersector", message.intersector())
         .name("target", message.target())
         .name("traversal", message.traversal())
-        .name("precision", message.precision())
         .name("worker", message.worker())
         .name("camera", message.camera())
         .texts("notes", message.notes())

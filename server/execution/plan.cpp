@@ -53,8 +53,6 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     using protocol::word;
     const auto priority = parse_priority(word(job.priority(), "normal"));
     if (!priority) return tl::unexpected(priority.error());
-    const auto precision = parse_precision(word(job.precision(), "watertight"));
-    if (!precision) return refuse_word(precision.error());
     const auto traversal = parse_traversal(word(job.traversal(), "auto"));
     if (!traversal) return refuse_word(traversal.error());
 
@@ -70,7 +68,6 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     if (!settings) return tl::unexpected(settings.error());
     plan.settings = std::move(*settings);
 
-    plan.precision = *precision;
     plan.traversal = *traversal;
     plan.mask = job.mask();
     plan.worker.asked = word(job.worker(), "auto");
@@ -91,7 +88,7 @@ Reply<Plan> Plan::with(Plan plan, Query query, bool counting) {
         plan.traversal = traversal_single;
     }
     auto selector =
-        KernelSelector::make(*plan.variant, query, plan.precision, plan.traversal, counting);
+        KernelSelector::make(*plan.variant, query, precision_watertight, plan.traversal, counting);
     if (!selector) return refuse(selector.error());
     plan.selector = *selector;
     return plan;
@@ -110,7 +107,7 @@ TraceCall Plan::call() const {
 bool Plan::same_call(const Plan& other) const {
     return scene.held == other.scene.held && variant == other.variant &&
            settings.params == other.settings.params && settings.flags == other.settings.flags &&
-           query == other.query && traversal == other.traversal && precision == other.precision &&
+           query == other.query && traversal == other.traversal &&
            mask == other.mask && hits_max == other.hits_max;
 }
 
@@ -155,7 +152,6 @@ wire::StartedT started(const Plan& plan, const protocol::Limits& limits) {
     message.intersector = clean_text(plan.variant->name, limits.name_bytes_max);
     message.target = plan.worker.first().target(plan);
     message.traversal = plan.untraced ? "none" : traversal_name(plan.traversal);
-    message.precision = plan.precision == precision_fast ? "fast" : "watertight";
     message.worker = plan.worker.first().name();
     message.worker_reason = clean_text(plan.worker.reason, limits.text_bytes_max);
     message.notes = plan.notes;

@@ -19,7 +19,6 @@ struct Plan {
     Settings settings;
     Query query = query_closest;
     Traversal traversal = traversal_auto;  ///< as requested; JobStatistics has those that ran
-    Precision precision = precision_watertight;
     KernelSelector selector;
     bool counting = false;
     bool untraced = false;   ///< kind null: every answer is the canonical miss

@@ -20,7 +20,6 @@ DAEMON = CLIENT = None
 RAYS = 5_000  # rays of a query
 RAYS_ON_GPU, TOTAL_ON_GPU = 200_000, 10**7
 KINDS = ("closest",), ("any",), ("multi", "--max-hits", "5")
-PRECISIONS = "watertight", "fast"
 # Make it cut the scenes' surfaces, whatever their materials state.
 SETTINGS = {"procedural_mask": ("--set", "on=all", "--set", "pattern=noise")}
 
@@ -58,18 +57,16 @@ class EveryKernel(unittest.TestCase):
                         if "cuda" in variant["targets"]]
         self.assertGreaterEqual(set(intersectors), {"opaque", "alpha_mask", "procedural_mask"})
         asked = 0
-        for scene, intersector, kind, precision in itertools.product(self.SCENES, intersectors, KINDS, PRECISIONS):
-            options = ("--intersector", intersector, *SETTINGS.get(intersector, ()), "--kind", *kind,
-                       "--precision", precision)
+        for scene, intersector, kind in itertools.product(self.SCENES, intersectors, KINDS):
+            options = ("--intersector", intersector, *SETTINGS.get(intersector, ()), "--kind", *kind)
             with self.subTest(scene=scene, options=options):
                 _, expected = self.query("cpu", scene, *options)
                 told, answer = self.query("cuda", scene, *options)
-                self.assertEqual((told["worker"], told["intersector"], told["precision"], told["notes"]),
-                                 ("cuda", intersector, precision, []))
+                self.assertEqual((told["worker"], told["intersector"], told["notes"]), ("cuda", intersector, []))
                 self.assertGreater(told["rays"] - told["misses"], RAYS // 50)
                 self.assertEqual(answer, expected)
                 asked += told["rays"]
-        print(f"{asked} rays, {len(intersectors) * len(KINDS) * len(PRECISIONS)} kernels on {len(self.SCENES)} scenes")
+        print(f"{asked} rays, {len(intersectors) * len(KINDS)} kernels on {len(self.SCENES)} scenes")
         if RAYS == RAYS_ON_GPU:
             self.assertGreaterEqual(asked, TOTAL_ON_GPU)
 

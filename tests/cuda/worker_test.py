@@ -27,7 +27,7 @@ class SameAnswers(CudaTest):
 
     def test_queries_are_the_cpus_byte_for_byte(self):
         for options in ((), ("--kind", "any"), ("--kind", "multi", "--max-hits", "5"),
-                        ("--intersector", "opaque"), ("--precision", "fast"),
+                        ("--intersector", "opaque"),
                         ("--intersector", "procedural_mask", "--set", "pattern=noise",
                          "--set", "on=all"),
                         ("--set", "cutoff=0.9", "--set", "cull=back"), ("--mask", "0x1")):

@@ -61,7 +61,6 @@ std::unique_ptr<wire::JobT> job(Program& program) {
     job->intersector = program.word<4>({"auto", "opaque", "alpha_mask", "procedural_mask"});
     job->traversal = program.word<5>({"auto", "single", "stream", "packet", "reference"});
     job->priority = program.word<3>({"normal", "low", "high"});
-    job->precision = program.word<2>({"watertight", "fast"});
     job->epoch = program.below(3);
     job->deadline_ms = program.below(8) == 1 ? 1 : 0;
     return job;

@@ -288,7 +288,6 @@ void add_work_answers(Collection& all) {
     started.intersector = "alpha_mask";
     started.target = "v3";
     started.traversal = "single";
-    started.precision = "fast";
     started.worker = "cpu";
     all.add(7, started);
 

@@ -243,6 +243,11 @@ class Cli(DaemonTest):
             self.expect(2, "query", "hills", "--ray", "0,100,0,0,-1,0", "--traversal", old,
                         says=f"'{old}' is called {new}")
 
+    def test_the_option_precision_is_refused_and_says_why(self):
+        for command in (("query", "hills", "--ray", "0,100,0,0,-1,0"), ("heatmap", "hills", "-o", "x.png")):
+            self.expect(2, *command, "--precision", "fast", says="the watertight test is always used")
+            self.assertNotIn("precision", self.expect(0, command[0], "--help").stdout)
+
     def test_a_picture_goes_to_a_device_and_its_size_is_checked_first(self):
         for command in ("render", "heatmap"):
             self.expect(0, command, "hills", "--size", "32x18", "-o", "/dev/null")

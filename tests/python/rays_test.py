@@ -156,7 +156,7 @@ class Rays(WithDaemon):
             self.same(named, self.woods.trace(rays))
         self.assertEqual(self.client.outcome["rays"], 2000)
         self.assertTrue(np.isinf(self.woods.trace(rays, mask=0)["t"]).all())
-        self.woods.trace(rays, precision="fast", priority="low", deadline=30, epoch=1)
+        self.woods.trace(rays, priority="low", deadline=30, epoch=1)
         with self.assertRaisesRegex(TypeError, "there is no option unheard"):
             self.woods.trace(rays, unheard=1)
 

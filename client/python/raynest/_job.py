@@ -1,4 +1,4 @@
-"""What queries, pictures and heat maps have in common: options that say what runs, and what ran."""
+"""Options and outcome of a job: the parts that queries, pictures and heat maps share."""
 from __future__ import annotations
 
 import reprlib
@@ -7,22 +7,21 @@ from typing import Any, Callable, Mapping, Optional, TypedDict
 from ._arguments import milliseconds
 from ._control import Message
 from ._frame import Array
-from ._wording import in_own_words
+from ._wording import localize_message
 from .errors import RayWarning, UsageError, warn
 
-# Called with how much is done, of how much, and a word for the stage.
+# Called with (done, total, stage).
 Progress = Optional[Callable[[int, int, str], object]]
 
 
 class JobOptions(TypedDict, total=False):
-    """Keyword arguments of trace(), stream(), occluded(), render() and heatmap(); None is
-    as good as leaving one away."""
+    """Keyword arguments of trace(), stream(), occluded(), render() and heatmap(). None means the
+    default."""
 
     intersector: Optional[str]      # a variant's name; "auto" masks by alpha where the scene does
     params: Optional[Mapping[str, object]]  # of the intersector: {"cutoff": 0.3}
-    precision: Optional[str]        # "watertight" or "fast"
     traversal: Optional[str]        # "auto", or one of those that `raynest query --help` lists
-    mask: Optional[int]             # instances that share a bit with it are seen
+    mask: Optional[int]             # rays see instances that share a bit with it
     epoch: Optional[int]            # of the scene; 0 is the current one
     deadline: Optional[float]       # seconds; 0 is none
     priority: Optional[str]         # "normal", "low" or "high"
@@ -30,17 +29,17 @@ class JobOptions(TypedDict, total=False):
 
 
 class Outcome(dict[str, Any]):
-    """What ran and how it went, in the words of `raynest --json`: intersector, target, traversal,
-    epoch, rays, hits, misses, seconds, notes, ...; of a heat map also metric, min, mean, p50, p99, max
-    and clipped, which `heat` has as one dict."""
+    """Describes the job that ran, with the keys of `raynest --json`: intersector, target, traversal,
+    epoch, rays, hits, misses, seconds, notes, ... A heat map adds metric, min, mean, p50, p99, max
+    and clipped, which are also in the dict `heat`."""
 
     def take(self, name: str, message: Message) -> None:
         if name not in ("Started", "Done"):
             return
-        notes = [*self.get("notes", []), *map(in_own_words, message.get("notes", []))]
+        notes = [*self.get("notes", []), *map(localize_message, message.get("notes", []))]
         if message["worker"] not in ("", self.get("worker", message["worker"])):
-            self["worker_reason"] = ""  # why another one was chosen explains nothing
-        # The words of Done are those that have changed.
+            self["worker_reason"] = ""  # it explains the choice of another worker
+        # Done repeats only the words that have changed.
         self.update({key: value for key, value in message.items()
                      if value is not None and (name == "Started" or value != "")})
         self.update(self.get("heat", {}))
@@ -52,7 +51,7 @@ class Outcome(dict[str, Any]):
             del self["hidden"]
 
     rays_per_point = 0
-    """Where the daemon makes rays from points."""
+    """Rays per point of a generator that starts from points, else 0."""
 
     def warn_of_view(self) -> None:
         for note in self.get("notes", ()):
@@ -73,7 +72,7 @@ class Outcome(dict[str, Any]):
 
 
 class SceneMoved(Exception):
-    """The name that was asked for now is a scene with another origin."""
+    """The scene's name now means a scene with another origin."""
 
     def __init__(self, origin: Array) -> None:
         super().__init__("the scene was replaced by one with another origin")
@@ -81,7 +80,7 @@ class SceneMoved(Exception):
 
 
 def origin_of(message: dict[str, Any]) -> list[float]:
-    """Of a scene, in place of its three fields."""
+    """Replaces the message's three origin fields by one list, which it returns."""
     return [message.pop(f"origin_{axis}") for axis in "xyz"]
 
 
