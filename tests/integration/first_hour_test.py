@@ -132,7 +132,7 @@ class FirstHour(DaemonTest):
         import _wording
         self.assertEqual((words - of_cli, words - _wording.WORDS.keys()), (set(), set()))
         self.assertEqual(of_cli, _wording.WORDS.keys())
-        self.assertEqual(_wording.in_own_words("a `deadline_ms`, `x` or ` `Load`"),
+        self.assertEqual(_wording.localize_message("a `deadline_ms`, `x` or ` `Load`"),
                          "a deadline=, `x` or ` Client.load()")
 
     # ---- what takes long ------------------------------------------------------------------------

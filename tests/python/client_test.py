@@ -268,7 +268,7 @@ class Errors(WithDaemon):
             parameters = inspect.signature(function).parameters
             names = {name for name, each in parameters.items() if each.default is not each.empty}
             names |= JobOptions.__annotations__.keys() if "job" in parameters else set()
-            names |= generators.Mount.__annotations__.keys() if "mount" in parameters else set()
+            names |= generators.SensorPose.__annotations__.keys() if "sensor" in parameters else set()
             return dict.fromkeys(names)
 
         def outcome(function, *arguments, **options):

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How long a million rays take from Python, and with the C++ client: same daemon, in turns."""
+"""Times a million rays from Python and from the C++ client: same daemon, in turns."""
 import os
 import resource
 import subprocess

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A lidar that turns once, made by the daemon, and the point cloud that it sees."""
+"""Simulates one turn of a lidar and writes its point cloud; the daemon makes the rays."""
 import numpy as np
 
 import raynest

@@ -1,4 +1,4 @@
-"""What the examples share: options of a connection, a line of progress, errors on one line."""
+"""Shared by the examples: connection options, a line of progress, errors on one line."""
 import argparse
 import os
 import sys
@@ -7,7 +7,7 @@ import raynest
 
 
 def parser(description, example):
-    """A parser whose help starts with an example."""
+    """Returns a parser whose help starts with an example."""
     made = argparse.ArgumentParser(usage=f"{example}\n\n%(prog)s [SOURCE] [options]",
                                    description=description)
     made.add_argument("source", nargs="?", default="builtin:forest", metavar="SOURCE",
@@ -19,21 +19,21 @@ def parser(description, example):
 
 
 def count(text):
-    """A whole number of at least 1, as the type of an option."""
+    """Parses a whole number of at least 1; the type of an option."""
     if not (text.isascii() and text.isdigit()) or int(text) < 1:
         raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of at least 1")
     return int(text)
 
 
 def scene(client, source, origin=None):
-    """A loaded scene of that name, else what load() makes of the source."""
+    """Returns the loaded scene of that name, or loads the source."""
     if any(source == info["name"] for info in client.scenes()):
         return client.scene(source)
     return client.load(source, origin=origin)
 
 
 def progress(quiet):
-    """Rewrites one line of a terminal; nothing where stderr is none."""
+    """Returns a function that rewrites a line of the terminal; None if stderr is no terminal."""
     if quiet or not sys.stderr.isatty():
         return None
 
@@ -44,7 +44,7 @@ def progress(quiet):
 
 
 def run(main):
-    """Calls main(); an error is one line, and the exit code that of the command line."""
+    """Calls main(). Prints an error on one line and exits with the command line's code for it."""
     try:
         main()
     except raynest.Error as error:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Who sees whom: for each two points of a list, whether anything stands between them."""
+"""Mutual visibility: for every two points of a list, whether anything stands between them."""
 import numpy as np
 
 import raynest

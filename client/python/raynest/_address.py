@@ -1,4 +1,4 @@
-"""From tcp://HOST:PORT, tcp://[IPV6]:PORT or unix:PATH to a socket."""
+"""Connects to tcp://HOST:PORT, tcp://[IPV6]:PORT or unix:PATH."""
 from __future__ import annotations
 
 import pathlib
@@ -13,7 +13,7 @@ _TCP = re.compile(r"tcp://(\[[^]]+\]|[^:]+):(\d{1,5})")
 
 
 def connect(uri: str, seconds_max: float) -> socket.socket:
-    """A connected socket that does not block."""
+    """Returns a connected, non-blocking socket."""
     try:
         opened = _connect_unix(uri[5:], seconds_max) if re.match("unix:.", uri) else \
             _connect_tcp(uri, seconds_max)
@@ -26,7 +26,7 @@ def connect(uri: str, seconds_max: float) -> socket.socket:
 
 
 def _start_hint(uri: str, error: OSError) -> str:
-    """How to come by a daemon where connecting failed."""
+    """Says how to start or reach a daemon after a failed connect."""
     path = pathlib.Path(uri[5:]) if uri.startswith("unix:") else None
     if path and isinstance(error, PermissionError):
         return "you may not open this socket: join its group, or start raynestd with --socket-group"
@@ -51,7 +51,7 @@ def _connect_unix(path: str, seconds_max: float) -> socket.socket:
 
 
 def _keep_alive(opened: socket.socket) -> None:
-    """A daemon whose machine is gone is noticed after 25 s, as protocol/keep_alive.h has it."""
+    """Turns on TCP keep-alive: a dead peer is noticed after 25 s, as in protocol/keep_alive.h."""
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
         if hasattr(socket, name):  # not every system has all of them

@@ -1,4 +1,4 @@
-"""What users pass, checked where the schema alone would say less, or too late."""
+"""Checks of arguments whose errors the schema alone would report late or in fewer words."""
 from __future__ import annotations
 
 import functools
@@ -20,7 +20,7 @@ else:
         from typing import Unpack
     except ImportError:  # before Python 3.11
         class Unpack:
-            """Says as much to typing.get_type_hints() that it goes on."""
+            """A stand-in that is just enough for typing.get_type_hints()."""
 
             def __class_getitem__(cls, _options: object) -> type:
                 return cls
@@ -29,8 +29,8 @@ Call = TypeVar("Call", bound=Callable[..., Any])
 
 
 def none_is_default(function: Call) -> Call:
-    """`function`, to which None says the default of an argument that has one: so that programs can
-    hand on what they were not told."""
+    """Returns `function`, changed so that None means an argument's default: programs can then pass
+    on options that their own users left out."""
     parameters = inspect.signature(function).parameters
     defaults = {name: parameter.default for name, parameter in parameters.items()
                 if parameter.default is not parameter.empty}
@@ -57,12 +57,12 @@ def whole(what: str, value: Any, most: int, least: int = 1) -> int:
     return number
 
 
-# What placements are seen by, by patterns of their paths.
+# Masks of placements, by patterns of their paths.
 Masks = Union[Mapping[str, int], Iterable[tuple[str, int]]]
 
 
 def mask_rules(masks: Masks) -> list[str]:
-    """As Load has them, "GLOB=HEX"."""
+    """Returns the rules as Load expects them, "GLOB=HEX"."""
     rules = []
     for pair in masks.items() if isinstance(masks, Mapping) else masks:
         if not isinstance(pair, (tuple, list)) or len(pair) != 2 or \
@@ -74,9 +74,9 @@ def mask_rules(masks: Masks) -> list[str]:
 
 
 def whole_numbers(what: str, values: Any) -> Array:
-    """As 64 bits without a sign, in the shape that they came in."""
+    """Returns the values as uint64, in their own shape."""
     items = np.asarray(values)
-    if items.dtype.kind not in "iu":  # Python's integers, too, where some need all 64 bits
+    if items.dtype.kind not in "iu":  # or Python integers, some of which need all 64 bits
         items = np.asarray(values, object)
     for item in items.ravel() if items.dtype == object else items[items < 0]:
         whole(what, item, 2**64 - 1, least=0)
@@ -84,8 +84,7 @@ def whole_numbers(what: str, values: Any) -> Array:
 
 
 def numbers(what: str, value: Any) -> Array:
-    """As an array. What a masked array hides becomes NaN: no number, rather than one that was to be
-    left out."""
+    """Returns the value as an array. Masked elements become NaN, so that their values are not used."""
     try:
         if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
             value = value.astype(np.promote_types(value.dtype, np.float32)).filled(np.nan)
@@ -105,13 +104,13 @@ def real(what: str, value: Any) -> float:
 
 
 def float32(value: Any) -> Array:
-    """As numbers travel; what that cannot hold becomes infinite, or 0."""
+    """Returns the value as float32, the type on the wire; overflow gives infinity, underflow 0."""
     with np.errstate(over="ignore", under="ignore"):
         return np.asarray(value).astype(np.float32)
 
 
 def milliseconds(time: Optional[float], name: str = "deadline") -> int:
-    """Of a time in seconds, None and 0 are none."""
+    """Converts seconds; 0 means no limit, and so does None."""
     seconds = 0.0 if time is None else real(name, time)
     if not 0 <= seconds < 1 << 22:
         raise UsageError(f"{name} of {time!r}: it must be a number of seconds from 0 to "

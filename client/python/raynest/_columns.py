@@ -1,4 +1,4 @@
-"""The columns of answers: which there are, and where the daemon's blocks of them go."""
+"""The columns of answers: their types, their checks, and the arrays that receive them."""
 from __future__ import annotations
 
 import bisect
@@ -24,11 +24,11 @@ def _typed(columns: dict[str, tuple[str, int]]) -> dict[str, tuple[np.dtype[Any]
     return {name: (_DTYPES[kind], width) for name, (kind, width) in columns.items()}
 
 
-# Columns of hits, of which a ray of a CSR kind has several. PROTOCOL.md, 7.
+# Columns with a row per hit: in answers of a CSR kind, a ray has several. PROTOCOL.md, 7.
 OF_HITS = _typed(_lists.OF_HITS)
-# Columns of rays; an intersector's outputs, of names of its own, are more of them.
+# Columns with a row per ray. An intersector's outputs come on top, under names of its own.
 OF_RAYS = {**_typed(_lists.OF_RAYS), "ray_splits": (_DTYPES["u64"], 1)}
-# Columns of sums over rays.
+# Columns of reducers.
 REDUCED = {name: _typed(columns) for name, columns in _lists.REDUCED.items()}
 
 _KNOWN = {**OF_HITS, **OF_RAYS}
@@ -37,8 +37,9 @@ for _columns in REDUCED.values():
 
 
 class Chunk:
-    """Rows [first, first + count) of an answer, checked against what was asked: has it these
-    columns, and are its hits CSR, where that is known? `columns` are there once it has arrived."""
+    """Rows [first, first + count) of an answer. The constructor checks that the chunk has the
+    requested columns and, if that is known, that its hits are CSR. `columns` is filled when the
+    chunk has arrived."""
 
     def __init__(self, message: Message, blocks: Sequence[Block], fields: Sequence[str],
                  csr: Optional[bool]) -> None:
@@ -60,7 +61,7 @@ class Chunk:
                 raise ProtocolError(f"the daemon sent a column '{block.name}' of a wrong length")
 
     def to_world(self, origin: Array) -> None:
-        """Once it has arrived. The position of a miss stays 0."""
+        """Moves an arrived chunk's points to the world. The position of a miss stays 0."""
         for name in _lists.POINTS:
             if name not in self.columns:
                 continue
@@ -70,7 +71,7 @@ class Chunk:
             self.columns[name] = points
 
     def check_splits(self) -> None:
-        """Of CSR, once it has arrived: do the splits rise from 0 to the number of hits?"""
+        """Checks that an arrived CSR chunk's splits rise from 0 to the number of hits."""
         splits = self.columns["ray_splits"]
         has_hits = any(name in OF_HITS for name in self.columns)
         rise = splits[0] == 0 and (splits[1:] >= splits[:-1]).all()
@@ -79,7 +80,7 @@ class Chunk:
 
 
 class Answered:
-    """Which rays have their answer: chunks come in any order, each ray once."""
+    """The set of answered rays: chunks come in any order, each ray once."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -102,9 +103,9 @@ class Answered:
 
 
 class Whole:
-    """Columns of all rows of an answer: allocated once, filled in place. Where their length is
-    known only at the end, as that of CSR hits, they stay in their chunks until then; and so do
-    points, which arrive in another type."""
+    """All rows of an answer. Columns of known length are allocated once and filled in place. CSR
+    hits, whose number is known only at the end, and points, which arrive as another type, stay in
+    their chunks until then."""
 
     def __init__(self, rows: Optional[int], reduce: str = "") -> None:
         self._rows = rows
@@ -129,7 +130,7 @@ class Whole:
 
     def columns(self) -> Columns:
         pieces = [chunk.columns for chunk in sorted(self._chunks, key=lambda chunk: chunk.first)]
-        if not pieces:  # of what has no rows whatever was asked: no path was seen
+        if not pieces:  # a reducer may find no rows: no path was seen
             return {name: np.empty(0, dtype)
                     for name, (dtype, _) in REDUCED.get(self._reduce, {}).items()}
         for name in pieces[0].keys() - self._columns.keys():
@@ -142,5 +143,5 @@ class Whole:
 
 
 def anywhere(chunk: Chunk) -> list[Array]:
-    """Arrays of its own for each chunk."""
+    """Allocates arrays for each chunk."""
     return [block.array() for block in chunk.blocks]

@@ -1,13 +1,13 @@
-"""A conversation with a daemon: greet, send a request, take its frames until the end.
+"""A conversation with a daemon: greet it, send a request, read its frames until the end.
 
-One request at a time; a second thread waits for its turn. The socket does not block, and while
-frames are waited for what is queued goes out, so that neither end can wait for the other for ever.
-Both credits are counted here: what the daemon has granted for what is sent, and what was received
-and must be granted again. Bulk goes from and to the caller's arrays without a copy.
+One request runs at a time; a second thread waits for its turn. The socket does not block, and the
+client sends while it waits for frames, so that the two ends can never wait for each other for ever.
+This module counts both credits: the bytes that the client may send, and the bytes that it has
+received and must grant again. Bulk data goes from and to the caller's arrays without a copy.
 
-Any exception in the middle of a frame closes the connection. Between frames it does not: whoever
-leaves a request before its end (Ctrl-C, an exception, a stream that is not read to its end) cancels
-it at the daemon, and its last frames are read here.
+An exception in the middle of a frame closes the connection. Between frames it does not: a request
+that the caller leaves early (Ctrl-C, an exception, a stream that is not read to its end) is
+cancelled at the daemon, and its last frames are read here.
 """
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ from ._version import VERSION
 GREETING_SECONDS = 5.0
 # The daemon answers DEADLINE and CANCELLED itself; beyond this it is taken for dead.
 GRACE_SECONDS = 5.0
-# How soon a Ctrl-C is noticed: the longest wait without a look around.
+# Longest wait in one call of poll(): a Ctrl-C is noticed this soon.
 TICK_MS = 100
-# What follows these is more of the same answer; every other frame ends its request.
+# Frames that are followed by more of the same answer; every other frame ends its request.
 CONTINUED = {"Started", "Chunk", "Progress", "Picture", "Credit", "Need"}
 BUFFERS_MAX = 64  # of one system call
-# Where the daemon could not say why: within an answer that was not read.
+# Explains a connection that the daemon closed in the middle of an answer, where no ERROR fits.
 CUT_SHORT = " within an answer: the daemon ended, or this reader paused and gave way to another client"
 
 Frame = tuple[str, Message]
-# Says where the blocks of a frame go: one array for each, of exactly its bytes.
+# Returns the arrays that receive the blocks of a frame, each with exactly its block's bytes.
 Place = Callable[[str, Message, Sequence[Block]], Sequence[Array]]
 
 
 class Daemon(NamedTuple):
-    """What the daemon said of itself."""
+    """The daemon's properties and limits, from its Welcome."""
 
     name: str
     version: int
@@ -91,9 +91,9 @@ class Connection:
             raise
 
     def close(self) -> None:
-        """Ends the connection, and with it what runs on it, of whichever thread: that reads the end
-        of the stream. The socket itself goes when nobody uses it any more, so that its number
-        cannot become that of another file under whoever waits for it."""
+        """Ends the connection and the request that runs on it, from any thread: the thread that reads
+        finds the end of the stream. The descriptor is closed when no thread uses it any more; its
+        number could otherwise name another file while a thread still waits for it."""
         self.closed = True
         if os.getpid() != self._process:
             self._socket.close()  # this process' end; the request goes on in the other one
@@ -122,9 +122,9 @@ class Connection:
 
     def exchange(self, name: str, message: Message, deadline: float = 0.0, place: Place = anywhere,
                  feed: Callable[[], object] = lambda: None) -> Generator[Frame, None, None]:
-        """Sends a request and gives its frames, the last one included. `feed` is called before
-        each wait and may queue more frames of the request. A Ctrl-C outside of `interrupts` may
-        come between two frames, where it does no harm either."""
+        """Sends a request and yields its frames, the last one included. `feed` is called before
+        each wait and may queue more frames of the request. A Ctrl-C outside of `interrupts` comes
+        between two frames, where it does no harm."""
         mine = False
         try:
             with self.interrupts:
@@ -134,7 +134,7 @@ class Connection:
                     raise errors.ConnectError(f"the connection to {self.uri} is closed; "
                                               "connect again")
                 self._id += 1
-                self.queue(name, message)  # or it cannot be said, and nothing has begun
+                self.queue(name, message)  # raises if the message is invalid; nothing has begun yet
                 self._begin(deadline + GRACE_SECONDS if deadline else math.inf)
                 self.credit = self.daemon.window_bytes
             frames: collections.deque[Frame] = collections.deque()
@@ -159,7 +159,7 @@ class Connection:
                 finally:
                     if mine:
                         if self.closed:
-                            self._outbox.clear()  # and with it what it keeps of the caller's arrays
+                            self._outbox.clear()  # also releases the caller's arrays
                         self._owner = 0
                         self._turn.release()
                         if self.closed:
@@ -167,7 +167,7 @@ class Connection:
 
     def ask(self, name: str, message: Message, answer: str,
             feed: Callable[[], object] = lambda: None) -> Message:
-        """A request that one frame, an `answer`, ends."""
+        """Sends a request that is answered by one frame, `answer`, and returns that."""
         with self.interrupts:
             for kind, reply in self.exchange(name, message, feed=feed):
                 if kind == answer:
@@ -176,8 +176,8 @@ class Connection:
 
     def queue(self, name: str, message: Message, block: str = "", data: Optional[Array] = None,
               width: int = 1) -> None:
-        """Puts a frame of the running request behind those that wait; `data`, contiguous, must fit
-        the credit and stay as it is until it was sent."""
+        """Queues a frame of the running request. `data` must be contiguous, must fit the credit and
+        must not change until it was sent."""
         bulk: list[memoryview] = []
         if data is not None:
             message = {**message, "blocks": [describe(block, data, width)]}
@@ -190,7 +190,7 @@ class Connection:
         self._outbox.append([memoryview(write_header(header) + control), *bulk])
 
     def _check_process(self) -> None:
-        """Two processes would read each other's answers."""
+        """Refuses use after a fork: two processes would read each other's answers."""
         if os.getpid() != self._process:
             raise errors.UsageError("this connection is of the process that was forked; "
                                     "connect again in this one")
@@ -212,7 +212,7 @@ class Connection:
         self._consumed = 0                      # bulk bytes that came and were not granted again
 
     def _wait_at_most(self, seconds: float) -> None:
-        """From now on, and only while it is the daemon that is waited for."""
+        """Sets the time that the daemon may take from now on; the caller's own time does not count."""
         self._patience = seconds
         self._looked = time.monotonic()
 
@@ -229,7 +229,7 @@ class Connection:
             raise errors.ConnectError(f"no RayNest daemon answers: {error}") from None
         if name != "Welcome":
             raise errors.ConnectError(f"no RayNest daemon answers: it says {name}")
-        # A daemon may be configured to take less than we could send, never more.
+        # A daemon may be configured to accept less than this client could send, never more.
         window = min(welcome["window_bytes"], _limits.window_bytes_max)
         frame = min(welcome["frame_bytes_max"], _limits.frame_bytes_max)
         daemon = Daemon(welcome["server"], welcome["version"], window,
@@ -240,7 +240,7 @@ class Connection:
         return daemon
 
     def _abandon(self) -> None:
-        """Cancels the running request and reads what is still on its way."""
+        """Cancels the running request and reads the frames that are still on their way."""
         try:
             self._keep_begun()
             self._wait_at_most(GRACE_SECONDS)
@@ -248,7 +248,7 @@ class Connection:
             while self._running:
                 self._next(anywhere)
         except errors.Error:
-            pass  # CANCELLED, as a rule; whatever else it was, the request is over
+            pass  # usually CANCELLED; any error ends the request
         finally:
             if self._running:
                 self.close()
@@ -265,8 +265,8 @@ class Connection:
                     return frame
 
     def _finish_frame(self, place: Place) -> list[Frame]:
-        """Sends the rest of a frame that was begun: a pause in the middle of one is the client's,
-        and the first to give way. What comes meanwhile is read, or both ends might wait for the
+        """Sends the rest of a frame that was begun: the daemon drops clients that pause within a
+        frame. Frames that arrive meanwhile are read, since both ends might otherwise wait for each
         other."""
         frames: list[Frame] = []
         self._flush()
@@ -279,7 +279,8 @@ class Connection:
         return frames
 
     def _take_frame(self, place: Place) -> Optional[Frame]:
-        """One that has begun to come; nothing of a request that has ended, or of a later version."""
+        """Reads a frame that has begun to arrive. Returns None for a frame of an ended request, or of an
+        unknown type."""
         try:
             header, name, message = self._read_frame(place)
         except BaseException:
@@ -299,8 +300,8 @@ class Connection:
         return name, message
 
     def _end(self, closing: bool) -> None:
-        """The request is over. Frames that wait are of no use any more, but the daemon waits for the
-        rest of half a frame."""
+        """Ends the request. Drops its queued frames, but sends the rest of a frame that was begun,
+        because the daemon waits for it."""
         self._running = False
         if closing:
             return self.close()
@@ -320,11 +321,11 @@ class Connection:
         return any(events & ~select.POLLOUT for _, events in self._poll.poll(TICK_MS))
 
     def _look_around(self) -> None:
-        """What ends a wait: a close(), the deadline, and a Ctrl-C while the daemon owes the rest of
-        a frame."""
+        """Raises if the wait must end: after a close(), at the deadline, and soon after a Ctrl-C
+        while the daemon owes the rest of a frame."""
         self._check_open()
         now = time.monotonic()
-        # Where more time has passed, this process was stopped or the machine had none for it.
+        # Count no more than two ticks: in a longer gap this process was stopped or got no CPU.
         self._patience -= min(now - self._looked, 2 * TICK_MS / 1000)
         self._looked = now
         if self.interrupts.seen:
@@ -357,7 +358,7 @@ class Connection:
             raise errors.ProtocolError("the daemon sent more than its credit")
         self._granted -= bulk_bytes
         self._consumed += bulk_bytes
-        # Early enough that the daemon never waits for it.
+        # Grant a quarter of the window at a time, so that the daemon never waits for credit.
         if self._consumed >= self._window_bytes // 4:
             self.queue("Credit", {"bytes": self._consumed})
             self._granted += self._consumed
@@ -366,12 +367,12 @@ class Connection:
     # ---- bytes ----------------------------------------------------------------------------------
 
     def _keep_begun(self) -> None:
-        """Drops the frames that wait, but for one that is on its way."""
+        """Drops all queued frames except one that was begun."""
         while len(self._outbox) > self._begun:
             self._outbox.pop()
 
     def _flush(self) -> None:
-        """Sends what the socket takes now."""
+        """Sends as much as the socket accepts now."""
         try:
             while self._outbox:
                 views = [view for frame in self._outbox for view in frame][:BUFFERS_MAX]
@@ -411,7 +412,7 @@ class Connection:
             count -= part
 
     def _receive(self, views: list[memoryview], within: bool = True) -> None:
-        """Fills all of `views`, in order, none of them empty; `within` a frame or at its begin."""
+        """Fills all `views` in order; none may be empty. `within`: in the middle of a frame."""
         first = 0
         while first < len(views):
             try:

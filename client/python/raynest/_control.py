@@ -1,11 +1,11 @@
 """Control messages: one FlatBuffers table each, to and from dicts.
 
-Written here rather than with the flatbuffers package, so that numpy is all that is needed: what the
-format asks of a writer is a page, and what a daemon sends has to be checked here anyway, because
-FlatBuffers has no verifier in Python. Each offset is held against the bytes that are there, depth
-and number of tables against their limits, texts are searched for control characters. A message that
-passes is a dict with every field of the schema: absent numbers have their defaults, absent texts
-are "", absent lists [], absent tables and structs None.
+The flatbuffers package is not used, so that the client needs numpy only: writing takes a page of
+code, and received messages must be checked here anyway, because FlatBuffers has no verifier in
+Python. Offsets are checked against the message's size, depth and number of tables against their
+limits, and texts for control characters. A message that passes is a dict with every field of the
+schema: absent numbers have their defaults, absent texts are "", absent lists [], absent tables and
+structs None.
 
     vtable  u16 bytes of the vtable, u16 bytes of the table, u16 offset of each field (0: absent)
     table   i32 back to its vtable, then its fields: scalars and structs, u32 forward to all else
@@ -32,9 +32,9 @@ _OFFSET = "<I"
 # ---- writing ------------------------------------------------------------------------------------
 
 def encode(name: str, values: Mapping[str, Any]) -> bytes:
-    """The table `name` with these fields; others are absent. Structs are tuples, tables dicts. What
-    does not fit its field is a UsageError that names it: most fields are called as the argument of
-    the user that they came from."""
+    """Writes the table `name` with these fields; others are absent. Structs are tuples, tables
+    dicts. A value that does not fit its field raises a UsageError with the field's name, which is
+    mostly also the name of the user's argument."""
     out = bytearray(4)
     struct.pack_into("<I", out, 0, _write_table(out, name, values))
     if len(out) > _limits.control_bytes_max:
@@ -44,14 +44,14 @@ def encode(name: str, values: Mapping[str, Any]) -> bytes:
 
 
 def _write_table(out: bytearray, name: str, values: Mapping[str, Any]) -> int:
-    """Appends the table and what it refers to; gives its place."""
+    """Appends the table and everything it refers to; returns its place."""
     fields = SCHEMA.tables[name]
     unknown = values.keys() - {field.name for field in fields}
     if unknown:
         raise KeyError(f"{name} has no field {sorted(unknown)}")
     present = [(slot, field, _format(field)) for slot, field in enumerate(fields)
                if values.get(field.name) is not None]
-    # Large fields first: then each one is aligned where the first one is, 4 bytes into the table.
+    # Large fields first: if the first one, 4 bytes into the table, is aligned, so are all others.
     present.sort(key=lambda item: -_alignment(item[2]))
     offsets, end = [0] * len(fields), 4
     for slot, _, form in present:
@@ -92,13 +92,13 @@ def _wanted(field: Field) -> str:
 
 
 def _format(field: Field) -> str:
-    """What struct calls a field as it lies in its table."""
+    """The struct format of a field within its table."""
     return _OFFSET if field.many else _item_format(field.type)
 
 
 @functools.lru_cache(maxsize=None)
 def _item_format(kind: str) -> str:
-    """What struct calls an item of a vector."""
+    """The struct format of a vector's item."""
     if kind in SCHEMA.structs:
         return "<" + "".join(SCALARS[item.type] for item in SCHEMA.structs[kind])
     return "<" + SCALARS[kind] if kind in SCALARS else _OFFSET
@@ -109,12 +109,12 @@ def _alignment(form: str) -> int:
 
 
 def _align(out: bytearray, alignment: int, ahead: int = 0) -> None:
-    """Zeros, until what comes `ahead` bytes later is aligned."""
+    """Appends zeros until the place `ahead` bytes further on is aligned."""
     out += bytes(-(len(out) + ahead) % alignment)
 
 
 def _write_outside(out: bytearray, field: Field, value: Any) -> int:
-    """Appends what a field refers to; gives its place."""
+    """Appends a field's target; returns its place."""
     if not field.many:
         return _write_item(out, field.type, value)
     form = _item_format(field.type)

@@ -1,5 +1,5 @@
-"""Files that are going to be uploaded: the one that the user names, which may be a pipe, and those
-that it names itself: regular ones, beneath its folder."""
+"""Reads files to upload: the file that the user names, which may be a pipe, and the files that it
+names in turn, which must be regular files below its folder."""
 from __future__ import annotations
 
 import os
@@ -16,14 +16,14 @@ _LINKS_MAX = 40  # as many as Linux follows
 _LEAVES = "link leaves the folder; only relative links that end inside it are followed"
 
 
-# Of a pipe or a device, which says nowhere how much will come.
+# Maximum bytes read from a pipe or a device, whose size is unknown.
 PIPED_BYTES_MAX = 4 << 30
 
 STANDARD = ("-", "/dev/stdin")
 
 
 def path_text(what: str, path: Any) -> str:
-    """A str or os.PathLike as a str. Bytes would not say which of the two ways to read them."""
+    """Returns a str or os.PathLike as a str. Bytes are refused: their encoding would be a guess."""
     text = os.fspath(path) if isinstance(path, os.PathLike) else path
     if not isinstance(text, str):
         raise TypeError(f"{what} of type {type(path).__name__}: it must be a str or a path, and "
@@ -32,12 +32,12 @@ def path_text(what: str, path: Any) -> str:
 
 
 def is_nameless(path: str) -> bool:
-    """Does it say nothing about what comes? stdin does not, nor a pipe of the shell, <(command)."""
+    """True for paths without a file name: stdin, and a shell's <(command)."""
     return path in STANDARD or path.startswith("/dev/fd/")
 
 
 def sendable(name: str) -> str:
-    """A file's name in letters that may travel: others become ?."""
+    """Returns a file's name with ? for the characters that the protocol does not allow."""
     data = os.fsencode(name)
     try:
         text = data.decode("utf-8")
@@ -47,8 +47,8 @@ def sendable(name: str) -> str:
 
 
 def read_file(path: str, bytes_max: int) -> bytes:
-    """A file, a pipe or a device, or stdin as "-". A pipe is read to its end, and may be waited for:
-    Ctrl-C ends that."""
+    """Reads a file, a pipe or a device; "-" is stdin. Reads a pipe to its end, however long that
+    takes; Ctrl-C interrupts it."""
     try:
         descriptor = os.dup(0) if path in STANDARD else os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         mode = os.fstat(descriptor).st_mode
@@ -65,8 +65,8 @@ def read_file(path: str, bytes_max: int) -> bytes:
 
 
 def read_file_beneath(folder: str, name: str, bytes_max: int) -> bytes | None:
-    """`name` is relative to `folder`; None where there is no such file. Symbolic links are followed
-    as long as they stay in the folder."""
+    """Reads the file `name` in `folder`; None if there is none. Symbolic links are followed as long
+    as they stay in the folder."""
     try:
         return _read_all(_open_beneath(folder or ".", name), name, bytes_max)
     except (FileNotFoundError, NotADirectoryError):
@@ -76,8 +76,8 @@ def read_file_beneath(folder: str, name: str, bytes_max: int) -> bytes | None:
 
 
 def _open_beneath(folder: str, name: str) -> int:
-    """Opens one component after the other, and takes links apart itself: each step starts at an open
-    folder, so that none can be exchanged on the way."""
+    """Opens one component after the other and resolves links itself. Each step starts at an open
+    folder, so that nobody can replace a folder on the way."""
     rest = name.split("/")[::-1]
     links = 0
     path = [os.open(folder, _FOLDER)]  # from the folder down to where the next component is looked up
@@ -93,7 +93,7 @@ def _open_beneath(folder: str, name: str) -> int:
                     flags = _FOLDER if rest else _READ
                     opened = os.open(component, flags | os.O_NOFOLLOW, dir_fd=path[-1])
                 except OSError:
-                    # A link, or what the system had to say of it: that is said again below.
+                    # Follow a link; for all else raise the system's error again.
                     target = _link(component, path[-1])
                     if target is None:
                         raise

@@ -70,13 +70,13 @@ def read_header(data: bytes) -> Header:
 
 
 def describe(name: str, data: Array, width: int) -> dict[str, Any]:
-    """`data` as the only block of a frame, in the schema's words."""
+    """Describes `data` as the only block of a frame, as the schema's Block."""
     return {"name": name, "dtype": DTYPES.index(data.dtype), "count": data.size // width,
             "stride": width * data.itemsize, "offset": 0, "bytes": data.nbytes}
 
 
 def read_blocks(header: Header, described: list[dict[str, Any]]) -> list[Block]:
-    """The blocks of a frame, which fill its bulk part without gaps."""
+    """Checks the blocks of a frame: they must fill its bulk part without gaps."""
     if len(described) != header.block_count:
         raise ProtocolError("the daemon sent a frame whose blocks are not those of its header")
     blocks: list[Block] = []

@@ -1,7 +1,7 @@
-"""glTF as far as a client needs it: which files one names, and a mesh as a .glb.
+"""The parts of glTF that a client needs: the files that one names, and a mesh as a .glb.
 
-The daemon validates. Here the names are read from files that may be hostile: lengths, size and
-names are checked before anything is opened.
+The daemon validates scenes. This module reads names from files that may be hostile, so it checks
+lengths, sizes and names before it opens anything.
 """
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def _refuse(why: str) -> NoReturn:
 # ---- reading ------------------------------------------------------------------------------------
 
 def file_names(data: bytes) -> list[str]:
-    """The files that buffers and images of a .gltf or .glb name, each once. What names no file
-    beneath the scene's folder is left out: the daemon says so where it matters."""
+    """Returns the files that buffers and images of a .gltf or .glb name, each once. Names outside the
+    scene's folder are left out: the daemon complains if it needs them."""
     text = _glb_json(data) if data[:4] == b"glTF" else data
     if len(text) > JSON_BYTES_MAX:
         _refuse(f"has {len(text)} bytes of JSON; at most {JSON_BYTES_MAX} are read")
@@ -68,8 +68,8 @@ def _glb_json(data: bytes) -> bytes:
 
 
 def file_of_uri(uri: str) -> str | None:
-    """The file that a URI stands for: percent-decoded once, with / for \\, without empty parts and
-    "./", with "a/.." cancelled. None where it has a scheme, is absolute, leaves the scene's folder,
+    """Returns the file of a URI: percent-decoded once, with / for \\, without empty parts and "./",
+    with "a/.." cancelled. None if the URI has a scheme, is absolute, leaves the scene's folder,
     hides a separator, "." or "..", or is not printable. The daemon applies the same rule
     (tests/golden/gltf_uris.json)."""
     encoded = re.split(rb"[/\\]", uri.encode("utf-8", "surrogatepass"))
@@ -98,7 +98,7 @@ def file_of_uri(uri: str) -> str | None:
 # ---- writing ------------------------------------------------------------------------------------
 
 def triangles(vertices: Any, faces: Any) -> tuple[Array, Array]:
-    """Both as arrays: vertices (N, 3), and faces (M, 3) that are indices of them."""
+    """Returns both as checked arrays: vertices (N, 3), and faces (M, 3) of indices."""
     if np.ma.is_masked(faces):
         raise UsageError("some faces are masked: pass numpy.ma.compress_rows(faces)")
     if np.ma.is_masked(vertices):
@@ -119,9 +119,9 @@ def triangles(vertices: Any, faces: Any) -> tuple[Array, Array]:
 
 
 def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3)) -> bytes:
-    """One mesh as a .glb: vertices (N, 3), faces (M, 3) of indices. `origin` is subtracted before
-    the vertices become float32, and is the place of their node: in the file, too, they are where
-    they were. Triangle i of the scene is row i of `faces`."""
+    """Returns a mesh as a .glb: vertices (N, 3), faces (M, 3) of indices. `origin` is subtracted
+    before the vertices become float32 and is the position of their node, so that they stay in
+    place. Triangle i of the scene is row i of `faces`."""
     points, corners = triangles(vertices, faces)
     moves = bool(origin.any())
     with np.errstate(over="ignore"):

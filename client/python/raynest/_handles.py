@@ -1,7 +1,7 @@
-"""Which scenes without a name a client still uses.
+"""Counts the Scene objects of each scene without a name.
 
-The daemon counts a connection once, however many Scene objects it has of one scene: this counts
-those, so that a scene goes with its last one.
+The daemon counts a connection once, however many Scene objects it has of a scene. Counting them
+here lets such a scene go with its last object.
 """
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Handles:
         self._left.append(name)
 
     def loaded(self, name: str, temporary: bool) -> None:
-        """The scene was loaded; what this client once loaded to stay is not temporary again."""
+        """Notes a load. A scene that this client once loaded to stay does not become temporary again."""
         with self._lock:
             self._temporary[name] = temporary and self._temporary.get(name, True)
 
@@ -35,7 +35,7 @@ class Handles:
             self._temporary.pop(name, None)
 
     def take_unused(self) -> list[str]:
-        """The scenes without a name that nobody uses any more, each once."""
+        """Returns the scenes without a name that have no Scene object any more, each once."""
         with self._lock:
             while self._left:
                 self._users[self._left.popleft()] -= 1

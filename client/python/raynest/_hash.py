@@ -1,6 +1,7 @@
-"""FNV-1a with 64 bits, which the daemon finds damaged uploads with, at the speed of numpy.
+"""FNV-1a with 64 bits at the speed of numpy; the daemon checks uploads with it.
 
-Byte by byte, h = (h ^ byte) * p: in Python a second for 10 MB. Two facts make it arrays:
+The definition goes byte by byte, h = (h ^ byte) * p; a Python loop takes a second for 10 MB. Two
+facts turn it into operations on arrays:
 
 * The low 8 bits of h depend on nothing above them, and bit k of the next h on bits 0 to k only: it
   is bit k of h ^ byte, xor a function of lower bits. So the low bytes of all h come from eight
@@ -25,7 +26,7 @@ _POWERS = np.multiply.accumulate(np.full(_STEP, _PRIME, np.uint64))[::-1]
 
 
 def upload_checksum(data: Any) -> int:
-    """Of any contiguous bytes."""
+    """Returns the checksum of a contiguous buffer."""
     everything = np.frombuffer(data, np.uint8)
     state = _START
     for first in range(0, len(everything), _STEP):
@@ -38,7 +39,7 @@ def upload_checksum(data: Any) -> int:
 
 
 def _low_bytes(part: Bytes, low: int) -> Bytes:
-    """The low byte of the state before each byte, `low` before the first."""
+    """Returns the low byte of the state before each byte; it is `low` before the first."""
     lows = np.zeros(len(part), np.uint8)
     mixed = np.zeros(len(part), np.uint8)       # (state ^ byte), as far as its bits are known
     for bit in range(8):

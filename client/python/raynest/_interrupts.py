@@ -1,10 +1,10 @@
 """Ctrl-C between frames, never within one.
 
-Python raises KeyboardInterrupt at any point of any function; half a frame later the connection
-would be lost. Within `with interrupts:` a Ctrl-C is only noted, check() raises it where the code
-may stop, and leaving the outermost block raises what is still due. Another one before that is
-raised at once. Handlers that a program has set itself stay in place. Python interrupts the main
-thread alone: in others all of this does nothing.
+Python raises KeyboardInterrupt at any point of any function. In the middle of a frame that would
+cost the connection. Within `with interrupts:` a Ctrl-C is only noted: check() raises it where the
+code may stop, and so does the end of the outermost block. A second Ctrl-C before that is raised at
+once. Handlers that a program has set itself stay in place. Python interrupts the main thread only,
+so in other threads this class does nothing.
 """
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Interrupts:
 
     def __enter__(self) -> Interrupts:
         if _in_main_thread():
-            # Counted once the handler is in place: a Ctrl-C before that leaves from here, and
-            # nobody would count back.
+            # Count after the handler is in place: a Ctrl-C before that leaves this function, and
+            # __exit__ would not run.
             if self._depth == 0 and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
                 self._seen = False
                 signal.signal(signal.SIGINT, self._note)

@@ -14,7 +14,7 @@ from ._frame import DTYPES, Array, Block
 from ._job import Outcome, Progress, SceneMoved
 from .errors import ProtocolError, UsageError
 
-# What an encoded pixel takes at most: an EXR of four floats; legend and header come on top.
+# Maximum bytes of an encoded pixel: an EXR of four floats. Legend and header come on top.
 ENCODED_PIXEL_BYTES_MAX = 16
 LEGEND_BYTES_MAX = 4 << 20
 

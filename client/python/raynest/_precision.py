@@ -1,4 +1,4 @@
-"""What float32 costs a mesh that came in float64."""
+"""Warns of the precision that a float64 mesh loses in float32."""
 from __future__ import annotations
 
 import math
@@ -9,13 +9,13 @@ import numpy as np
 from ._frame import Array
 from ._gltf import triangles
 
-# Share of a mesh's size from which on the distance is worth a warning.
+# A shift of vertices above this share of the mesh's size is worth a warning.
 NOTABLE_SHARE = 1e-5
 
 
 def rounding_warning(vertices: Any, faces: Any, origin: Array, degenerate: int) -> str:
-    """Says how far float32 moved the vertices, and an origin that avoids that; "" where that is
-    little and no triangle vanished. `degenerate` counts the triangles without area in float32."""
+    """Returns how far float32 moved the vertices and an origin that avoids it, or "" if it moved
+    them little and no triangle vanished. `degenerate` counts triangles without area in float32."""
     points, corners = triangles(vertices, faces)
     exact = points.astype(np.float64) - origin
     moved = _longest(exact.astype(np.float32) - exact)
@@ -40,6 +40,6 @@ def _longest(rows: Array) -> float:
 
 
 def _flat(points: Array, corners: Array) -> int:
-    """Triangles that have no area in float64 either."""
+    """Counts triangles that have no area in float64 either."""
     a, b, c = (points[corners[:, corner]] for corner in range(3))
     return int((np.cross(b - a, c - a) == 0).all(1).sum())

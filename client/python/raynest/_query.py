@@ -1,4 +1,4 @@
-"""An answer in columns under way: rays go out as credit allows, chunks come back in any order."""
+"""Answers in columns: rays are sent as credit allows, chunks come back in any order."""
 from __future__ import annotations
 
 import contextlib
@@ -15,13 +15,13 @@ from ._job import Outcome, SceneMoved
 from ._rays import Source
 from .errors import ProtocolError
 
-# Says where the columns of a chunk go: one array for each of its blocks.
+# Returns the arrays that receive the columns of a chunk, one for each of its blocks.
 PlaceChunk = Callable[[Chunk], Sequence[Array]]
 
 
 class Answer:
-    """Of any request that chunks answer. What it is held against is known of a query only: what a
-    job is fetched of, its own chunks tell, and DONE the number of rows."""
+    """The answer to a request that is answered by chunks. A query knows which fields and rows to
+    expect. For a fetched job, the chunks themselves tell the fields and DONE the number of rows."""
 
     fields: Sequence[str] = ()
     csr: Optional[bool] = None
@@ -31,7 +31,7 @@ class Answer:
                  seconds: float = 0.0) -> None:
         self.outcome = Outcome()
         self.origin: Optional[Array] = None
-        """What was subtracted from the rays, where that is known."""
+        """The point that was subtracted from the rays; None if unknown."""
         self._connection = connection
         self._seconds = seconds
         self._request, self._message = request, message
@@ -74,14 +74,14 @@ class Answer:
             raise ProtocolError("the daemon ended a query before its last answer")
 
     def _check_origin(self, origin: Array) -> None:
-        """That of the scene that is being asked."""
+        """Takes the origin of the scene that answers."""
         self.origin = origin
 
     def feed(self) -> None:
         """Sends what the daemon still lacks, as far as credit allows."""
 
     def rows_max(self) -> int:
-        """Of what the daemon has until now."""
+        """Returns the maximum number of rows for the rays sent so far."""
         return _limits.rays_max
 
     def _check(self, name: str, message: Message, blocks: Sequence[Block]) -> Chunk:
@@ -97,8 +97,8 @@ class Answer:
 
 
 class Query(Answer):
-    """`message` as in the schema, but for its rays, from which `origin` was subtracted. Where
-    `expects_origin`, SceneMoved ends it if the scene has another one."""
+    """A query. `message` is the schema's without its rays, from which `origin` was subtracted. With
+    `expects_origin` SceneMoved is raised if the scene has another one."""
 
     def __init__(self, connection: Connection, message: Message, source: Source, origin: Array,
                  expects_origin: bool) -> None:
@@ -145,7 +145,7 @@ class Query(Answer):
             self._sent += count
 
     def detach(self) -> int:
-        """Leaves it to the daemon; gives the number of the job."""
+        """Runs the query as a detached job; returns the job's number."""
         self._message["job"]["detach"] = True
         number: int = self._connection.ask("Query", self._message, "Detached", self.feed)["job"]
         return number

@@ -1,9 +1,9 @@
-"""Rays as users have them, and as they travel: float32 rows of what they do not have in common.
-(n, 8) are [ox oy oz tmin dx dy dz tmax], (n, 6) [ox oy oz dx dy dz], of one range, and (n, 3)
-[dx dy dz], of one origin as well.
+"""Converts rays from the forms that users have to the forms on the wire.
 
-Rays that are that already are sent from where they lie. All others are converted frame by frame
-while they are sent, so that no second copy of them all is ever made.
+On the wire rays are float32 rows: (n, 8) [ox oy oz tmin dx dy dz tmax], (n, 6) [ox oy oz dx dy dz]
+with a common range, or (n, 3) [dx dy dz] with a common origin too. Arrays in one of these forms are
+sent without a copy. All others are converted frame by frame while they are sent, so that no second
+copy of all rays ever exists.
 """
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from .errors import RayWarning, UsageError, warn
 
 
 class Rays:
-    """Checked for shape only: a ray that makes no sense is answered with a miss and flag 1. The range
-    is that of rays which bring none of their own."""
+    """Rays, checked for their shape only: the daemon answers an invalid ray with a miss and flag 1.
+    `tmin` and `tmax` hold for rays without a range of their own."""
 
     def __init__(self, rays: Any, directions: Any = None, origin: Any = None, *, tmin: float = 0.0,
                  tmax: float = math.inf) -> None:
-        # Nothing to subtract: float32 is sent as it lies.
+        # Without an origin to subtract, float32 is sent without a copy.
         shift = np.zeros(3) if origin is None else vector("origin", origin)
         self._shift = shift if shift.any() else None
-        self._origins: Optional[Array]          # of each ray, unless they have one
-        self._rows: Optional[Array] = None      # where they came as one array
+        self._origins: Optional[Array]          # per ray; None if all have one
+        self._rows: Optional[Array] = None      # the array, if rays came as one
         self.common: Message = {"tmin": tmin, "tmax": 0.0 if math.isinf(tmax) else tmax}
         first = numbers("rays", rays)
         if directions is None and first.ndim == 1:  # one ray, or []
@@ -54,13 +54,13 @@ class Rays:
         self.width = self._rest.shape[1] + (0 if self._origins is None else 3)
 
     def frame(self, first: int, count: int) -> Array:
-        """Rays [first, first + count) as they travel."""
+        """Returns rays [first, first + count) in their form on the wire."""
         part = slice(first, first + count)
         rows = None if self._rows is None else self._rows[part]
         if rows is not None and rows.dtype == np.float32 and rows.flags.c_contiguous:
             return rows
         out = np.empty((count, self.width), np.float32)
-        # What float32 cannot hold becomes infinite, and the daemon flags the ray.
+        # Values beyond float32 become infinite; the daemon then flags the ray.
         with np.errstate(over="ignore", invalid="ignore"):
             if self._origins is not None:
                 out[:, :3] = self._shifted(self._origins[part])
@@ -68,7 +68,7 @@ class Rays:
         return out
 
     def _shifted(self, points: Array) -> Array:
-        """Subtracted as float64, before digits are lost."""
+        """Subtracts the origin in float64, before digits are lost."""
         if self._shift is None:
             return points
         with np.errstate(over="ignore", invalid="ignore"):
@@ -78,15 +78,15 @@ class Rays:
 
 @dataclasses.dataclass(frozen=True)
 class Source:
-    """Where the rays of a query come from."""
+    """The rays of a query: sent, or made by the daemon."""
 
-    sent: Rays                              # the rays; of points that have rays the points
-    count: int                              # of rays that will be traced
-    generator: Optional[Message] = None     # by which the daemon makes them
+    sent: Rays                              # the rays, or the points that rays start from
+    count: int                              # number of rays that will be traced
+    generator: Optional[Message] = None     # makes the rays in the daemon
 
 
 def warn_of_rounding(points: Array) -> None:
-    """A scene far from zero is worth its origin only where rays have as many digits."""
+    """Warns if float32 rays are too coarse for a scene far from zero, whose origin then helps little."""
     if points.dtype.kind == "f" and points.dtype.itemsize <= 4:
         moved = np.spacing(np.abs(points).max(where=np.isfinite(points), initial=0)) / 2
         if moved > NOTABLE_ROUNDING:
@@ -95,7 +95,7 @@ def warn_of_rounding(points: Array) -> None:
 
 
 def vector(what: str, value: Any) -> Array:
-    """Three float64."""
+    """Returns three finite float64."""
     out = numbers(what, value).astype(np.float64)
     if out.shape != (3,):
         raise UsageError(f"{what} has the shape {out.shape}: it must be three numbers")
@@ -104,17 +104,17 @@ def vector(what: str, value: Any) -> Array:
     return out
 
 
-# Distance in the scene's units from which on rounding is worth a warning.
+# Rounding by more than this distance, in the scene's units, is worth a warning.
 NOTABLE_ROUNDING = 0.5e-3
 
-# The share of a line of sight that is left out at both ends, unless the user says more.
+# Default share of a line of sight that is left out at each end.
 SEGMENT_MARGIN = 1e-4
 
 
 def segments(a: Any, b: Any, margin: Optional[float], margin_distance: Optional[float],
              origin: Any) -> Rays:
-    """Rays from a to b in units of their distance, without a share `margin` at both ends or without
-    `margin_distance`."""
+    """Returns rays from a to b whose t is in units of their distance. A share `margin`, or
+    `margin_distance`, is left out at each end."""
     if margin is not None and margin_distance is not None:
         raise UsageError("margin is a share and margin_distance a distance: pass one of them")
     margin = SEGMENT_MARGIN if margin is None else margin
@@ -123,7 +123,7 @@ def segments(a: Any, b: Any, margin: Optional[float], margin_distance: Optional[
     if margin_distance is not None and not 0 <= real("margin_distance", margin_distance) < math.inf:
         raise UsageError(f"margin_distance of {margin_distance!r}: it must be a distance, 0 or more")
     start, end = pair(a, b)
-    # Signed, as the dtype of the points may not be.
+    # Subtract in a signed type: the dtype of the points may be unsigned.
     with np.errstate(over="ignore", invalid="ignore"):
         ways = np.subtract(end, start, dtype=np.result_type(start, end, np.float32))
     unseen = ~(np.isfinite(float32(start)) & np.isfinite(float32(ways))).all(axis=1)
@@ -134,15 +134,15 @@ def segments(a: Any, b: Any, margin: Optional[float], margin_distance: Optional[
         return Rays(a if np.shape(a) == (3,) else start, ways, origin, tmin=margin, tmax=1 - margin)
     with np.errstate(over="ignore", invalid="ignore"):
         lengths = np.linalg.norm(ways.astype(np.float64), axis=1)
-    # Of a segment that is shorter than both ends an interval without a hit is left.
+    # A segment shorter than both margins keeps an empty interval, which has no hit.
     ends = np.minimum(0.5, np.divide(margin_distance, lengths, out=np.full(len(ways), 0.5),
                                      where=lengths > 0)).astype(ways.dtype)
     return Rays(np.column_stack([start, ends, ways, 1 - ends]), origin=origin)
 
 
 def pair(first: Any, second: Any) -> tuple[Array, Array]:
-    """Both as (N, 3); one of them may be a single (3,), which then counts for all of the other, and
-    [] is none."""
+    """Returns both as (N, 3). One of them may be a single (3,), which is used for all rows of the
+    other; [] has no rows."""
     a, b = (out if out.shape != (0,) else out.reshape(0, 3)
             for out in (numbers("points", first), numbers("directions", second)))
     try:

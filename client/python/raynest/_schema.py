@@ -62,7 +62,7 @@ class Schema:
                 yield match.group(1)
 
     def _until(self, end: str) -> list[str]:
-        """The words before `end`, which is taken as well."""
+        """Takes and returns the words before `end`; takes `end` as well."""
         return list(iter(self._words.__next__, end))
 
     def _fields(self, home: dict[str, tuple[Field, ...]]) -> None:

@@ -1,10 +1,10 @@
-"""A source of load(), made ready to send, and sent.
+"""Reads and sends the source of a load().
 
-    builtin:..., root:...     only a name: the daemon has it
-    .glb, .gltf               the file and what it names, read beneath its folder
-    .npy                      records of a primitive type; `instances` beside it
-    -, /dev/stdin, /dev/fd/N  one of these out of a pipe, told apart by its first bytes; what a
-                              .gltf names is then looked for in the current folder
+    builtin:..., root:...     a name only: the daemon has the content
+    .glb, .gltf               the file, and the files that it names below its folder
+    .npy                      records of a primitive type, with an optional file of `instances`
+    -, /dev/stdin, /dev/fd/N  one of these from a pipe, recognised by its first bytes; a .gltf's
+                              files are then read from the current folder
 """
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ._frame import Array, padding
 from ._gltf import file_names
 from ._hash import upload_checksum
 
-# A piece of a file: large enough that headers do not count, small enough for any frame limit.
+# Bytes of a file per frame: headers do not matter at this size, and it fits any frame limit.
 PIECE_BYTES = 1 << 20
 
 
@@ -81,7 +81,7 @@ def _check_records(source: str, records: bool, primitive: str, instances: str) -
 
 
 def _sniff(source: str, data: bytes) -> str:
-    """The ending that fits the first bytes of a file."""
+    """Returns the file ending that fits the first bytes."""
     for start, extension in ((b"glTF", ".glb"), (b"\x93NUMPY", ".npy")):
         if data.startswith(start):
             return extension
@@ -102,7 +102,7 @@ def _named_files(main: File, folder: str) -> Iterator[File]:
             data = read_file_beneath(folder, other, left)
         except errors.InvalidError as error:
             raise errors.InvalidError(f"names {error}", error.name) from None
-        # Whether a file is missed is for the daemon to say.
+        # The daemon complains if it needs a missing file.
         if data is None or other == main.name:
             continue
         left -= len(data)
@@ -110,7 +110,7 @@ def _named_files(main: File, folder: str) -> Iterator[File]:
 
 
 class Sender:
-    """Answers NEED with pieces of the files, in order, as credit allows."""
+    """Answers NEED with the files' bytes, in order, as credit allows."""
 
     def __init__(self, connection: Connection, upload: Upload) -> None:
         self._connection = connection

@@ -1,4 +1,4 @@
-"""The daemon's words in those of this package."""
+"""Translates the protocol's words in messages to those of this package."""
 from __future__ import annotations
 
 import re
@@ -15,8 +15,8 @@ WORDS = {
     "samples": "spp=", "size": "size=", "traversal": "traversal=", "worker": "worker="}
 
 
-def in_own_words(message: str) -> str:
-    """A message of the daemon, in which each word between backticks is a field or a message of the
-    protocol (PROTOCOL.md, 9), with this package's spelling in its place."""
+def localize_message(message: str) -> str:
+    """Replaces the words between backticks in a message of the daemon, which are fields or messages
+    of the protocol (PROTOCOL.md, 9), by this package's spelling."""
     message = re.sub(r"`origin` ([-+.,e\d]+)", r"origin=(\1)", message)
     return re.sub("`([A-Za-z_]+)`", lambda match: WORDS.get(match[1], match[0]), message)

@@ -1,4 +1,4 @@
-"""What the daemon answers, in the keys and types of `raynest --json`: one word for one thing."""
+"""Converts the daemon's answers to the keys and types of `raynest --json`."""
 from __future__ import annotations
 
 from typing import Any
@@ -7,16 +7,16 @@ import numpy as np
 
 from ._control import Message
 from ._job import origin_of
-from ._wording import in_own_words
+from ._wording import localize_message
 
 _NO_NODE = 2**32 - 1
 
 
 def scene_info(message: Message) -> dict[str, Any]:
-    """Of SceneInfo: lists of names and counts become dicts, points lists, boxes are in the world."""
+    """Converts a SceneInfo: names with counts become dicts, points lists; boxes move to the world."""
     info = dict(message)
     info["origin"] = origin = origin_of(info)
-    info["warnings"] = [in_own_words(warning) for warning in info["warnings"]]
+    info["warnings"] = [localize_message(warning) for warning in info["warnings"]]
     triangles = info["unique_triangles"]
     info["bytes_per_triangle"] = info["tree_bytes"] / triangles if triangles else 0.0
     info["skipped"] = dict(zip(info.pop("skipped_reasons"), info.pop("skipped_counts")))
@@ -27,7 +27,7 @@ def scene_info(message: Message) -> dict[str, Any]:
 
 
 def _world(relative: float, origin: float) -> float:
-    """A float32 with the digits that it has, or in the world; never -0."""
+    """Returns a coordinate in the world; without an origin, with a float32's own digits. Never -0."""
     return relative + origin if origin else float(str(np.float32(relative))) + 0.0
 
 
@@ -43,7 +43,7 @@ def variant_info(message: Message) -> dict[str, Any]:
 
 
 def _param(message: Message) -> dict[str, Any]:
-    """A parameter has a range, or choices, of which the default is one."""
+    """Converts a parameter: it has a range, or choices of which the default is one."""
     param = {key: message[key] for key in ("name", "type", "text")}
     if not message["choices"]:
         return {**param, "minimum": message["minimum"], "maximum": message["maximum"],
@@ -55,7 +55,7 @@ def _param(message: Message) -> dict[str, Any]:
 
 
 def job_info(message: Message) -> dict[str, Any]:
-    """Of JobInfo: times in seconds, and why it failed, else None."""
+    """Converts a JobInfo: times in seconds, `error` None unless the job failed."""
     info = dict(message)
     info["age_seconds"] = info.pop("age_ms") / 1000
     left = info.pop("left_ms")

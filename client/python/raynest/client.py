@@ -1,4 +1,4 @@
-"""A connection to a daemon, and what is asked of the daemon rather than of one scene."""
+"""A connection to a daemon, with the requests that concern the daemon rather than one scene."""
 from __future__ import annotations
 
 import contextlib
@@ -30,10 +30,9 @@ from .scene import Scene, scene_info
 @none_is_default
 def connect(uri: Optional[str] = None, *, token: Optional[str] = None,
             window_bytes: int = _limits.window_bytes) -> Client:
-    """A client of the daemon at tcp://HOST:PORT or unix:PATH; by default where RAYNEST_SERVER says,
-    else at tcp://127.0.0.1:31060. `token`, RAYNEST_TOKEN by default, is reserved: this version's
-    daemon asks for none. The daemon sends at most `window_bytes` ahead of what was received; 0 is
-    the default."""
+    """Connects to the daemon at tcp://HOST:PORT or unix:PATH; by default at RAYNEST_SERVER, else at
+    tcp://127.0.0.1:31060. `token`, by default RAYNEST_TOKEN, is reserved: this version's daemon
+    needs none. The daemon sends at most `window_bytes` ahead; 0 is the default."""
     if not isinstance(uri, (str, type(None))):
         raise TypeError(f"uri of {uri!r}: it must be a text, as 'tcp://127.0.0.1:31060' or "
                         "'unix:PATH'")
@@ -41,14 +40,14 @@ def connect(uri: Optional[str] = None, *, token: Optional[str] = None,
 
 
 class Client:
-    """One connection, and one request on it at a time: threads take turns. For requests side by
-    side, connect more often. Also a context manager, which closes it."""
+    """A connection, which runs one request at a time: threads take turns. For concurrent requests,
+    open several. As a context manager it closes itself."""
 
     def __init__(self, uri: Optional[str], token: Optional[str], window_bytes: int) -> None:
         self.connection = Connection(uri, token, window_bytes)
         self.handles = Handles()
         self.outcome = Outcome()
-        """What the last trace, stream or picture ran, and how it went."""
+        """The outcome of the last trace, stream or picture: what ran, and its statistics."""
 
     @property
     def uri(self) -> str:
@@ -77,21 +76,21 @@ class Client:
              origin: Any = None, replace: bool = False, build: str = "medium", primitive: str = "",
              instances: Union[str, os.PathLike[str]] = "", masks: Masks = (),
              progress: Progress = None) -> Scene:
-        """Uploads a .glb or .gltf with the files that it names, or a .npy of `primitive` records;
-        or loads "builtin:forest?trees=9" or "root:PATH", which the daemon has. Out of a pipe, or of
-        stdin as "-", comes one of these files as well; it then needs a `name`.
+        """Uploads a .glb or .gltf with the files that it names, or a .npy of `primitive` records; or
+        loads "builtin:forest?trees=9" or "root:PATH", which the daemon has. A pipe, or "-" for
+        stdin, may bring any of these files; it then needs a `name`.
 
-        The scene is called `name`, by default the file's stem. A name that is taken by other
-        content is an error unless `replace`, which begins a new epoch. `build` is "fast", "medium"
-        or "high": how much time the trees may take for how well they trace.
+        The scene is called `name`, by default the file's stem. If other content has that name, the
+        load fails unless `replace`, which begins a new epoch. `build` is "fast", "medium" or
+        "high": a slower build gives trees that trace faster.
 
-        Far from zero float32 has few digits for what is small: `origin`, three float64 near the
-        scene, is subtracted before they are lost. It stays with the scene, and rays, cameras and
-        positions are in the world for every client. A SceneWarning says where it would help.
+        float32 loses small details far from zero. `origin`, three float64 near the scene, is
+        subtracted before they are lost. It stays with the scene; rays, cameras and positions are in
+        the world for every client. A SceneWarning says when an origin would help.
 
-        `masks` says which placements trace(mask=) sees: {"stand-*": 0x1} gives those whose path is
-        that, or lies below it, this mask in place of 0xFFFFFFFF. "*" stands for any text; of
-        several patterns, in a dict or a list of pairs, the last match wins.
+        `masks` sets what trace(mask=) sees: {"stand-*": 0x1} gives placements whose path matches,
+        or lies below a match, this mask instead of 0xFFFFFFFF. "*" stands for any text. If several
+        patterns match, from a dict or a list of pairs, the last one wins.
         """
         upload = gather(path_text("source", source), primitive, path_text("instances", instances))
         if name is not None:
@@ -106,12 +105,12 @@ class Client:
     def mesh(self, vertices: Any, faces: Any, name: Optional[str] = None, *, origin: Any = None,
              keep: bool = False, replace: bool = False, build: str = "medium",
              progress: Progress = None) -> Scene:
-        """A scene of triangles: vertices (N, 3), faces (M, 3); the column prim is a row of faces.
+        """Loads triangles: vertices (N, 3), faces (M, 3). The column prim is a row of faces.
 
         float64 vertices become float32 after `origin` was subtracted, as in load(); a SceneWarning
-        says when they lose digits that count. Without a name it is called after its content and
-        `build`: the same mesh is built only once. Such a scene belongs to this connection: it goes
-        with the last Scene object of it (`with c.mesh(...) as s:`), at the latest with the
+        says when they lose digits that matter. Without a name the scene is named after its content
+        and `build`, so that the same mesh is built only once. Such a scene belongs to this
+        connection: it goes with its last Scene object (`with c.mesh(...) as s:`), or with the
         connection. A name or `keep` keeps it in the daemon.
         """
         shift = np.zeros(3) if origin is None else vector("origin", origin)
@@ -152,15 +151,15 @@ class Client:
         return Scene(self, info["name"], info["origin"]), info
 
     def scene(self, name: str) -> Scene:
-        """A scene that is loaded; InvalidError where it is not. This connection holds it from then
-        on: it works until the connection ends, also when others unload it."""
+        """Opens a loaded scene; InvalidError if there is none of that name. This connection then
+        holds it: it works until the connection ends, even if others unload it."""
         info = scene_info(self.connection.ask("Info", {"scene": name, "hold": True}, "SceneInfo"))
         return Scene(self, info["name"], info["origin"])
 
     def scenes(self) -> list[dict[str, Any]]:
-        """What is loaded: name, hash, epoch, instanced_triangles, bytes, owner, age_seconds,
-        idle_seconds (since a request last used it) and holders (the open connections that loaded or
-        opened it) of each scene."""
+        """Lists the loaded scenes: name, hash, epoch, instanced_triangles, bytes, owner,
+        age_seconds, idle_seconds (since a request last used it) and holders (the open connections
+        that loaded or opened it)."""
         columns = {"name": "names", "hash": "hashes", "epoch": "epochs",
                    "instanced_triangles": "instanced_triangles", "bytes": "bytes",
                    "owner": "owners", "age_seconds": "age_ms", "idle_seconds": "idle_ms",
@@ -175,7 +174,7 @@ class Client:
     @none_is_default
     def unload_all(self, *, idle: float = 0.0) -> list[str]:
         """Unloads all scenes of this owner, as Scene.unload() does, or those that were not used for
-        `idle` seconds; gives their names."""
+        `idle` seconds. Returns their names."""
         idle_ms = milliseconds(idle, "idle")
         message: Message = {"idle_ms": idle_ms} if idle_ms else {"all": True}
         names: list[str] = []
@@ -186,8 +185,8 @@ class Client:
         return names
 
     def drop_unused(self) -> None:
-        """Unloads the meshes without a name whose Scene objects are all gone; mesh() and load() do
-        it first."""
+        """Unloads the meshes without a name that have no Scene object any more; mesh() and load()
+        call it first."""
         for name in () if self.connection.closed else self.handles.take_unused():
             with contextlib.suppress(InvalidError):  # somebody else has unloaded it
                 self.connection.ask("Unload", {"scene": name}, "Unloaded")
@@ -195,35 +194,35 @@ class Client:
     # ---- jobs -----------------------------------------------------------------------------------
 
     def job(self, number: int) -> Job:
-        """A detached job by its number; InvalidError where there is none."""
+        """Returns a detached job by its number; InvalidError if there is none."""
         job = Job(self, number)
         return Job(self, job.info["job"])
 
     def jobs(self) -> list[dict[str, Any]]:
-        """What runs for all clients, and detached jobs whose answers are kept: job (its number),
-        owner, kind, scene, state, done of total, age_seconds, left_seconds, bytes, ..."""
+        """Lists running jobs of all clients, and detached jobs with kept answers: job (its number),
+        owner, kind, scene, state, done, total, age_seconds, left_seconds, bytes, ..."""
         return list(job_infos(self.connection))
 
     # ---- the daemon -----------------------------------------------------------------------------
 
     def variants(self) -> list[dict[str, Any]]:
-        """The intersectors: name, text, target, queries, params (with their default) and outputs."""
+        """Lists the intersectors: name, text, target, queries, params (with defaults) and outputs."""
         return [variant_info(variant) for page in self.pages("Variants", "VariantList", "variants")
                 for variant in page["variants"]]
 
     def stats(self) -> dict[str, float]:
-        """The daemon's counters."""
+        """Returns the daemon's metrics."""
         message = self.connection.ask("Stats", {}, "Statistics")
         return dict(zip(message["names"], message["values"]))
 
     def ping(self) -> float:
-        """Seconds there and back."""
+        """Measures a round trip in seconds."""
         begin = time.perf_counter()
         self.connection.ask("Ping", {"payload": 1}, "Pong")
         return time.perf_counter() - begin
 
     def pages(self, name: str, answer: str, entries: str, **request: Any) -> Iterator[Message]:
-        """The answers to a request that lists something."""
+        """Yields the pages of a list request."""
         first = 0
         while True:
             page = self.connection.ask(name, {**request, "first": first}, answer)

@@ -1,4 +1,4 @@
-"""What can go wrong: one class for each exit code of the command line.
+"""The exceptions: one class for each exit code of the command line.
 
     Error                    code, name, exit_code, retry_after
     ├── FailedError          1    defects, broken connections, a taken name
@@ -11,9 +11,9 @@
     ├── DeadlineError        7    the deadline passed; also a TimeoutError
     └── CancelledError       130  the request was cancelled
 
-`name` tells apart what shares a class: InvalidError is SCENE_UNKNOWN, JOB_UNKNOWN, ...
+`name` tells errors of one class apart: InvalidError is SCENE_UNKNOWN, JOB_UNKNOWN, ...
 Warning (a UserWarning)
-    ├── SceneWarning         what load() and mesh() could not take as it was
+    ├── SceneWarning         load() or mesh() had to change or skip something
     └── RayWarning           rays of a query were not valid
 
 Ctrl-C raises KeyboardInterrupt as everywhere in Python, after the request was cancelled.
@@ -24,11 +24,11 @@ import sys
 import warnings
 
 from ._lists import ERRORS
-from ._wording import in_own_words
+from ._wording import localize_message
 
 
 class Error(Exception):
-    """Anything that RayNest refuses or fails to do; its text says what to do about it."""
+    """A request that RayNest refused or failed to do; the text says what to do about it."""
 
     exit_code = 1
 
@@ -37,7 +37,7 @@ class Error(Exception):
         self.name = name
         self.code = code
         self.retry_after = retry_after
-        """Seconds before which BUSY will not have passed; 0 when the daemon names no time."""
+        """Seconds to wait before trying again; 0 if the daemon names no time."""
 
 
 class FailedError(Error):
@@ -77,7 +77,7 @@ class CancelledError(Error):
 
 
 class Warning(UserWarning):
-    """Anything that went well but for what its text says."""
+    """A request that succeeded, with the reservation in the text."""
 
 
 class SceneWarning(Warning):
@@ -89,7 +89,7 @@ class RayWarning(Warning):
 
 
 def warn(text: str, category: type[Warning]) -> None:
-    """Warns of the line that called this package."""
+    """Warns, and attributes the warning to the line that called this package."""
     package = __name__.partition(".")[0]
     level = 1
     frame = sys._getframe()
@@ -109,9 +109,9 @@ TABLE: tuple[tuple[str, type[Error]], ...] = tuple(
 
 
 def from_daemon(code: int, message: str, retry_after_ms: int) -> Error:
-    """The exception for an ERROR frame; a code of a later version reads as INTERNAL."""
+    """Returns the exception for an ERROR frame; an unknown code, of a later version, gives INTERNAL."""
     known = 1 <= code <= len(TABLE)
     name, kind = TABLE[code - 1] if known else INTERNAL
     seconds = retry_after_ms / 1000
     hint = f" (try again in {retry_after_ms} ms)" if retry_after_ms else ""
-    return kind(in_own_words(message or name) + hint, name, code, seconds)
+    return kind(localize_message(message or name) + hint, name, code, seconds)

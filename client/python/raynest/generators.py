@@ -1,15 +1,15 @@
-"""Rays that the daemon makes, so that none travel: trace() and stream() take these in their place.
+"""Rays that the daemon makes, so that none are sent: pass a generator to trace() or stream().
 
     from raynest import generators
 
     sweep = generators.lidar([-15, -5, 5, 15], azimuths=(0, 360, 2048), camera="overview")
     hits = scene.trace(sweep, fields=("t", "direction"))
 
-Images go row by row from the top, pixel (x, y) has its centre at (x + 0.5, y + 0.5). A sensor looks
-along -Z, +X to the right, +Y up; a lidar's x is ahead, y left, z up. A pose takes that frame to the
-world, and without a pose, camera or look_at it is the identity. A camera or look_at makes a lidar
-look where a camera would, upright. Angles are degrees. The formulas are in PROTOCOL.md, 6; the
-columns `origin` and `direction` tell what they gave.
+Images go row by row from the top; the centre of pixel (x, y) is at (x + 0.5, y + 0.5). A sensor
+looks along -Z with +X to the right and +Y up; a lidar has x ahead, y left, z up. A pose maps that
+frame to the world; without a pose, camera or look_at it is the identity. With a camera or look_at a
+lidar stands upright and faces where the camera would. Angles are in degrees. PROTOCOL.md, 6 has the
+formulas; the columns `origin` and `direction` show the rays.
 """
 from __future__ import annotations
 
@@ -29,9 +29,8 @@ from ._rays import Rays, Source, pair, vector
 from .errors import UsageError
 
 
-class Mount(TypedDict, total=False):
-    """Keyword arguments of all sensors: where they stand, and which hits count. None is as good as
-    leaving one away."""
+class SensorPose(TypedDict, total=False):
+    """Keyword arguments of all sensors: their pose and range. None means the default."""
 
     pose: Any                   # sensor to world, (3, 4) or (4, 4); without it as
     camera: Union[str, int, None]       # this camera of the scene, by name or index, or as
@@ -41,28 +40,28 @@ class Mount(TypedDict, total=False):
 
 
 class Generator:
-    """Made by the functions below; `count` is its number of rays."""
+    """A generator, made by the functions below; `count` is its number of rays."""
 
     def __init__(self, kind: str, settings: dict[str, str], count: int,
-                 points: Optional[Array] = None, mount: Optional[Mount] = None,
+                 points: Optional[Array] = None, sensor: Optional[SensorPose] = None,
                  fov: float = 0.0) -> None:
         self.count = count
         self._kind = kind
         self._points = points       # (N, 8): point, tmin, normal, tmax
-        self._mount = _given(mount or {})
-        self._settings = {**settings, **_range_of(self._mount)}
-        self._pose = _pose(self._mount["pose"]) if "pose" in self._mount else None
+        self._sensor = _given(sensor or {})
+        self._settings = {**settings, **_range_of(self._sensor)}
+        self._pose = _pose(self._sensor["pose"]) if "pose" in self._sensor else None
         self._fov = fov
 
     def __repr__(self) -> str:
         return f"<raynest.generators.{self._kind}, {self.count} rays>"
 
     def source(self, origin: Any) -> Source:
-        """What travels of it; points and places are shifted by `origin` as rays are."""
+        """Returns the generator's message, and its points if it has any, relative to `origin`."""
         if self._points is not None:
             return Source(Rays(self._points, origin=origin), self.count, self._message({}))
         shift = np.zeros(3) if origin is None else vector("origin", origin)
-        look_at, camera = self._mount.get("look_at"), self._mount.get("camera")
+        look_at, camera = self._sensor.get("look_at"), self._sensor.get("camera")
         camera = "" if camera is None else camera
         pose, place = self._pose, {}
         if pose is None and "pose" in GENERATORS[self._kind] and camera == "" and look_at is None:
@@ -85,7 +84,7 @@ class Generator:
 
 
 def one_sample(generator: Message) -> Message:
-    """The same generator with one ray for each point."""
+    """Returns the same generator with one ray per point."""
     settings = [each for each in generator["settings"] if not each.startswith("samples=")]
     return {**generator, "settings": [*settings, "samples=1"]}
 
@@ -94,49 +93,49 @@ def one_sample(generator: Message) -> Message:
 
 @none_is_default
 def camera(*, fov: float = 0.0, size: tuple[int, int] = (960, 540),
-           **mount: Unpack[Mount]) -> Generator:
+           **sensor: Unpack[SensorPose]) -> Generator:
     """The rays of a picture: `camera` is one of the scene, by default the first, or `look_at`;
     `fov` is vertical. t is depth along the axis."""
-    if mount.get("pose") is not None:
+    if sensor.get("pose") is not None:
         raise UsageError("camera() takes no pose: pass camera= or look_at=, or use pinhole()")
-    return _image("camera", size, mount, {}, fov=real("fov", fov))
+    return _image("camera", size, sensor, {}, fov=real("fov", fov))
 
 
 @none_is_default
 def pinhole(fx: float, fy: Optional[float] = None, cx: Optional[float] = None,
             cy: Optional[float] = None, *, size: tuple[int, int] = (960, 540),
-            **mount: Unpack[Mount]) -> Generator:
+            **sensor: Unpack[SensorPose]) -> Generator:
     """A calibrated camera: focal lengths and principal point in pixels, by default square pixels
     and the middle. t is depth along the axis."""
     given = {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
-    return _image("pinhole", size, mount, {name: _text(name, real(name, value))
+    return _image("pinhole", size, sensor, {name: _text(name, real(name, value))
                                            for name, value in given.items() if value is not None})
 
 
 @none_is_default
 def orthographic(window: tuple[float, float], *, size: tuple[int, int] = (960, 540),
-                 **mount: Unpack[Mount]) -> Generator:
+                 **sensor: Unpack[SensorPose]) -> Generator:
     """Parallel rays through a window of this width and height in the scene."""
     sides = numbers("window", window)
     if sides.shape != (2,):
         raise UsageError(f"window of {reprlib.repr(window)}: it must be (width, height)")
     width, height = sides.tolist()
     window_text = f"{_text('window', width)}x{_text('window', height)}"
-    return _image("orthographic", size, mount, {"window": window_text})
+    return _image("orthographic", size, sensor, {"window": window_text})
 
 
 @none_is_default
-def equirectangular(*, size: tuple[int, int] = (960, 480), **mount: Unpack[Mount]) -> Generator:
+def equirectangular(*, size: tuple[int, int] = (960, 480), **sensor: Unpack[SensorPose]) -> Generator:
     """All directions: 360 degrees wide, ahead in the middle, 180 high."""
-    return _image("equirectangular", size, mount, {})
+    return _image("equirectangular", size, sensor, {})
 
 
 @none_is_default
 def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 2048), *,
-          azimuth_offsets: Any = (), origin_offsets: Any = (), **mount: Unpack[Mount]) -> Generator:
-    """A head that turns: a channel for each of `elevations`, `azimuths` is (start, stop, count),
-    counter-clockwise, without stop. Channels may be turned by `azimuth_offsets` (C,) and sit at
-    `origin_offsets` (C, 3) of the head. Ray c * count + j is channel c at azimuth j."""
+          azimuth_offsets: Any = (), origin_offsets: Any = (), **sensor: Unpack[SensorPose]) -> Generator:
+    """A rotating head with a channel for each of `elevations`. `azimuths` is (start, stop, count),
+    counter-clockwise, without stop. `azimuth_offsets` (C,) turn channels, `origin_offsets` (C, 3)
+    move them within the head. Ray c * count + j is channel c at azimuth j."""
     try:
         start, stop, azimuth_count = azimuths
     except (TypeError, ValueError):
@@ -162,7 +161,7 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
                 "azimuth_offsets": _text("azimuth_offsets", azimuth_offsets),
                 "origin_offsets": _text("origin_offsets", offsets)}
     return Generator("lidar", {name: text for name, text in settings.items() if text},
-                     channels * count, mount=mount)
+                     channels * count, sensor=sensor)
 
 
 # ---- points -------------------------------------------------------------------------------------
@@ -170,8 +169,8 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
 @none_is_default
 def hemisphere(points: Any, normals: Any, *, samples: int = 64, seed: int = 0, tmin: float = 0.0,
                tmax: float = math.inf) -> Generator:
-    """`samples` cosine-weighted rays from each of the points (N, 3) to the side of its normal: what
-    trace(..., reduce="hit_fraction") averages. Ray p * samples + s is sample s of point p."""
+    """`samples` cosine-weighted rays from each point (N, 3), around its normal. Average them with
+    trace(..., reduce="hit_fraction"). Ray p * samples + s is sample s of point p."""
     low, high = _range(tmin, tmax)
     places, ways = pair(points, normals)
     rows = np.empty((len(places), 8), np.result_type(places, ways, np.float32))
@@ -184,8 +183,8 @@ def hemisphere(points: Any, normals: Any, *, samples: int = 64, seed: int = 0, t
 # ---- others -------------------------------------------------------------------------------------
 
 def __getattr__(kind: str) -> Callable[..., Generator]:
-    """Any other image that protocol/generators.def lists: its settings as keyword arguments, texts
-    or numbers, and `size` as above."""
+    """Returns a function for any other image of protocol/generators.def. Its settings are keyword
+    arguments, texts or numbers; `size` is as above."""
     if "size" not in GENERATORS.get(kind, ()):
         raise AttributeError(f"module {__name__!r} has no attribute {kind!r}")
 
@@ -195,41 +194,41 @@ def __getattr__(kind: str) -> Callable[..., Generator]:
               **settings: Any) -> Generator:
         texts = {name: value if isinstance(value, str) else _text(name, value)
                  for name, value in settings.items()}
-        return _image(kind, size, Mount(pose=pose, camera=camera, look_at=look_at, tmin=tmin,
+        return _image(kind, size, SensorPose(pose=pose, camera=camera, look_at=look_at, tmin=tmin,
                                         tmax=tmax), texts)
     return image
 
 
-def _image(kind: str, size: tuple[int, int], mount: Mount, settings: dict[str, str],
+def _image(kind: str, size: tuple[int, int], sensor: SensorPose, settings: dict[str, str],
            fov: float = 0.0) -> Generator:
     image = size_message(size)
     width, height = image["width"], image["height"]
-    return Generator(kind, {"size": f"{width}x{height}", **settings}, width * height, mount=mount,
+    return Generator(kind, {"size": f"{width}x{height}", **settings}, width * height, sensor=sensor,
                      fov=fov)
 
 
-def _given(mount: Mount) -> Mount:
-    unknown = mount.keys() - Mount.__annotations__.keys()
+def _given(sensor: SensorPose) -> SensorPose:
+    unknown = sensor.keys() - SensorPose.__annotations__.keys()
     if unknown:
         raise TypeError(f"a sensor has no option {', '.join(sorted(unknown))}; there are "
-                        f"{', '.join(Mount.__annotations__)}")
-    given = {name: value for name, value in mount.items() if value is not None}
+                        f"{', '.join(SensorPose.__annotations__)}")
+    given = {name: value for name, value in sensor.items() if value is not None}
     places = [name for name in ("pose", "camera", "look_at") if name in given]
     if len(places) > 1:
         raise UsageError(f"{' and '.join(places)} each say where the sensor stands: pass one of "
                          "them")
-    return cast(Mount, given)
+    return cast(SensorPose, given)
 
 
-def _range_of(mount: Mount) -> dict[str, str]:
-    if "tmin" not in mount and "tmax" not in mount:
+def _range_of(sensor: SensorPose) -> dict[str, str]:
+    if "tmin" not in sensor and "tmax" not in sensor:
         return {}
-    tmin, tmax = _range(mount.get("tmin", 0.0), mount.get("tmax", math.inf))
+    tmin, tmax = _range(sensor.get("tmin", 0.0), sensor.get("tmax", math.inf))
     return {"range": f"{_text('tmin', tmin)}:{_text('tmax', tmax)}"}
 
 
 def _range(tmin: Any, tmax: Any) -> tuple[float, float]:
-    """As float32 has them, in which they travel."""
+    """Checks the range in float32, the type on the wire."""
     low, high = float32((real("tmin", tmin), real("tmax", tmax))).tolist()
     if not 0 <= low < high:
         raise UsageError(f"tmin {tmin} and tmax {tmax}: it must be 0 <= tmin < tmax, in float32")
@@ -247,8 +246,8 @@ def _pose(value: Any) -> Array:
 
 
 def _text(what: str, value: Any) -> str:
-    """Numbers with the digits that float32 keeps. What it cannot hold becomes infinite, and the daemon
-    refuses it."""
+    """Returns numbers with the digits of float32. Larger ones become infinite, which the daemon
+    refuses."""
     return ",".join(map(str, float32(numbers(what, value)).ravel()))
 
 

@@ -1,7 +1,7 @@
-"""A detached job: what trace(), render() or heatmap() was asked goes on in the daemon.
+"""A detached job: a trace(), render() or heatmap() that goes on in the daemon without its client.
 
-It needs its client no longer, and outlives it. Its answer is kept in the daemon's memory for an
-hour, until cancel(), or until newer answers need the room and it was fetched.
+The daemon keeps the answer in memory for an hour, until cancel(), or, once it was fetched, until
+newer answers need the memory.
 """
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ._words import job_info
 
 
 class Job:
-    """Made with `detach`, and by Client.job(), also on another connection of the same owner."""
+    """A job, made with `detach` or by Client.job(), also on another connection of the same owner."""
 
     def __init__(self, client: clients.Client, number: int) -> None:
         self.number = whole("job", number, 2**64 - 1)
@@ -32,7 +32,7 @@ class Job:
 
     @property
     def info(self) -> dict[str, Any]:
-        """Its entry of Client.jobs(); InvalidError when it is not known, or not any more."""
+        """The job's entry in Client.jobs(); InvalidError if the daemon does not know it, or no longer."""
         for info in job_infos(self._client.connection, self.number - 1):
             if info["job"] == self.number:
                 return info
@@ -42,8 +42,9 @@ class Job:
 
     @none_is_default
     def wait(self, *, deadline: float = 0.0, progress: Progress = None) -> Job:
-        """Returns itself when it has ended; raises why, if it failed. DeadlineError after
-        `deadline` seconds, 0 is none: it, like Ctrl-C, ends the wait and not the job."""
+        """Waits for the job's end and returns the job; raises its error if it failed. Raises
+        DeadlineError after `deadline` seconds (0: no limit). That, like Ctrl-C, ends the wait and
+        not the job."""
         message = {"job": self.number, "deadline_ms": milliseconds(deadline)}
         frames = self._client.connection.exchange("Wait", message, deadline)
         info: Message = {}
@@ -56,7 +57,7 @@ class Job:
         return self
 
     def fetch(self, *, progress: Progress = None) -> Any:
-        """What the call would have given, as often as asked; BusyError until wait() returns."""
+        """Returns the answer of the original call, any number of times; BusyError until wait() returns."""
         client, message = self._client, {"job": self.number}
         info = self.info
         if info["kind"] != "query":
@@ -75,12 +76,12 @@ class Job:
         return rows.columns()
 
     def cancel(self) -> None:
-        """Ends it, and drops what is kept of it."""
+        """Cancels the job and drops its answer."""
         self._client.connection.ask("CancelJob", {"job": self.number}, "JobInfo")
 
 
 def job_infos(connection: Connection, after: int = 0) -> Iterator[Message]:
-    """Jobs of all clients by number, those above `after`."""
+    """Yields the jobs of all clients with a number above `after`, in order."""
     while True:
         page = connection.ask("Jobs", {"after": after}, "JobList")
         for info in page["jobs"]:

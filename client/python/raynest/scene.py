@@ -1,4 +1,4 @@
-"""A scene of the daemon: rays in, columns out; pictures of it, and what it is made of."""
+"""A scene of the daemon: traces rays, makes pictures, and describes its contents."""
 from __future__ import annotations
 
 import contextlib
@@ -27,8 +27,8 @@ from .job import Job
 
 
 class Scene:
-    """Made by Client.load(), mesh() and scene(). Rays, cameras and positions are in the world: the
-    scene's origin is subtracted on the way there, and added on the way back, in float64."""
+    """A scene, made by Client.load(), mesh() or scene(). Rays, cameras and positions are in the
+    world: the scene's origin is subtracted before they are sent and added to answers, in float64."""
 
     def __init__(self, client: clients.Client, name: str,
                  origin: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
@@ -43,8 +43,8 @@ class Scene:
             self._client.handles.leave(self.name)
 
     def close(self) -> None:
-        """Ends this object's use of the scene. Of a mesh without a name that unloads it, unless
-        another Scene object or connection holds it; a scene with a name stays."""
+        """Ends this object's use of the scene. A mesh without a name is unloaded, unless another
+        Scene object or connection holds it; a scene with a name stays."""
         if self._open:
             self._open = False
             self._client.handles.leave(self.name)
@@ -62,7 +62,7 @@ class Scene:
 
     @property
     def origin(self) -> Array:
-        """Three float64: what was subtracted from the scene's coordinates when it was loaded."""
+        """The point, three float64, that was subtracted from coordinates when the scene was loaded."""
         return self._origin.copy()
 
     # ---- rays -----------------------------------------------------------------------------------
@@ -82,29 +82,31 @@ class Scene:
               fields: Union[str, Sequence[str], None] = None, max_hits: Optional[int] = None,
               reduce: str = "", origin: Any = None, progress: Progress = None,
               detach: bool = False, **job: Unpack[JobOptions]) -> Union[Columns, Job]:
-        """What rays hit, as a dict of arrays with one row per ray; with `detach` a Job that goes on
-        without this client, and whose fetch() gives them.
+        """Traces rays and returns their hits as a dict of arrays with a row per ray. With `detach`
+        it returns a Job that goes on without this client; its fetch() returns the dict.
 
-        `rays` is (N, 6) [ox oy oz dx dy dz] or (N, 8) [ox oy oz tmin dx dy dz tmax], or it holds
-        origins (N, 3) and `directions` is (N, 3); either may be a single (3,). One ray may also be
-        (6,) or (8,), [] is none, and masked rows are invalid rays. Directions need no
-        unit length: t is in units of it. float32 of the first two forms is sent as it lies, and so
-        are directions with one origin, which travels once; all else is converted on the way. Of a
-        scene with an origin that is subtracted first, in float64. `origin` takes its place for this
-        call: with (0, 0, 0) rays and answers are relative to the scene's; a detached job has none.
-        Or it is made by raynest.generators: then the daemon makes the rays, and none travel.
+        `rays` is (N, 6) [ox oy oz dx dy dz], (N, 8) [ox oy oz tmin dx dy dz tmax], or origins
+        (N, 3) with `directions` (N, 3); one of the latter may be a single (3,). One ray may also be
+        (6,) or (8,); [] has no rays; masked rows are invalid rays. Directions need not have unit
+        length: t is in units of theirs. float32 arrays of the first two forms, and directions with
+        one common origin, are sent without a copy; all others are converted while they are sent. A
+        generator of raynest.generators in place of `rays` makes them in the daemon.
 
-        kind "closest", the default, gives the first hit, "any" only whether there is one (column
-        hit), "multi" the first `max_hits` (8), "all" every one: of more than `max_hits` (4096) the
-        nearest and flag 2, and Client.outcome["truncated"] counts such rays. Of these two, hits of
-        ray i are rows ray_splits[i] to ray_splits[i + 1] of the columns of hits, and where a ray
-        meets an edge that triangles share it hits each of them, at one t. "null" traces
-        nothing and answers misses. `fields` are the columns, by default t prim geom path uv (any:
-        hit). A miss has t = inf and ids of all ones.
+        If the scene has an origin, that is subtracted first, in float64. `origin` replaces it for
+        this call: with (0, 0, 0), rays and answers are relative to the scene's. A detached job
+        takes none.
 
-        `reduce` "hit_fraction", of generators.hemisphere(), gives that one column: the share of
-        each point's rays that hit, 0 of a point or normal that is no valid one. "visible_pixels"
-        gives the columns path, ascending, and pixels: how many rays meet that path first.
+        kind "closest", the default, gives the nearest hit; "any" only whether there is one (column
+        hit); "multi" the nearest `max_hits` (8); "all" every hit. A ray with more than `max_hits`
+        (4096) in "all" keeps the nearest, has flag 2, and counts in Client.outcome["truncated"]. In
+        "multi" and "all" the hits of ray i are rows ray_splits[i] to ray_splits[i + 1] of the hit
+        columns; a ray through an edge that triangles share hits each of them, at one t. "null"
+        traces nothing and answers misses. `fields` are the columns, by default t prim geom path uv
+        (any: hit). A miss has t = inf and ids of all ones.
+
+        `reduce` "hit_fraction", for generators.hemisphere(), gives one column of that name: the
+        share of each point's rays that hit, and 0 for an invalid point or normal. "visible_pixels"
+        gives the columns path, ascending, and pixels, the number of rays that meet that path first.
         """
         if detach:
             if origin is not None:
@@ -121,8 +123,8 @@ class Scene:
     def _trace(self, source: Source, origin: Array, expected: bool, kind: Optional[str],
                fields: Union[str, Sequence[str], None], max_hits: Optional[int], job: JobOptions,
                reduce: str, progress: Progress, detach: bool) -> Union[Columns, Job]:
-        # A query has at least one ray: for none at all an invalid one is asked about, so that
-        # errors and dtypes are those of any other query.
+        # A query needs at least one ray. For none, ask about an invalid one, so that errors and
+        # dtypes are those of any other query.
         asked = source if source.count else dataclasses.replace(
             source, sent=Rays(np.zeros((1, 8), np.float32)), count=1,
             generator=source.generator and one_sample(source.generator))
@@ -149,13 +151,13 @@ class Scene:
                fields: Union[str, Sequence[str], None] = None, max_hits: Optional[int] = None,
                origin: Any = None,
                **job: Unpack[JobOptions]) -> Generator[tuple[int, Columns], None, None]:
-        """As trace(), but yields (first_ray, columns) of some thousand rays as they are traced, in
-        any order. Leaving the loop cancels the rest.
+        """Like trace(), but yields (first_ray, columns) for some thousand rays at a time as they are
+        traced, in any order. Leaving the loop cancels the rest.
 
-        `rays` may be an iterator of arrays or generators: each is one query, all of them see the
-        same epoch, and first_ray counts on; where the scene is replaced meanwhile, the next one
-        ends with InvalidError, SCENE_UNKNOWN. Nothing is asked of one before those before it are
-        answered, so those of 100,000 rays or more keep the daemon busy.
+        `rays` may be an iterator of arrays or generators. Each item is a query; all see the same
+        epoch, and first_ray counts on. If the scene is replaced meanwhile, the next query fails
+        with InvalidError, SCENE_UNKNOWN. A query starts when the one before is answered, so items
+        should have 100,000 rays or more to keep the daemon busy.
         """
         first = 0
         if isinstance(rays, (list, tuple)) and rays and (
@@ -192,11 +194,11 @@ class Scene:
     def occluded(self, a: Any, b: Any, *, margin: Optional[float] = None,
                  margin_distance: Optional[float] = None, origin: Any = None,
                  progress: Progress = None, **job: Unpack[JobOptions]) -> Array:
-        """Is there anything between points a and b? (N,) bool; a and b are (N, 3), or one is (3,).
-        Both ends of each segment are left out, so that points on a surface do not hide themselves:
-        a share `margin` of it (1e-4), or `margin_distance` in the scene's units, metres in glTF.
-        Nothing is in the way on a segment that is no longer than both its ends, or that has an end
-        which is not finite or masked: a RayWarning counts those."""
+        """Returns, as (N,) bool, whether anything lies between points a and b. Both are (N, 3), or
+        one is (3,). Both ends of each segment are left out, so that points on a surface do not hide
+        themselves: a share `margin` (1e-4), or `margin_distance` in the scene's units, metres in
+        glTF. The answer is False for a segment no longer than both margins, and for one with an end
+        that is masked or not finite; a RayWarning counts the latter."""
         def ask(shift: Array, expected: bool) -> Any:
             source = self._source(segments(a, b, margin, margin_distance, shift), None, shift)
             return self._trace(source, shift, expected, "any", ("hit",), None, job, "", progress,
@@ -207,8 +209,8 @@ class Scene:
         return self._origin if origin is None else vector("origin", origin)
 
     def _at(self, origin: Any, ask: Callable[[Array, bool], Any]) -> Any:
-        """What ask(shift, expected) gives, with the scene's origin unless `origin` says another; and
-        again where the scene turns out to be another one by now, which lies elsewhere."""
+        """Returns ask(shift, expected) for the scene's origin, or `origin` if given. Asks once more
+        if the scene was replaced by one with another origin."""
         try:
             return ask(self._shift(origin), origin is None)
         except SceneMoved as moved:
@@ -220,7 +222,7 @@ class Scene:
                                "origins; ask again", "SCENE_UNKNOWN") from None
 
     def _look_up(self, job: JobOptions) -> None:
-        """For a job that answers nothing now: holds it to the epoch whose origin is known."""
+        """Fixes a detached job's epoch to the one whose origin is known."""
         info = self.info
         self._origin = np.array(info["origin"])
         if not job.get("epoch"):
@@ -266,12 +268,12 @@ class Scene:
                spp: int = 1, seed: int = 0, encode: str = "raw", progress: Progress = None,
                detach: bool = False, samples: Optional[int] = None,
                **job: Unpack[JobOptions]) -> Any:
-        """A picture: (height, width, 4) of u8, sRGB and alpha, row 0 on top; with `encode` "png" or
-        "exr" the bytes of such a file; with `detach` a Job whose fetch() gives it.
+        """Renders a picture: (height, width, 4) of u8, sRGB and alpha, row 0 on top. With `encode`
+        "png" or "exr" returns the bytes of such a file; with `detach` a Job whose fetch() does.
 
-        The camera is one of the scene's by name or index, the first one by default, or `look_at` is
-        (eye, at) or (eye, at, up); `fov` is vertical, in degrees. `spp`, or `samples`, is how many
-        rays a pixel has.
+        `camera` is a camera of the scene, by name or index, by default the first; or `look_at` is
+        (eye, at) or (eye, at, up). `fov` is vertical, in degrees. `spp`, or `samples`, is the number
+        of rays per pixel.
         """
         return self._picture("Render", camera, look_at, fov, size, progress, detach, job, {
             "integrator": integrator, "samples": spp if samples is None else samples, "seed": seed, "encode": encode})
@@ -323,18 +325,18 @@ class Scene:
 
     @property
     def info(self) -> dict[str, Any]:
-        """Counts of triangles and instances, levels, materials, cameras, bytes, epoch, ..."""
+        """The scene's counts of triangles and instances, levels, materials, cameras, bytes, ..."""
         return scene_info(self._client.connection.ask("Info", {"scene": self.name}, "SceneInfo"))
 
     @property
     def meshes(self) -> list[dict[str, Any]]:
-        """Its meshes in the words of `raynest info --meshes`: name, triangles and records (of another
-        primitive type) of one copy, placements."""
+        """The scene's meshes as in `raynest info --meshes`: name, triangles and records (of other
+        primitive types) of one copy, and placements."""
         return self._parts("meshes", ("name", "triangles", "records", "placements"))
 
     @property
     def materials(self) -> list[dict[str, Any]]:
-        """Its materials: name, alpha_mode, triangles and placements of the meshes that use it."""
+        """The scene's materials: name, alpha_mode, triangles and placements of the meshes that use it."""
         return self._parts("materials", ("name", "alpha_mode", "triangles", "placements"))
 
     def _parts(self, kind: str, keys: Sequence[str]) -> list[dict[str, Any]]:
@@ -349,8 +351,8 @@ class Scene:
     def path_of(self, ids: Union[Sequence[int], Array], *, epoch: int = 0) -> list[str]: ...
 
     def path_of(self, ids: Any, *, epoch: int = 0) -> Any:
-        """The names on the way to a leaf, as "stand-3/birch-17/leaves", for ids of the column path:
-        a text for one, a list for many; "" for a miss. An id belongs to its epoch."""
+        """Returns the texts of path ids, such as "stand-3/birch-17/leaves": a text for one id, a
+        list for many; "" for a miss. An id belongs to its epoch."""
         paths = whole_numbers("a path id", ids)
         unique, index = np.unique(paths, return_inverse=True)
         names = ["" if path == MISS else self._path({"path": path}, epoch)["name"]
@@ -363,15 +365,15 @@ class Scene:
     def path_ids(self, texts: Sequence[str], *, epoch: int = 0) -> Array: ...
 
     def path_ids(self, texts: Any, *, epoch: int = 0) -> Any:
-        """The ids of such texts, the other way round: a number for one, an array of u64 for many."""
+        """Returns the ids of path texts: a number for one text, an array of u64 for many."""
         if isinstance(texts, str):
             return self.path(texts, epoch=epoch)["path"]
         return np.array([self.path(text, epoch=epoch)["path"] for text in texts], np.uint64)
 
     def path(self, which: Union[int, str], *, epoch: int = 0) -> dict[str, Any]:
-        """A path given by its id or its text: path (the id), name (the text) and steps, outermost
-        first: name, instance (its place among the steps of its parent), uid, and node, its index in
-        a glTF file, else None."""
+        """Describes a path, given by its id or text: path (the id), name (the text) and steps,
+        outermost first. A step has name, instance (its place among its parent's steps), uid, and
+        node, its index in a glTF file or None."""
         if isinstance(which, str):
             if not which:
                 raise UsageError("a path must not be empty: pass an id or a text")
@@ -385,9 +387,9 @@ class Scene:
         return self._client.connection.ask("Path", message, "PathName")
 
     def unload(self) -> list[str]:
-        """Drops the name's hold of the scene and this connection's. Gives who holds it still, as
-        "uid:1000 (2 connections)": for them the name works on, for others it is free. The daemon
-        frees the scene when nobody holds it and no job uses it."""
+        """Releases the name's hold of the scene, and this connection's. Returns the remaining
+        holders, such as "uid:1000 (2 connections)": for them the name still works, for others it is
+        free. The daemon frees the scene when nobody holds it and no job uses it."""
         reply = self._client.connection.ask("Unload", {"scene": self.name}, "Unloaded")
         self._client.handles.unloaded(self.name)
         return list(reply["holders"])
