@@ -274,7 +274,7 @@ class Errors(WithDaemon):
         def outcome(function, *arguments, **options):
             got = function(*arguments, **options)
             if isinstance(got, generators.Generator):
-                return got._kind, got._settings, got._mount, got._fov, got.count
+                return got._kind, got._settings, got._sensor, got._fov, got.count
             if isinstance(got, raynest.Client):
                 got.close()
                 return got.connection._window_bytes

@@ -91,7 +91,7 @@ class Generators(WithDaemon):
                                         fields=(*fields, "origin", "direction"))
                 rays = np.empty((generator.count, 8), np.float32)
                 rays[:, :3], rays[:, 4:7] = made.pop("origin"), made.pop("direction")
-                limits = generator._mount
+                limits = generator._sensor
                 rays[:, 3], rays[:, 7] = limits.get("tmin", 0), limits.get("tmax", np.inf)
                 self.same(made, self.woods.trace(rays, kind=kind, fields=fields))
             self.assertGreater(len(made["t"]), 10)
