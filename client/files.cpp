@@ -14,6 +14,7 @@
 #include <cctype>
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
 #include <new>
 #include <string_view>
 #include <utility>
@@ -83,14 +84,21 @@ Result<std::size_t> read_some(const Descriptor& file, const std::string& name,
 
 /// All that comes until the end.
 Result<protocol::Buffer> read_stream(const Descriptor& file, const std::string& name,
-                                     std::uint64_t bytes_max) {
+                                     std::uint64_t bytes_max, const CheckBegin& check) {
     std::size_t done = 0;
+    bool checked = !check;
     try {
         protocol::Buffer bytes(first_bytes);
         while (true) {
             const auto count = read_some(file, name, bytes.span().subspan(done));
             if (!count) return tl::unexpected<Failure>(count.error());
             done += *count;
+            if (!checked) {
+                const auto most = check(bytes.span().first(done));
+                if (!most) return tl::unexpected<Failure>(most.error());
+                checked = most->has_value();
+                bytes_max = std::min(bytes_max, most->value_or(bytes_max));
+            }
             if (done > bytes_max)
                 return refuse(name, "goes on after " + std::to_string(bytes_max) +
                                         " bytes; more are not taken");
@@ -125,7 +133,8 @@ bool is_device(const std::string& path) {
            !S_ISDIR(status.st_mode);
 }
 
-Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_max) {
+Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_max,
+                                   const CheckBegin& check) {
     // By its number also where it is a socket, which no path opens.
     const bool standard = path == standard_stream || path == "/dev/stdin";
     const std::string name = shown_name(path);
@@ -136,12 +145,12 @@ Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_
     if (::fstat(file.number(), &status) != 0) return refuse(name, std::strerror(errno));
     if (S_ISDIR(status.st_mode)) return refuse(name, "is a folder");
     if (S_ISREG(status.st_mode) && !standard) return read_all(file, name, bytes_max);
-    return read_stream(file, name, std::min(bytes_max, piped_bytes_max));
+    return read_stream(file, name, std::min(bytes_max, piped_bytes_max), check);
 }
 
 namespace {
 
-/// For kernels without openat2 (before 5.6): no link is followed at all.
+/// For kernels without openat2 (before 5.6), and for names without links: none is followed.
 int open_without_links(int folder, const std::string& name) {
     Descriptor at(::dup(folder));
     for (std::size_t begin = 0;;) {
@@ -167,16 +176,30 @@ int open_beneath(int folder, const std::string& name) {
     return file < 0 && errno == ENOSYS ? open_without_links(folder, name) : file;
 }
 
+/// The same through links that leave the folder on their way, as absolute ones do, and end inside.
+int open_returning(const std::string& folder, int at, const std::string& name) {
+    namespace fs = std::filesystem;
+    std::error_code unknown;
+    const fs::path base = fs::canonical(folder, unknown);
+    const fs::path end = unknown ? fs::path() : fs::canonical(base / name, unknown);
+    const std::string inside = unknown ? ".." : end.lexically_relative(base).string();
+    errno = EXDEV;
+    if (inside == ".." || inside.starts_with("../")) return -1;
+    return open_without_links(at, inside);
+}
+
 }  // namespace
 
 Result<std::optional<protocol::Buffer>> read_file_beneath(const std::string& folder,
                                                           const std::string& name,
                                                           std::uint64_t bytes_max) {
-    const Descriptor at(
-        ::open(folder.empty() ? "." : folder.c_str(), O_PATH | O_DIRECTORY | O_CLOEXEC));
+    const std::string base = folder.empty() ? "." : folder;
+    const Descriptor at(::open(base.c_str(), O_PATH | O_DIRECTORY | O_CLOEXEC));
     if (!at) return refuse(folder, std::strerror(errno));
     if (name.find('\0') != std::string::npos) return refuse(name, "is not the name of a file");
-    const Descriptor file(open_beneath(at.number(), name));
+    int opened = open_beneath(at.number(), name);
+    if (opened < 0 && errno == EXDEV) opened = open_returning(base, at.number(), name);
+    const Descriptor file(opened);
     if (file) {
         auto bytes = read_all(file, name, bytes_max);
         if (!bytes) return tl::unexpected<Failure>(bytes.error());
@@ -184,8 +207,7 @@ Result<std::optional<protocol::Buffer>> read_file_beneath(const std::string& fol
     }
     if (errno == ENOENT || errno == ENOTDIR) return std::nullopt;
     if (errno == EXDEV)
-        return refuse(
-            name, "link leaves the folder; only relative links that end inside it are followed");
+        return refuse(name, "link leaves the folder; only links that end inside it are followed");
     return refuse(name, errno == ELOOP ? "links lead in a circle" : std::strerror(errno));
 }
 

@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -26,14 +27,19 @@ inline constexpr const char* standard_stream = "-";
 /// True for a device or a pipe, which takes any format: /dev/null.
 [[nodiscard]] bool is_device(const std::string& path);
 
+/// Checks the bytes of a pipe that have come: nothing where it takes more to judge, else how many
+/// the pipe may have at most. A failure ends the reading at once.
+using CheckBegin = std::function<Result<std::optional<std::uint64_t>>(std::span<const std::byte>)>;
+
 /// The bytes of the file at `path`, which the user named: a file, a pipe, a device, or stdin as "-"
 /// or /dev/stdin. A pipe is read to its end; it may have piped_bytes_max, and Ctrl-C ends the wait
 /// with exit code 130. Other faults: exit code 5, naming the file.
-Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_max);
+Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_max,
+                                   const CheckBegin& check = {});
 
 /// The same for `name` beneath `folder`; nothing where there is no such file. Symbolic links are
-/// followed as long as they stay in the folder, so that a scene from a stranger cannot have other
-/// files uploaded; the kernel sees to that (openat2).
+/// followed where they end in the folder, so that a scene from a stranger cannot have other files
+/// uploaded. What is opened lies beneath the folder, whatever is renamed meanwhile.
 Result<std::optional<protocol::Buffer>> read_file_beneath(const std::string& folder,
                                                           const std::string& name,
                                                           std::uint64_t bytes_max);

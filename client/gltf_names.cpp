@@ -17,7 +17,7 @@ using nlohmann::json;
 /// Walks the JSON and keeps buffers[*].uri and images[*].uri.
 class UriCollector : public json::json_sax_t {
 public:
-    std::vector<std::string> uris;
+    std::vector<GltfFile> uris;  ///< not yet decoded
     std::string error;
 
     bool null() override { return value(); }
@@ -27,12 +27,13 @@ public:
     bool number_float(number_float_t, const string_t&) override { return value(); }
     bool binary(binary_t&) override { return value(); }
     bool string(string_t& text) override {
-        if (depth_ == 3 && in_list_ && key_ == "uri") uris.push_back(text);
+        if (depth_ == 3 && key_ == "uri" && (list_ == "buffers" || list_ == "images"))
+            uris.push_back({text, list_ == "images"});
         return value();
     }
     bool key(string_t& name) override {
         // A list counts as buffers or images from its key in the root to the next one there.
-        if (depth_ == 1) in_list_ = name == "buffers" || name == "images";
+        if (depth_ == 1) list_ = name;
         key_ = name;
         return true;
     }
@@ -66,8 +67,8 @@ private:
     }
 
     std::size_t depth_ = 0;
-    bool in_list_ = false;
-    std::string key_;  ///< the last one of the innermost object
+    std::string list_;  ///< the last key of the root
+    std::string key_;   ///< the last one of the innermost object
 };
 
 std::uint32_t word_at(std::span<const std::byte> bytes, std::size_t offset) {
@@ -169,19 +170,23 @@ std::optional<std::string> file_of_uri(std::string_view uri) {
     return name;
 }
 
-Result<std::vector<std::string>> gltf_names(std::span<const std::byte> json_text) {
+Result<std::vector<GltfFile>> gltf_names(std::span<const std::byte> json_text) {
     UriCollector collector;
     const char* begin = reinterpret_cast<const char*>(json_text.data());
     if (!json::sax_parse(begin, begin + json_text.size(), &collector))
         return fail(Exit::invalid, collector.error);
-    std::vector<std::string> names;
-    for (const std::string& uri : collector.uris) {
-        if (uri.rfind("data:", 0) == 0) continue;
-        auto name = file_of_uri(uri);
-        if (name && std::find(names.begin(), names.end(), *name) == names.end())
-            names.push_back(std::move(*name));
+    std::vector<GltfFile> files;
+    for (const GltfFile& uri : collector.uris) {
+        if (uri.name.starts_with("data:")) continue;
+        auto name = file_of_uri(uri.name);
+        if (!name) continue;
+        const auto known = std::ranges::find(files, *name, &GltfFile::name);
+        if (known == files.end())
+            files.push_back({std::move(*name), uri.is_picture});
+        else
+            known->is_picture = known->is_picture && uri.is_picture;
     }
-    return names;
+    return files;
 }
 
 }  // namespace raynest::client

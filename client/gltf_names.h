@@ -22,10 +22,15 @@ inline constexpr std::size_t json_depth_max = 64;
 /// The JSON text of a .gltf or .glb; a GLB's header and chunk lengths are checked. Exit code 5.
 Result<std::span<const std::byte>> gltf_json(std::span<const std::byte> file);
 
+/// A file that a glTF names.
+struct GltfFile {
+    std::string name;
+    bool is_picture;  ///< named by images alone: the scene can do without it
+};
 /// The files that buffers and images name, each once, in file order. What names no file beneath the
 /// scene's folder is left out: the daemon says so where it matters. Exit code 5 for text that is no
 /// JSON object or is nested too deeply.
-Result<std::vector<std::string>> gltf_names(std::span<const std::byte> json);
+Result<std::vector<GltfFile>> gltf_names(std::span<const std::byte> json);
 
 /// The file that a URI stands for: percent-decoded once, with / for \, without empty parts and
 /// "./", with "a/.." cancelled. Nothing where the URI has a scheme, is absolute, leaves the scene's

@@ -14,6 +14,7 @@ namespace {
 
 constexpr std::string_view magic = "\x93NUMPY";
 constexpr std::size_t dimensions_max = 8;
+constexpr std::size_t header_bytes_max = 64 << 10;
 
 std::string_view as_text(std::span<const std::byte> bytes) {
     return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
@@ -102,24 +103,48 @@ float less_shift(Number value, std::uint64_t column, std::span<const double> les
     return static_cast<float>(static_cast<double>(value) - less[column]);
 }
 
+/// An element, as the file holds it; a Half as float.
+template <class Number>
+auto element(const Array& array, std::uint64_t row, std::uint64_t column) {
+    const std::uint64_t index =
+        array.fortran ? column * array.shape[0] + row : row * array.shape[1] + column;
+    std::array<std::byte, sizeof(Number)> bytes;
+    std::memcpy(bytes.data(), array.bytes.data() + index * sizeof(Number), sizeof(Number));
+    if (array.dtype[0] == '>') std::ranges::reverse(bytes);
+    const auto stored = std::bit_cast<Number>(bytes);
+    if constexpr (std::is_same_v<Number, Half>)
+        return static_cast<float>(stored);
+    else
+        return stored;
+}
+
 template <class Number>
 void read_rows_of(const Array& array, std::uint64_t first, std::span<float> out,
                   std::span<const double> less) {
-    const std::uint64_t rows = array.shape[0];
     const std::uint64_t columns = array.shape[1];
-    const bool swapped = array.dtype[0] == '>';
     for (std::uint64_t i = 0; i < out.size(); ++i) {
-        const std::uint64_t row = first + i / columns;
         const std::uint64_t column = i % columns;
-        const std::uint64_t index = array.fortran ? column * rows + row : row * columns + column;
-        std::array<std::byte, sizeof(Number)> bytes;
-        std::memcpy(bytes.data(), array.bytes.data() + index * sizeof(Number), sizeof(Number));
-        if (swapped) std::ranges::reverse(bytes);
-        const auto stored = std::bit_cast<Number>(bytes);
-        if constexpr (std::is_same_v<Number, Half>)
-            out[i] = less_shift(static_cast<float>(stored), column, less);
-        else
-            out[i] = less_shift(stored, column, less);
+        out[i] = less_shift(element<Number>(array, first + i / columns, column), column, less);
+    }
+}
+
+/// What `use(Number{})` gives for the type of the array's elements.
+template <class Use>
+auto with_type(const Array& array, const Use& use) {
+    const char size = array.dtype[2];
+    switch (array.dtype[1]) {
+        case 'f':
+            return size == '8' ? use(double{}) : size == '2' ? use(Half{}) : use(float{});
+        case 'i':
+            return size == '8'   ? use(std::int64_t{})
+                   : size == '2' ? use(std::int16_t{})
+                   : size == '1' ? use(std::int8_t{})
+                                 : use(std::int32_t{});
+        default:
+            return size == '8'   ? use(std::uint64_t{})
+                   : size == '2' ? use(std::uint16_t{})
+                   : size == '1' ? use(std::uint8_t{})
+                                 : use(std::uint32_t{});
     }
 }
 
@@ -192,40 +217,55 @@ void put_end(std::vector<std::byte>& out, U64 members, U64 directory) {
 
 }  // namespace
 
-Result<Array> parse_npy(std::span<const std::byte> file) {
-    if (file.size() < 10 || as_text(file.first(magic.size())) != magic)
+Result<std::optional<NpyHeader>> read_npy_header(std::span<const std::byte> begin) {
+    if (!as_text(begin).starts_with(magic.substr(0, begin.size())))
         return refuse("is not a .npy file; save its array with numpy.save(FILE, array)");
-    const auto version = static_cast<unsigned char>(file[6]);
+    if (begin.size() < 12) return std::nullopt;
+    const auto version = static_cast<unsigned char>(begin[6]);
     std::size_t header_bytes = 0;
     const std::size_t length_bytes = version == 1 ? 2 : 4;
-    if (version < 1 || version > 3 || file.size() < 8 + length_bytes)
-        return refuse("has an unknown .npy version");
-    std::memcpy(&header_bytes, file.data() + 8, length_bytes);
-    if (header_bytes > file.size() - 8 - length_bytes) return refuse("is cut within its header");
+    if (version < 1 || version > 3) return refuse("has an unknown .npy version");
+    std::memcpy(&header_bytes, begin.data() + 8, length_bytes);
+    if (header_bytes > header_bytes_max)
+        return refuse("has a header of " + std::to_string(header_bytes) + " bytes; at most " +
+                      std::to_string(header_bytes_max) + " are read");
+    if (header_bytes > begin.size() - 8 - length_bytes) return std::nullopt;
 
-    const std::string_view dict = as_text(file.subspan(8 + length_bytes, header_bytes));
+    const std::string_view dict = as_text(begin.subspan(8 + length_bytes, header_bytes));
     const auto descr = value_of(dict, "descr");
     const auto order = value_of(dict, "fortran_order");
     const auto shape_text = value_of(dict, "shape");
     if (!descr || !order || !shape_text) return refuse("has no array header");
     const bool plain = descr->size() >= 5 && descr->front() == '\'';
-    const auto element = element_bytes(plain ? descr->substr(1, descr->find('\'', 1) - 1) : "");
-    if (!element) {
+    const auto element_size =
+        element_bytes(plain ? descr->substr(1, descr->find('\'', 1) - 1) : "");
+    if (!element_size) {
         const bool records = descr->starts_with('[');
         return refuse("holds " + contents(*descr) + ", not real numbers of 64 bits at most; save " +
                       (records ? "numpy.lib.recfunctions.structured_to_unstructured(array)"
                                : "array.astype(numpy.float32)"));
     }
 
-    Array array;
-    array.dtype = std::string(descr->substr(1, 3));
-    array.fortran = order->starts_with("True");
+    NpyHeader header;
+    header.array.dtype = std::string(descr->substr(1, 3));
+    header.array.fortran = order->starts_with("True");
     const auto shape = parse_shape(*shape_text);
     if (!shape) return refuse("has a shape that cannot be read");
-    array.shape = *shape;
-    const auto bytes = byte_count(array.shape, *element);
-    array.bytes = file.subspan(8 + length_bytes + header_bytes);
-    if (!bytes || *bytes != array.bytes.size()) return refuse("is not as long as its shape says");
+    header.array.shape = *shape;
+    header.begin = 8 + length_bytes + header_bytes;
+    const auto bytes = byte_count(*shape, *element_size);
+    if (!bytes) return refuse("has a shape of more bytes than any file has");
+    header.bytes = *bytes;
+    return header;
+}
+
+Result<Array> parse_npy(std::span<const std::byte> file) {
+    auto header = read_npy_header(file);
+    if (!header) return tl::unexpected<Failure>(header.error());
+    if (!*header) return refuse("is cut within its header");
+    Array array = std::move((*header)->array);
+    array.bytes = file.subspan((*header)->begin);
+    if ((*header)->bytes != array.bytes.size()) return refuse("is not as long as its shape says");
     return array;
 }
 
@@ -236,25 +276,13 @@ bool has_float_rows(const Array& array) {
 
 void read_rows(const Array& array, std::uint64_t first, std::span<float> out,
                std::span<const double> less) {
-    const bool wide = array.dtype[2] == '8';
-    const bool narrow = array.dtype[2] == '2';
-    const bool bytes = array.dtype[2] == '1';
-    switch (array.dtype[1]) {
-        case 'f':
-            if (wide) return read_rows_of<double>(array, first, out, less);
-            if (narrow) return read_rows_of<Half>(array, first, out, less);
-            return read_rows_of<float>(array, first, out, less);
-        case 'i':
-            if (wide) return read_rows_of<std::int64_t>(array, first, out, less);
-            if (narrow) return read_rows_of<std::int16_t>(array, first, out, less);
-            if (bytes) return read_rows_of<std::int8_t>(array, first, out, less);
-            return read_rows_of<std::int32_t>(array, first, out, less);
-        default:
-            if (wide) return read_rows_of<std::uint64_t>(array, first, out, less);
-            if (narrow) return read_rows_of<std::uint16_t>(array, first, out, less);
-            if (bytes) return read_rows_of<std::uint8_t>(array, first, out, less);
-            return read_rows_of<std::uint32_t>(array, first, out, less);
-    }
+    with_type(array, [&]<class Number>(Number) { read_rows_of<Number>(array, first, out, less); });
+}
+
+double value_at(const Array& array, std::uint64_t row, std::uint64_t column) {
+    return with_type(array, [&]<class Number>(Number) {
+        return static_cast<double>(element<Number>(array, row, column));
+    });
 }
 
 std::vector<std::byte> format_npy(const Array& array) {

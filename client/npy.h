@@ -10,6 +10,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -25,6 +26,15 @@ struct Array {
     bool fortran = false;  ///< column by column, rather than row by row
 };
 
+/// What a .npy will be, by its header.
+struct NpyHeader {
+    Array array;              ///< without its bytes
+    std::uint64_t begin = 0;  ///< of the array in the file
+    std::uint64_t bytes = 0;  ///< of the array
+};
+/// Reads the header alone; nothing where `begin` ends within it. Exit code 5 as parse_npy().
+Result<std::optional<NpyHeader>> read_npy_header(std::span<const std::byte> begin);
+
 /// Reads the header of .npy bytes; `bytes` of the result points into `file`. Exit code 5 when it is
 /// no .npy, holds anything but floats and integers, or is not as long as its shape says.
 Result<Array> parse_npy(std::span<const std::byte> file);
@@ -35,6 +45,9 @@ Result<Array> parse_npy(std::span<const std::byte> file);
 /// the first columns, in double, before they are rounded to float32.
 void read_rows(const Array& array, std::uint64_t first, std::span<float> out,
                std::span<const double> less = {});
+
+/// One number of a two-dimensional array.
+[[nodiscard]] double value_at(const Array& array, std::uint64_t row, std::uint64_t column);
 
 /// The whole file.
 [[nodiscard]] std::vector<std::byte> format_npy(const Array& array);

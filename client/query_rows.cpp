@@ -5,11 +5,14 @@
 #include <algorithm>
 #include <cstring>
 #include <iostream>
+#include <utility>
 
 namespace raynest::client {
 namespace {
 
 using protocol::BlockView;
+
+constexpr std::size_t ray_width = 10;
 
 template <class T>
 T value_at(const BlockView& block, std::uint64_t index) {
@@ -107,6 +110,7 @@ Result<void> QueryRows::print(const QueryChunk& chunk) {
                     "the answer has no column 'hit', by which rows tell misses; write its columns "
                     "with -o FILE.npz");
     const std::vector<Column> columns = columns_of(chunk);
+    if (!json_) print_titles(columns);
     for (std::uint32_t ray = 0; ray < chunk.count; ++ray) {
         if (json_)
             print_json_ray(chunk, columns, ray);
@@ -161,17 +165,17 @@ void QueryRows::print_json_ray(const QueryChunk& chunk, const std::vector<Column
     std::cout << line << "}\n";
 }
 
+void QueryRows::print_titles(const std::vector<Column>& columns) {
+    if (std::exchange(titled_, true)) return;
+    std::string line = set_right("ray", ray_width);
+    for (const Column& column : columns)
+        for (const std::string& title : titles_of(*column.block))
+            line += "  " + set_right(title, width_of(column.block->dtype));
+    std::cout << line << '\n';
+}
+
 void QueryRows::print_table_ray(const QueryChunk& chunk, const std::vector<Column>& columns,
-                                std::uint32_t ray) {
-    constexpr std::size_t ray_width = 10;
-    if (!titled_) {
-        std::string line = set_right("ray", ray_width);
-        for (const Column& column : columns)
-            for (const std::string& title : titles_of(*column.block))
-                line += "  " + set_right(title, width_of(column.block->dtype));
-        std::cout << line << '\n';
-        titled_ = true;
-    }
+                                std::uint32_t ray) const {
     // A ray without hits is one row with a dash for what only a hit has.
     const auto [first, last] = hits_of(chunk, ray);
     for (std::uint64_t hit = first; hit < std::max(last, first + 1); ++hit) {

@@ -22,8 +22,9 @@ private:
     [[nodiscard]] std::vector<Column> columns_of(const QueryChunk& chunk) const;
     void print_json_ray(const QueryChunk& chunk, const std::vector<Column>& columns,
                         std::uint32_t ray) const;
+    void print_titles(const std::vector<Column>& columns);
     void print_table_ray(const QueryChunk& chunk, const std::vector<Column>& columns,
-                         std::uint32_t ray);
+                         std::uint32_t ray) const;
 
     std::string kind_;
     std::vector<std::string> fields_;

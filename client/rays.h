@@ -4,6 +4,7 @@
 #include "client/failure.h"
 #include "client/npy.h"
 #include "client/options.h"
+#include "client/scene_origin.h"
 #include "protocol/buffer.h"
 #include "protocol/wire.h"
 
@@ -42,9 +43,16 @@ public:
     [[nodiscard]] std::uint64_t ray_bytes() const { return width_ * sizeof(float); }
     /// Rays [first, first + count) as they travel, where they lie so in memory; else nothing.
     [[nodiscard]] std::span<const std::byte> bytes(std::uint64_t first, std::uint64_t count) const;
-    /// Half a step of the float32 in which a file holds the farthest origin, where the scene's
-    /// origin is subtracted from it: so far may a ray start from where it was meant. Else 0.
-    [[nodiscard]] double rounding() const;
+    /// Rays that float32 moves by more than `notable` from where they were meant to start. Of those
+    /// that a file holds in float32 that is half a step of it.
+    struct Rounding {
+        std::uint64_t count = 0;
+        std::uint64_t first = 0;
+        double farthest = 0;
+    };
+    [[nodiscard]] Rounding rounding(double notable) const;
+    /// True where a file holds the rays in float32.
+    [[nodiscard]] bool is_float32() const;
     /// Writes the values of the rays from `first` on, until `out` is full.
     void read(std::uint64_t first, std::span<float> out) const;
 
@@ -56,8 +64,11 @@ private:
                                   const std::string& shapes);
     /// True where rays of the file are not sent as they lie in it.
     [[nodiscard]] bool subtracts() const;
+    /// How far float32 moves the start of a ray.
+    [[nodiscard]] double moved(std::uint64_t ray) const;
 
     std::vector<float> values_;
+    std::vector<double> moved_;  ///< of the rays in values_, or of all rays
     protocol::Buffer file_;
     Array array_;
     std::uint64_t count_ = 0;
@@ -65,5 +76,8 @@ private:
     std::optional<wire::Vec3> common_origin_;
     WorldPoint scene_origin_{};
 };
+
+/// What to say where rays lose digits that count beside the size of the scene; "" where none do.
+[[nodiscard]] std::string rounding_warning(const RaySource& rays, const SceneOrigin& scene);
 
 }  // namespace raynest::client

@@ -75,9 +75,15 @@ std::string tree_text(const wire::SceneInfo& info) {
            " B/triangle";
 }
 
-/// A corner of the scene's box in the world.
+/// False for a scene that has nothing to hit.
+bool has_box(const wire::SceneInfo& info) {
+    const auto *lower = info.box_min(), *upper = info.box_max();
+    return lower != nullptr && upper != nullptr && lower->x() <= upper->x();
+}
+
+/// A corner of the scene's box in the world; null where there is none.
 Json corner(const wire::SceneInfo& info, const wire::Vec3* relative) {
-    if (relative == nullptr) return Json::array();
+    if (!has_box(info)) return nullptr;
     const WorldPoint origin = origin_of(info);
     Json json = Json::array();
     for (const auto& [x, shift] : {std::pair{relative->x(), origin[0]},
@@ -98,10 +104,8 @@ std::string corner_text(const wire::SceneInfo& info, const wire::Vec3* relative)
 }
 
 std::string box_text(const wire::SceneInfo& info) {
-    const auto *lower = info.box_min(), *upper = info.box_max();
-    if (lower == nullptr || upper == nullptr || !(lower->x() <= upper->x()))
-        return "none: nothing can be hit";
-    return corner_text(info, lower) + " to " + corner_text(info, upper);
+    if (!has_box(info)) return "none: nothing can be hit";
+    return corner_text(info, info.box_min()) + " to " + corner_text(info, info.box_max());
 }
 
 }  // namespace

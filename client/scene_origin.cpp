@@ -2,6 +2,8 @@
 
 #include "protocol/control.h"
 
+#include <cmath>
+
 namespace raynest::client {
 
 Result<SceneOrigin> ask_origin(Connection& connection, const std::string& scene) {
@@ -9,7 +11,17 @@ Result<SceneOrigin> ask_origin(Connection& connection, const std::string& scene)
     request.scene = scene;
     const auto info = ask<wire::SceneInfo>(connection, request);
     if (!info) return tl::unexpected<Failure>(info.error());
-    return SceneOrigin{origin_of(*info->message.table), (*info)->epoch()};
+    SceneOrigin found{origin_of(*info->message.table), (*info)->epoch()};
+    const auto *lower = (*info)->box_min(), *upper = (*info)->box_max();
+    if (lower == nullptr || upper == nullptr || !(lower->x() <= upper->x())) return found;
+    const auto middle = [](float from, float to) { return (double{from} + double{to}) / 2; };
+    found.centre = {found.point[0] + middle(lower->x(), upper->x()),
+                    found.point[1] + middle(lower->y(), upper->y()),
+                    found.point[2] + middle(lower->z(), upper->z())};
+    found.size =
+        std::hypot(double{upper->x()} - double{lower->x()}, double{upper->y()} - double{lower->y()},
+                   double{upper->z()} - double{lower->z()});
+    return found;
 }
 
 wire::Vec3 less_origin(const WorldPoint& point, const WorldPoint& origin) {

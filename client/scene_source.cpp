@@ -48,6 +48,9 @@ std::string unique_name(const Upload& upload) {
 
 Result<Reply<wire::Loaded>> load_scene(Connection& connection, Progress& progress,
                                        wire::LoadT message, const Upload& upload) {
+    if (!upload.warnings.empty()) progress.clear();
+    for (const std::string& warning : upload.warnings)
+        std::cerr << "raynest: " << warning << '\n';
     message.source = upload.source;
     for (const UploadFile& file : upload.files) {
         message.file_names.push_back(file.name);

@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <fstream>
 #include <string_view>
 #include <utility>
 
@@ -32,9 +33,13 @@ std::string stem_of(const std::string& name) {
     return name.substr(0, name.rfind('.'));
 }
 
-/// A path that says nothing about what comes: stdin, or a pipe of the shell as in <(command).
+/// A path that is no name for a scene: stdin, or a pipe of the shell as in <(command).
 bool is_nameless(const std::string& path) {
     return path == standard_stream || path == "/dev/stdin" || path.starts_with("/dev/fd/");
+}
+
+bool is_known(const std::string& extension) {
+    return extension == ".gltf" || extension == ".glb" || extension == ".npy";
 }
 
 /// The ending that fits the first bytes of a file; "" where none does.
@@ -44,6 +49,21 @@ std::string sniff(std::span<const std::byte> bytes) {
     if (text.starts_with("\x93NUMPY")) return ".npy";
     const std::size_t letter = text.find_first_not_of(" \t\r\n");
     return letter != std::string_view::npos && text[letter] == '{' ? ".gltf" : "";
+}
+
+constexpr std::size_t head_bytes = 256;
+
+tl::unexpected<Failure> unknown_content(const std::string& source) {
+    return fail(Exit::invalid, shown_name(source) + " brought neither a .glb, a .gltf nor a .npy");
+}
+
+/// The first bytes of a file, enough for sniff(); nothing where it cannot be read.
+std::vector<std::byte> head_of(const std::string& path) {
+    std::vector<std::byte> bytes(head_bytes);
+    std::ifstream file(path, std::ios::binary);
+    file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+    bytes.resize(static_cast<std::size_t>(file.gcount()));
+    return bytes;
 }
 
 /// A file of 4 GiB takes seconds: look for a Ctrl-C now and then.
@@ -86,15 +106,19 @@ Result<void> gather_named(const std::string& path, const std::string& folder, Ga
     const auto blame = [&](const Failure& why) { return fail(why.exit, path + " " + why.message); };
     const auto json = gltf_json(std::as_const(upload.files[0].bytes).span());
     if (!json) return blame(json.error());
-    const auto names = gltf_names(*json);
-    if (!names) return blame(names.error());
+    const auto files = gltf_names(*json);
+    if (!files) return blame(files.error());
     const std::uint64_t files_max = protocol::Limits{}.upload_files_max;
-    if (names->size() >= files_max)
-        return blame(failure(Exit::invalid, "names " + std::to_string(names->size()) +
+    if (files->size() >= files_max)
+        return blame(failure(Exit::invalid, "names " + std::to_string(files->size()) +
                                                 " files; pack it into one .glb"));
-    for (const std::string& name : *names) {
+    for (const auto& [name, is_picture] : *files) {
         if (name == upload.files[0].name) continue;
         auto bytes = read_file_beneath(folder, name, gatherer.left());
+        if (!bytes && is_picture && bytes.error().exit == Exit::invalid) {
+            upload.warnings.push_back("the picture " + bytes.error().message + ". It is left out");
+            continue;
+        }
         if (!bytes) return blame(failure(bytes.error().exit, "names " + bytes.error().message));
         // Whether it is missed is for the daemon to say.
         if (!*bytes) continue;
@@ -120,18 +144,25 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
     }
 
     const bool nameless = is_nameless(source);
-    std::string extension = extension_of(source);
-    if (!nameless && extension != ".gltf" && extension != ".glb" && extension != ".npy")
+    const std::string ending = extension_of(source);
+    const bool is_named_so = !nameless && is_known(ending);
+    const bool is_piped = nameless || is_device(source);
+    std::string extension = is_named_so ? ending : is_piped ? "" : sniff(head_of(source));
+    if (extension.empty() && !is_piped)
         return fail(Exit::invalid, source +
                                        " is not a .glb, .gltf or .npy file, nor builtin:NAME; "
                                        "convert it to .glb, for example with trimesh or Blender");
     Gatherer gatherer(upload);
-    auto bytes = read_file(source, gatherer.left());
+    const auto check =
+        [&](std::span<const std::byte> begin) -> Result<std::optional<std::uint64_t>> {
+        if (extension.empty()) extension = sniff(begin);
+        if (!extension.empty()) return gatherer.left();
+        if (begin.size() < head_bytes) return std::nullopt;
+        return unknown_content(source);
+    };
+    auto bytes = read_file(source, gatherer.left(), check);
     if (!bytes) return tl::unexpected<Failure>(bytes.error());
-    if (nameless) extension = sniff(std::as_const(*bytes).span());
-    if (extension.empty())
-        return fail(Exit::invalid,
-                    shown_name(source) + " brought neither a .glb, a .gltf nor a .npy");
+    if (extension.empty()) return unknown_content(source);
     if (auto fits = check_records(extension == ".npy"); !fits)
         return tl::unexpected<Failure>(fits.error());
     if (extension == ".npy" && primitive.empty())
@@ -140,9 +171,12 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
                         " holds records: say of what, for example with --primitive sphere");
 
     // The name by which the daemon speaks of the file, in letters that may travel.
-    const std::string name = nameless ? "stdin" + extension : file_name_of(source);
+    std::string name = nameless ? "stdin" : file_name_of(source);
+    if (!is_named_so) name += extension;
     upload.source = protocol::clean_text(name, protocol::Limits{}.name_bytes_max);
-    if (!nameless) upload.scene_name = stem_of(upload.source);
+    if (!nameless)
+        upload.scene_name =
+            stem_of(is_named_so || ending.empty() ? upload.source : stem_of(upload.source));
     Result<void> added = gatherer.add(upload.source, std::move(bytes));
     if (added && extension != ".npy")
         added = gather_named(source, nameless ? "." : folder_of(source), gatherer, upload);

@@ -3,8 +3,9 @@
 //   builtin:..., root:...     only a name: the daemon has it
 //   .glb, .gltf               the file and what it names, read beneath its folder
 //   .npy                      records of a primitive type, with --primitive; --instances beside it
-//   -, /dev/stdin, /dev/fd/N  one of these out of a pipe, told apart by its first bytes; what a
-//                             .gltf names is then looked for in the current folder
+//   -, /dev/stdin, /dev/fd/N  one of these out of a pipe; what a .gltf names is then looked for in
+//                             the current folder
+//   any other file or pipe    one of these, told apart by its first bytes
 //
 // Bad files are refused here with exit code 5, before anything is sent; the daemon checks again.
 #pragma once
@@ -30,6 +31,7 @@ struct Upload {
     std::string source;             ///< name of the main file, or the source as given
     std::string scene_name;         ///< the stem of the source; empty where the source has no name
     std::vector<UploadFile> files;  ///< the main file first; empty for builtin: and root:
+    std::vector<std::string> warnings{};  ///< why pictures were left out
 };
 
 /// `primitive` and `instances` belong to a .npy source and are empty otherwise.

@@ -5,7 +5,8 @@
 
 A block fenced as `console` holds commands ("$ " begins one) and, below each, what it prints. What
 runs is the command; of the printed lines the test compares the first word of the first, which is
-enough to see a label or a key that was renamed and lets numbers be what they are on this machine.
+enough to see a label or a key that was renamed and lets numbers be what they are on this machine,
+and a scene's digest, which is the same on every machine.
 `raynestd ... &` becomes a daemon of the test's own on a free port; the two commands that build are
 run by ctest itself (tests/CMakeLists.txt) and only have to name a script that is there. A block
 fenced as `pycon` is a Python session with that daemon, and must print what it shows. One fenced as
@@ -75,6 +76,9 @@ def check(command, printed, folder, environment):
     if run.returncode:
         return f"exit code {run.returncode}: {run.stderr.strip()}"
     output = (run.stdout + run.stderr).split()
+    for digest in re.findall(r"\b[0-9a-f]{64}\b", printed or ""):
+        if not re.search(rf"\b{digest}\b", run.stdout):
+            return f"the README shows the digest {digest}, it printed: {run.stdout.strip()}"
     word = printed.split()[0] if printed and printed.split() else None
     if word and not re.search(r"\d", word) and word not in output:
         return f"the README shows '{printed}', it printed: {run.stdout.strip() or run.stderr.strip()}"

@@ -139,7 +139,8 @@ Result<Outcome> ask_about_no_rays(Context& context, wire::QueryT& request, const
     request.ray_count = 1;
     if (request.generator != nullptr) {
         auto& settings = request.generator->settings;
-        std::erase_if(settings, [](const std::string& each) { return each.starts_with("samples="); });
+        std::erase_if(settings,
+                      [](const std::string& each) { return each.starts_with("samples="); });
         settings.emplace_back("samples=1");
     }
     const RaySource invalid(std::vector<float>(rays.width()), rays.width(), rays.common_origin());
@@ -153,13 +154,11 @@ Result<Outcome> ask_about_no_rays(Context& context, wire::QueryT& request, const
     return outcome;
 }
 
-/// A scene far from zero is worth its origin only where rays have as many digits.
-void warn_of_rounding(Context& context, const RaySource& rays) {
-    constexpr double notable = 0.5e-3;
-    if (rays.rounding() <= notable) return;
+void warn_of_rounding(Context& context, const RaySource& rays, const SceneOrigin& scene) {
+    const std::string warning = rounding_warning(rays, scene);
+    if (warning.empty()) return;
     context.progress.clear();
-    std::cerr << "raynest: origins of rays are float32, which moves them by up to "
-              << rays.rounding() << " so far from zero; save them as float64\n";
+    std::cerr << "raynest: " << warning << '\n';
 }
 
 /// A truncated answer was given, and is a partial one.
@@ -192,7 +191,7 @@ Result<void> run(Context& context, const QueryOptions& options) {
     if (!points.empty()) rays = RaySource::open_points(points, origin);
     if (!rays) return tl::unexpected<Failure>(rays.error());
     request.ray_count = rays->count();
-    warn_of_rounding(context, *rays);
+    warn_of_rounding(context, *rays, *scene);
     // Rows tell misses from hits and invalid rays by these columns, shown or not; and points of a
     // file are 0 where a ray misses. Whether a detached job is to be rows, fetch decides.
     const auto need = [&request](const char* name) {
@@ -238,7 +237,10 @@ Result<void> deliver_query(Context& context, const std::string& output, const st
         print_detached(context, *outcome);
         return {};
     }
-    if (rows) return check_whole(*outcome);
+    if (rows) {
+        if (outcome->rays == 0) std::cerr << "raynest: " << outcome_text(*outcome) << '\n';
+        return check_whole(*outcome);
+    }
 
     if (auto written = write_file(output, columns.npz()); !written) return written;
     if (context.json) {

@@ -38,6 +38,9 @@ bool is_unsigned(Component component) {
     return component == Component::u8 || component == Component::u16 || component == Component::u32;
 }
 
+/// glTF allows 252; this is more than any vertex has.
+constexpr std::uint64_t stride_max = 65535;
+
 tl::unexpected<Error> refuse(const std::string& why) {
     return fail(ErrorCode::scene_invalid, why);
 }
@@ -104,9 +107,8 @@ Result<View> check_view(const RawView& raw, std::span<const Fetched> buffers) {
         return refuse(fmt::format("has {} bytes from byte {} on, outside its buffer of {} bytes",
                                   raw.length, raw.offset, bytes.size()));
     }
-    if (raw.stride != 0 && (raw.stride < 4 || raw.stride > 252 || raw.stride % 4 != 0)) {
-        return refuse(fmt::format("has stride {}, not a multiple of 4 up to 252", raw.stride));
-    }
+    if (raw.stride > stride_max)
+        return refuse(fmt::format("has stride {}; at most {} is read", raw.stride, stride_max));
     return View{bytes.subspan(raw.offset, raw.length), raw.stride};
 }
 
@@ -144,13 +146,15 @@ Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> vi
                 fmt::format("refers to bufferView {}, but there are {}", raw.view, views.size()));
         }
         if (view->stride != 0) out.stride = static_cast<std::uint32_t>(view->stride);
+        out.misaligned = view->stride % 4 != 0;
         if (out.stride < element) {
             return refuse(fmt::format("has elements of {} bytes that overlap at stride {}", element,
                                       out.stride));
         }
         // glTF aligns relative to the start of the buffer, which the allocator aligns.
         const auto start = reinterpret_cast<std::uintptr_t>(view->bytes.data());
-        out.misaligned = (start + raw.offset) % component != 0 || out.stride % component != 0;
+        out.misaligned =
+            out.misaligned || (start + raw.offset) % component != 0 || out.stride % component != 0;
         out.data = place(*view, raw.offset, raw.count, out.stride, element);
         if (out.data == nullptr) {
             return refuse(

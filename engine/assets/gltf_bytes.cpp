@@ -14,6 +14,8 @@ namespace {
 
 using Json = nlohmann::json;
 
+constexpr std::uint64_t gltf_stride_max = 252;
+
 constexpr std::array<const char*, 7> accessor_types{"SCALAR", "VEC2", "VEC3", "VEC4",
                                                     "MAT2",   "MAT3", "MAT4"};
 
@@ -172,6 +174,16 @@ void place_indices(Json& root, Json& accessors, Rewritten& out) {
     views.push_back({{"buffer", 0}, {"byteLength", 1}});
 }
 
+/// Takes out strides that glTF forbids, but that can be read.
+void take_odd_strides(Json& views, Rewritten& out) {
+    for (std::size_t i = 0; i < views.size(); ++i) {
+        const auto stride = number_of(views[i], "byteStride");
+        if (!stride || (*stride % 4 == 0 && *stride <= gltf_stride_max)) continue;
+        views[i].erase("byteStride");
+        out.strides[i] = *stride;
+    }
+}
+
 /// Adds the members that tinygltf requires to a camera that lacks them, with values that are
 /// rejected later. The camera keeps its index.
 void complete_cameras(Json& cameras) {
@@ -273,6 +285,7 @@ Result<Rewritten> rewrite(std::span<const std::byte> json, std::span<const std::
             state_types(*accessors, out);
             place_indices(root, *accessors, out);
         }
+        if (Json* const views = objects_of(root, "bufferViews")) take_odd_strides(*views, out);
         if (Json* const cameras = objects_of(root, "cameras")) complete_cameras(*cameras);
         if (Json* const materials = objects_of(root, "materials"))
             drop_short_colours(*materials, out);

@@ -10,6 +10,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -42,6 +43,8 @@ struct Rewritten {
     /// Accessors without a bufferView that hold indices. In the text they name an empty bufferView,
     /// placed after those of the file.
     std::vector<std::size_t> unplaced;
+    /// byteStrides that tinygltf refuses, by their bufferView; the text states none.
+    std::map<std::size_t, std::uint64_t> strides;
     /// Materials whose baseColorFactor is not of four; the text states none.
     std::vector<std::size_t> colourless;
 };

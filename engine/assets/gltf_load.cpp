@@ -151,6 +151,8 @@ Result<Parsed> parse(const ImportRequest& request, const Glb& text, const Presca
     if (!rewritten->unplaced.empty()) parsed.file.bufferViews.pop_back();
     for (const std::size_t index : rewritten->colourless)
         parsed.file.materials[index].pbrMetallicRoughness.baseColorFactor.clear();
+    for (const auto& [view, stride] : rewritten->strides)
+        parsed.file.bufferViews[view].byteStride = stride;
     parsed.buffers = std::move(rewritten->buffers);
     parsed.images = std::move(rewritten->images);
     return parsed;
@@ -245,9 +247,9 @@ Result<void> convert_accessors(Parsed& parsed, Model& model) {
         model.accessors.push_back(std::move(accessor));
     }
     if (misaligned != 0) {
-        model.warnings.push_back(fmt::format(
-            "{} accessors are not aligned to their components; they are read byte by byte",
-            misaligned));
+        model.warnings.push_back(
+            fmt::format("{} accessors are not aligned as glTF requires; they are read byte by byte",
+                        misaligned));
     }
 
     // Pictures inside buffers point into them; the bytes of the others are appended to the buffers.

@@ -63,7 +63,7 @@ struct Accessor {
     const std::byte* sparse_indices = nullptr;
     Component sparse_component = Component::u32;
     const std::byte* sparse_values = nullptr;
-    bool misaligned = false;  ///< not aligned to components as glTF requires; costs nothing
+    bool misaligned = false;  ///< starts or steps as glTF forbids; costs nothing
     /// The reason why the accessor cannot be read: "accessor 3, which has a type that ...".
     std::string fault = {};
 };

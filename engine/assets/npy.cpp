@@ -5,9 +5,12 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <limits>
+#include <optional>
 #include <set>
 #include <span>
 #include <string_view>
@@ -59,11 +62,62 @@ bool parse_shape(std::string_view text, std::vector<std::uint64_t>& shape) {
     return at != end;
 }
 
+/// How an array lies in its file.
+struct Layout {
+    char kind = 'f';       ///< f, i or u, as NumPy writes it
+    std::size_t item = 4;  ///< bytes of an element
+    bool is_swapped = false;
+    bool is_fortran = false;
+};
+
+/// Reads "'<f4', ..."; nothing for what is no real number of at most 64 bits.
+std::optional<Layout> parse_descr(std::string_view text) {
+    constexpr std::array known = {"f2", "f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"};
+    if (text.size() < 5 || text[0] != '\'' || text[4] != '\'') return std::nullopt;
+    if (std::find(known.begin(), known.end(), text.substr(2, 2)) == known.end())
+        return std::nullopt;
+    return Layout{text[2], static_cast<std::size_t>(text[3] - '0'), text[1] == '>', false};
+}
+
 template <class Number>
-double read(const char* bytes) {
-    Number value = 0;
-    std::memcpy(&value, bytes, sizeof value);
-    return double{value};
+double as(std::uint64_t bits) {
+    Number value{};
+    std::memcpy(&value, &bits, sizeof value);
+    return static_cast<double>(value);
+}
+
+/// IEEE 754 binary16.
+double half_of(std::uint64_t bits) {
+    const auto exponent = static_cast<int>(bits >> 10 & 31);
+    const auto fraction = static_cast<int>(bits & 1023);
+    double size =
+        exponent == 0 ? std::ldexp(fraction, -24) : std::ldexp(fraction + 1024, exponent - 25);
+    if (exponent == 31) size = std::numeric_limits<double>::quiet_NaN();  // refused, as infinity is
+    return (bits & 0x8000) != 0 ? -size : size;
+}
+
+double read(const char* at, const Layout& layout) {
+    std::array<char, 8> bytes{};
+    std::memcpy(bytes.data(), at, layout.item);
+    if (layout.is_swapped) std::reverse(bytes.data(), bytes.data() + layout.item);
+    const auto bits = std::bit_cast<std::uint64_t>(bytes);
+    const std::size_t item = layout.item;
+    if (layout.kind == 'f')
+        return item == 4 ? as<float>(bits) : item == 8 ? as<double>(bits) : half_of(bits);
+    if (layout.kind == 'i')
+        return item == 8   ? as<std::int64_t>(bits)
+               : item == 4 ? as<std::int32_t>(bits)
+               : item == 2 ? as<std::int16_t>(bits)
+                           : as<std::int8_t>(bits);
+    return static_cast<double>(bits);
+}
+
+/// Where an element lies among all: `row` is its first index, `i` numbers the rest in C order.
+std::uint64_t place_of(const std::vector<std::uint64_t>& shape, std::uint64_t width,
+                       std::uint64_t row, std::uint64_t i, bool is_fortran) {
+    if (!is_fortran) return row * width + i;
+    const std::uint64_t last = shape.size() == 3 ? shape[2] : 1;
+    return row + shape[0] * (i / last + width / last * (i % last));
 }
 
 /// Reads a file: magic, version, header length (2 bytes; 4 from version 2 on), a Python dictionary,
@@ -86,19 +140,17 @@ Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits, con
     const std::string_view header = bytes.substr(header_at, header_bytes);
 
     Array array;
-    const bool is_double = member(header, "descr").starts_with("'<f8'");
-    if (!is_double && !member(header, "descr").starts_with("'<f4'")) {
-        return refuse(file.name, "must hold float32 or float64 (array.astype(numpy.float32))");
+    auto layout = parse_descr(member(header, "descr"));
+    if (!layout) {
+        return refuse(file.name,
+                      "must hold real numbers of at most 64 bits (array.astype(numpy.float32))");
     }
-    if (!member(header, "fortran_order").starts_with("False")) {
-        return refuse(file.name, "must be in C order (numpy.ascontiguousarray)");
-    }
+    layout->is_fortran = member(header, "fortran_order").starts_with("True");
     if (!parse_shape(member(header, "shape"), array.shape) || array.shape.empty()) {
         return refuse(file.name, "has no shape of one to three numbers");
     }
 
     // The bytes in the file bound the product before it is used.
-    const std::size_t item = is_double ? 8 : 4;
     const std::string_view values = bytes.substr(header_at + header_bytes);
     std::uint64_t count = 1;
     for (const std::uint64_t extent : array.shape) {
@@ -109,7 +161,7 @@ Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits, con
         }
         count *= extent;
     }
-    if (count > values.size() / item) return refuse(file.name, "is cut short");
+    if (count > values.size() / layout->item) return refuse(file.name, "is cut short");
 
     array.values.resize(count);
     const std::uint64_t width = count / array.shape[0];
@@ -124,8 +176,9 @@ Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits, con
     for (std::uint64_t row = 0; row < count; row += width) {
         double moved = 0;
         for (std::uint64_t i = 0; i < width; ++i) {
-            const char* const at = values.data() + (row + i) * item;
-            const double exact = (is_double ? read<double>(at) : read<float>(at)) - shift[i];
+            const std::uint64_t place =
+                place_of(array.shape, width, row / width, i, layout->is_fortran);
+            const double exact = read(values.data() + place * layout->item, *layout) - shift[i];
             const auto rounded = static_cast<float>(exact);
             array.values[row + i] = rounded;
             bad += std::isfinite(rounded) ? 0U : 1U;

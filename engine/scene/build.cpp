@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 namespace raynest {
@@ -81,10 +82,19 @@ public:
             const Stopwatch stopwatch(build_seconds_);
             content_.bounds = scene_bounds(content_);
         }
-        const std::string rounded =
-            rounding_warning(description_.rounding, description_.origin, content_.bounds);
-        if (!rounded.empty() && content_.warnings.size() < scene_warnings_max) {
-            content_.warnings.push_back(content_.names.add(rounded));
+        warn(rounding_warning(description_.rounding, description_.origin, content_.bounds));
+        if (const auto lost = graph_.skipped.find("singular_instances");
+            lost != graph_.skipped.end()) {
+            warn(
+                std::to_string(lost->second) +
+                (lost->second == 1 ? " placement is" : " placements are") +
+                " left out, because nothing can hit what is scaled to nothing. Check the scales of "
+                "its nodes");
+        }
+        if (degenerate_triangles_ > triangles_ / 2) {
+            warn(std::to_string(degenerate_triangles_) + " of " + std::to_string(triangles_) +
+                 " triangles have no area, and nothing can hit them: most of the scene is missing. "
+                 "Check its units, and whether corners were merged");
         }
         if (content_.skips.size() > scene_skips_max) {
             return fail(ErrorCode::limit_exceeded, "the scene has more reasons for skips than " +
@@ -103,6 +113,14 @@ public:
     [[nodiscard]] double build_seconds() const { return build_seconds_; }
 
 private:
+    /// Puts a warning before the others: it is about the whole scene. Nothing for "".
+    void warn(const std::string& text) {
+        if (text.empty()) return;
+        if (content_.warnings.size() == scene_warnings_max) content_.warnings.pop_back();
+        content_.warnings.push_back(content_.names.add(text));
+        std::ranges::rotate(content_.warnings, std::prev(content_.warnings.end()));
+    }
+
     Result<void> add_object(const GraphObject& node) {
         const ObjectDescription& source = description_.objects[node.source];
         const std::string label = object_label(description_, node.source);
@@ -139,7 +157,8 @@ private:
         return {};
     }
 
-    Result<Tree> build_object(const GraphObject& node, ObjectRecord& object, const std::string& label) {
+    Result<Tree> build_object(const GraphObject& node, ObjectRecord& object,
+                              const std::string& label) {
         const Stopwatch stopwatch(build_seconds_);
         const ObjectDescription& source = description_.objects[node.source];
         std::vector<Box> boxes;
@@ -149,6 +168,7 @@ private:
         for (const GeometryDescription& geometry : source.geometries) {
             degenerate_triangles_ += count_degenerate(geometry);
         }
+        triangles_ += own_triangles(source);
         boxes.insert(boxes.end(), source.record_bounds.begin(), source.record_bounds.end());
         add_instances(node, object, boxes);
         const auto far = std::count_if(boxes.begin(), boxes.end(),
@@ -280,6 +300,7 @@ private:
     std::uint64_t block_count_ = 0;
     std::uint64_t record_bytes_ = 0;
     std::uint64_t degenerate_triangles_ = 0;
+    std::uint64_t triangles_ = 0;
     double build_seconds_ = 0;
 };
 

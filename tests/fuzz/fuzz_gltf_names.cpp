@@ -38,7 +38,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     if (!json) return 0;
     const auto names = client::gltf_names(*json);
     if (!names) return 0;
-    for (const std::string& name : *names) {
+    for (const auto& [name, is_picture] : *names) {
         const std::string path = "/" + name + "/";
         fuzz::require(!name.empty() && name.front() != '/');
         fuzz::require(path.find("/../") == std::string::npos);

@@ -130,6 +130,28 @@ class Files(DaemonTest):
                       self.out / "none.npz")
         with numpy.load(self.out / "none.npz") as columns:
             self.assertEqual(columns["ray_splits"].tolist(), [0])
+        done = self.run_with(npy(none), "query", "hills", "--rays", "-")
+        self.assertEqual(done.stdout.split(), b"ray t prim geom path u v".split())
+        self.assertRegex(done.stderr, b"^raynest: 0 rays in .* hills epoch 1\n$")
+
+    def test_an_endless_pipe_of_rays_is_refused_by_its_header(self):
+        """Checks that the command ends while its pipe is still open for writing."""
+        header = npy(numpy.zeros((4, 6)))[:128]
+        for n, (begin, words) in enumerate((
+                (header.replace(b"(4, 6)", b"(4, 5)"), "has the shape (4, 5)"),
+                (header.replace(b"(4, 6), ", b"(99999999999, 6), "), "4799999999952 bytes"),
+                (header.replace(b"(4, 6), ", b"(9999999999999999999, 6), "), "than any file has"),
+                (header[:6] + b"\2\0" + b"\xff" * 120, "a header of 4294967295 bytes"),
+                (header + bytes(4 * 6 * 8 + 1), "goes on after 320 bytes"),
+                (b"x", "not a .npy file"))):
+            pipe = self.out / f"endless-{n}"
+            os.mkfifo(pipe)
+            process = self.client.start("query", "hills", "--rays", pipe)
+            with open(pipe, "wb", buffering=0) as writer:
+                writer.write(begin)
+                _, errors = process.communicate(timeout=PATIENCE)
+            self.assertIn(words, errors)
+            self.assertEqual(process.returncode, 5)
 
     def test_a_scene_comes_from_stdin_and_out_of_pipes(self):
         for path in ("-", "/dev/stdin"):
@@ -137,6 +159,10 @@ class Files(DaemonTest):
             self.assertEqual((done.returncode, json.loads(done.stdout)["unique_triangles"]), (0, 1))
         pipe = self.fed("piped.gltf", TRIANGLE)
         self.assertEqual(self.client.json("load", pipe)["name"], "piped")
+        pipe = self.fed("unending", TRIANGLE)
+        self.assertEqual(self.client.json("load", pipe, "--replace")["name"], "unending")
+        done = self.run_with(b"", "load", "/dev/zero")
+        self.assertEqual((done.returncode, b"/dev/zero brought neither" in done.stderr), (5, True))
         done = self.run_with(TRIANGLE, "load", "-")
         self.assertEqual(done.returncode, 2)
         self.assertIn(b"a scene of stdin has no name of its own; pass --name NAME", done.stderr)
@@ -146,6 +172,20 @@ class Files(DaemonTest):
         balls = npy(numpy.array([[0, 0, 0, 1]], numpy.float32))
         done = self.run_with(balls, "load", "-", "--name", "balls", "--primitive", "sphere")
         self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_a_picture_that_leaves_the_folder_is_left_out(self):
+        (self.out / "leaf.png").symlink_to("/etc/hostname")
+        scene = json.loads(TRIANGLE)
+        scene |= {"images": [{"uri": "leaf.png"}], "textures": [{"source": 0}],
+                  "materials": [{"alphaMode": "MASK", "pbrMetallicRoughness":
+                                 {"baseColorTexture": {"index": 0}}}]}
+        scene["meshes"][0]["primitives"][0]["material"] = 0
+        (self.out / "linked.gltf").write_text(json.dumps(scene))
+        done = self.client.run("load", self.out / "linked.gltf")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(done.stderr, "raynest: the picture leaf.png: link leaves the folder; only "
+                                      "links that end inside it are followed. It is left out\n")
+        self.assertRegex(done.stdout, "warning .*leaf.png")
 
     def test_names_need_not_be_utf8(self):
         folder = pathlib.Path(os.fsdecode(os.fsencode(self.out) + b"/caf\xe9"))

@@ -6,6 +6,7 @@ and invalid rays.
 """
 import json
 import pathlib
+import re
 import sys
 import unittest
 import warnings
@@ -155,7 +156,7 @@ class Origin(DaemonTest):
         ray = np.array([[*ABOVE, *DOWN]])
         np.save(self.out / "coarse.npy", ray.astype(np.float32))
         np.save(self.out / "fine.npy", ray)
-        says = "float32, which moves them by up to 0.25"
+        says = r"1 of 1 rays? starts? so far .* float32 moves \w+ by up to 0\.25, .* as float64"
         coarse = ray.astype(np.float32)
         for call in (lambda: scene.trace(coarse),
                      lambda: scene.trace(coarse[:, :3], [DOWN]),
@@ -168,11 +169,48 @@ class Origin(DaemonTest):
                 call()
         for name in ("coarse", "fine"):
             done = self.client.run("query", "square", "--rays", self.out / f"{name}.npy")
-            self.assertEqual((done.returncode, says in done.stderr), (0, name == "coarse"))
+            self.assertEqual((done.returncode, bool(re.search(says, done.stderr))),
+                             (0, name == "coarse"))
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             scene.trace(ray)
             self.python.mesh(SQUARE - FAR, FACES, "near").trace(coarse)
+
+    def test_rays_that_lose_digits_on_their_way_are_counted(self):
+        """Counts rays, names the first, and says what helps: the scene's origin where the scene is
+        far, a nearer start where only the rays are."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            self.python.mesh((SQUARE - FAR) * 100 + FAR, FACES, "afar")
+            self.python.mesh(SQUARE - FAR, FACES, "near")
+        rays = np.tile([0.2, 0.1, 1, *DOWN], (4, 1))
+        rays[2:, :3] += FAR + 1 / 3
+        np.save(self.out / "rays.npy", rays)
+        np.save(self.out / "rays32.npy", rays.astype(np.float32))
+        moved = r"2 of 4 rays start so far .* moves them by up to 0\.0667, .* the first is ray 2\. "
+        for scene, cli, python in (
+                ("afar", "load the scene with --origin 500000,4500000,100$",
+                 r"load the scene with origin=\(500000\.0, 4500000\.0, 100\.0\)$"),
+                ("near", "start them nearer to the scene$", "start them nearer to the scene$")):
+            by_python = self.python.scene(scene)
+            for call in (by_python.trace, lambda rays: list(by_python.stream(rays)),
+                         lambda rays: by_python.trace(rays[:, :3], rays[:, 3:]),
+                         lambda rays: by_python.trace(rays, detach=True)):
+                with self.assertWarnsRegex(raynest.RayWarning, moved + "To keep their digits " + python):
+                    call(rays)
+            done = self.client.run("query", scene, "--rays", self.out / "rays.npy")
+            self.assertRegex(done.stderr, moved + "To keep their digits " + cli)
+            done = self.client.run("query", scene, "--ray", words(rays[3]))
+            self.assertRegex(done.stderr, "1 of 1 ray starts so far .*" + cli)
+        with self.assertWarnsRegex(raynest.RayWarning, r"100\.0\) and pass the rays as float64$"):
+            self.python.scene("afar").trace(rays.astype(np.float32))
+        done = self.client.run("query", "afar", "--rays", self.out / "rays32.npy")
+        self.assertRegex(done.stderr, "4500000,100 and save the rays as float64$")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            self.python.scene("near").trace(rays.astype(np.float32))
+            self.python.scene("afar").trace(rays[:2])
+        self.assertEqual(self.client.run("query", "near", "--rays", self.out / "rays32.npy").stderr, "")
 
     def test_a_scene_that_moves_takes_its_clients_along(self):
         with warnings.catch_warnings():

@@ -112,6 +112,12 @@ class Inputs(WithDaemon):
     def test_a_scene_comes_out_of_a_pipe(self):
         pipe = self.fed("piped.gltf", TRIANGLE)
         self.assertEqual(self.client.load(pipe, replace=True).name, "piped")
+        pipe = self.fed("unending", TRIANGLE)
+        self.assertEqual(self.client.load(pipe, replace=True).name, "unending")
+        (self.out / "scene.json").write_bytes(TRIANGLE)
+        self.assertEqual(self.client.load(self.out / "scene.json").name, "scene")
+        with self.assertRaisesRegex(raynest.InvalidError, "/dev/zero brought neither a .glb"):
+            self.client.load("/dev/zero")
         program = ("import raynest, sys; c = raynest.connect(sys.argv[1])\n"
                    "print(c.load(sys.argv[2], *sys.argv[3:]).info['unique_triangles'])")
         for source in ("-", "/dev/stdin", "/dev/fd/0"):
@@ -121,6 +127,13 @@ class Inputs(WithDaemon):
         done = subprocess.run([sys.executable, "-c", program, self.daemon.uri, "-"],
                               input=TRIANGLE, capture_output=True, check=False)
         self.assertIn(b"UsageError: a scene of - has no name of its own: pass name=", done.stderr)
+
+    def test_a_picture_that_leaves_the_folder_is_left_out(self):
+        (self.out / "leaf.png").symlink_to("/etc/hostname")
+        scene = {**json.loads(TRIANGLE), "images": [{"uri": "leaf.png"}]}
+        (self.out / "linked.gltf").write_text(json.dumps(scene))
+        with self.assertWarnsRegex(raynest.SceneWarning, "the picture leaf.png: link leaves the folder"):
+            self.client.load(self.out / "linked.gltf")
 
     def test_a_pipe_without_an_end_is_refused(self):
         with mock.patch.object(_files, "PIPED_BYTES_MAX", 1000):

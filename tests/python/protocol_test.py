@@ -254,7 +254,7 @@ class Pieces(unittest.TestCase):
         self.assertIsNone(file_of_uri("%ff"))
         self.assertIsNone(file_of_uri("x" * 1025))
 
-    def test_links_are_followed_as_long_as_they_stay_in_the_folder(self):
+    def test_links_are_followed_where_they_end_in_the_folder(self):
         with tempfile.TemporaryDirectory() as outside, tempfile.TemporaryDirectory() as inside:
             folder = pathlib.Path(inside)
             (pathlib.Path(outside) / "secret").write_bytes(b"secret")
@@ -265,13 +265,16 @@ class Pieces(unittest.TestCase):
                                  ("dir", "deep"), ("round", "around"), ("around", "round"),
                                  ("secret", f"{outside}/secret"), ("zero", "/dev/zero"),
                                  ("out", f"../{pathlib.Path(outside).name}"), ("here", "dir/.."),
-                                 ("out_and_in", f"../{folder.name}/deep/er/b")):
+                                 ("out_and_in", f"../{folder.name}/deep/er/b"),
+                                 ("absolute", f"{inside}/deep/er/b"),
+                                 ("absolute_dir", f"{inside}/deep/er")):
                 (folder / link).symlink_to(target)
-            for name in ("deep/er/b", "file", "deep/again", "dir/er/b", "dir/again", "here/file"):
+            for name in ("deep/er/b", "file", "deep/again", "dir/er/b", "dir/again", "here/file",
+                         "out_and_in", "absolute", "absolute_dir/b"):
                 self.assertEqual(read_file_beneath(inside, name, 100), b"two", name)
             for name in ("gone", "gone/x", "file/x"):
                 self.assertIsNone(read_file_beneath(inside, name, 100), name)
-            for name in ("secret", "zero", "out/secret", "out_and_in", "../x"):
+            for name in ("secret", "zero", "out/secret", "../x"):
                 with self.assertRaisesRegex(errors.InvalidError, "link leaves the folder", msg=name):
                     read_file_beneath(inside, name, 100)
             for name, why in (("round", "in a circle"), ("round/x", "in a circle"),
@@ -284,12 +287,12 @@ class Pieces(unittest.TestCase):
     def test_files_that_a_gltf_names(self):
         document = {"buffers": [{"uri": "a.bin"}, {"uri": "data:,x"}, {}],
                     "images": [{"uri": "./b.png"}, {"uri": "a.bin"}, {"uri": "../c"}], "extras": {"uri": "c"}}
-        self.assertEqual(file_names(json.dumps(document).encode()), ["a.bin", "b.png"])
+        self.assertEqual(file_names(json.dumps(document).encode()), {"a.bin": False, "b.png": True})
         for text in (b"", b"[]", b"{", b"[" * 100000, b"\xff", b"glTF" + bytes(20)):
             with self.assertRaises(errors.InvalidError, msg=text[:9]):
                 file_names(text)
         mesh = mesh_glb([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-        self.assertEqual(file_names(mesh), [])
+        self.assertEqual(file_names(mesh), {})
         for cut in range(len(mesh)):
             with self.assertRaises(errors.InvalidError, msg=cut):
                 file_names(mesh[:cut])

@@ -2,10 +2,11 @@
 names in turn, which must be regular files below its folder."""
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
 import unicodedata
-from typing import Any
+from typing import Any, Callable
 
 from .errors import InvalidError
 
@@ -13,13 +14,16 @@ from .errors import InvalidError
 _READ = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
 _LINKS_MAX = 40  # as many as Linux follows
-_LEAVES = "link leaves the folder; only relative links that end inside it are followed"
+_LEAVES = "link leaves the folder; only links that end inside it are followed"
 
 
 # Maximum bytes read from a pipe or a device, whose size is unknown.
 PIPED_BYTES_MAX = 4 << 30
 
 STANDARD = ("-", "/dev/stdin")
+
+# First bytes of a file that suffice to recognise its format.
+HEAD_BYTES = 256
 
 
 def path_text(what: str, path: Any) -> str:
@@ -36,6 +40,21 @@ def is_nameless(path: str) -> bool:
     return path in STANDARD or path.startswith("/dev/fd/")
 
 
+def is_pipe(path: str) -> bool:
+    """True for a pipe or a device, whose bytes can be read only once."""
+    with contextlib.suppress(OSError, ValueError):
+        mode = os.stat(path).st_mode
+        return not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)
+    return False
+
+
+def head_of(path: str) -> bytes:
+    """Returns the first bytes of a file; none if it cannot be read."""
+    with contextlib.suppress(OSError, ValueError), open(path, "rb") as file:
+        return file.read(HEAD_BYTES)
+    return b""
+
+
 def sendable(name: str) -> str:
     """Returns a file's name with ? for the characters that the protocol does not allow."""
     data = os.fsencode(name)
@@ -46,9 +65,10 @@ def sendable(name: str) -> str:
     return "".join("?" if unicodedata.category(letter) == "Cc" else letter for letter in text)
 
 
-def read_file(path: str, bytes_max: int) -> bytes:
+def read_file(path: str, bytes_max: int,
+              check: Callable[[bytes], object] = lambda begin: None) -> bytes:
     """Reads a file, a pipe or a device; "-" is stdin. Reads a pipe to its end, however long that
-    takes; Ctrl-C interrupts it."""
+    takes; Ctrl-C interrupts it. Calls `check` with its first bytes, which may raise."""
     try:
         descriptor = os.dup(0) if path in STANDARD else os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         mode = os.fstat(descriptor).st_mode
@@ -56,7 +76,9 @@ def read_file(path: str, bytes_max: int) -> bytes:
             return _read_all(descriptor, path, bytes_max)
         with open(descriptor, "rb") as file:
             most = min(bytes_max, PIPED_BYTES_MAX)
-            data = file.read(most + 1)
+            data = file.read(min(HEAD_BYTES, most + 1))
+            check(data)
+            data += file.read(most + 1 - len(data))
     except OSError as error:
         raise _refuse(path, error.strerror) from None
     if len(data) > most:
@@ -65,14 +87,29 @@ def read_file(path: str, bytes_max: int) -> bytes:
 
 
 def read_file_beneath(folder: str, name: str, bytes_max: int) -> bytes | None:
-    """Reads the file `name` in `folder`; None if there is none. Symbolic links are followed as long
-    as they stay in the folder."""
+    """Reads the file `name` in `folder`; None if there is none. Symbolic links are followed if they
+    end in the folder; what is opened lies below it, even if something is renamed meanwhile."""
+    folder = folder or "."
     try:
-        return _read_all(_open_beneath(folder or ".", name), name, bytes_max)
+        try:
+            descriptor = _open_beneath(folder, name)
+        except _LeavesError:  # on its way: it may come back
+            base = os.path.realpath(folder)
+            end = os.path.relpath(os.path.realpath(os.path.join(base, name)), base)
+            if end.split("/")[0] == "..":
+                raise
+            descriptor = _open_beneath(folder, end)
+        return _read_all(descriptor, name, bytes_max)
+    except _LeavesError:
+        raise _refuse(name, _LEAVES) from None
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
         raise _refuse(name, error.strerror) from None
+
+
+class _LeavesError(Exception):
+    """A link leads out of the folder."""
 
 
 def _open_beneath(folder: str, name: str) -> int:
@@ -87,7 +124,7 @@ def _open_beneath(folder: str, name: str) -> int:
             if component == "..":
                 os.close(path.pop())
                 if not path:
-                    raise _refuse(name, _LEAVES)
+                    raise _LeavesError
             elif component not in ("", "."):
                 try:
                     flags = _FOLDER if rest else _READ
@@ -101,7 +138,7 @@ def _open_beneath(folder: str, name: str) -> int:
                     if links > _LINKS_MAX:
                         raise _refuse(name, "links lead in a circle") from None
                     if target.startswith("/"):
-                        raise _refuse(name, _LEAVES) from None
+                        raise _LeavesError from None
                     rest += target.split("/")[::-1]
                     continue
                 if not rest:

@@ -29,9 +29,10 @@ def _refuse(why: str) -> NoReturn:
 
 # ---- reading ------------------------------------------------------------------------------------
 
-def file_names(data: bytes) -> list[str]:
-    """Returns the files that buffers and images of a .gltf or .glb name, each once. Names outside the
-    scene's folder are left out: the daemon complains if it needs them."""
+def file_names(data: bytes) -> dict[str, bool]:
+    """Returns the files that buffers and images of a .gltf or .glb name: True for pictures, which only
+    images name, and which a scene can do without. Names outside the scene's folder are left out: the
+    daemon complains if it needs them."""
     text = _glb_json(data) if data[:4] == b"glTF" else data
     if len(text) > JSON_BYTES_MAX:
         _refuse(f"has {len(text)} bytes of JSON; at most {JSON_BYTES_MAX} are read")
@@ -43,15 +44,15 @@ def file_names(data: bytes) -> list[str]:
         _refuse(f"is not valid JSON ({error})")
     if not isinstance(root, dict):
         _refuse("is not a JSON object")
-    names: dict[str, None] = {}
+    names: dict[str, bool] = {}
     for key in ("buffers", "images"):
         items = root.get(key)
         for item in items if isinstance(items, list) else []:
             uri = item.get("uri") if isinstance(item, dict) else None
             name = file_of_uri(uri) if isinstance(uri, str) else None
             if name is not None:
-                names[name] = None
-    return list(names)
+                names.setdefault(name, key == "images")
+    return names
 
 
 def _glb_json(data: bytes) -> bytes:

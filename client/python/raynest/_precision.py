@@ -1,16 +1,21 @@
-"""Warns of the precision that a float64 mesh loses in float32."""
+"""Warns of the precision that float64 meshes and rays lose in float32."""
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Optional
 
 import numpy as np
 
 from ._frame import Array
 from ._gltf import triangles
+from ._rays import Rays, half_step
 
-# A shift of vertices above this share of the mesh's size is worth a warning.
+# A shift above this share of the size is worth a warning: of vertices, of the mesh's size; of rays,
+# of the scene's.
 NOTABLE_SHARE = 1e-5
+NOTABLE_SHARE_OF_RAYS = 1e-4
+
+_RAYS_AT_ONCE = 1 << 16
 
 
 def rounding_warning(vertices: Any, faces: Any, origin: Array, degenerate: int) -> str:
@@ -28,11 +33,49 @@ def rounding_warning(vertices: Any, faces: Any, origin: Array, degenerate: int) 
         return (f"{vanished} of {len(corners)} triangles are so small that they have no area in "
                 f"float32; the mesh's size is {size:.3g}: scale it up, or make small parts scenes of "
                 "their own")
-    step = 10.0 ** math.ceil(math.log10(max(size, moved)))
-    near = tuple((np.round(((low + high) / 2 + origin) / step) * step + 0.0).tolist())
+    near = _near((low + high) / 2 + origin, max(size, moved))
     gone = f" and leaves {vanished} of {len(corners)} triangles without area" if vanished > 0 else ""
     return (f"rounding to float32 moves vertices by up to {moved:.2g}{gone}; the mesh's size is "
             f"{size:.3g}. Pass an origin near it, for example origin={near}")
+
+
+def ray_warning(rays: Rays, box: Optional[Array], origin: Array) -> str:
+    """Returns a warning if rounding moves rays by a notable share of the size of the scene with this
+    box and origin, else ""."""
+    size = 0.0 if box is None else float(np.linalg.norm(box[1] - box[0]))
+    if box is None or not size:
+        return ""
+    notable = NOTABLE_SHARE_OF_RAYS * size
+    centre = box.mean(0)
+    is_far = half_step((centre - origin)[None])[0] > notable
+    is_float32 = rays.starts.dtype == np.float32
+    # Around a scene at its origin float32 rays are what they say: nothing is lost here.
+    if is_float32 and not is_far and not origin.any():
+        return ""
+    count, first, farthest = 0, 0, 0.0
+    for begin in range(0, len(rays.starts), _RAYS_AT_ONCE):
+        moved = rays.moved(begin, _RAYS_AT_ONCE)
+        lost = np.flatnonzero(np.isfinite(moved) & (moved > notable))
+        if lost.size:
+            first = first if count else begin + int(lost[0])
+            count += lost.size
+            farthest = max(farthest, float(moved[lost].max()))
+    if not count:
+        return ""
+    count = rays.count if len(rays.starts) == 1 else count
+    remedy = [f"load the scene with origin={_near(centre, size)}"] if is_far else []
+    if is_float32:
+        remedy.append("pass the rays as float64")
+    return (f"{count} of {rays.count} rays start so far from the scene's origin that float32 moves "
+            f"them by up to {farthest:.3g}, and the scene's size is {size:.3g}; the first is ray "
+            f"{first}. To keep their digits " +
+            (" and ".join(remedy) or "start them nearer to the scene"))
+
+
+def _near(centre: Array, size: float) -> tuple[float, ...]:
+    """Returns a point with few digits near the centre of something of this size."""
+    step = 10.0 ** math.ceil(math.log10(size))
+    return tuple((np.round(centre / step) * step + 0.0).tolist())
 
 
 def _longest(rows: Array) -> float:

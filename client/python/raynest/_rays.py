@@ -48,8 +48,8 @@ class Rays:
         else:
             raise UsageError(f"rays of shape {np.shape(rays)}: they must be (N, 6) [ox oy oz dx dy "
                              "dz], (N, 8) [ox oy oz tmin dx dy dz tmax], or origins and directions")
-        if self._shift is not None:
-            warn_of_rounding(first if self._origins is None else self._origins)
+        self.starts = first[None] if "origin" in self.common else (
+            self._rest[:0] if self._origins is None else self._origins)
         self.count = len(self._rest)
         self.width = self._rest.shape[1] + (0 if self._origins is None else 3)
 
@@ -66,6 +66,16 @@ class Rays:
                 out[:, :3] = self._shifted(self._origins[part])
             out[:, self.width - self._rest.shape[1]:] = self._rest[part]
         return out
+
+    def moved(self, first: int, count: int) -> Array:
+        """Returns how far float32 moves each of `starts`; for float32 input, half a step of it."""
+        points = self.starts[first:first + count]
+        with np.errstate(over="ignore", invalid="ignore"):
+            if points.dtype == np.float32:
+                return half_step(points)
+            exact = points - (0.0 if self._shift is None else self._shift)
+            off: Array = exact.astype(np.float32) - exact
+        return np.sqrt((off * off).sum(1))
 
     def _shifted(self, points: Array) -> Array:
         """Subtracts the origin in float64, before digits are lost."""
@@ -85,13 +95,11 @@ class Source:
     generator: Optional[Message] = None     # makes the rays in the daemon
 
 
-def warn_of_rounding(points: Array) -> None:
-    """Warns if float32 rays are too coarse for a scene far from zero, whose origin then helps little."""
-    if points.dtype.kind == "f" and points.dtype.itemsize <= 4:
-        moved = np.spacing(np.abs(points).max(where=np.isfinite(points), initial=0)) / 2
-        if moved > NOTABLE_ROUNDING:
-            warn(f"origins of rays are {points.dtype}, which moves them by up to {moved:.2g} so far "
-                 "from zero: pass float64", RayWarning)
+def half_step(points: Array) -> Array:
+    """Returns half a step between float32 numbers as large as each point's largest coordinate: the
+    most by which rounding may have moved it."""
+    steps: Array = np.spacing(np.abs(points.astype(np.float32)).max(1)) / 2
+    return steps
 
 
 def vector(what: str, value: Any) -> Array:
@@ -103,9 +111,6 @@ def vector(what: str, value: Any) -> Array:
         raise UsageError(f"{what} of {reprlib.repr(value)}: it must be three finite numbers")
     return out
 
-
-# Rounding by more than this distance, in the scene's units, is worth a warning.
-NOTABLE_ROUNDING = 0.5e-3
 
 # Default share of a line of sight that is left out at each end.
 SEGMENT_MARGIN = 1e-4

@@ -3,8 +3,9 @@
     builtin:..., root:...     a name only: the daemon has the content
     .glb, .gltf               the file, and the files that it names below its folder
     .npy                      records of a primitive type, with an optional file of `instances`
-    -, /dev/stdin, /dev/fd/N  one of these from a pipe, recognised by its first bytes; a .gltf's
-                              files are then read from the current folder
+    -, /dev/stdin, /dev/fd/N  one of these from a pipe; a .gltf's files are then read from the
+                              current folder
+    any other file or pipe    one of these, recognised by its first bytes
 """
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ import numpy as np
 from . import _limits, errors
 from ._connection import Connection
 from ._control import Message
-from ._files import is_nameless, read_file, read_file_beneath, sendable
+from ._files import (head_of, is_nameless, is_pipe, read_file, read_file_beneath, sendable)
 from ._frame import Array, padding
 from ._gltf import file_names
 from ._hash import upload_checksum
@@ -49,14 +50,22 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
     folder, name = os.path.split(source)
     stem, extension = os.path.splitext(name)
     nameless = is_nameless(source)
-    if not nameless and extension.lower() not in (".glb", ".gltf", ".npy"):
-        raise errors.InvalidError(f"{source} is not a .glb, .gltf or .npy file, nor builtin:NAME; "
-                                  "read it with trimesh and pass its vertices and faces to mesh(), "
-                                  "or convert it to .glb", "FILE_INVALID")
-    data = read_file(source, _limits.upload_bytes_max)
+    if not nameless and extension.lower() in (".glb", ".gltf", ".npy"):
+        data = read_file(source, _limits.upload_bytes_max)
+    elif nameless or is_pipe(source):
+        data = read_file(source, _limits.upload_bytes_max, lambda begin: _sniffed(source, begin))
+        extension = _sniffed(source, data)
+        name += extension
+    else:
+        extension = _sniff(head_of(source))
+        name += extension
+        if not extension:
+            raise errors.InvalidError(f"{source} is not a .glb, .gltf or .npy file, nor builtin:NAME; "
+                                      "read it with trimesh and pass its vertices and faces to "
+                                      "mesh(), or convert it to .glb", "FILE_INVALID")
+        data = read_file(source, _limits.upload_bytes_max)
     if nameless:
-        stem, extension, folder = "", _sniff(source, data), "."
-        name = "stdin" + extension
+        stem, folder, name = "", ".", "stdin" + extension
     records = extension.lower() == ".npy"
     _check_records(source, records, primitive, instances)
     main = File(sendable(name), data)
@@ -80,15 +89,20 @@ def _check_records(source: str, records: bool, primitive: str, instances: str) -
                                 "primitive='sphere'")
 
 
-def _sniff(source: str, data: bytes) -> str:
-    """Returns the file ending that fits the first bytes."""
+def _sniff(data: bytes) -> str:
+    """Returns the file ending that fits the first bytes; "" if none does."""
     for start, extension in ((b"glTF", ".glb"), (b"\x93NUMPY", ".npy")):
         if data.startswith(start):
             return extension
-    if data.lstrip(b" \t\r\n")[:1] == b"{":
-        return ".gltf"
-    raise errors.InvalidError(f"{source} brought neither a .glb, a .gltf nor a .npy",
-                              "FILE_INVALID")
+    return ".gltf" if data.lstrip(b" \t\r\n")[:1] == b"{" else ""
+
+
+def _sniffed(source: str, data: bytes) -> str:
+    extension = _sniff(data)
+    if not extension:
+        raise errors.InvalidError(f"{source} brought neither a .glb, a .gltf nor a .npy",
+                                  "FILE_INVALID")
+    return extension
 
 
 def _named_files(main: File, folder: str) -> Iterator[File]:
@@ -97,10 +111,13 @@ def _named_files(main: File, folder: str) -> Iterator[File]:
         raise errors.InvalidError(f"names {len(others)} files; pack it into one .glb",
                                   "FILE_INVALID")
     left = _limits.upload_bytes_max - len(main.data)
-    for other in others:
+    for other, is_picture in others.items():
         try:
             data = read_file_beneath(folder, other, left)
         except errors.InvalidError as error:
+            if is_picture:
+                errors.warn(f"the picture {error}. It is left out", errors.SceneWarning)
+                continue
             raise errors.InvalidError(f"names {error}", error.name) from None
         # The daemon complains if it needs a missing file.
         if data is None or other == main.name:

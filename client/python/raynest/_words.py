@@ -21,8 +21,10 @@ def scene_info(message: Message) -> dict[str, Any]:
     info["bytes_per_triangle"] = info["tree_bytes"] / triangles if triangles else 0.0
     info["skipped"] = dict(zip(info.pop("skipped_reasons"), info.pop("skipped_counts")))
     info["records"] = dict(zip(info.pop("record_types"), info.pop("record_counts")))
+    lower, upper = info["box_min"], info["box_max"]
+    is_empty = not lower or not upper or not lower[0] <= upper[0]
     for corner in ("box_min", "box_max"):
-        info[corner] = [_world(x, shift) for x, shift in zip(info[corner] or (), origin)]
+        info[corner] = None if is_empty else [_world(*place) for place in zip(info[corner], origin)]
     return info
 
 

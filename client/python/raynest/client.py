@@ -148,13 +148,13 @@ class Client:
         for text in info["warnings"]:
             warn(text, SceneWarning)
         self.handles.loaded(info["name"], bool(message.get("temporary")))
-        return Scene(self, info["name"], info["origin"]), info
+        return Scene(self, info["name"], info), info
 
     def scene(self, name: str) -> Scene:
         """Opens a loaded scene; InvalidError if there is none of that name. This connection then
         holds it: it works until the connection ends, even if others unload it."""
         info = scene_info(self.connection.ask("Info", {"scene": name, "hold": True}, "SceneInfo"))
-        return Scene(self, info["name"], info["origin"])
+        return Scene(self, info["name"], info)
 
     def scenes(self) -> list[dict[str, Any]]:
         """Lists the loaded scenes: name, hash, epoch, instanced_triangles, bytes, owner,

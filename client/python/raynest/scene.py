@@ -18,10 +18,11 @@ from ._control import Message
 from ._frame import Array
 from ._job import JobOptions, Progress, SceneMoved, job_message, origin_of
 from ._picture import Picture, camera_message, size_message
+from ._precision import ray_warning
 from ._query import Query
 from ._rays import Rays, Source, segments, vector
 from ._words import path_info, scene_info
-from .errors import InvalidError, UsageError
+from .errors import InvalidError, RayWarning, UsageError, warn
 from .generators import Generator as RayGenerator, one_sample
 from .job import Job
 
@@ -31,10 +32,13 @@ class Scene:
     world: the scene's origin is subtracted before they are sent and added to answers, in float64."""
 
     def __init__(self, client: clients.Client, name: str,
-                 origin: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+                 info: Optional[dict[str, Any]] = None) -> None:
         self.name = name
         self._client = client
-        self._origin = np.array(origin)
+        self._origin = np.zeros(3)
+        self._box: Optional[Array] = None   # its corners, in the world
+        if info:
+            self._learn(info)
         self._open = True
         client.handles.enter(name)
 
@@ -132,7 +136,9 @@ class Scene:
         if detach:
             if source.count == 0:
                 raise UsageError("a detached job needs rays: pass some, or leave detach away")
-            return Job(self._client, query.detach())
+            number = query.detach()
+            self._warn_of_rounding(source.sent)
+            return Job(self._client, number)
         answer = Whole(query.rows, reduce)
         with self._client.connection.interrupts, \
                 contextlib.closing(query.chunks(answer.place)) as chunks:
@@ -145,6 +151,7 @@ class Scene:
             query.outcome.pop("first_invalid", None)
             query.outcome.update(rays=0, misses=0, invalid=0)
             columns = {name: column[:int(name == "ray_splits")] for name, column in columns.items()}
+        self._warn_of_rounding(source.sent)
         return columns
 
     def stream(self, rays: Any, directions: Any = None, *, kind: Optional[str] = None,
@@ -184,11 +191,12 @@ class Scene:
             with contextlib.closing(query.chunks(anywhere)) as chunks:
                 yield from chunks
         except SceneMoved as moved:  # before the first chunk
-            self._origin = moved.origin
+            self._moved(moved.origin)
             yield from self._stream(rays, directions, origin, kind, fields, max_hits, job)
         else:
             self._client.outcome = query.outcome
             query.outcome.warn_of_rays()
+            self._warn_of_rounding(source.sent)
 
     @none_is_default
     def occluded(self, a: Any, b: Any, *, margin: Optional[float] = None,
@@ -205,6 +213,21 @@ class Scene:
                                False)
         return np.asarray(self._at(origin, ask)["hit"] != 0)
 
+    def _learn(self, info: dict[str, Any]) -> None:
+        """Takes the scene's place from its info."""
+        self._origin = np.array(info["origin"])
+        corners = info["box_min"], info["box_max"]
+        self._box = None if None in corners else np.array(corners)
+
+    def _moved(self, origin: Array) -> None:
+        self._learn({**self.info, "origin": origin})
+
+    def _warn_of_rounding(self, rays: Rays) -> None:
+        """Must follow the answer, which tells whether the scene lies where it was thought to lie."""
+        lost = ray_warning(rays, self._box, self._origin)
+        if lost:
+            warn(lost, RayWarning)
+
     def _shift(self, origin: Any) -> Array:
         return self._origin if origin is None else vector("origin", origin)
 
@@ -214,7 +237,7 @@ class Scene:
         try:
             return ask(self._shift(origin), origin is None)
         except SceneMoved as moved:
-            self._origin = moved.origin
+            self._moved(moved.origin)
         try:
             return ask(self._origin, True)
         except SceneMoved:
@@ -224,7 +247,7 @@ class Scene:
     def _look_up(self, job: JobOptions) -> None:
         """Fixes a detached job's epoch to the one whose origin is known."""
         info = self.info
-        self._origin = np.array(info["origin"])
+        self._learn(info)
         if not job.get("epoch"):
             job["epoch"] = info["epoch"]
 

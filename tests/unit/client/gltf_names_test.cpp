@@ -12,8 +12,14 @@ using Names = std::vector<std::string>;
 
 namespace {
 
+/// The names of files; those of pictures behind "picture ".
 client::Result<Names> names_of(const std::string& json) {
-    return client::gltf_names(std::as_bytes(std::span(json)));
+    const auto files = client::gltf_names(std::as_bytes(std::span(json)));
+    if (!files) return tl::unexpected(files.error());
+    Names names;
+    for (const auto& [name, is_picture] : *files)
+        names.push_back((is_picture ? "picture " : "") + name);
+    return names;
 }
 
 std::string word(std::size_t value) {
@@ -44,7 +50,9 @@ TEST_CASE("buffers and images name files, nothing else does") {
                    {"uri": "data:image/png;base64,AAAA"}, [{"uri": "no"}]],
         "extras": {"images": [{"uri": "no"}]}})");
     REQUIRE(names);
-    CHECK(*names == Names{"a.bin", "t/leaf one.png"});
+    CHECK(*names == Names{"a.bin", "picture t/leaf one.png"});
+    CHECK(*names_of(R"({"images":[{"uri":"a"},{"uri":"b"}],"buffers":[{"uri":"b"}]})") ==
+          Names{"picture a", "b"});
 }
 
 TEST_CASE("text that is not a JSON object, or nested too deeply, is refused without recursion") {

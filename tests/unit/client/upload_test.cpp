@@ -10,8 +10,10 @@
 
 #include <ctime>
 #include <filesystem>
+#include <fstream>
 #include <set>
 #include <string>
+#include <thread>
 
 using namespace raynest;
 using client::gather;
@@ -84,9 +86,9 @@ TEST_CASE("records come with the name of their primitive and their instances") {
 
 TEST_CASE("bad sources end with exit code 5 before anything is sent") {
     const TemporaryFolder folder;
-    folder.write("pipe.gltf", R"({"images":[{"uri":"pipe"}]})");
+    folder.write("pipe.gltf", R"({"buffers":[{"uri":"pipe"}]})");
     REQUIRE(::mkfifo(folder.file("pipe").c_str(), 0600) == 0);
-    folder.write("outside.gltf", R"({"images":[{"uri":"link"}]})");
+    folder.write("outside.gltf", R"({"buffers":[{"uri":"link"}]})");
     std::filesystem::create_symlink("/etc/passwd", folder.file("link"));
     folder.write("text.txt", "x");
     folder.write("cut.glb", "glTF\x02");
@@ -96,6 +98,43 @@ TEST_CASE("bad sources end with exit code 5 before anything is sent") {
         REQUIRE(!upload);
         CHECK(upload.error().exit == protocol::Exit::invalid);
     }
+}
+
+TEST_CASE("a picture that cannot be read is left out with a warning") {
+    const TemporaryFolder folder;
+    folder.write("scene.gltf", R"({"images":[{"uri":"link"},{"uri":"sub"},{"uri":"b.png"}]})");
+    folder.write("sub/x", "");
+    folder.write("b.png", "x");
+    std::filesystem::create_symlink("/etc/passwd", folder.file("link"));
+    const auto upload = gather(folder.file("scene.gltf"), "", "");
+    REQUIRE(upload);
+    REQUIRE(upload->files.size() == 2);
+    CHECK(upload->files[1].name == "b.png");
+    REQUIRE(upload->warnings.size() == 2);
+    CHECK(upload->warnings[0].find("link leaves the folder") != std::string::npos);
+    CHECK(upload->warnings[1].find("sub: is not a regular file") != std::string::npos);
+}
+
+TEST_CASE("a file or pipe without a known ending is told by its first bytes") {
+    const TemporaryFolder folder;
+    folder.write("scene", two_files);
+    folder.write("a b.bin", "buffer");
+    folder.write("town.json", two_files);
+    for (const auto& [file, name] : {std::pair{"scene", "scene"}, {"town.json", "town"}}) {
+        const auto upload = gather(folder.file(file), "", "");
+        REQUIRE(upload);
+        CHECK(upload->source == file + std::string(".gltf"));
+        CHECK(upload->scene_name == name);
+        CHECK(upload->files.size() == 2);
+    }
+    REQUIRE(::mkfifo(folder.file("pipe").c_str(), 0600) == 0);
+    std::thread writer([&] { std::ofstream(folder.file("pipe")) << two_files; });
+    const auto piped = gather(folder.file("pipe"), "", "");
+    writer.join();
+    REQUIRE(piped);
+    CHECK(piped->source == "pipe.gltf");
+    CHECK(piped->scene_name == "pipe");
+    CHECK(piped->files.size() == 2);
 }
 
 TEST_CASE("files that are missing, outside, or the scene itself are left out") {

@@ -215,6 +215,27 @@ TEST_CASE("a byteStride of 0 means packed, another one is kept") {
     CHECK(stride("0") == std::vector<Vec3>{{0, 0, 0}, {7, 1, 0}, {0, 7, 0}});
 }
 
+TEST_CASE("a byteStride that is not a multiple of 4 is read, with a warning") {
+    // Positions of three u16.
+    for (const std::size_t stride : {6U, 7U, 300U}) {
+        CAPTURE(stride);
+        GlbWriter writer;
+        std::vector<std::uint8_t> bytes(3 * stride);
+        bytes[stride] = 1;
+        bytes[2 * stride + 2] = 1;
+        writer.add(bytes, "VEC3", 5123, stride);
+        const test::Bytes packed = writer.glb(
+            R"("extensionsUsed":["KHR_mesh_quantization"],)"
+            R"("meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"nodes":[{"mesh":0}])");
+        const std::string length = R"("byteLength":)" + std::to_string(bytes.size()) + "}";
+        const auto scene = must_describe(
+            edited(packed, {{length, length.substr(0, length.size() - 1) + R"(,"byteStride":)" +
+                                         std::to_string(stride) + "}"}}));
+        CHECK(scene.objects[0].geometries[0].positions == triangle);
+        if (stride % 4 != 0) CHECK(contains(warning(scene), "1 accessors are not aligned"));
+    }
+}
+
 TEST_CASE("an integer may be written with a fraction of 0") {
     const auto scene = must_describe(
         triangle_of(R"({"byteLength":36.0,"uri":"data:;base64,)" + std::string(base64) + "\"}",

@@ -2,17 +2,22 @@
 
 #include "tests/unit/engine/assets/samples.h"
 
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstdint>
 #include <limits>
 
 using namespace raynest;
 
 namespace {
 
+/// A .npy of values that are laid out as `dtype` and `order` say.
 template <class T>
-test::Bytes npy(const std::string& shape, const std::vector<T>& values,
-                const std::string& order = "False") {
-    std::string header = std::string("{'descr': '") + (sizeof(T) == 8 ? "<f8" : "<f4") +
-                         "', 'fortran_order': " + order + ", 'shape': " + shape + ", }";
+test::Bytes npy_of(const std::string& dtype, const std::string& shape, const std::vector<T>& values,
+                   const std::string& order = "False") {
+    std::string header =
+        "{'descr': '" + dtype + "', 'fortran_order': " + order + ", 'shape': " + shape + ", }";
     while ((header.size() + 11) % 64 != 0) header += ' ';
     header += '\n';
     std::string file = "\x93NUMPY\x01";
@@ -22,6 +27,22 @@ test::Bytes npy(const std::string& shape, const std::vector<T>& values,
     file += header;
     file.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
     return test::to_bytes(file);
+}
+
+template <class T>
+test::Bytes npy(const std::string& shape, const std::vector<T>& values) {
+    return npy_of(sizeof(T) == 8 ? "<f8" : "<f4", shape, values);
+}
+
+/// Numbers with their bytes in reverse.
+template <class T>
+std::vector<T> swapped(std::vector<T> values) {
+    for (T& value : values) {
+        auto bytes = std::bit_cast<std::array<std::byte, sizeof(T)>>(value);
+        std::reverse(bytes.begin(), bytes.end());
+        value = std::bit_cast<T>(bytes);
+    }
+    return values;
 }
 
 const Registry& registry() {
@@ -57,6 +78,31 @@ TEST_CASE("a point cloud becomes spheres, from float32 and float64 alike") {
     CHECK((*narrow)->bounds().upper.x == doctest::Approx(7));
 }
 
+TEST_CASE("every layout that numpy.save leaves is read alike") {
+    const auto plain = load(npy<float>("(2, 4)", {0, 0, 0, 1, -5, 0, 0, 2}));
+    REQUIRE(plain.has_value());
+    const std::vector<std::int64_t> wide{0, 0, 0, 1, -5, 0, 0, 2};
+    const std::vector<std::int16_t> narrow{0, 0, 0, 1, -5, 0, 0, 2};
+    const std::vector<std::uint16_t> half{0, 0, 0, 0x3C00, 0xC500, 0, 0, 0x4000};
+    for (const auto& file :
+         {npy_of("<i8", "(2, 4)", wide), npy_of(">i8", "(2, 4)", swapped(wide)),
+          npy_of("<i2", "(2, 4)", narrow), npy_of(">i2", "(2, 4)", swapped(narrow)),
+          npy_of<std::int8_t>("|i1", "(2, 4)", {0, 0, 0, 1, -5, 0, 0, 2}),
+          npy_of("<f2", "(2, 4)", half), npy_of(">f2", "(2, 4)", swapped(half)),
+          npy_of<float>("<f4", "(2, 4)", {0, -5, 0, 0, 0, 0, 1, 2}, "True"),
+          npy_of(">f8", "(2, 4)", swapped<double>({0, -5, 0, 0, 0, 0, 1, 2}), "True")}) {
+        const auto scene = load(file);
+        REQUIRE(scene.has_value());
+        CHECK((*scene)->digest() == (*plain)->digest());
+    }
+    const auto unsigned_ones = load(npy_of<std::uint8_t>("|u1", "(1, 4)", {200, 0, 0, 1}));
+    REQUIRE(unsigned_ones.has_value());
+    CHECK((*unsigned_ones)->bounds().upper.x == doctest::Approx(201));
+    CHECK(
+        refusal(npy_of<std::uint16_t>("<f2", "(1, 4)", {0x7C00, 0, 0, 0x7E00})).find("2 values") !=
+        std::string::npos);
+}
+
 TEST_CASE("instances.npy places the points") {
     const auto spheres = npy<float>("(1, 4)", {0, 0, 0, 1});
     const std::vector<float> matrices{1, 0, 0, 10,  0, 1, 0, 0, 0, 0, 1, 0,
@@ -68,13 +114,24 @@ TEST_CASE("instances.npy places the points") {
         CHECK((*scene)->statistics().instances == 2);
         CHECK((*scene)->bounds().lower.x == doctest::Approx(-11));
     }
+    // The same placements with their first index running fastest.
+    std::vector<float> columns;
+    for (std::size_t i = 0; i < 4; ++i)
+        for (std::size_t row = 0; row < 3; ++row)
+            for (std::size_t k = 0; k < 2; ++k) columns.push_back(matrices[12 * k + 4 * row + i]);
+    const auto fortran = npy_of("<f4", "(2, 3, 4)", columns, "True");
+    const auto placed = load(spheres, &fortran);
+    REQUIRE(placed.has_value());
+    CHECK((*placed)->bounds().lower.x == doctest::Approx(-11));
+    CHECK((*placed)->bounds().upper.x == doctest::Approx(11));
     const auto wrong = npy<float>("(4, 6)", matrices);
     CHECK_FALSE(load(spheres, &wrong).has_value());
 }
 
 TEST_CASE("an array of a wrong shape is an error that states the right one") {
     CHECK(refusal(npy<float>("(2, 3)", {0, 0, 0, 1, 1, 1})).find("(N, 4)") != std::string::npos);
-    CHECK(refusal(npy<float>("(1, 4)", {0, 0, 0, 1}, "True")).find("C order") != std::string::npos);
+    CHECK(refusal(npy_of<float>("<c8", "(1, 4)", {0, 0, 0, 1, 0, 0, 0, 0}))
+              .find("real numbers of at most 64 bits") != std::string::npos);
     CHECK(refusal(npy<float>("(2, 4)", {0, 0, 0, 1})).find("cut short") != std::string::npos);
     CHECK(refusal(npy<float>("(4611686018427387904, 4)", {0})).find("more bytes than a file has") !=
           std::string::npos);

@@ -141,6 +141,26 @@ TEST_CASE("a singular instance is left out and counted with all that it places")
     CHECK(s.skipped.at("singular_instance_triangles") == 6);
     CHECK(s.skipped.count("singular_unique_triangles") == 0);  // other twigs remain
     CHECK(scene->view().objects[scene->view().root].instance_count == 3);
+    REQUIRE(s.warnings.size() == 1);
+    CHECK(s.warnings[0].starts_with("3 placements are left out"));
+}
+
+TEST_CASE("a scene of which most triangles have no area says so before all else") {
+    SceneDescription description;
+    description.warnings = {"something small"};
+    description.objects.resize(1);
+    GeometryDescription square = unit_square();
+    const auto built = [&] {
+        description.objects[0].geometries = {square};
+        return build_scene(description);
+    };
+    square.indices.insert(square.indices.end(), {0, 0, 1, 2, 2, 2});
+    CHECK(built()->statistics().warnings == description.warnings);  // one half is not most
+    square.indices.insert(square.indices.end(), {1, 1, 1});
+    const auto scene = built();
+    CHECK(scene->statistics().degenerate_triangles == 3);
+    REQUIRE(scene->statistics().warnings.size() == 2);
+    CHECK(scene->statistics().warnings[0].starts_with("3 of 5 triangles have no area"));
 }
 
 TEST_CASE("what only a singular instance reaches is not stored") {
