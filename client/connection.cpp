@@ -35,14 +35,14 @@ namespace {
 constexpr std::chrono::seconds greeting_time{5};
 /// The daemon answers DEADLINE itself; beyond this the connection is taken for dead.
 constexpr std::chrono::seconds grace{5};
-/// While it waits, Ctrl-C and the clock are looked at this often.
+/// Longest wait between two checks for Ctrl-C and the deadline.
 constexpr int look_ms = 200;
-/// A daemon that has too many callers to accept is called again after this time.
+/// Time between two attempts to connect to a Unix socket whose queue is full.
 constexpr int call_again_ms = 20;
-/// Where the daemon could not say why: within an answer that was not read.
+/// Explains a connection that closed in the middle of an answer, where no ERROR fits.
 constexpr const char* cut_short =
     " within an answer: the daemon ended, or this reader paused and gave way to another client";
-/// For what is not bulk: headers and control parts.
+/// Buffer for headers and control parts.
 constexpr std::size_t staging_bytes = 4 << 10;
 
 bool is_port(const std::string& text) {
@@ -70,8 +70,8 @@ error_code connect_until(int socket, const asio::generic::stream_protocol::endpo
     while (true) {
         const auto size = static_cast<socklen_t>(endpoint.size());
         if (::connect(socket, endpoint.data(), size) == 0 || errno == EISCONN) return {};
-        // What a Unix socket says while too many others wait there: no poll() tells when they have
-        // gone.
+        // A Unix socket gives EAGAIN while its queue of callers is full, and poll() does not tell
+        // when that has changed.
         const bool full = errno == EAGAIN;
         if (!full && errno != EINPROGRESS && errno != EALREADY && errno != EINTR)
             return {errno, boost::system::system_category()};
@@ -87,7 +87,7 @@ bool is_forbidden(const error_code& error) {
            error == boost::system::errc::operation_not_permitted;
 }
 
-/// How to come by a daemon at `uri`, where connecting failed.
+/// Says how to start or reach a daemon at `uri` after a failed connect.
 std::string start_hint(const std::string& uri, const error_code& error) {
     const bool is_unix = uri.starts_with("unix:");
     if (is_unix && is_forbidden(error))
@@ -104,7 +104,7 @@ std::string start_hint(const std::string& uri, const error_code& error) {
                 : "is raynestd running there?";
 }
 
-/// Nobody greets us. What the daemon itself says, and a Ctrl-C, stay what they are.
+/// The failure of a greeting. The daemon's own errors, and a Ctrl-C, are passed on unchanged.
 Failure unanswered(const Failure& why) {
     if (why.exit == Exit::deadline)
         return failure(Exit::cannot_connect, "no RayNest daemon answers within " +
@@ -121,7 +121,7 @@ struct Connection::Socket {
     asio::io_context io;
     asio::generic::stream_protocol::socket stream{io};
 
-    /// Connects to the first endpoint that answers; each has its share of the time until `end`.
+    /// Connects to the first endpoint that answers; each gets a share of the time until `end`.
     template <class Endpoints>
     error_code connect(const Endpoints& endpoints, Clock::time_point end) {
         error_code error = asio::error::host_not_found;
@@ -211,7 +211,7 @@ Result<void> Connection::greet(const std::string& token) {
     if (!welcome) return tl::unexpected<Failure>(failure(welcome.error()));
     daemon_ = {std::string(protocol::text((*welcome)->server())), (*welcome)->window_bytes(),
                (*welcome)->frame_bytes_max(), (*welcome)->chunk_rays_max()};
-    // A daemon may be configured to take less than we could send, never more.
+    // A daemon may be configured to accept less than this client could send, never more.
     daemon_.chunk_rays_max = std::min(daemon_.chunk_rays_max, limits_.chunk_rays_max);
     daemon_.frame_bytes_max = std::min(daemon_.frame_bytes_max, limits_.frame_bytes_max);
     daemon_.window_bytes = std::min(daemon_.window_bytes, limits_.window_bytes_max);
@@ -290,7 +290,7 @@ tl::unexpected<Failure> Connection::leave(const Failure& why, bool within_frame)
     std::memcpy(bytes.data() + protocol::header_bytes, frame->control.data(),
                 frame->control.size());
     error_code error;
-    // Where it cannot be said at once, the end of the connection says it as well.
+    // If CANCEL cannot be sent at once, close the connection: that cancels the request too.
     if (within_frame || socket_->stream.write_some(asio::buffer(bytes), error) != bytes.size())
         socket_->stream.shutdown(socket_->stream.shutdown_both, error);
     return tl::unexpected<Failure>(why);
@@ -318,7 +318,7 @@ Result<Frame> Connection::next() {
             credit_ += (*credit)->bytes();
         }
         consumed_ += frame->bulk.size();
-        // Early enough that the daemon never waits for it.
+        // Grant a quarter of the window at a time, so that the daemon never waits for credit.
         if (consumed_ >= limits_.window_bytes / 4) {
             if (auto granted = grant(std::exchange(consumed_, 0)); !granted)
                 return tl::unexpected<Failure>(granted.error());
@@ -329,8 +329,8 @@ Result<Frame> Connection::next() {
 
 Result<Frame> Connection::read_frame() {
     while (true) {
-        // What was read ahead comes first, then the socket: bulk straight into its place, and what
-        // follows it in the same call.
+        // Decode the bytes that were read ahead, then read the socket: bulk data directly into its
+        // buffer, and the bytes after it in the same call.
         auto taken = decoder_.feed({staging_.get() + staged_begin_, staged_end_ - staged_begin_});
         if (!taken) return tl::unexpected<Failure>(failure(taken.error()));
         staged_begin_ += *taken;
@@ -357,8 +357,8 @@ Result<Frame> Connection::read_frame() {
 
 Result<void> Connection::wait(short events) {
     while (true) {
-        // The short wait bounds the moment between this test and poll() in which a signal is
-        // missed.
+        // A signal that comes between this test and poll() is missed. The short wait bounds the
+        // delay.
         if (interrupted()) return fail(Exit::interrupted, "interrupted; the request was cancelled");
         if (patience_ < Clock::duration::zero())
             return fail(Exit::deadline, "no answer from the daemon within the deadline; " +

@@ -1,9 +1,9 @@
-// A blocking conversation with a daemon: greet, send a request, read its frames until the end.
+// A blocking conversation with a daemon: greet it, send a request, read its frames until the end.
 //
-// One request at a time. The connection counts both credits: what the daemon has granted for what
-// we send, and what we have consumed and must grant again. Ctrl-C (interrupt.h) cancels the request
-// at the daemon and ends the wait. connection.cpp and the load test's echo are the only files of
-// the client that know Boost.Asio.
+// One request runs at a time. The connection counts both credits: the bytes that the client may
+// send, and the bytes that it has received and must grant again. Ctrl-C (interrupt.h) cancels the
+// request at the daemon and ends the wait. Only connection.cpp and the load test's echo include
+// Boost.Asio.
 #pragma once
 
 #include "client/failure.h"
@@ -21,7 +21,7 @@ namespace raynest::client {
 
 inline constexpr const char* default_uri = "tcp://127.0.0.1:31060";
 
-/// What the daemon said of itself.
+/// The daemon's properties and limits, from its WELCOME.
 struct Daemon {
     std::string name;
     std::uint64_t window_bytes = 0;
@@ -31,8 +31,8 @@ struct Daemon {
 
 class Connection {
 public:
-    /// `uri` is tcp://HOST:PORT, tcp://[IPV6]:PORT or unix:PATH; `token` may be empty. Connects and
-    /// greets within 5 s, else exit code 3 (4: the daemon refuses the token).
+    /// Connects to tcp://HOST:PORT, tcp://[IPV6]:PORT or unix:PATH, and greets; `token` may be
+    /// empty. Fails after 5 s with exit code 3, and with 4 if the daemon refuses the token.
     static Result<std::unique_ptr<Connection>> open(const std::string& uri,
                                                     const std::string& token);
     ~Connection();
@@ -40,38 +40,38 @@ public:
     Connection& operator=(const Connection&) = delete;
 
     [[nodiscard]] const Daemon& daemon() const { return daemon_; }
-    /// The greeted socket, for who speaks frames without this class; stays the connection's.
+    /// Returns the greeted socket, for code that writes frames itself; the connection keeps it.
     [[nodiscard]] int socket() const;
 
-    /// Begins a request; frames of earlier ones are skipped from now on. With a deadline, sending
-    /// and next() give up a little after it, should the daemon itself not answer any more: only
-    /// the time counts in which it is waited for, not the caller's own.
+    /// Begins a request; frames of earlier ones are skipped from now on. Some time after the
+    /// deadline, sending and next() fail, in case the daemon itself does not answer any more. Only
+    /// time spent waiting for the daemon counts, not the caller's own.
     template <class Native>
     Result<void> start(const Native& request, std::chrono::milliseconds deadline = {}) {
         begin(deadline);
         return send(protocol::encode(id_, request));
     }
-    /// Sends bulk of the running request, which must fit credit().
+    /// Sends bulk data of the running request, which must fit credit().
     template <class Native>
     Result<void> send_bulk(Native message, protocol::Bulk bulk) {
         credit_ -= bulk.bytes();
         return send(protocol::encode(id_, std::move(message), std::move(bulk)));
     }
-    /// The same for a single block, not allocated, whose bytes leave from where they lie.
+    /// The same for a single block, not allocated, whose bytes are sent without a copy.
     template <class Native>
     Result<void> send_bulk(Native message, protocol::Bulk bulk, std::span<const std::byte> bytes) {
         credit_ -= bulk.bytes();
         return send(protocol::encode(id_, std::move(message), std::move(bulk)), bytes);
     }
-    /// Bulk bytes, padding included, that the daemon takes now.
+    /// Bulk bytes, with padding, that the client may send now.
     [[nodiscard]] std::uint64_t credit() const { return credit_; }
-    /// The most bulk that one frame should have: credit for so much always comes back.
+    /// Maximum bulk bytes of a frame; credit for that much always comes back.
     [[nodiscard]] std::uint64_t bulk_bytes_max() const {
         return std::min(daemon_.window_bytes / 2, daemon_.frame_bytes_max / 2);
     }
 
-    /// The next frame of the running request, CREDIT included (already counted). An ERROR frame is
-    /// a Failure.
+    /// Reads the next frame of the running request. CREDIT is returned too, already counted; ERROR
+    /// is a Failure.
     Result<protocol::Frame> next();
 
 private:
@@ -79,17 +79,17 @@ private:
     explicit Connection(std::unique_ptr<Socket> socket);
     void begin(std::chrono::milliseconds deadline);
     Result<void> greet(const std::string& token);
-    /// `bulk` takes the place of a bulk part that the frame announces and does not have.
+    /// `bulk` is the bulk part that the frame announces, if the frame does not hold it itself.
     Result<void> send(protocol::Result<protocol::Frame> frame,
                       std::span<const std::byte> bulk = {});
     Result<void> grant(std::uint64_t bytes);
-    /// A daemon that closes has usually said why: that is a better message than `reason`.
+    /// Returns the ERROR that a closing daemon has usually sent, else a failure with `reason`.
     Result<void> last_words(const std::string& reason);
     Result<protocol::Frame> read_frame();
-    /// Until the socket is ready for these poll() events; a Ctrl-C and the deadline end it.
+    /// Waits until the socket is ready for these poll() events; fails on Ctrl-C or the deadline.
     Result<void> wait(short events);
-    /// Ends the request at the daemon as well. Within a frame of ours there is no way back: that
-    /// closes the connection.
+    /// Cancels the request at the daemon. In the middle of a frame that is impossible, so that the
+    /// connection is closed instead.
     tl::unexpected<Failure> leave(const Failure& why, bool within_frame);
 
     using Clock = std::chrono::steady_clock;
@@ -104,10 +104,10 @@ private:
     std::uint64_t id_ = 0;
     std::uint64_t credit_ = 0;
     std::uint64_t consumed_ = 0;                         ///< bulk bytes not yet granted again
-    Clock::duration patience_ = Clock::duration::max();  ///< with the daemon, in this request
+    Clock::duration patience_ = Clock::duration::max();  ///< left for the daemon, in this request
 };
 
-/// An answer together with the frame that holds it.
+/// An answer and the frame that holds it.
 template <class Answer>
 struct Reply {
     protocol::Frame frame;
@@ -125,13 +125,13 @@ Result<Reply<Answer>> open_reply(protocol::Frame frame) {
     return reply;
 }
 
-/// Is it a frame of this message?
+/// True for a frame with this message.
 template <class Answer>
 [[nodiscard]] bool is(const protocol::Frame& frame) {
     return frame.header.type == static_cast<std::uint16_t>(protocol::message_of<Answer>);
 }
 
-/// A request with one answer.
+/// Sends a request that is answered by one frame, and reads that.
 template <class Answer, class Native>
 Result<Reply<Answer>> ask(Connection& connection, const Native& request) {
     if (auto sent = connection.start(request); !sent) return tl::unexpected<Failure>(sent.error());

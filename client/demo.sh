@@ -22,7 +22,7 @@ source "$root/.ci/setup.sh"
 # forest of builtin:forest?trees=9, cocoa of scenes/cocoa.glb.
 scene=${source##*/} scene=${scene#builtin:} scene=${scene%%\?*} scene=${scene%.*}
 daemon='' scratch=$(mktemp -d)
-# Whatever ends this script ends its daemon: politely, then for good.
+# End the daemon when the script ends: by SIGTERM, then by SIGKILL.
 finish() {
     if [[ $daemon ]]; then
         kill "$daemon" 2>/dev/null || true
@@ -61,8 +61,8 @@ draw() {
     "$raynest" "$command" "$scene" -o "$pictures/$file" "$@" | sed "s/^/      /"
 }
 
-# Of some rays straight down onto the scene, the one that hits highest: a crown rather than the
-# ground. Its path id says, in one number, through which instances the ray went.
+# Trace some rays straight down and show the one that hits highest: a crown rather than the ground.
+# Its path id names, in one number, the instances that the ray went through.
 ask_one_ray() {
     local -a rays=()
     local along hit

@@ -1,4 +1,4 @@
-// A file descriptor that is closed with its owner.
+// A file descriptor that its owner closes.
 #pragma once
 
 #include <unistd.h>
@@ -7,7 +7,7 @@
 
 namespace raynest::client {
 
-/// Move-only; a negative number is none.
+/// Owns a descriptor. Move-only; a negative number means none.
 class Descriptor {
 public:
     explicit Descriptor(int number = -1) : number_(number) {}
@@ -22,7 +22,7 @@ public:
     }
     [[nodiscard]] int number() const { return number_; }
     [[nodiscard]] explicit operator bool() const { return number_ >= 0; }
-    /// The number, which the caller closes from now on.
+    /// Returns the number, which the caller must close.
     [[nodiscard]] int release() { return std::exchange(number_, -1); }
 
 private:

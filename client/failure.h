@@ -1,6 +1,6 @@
-// What can go wrong in the client: the daemon's errors, and a few of its own.
+// Failures of the client: the daemon's errors, and a few of its own.
 //
-// A Failure knows its exit code and how it reads on stderr, plain or as JSON, so that commands only
+// A Failure has its exit code and its text for stderr, plain or as JSON, so that commands only
 // pass it on.
 #pragma once
 
@@ -18,7 +18,7 @@ using protocol::Exit;
 
 struct Failure {
     Exit exit = Exit::failed;
-    std::uint32_t code = 0;  ///< of the protocol's table, or 1000 + exit code for the client's own
+    std::uint32_t code = 0;  ///< from the protocol's table; 1000 + exit code for the client's own
     std::string name;
     std::string message;
     std::uint32_t retry_after_ms = 0;
@@ -27,17 +27,17 @@ struct Failure {
 template <class T>
 using Result = tl::expected<T, Failure>;
 
-/// An error of the protocol, sent by the daemon or met while decoding.
+/// Converts an error of the protocol, sent by the daemon or found while decoding.
 [[nodiscard]] Failure failure(const protocol::Error& error);
 /// True for a failure of the client itself or of its connection, not an answer of the daemon.
 [[nodiscard]] bool is_own(const Failure& failure);
-/// A failure of the client itself.
+/// Makes a failure of the client itself.
 [[nodiscard]] Failure failure(Exit exit, std::string message);
 [[nodiscard]] inline tl::unexpected<Failure> fail(Exit exit, std::string message) {
     return tl::unexpected<Failure>(failure(exit, std::move(message)));
 }
 
-/// One line without its end: "raynest: MESSAGE", or {"error":{"code","name","message"}}.
+/// Returns one line without a line break: "raynest: ..." or {"error":{"code","name","message"}}.
 [[nodiscard]] std::string describe(const Failure& failure, bool json);
 
 }  // namespace raynest::client

@@ -25,11 +25,11 @@ namespace {
 // O_NONBLOCK: a pipe without a writer opens at once.
 constexpr int read_flags = O_RDONLY | O_NONBLOCK | O_CLOEXEC | O_NOCTTY;
 
-/// A Ctrl-C is looked for this often.
+/// Longest wait between two checks for Ctrl-C.
 constexpr int look_ms = 200;
-/// So much of a file is read between two looks for a Ctrl-C.
+/// Bytes of a file read between two checks for Ctrl-C.
 constexpr std::size_t piece_bytes = 64 << 20;
-/// Room for the first bytes of a pipe; it doubles as more come.
+/// First size of the buffer for a pipe; it doubles as more bytes come.
 constexpr std::size_t first_bytes = 64 << 10;
 
 tl::unexpected<Failure> refuse(const std::string& name, const std::string& why) {
@@ -66,13 +66,13 @@ Result<protocol::Buffer> read_all(const Descriptor& file, const std::string& nam
     }
 }
 
-/// The next bytes of a pipe or device; 0 at its end. A pipe that nobody has opened for writing yet
-/// is waited for.
+/// Reads the next bytes of a pipe or device; 0 at its end. Waits for a pipe that nobody has opened
+/// for writing yet.
 Result<std::size_t> read_some(const Descriptor& file, const std::string& name,
                               std::span<std::byte> room) {
     while (true) {
-        // The short wait bounds the moment between this test and poll() in which a signal is
-        // missed.
+        // A signal that comes between this test and poll() is missed. The short wait bounds the
+        // delay.
         if (interrupted()) return fail(Exit::interrupted, "interrupted");
         pollfd waiting{file.number(), POLLIN, 0};
         if (::poll(&waiting, 1, look_ms) <= 0) continue;
@@ -82,7 +82,7 @@ Result<std::size_t> read_some(const Descriptor& file, const std::string& name,
     }
 }
 
-/// All that comes until the end.
+/// Reads everything until the end.
 Result<protocol::Buffer> read_stream(const Descriptor& file, const std::string& name,
                                      std::uint64_t bytes_max, const CheckBegin& check) {
     std::size_t done = 0;
@@ -135,7 +135,7 @@ bool is_device(const std::string& path) {
 
 Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_max,
                                    const CheckBegin& check) {
-    // By its number also where it is a socket, which no path opens.
+    // Use descriptor 0: stdin may be a socket, which cannot be opened by a path.
     const bool standard = path == standard_stream || path == "/dev/stdin";
     const std::string name = shown_name(path);
     const Descriptor file(standard ? ::fcntl(STDIN_FILENO, F_DUPFD_CLOEXEC, 0)

@@ -1,4 +1,4 @@
-// Reading files: those that the user names, and those that a scene names beneath its folder.
+// Reads files: those that the user names, and those that a scene names below its folder.
 #pragma once
 
 #include "client/failure.h"
@@ -13,27 +13,27 @@
 
 namespace raynest::client {
 
-/// Bytes that are read of a pipe or a device at most: neither says how much will come.
+/// Maximum bytes read from a pipe or a device, whose size is unknown.
 inline constexpr std::uint64_t piped_bytes_max = 4ULL << 30;
 
 /// The name of stdin and stdout where a file is expected.
 inline constexpr const char* standard_stream = "-";
 
-/// A path as messages name it: "-" is stdin.
+/// Returns a path as messages name it: "-" is stdin.
 [[nodiscard]] std::string shown_name(const std::string& path);
 
-/// The ending of a file's name in small letters with its dot, ".png"; "" where there is none.
+/// Returns the ending of a file's name in small letters with its dot, ".png", or "".
 [[nodiscard]] std::string extension_of(const std::string& path);
-/// True for a device or a pipe, which takes any format: /dev/null.
+/// True for a device or a pipe, such as /dev/null, which takes any format.
 [[nodiscard]] bool is_device(const std::string& path);
 
 /// Checks the bytes of a pipe that have come: nothing where it takes more to judge, else how many
 /// the pipe may have at most. A failure ends the reading at once.
 using CheckBegin = std::function<Result<std::optional<std::uint64_t>>(std::span<const std::byte>)>;
 
-/// The bytes of the file at `path`, which the user named: a file, a pipe, a device, or stdin as "-"
-/// or /dev/stdin. A pipe is read to its end; it may have piped_bytes_max, and Ctrl-C ends the wait
-/// with exit code 130. Other faults: exit code 5, naming the file.
+/// Reads the file, pipe or device that the user named; "-" and /dev/stdin are stdin. A pipe is read
+/// to its end; it may have piped_bytes_max, and Ctrl-C ends the wait with exit code 130. Other
+/// errors give exit code 5 and name the file.
 Result<protocol::Buffer> read_file(const std::string& path, std::uint64_t bytes_max,
                                    const CheckBegin& check = {});
 

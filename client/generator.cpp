@@ -12,7 +12,7 @@ namespace raynest::client {
 namespace {
 
 struct Row {
-    std::string_view name, text;  ///< text: of a kind its keys, of a key what it is
+    std::string_view name, text;  ///< text: a kind's keys, or the description of a key
 };
 constexpr std::array kinds = {
 #define RAYNEST_GENERATOR(name, settings, t, rays) Row{#name, settings},
@@ -23,14 +23,14 @@ constexpr std::array keys = {
 #include "protocol/generators.def"
 };
 
-/// Does this kind stand where `pose` says, or where the world begins?
+/// True for kinds with the setting `pose`, which is the identity by default.
 bool has_pose(std::string_view kind) {
     return std::any_of(kinds.begin(), kinds.end(), [&](const Row& row) {
         return row.name == kind && row.text.find(" pose") != std::string_view::npos;
     });
 }
 
-/// "name=1,2.5": digits that float32 keeps.
+/// Returns "name=1,2.5" with the digits of float32.
 std::string setting(const std::string& name, const std::vector<double>& numbers) {
     std::string text = name;
     for (const double number : numbers) {
@@ -55,7 +55,7 @@ Result<void> take(Generate& to, const std::string& key, const std::string& value
     if (key == "lookat") return read(to.look_at, 6, 9, "ex,ey,ez,ax,ay,az[,ux,uy,uz]");
     if (key == "points") {
         to.points = value;
-        to.message.settings.push_back("points=");  // they follow: their file is nobody else's
+        to.message.settings.push_back("points=");  // the client reads the file and sends its points
         return {};
     }
     to.message.settings.push_back(key + "=" + value);
@@ -72,7 +72,7 @@ wire::GeneratorT Generate::at(const WorldPoint& origin) const {
                                         [](const std::string& each) {
                                             return each.starts_with("camera=");
                                         });
-    // Without a place it stands where the world begins.
+    // Without a pose the sensor is at the origin of the world.
     if (matrix.empty() && !elsewhere && has_pose(placed.kind) && origin != WorldPoint{})
         matrix = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     for (std::size_t row = 0; row < matrix.size() / 4; ++row) matrix[4 * row + 3] -= origin[row];

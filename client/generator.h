@@ -1,5 +1,5 @@
-// --generate KIND key=value...: rays that the daemon makes. What the words mean it checks itself; only
-// places, which travel less the scene's origin, and a file of points are read here.
+// --generate KIND key=value...: rays that the daemon makes. The daemon checks the words. The client
+// reads only positions, which it sends relative to the scene's origin, and a file of points.
 #pragma once
 
 #include "client/failure.h"
@@ -14,18 +14,18 @@ namespace raynest::client {
 
 struct Generate {
     wire::GeneratorT message;     ///< without pose and lookat
-    std::string points;           ///< file of the points that the rays start from
-    std::vector<double> pose;     ///< 12 numbers, or none
-    std::vector<double> look_at;  ///< 6 or 9 numbers, or none
+    std::string points;           ///< file of the points where rays start
+    std::vector<double> pose;     ///< 12 numbers or empty
+    std::vector<double> look_at;  ///< 6 or 9 numbers or empty
 
-    /// The message for a scene with this origin.
+    /// Returns the message for a scene with this origin.
     [[nodiscard]] wire::GeneratorT at(const WorldPoint& origin) const;
 };
 
-/// Reads the words behind --generate; exit code 2 where one is not key=value.
+/// Reads the words of --generate; exit code 2 if one is not key=value.
 Result<Generate> parse_generate(std::span<const std::string> words);
 
-/// Every kind with its keys, and every key with its text, for the help.
+/// Returns the help: every kind with its keys, and every key with its text.
 [[nodiscard]] std::string generate_help();
 
 }  // namespace raynest::client

@@ -14,7 +14,7 @@ namespace {
 
 using nlohmann::json;
 
-/// Walks the JSON and keeps buffers[*].uri and images[*].uri.
+/// Reads the JSON and keeps buffers[*].uri and images[*].uri.
 class UriCollector : public json::json_sax_t {
 public:
     std::vector<GltfFile> uris;  ///< not yet decoded
@@ -32,7 +32,7 @@ public:
         return value();
     }
     bool key(string_t& name) override {
-        // A list counts as buffers or images from its key in the root to the next one there.
+        // A key in the root begins a list; the list ends at the next key there.
         if (depth_ == 1) list_ = name;
         key_ = name;
         return true;
@@ -68,7 +68,7 @@ private:
 
     std::size_t depth_ = 0;
     std::string list_;  ///< the last key of the root
-    std::string key_;   ///< the last one of the innermost object
+    std::string key_;   ///< the last key of the innermost object
 };
 
 std::uint32_t word_at(std::span<const std::byte> bytes, std::size_t offset) {
@@ -82,7 +82,7 @@ constexpr std::uint32_t json_chunk = 0x4E4F534A;
 constexpr std::size_t glb_header_bytes = 12;
 constexpr std::size_t chunk_header_bytes = 8;
 
-/// Walks header and chunks; the JSON chunk comes first.
+/// Reads the header and the first chunk, which must be JSON.
 Result<std::span<const std::byte>> glb_json(std::span<const std::byte> file) {
     if (file.size() < glb_header_bytes) return fail(Exit::invalid, "is cut within its GLB header");
     if (word_at(file, 4) != 2)
@@ -91,7 +91,7 @@ Result<std::span<const std::byte>> glb_json(std::span<const std::byte> file) {
     if (word_at(file, 8) > file.size())
         return fail(Exit::invalid, "says that it has " + std::to_string(word_at(file, 8)) +
                                        " bytes, but has " + std::to_string(file.size()));
-    file = file.first(word_at(file, 8));  // bytes behind the scene are not part of it
+    file = file.first(word_at(file, 8));  // ignore bytes behind the declared length
     if (file.size() < glb_header_bytes + chunk_header_bytes)
         return fail(Exit::invalid, "is cut within its GLB header");
     std::span<const std::byte> found;
@@ -111,7 +111,7 @@ Result<std::span<const std::byte>> glb_json(std::span<const std::byte> file) {
     return found;
 }
 
-/// One part of a path. What is encoded must not become part of the path's structure.
+/// Decodes one part of a path. Encoded characters must not change the path's structure.
 std::optional<std::string> decode_part(std::string_view part) {
     std::string decoded;
     for (std::size_t i = 0; i < part.size(); ++i) {

@@ -16,7 +16,7 @@ void note(int) {
 void catch_interrupts() {
     struct sigaction action = {};
     action.sa_handler = note;
-    // Without SA_RESTART: a waiting poll() wakes up. The second signal has its default effect.
+    // No SA_RESTART: a waiting poll() must wake up. SA_RESETHAND: a second signal ends the process.
     action.sa_flags = static_cast<int>(SA_RESETHAND);
     sigemptyset(&action.sa_mask);
     sigaction(SIGINT, &action, nullptr);

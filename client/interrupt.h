@@ -1,9 +1,9 @@
-// Ctrl-C: noted, so that the running request can be cancelled before the process ends.
+// Notes Ctrl-C, so that the running request can be cancelled before the process ends.
 #pragma once
 
 namespace raynest::client {
 
-/// From now on the first SIGINT or SIGTERM is only noted; a second one ends the process.
+/// Makes the first SIGINT or SIGTERM a note only; a second one ends the process.
 void catch_interrupts();
 [[nodiscard]] bool interrupted();
 

@@ -1,4 +1,4 @@
-// What render, query and heatmap share: the job part of a request, and what ran.
+// Shared by render, query and heatmap: the job part of a request, and its outcome.
 #pragma once
 
 #include "client/connection.h"
@@ -17,33 +17,33 @@ namespace raynest::client {
 [[nodiscard]] std::unique_ptr<wire::JobT> job_message(const JobOptions& options);
 [[nodiscard]] std::unique_ptr<wire::CameraT> camera_message(const CameraOptions& options,
                                                             const WorldPoint& origin);
-/// Of --deadline; 0 when there is none.
+/// Converts --deadline; 0 means no deadline.
 [[nodiscard]] std::chrono::milliseconds deadline_of(double seconds);
 
-/// STARTED and DONE in one: filled as their frames come.
+/// The contents of STARTED and DONE, filled as the frames come.
 struct Outcome {
     std::string scene, hash, intersector, target, traversal, worker, worker_reason;
-    std::string camera;  ///< of a picture
+    std::string camera;  ///< pictures only
     std::uint64_t epoch = 0;
     std::vector<std::string> notes;
-    std::uint64_t rays_announced = 0;  ///< of a query, by STARTED
-    WorldPoint origin{};               ///< of the scene, by STARTED
-    std::vector<std::string> hidden;   ///< columns that users did not ask for, by STARTED
+    std::uint64_t rays_announced = 0;  ///< queries only, from STARTED
+    WorldPoint origin{};               ///< the scene's, from STARTED
+    std::vector<std::string> hidden;   ///< columns that users did not ask for, from STARTED
     std::uint64_t rays = 0, hits = 0, misses = 0, truncated = 0;
     std::uint64_t invalid = 0, first_invalid = 0;
-    std::optional<std::uint64_t> rows;  ///< of a query, by DONE
+    std::optional<std::uint64_t> rows;  ///< queries only, from DONE
     double seconds = 0, queued_seconds = 0;
-    wire::HeatStatisticsT heat;  ///< of a heat map
-    std::uint64_t detached = 0;  ///< number of the job that goes on without us; 0: it has ended
+    wire::HeatStatisticsT heat;  ///< heat maps only
+    std::uint64_t detached = 0;  ///< number of a detached job; 0: the job has ended
 };
-/// Takes what a STARTED, DONE or DETACHED frame says; leaves other frames alone.
+/// Reads a STARTED, DONE or DETACHED frame; ignores others.
 Result<void> take_news(const protocol::Frame& frame, Outcome& outcome);
 
-/// The keys that every job's JSON has.
+/// Returns the JSON keys that all jobs have.
 [[nodiscard]] Json outcome_json(const Outcome& outcome);
 /// "518,400 rays in 0.412 s (1.26 Mrays/s), alpha_mask on v3, stream, forest epoch 1".
 [[nodiscard]] std::string outcome_text(const Outcome& outcome);
-/// The daemon's remarks, on stderr.
+/// Prints the daemon's notes on stderr.
 void print_notes(const Outcome& outcome);
 
 }  // namespace raynest::client

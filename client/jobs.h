@@ -1,4 +1,4 @@
-// What wait, fetch, cancel and jobs share: how a job of the daemon reads.
+// Shared by wait, fetch, cancel and jobs: texts about a job of the daemon.
 #pragma once
 
 #include "client/connection.h"
@@ -10,14 +10,14 @@
 namespace raynest::client {
 
 [[nodiscard]] Json job_json(const wire::JobInfo& info);
-/// "query", or "query closest".
+/// Returns "query", or "query closest".
 [[nodiscard]] std::string job_kind(const wire::JobInfo& info);
-/// "job 17 (query closest, forest)".
+/// Returns "job 17 (query closest, forest)".
 [[nodiscard]] std::string job_text(const wire::JobInfo& info);
-/// Why a job failed, as its own client would have read it; nothing when it did not.
+/// Fails with the error of a failed job, as its own client would have read it.
 Result<void> check_job(const wire::JobInfo& info);
-/// What is told about the job of this number. Asks for a list that begins with it; JOB_UNKNOWN when
-/// it does not.
+/// The daemon's entry for a job. find_job() asks for a list that begins with the job's number, and
+/// fails with JOB_UNKNOWN if the list begins with another.
 struct FoundJob {
     Reply<wire::JobList> list;
     const wire::JobInfo* info = nullptr;

@@ -20,7 +20,7 @@ std::string_view as_text(std::span<const std::byte> bytes) {
     return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-/// The text behind 'key': in the header's dict, or nothing.
+/// Returns the text after 'key': in the header's dict, or nothing.
 std::optional<std::string_view> value_of(std::string_view dict, std::string_view key) {
     const std::size_t at = dict.find("'" + std::string(key) + "'");
     if (at == std::string_view::npos) return std::nullopt;
@@ -48,7 +48,7 @@ std::optional<std::vector<std::uint64_t>> parse_shape(std::string_view text) {
     }
 }
 
-/// Product of the shape and the element size; nothing when it does not fit 64 bits.
+/// Returns the product of the shape and the element size; nothing if it exceeds 64 bits.
 std::optional<std::uint64_t> byte_count(const std::vector<std::uint64_t>& shape,
                                         std::uint64_t element) {
     std::uint64_t bytes = element;
@@ -61,7 +61,7 @@ tl::unexpected<Failure> refuse(std::string why) {
     return fail(Exit::invalid, std::move(why));
 }
 
-/// Bytes of an element; nothing for what is no real number that is read here.
+/// Returns the bytes of an element; nothing for types that are not supported.
 std::optional<std::uint64_t> element_bytes(std::string_view dtype) {
     constexpr std::array known = {"f2", "f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"};
     if (dtype.size() != 3 || std::ranges::find(known, dtype.substr(1)) == known.end())
@@ -69,7 +69,7 @@ std::optional<std::uint64_t> element_bytes(std::string_view dtype) {
     return static_cast<std::uint64_t>(dtype[2] - '0');
 }
 
-/// What an array of another dtype holds, in words.
+/// Describes the contents of an array with an unsupported dtype.
 std::string contents(std::string_view descr) {
     if (descr.starts_with('[')) return "records with named fields";
     const std::string dtype(descr.substr(1, descr.find('\'', 1) - 1));
@@ -82,7 +82,7 @@ std::string contents(std::string_view descr) {
     return "values of dtype '" + dtype + "'";
 }
 
-/// A float16 as NumPy stores it: IEEE 754 binary16.
+/// A float16: IEEE 754 binary16.
 struct Half {
     std::uint16_t bits;
     explicit operator float() const {
@@ -148,7 +148,7 @@ auto with_type(const Array& array, const Use& use) {
     }
 }
 
-/// Appends little-endian numbers: the shape of every ZIP record.
+/// Appends little-endian numbers, of which ZIP records consist.
 class Writer {
 public:
     explicit Writer(std::vector<std::byte>& out) : out_(out) {}
@@ -288,11 +288,11 @@ double value_at(const Array& array, std::uint64_t row, std::uint64_t column) {
 std::vector<std::byte> format_npy(const Array& array) {
     std::string header = "{'descr': '" + array.dtype + "', 'fortran_order': False, 'shape': (";
     for (const std::uint64_t size : array.shape) header += std::to_string(size) + ", ";
-    // One dimension keeps its comma; more lose it.
+    // A tuple of one number ends with a comma, others do not.
     if (array.shape.size() == 1) header.pop_back();
     if (array.shape.size() > 1) header.resize(header.size() - 2);
     header += "), }";
-    // The array begins at a multiple of 64, and the header ends with a line break.
+    // Pad the header so that the array begins at a multiple of 64; a line break ends it.
     const std::size_t unpadded = magic.size() + 4 + header.size() + 1;
     header.append(protocol::padded(unpadded) - unpadded, ' ');
     header += '\n';

@@ -1,8 +1,8 @@
-// NumPy's files: .npy in and out, and .npz out.
+// Reads and writes NumPy's .npy files, and writes .npz files.
 //
-// A .npy is a magic, a header that reads as a Python dict, and the raw array; a .npz is a ZIP
-// archive of them. Written are C order and little endian; read are also Fortran order, big endian
-// and all sizes of real numbers, as numpy.save leaves them.
+// A .npy is a magic, a header in the form of a Python dict, and the raw array; a .npz is a ZIP
+// archive of .npy files. This client writes C order and little endian. It also reads Fortran order,
+// big endian and all sizes of real numbers.
 #pragma once
 
 #include "client/failure.h"
@@ -18,12 +18,12 @@
 
 namespace raynest::client {
 
-/// An array in memory: dtype as NumPy writes it ("<f4", "<u8", "|u1").
+/// An array in memory; dtype in NumPy's notation ("<f4", "<u8", "|u1").
 struct Array {
     std::string dtype;
     std::vector<std::uint64_t> shape;
     std::span<const std::byte> bytes;
-    bool fortran = false;  ///< column by column, rather than row by row
+    bool fortran = false;  ///< stored column by column
 };
 
 /// What a .npy will be, by its header.
@@ -35,28 +35,28 @@ struct NpyHeader {
 /// Reads the header alone; nothing where `begin` ends within it. Exit code 5 as parse_npy().
 Result<std::optional<NpyHeader>> read_npy_header(std::span<const std::byte> begin);
 
-/// Reads the header of .npy bytes; `bytes` of the result points into `file`. Exit code 5 when it is
-/// no .npy, holds anything but floats and integers, or is not as long as its shape says.
+/// Reads the header of a .npy; `bytes` of the result points into `file`. Exit code 5 if `file` is no
+/// .npy, holds anything but floats and integers, or has not the length of its shape.
 Result<Array> parse_npy(std::span<const std::byte> file);
 
-/// True for an array whose rows lie in memory as read_rows() gives them.
+/// True if the array's rows in memory are already those that read_rows() would give.
 [[nodiscard]] bool has_float_rows(const Array& array);
-/// Rows of a two-dimensional array from `first` on, until `out` is full. `less` is subtracted from
-/// the first columns, in double, before they are rounded to float32.
+/// Fills `out` with rows of a two-dimensional array from `first` on. Subtracts `less` from the
+/// first columns, in double, before it rounds them to float32.
 void read_rows(const Array& array, std::uint64_t first, std::span<float> out,
                std::span<const double> less = {});
 
 /// One number of a two-dimensional array.
 [[nodiscard]] double value_at(const Array& array, std::uint64_t row, std::uint64_t column);
 
-/// The whole file.
+/// Returns the whole file.
 [[nodiscard]] std::vector<std::byte> format_npy(const Array& array);
 
 struct NamedArray {
     std::string name;  ///< key in the .npz
     Array array;
 };
-/// An archive of NAME.npy members, not compressed, in ZIP64: no limit on sizes.
+/// Returns an archive of NAME.npy members: not compressed, ZIP64, so that sizes have no limit.
 [[nodiscard]] std::vector<std::byte> format_npz(std::span<const NamedArray> arrays);
 
 /// CRC-32 as ZIP uses it (reflected polynomial 0xEDB88320).

@@ -53,7 +53,7 @@ Result<std::vector<double>> parse_world(const std::string& text, std::size_t few
         const char* begin = part.c_str() + (part.starts_with('+') ? 1 : 0);
         double value = 0;
         const auto [end, error] = std::from_chars(begin, part.c_str() + part.size(), value);
-        // Numbers travel as float32, those of the world less the scene's origin.
+        // Numbers are sent as float32, positions relative to the scene's origin.
         const bool fits = !std::isfinite(value) || std::abs(value) <= double{float_max};
         if (error == std::errc::result_out_of_range || (error == std::errc{} && !fits))
             return fail(Exit::usage, "'" + part + "' does not fit a 32-bit float");

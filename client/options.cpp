@@ -26,7 +26,7 @@ constexpr const char* examples = R"(Example:
 
 )";
 
-/// What somebody reads who types the bare name: three commands that work.
+/// The answer to a command line without a command: three commands that work.
 constexpr const char* first_steps = R"(say what to do. While a daemon runs (raynestd &), these work:
   raynest load builtin:forest
   raynest query forest --ray 8,50,-8,0,-1,0
@@ -218,8 +218,8 @@ void declare(CLI::App& app, LoadTestOptions& load_test) {
                "each client sends when it has its answer)");
 }
 
-/// The subcommands: a name, an example to type, a line of text, and the options that declare()
-/// adds.
+/// The subcommands. Each has a name, an example, a line of text, and the options that its
+/// declare() adds.
 class Subcommands {
 public:
     Subcommands(CLI::App& app, Options& options) : app_(app), options_(options) {
@@ -248,15 +248,15 @@ public:
         add<LoadTestOptions>("load-test", "load-test forest --clients 8 --rays 64 --seconds 10",
                              "measure round trips and throughput, beside bare sockets");
     }
-    /// The help of the chosen subcommand, or of the whole; the first thing is something to type.
+    /// Returns the help of the chosen subcommand, or of the program; it begins with an example.
     [[nodiscard]] std::string help() const {
         const std::vector<CLI::App*> chosen = app_.get_subcommands();
         if (chosen.empty()) return examples + app_.help();
         return "Example:\n  raynest " + examples_.at(chosen[0]) + "\n\n" +
                chosen[0]->help("raynest");
     }
-    /// What is wrong with the first word that nobody took: an option that there is not, or no
-    /// subcommand; "" when nothing is. Without it CLI11 may name what is missing in its place.
+    /// Returns a message about the first unused word, which is an unknown option or subcommand, or
+    /// "". CLI11 alone might complain of a missing option instead.
     [[nodiscard]] std::string complaint() const {
         const std::vector<std::string> words = app_.remaining(true);
         for (const std::string& word : words)

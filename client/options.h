@@ -1,4 +1,4 @@
-// What the command line says, as plain structs; options.cpp is the only file that knows CLI11.
+// The options of the command line as plain structs; only options.cpp uses CLI11.
 #pragma once
 
 #include "client/failure.h"
@@ -14,10 +14,10 @@ namespace raynest::client {
 
 using Ray = std::array<float, 8>;  ///< ox oy oz tmin dx dy dz tmax
 using WorldRay = std::array<double, 8>;
-/// A point in the world; what travels is less the scene's origin.
+/// A point in the world; points are sent relative to the scene's origin.
 using WorldPoint = std::array<double, 3>;
 
-/// Common to render, query and heatmap.
+/// Options of render, query and heatmap.
 struct JobOptions {
     std::string scene;
     std::string intersector;
@@ -56,7 +56,7 @@ struct PathOptions {
     std::string path;  ///< an id, or a text such as birch-17/leaves
     std::uint64_t epoch = 0;
 };
-/// Scenes by name, or all, or those that were not used for `idle_ms`.
+/// Selects scenes by name, all, or those that were not used for `idle_ms`.
 struct UnloadOptions {
     std::vector<std::string> scenes;
     bool all = false;
@@ -64,7 +64,7 @@ struct UnloadOptions {
 };
 struct VariantsOptions {};
 struct StatsOptions {};
-/// Common to render and heatmap.
+/// Options of render and heatmap.
 struct PictureOptions {
     JobOptions job;
     CameraOptions camera;
@@ -80,8 +80,8 @@ struct QueryOptions {
     std::vector<WorldRay> rays;
     std::vector<std::string> generate;  ///< a kind and key=value (generator.h), or empty
     std::string rays_file, kind, reduce, output;
-    std::optional<WorldPoint> from;  ///< where all rays of the file start
-    std::uint32_t max_hits = 0;      ///< 0: what the kind has by default
+    std::optional<WorldPoint> from;  ///< common origin of the file's rays
+    std::uint32_t max_hits = 0;      ///< 0: the kind's default
     std::vector<std::string> fields;
 };
 struct HeatmapOptions : PictureOptions {
@@ -104,11 +104,11 @@ struct LoadTestOptions {
     JobOptions job;
     std::string kind = "closest";
     std::vector<std::string> fields;
-    std::uint32_t max_hits = 0;  ///< 0: what the kind has by default
+    std::uint32_t max_hits = 0;  ///< 0: the kind's default
     std::uint32_t clients = 1;
-    std::uint32_t rays = 1;  ///< of each request
+    std::uint32_t rays = 1;  ///< per request
     double seconds = 5;
-    double rate = 0;  ///< requests per second of all clients; 0: each as soon as it can
+    double rate = 0;  ///< requests per second of all clients together; 0: as many as possible
 };
 
 using CommandOptions =
@@ -124,14 +124,14 @@ struct Options {
     CommandOptions command;
 };
 
-/// A text to print instead of running (help or version), or the options; exit code 2 for a mistake.
+/// The options, or a text to print instead (help or version). Mistakes give exit code 2.
 struct Parsed {
     std::string text;
     std::optional<Options> options;
 };
 Result<Parsed> parse_options(int argc, const char* const* argv);
 
-/// "ox,oy,oz,dx,dy,dz[,tmin,tmax]".
+/// Parses "ox,oy,oz,dx,dy,dz[,tmin,tmax]".
 Result<WorldRay> parse_ray(const std::string& text);
 
 }  // namespace raynest::client

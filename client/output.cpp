@@ -20,7 +20,7 @@ bool is_number(const std::string& text) {
                                              (text[0] == '-' && text.size() > 1)));
 }
 
-/// Letters, not bytes: names may be UTF-8.
+/// Counts letters, not bytes: names may be UTF-8.
 std::size_t letters(const std::string& text) {
     return static_cast<std::size_t>(std::count_if(text.begin(), text.end(), [](char c) {
         return (static_cast<unsigned char>(c) & 0xC0) != 0x80;
@@ -32,7 +32,7 @@ std::size_t letters(const std::string& text) {
 Result<void> check_stdout() {
     std::cout.flush();
     if (std::cout) return {};
-    // A reader that has read enough, such as head, ends the program in silence.
+    // End silently if the reader, such as head, has closed the pipe.
     pollfd out{STDOUT_FILENO, POLLOUT, 0};
     if (::poll(&out, 1, 0) == 1 && (out.revents & POLLERR) != 0) {
         ::signal(SIGPIPE, SIG_DFL);
@@ -52,7 +52,7 @@ void print_table(const std::vector<std::vector<std::string>>& rows) {
         for (std::size_t i = 0; i < row.size(); ++i)
             widths[i] = std::max(widths[i], letters(row[i]));
     }
-    // A column of numbers below its title is set to the right, title included.
+    // Align a column of numbers to the right, with its title.
     std::vector<bool> right(widths.size(), rows.size() > 1);
     for (std::size_t r = 1; r < rows.size(); ++r)
         for (std::size_t i = 0; i < rows[r].size(); ++i)

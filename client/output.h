@@ -1,4 +1,4 @@
-// How answers read on stdout: aligned tables and plain numbers for people, JSON for programs.
+// Formats answers for stdout: aligned tables and plain numbers for people, JSON for programs.
 #pragma once
 
 #include "client/failure.h"
@@ -13,28 +13,28 @@
 
 namespace raynest::client {
 
-/// Keys stay in the order in which they were added.
+/// JSON whose keys keep the order in which they were added.
 using Json = nlohmann::ordered_json;
 
-/// Fails where what was printed did not all go out. A command that prints much asks as it goes: its
-/// work ends with its reader.
+/// Fails if a write to stdout failed. A command that prints much calls this as it goes, so that it
+/// stops when its reader does.
 [[nodiscard]] Result<void> check_stdout();
 
 void print_json(const Json& value, std::ostream& to = std::cout);
 
-/// Columns as wide as their widest cell; cells that are numbers are set to the right.
+/// Prints columns as wide as their widest cell; columns of numbers are aligned to the right.
 void print_table(const std::vector<std::vector<std::string>>& rows);
 
-/// "1,234,567".
+/// Returns "1,234,567".
 [[nodiscard]] std::string grouped(std::uint64_t number);
 using protocol::bytes_text;
-/// "0.412 s".
+/// Returns "0.412 s".
 [[nodiscard]] std::string seconds_text(double seconds);
-/// "12s", "5m", "3h", "2d": in the largest unit that gives at least 1.
+/// Returns "12s", "5m", "3h" or "2d", in the largest unit that gives at least 1.
 [[nodiscard]] std::string age_text(double seconds);
-/// The shortest text that reads as the same float, as JSON wants it ("null" when not finite).
+/// Returns the shortest text of a float that reads back the same; "null" if it is not finite.
 [[nodiscard]] std::string float_text(float value);
-/// The same of a coordinate in the world, of which the scene's origin was subtracted.
+/// The same for a coordinate in the world, given relative to the scene's origin.
 [[nodiscard]] std::string world_text(float relative, double origin);
 
 }  // namespace raynest::client

@@ -19,14 +19,14 @@
 namespace raynest::client {
 namespace {
 
-/// Names of unfinished files that are tried, should others lie there already.
+/// Number of names to try for the unfinished file, in case some exist already.
 constexpr int names_max = 100;
 
 struct Destination {
-    std::string path;            ///< without links
-    bool exists = false;         ///< what is there: a file, a pipe or a device
-    bool in_place = false;       ///< opened and written, rather than replaced by a new file
-    std::optional<mode_t> mode;  ///< of the file that is replaced
+    std::string path;            ///< with links resolved
+    bool exists = false;         ///< there is a file, pipe or device
+    bool in_place = false;       ///< write into it instead of replacing it
+    std::optional<mode_t> mode;  ///< mode of the replaced file
 };
 
 tl::unexpected<Failure> cannot_write(const std::string& path, const std::string& why) {
@@ -45,14 +45,14 @@ bool can_write(const std::string& path, int mode) {
 Result<Destination> destination_of(const std::string& path) {
     struct stat status = {};
     if (::stat(path.c_str(), &status) != 0) {
-        // A link to nothing is written in place: that makes its end.
+        // Write a dangling link in place: that creates its target.
         if (::lstat(path.c_str(), &status) == 0) return Destination{path, false, true, {}};
         if (can_write(folder_of(path), W_OK | X_OK)) return Destination{path, false, false, {}};
         return cannot_write(path, std::strerror(errno));
     }
     if (S_ISDIR(status.st_mode)) return cannot_write(path, "it is a folder");
     constexpr mode_t writable = S_IWUSR | S_IWGRP | S_IWOTH;
-    // For root no file is read-only, but its mode says that it is meant to be.
+    // Respect a read-only mode: root could write the file all the same.
     if (S_ISREG(status.st_mode) && (status.st_mode & writable) == 0)
         return cannot_write(path, "it is read-only; chmod +w it, or give -o another name");
     if (!can_write(path, W_OK)) return cannot_write(path, std::strerror(errno));
@@ -88,7 +88,7 @@ Result<void> write_in_place(const Destination& to, const std::string& path,
 
 Result<void> replace(const Destination& to, const std::string& path,
                      std::span<const std::byte> bytes) {
-    // Named without the file's own name, which may be as long as a name can be.
+    // Leave out the file's own name, which may already have the maximum length.
     const std::string stem = folder_of(to.path) + ".raynest-" + std::to_string(::getpid()) + "-";
     std::string temporary;
     Descriptor file;

@@ -1,9 +1,9 @@
-// Where -o writes: a file, a link's end, a pipe, a device, or stdout.
+// The destination of -o: a file, the target of a link, a pipe, a device, or stdout.
 //
-// A new file takes the place of an old one when all of its bytes are there, and keeps its mode. A
-// file is written in place where that would change more than its bytes: its folder cannot be
-// written, it belongs to somebody else, or it has further names. Devices and pipes are written in
-// place, and so is the end of a link, which stays a link.
+// A complete new file replaces an old one and keeps its mode. A file is written in place if
+// replacing it would change more than its bytes: if its folder cannot be written, if it belongs to
+// another user, or if it has further names. Devices, pipes and targets of links are written in
+// place; a link stays a link.
 #pragma once
 
 #include "client/failure.h"
@@ -15,17 +15,17 @@
 
 namespace raynest::client {
 
-/// True for "-" and for "-.exr": the ending says what is written to stdout.
+/// True for "-" and for "-.exr", whose ending is the format.
 [[nodiscard]] bool is_stdout(const std::string& path);
 
-/// Where a command says what it has written: stdout, unless that has the bytes themselves.
+/// Returns the stream for a command's summary: stdout, or stderr if stdout has the bytes.
 [[nodiscard]] std::ostream& summary_of(const std::string& path);
 
-/// Refuses a path that write_file() could not write. Called before work of minutes, whose result
-/// would be lost.
+/// Fails for a path that write_file() could not write. Called before long work, whose result would
+/// otherwise be lost.
 Result<void> check_writable(const std::string& path);
 
-/// Writes a whole file. On failure no part of a new file is left behind.
+/// Writes a whole file. After a failure no part of a new file remains.
 Result<void> write_file(const std::string& path, std::span<const std::byte> bytes);
 
 }  // namespace raynest::client

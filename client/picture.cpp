@@ -9,7 +9,7 @@
 namespace raynest::client {
 namespace {
 
-/// Appends a piece after checking that it is the next one.
+/// Appends the bytes of a frame after checking that they are the next ones.
 Result<void> take_piece(const protocol::Frame& frame, ReceivedPicture& picture) {
     const auto opened = protocol::open<wire::Picture>(frame);
     if (!opened) return tl::unexpected<Failure>(failure(opened.error()));

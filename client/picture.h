@@ -1,4 +1,4 @@
-// What render and heatmap share: a request for a picture, its answer, and the line about it.
+// Shared by render and heatmap: the request for a picture, its answer, and its summary.
 #pragma once
 
 #include "client/connection.h"
@@ -15,11 +15,11 @@
 
 namespace raynest::client {
 
-/// "raw" for a .npy, which the client writes; else the ending, which the daemon encodes; of stdout
-/// as "-" it is png.
+/// Returns the encoding: "raw" for a .npy, which the client writes; else the ending, which the
+/// daemon encodes; png for stdout as "-".
 [[nodiscard]] std::string encoding_of(const std::string& output);
 
-/// A wire::RenderT or wire::HeatmapT but for what only one of them has.
+/// Makes a wire::RenderT or wire::HeatmapT with the fields that both have.
 template <class Request>
 [[nodiscard]] Request picture_request(const PictureOptions& options) {
     Request request;
@@ -61,14 +61,14 @@ Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,
     return picture;
 }
 
-/// The bytes of a raw one as a .npy: four per pixel.
+/// Returns a raw picture, of four bytes per pixel, as a .npy.
 [[nodiscard]] Result<std::vector<std::byte>> npy_file(const ReceivedPicture& picture,
                                                       const char* dtype,
                                                       std::vector<std::uint64_t> shape);
 
-/// The keys that the JSON of every picture has.
+/// Returns the JSON keys that all pictures have.
 [[nodiscard]] Json picture_json(const std::string& file, const ReceivedPicture& picture);
-/// "forest.png: 960x540, " and outcome_text().
+/// Returns "forest.png: 960x540, " and outcome_text().
 [[nodiscard]] std::string picture_text(const std::string& file, const ReceivedPicture& picture);
 
 }  // namespace raynest::client

@@ -16,7 +16,7 @@ namespace {
 constexpr auto first_after = 500ms;
 constexpr auto drawn_every = 100ms;
 
-/// Signals wake the thread that waits for the daemon, not the one that draws.
+/// Blocks signals in the drawing thread, so that they wake the thread that waits for the daemon.
 class SignalsBlocked {
 public:
     SignalsBlocked() {

@@ -1,4 +1,4 @@
-// How far long work has come: a bar on stderr where that is a terminal, else nothing.
+// Shows the progress of long work: a bar on stderr if that is a terminal, else nothing.
 #pragma once
 
 #include <chrono>
@@ -11,12 +11,12 @@
 
 namespace raynest::client {
 
-/// The bar appears half a second after the work began, and its clock runs on also while nothing is
-/// heard of the daemon: a thread draws it.
+/// The bar appears half a second after the work began. A thread draws it, so that its clock goes on
+/// while the daemon is silent.
 class Progress {
 public:
     enum class Style { none, bar };
-    /// A bar for a terminal, nothing otherwise or when `quiet`.
+    /// Returns the bar if stderr is a terminal and not `quiet`.
     static Style style_for_stderr(bool quiet);
 
     explicit Progress(Style style);
@@ -25,9 +25,9 @@ public:
     Progress(const Progress&) = delete;
     Progress& operator=(const Progress&) = delete;
 
-    /// `total` 0 means that the end is not known. Cheap: the bar is drawn ten times a second.
+    /// Sets the progress; `total` 0 means unknown. Cheap: the bar is drawn ten times a second.
     void update(std::uint64_t done, std::uint64_t total, std::string_view stage);
-    /// Removes the bar before something else is printed; the next update() brings it back.
+    /// Removes the bar before other output; the next update() shows it again.
     void clear();
 
 private:
@@ -38,12 +38,12 @@ private:
 
     const Style style_;
     const Clock::time_point start_ = Clock::now();
-    std::mutex mutex_;  ///< guards what follows
+    std::mutex mutex_;  ///< guards the members below
     std::condition_variable wake_;
     std::uint64_t done_ = 0;
     std::uint64_t total_ = 0;
     std::string stage_ = "working";
-    bool shown_ = true;  ///< rather than removed by clear()
+    bool shown_ = true;  ///< false after clear()
     bool visible_ = false;
     bool stopped_ = false;
     std::thread thread_;

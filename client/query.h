@@ -1,4 +1,4 @@
-// A query as a stream: rays go out as credit allows, chunks of columns come back in order.
+// Runs a query: sends rays as credit allows and delivers chunks of columns in order.
 #pragma once
 
 #include "client/connection.h"
@@ -17,15 +17,15 @@
 
 namespace raynest::client {
 
-/// Rows [first_ray, first_ray + count) of the answer, one per ray unless the query reduces. Columns
-/// are checked: those of hits have one element per hit, all others one per ray. `splits` holds
-/// count + 1 offsets into the columns of hits: of a query for one hit per ray, 0, 1, 2, ...
+/// Rows [first_ray, first_ray + count) of the answer, one per ray unless the query reduces. The
+/// columns are checked: hit columns have an element per hit, all others one per ray. `splits` has
+/// count + 1 offsets into the hit columns: 0, 1, 2, ... for kinds with one hit per ray.
 struct QueryChunk {
     std::uint64_t first_ray = 0;
     std::uint32_t count = 0;
     std::span<const std::uint64_t> splits;
-    std::span<const protocol::BlockView> columns;  ///< ray_splits is not among them
-    WorldPoint origin{};                           ///< to be added to columns of points
+    std::span<const protocol::BlockView> columns;  ///< without ray_splits
+    WorldPoint origin{};                           ///< to add to columns of points
     std::span<const std::string> hidden{};         ///< columns that users did not ask for
 
     [[nodiscard]] bool shows(std::string_view column) const {
@@ -33,14 +33,14 @@ struct QueryChunk {
     }
 };
 
-/// Runs `request` over `rays`, which are the points of a hemisphere and none of another generator;
-/// `consume` gets every chunk, in ray order, and may fail. Ends with the last ray where the request
-/// is detached.
+/// Runs `request`. `rays` are its rays or the points of a hemisphere; other generators have none.
+/// `consume` gets every chunk in the order of rays, and may fail. A detached request ends when its
+/// last ray is sent.
 Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
                           const RaySource& rays, Progress& progress,
                           const std::function<Result<void>(const QueryChunk&)>& consume);
 
-/// Reads the answer of a query that was detached; chunks as above.
+/// Reads the answer of a detached query; `consume` as above.
 Result<Outcome> fetch_query(Connection& connection, const wire::FetchT& request, Progress& progress,
                             const std::function<Result<void>(const QueryChunk&)>& consume);
 

@@ -21,7 +21,7 @@ T value_at(const BlockView& block, std::uint64_t index) {
     return value;
 }
 
-/// One value of an element as text, the same for tables and JSON.
+/// Returns a value of an element as text, the same for tables and JSON.
 std::string value_text(const BlockView& block, std::uint64_t element, std::uint32_t part,
                        const WorldPoint& origin) {
     const std::uint64_t index = element * block.width() + part;
@@ -39,7 +39,7 @@ std::string value_text(const BlockView& block, std::uint64_t element, std::uint3
     return "null";
 }
 
-/// uv is two keys; other wide columns are one key with a list.
+/// Returns the titles of a column: uv has two; other wide columns are one key with a list.
 std::vector<std::string> titles_of(const BlockView& block) {
     if (block.name == "uv" && block.width() == 2) return {"u", "v"};
     if (block.width() == 1) return {std::string(block.name)};
@@ -122,7 +122,7 @@ Result<void> QueryRows::print(const QueryChunk& chunk) {
 
 namespace {
 
-/// Hits [first, last) of a ray: none for a closest query's miss.
+/// Returns the hits [first, last) of a ray: none for a closest query's miss.
 std::pair<std::uint64_t, std::uint64_t> hits_of(const QueryChunk& chunk, std::uint32_t ray) {
     const BlockView* hit = protocol::find_block(chunk.columns, "hit");
     const bool miss =
@@ -130,7 +130,7 @@ std::pair<std::uint64_t, std::uint64_t> hits_of(const QueryChunk& chunk, std::ui
     return {chunk.splits[ray], miss ? chunk.splits[ray] : chunk.splits[ray + 1]};
 }
 
-/// Told by the column `flags`, shown or not.
+/// True if the column `flags`, which may be hidden, says so.
 bool is_invalid(const QueryChunk& chunk, std::uint32_t ray) {
     constexpr std::uint8_t flag_invalid = 1;
     const BlockView* flags = protocol::find_block(chunk.columns, "flags");
@@ -176,7 +176,7 @@ void QueryRows::print_titles(const std::vector<Column>& columns) {
 
 void QueryRows::print_table_ray(const QueryChunk& chunk, const std::vector<Column>& columns,
                                 std::uint32_t ray) const {
-    // A ray without hits is one row with a dash for what only a hit has.
+    // Print a ray without hits as one row with dashes in hit columns.
     const auto [first, last] = hits_of(chunk, ray);
     for (std::uint64_t hit = first; hit < std::max(last, first + 1); ++hit) {
         std::string line = set_right(std::to_string(chunk.first_ray + ray), ray_width);

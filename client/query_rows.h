@@ -1,4 +1,4 @@
-// Query answers as rows on stdout: an aligned table, or one JSON object per ray.
+// Prints the answer of a query on stdout: an aligned table, or one JSON object per ray.
 #pragma once
 
 #include "client/query.h"
@@ -10,8 +10,8 @@ namespace raynest::client {
 
 class QueryRows {
 public:
-    /// `fields` in the order in which they are shown. A ray of a closest query is a miss where the
-    /// column `hit` is 0; that column is shown only when it is among `fields`.
+    /// `fields` are in the order of the output. A ray of a closest query is a miss if the column
+    /// `hit` is 0; that column is shown only if it is among `fields`.
     QueryRows(std::string kind, std::vector<std::string> fields, bool json);
 
     /// Prints the chunk's rays.
@@ -32,10 +32,10 @@ private:
     bool titled_ = false;
 };
 
-/// Rows of a reduced answer, which are neither rays nor hits: every column, in the daemon's order.
+/// Prints rows of a reduced answer: all columns, in the daemon's order.
 class ReducedRows {
 public:
-    /// `number` is the title of the rows' numbers; empty where the columns say what a row is of.
+    /// `number` is the title of a column with row numbers; empty: no such column.
     ReducedRows(std::string number, bool json);
 
     Result<void> print(const QueryChunk& chunk);

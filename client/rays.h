@@ -1,4 +1,4 @@
-// Where a query's rays come from: the command line or a .npy file.
+// The rays of a query, from the command line or a .npy file.
 #pragma once
 
 #include "client/failure.h"
@@ -19,29 +19,29 @@ namespace raynest::client {
 
 class RaySource {
 public:
-    /// Rays of the command line, less the scene's origin.
+    /// Takes rays of the command line; subtracts the scene's origin.
     explicit RaySource(const std::vector<WorldRay>& rays, const WorldPoint& scene_origin = {});
-    /// `width` values for each ray, as they travel: 3 with an origin, else 6 or 8.
+    /// Takes `width` values per ray, in the form that is sent: 3 with an origin, else 6 or 8.
     RaySource(std::vector<float> values, std::uint32_t width,
               const std::optional<wire::Vec3>& common_origin = std::nullopt);
-    /// An array of shape (N, 6), origins and directions, or (N, 8), with tmin and tmax, or, where
-    /// all start at one point, (N, 3), directions; one ray may lack its brackets, and there may be
-    /// none. Any real numbers, which are rounded to float32. Exit code 5 for anything else.
+    /// Opens an array of shape (N, 6), origins and directions, (N, 8), with tmin and tmax, or, if
+    /// all start at one point, (N, 3), directions. One ray may also be (6,), (8,) or (3,); N may be
+    /// 0. Any real numbers are rounded to float32. Exit code 5 for anything else.
     static Result<RaySource> open(const std::string& path, const std::optional<WorldPoint>& from,
                                   const WorldPoint& scene_origin = {});
-    /// The same of points, whose directions are normals: each has its own origin.
+    /// The same for points with normals as directions; each point is an origin.
     static Result<RaySource> open_points(const std::string& path,
                                          const WorldPoint& scene_origin = {});
 
     [[nodiscard]] std::uint64_t count() const { return count_; }
-    /// Of all rays, which then bring their directions alone.
+    /// The common origin of rays that have only directions.
     [[nodiscard]] const std::optional<wire::Vec3>& common_origin() const { return common_origin_; }
-    /// What was subtracted from the points of rays.
+    /// The point that was subtracted from the rays' origins.
     [[nodiscard]] const WorldPoint& scene_origin() const { return scene_origin_; }
-    /// Values of a ray as it travels: 3, 6 or 8.
+    /// Number of values per sent ray: 3, 6 or 8.
     [[nodiscard]] std::uint32_t width() const { return width_; }
     [[nodiscard]] std::uint64_t ray_bytes() const { return width_ * sizeof(float); }
-    /// Rays [first, first + count) as they travel, where they lie so in memory; else nothing.
+    /// Returns rays [first, first + count) if memory has them in that form; else empty.
     [[nodiscard]] std::span<const std::byte> bytes(std::uint64_t first, std::uint64_t count) const;
     /// Rays that float32 moves by more than `notable` from where they were meant to start. Of those
     /// that a file holds in float32 that is half a step of it.
@@ -53,16 +53,16 @@ public:
     [[nodiscard]] Rounding rounding(double notable) const;
     /// True where a file holds the rays in float32.
     [[nodiscard]] bool is_float32() const;
-    /// Writes the values of the rays from `first` on, until `out` is full.
+    /// Fills `out` with the values of rays from `first` on.
     void read(std::uint64_t first, std::span<float> out) const;
 
 private:
     RaySource() = default;
-    /// One of these widths; `shapes` says so to people.
+    /// Opens a file with one of these widths; `shapes` is the text for messages.
     static Result<RaySource> open(const std::string& path, const WorldPoint& scene_origin,
                                   std::initializer_list<std::uint64_t> widths,
                                   const std::string& shapes);
-    /// True where rays of the file are not sent as they lie in it.
+    /// True if a scene origin must be subtracted from the file's rays.
     [[nodiscard]] bool subtracts() const;
     /// How far float32 moves the start of a ray.
     [[nodiscard]] double moved(std::uint64_t ray) const;

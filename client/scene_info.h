@@ -1,4 +1,4 @@
-// SceneInfo as `load` and `info` print it; scripts rely on the JSON keys.
+// Prints SceneInfo for `load` and `info`; scripts rely on the JSON keys.
 #pragma once
 
 #include "client/output.h"

@@ -1,4 +1,4 @@
-// World coordinates on one side, float32 less the scene's origin on the other.
+// Converts between world coordinates and float32 relative to the scene's origin.
 #pragma once
 
 #include "client/connection.h"
@@ -9,7 +9,7 @@
 
 namespace raynest::client {
 
-/// What a scene's name means now.
+/// The scene that a name means now: its origin and epoch.
 struct SceneOrigin {
     WorldPoint point{};
     std::uint64_t epoch = 0;
@@ -18,16 +18,16 @@ struct SceneOrigin {
 };
 Result<SceneOrigin> ask_origin(Connection& connection, const std::string& scene);
 
-/// A point as it travels; what float32 cannot hold becomes infinite.
+/// Returns a point in the form that is sent; values beyond float32 become infinite.
 [[nodiscard]] wire::Vec3 less_origin(const WorldPoint& point, const WorldPoint& origin);
 
-/// The origin that SCENE_INFO or STARTED tells.
+/// Returns the origin in SCENE_INFO or STARTED.
 template <class Message>
 [[nodiscard]] WorldPoint origin_of(const Message& message) {
     return {message.origin_x(), message.origin_y(), message.origin_z()};
 }
 
-/// A failure unless the scene that answers has the origin that was subtracted.
+/// Fails unless the answering scene has the origin that was subtracted.
 Result<void> check_origin(const WorldPoint& subtracted, const WorldPoint& answers);
 
 }  // namespace raynest::client

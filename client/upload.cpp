@@ -16,7 +16,7 @@
 namespace raynest::client {
 namespace {
 
-/// A piece of a file: large enough that headers do not count, small enough for any frame limit.
+/// Bytes of a file per frame: headers do not matter at this size, and it fits any frame limit.
 constexpr std::uint64_t piece_bytes = 1ULL << 20;
 
 std::string folder_of(const std::string& path) {
@@ -42,7 +42,7 @@ bool is_known(const std::string& extension) {
     return extension == ".gltf" || extension == ".glb" || extension == ".npy";
 }
 
-/// The ending that fits the first bytes of a file; "" where none does.
+/// Returns the file ending that fits the first bytes, or "".
 std::string sniff(std::span<const std::byte> bytes) {
     const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
     if (text.starts_with("glTF")) return ".glb";
@@ -66,7 +66,7 @@ std::vector<std::byte> head_of(const std::string& path) {
     return bytes;
 }
 
-/// A file of 4 GiB takes seconds: look for a Ctrl-C now and then.
+/// Hashes in parts and checks for Ctrl-C between them: 4 GiB take seconds.
 Result<std::uint64_t> hash_of(std::span<const std::byte> bytes) {
     constexpr std::size_t hashed_at_once = 16 << 20;
     std::uint64_t hash = protocol::upload_checksum({});
@@ -200,7 +200,7 @@ Result<void> send_files(Connection& connection, const Upload& upload, const wire
     }
     for (const std::uint32_t index : *need.files()) {
         const std::span<const std::byte> bytes = upload.files[index].bytes.span();
-        // A file of no bytes needs no piece.
+        // An empty file needs no frame.
         for (std::uint64_t offset = 0; offset < bytes.size();) {
             const std::uint64_t count =
                 std::min({bytes.size() - offset, piece_bytes,

@@ -1,4 +1,4 @@
-// A SOURCE of `raynest load`, made ready to send.
+// Reads and sends the SOURCE of `raynest load`.
 //
 //   builtin:..., root:...     only a name: the daemon has it
 //   .glb, .gltf               the file and what it names, read beneath its folder
@@ -7,7 +7,7 @@
 //                             the current folder
 //   any other file or pipe    one of these, told apart by its first bytes
 //
-// Bad files are refused here with exit code 5, before anything is sent; the daemon checks again.
+// Bad files are refused with exit code 5 before anything is sent; the daemon checks again.
 #pragma once
 
 #include "client/connection.h"
@@ -22,14 +22,14 @@
 namespace raynest::client {
 
 struct UploadFile {
-    std::string name;  ///< as the main file names it
+    std::string name;  ///< the name that the main file uses
     protocol::Buffer bytes;
     std::uint64_t hash = 0;
 };
 
 struct Upload {
-    std::string source;             ///< name of the main file, or the source as given
-    std::string scene_name;         ///< the stem of the source; empty where the source has no name
+    std::string source;             ///< name of the main file, or the source itself
+    std::string scene_name;         ///< the stem of the source; may be empty
     std::vector<UploadFile> files;  ///< the main file first; empty for builtin: and root:
     std::vector<std::string> warnings{};  ///< why pictures were left out
 };
@@ -38,8 +38,8 @@ struct Upload {
 Result<Upload> gather(const std::string& source, const std::string& primitive,
                       const std::string& instances);
 
-/// Answers a NEED of the running Load: sends the files it lists in pieces, under the daemon's
-/// credit.
+/// Answers a NEED of the running Load: sends the listed files in several frames, as credit
+/// allows.
 Result<void> send_files(Connection& connection, const Upload& upload, const wire::Need& need,
                         Progress& progress);
 

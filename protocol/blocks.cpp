@@ -9,7 +9,7 @@
 namespace raynest::protocol {
 namespace {
 
-/// What an element may be wide: one to four values, and a ray.
+/// Valid strides: one to four values of a type, or a ray.
 constexpr std::array strides = {1U, 2U, 3U, 4U, 8U, 12U, 16U, 24U, 32U};
 
 tl::unexpected<Error> bad_block(std::string_view name, const char* why) {

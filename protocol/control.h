@@ -47,8 +47,8 @@ using StringList = flatbuffers::Vector<flatbuffers::Offset<flatbuffers::String>>
 Result<Frame> seal(const FrameHeader& header, const flatbuffers::FlatBufferBuilder& message,
                    const Limits& limits);
 
-/// A frame of a message with `blocks`; they are described from `bulk`, whose buffer moves along.
-/// What was not allocated is for the caller to send behind the frame.
+/// Makes a frame of a message with `blocks`, described by `bulk`, and moves the buffer of `bulk`
+/// into it. If `bulk` has none, the caller must send the bytes after the frame.
 template <class Native>
 Result<Frame> encode(std::uint64_t request_id, Native message, Bulk&& bulk,
                      const Limits& limits = Limits{}) {

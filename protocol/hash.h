@@ -1,8 +1,8 @@
-// The content hash of uploaded files: FNV-1a, 64 bit.
+// The checksum of uploaded files: FNV-1a, 64 bit.
 //
-// It finds damage and tells unchanged files apart from changed ones; it is no defence against
-// somebody who wants two files to look alike, so a daemon never serves one principal's bytes to
-// another by it.
+// It detects damage and changes of files. It does not protect against someone who makes two files
+// with one checksum, so a daemon never uses it to serve one principal's bytes to
+// another.
 #pragma once
 
 #include <cstddef>
@@ -11,7 +11,7 @@
 
 namespace raynest::protocol {
 
-/// Of bytes that come in pieces, `hash` is that of those before.
+/// Returns the checksum; `hash` is that of preceding bytes, if the input comes in parts.
 [[nodiscard]] constexpr std::uint64_t upload_checksum(std::span<const std::byte> bytes,
                                                    std::uint64_t hash = 0xCBF29CE484222325ULL) {
     for (const std::byte byte : bytes) {

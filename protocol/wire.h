@@ -1,4 +1,4 @@
-// The generated control messages, through one door: namespace raynest::wire.
+// The only file that includes the generated control messages, as namespace raynest::wire.
 //
 // The header is made by flatc in the build tree. The ...T types are for building messages only;
 // what arrives is read in place and never unpacked (1.8 MB can unpack to 419 GB).

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What the tracked tree may hold: the house rules that a machine can check.
+"""Checks the house rules that a machine can check.
 
   check_house.py [ROOT]      prints one line per violation, exit code 1 when there is any
 

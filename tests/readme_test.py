@@ -45,7 +45,7 @@ static_assert(check_intersector<%s, Declared{.primitives = true}>());
 
 
 def check_intersector(block, root, compiler):
-    """What the compiler says against an intersector of the README, or None."""
+    """Compiles an intersector of the README; returns the compiler's errors, or None."""
     source = INTERSECTOR % (block, re.search(r"struct (\w+)", block).group(1))
     run = subprocess.run([compiler, "-std=c++20", "-march=x86-64-v3", "-DHWY_DISABLE_PCLMUL_AES",
                           "-DHWY_COMPILE_ONLY_STATIC", "-fsyntax-only", "-I", root, "-xc++", "-"],
@@ -70,7 +70,7 @@ def start_daemon(command, folder, environment):
 
 
 def check(command, printed, folder, environment):
-    """What is wrong with one command, or None."""
+    """Runs a command; returns what is wrong with it, or None."""
     run = subprocess.run(["bash", "-ec", command], cwd=folder, env=environment, text=True,
                          capture_output=True, timeout=SECONDS_MAX, check=False)
     if run.returncode:
@@ -86,7 +86,7 @@ def check(command, printed, folder, environment):
 
 
 def check_session(session, folder, environment):
-    """What is wrong with a Python session, or None."""
+    """Runs a Python session; returns what is wrong with it, or None."""
     file = folder / "session.txt"
     file.write_text(session, encoding="utf-8")
     run = subprocess.run([sys.executable, "-m", "doctest", file], cwd=folder, env=environment,

@@ -1,4 +1,4 @@
-// raynest cancel ID: ends a job, and drops what is kept of it.
+// raynest cancel ID: cancels a job and drops its answer.
 #include "client/commands/commands.h"
 #include "client/jobs.h"
 
@@ -12,7 +12,7 @@ Result<void> run(Context& context, const CancelOptions& options) {
     const auto info = ask<wire::JobInfo>(context.connection, request);
     if (!info) return tl::unexpected<Failure>(info.error());
     if (context.json) {
-        // What the daemon kept until now it keeps no longer.
+        // The entry is from before: the daemon has dropped the answer now.
         Json job = job_json(*info->message.table);
         job["bytes"] = 0;
         job["left_seconds"] = nullptr;

@@ -1,6 +1,6 @@
-// The subcommands of `raynest`, one file each: a struct of options in, requests to the daemon, text
-// or JSON on stdout, files written. New subcommand: its options in options.h and .cpp, one file
-// here.
+// The subcommands of `raynest`, one file each. A command takes a struct of options, sends requests,
+// prints text or JSON and writes files. To add one: declare its options in options.h and .cpp, and
+// write a file here.
 #pragma once
 
 #include "client/connection.h"
@@ -17,7 +17,7 @@ struct Context {
     Connection& connection;
     Progress& progress;
     bool json = false;
-    /// One more connection to the same daemon.
+    /// Opens another connection to the same daemon.
     std::function<Result<std::unique_ptr<Connection>>()> connect;
 };
 

@@ -1,5 +1,5 @@
-// What becomes of an answer: rows on stdout, files, and the lines about them. The same whether the
-// command that asked waited for it or fetch brought it later.
+// Delivers an answer: rows on stdout, files, and summaries. Used by the commands that wait for
+// their answer, and by fetch.
 #pragma once
 
 #include "client/commands/commands.h"
@@ -16,12 +16,12 @@ Result<void> deliver_render(Context& context, const std::string& output, Receive
 Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture);
 
 using ChunkConsumer = std::function<Result<void>(const QueryChunk&)>;
-/// `ask` runs a query of `what`, a kind or a sum over rays, and passes its chunks on. Without an
-/// `output` they become rows.
+/// Calls `ask`, which runs a query and passes its chunks on, and delivers them: to the file
+/// `output`, or as rows if that is empty. `what` is the query's kind or reducer.
 Result<void> deliver_query(Context& context, const std::string& output, const std::string& what,
                            const std::function<Result<Outcome>(const ChunkConsumer&)>& ask);
 
-/// The number of a job that goes on without its client, alone on its line: job=$(raynest ...).
+/// Prints the number of a detached job, alone on its line: job=$(raynest ...).
 void print_detached(const Context& context, const Outcome& outcome);
 
 }  // namespace raynest::client

@@ -1,5 +1,5 @@
-// raynest fetch ID [-o FILE]: what a detached job has answered, as its own command would have given
-// it.
+// raynest fetch ID [-o FILE]: delivers the answer of a detached job in the form that its own
+// command gives.
 #include "client/commands/deliver.h"
 #include "client/files.h"
 #include "client/jobs.h"
@@ -8,7 +8,7 @@
 namespace raynest::client {
 namespace {
 
-/// The file must be what the job has made.
+/// Checks that the file has the format that the job has made.
 Result<void> check_ending(const std::string& output, const std::string& ending) {
     if (output == standard_stream || extension_of(output) == ending) return {};
     return fail(Exit::usage, "the job made a FILE" + ending + ", not '" + output + "'");

@@ -1,4 +1,4 @@
-// raynest info SCENE: its counts, cameras and what was skipped; or its meshes and materials.
+// raynest info SCENE: counts, cameras and skipped parts of a scene; or its meshes and materials.
 #include "client/commands/commands.h"
 #include "client/scene_info.h"
 
@@ -10,7 +10,7 @@ struct Parts {
     std::vector<std::vector<std::string>> rows;
 };
 
-/// All pages of them; `kind` is meshes or materials.
+/// Reads all pages of the meshes or materials; `kind` is one of these words.
 Result<Parts> list_parts(Connection& connection, const std::string& scene,
                          const std::string& kind) {
     const bool meshes = kind == "meshes";

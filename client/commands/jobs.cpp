@@ -1,4 +1,4 @@
-// raynest jobs: what the daemon works on, and what it keeps for detached jobs.
+// raynest jobs: lists running jobs, and detached jobs with kept answers.
 #include "client/jobs.h"
 
 #include "client/commands/commands.h"
@@ -7,7 +7,7 @@
 namespace raynest::client {
 namespace {
 
-/// "41%", "tracing" where the end is not known, "-" where nothing is.
+/// Returns "41%", the stage if the end is unknown, or "-".
 std::string progress_text(const wire::JobInfo& info) {
     if (info.total() == 0) return std::string(protocol::word(info.stage(), "-"));
     return std::to_string(static_cast<int>(100 * static_cast<double>(info.done()) /

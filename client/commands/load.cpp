@@ -1,4 +1,4 @@
-// raynest load SOURCE: upload what the daemon lacks, wait until the scene is built.
+// raynest load SOURCE: uploads the files that the daemon lacks and waits until the scene is built.
 #include "client/commands/commands.h"
 #include "client/files.h"
 #include "client/scene_info.h"

@@ -1,4 +1,4 @@
-// raynest path SCENE PATH: which steps a path stands for, given its id or its text.
+// raynest path SCENE PATH: lists the steps of a path, given by its id or text.
 #include "client/commands/commands.h"
 #include "client/output.h"
 

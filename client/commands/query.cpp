@@ -1,5 +1,5 @@
-// raynest query SCENE --ray ... | --rays FILE | --generate KIND ...: what rays hit, as a table, as
-// JSON lines or as a .npz of columns.
+// raynest query SCENE --ray ... | --rays FILE | --generate KIND ...: traces rays and gives their
+// hits as a table, as JSON lines or as a .npz of columns.
 #include "client/query.h"
 
 #include "client/commands/deliver.h"
@@ -32,7 +32,7 @@ std::string numpy_dtype(wire::Dtype dtype) {
     return "|u1";
 }
 
-/// Grows whole columns out of chunks.
+/// Joins chunks to whole columns.
 class Columns {
 public:
     explicit Columns(bool splits) : has_splits_(splits) {}
@@ -77,10 +77,10 @@ private:
         std::uint32_t width = 1;
         std::uint64_t count = 0;
         std::vector<std::byte> bytes;
-        bool is_world = false;  ///< float64 in the file
+        bool is_world = false;  ///< a point: float64 in the file
     };
 
-    /// In the world; the position of a miss stays 0.
+    /// Appends points in the world; the position of a miss stays 0.
     void append_points(const QueryChunk& chunk, const protocol::BlockView& block) {
         Column& column = columns_[std::string(block.name)];
         column.width = 3, column.is_world = true;
@@ -116,7 +116,7 @@ wire::QueryT query_message(const QueryOptions& options) {
     return request;
 }
 
-/// Prints rows of the columns of `first` that users asked for.
+/// Returns a consumer that prints rows of those columns of `first` that users asked for.
 ChunkConsumer row_printer(const std::string& what, const QueryChunk& first, bool json) {
     if (const ReducerWords* reducer = find_reducer(what))
         return [rows = ReducedRows(reducer->rows == "points" ? "point" : "", json)](
@@ -129,8 +129,8 @@ ChunkConsumer row_printer(const std::string& what, const QueryChunk& first, bool
     };
 }
 
-/// Asks about an invalid ray, of which nothing but the columns is passed on: a query has at least
-/// one ray, and so the errors and the types of no rays are those of any others.
+/// Answers a query without rays: sends one invalid ray, because a query needs one, and passes on
+/// only the columns. Errors and types are thus those of any other query.
 Result<Outcome> ask_about_no_rays(Context& context, wire::QueryT& request, const RaySource& rays,
                                   const ChunkConsumer& consume) {
     if (request.job->detach)
@@ -161,7 +161,7 @@ void warn_of_rounding(Context& context, const RaySource& rays, const SceneOrigin
     std::cerr << "raynest: " << warning << '\n';
 }
 
-/// A truncated answer was given, and is a partial one.
+/// Fails with the code for a partial answer if rays had more hits than --max-hits.
 Result<void> check_whole(const Outcome& outcome) {
     if (outcome.truncated == 0) return {};
     return fail(Exit::partial, grouped(outcome.truncated) + " of " + grouped(outcome.rays) +
@@ -176,7 +176,7 @@ Result<void> run(Context& context, const QueryOptions& options) {
     const auto scene = ask_origin(context.connection, options.job.scene);
     if (!scene) return tl::unexpected<Failure>(scene.error());
     const WorldPoint& origin = scene->point;
-    // A job that goes on without us does not say which scene it found.
+    // A detached job does not tell which epoch it found, so name it.
     if (options.job.detach && options.job.epoch == 0) request.job->epoch = scene->epoch;
     std::string points;
     if (!options.generate.empty()) {
@@ -192,8 +192,8 @@ Result<void> run(Context& context, const QueryOptions& options) {
     if (!rays) return tl::unexpected<Failure>(rays.error());
     request.ray_count = rays->count();
     warn_of_rounding(context, *rays, *scene);
-    // Rows tell misses from hits and invalid rays by these columns, shown or not; and points of a
-    // file are 0 where a ray misses. Whether a detached job is to be rows, fetch decides.
+    // Rows need these columns, shown or hidden, to tell hits, misses and invalid rays apart; points
+    // in a file need them too. A detached job may become rows when it is fetched.
     const auto need = [&request](const char* name) {
         if (std::ranges::find(request.fields, name) != request.fields.end()) return;
         request.fields.emplace_back(name);

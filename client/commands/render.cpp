@@ -1,4 +1,4 @@
-// raynest render SCENE -o FILE: a picture, encoded by the daemon, or its bytes.
+// raynest render SCENE -o FILE: a picture, encoded by the daemon, or raw pixels.
 #include "client/commands/deliver.h"
 #include "client/output_file.h"
 

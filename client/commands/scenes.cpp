@@ -1,11 +1,11 @@
-// raynest scenes: what is loaded.
+// raynest scenes: lists the loaded scenes.
 #include "client/commands/commands.h"
 #include "client/output.h"
 
 namespace raynest::client {
 namespace {
 
-/// A table has no room for all 64; --json has them.
+/// Digits of a hash in the table; --json has all 64.
 constexpr std::size_t short_hash_digits = 16;
 
 }  // namespace

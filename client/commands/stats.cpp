@@ -7,7 +7,7 @@
 namespace raynest::client {
 namespace {
 
-/// Counts without a point, everything else as it is.
+/// Returns a whole number as an integer, any other as it is.
 Json number(double value) {
     const bool whole = std::floor(value) == value && std::abs(value) < 9.0e15;
     return whole ? Json(static_cast<std::int64_t>(value)) : Json(value);

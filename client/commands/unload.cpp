@@ -1,4 +1,4 @@
-// raynest unload: drop scenes by name, all of the caller's, or those that were not used for long.
+// raynest unload: drops scenes by name, all scenes of the caller, or those not used for long.
 #include "client/commands/commands.h"
 #include "client/output.h"
 
@@ -9,12 +9,12 @@ namespace {
 
 struct Unloaded {
     std::string name;
-    std::vector<std::string> holders;  ///< known where the scene was asked for by name
+    std::vector<std::string> holders;  ///< known for scenes that were given by name
 };
 
 Result<void> unload(Context& context, const wire::UnloadT& request, std::vector<Unloaded>& done) {
     const bool many = request.all || request.idle_ms != 0;
-    // Many come page by page, the last one empty.
+    // The daemon answers page by page; the last page is empty.
     while (true) {
         const auto reply = ask<wire::Unloaded>(context.connection, request);
         if (!reply) return tl::unexpected<Failure>(reply.error());
@@ -62,7 +62,7 @@ Result<void> run(Context& context, const UnloadOptions& options) {
         request.scene = scene;
         const auto next = unload(context, request, done);
         if (next) continue;
-        // The last failure is for the caller to say.
+        // Print all failures but the last, which the caller prints.
         if (!result) std::cerr << describe(result.error(), context.json) << '\n';
         result = next;
         if (is_own(next.error())) break;

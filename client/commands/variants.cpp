@@ -21,7 +21,7 @@ Json param_json(const wire::Param& param) {
         return json;
     }
     json["choices"] = choices;
-    // Any number may arrive as the index; what is none of the choices has no default.
+    // The index may be any number; one that is out of range means that there is no default.
     const double initial = param.initial();
     if (initial >= 0 && initial < static_cast<double>(choices.size()))
         json["default"] = choices[static_cast<std::size_t>(initial)];
@@ -53,7 +53,7 @@ std::string joined(const Json& list) {
     return line;
 }
 
-/// 0.001 rather than 0.0010000000474974513, and whole numbers in full.
+/// Returns a number as 0.001, not as 0.0010000000474974513; whole numbers in full.
 std::string number_text(const Json& number) {
     const double value = number.is_number() ? number.get<double>() : 0;
     if (std::floor(value) == value && std::abs(value) < 1e15)

@@ -1,4 +1,4 @@
-// raynest wait ID: until a detached job has ended.
+// raynest wait ID: waits until a detached job has ended.
 #include "client/commands/commands.h"
 #include "client/interrupt.h"
 #include "client/job.h"

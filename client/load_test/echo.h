@@ -1,5 +1,5 @@
-// The controls of the load test: servers that answer the same bytes without doing anything, so that
-// what a request costs can be told from what a socket costs on this machine at this moment.
+// The controls of the load test: servers that send the same bytes without any work. They tell the
+// cost of a request from the cost of sockets on this machine at this moment.
 #pragma once
 
 #include "client/load_test/sockets.h"
@@ -10,7 +10,7 @@
 
 namespace raynest::client {
 
-/// Answers on its connections until it is destroyed.
+/// A server that answers on its connections until it is destroyed.
 class Echo {
 public:
     Echo() = default;
@@ -19,15 +19,15 @@ public:
     virtual ~Echo() = default;
 };
 
-/// To every `request_bytes` the answer is `reply`.
+/// Every `request_bytes` received bytes are answered by `reply`.
 struct EchoScript {
     std::size_t request_bytes = 0;
     std::vector<std::byte> reply;
 };
 
-/// One thread with Boost.Asio for all connections: the least that a server of its kind can do.
+/// A thread with Boost.Asio for all connections: the minimum for a server such as the daemon.
 std::unique_ptr<Echo> echo_by_asio(std::vector<Descriptor> sockets, EchoScript script);
-/// A thread with blocking calls for each connection: the least that sockets can do.
+/// A thread with blocking calls for each connection: the minimum that sockets allow.
 std::unique_ptr<Echo> echo_by_threads(std::vector<Descriptor> sockets, EchoScript script);
 
 }  // namespace raynest::client

@@ -6,8 +6,8 @@
 
 namespace raynest::client {
 
-// Values below `split` have a bucket each; from there on, the highest bit chooses a row and the
-// next split_bits bits the bucket of it.
+// Values below `split` have a bucket each. Above that, the highest bit selects a row, and the next
+// split_bits bits select a bucket in the row.
 std::size_t Latencies::bucket_of(std::uint64_t value) {
     if (value < split) return value;
     const auto shift = static_cast<unsigned>(std::bit_width(value)) - 1 - split_bits;

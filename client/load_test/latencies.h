@@ -1,4 +1,4 @@
-// Round-trip times as counts per bucket: any number of them in fixed memory, within 1 %.
+// A histogram of round-trip times: any number of them in fixed memory, exact to 1 %.
 #pragma once
 
 #include <array>
@@ -13,12 +13,12 @@ public:
     void add(std::chrono::nanoseconds latency);
 
     [[nodiscard]] std::uint64_t count() const { return count_; }
-    /// The time in microseconds that `share` of them did not exceed; 0 when there are none.
+    /// Returns the time in microseconds that a `share` of them did not exceed; 0 if there are none.
     [[nodiscard]] double percentile_us(double share) const;
     [[nodiscard]] double max_us() const { return static_cast<double>(max_) / 1e3; }
 
 private:
-    /// Buckets of every power of two: the width of one is below 1 % of what lies in it.
+    /// log2 of the buckets per power of two; a bucket is narrower than 1 % of its values.
     static constexpr unsigned split_bits = 7;
     static constexpr std::size_t split = 1U << split_bits;
     static constexpr std::size_t bucket_count = split * (65 - split_bits);

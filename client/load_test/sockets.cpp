@@ -33,7 +33,7 @@ Result<void> add_unix_pair(SocketPairs& pairs) {
     return {};
 }
 
-/// A listener on a free loopback port; `name` becomes its address.
+/// Listens on a free loopback port; sets `name` to its address.
 Result<Descriptor> listen_on_loopback(sockaddr_in& name) {
     Descriptor listener(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0));
     name.sin_family = AF_INET;

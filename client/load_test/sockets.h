@@ -1,4 +1,4 @@
-// Plain sockets for the load test: connected pairs of the kind that the daemon is reached by.
+// Connected pairs of sockets for the load test, of the same kind as the daemon's connection.
 #pragma once
 
 #include "client/descriptor.h"
@@ -8,12 +8,12 @@
 
 namespace raynest::client {
 
-/// The two ends of connections within this process.
+/// Both ends of connections within this process.
 struct SocketPairs {
     std::vector<Descriptor> near;
     std::vector<Descriptor> far;
 };
-/// `count` of them, over a Unix socket where `like` is one, else over loopback TCP.
+/// Makes `count` pairs: Unix sockets if `like` is one, else loopback TCP.
 Result<SocketPairs> connect_pairs(int like, std::size_t count);
 
 }  // namespace raynest::client

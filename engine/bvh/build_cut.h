@@ -23,8 +23,8 @@ inline constexpr float instance_cost = 4.0F;
 inline constexpr std::uint32_t leaf_triangles_max = 16;
 inline constexpr std::uint32_t leaf_records_max = 8;
 
-/// What a subtree holds, as far as one leaf could hold it: bit ChildKind of each kind, and how
-/// many.
+/// The contents of a subtree, to decide whether one leaf can hold them: a bit per ChildKind, and
+/// their number.
 struct Load {
     std::uint32_t kinds;
     std::uint32_t count;
@@ -63,7 +63,7 @@ class Plan {
 public:
     /// The node as one root is a leaf.
     [[nodiscard]] bool is_leaf() const { return (bits_ >> 28 & 1U) != 0; }
-    /// Of 1..8 roots that it may have, one is the cheapest.
+    /// True if a single root is the cheapest choice among 1 to `roots` roots.
     [[nodiscard]] bool is_one_root(std::uint32_t roots) const {
         return roots == 1 || (bits_ >> (19 + roots) & 1U) != 0;
     }

@@ -200,7 +200,7 @@ private:
             std::uint32_t rank[8] = {};
             for (std::uint32_t a = 0; a < 8; ++a) {
                 for (std::uint32_t b = 0; b < 8; ++b) {
-                    // Of equally near slots the lower one comes first.
+                    // If two slots are equally near, the lower one comes first.
                     const bool before = a < b ? along[a] <= along[b] : along[a] < along[b];
                     rank[b] += before ? 1 : 0;
                 }

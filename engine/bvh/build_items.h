@@ -1,4 +1,4 @@
-// What the builder moves around: 32-byte items, and boxes whose union is one maximum.
+// The items of the builder: 32 bytes each, with boxes whose union is a single maximum.
 //
 // The loops over items are most of a build. They use four floats at a time through the compilers'
 // vector types, because the engine library is compiled for the baseline of its architecture, where

@@ -35,7 +35,7 @@ struct ObjectSplit {
     }
 };
 
-/// What a range fell into; `centers` bound the items' centres.
+/// The two parts of a split range; `centers` bound the items' centres.
 struct Halves {
     Range left, right;
     Extent left_centers, right_centers;

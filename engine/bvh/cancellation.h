@@ -1,12 +1,12 @@
-// How a search learns that nobody waits for its answers any more.
+// Cancels a search when its answers are no longer wanted.
 //
-// A chunk of rays is no bound in time: one ray may meet everything that a scene holds, from so far
-// away that its rounding is larger than the scene, or with a direction too short to be divided by.
-// So the caller is asked, each time that a certain amount of work may have been done: before rays
-// and instances, whose trees may be met as a whole, at rounds of a stream, at leaves of a packet.
-// Within one tree a single ray is not interrupted: a question at each leaf costs any hits 2 %
-// (measured; where they are, nothing), and a tree ends, where instances of instances are as good as
-// endless.
+// A chunk of rays has no bound in time: a single ray may visit the whole scene, if it starts so far
+// away that its rounding error exceeds the scene, or if its direction is too short to divide by.
+// Kernels therefore check for cancellation whenever a certain amount of work may have passed:
+// before rays and instances, which may visit a whole tree, at rounds of a stream, at leaves of a
+// packet. A single ray is not interrupted within one tree: a check at each leaf costs any-hit
+// queries 2 % (measured; the present checks cost nothing). A tree is finite, whereas nested
+// instances are practically endless.
 #pragma once
 
 #include "engine/geometry/views.h"
@@ -15,15 +15,15 @@
 
 namespace raynest {
 
-/// Of one call of a kernel, on one thread. Work is counted in leaf blocks: up to 100 ns each, of
-/// large trees (measured: 8.4 million triangles met by one ray in 70 to 130 ms).
+/// The check for one call of a kernel, on one thread. Work is counted in leaf blocks, which take up
+/// to 100 ns each in large trees (measured: one ray visits 8.4 million triangles in 70 to 130 ms).
 class Cancellation {
 public:
     using Asked = bool (*)(const void* context) noexcept;
-    /// `asked` may be null: nobody cancels.
+    /// `asked` may be null: the call cannot be cancelled.
     Cancellation(Asked asked, const void* context) : asked_(asked), context_(context) {}
 
-    /// So much work lies ahead, at most. True from where the caller was found to have cancelled.
+    /// Announces at most this much work. Returns true once the caller was found to have cancelled.
     RAYNEST_INLINE bool before(std::int64_t work) {
         left_ -= work;
         if (left_ >= 0) [[likely]]
@@ -33,7 +33,7 @@ public:
     [[nodiscard]] bool was_seen() const { return seen_; }
 
 private:
-    /// A dozen milliseconds at most; some microseconds where rays meet what they are meant to.
+    /// Work between two checks: at most a dozen milliseconds, microseconds for ordinary rays.
     static constexpr std::int64_t work_between_looks = 1 << 17;
 
     RAYNEST_NOINLINE bool look() {
@@ -48,15 +48,15 @@ private:
     bool seen_ = false;
 };
 
-/// Of a ray in one tree: all of its blocks and records. The least is more, what it takes to get
-/// there; 32 small trees are worth a question.
+/// Returns the maximum work of a ray in one tree: all blocks and records, plus a constant for
+/// entering it, which makes 32 small trees worth a check.
 [[nodiscard]] RAYNEST_INLINE std::int64_t work_in(const ObjectRecord& object) {
     constexpr std::int64_t small = 1 << 12;
     return small + object.block_count + object.record_count;
 }
 
-/// Whether a search that may be cancelled was, before so much work; by nobody where the pointer is
-/// null.
+/// Announces work and returns true if the search was cancelled; a null pointer means that it cannot
+/// be.
 RAYNEST_INLINE bool is_cancelled(Cancellation* cancellation, std::int64_t work) {
     return cancellation != nullptr && cancellation->before(work);
 }

@@ -31,8 +31,8 @@ class Frustum {
     using F8 = Lanes<8>;
 
 public:
-    /// Of a set of rays that is not empty, that share their origin and whose direction is largest
-    /// along `axis`.
+    /// Bounds a non-empty set of rays that share their origin and have their largest direction
+    /// component along `axis`.
     RAYNEST_INLINE Frustum(const PacketLevel& level, RayMask rays, std::uint32_t axis) : axis(axis) {
         axes_.look_along(axis);
         const auto first = static_cast<std::uint32_t>(std::countr_zero(rays));
@@ -132,7 +132,7 @@ public:
     const std::uint32_t axis;  ///< along which all directions are largest
 
 private:
-    /// Of the slopes of some rays.
+    /// The range of some rays' slopes.
     struct Range {
         float least = std::numeric_limits<float>::infinity();
         float most = -std::numeric_limits<float>::infinity();
@@ -150,7 +150,7 @@ private:
         /// at most 1.
         [[nodiscard]] RAYNEST_INLINE float half() const { return 0.5F * (most - least) + 0x1p-23F; }
     };
-    /// Of a group, against the middle of the packet.
+    /// Slopes of a group, relative to the middle of the packet.
     struct Slopes {
         float middle_x, half_x;
         float middle_y, half_y;

@@ -53,7 +53,7 @@ struct alignas(64) PacketRow {
     return most(r);
 }
 
-/// What the rays share at every level, because t means the same everywhere.
+/// The range of each ray, common to all levels because t has the same meaning everywhere.
 struct PacketRange {
     PacketRow tmin;
     PacketRow tmax;

@@ -11,8 +11,8 @@
 
 namespace raynest {
 
-/// What rays that look down the same octant have in common, widened so that it contains each one's
-/// own box test.
+/// A box test for all rays of one octant together, widened so that it passes wherever the test of a
+/// single ray would.
 ///
 /// Per axis, near = min over rays of (plane - origin) / direction. The box rule of one ray may be
 /// lower than the exact value by twice its error term and a few roundings; three times the largest

@@ -1,5 +1,5 @@
-// What every walk through a scene is made of, whatever tree it follows or none: the things that are
-// visited, the one place where surfaces are tested, and the way into an instance.
+// The building blocks of every traversal, with or without a tree: the visited types, the only place
+// where surfaces are tested, and the transform into an instance.
 #pragma once
 
 #include "engine/bvh/intersect_with.h"

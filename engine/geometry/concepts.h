@@ -1,4 +1,4 @@
-// What an intersector can be asked about: boxes and primitives, one or several at a time.
+// The arguments of an intersector: boxes and primitives, one or several at a time.
 //
 // Lanes are lanes: one ray against one triangle, one ray against eight boxes. An intersector is
 // written once with `const auto& ray, const TriangleLike auto& triangle` and sees every width.
@@ -26,7 +26,7 @@ concept RecordLike = requires {
     typename std::remove_cvref_t<T>::record_tag;
 };
 
-/// Whatever can be hit itself, as opposed to a box that holds it.
+/// Anything that can itself be hit, as opposed to a box around it.
 template <class T>
 concept PrimitiveLike = TriangleLike<T> || RecordLike<T>;
 

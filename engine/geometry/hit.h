@@ -1,4 +1,4 @@
-// What a query answers per ray, before it becomes columns.
+// The answer of a query per ray, before it is written as columns.
 #pragma once
 
 #include "engine/math/vec.h"
@@ -14,7 +14,7 @@ inline constexpr std::uint64_t no_path = 0xFFFFFFFFFFFFFFFFULL;
 enum HitFlags : std::uint8_t {
     hit_invalid_ray = 1,
     hit_truncated = 2,
-    hit_given_up = 128  ///< by a GPU, for a CPU to answer: no client sees it
+    hit_given_up = 128  ///< a GPU left the ray to the CPU; no client sees this flag
 };
 
 /// 32 bytes at any nesting depth. `triangle` is the index among all primitives of the object in
@@ -44,7 +44,7 @@ struct HitRecord {
 };
 static_assert(sizeof(HitRecord) == 32);
 
-/// What the Counting adapter adds up.
+/// The sums of the Counting adapter.
 struct Counters {
 #define RAYNEST_COUNTER(name, title) std::uint32_t name = 0;
 #define RAYNEST_SUM(name, value, title)

@@ -48,7 +48,7 @@ struct TriangleRef {
           prim(block.triangle[lane]),
           geom(0) {}
 
-    /// Of corner k of all lanes.
+    /// Returns a coordinate of corner k for all lanes.
     template <int N>
     [[nodiscard]] RAYNEST_INLINE Lanes<N> coordinate(int k, std::uint32_t axis) const {
         const Vec3& vertex = k == 0 ? v0 : k == 1 ? v1 : v2;

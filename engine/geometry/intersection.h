@@ -1,5 +1,5 @@
-// What intersect() answers: candidate lanes, and the one thing an intersector does to them,
-// keep_if.
+// The result of intersect(): candidate lanes, and keep_if(), by which an intersector removes some
+// of them.
 #pragma once
 
 #include "engine/geometry/box.h"

@@ -1,4 +1,4 @@
-// A ray as it travels: the wire form, the pack's door and the file formats share these 32 bytes.
+// The 32 bytes of a ray, which the wire, the pack ABI and the file formats share.
 #pragma once
 
 #include "engine/math/vec.h"
@@ -17,8 +17,8 @@ struct Ray {
 };
 static_assert(sizeof(Ray) == 32);
 
-/// Of a valid ray: tmin >= 0, tmax may be +inf; nothing else may be non-finite, the direction not
-/// zero, tmin <= tmax. An invalid ray gives the canonical miss and flag 1.
+/// True if 0 <= tmin <= tmax, the direction is not zero, and all numbers are finite, except that
+/// tmax may be +inf. An invalid ray gives the canonical miss and flag 1.
 [[nodiscard]] RAYNEST_FN inline bool is_valid(const Ray& r) {
     const auto finite = [](const Vec3& v) {
         return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);

@@ -37,7 +37,7 @@ struct Record {
     [[nodiscard]] RAYNEST_INLINE std::uint32_t geom_of(int) const { return 0; }
 };
 
-/// What a record's intersect() returns; lane k is the k-th hit.
+/// The result of a record's intersect(); lane k is the k-th hit.
 template <class P, int N>
 using RecordHits = Hits<Record<P>, N>;
 

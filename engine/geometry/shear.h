@@ -30,9 +30,9 @@ struct ShearTerms {
     }
 };
 
-/// Of one ray.
+/// The shear of one ray.
 struct Shear : ShearTerms<float> {
-    /// Of a ray that meets no triangle: with it none is hit.
+    /// Makes a shear with which every triangle test fails.
     RAYNEST_FN Shear() : ShearTerms<float>{} {}
     RAYNEST_INLINE explicit Shear(const RayView& ray) {
         // The reciprocals of the box rule; the largest component is never limited.

@@ -10,8 +10,8 @@
 // less on the path that a node's children wait for; e covers the roundings that this adds. Narrower
 // rules cull rays that hit (found by brute force): the limit for small components is relative,
 // because a direction of 1e-30 is short, not axis-parallel, and the error is that of the largest
-// coordinate, times its growth through the levels below (scene/build.cpp computes it), because inside a
-// rotated instance the rounding of one axis moves another.
+// coordinate, times its growth through the levels below (scene/build.cpp computes it), because
+// inside a rotated instance the rounding of one axis moves another.
 //
 // An axis whose terms overflow constrains nothing.
 //
@@ -58,7 +58,7 @@ struct Slabs {
     float far_scale[4];
     float far_offset[4];
     std::uint32_t octant;  ///< bit a: the ray runs down axis a
-    /// Of each axis' plane that the ray meets first, among lower x, y, z, upper x, y, z.
+    /// Row, per axis, of the plane that the ray meets first: lower x, y, z are 0-2, upper ones 3-5.
     std::uint32_t near_row[3];
 
     RAYNEST_INLINE explicit Slabs(const RayView& ray) {

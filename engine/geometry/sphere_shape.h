@@ -1,4 +1,4 @@
-// What a sphere is, without the means to hit it: for those who describe scenes.
+// The data of a sphere, without its intersection test: for code that describes scenes.
 #pragma once
 
 #include "engine/geometry/box.h"

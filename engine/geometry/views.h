@@ -58,8 +58,8 @@ struct GeometryRecord {
     std::uint32_t material;   ///< index, or no_id
 };
 
-/// True if the material has a texture and the geometry has the texture coordinates for it. A texture
-/// without them counts 1.
+/// True if the material has a texture and the geometry has the texture coordinates for it. A
+/// texture without them counts 1.
 [[nodiscard]] RAYNEST_FN inline bool has_texture(const GeometryRecord& geometry,
                                                  const MaterialRecord& material) {
     return material.texture != no_id && geometry.texcoords[material.texcoord] != no_offset;
@@ -86,8 +86,8 @@ struct Opacity {
     }
 };
 
-/// Texture coordinates of the eight triangles of a leaf block, for tests of alpha: a candidate comes
-/// from its block, and through indices and vertices the way to them is one cache miss longer.
+/// Texture coordinates of the eight triangles of a leaf block, for tests of alpha: a candidate
+/// comes from its block, and through indices and vertices the way to them is one cache miss longer.
 struct TexcoordBlock {
     Vec2 corner[8][3];  ///< [lane][corner]; 0 in lanes whose alpha is in no texture
 };
@@ -102,7 +102,7 @@ struct InstanceRecord {
 };
 static_assert(sizeof(InstanceRecord) == 64);
 
-/// What only names, edits and columns read of an instance; same index as InstanceRecord.
+/// The part of an instance that only names, edits and columns read; same index as InstanceRecord.
 struct InstanceInfo {
     Transform to_parent;
     std::uint32_t uid;
@@ -137,8 +137,8 @@ struct ObjectRecord {
 };
 
 /// Bytes from one entry of `records` to the next: the record, zeros up to a multiple of 4, and its
-/// original index as u32, because the tree reorders records. Behind an object's entries lies the way
-/// back: the place of each original index, u32.
+/// original index as u32, because the tree reorders records. Behind an object's entries lies the
+/// way back: the place of each original index, u32.
 [[nodiscard]] constexpr std::uint64_t record_stride(std::uint32_t record_size) {
     return (std::uint64_t{record_size} + 3) / 4 * 4 + sizeof(std::uint32_t);
 }
@@ -183,7 +183,7 @@ struct SceneView {
         return reinterpret_cast<const T*>(attributes + offset);
     }
 
-    /// Of a triangle by its flat index in the object that the geometry belongs to.
+    /// Returns the opacity of a triangle, given by its flat index in the geometry's object.
     [[nodiscard]] RAYNEST_FN Opacity opacity_of(const GeometryRecord& geometry, std::uint32_t triangle) const {
         if (geometry.opacity == no_offset) return {0, 255};
         return attribute<Opacity>(geometry.opacity)[triangle - geometry.first_triangle];

@@ -9,10 +9,10 @@
 
 namespace raynest {
 
-/// 256 steps from low to high, 8-bit sRGB.
+/// 256 colours from low to high, 8-bit sRGB.
 using Palette = std::array<Colour, 256>;
 
-/// One of palettes.def; param_invalid naming them otherwise.
+/// Returns a palette of palettes.def; param_invalid with the list of names otherwise.
 Result<Palette> find_palette(std::string_view name);
 
 }  // namespace raynest

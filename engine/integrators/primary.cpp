@@ -1,5 +1,5 @@
-// `--integrator primary`: base colour x |n.v|, the picture that shows what a ray hit and nothing
-// else.
+// `--integrator primary`: base colour x |n.v|, a picture that shows the surfaces that rays hit, and
+// nothing else.
 #include "engine/integrators/picture.h"
 #include "engine/intersectors/texture.h"
 
@@ -55,7 +55,7 @@ Vec3 sample_colour(const SceneView& scene, const TextureRecord& texture, Vec2 st
                     glm::mix(texel(column, row + 1), texel(column + 1, row + 1), across), down);
 }
 
-/// baseColorFactor x baseColorTexture x COLOR_0; white where nothing is said.
+/// Returns baseColorFactor x baseColorTexture x COLOR_0; white by default.
 Vec3 base_colour(const SceneView& scene, const HitRecord& hit) {
     const ObjectRecord& object = scene.objects[hit.object];
     if (object.triangle_count == 0) return Vec3(1);
@@ -88,7 +88,7 @@ Vec3 base_colour(const SceneView& scene, const HitRecord& hit) {
     return colour;
 }
 
-/// |n.v| of unit vectors; 1 where the primitive has no normal.
+/// Returns |n.v| of unit vectors; 1 if the primitive has no normal.
 float facing(const Vec3& normal, const Ray& ray) {
     if (normal == Vec3(0)) return 1;
     const glm::dvec3 direction = glm::normalize(glm::dvec3(ray.direction));

@@ -12,7 +12,7 @@
 
 namespace raynest {
 
-/// Of a parameter or output: param() and output() take no third type.
+/// The ValueType of a parameter or output; param() and output() take no other types.
 template <class T>
 inline constexpr ValueType value_type = std::is_same_v<T, float> ? value_f32 : value_u32;
 

@@ -1,4 +1,4 @@
-// Opening the module of a pack: it has the doors that are looked for, and they are of this tree.
+// Opens the module of a pack: it must export the entry points, with the ABI of this source tree.
 #pragma once
 
 #include "engine/packs/device.h"
@@ -11,18 +11,18 @@
 
 namespace raynest {
 
-/// Stays loaded: its functions are in use for the life of the process. pack_invalid, with what to
-/// do, where it is no pack of this tree; says nothing about whether this machine runs it.
+/// Loads a pack for the life of the process. Fails with pack_invalid and a remedy if the file is no
+/// pack of this source tree. Does not check whether this machine can run it.
 Result<const Pack*> load_pack(const std::filesystem::path& path);
 
-/// The first type of the door that a pack with these layouts knows differently, or that only one
-/// side knows; empty where all are alike.
+/// Returns the first type of the ABI that a pack with these layouts lays out differently, or that
+/// only one side has; empty if all agree.
 std::string_view differing_type(std::span<const TypeLayout> theirs);
 
-/// The files in this folder that are loaded as packs, in order of their names.
+/// Returns the files in this folder that are loaded as packs, ordered by name.
 Result<std::vector<std::filesystem::path>> packs_in(const std::filesystem::path& folder);
 
-/// Both doors of a pack for a device.
+/// Both tables of a pack for a device.
 struct DevicePack {
     const Pack* pack = nullptr;
     const Device* device = nullptr;

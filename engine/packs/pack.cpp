@@ -49,7 +49,7 @@ static bool is_supported() noexcept {
     return RAYNEST_CPU_TEST;
 }
 #else
-bool is_supported() noexcept;  // of a target that is no CPU: it brings the test along
+bool is_supported() noexcept;  // defined by the code of a target that is no CPU
 #endif
 
 }  // namespace raynest

@@ -1,4 +1,4 @@
-// Which packs there are: all that load, of them what this CPU runs, best target first.
+// Finds and loads packs, and keeps the variants that this CPU can run, best target first.
 #include "engine/packs/registry.h"
 
 #include "engine/packs/load.h"
@@ -14,7 +14,7 @@ namespace {
 // In the order of pack.cmake: a variant runs on the last target that has it.
 constexpr std::string_view cpu_target_names[] = {RAYNEST_CPU_TARGETS};
 
-/// 0 for the best.
+/// Returns the rank of a target, 0 for the best.
 std::size_t rank_of(std::string_view target) {
     const auto found = std::find(std::rbegin(cpu_target_names), std::rend(cpu_target_names), target);
     return static_cast<std::size_t>(found - std::rbegin(cpu_target_names));
@@ -81,7 +81,7 @@ Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
     for (const auto& file : *files) {
         const auto pack = load_pack(file);
         if (!pack) return tl::unexpected(pack.error());
-        // A GPU's packs run where they are asked for by name.
+        // GPU packs are used only if the target is named.
         const bool wanted =
             automatic ? is_of_cpu((*pack)->target) : options.target == (*pack)->target;
         target_seen = target_seen || options.target == (*pack)->target;
@@ -101,7 +101,7 @@ Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
         [](const Pack* a, const Pack* b) { return rank_of(a->target) < rank_of(b->target); });
 
     for (const Pack* pack : registry->packs_) {
-        // Kernels step over records by the size that their own pack knows.
+        // Refuse different sizes: kernels step over records by the size that their own pack has.
         for (std::uint32_t i = 0; i < pack->primitive_count; ++i) {
             const PackPrimitive& primitive = pack->primitives[i];
             const PackPrimitive* first = registry->find_primitive(primitive.name);

@@ -1,4 +1,4 @@
-// What kernels trace: rays by number, and where their answers go.
+// The input and output of kernels: rays by number, and the arrays of their answers.
 #pragma once
 
 #include "engine/geometry/ray_view.h"
@@ -13,7 +13,7 @@
 
 namespace raynest {
 
-/// What a traversal traces: rays [0, count) of a group, by number, and where their answers go.
+/// Rays [0, count) of a group, by number, and the arrays of their answers.
 template <Query kind>
 struct TraceIO {
     using Query = std::conditional_t<kind == query_closest, ClosestHit,

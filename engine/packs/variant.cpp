@@ -1,5 +1,5 @@
-// One intersector compiled for one target. packs/pack.cmake compiles this file once per line of the
-// list and target, with the intersector's type, header and declared overrides as definitions.
+// An intersector compiled for a target. packs/pack.cmake compiles this file once per intersector of
+// the list and target, with the intersector's type, header and declared overrides as definitions.
 #include "engine/packs/variant.h"
 
 #include RAYNEST_INTERSECTOR_HEADER

@@ -76,7 +76,7 @@ private:
         return {};
     }
 
-    /// There is one way to lay out sections of given counts; anything else is refused.
+    /// Refuses any layout of sections but the only valid one for their counts.
     Result<void> check_sections() {
         const auto& header = *reinterpret_cast<const format::Header*>(arena_.data());
         std::uint64_t end = format::aligned(sizeof header);
@@ -127,7 +127,7 @@ private:
         return {};
     }
 
-    /// Names end before the section does as long as they start inside and the last byte is zero.
+    /// True if the name starts in the section, and so ends there: the section's last byte is zero.
     [[nodiscard]] bool is_name(std::uint32_t offset) const {
         return offset < size_of(Section::names);
     }
@@ -163,7 +163,7 @@ private:
         return {};
     }
 
-    /// Does a run of `count` elements fit into the attributes?
+    /// True if a run of `count` elements fits into the attributes.
     [[nodiscard]] bool is_run(std::uint64_t offset, std::uint64_t count, std::uint64_t element,
                               std::uint64_t element_alignment) const {
         const std::uint64_t size = size_of(Section::attributes);
@@ -213,7 +213,7 @@ private:
         return {};
     }
 
-    /// Objects share the sections out between them, in order and without gaps.
+    /// Checks that objects divide the sections among them, in order and without gaps.
     Result<void> check_objects() {
         std::uint64_t node = 0, block = 0, record = 0, geometry = 0, instance = 0;
         TreeChecker tree;
@@ -290,7 +290,7 @@ private:
         return {};
     }
 
-    /// Kernels take them for given where a candidate's alpha depends on a texture.
+    /// Checks the blocks that kernels need if a candidate's alpha depends on a texture.
     Result<void> check_texcoord_blocks(const ObjectRecord& object, std::uint32_t index) {
         const GeometryRecord* const first = view_.geometries + object.first_geometry;
         const bool needed =
@@ -322,7 +322,7 @@ private:
         return {};
     }
 
-    /// Do the place of a record and the index stored there name each other?
+    /// True if a record's position and the index stored there refer to each other.
     [[nodiscard]] bool is_record(const ObjectRecord& object, std::uint32_t original) const {
         const std::uint64_t stride = record_stride(object.record_size);
         const std::byte* const entries = view_.records + object.first_record;
@@ -336,8 +336,8 @@ private:
         return index == original;
     }
 
-    /// Children are stored before their parents, so there can be no cycle, and sums over them are
-    /// known to be right.
+    /// Checks instances. Children are stored before their parents, so there is no cycle, and sums
+    /// over children are already checked.
     Result<void> check_instances(const ObjectRecord& object, std::uint32_t index) {
         std::uint64_t leaves = object.has_own_primitives() ? 1 : 0;
         std::uint32_t levels = 1;
@@ -361,7 +361,7 @@ private:
         return {};
     }
 
-    /// Every path belongs to a run, every run to a node, and nodes to nodes before them.
+    /// Checks that each path belongs to a run, each run to a node, each node to an earlier node.
     Result<void> check_paths() {
         const PathTable paths = format::path_table(arena_.data());
         const std::uint64_t numbers = size_of(Section::instance_numbers);
@@ -399,7 +399,7 @@ private:
 
     std::span<const std::byte> arena_;
     SceneView view_;
-    std::vector<std::uint32_t> record_types_;  ///< as objects store them
+    std::vector<std::uint32_t> record_types_;  ///< in the order in which objects use them
 };
 
 }  // namespace

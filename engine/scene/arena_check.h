@@ -1,4 +1,4 @@
-// Checks an arena that came from outside, once, so that traversal need not check anything.
+// Checks an arena from outside once, so that traversal need not check anything.
 #pragma once
 
 #include "engine/geometry/views.h"
@@ -9,9 +9,9 @@
 
 namespace raynest {
 
-/// The view of a sound arena; scene_invalid naming the first thing that is not. After it no walk
-/// over nodes, leaves, instances, paths, attributes or names leaves its section, and every tree is
-/// a tree: a walk ends, and visits each node once. Linear time.
+/// Returns the view of a valid arena; otherwise fails with scene_invalid and names the first fault.
+/// Afterwards nodes, leaves, instances, paths, attributes and names refer only to their sections,
+/// and every tree is a tree: a traversal ends and visits each node once. Linear time.
 Result<SceneView> check_arena(std::span<const std::byte> arena);
 
 }  // namespace raynest

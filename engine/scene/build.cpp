@@ -18,14 +18,14 @@
 namespace raynest {
 namespace {
 
-/// Beyond this the box test enters every box anyway; it keeps the arithmetic finite.
+/// Limit that keeps the arithmetic finite; beyond it the box test enters every box anyway.
 constexpr float origin_error_max = 1e30F;
 
-/// How much rounding one level of instances adds, as a multiple of what a plain tree has.
+/// Returns the rounding that a level of instances adds, as a multiple of a plain tree's.
 ///
 /// A ray that enters an instance is transformed with rounding, so its hits lie off the exact ones
-/// by about eps * |origin|, in the instance's space. Seen from the parent that grows by the
-/// condition number of the transform, and what the levels below add grows along. Rotations and
+/// by about eps * |origin|, in the instance's space. In the parent's space that error, and those of
+/// the levels below, grow by the condition number of the transform. Rotations and
 /// uniform scales have condition 1: 32 of them add up, they do not multiply.
 float placement_error(const Transform& to_parent, float child_error) {
     return std::min(condition(to_parent) * (1 + child_error), origin_error_max);
@@ -69,7 +69,7 @@ public:
         auto& numbers = content_.instance_numbers;
         if (std::all_of(numbers.begin(), numbers.end(), [](auto n) { return n == no_id; }))
             numbers.clear();
-        // There is one zero: -0 would be other content.
+        // Turn -0 into 0: equal scenes must have equal bytes.
         for (std::size_t i = 0; i < 3; ++i) content_.origin[i] = description_.origin[i] + 0.0;
         content_.degenerate_triangles = degenerate_triangles_;
         for (const auto& [reason, count] : graph_.skipped) {
@@ -109,7 +109,7 @@ public:
         return arena;
     }
 
-    /// Spent on bounds, trees and leaf blocks: what other libraries call a build.
+    /// Seconds spent on bounds, trees and leaf blocks: the part that other libraries call a build.
     [[nodiscard]] double build_seconds() const { return build_seconds_; }
 
 private:
@@ -278,8 +278,8 @@ private:
         if (description_.path_nodes.empty()) name_instances(node);
     }
 
-    /// The instances that were added last, by their own names or else those of their objects; what
-    /// is left out as singular has a number as well.
+    /// Names the instances that were added last by their own names or those of their objects.
+    /// Singular instances, which are left out, have numbers too.
     void name_instances(const GraphObject& node) {
         std::vector<std::uint32_t> names;
         for (const InstanceDescription& declared : description_.objects[node.source].instances)
@@ -304,8 +304,8 @@ private:
     double build_seconds_ = 0;
 };
 
-/// Section counts are u32 in the view, and nodes name every placement; checked before anything is
-/// built.
+/// Checks, before anything is built, that section counts fit the view's u32, and that nodes name
+/// every placement.
 Result<void> check_counts(const SceneDescription& description, const Graph& graph) {
     std::uint64_t instances = 0;
     std::uint64_t geometries = 0;

@@ -26,7 +26,7 @@ std::optional<Transform> camera_pose(const std::array<double, 12>& to_world) {
     const glm::dvec3 upward = column(1) - z * glm::dot(z, column(1));
     const glm::dvec3 y = glm::normalize(upward);
     const glm::dvec3 x = glm::cross(y, z);
-    // Squares that overflow would normalise to zero.
+    // An overflow would normalise to zero.
     if (!std::isfinite(glm::dot(backward, backward) + glm::dot(upward, upward)) ||
         !std::isfinite(glm::dot(x + y + z, glm::dvec3(1)))) {
         return std::nullopt;

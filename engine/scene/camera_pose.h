@@ -8,13 +8,13 @@
 
 namespace raynest {
 
-/// Of axes and a place.
+/// Returns the transform with these axes and this position.
 [[nodiscard]] Transform pose_of(const glm::dvec3& x, const glm::dvec3& y, const glm::dvec3& z,
                                 const glm::dvec3& place);
 
-/// -Z and +Y keep their directions as far as they agree, +X follows. Rows of 4, as in a Transform;
-/// in double, so that a large scale goes before it is rounded. Nothing where there is no direction
-/// or the place is not a finite float.
+/// Removes the scale of a transform: -Z keeps its direction, +Y keeps it as far as it can, +X
+/// follows. Rows of 4, as in a Transform, in double, so that a large scale is removed before
+/// rounding. Nothing if a direction is missing or the position is not finite in float32.
 [[nodiscard]] std::optional<Transform> camera_pose(const std::array<double, 12>& to_world);
 
 }  // namespace raynest

@@ -11,7 +11,7 @@ namespace {
 
 using format::Section;
 
-/// SIMD loads may read a whole run; runs start aligned for them.
+/// Alignment of a run, because SIMD loads may read whole runs.
 constexpr std::uint64_t attribute_alignment = 16;
 
 /// Lanes of leaf blocks that one task fills.
@@ -37,7 +37,7 @@ void write_blocks(const ObjectDescription& object, const Tree& tree,
             block.triangle[lane] = triangle;
             if (triangle == no_id) continue;  // the arena is zero-filled: three equal vertices
 
-            // Neighbours in the tree mostly share their geometry.
+            // Try the last geometry first: neighbours in the tree mostly share it.
             const GeometryRecord& last = geometries[geometry];
             if (triangle - last.first_triangle >= last.triangle_count) {
                 geometry = geometry_of(triangle);
@@ -59,7 +59,7 @@ void write_blocks(const ObjectDescription& object, const Tree& tree,
     });
 }
 
-/// Writes one object's records in tree order, each with its original index, then the way back.
+/// Writes an object's records in tree order with their original indices, then the inverse order.
 void write_records(const ObjectDescription& source, const Tree& tree, std::uint32_t record_size,
                    std::byte* out) {
     const std::uint64_t stride = record_stride(record_size);

@@ -1,5 +1,5 @@
-// A scene on its way into an arena: the records with their final offsets, and what the bulk
-// sections are to be filled from. It copies no bulk data; the description must outlive it.
+// A scene just before it is written to an arena: records with their final offsets, and the sources
+// of the bulk sections. It copies no bulk data; the description must outlive it.
 #pragma once
 
 #include "engine/bvh/build.h"
@@ -20,7 +20,7 @@ namespace raynest {
 /// Zero-terminated strings, each stored once; offset 0 is the empty string.
 class NameTable {
 public:
-    /// What follows a zero byte in `name` is dropped.
+    /// Adds a name, up to its first zero byte, and returns its offset.
     std::uint32_t add(const std::string& name);
     [[nodiscard]] const std::string& bytes() const { return bytes_; }
 
@@ -29,17 +29,17 @@ private:
     std::unordered_map<std::string, std::uint32_t> offsets_{{"", 0}};
 };
 
-/// Hands out places in the `attributes` section now and fills them later.
+/// Allocates space in the `attributes` section now and fills it later.
 class AttributePlan {
 public:
-    /// Offset of a copy of `data`; no_offset when it is empty.
+    /// Returns the offset of a copy of `data`, or no_offset if it is empty.
     template <class T>
     std::uint64_t add(const std::vector<T>& data) {
         return place({reinterpret_cast<const std::byte*>(data.data()), data.size() * sizeof(T), 1});
     }
-    /// Offset of every fourth byte of `rgba`, from the fourth on.
+    /// Returns the offset of a copy of every fourth byte of `rgba`, from the fourth on.
     std::uint64_t add_alpha(std::span<const std::uint8_t> rgba);
-    /// Offset of zeros on cache lines of their own, for write_trees; no_offset of none.
+    /// Returns the offset of zeros on separate cache lines, for write_trees; no_offset for 0 bytes.
     std::uint64_t reserve(std::uint64_t bytes);
 
     [[nodiscard]] std::uint64_t size() const { return size_; }
@@ -84,14 +84,14 @@ struct Content {
     std::deque<std::vector<std::uint8_t>> opacities;  ///< per geometry; attributes point into them
 };
 
-/// Materials, textures and cameras. Images are stored once, however many textures use them.
+/// Adds materials, textures and cameras. An image is stored once, however many textures use it.
 void add_surfaces(const SceneDescription& description, Content& content);
 void add_cameras(const SceneDescription& description, Content& content);
 
 /// Lays out the arena and fills all of it but the trees. Throws std::bad_alloc.
 Arena write_arena(const Content& content);
 
-/// Nodes, leaf blocks with their texture coordinates, and records.
+/// Writes nodes, leaf blocks with their texture coordinates, and records.
 void write_trees(const Content& content, Arena& arena);
 
 }  // namespace raynest

@@ -81,12 +81,12 @@ struct ObjectDescription {
 struct CameraDescription {
     std::string name;
     Transform to_world;
-    float yfov = 0.7F;  ///< radians, vertical; 0 of an orthographic camera
-    float aspect = 0;   ///< width over height, 0: as the picture
-    float ymag = 0;     ///< orthographic: half of the height that it shows
+    float yfov = 0.7F;  ///< radians, vertical; 0 for an orthographic camera
+    float aspect = 0;   ///< width / height; 0: the picture's
+    float ymag = 0;     ///< orthographic: half of the visible height
 };
 
-/// A node of the tree that the scene was read from, and how many placements are its own.
+/// A node of the source's tree, and the number of its own placements.
 struct PathNodeDescription {
     std::uint32_t parent = 0;  ///< its index among the nodes
     std::string name;
@@ -97,12 +97,12 @@ struct PathNodeDescription {
 struct SceneDescription {
     std::vector<ObjectDescription> objects;
     std::uint32_t root = 0;
-    /// Names the paths of a scene whose source is a tree of nodes: its instances need no names
-    /// then. Breadth first, the scene itself first; empty: paths are named by instances.
+    /// Nodes that name the paths, if the source is a tree of nodes; its instances then need no
+    /// names. Breadth first, the scene itself first. Empty: instances name the paths.
     std::vector<PathNodeDescription> path_nodes;
     /// Nodes with placements in the order of their paths, singular instances counted: depth first.
     std::vector<std::uint32_t> placed_nodes;
-    /// What was subtracted from world coordinates: all others here are relative to it.
+    /// The point that was subtracted from world coordinates; all others are relative to it.
     WorldPoint origin{};
     /// The largest distance by which rounding to float32 moved a vertex or a placement.
     double rounding = 0;

@@ -19,7 +19,7 @@ bool all_finite(std::span<const float> values) {
     return std::all_of(values.begin(), values.end(), [](float x) { return std::isfinite(x); });
 }
 
-/// False for NaN, infinity and what lies beyond the limit.
+/// True if all coordinates are within the limit; false for NaN and infinity.
 bool in_range(const Vec3& p) {
     return std::abs(p.x) <= coordinate_max && std::abs(p.y) <= coordinate_max &&
            std::abs(p.z) <= coordinate_max;
@@ -86,7 +86,7 @@ bool is_sound(const Box& box) {
            box.lower.y <= box.upper.y && box.lower.z <= box.upper.z;
 }
 
-/// Counts the primitives that no tree can hold, so that one message says how many.
+/// Counts the primitives whose coordinates no tree can hold, for the message.
 std::uint64_t count_far(const ObjectDescription& object) {
     std::uint64_t far = 0;
     for (const GeometryDescription& geometry : object.geometries) {
@@ -159,7 +159,7 @@ Result<void> check_object(const SceneDescription& description, std::uint32_t ind
     return {};
 }
 
-/// Nodes are in order, and those with placements are listed once, as many as the objects make.
+/// Checks that nodes are in order, and that each node with placements is listed once.
 Result<void> check_path_nodes(const SceneDescription& description) {
     const auto& nodes = description.path_nodes;
     std::uint64_t listed = 0;
@@ -185,7 +185,7 @@ Result<void> check_path_nodes(const SceneDescription& description) {
     return {};
 }
 
-/// What Snapshot::open asks of the names in an arena.
+/// Checks the names as Snapshot::open does in an arena.
 Result<void> check_names(const SceneDescription& description) {
     const auto limit = [](const std::string& what, std::size_t most) {
         return fail(ErrorCode::limit_exceeded,

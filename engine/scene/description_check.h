@@ -1,5 +1,5 @@
-// Is a description consistent? Importers read hostile files; what they hand over is checked here
-// once more, so that building can index without looking.
+// Checks that a description is consistent. Importers read hostile files; this second check lets the
+// builder use indices without checking them.
 #pragma once
 
 #include "engine/result.h"
@@ -7,10 +7,10 @@
 
 namespace raynest {
 
-/// scene_invalid naming the first inconsistency: an index out of range, attributes of unequal
-/// length, an image that is not width x height, a non-finite number, coordinates that are not
-/// finite or beyond coordinate_max (with their count). The graph of instances is resolve_graph's
-/// matter.
+/// Fails with scene_invalid and names the first inconsistency: an index out of range, attributes of
+/// unequal length, an image that is not width x height, a non-finite number, coordinates that are
+/// not finite or beyond coordinate_max (with their count). resolve_graph() checks the graph of
+/// instances.
 Result<void> check_description(const SceneDescription& description);
 
 }  // namespace raynest

@@ -1,11 +1,11 @@
-// The identity of a scene: 256 bits of its arena that nobody can bring about twice.
+// The identity of a scene: a 256-bit digest of its arena.
 //
 //   digest = SHA-256( SHA-256(piece 0) | SHA-256(piece 1) | ... )    pieces of 1 MiB, the last one
 //   shorter
 //
-// The pieces are hashed in parallel. Every tree of digests has two levels, so two arenas with one
-// digest would be a collision of SHA-256 itself. An upload's checksum is another thing
-// (protocol/hash.h): it finds damage, not forgery.
+// The pieces are hashed in parallel. Every tree of digests has two levels, so two arenas with the
+// same digest would be a collision of SHA-256 itself. An upload's checksum (protocol/hash.h) is
+// different: it detects damage, not forgery.
 #pragma once
 
 #include "engine/result.h"

@@ -16,14 +16,14 @@
 
 namespace raynest::format {
 
-/// Why something of the source is not in the scene, and how often.
+/// A reason for which parts of the source are not in the scene, and their number.
 struct SkipRecord {
     std::uint64_t count;
     std::uint32_t reason;  ///< offset in `names`
     std::uint32_t unused;
 };
 
-/// Offset in `names`: of a warning, or of the name of a primitive type.
+/// Offset in `names` of a warning or of the name of a primitive type.
 using NameOffset = std::uint32_t;
 
 enum class Section : std::uint32_t {
@@ -92,7 +92,7 @@ inline constexpr std::uint64_t alignment = 64;
 struct Header {
     std::array<char, 8> magic;
     std::uint32_t version;
-    std::uint32_t byte_order;  ///< reads 0x01020304 where the bytes fit the reader
+    std::uint32_t byte_order;  ///< 0x01020304 in the reader's byte order
     std::uint64_t bytes;       ///< of the whole arena
     BuildQuality build;        ///< of the trees
     std::uint32_t unused;
@@ -107,7 +107,7 @@ static_assert(sizeof(Header) == 88 + 24 * section_count);
     return (offset + alignment - 1) / alignment * alignment;
 }
 
-/// Typed start of a section in an arena whose header was checked or has just been written.
+/// Returns the start of a section in an arena whose header was checked or has just been written.
 template <class T>
 [[nodiscard]] const T* section(const std::byte* arena, Section which) {
     const auto& header = *reinterpret_cast<const Header*>(arena);
@@ -119,7 +119,7 @@ template <class T>
     return reinterpret_cast<const Header*>(arena)->sections[static_cast<std::size_t>(which)].count;
 }
 
-/// Of an arena whose header and section table were checked.
+/// Returns the path table of an arena whose header and section table were checked.
 [[nodiscard]] inline PathTable path_table(const std::byte* arena) {
     PathTable table;
     table.nodes = section<PathNode>(arena, Section::path_nodes);

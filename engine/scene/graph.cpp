@@ -34,12 +34,12 @@ public:
 private:
     enum class State : std::uint8_t { unseen, open, done };
 
-    /// An object of the description. `declared` also counts what lies behind singular instances.
+    /// An object of the description. `declared` also counts placements behind singular instances.
     struct Entry {
         State state = State::unseen;
         bool traced = false;
         Placements declared;
-        std::uint32_t mask = 0;  ///< union of what it holds
+        std::uint32_t mask = 0;  ///< union of the masks of its contents
         GraphObject object;
     };
 
@@ -80,7 +80,7 @@ private:
         return {};
     }
 
-    /// All children are done: sums them up.
+    /// Sums up the children, which are all complete.
     Result<void> close(std::uint32_t index) {
         const ObjectDescription& source = description_.objects[index];
         Entry& entry = entries_[index];
@@ -108,7 +108,7 @@ private:
             InstanceRecord record{};
             record.to_object = by_columns(to_object);
             record.object = instance.object;
-            // A group without a mask of its own need not be entered where nothing in it counts.
+            // Give a group without a mask that of its contents: rays that see none of them skip it.
             record.mask = instance.mask == ~0U ? child.mask : instance.mask;
             entry.mask |= record.mask;
             record.path_base = object.traced.placement_count;
@@ -125,7 +125,7 @@ private:
         return {};
     }
 
-    /// Drops what only singular instances reach and numbers the rest, children first.
+    /// Drops objects that only singular instances reach and numbers the others, children first.
     Graph keep_traced() {
         entries_[description_.root].traced = true;
         for (auto at = order_.rbegin(); at != order_.rend(); ++at) {

@@ -12,7 +12,7 @@
 
 namespace raynest {
 
-/// How often something below an object is placed; all sums are overflow-checked.
+/// Numbers of placements below an object; all sums are checked for overflow.
 struct Placements {
     std::uint64_t placement_count = 0;     ///< flat leaf placements (geometry/path.h)
     std::uint64_t triangles = 0;  ///< of those leaves
@@ -20,7 +20,7 @@ struct Placements {
     bool operator==(const Placements&) const = default;
 };
 
-/// One object that will be traced. Instance records are complete: `object` is an index into
+/// An object that will be traced. Instance records are complete: `object` is an index into
 /// Graph::objects, `path_base` is set, singular instances are left out.
 struct GraphObject {
     std::uint32_t source = 0;  ///< index in the description
@@ -31,9 +31,9 @@ struct GraphObject {
 };
 
 struct Graph {
-    std::vector<GraphObject> objects;  ///< what the root reaches, children first, the root last
+    std::vector<GraphObject> objects;  ///< reachable from the root, children first
     std::uint64_t declared_leaves =
-        0;  ///< placements of the root, those behind singular instances too
+        0;  ///< placements below the root, including those behind singular instances
     std::map<std::string, std::uint64_t> skipped;
 };
 
@@ -42,10 +42,10 @@ struct Graph {
 /// can exhaust the stack.
 Result<Graph> resolve_graph(const SceneDescription& description);
 
-/// How messages name an object: its name in quotes, or its index.
+/// Returns the name of an object for messages: its name in quotes, or its index.
 std::string object_label(const SceneDescription& description, std::uint32_t object);
 
-/// Triangles of the object itself.
+/// Returns the number of the object's own triangles.
 std::uint64_t own_triangles(const ObjectDescription& object);
 
 }  // namespace raynest

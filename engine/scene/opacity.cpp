@@ -11,23 +11,23 @@
 namespace raynest {
 namespace {
 
-/// How far texture coordinates that are computed in float can be off, relative to the largest term:
-/// a few roundings of 2^-24, and barycentric coordinates that leave the triangle by as much.
+/// Error bound of texture coordinates computed in float, relative to the largest term: a few
+/// roundings of 2^-24, and barycentric coordinates that leave the triangle by as much.
 constexpr double coordinate_error = 0x1p-18;
 /// The same for alpha in 255ths, relative and absolute.
 constexpr double alpha_error_relative = 0x1p-16;
 constexpr double alpha_error = 0x1p-12;
 
-/// Beyond these a footprint is taken for larger than it is: a bound on time, not on truth.
+/// Limits on the work per footprint. Beyond them its range is widened, which is slower but correct.
 constexpr double tiles_max = 4;  ///< periods of the texture along one axis
-constexpr int cells_max = 512;   ///< pyramid cells that are looked at, about 10 us
+constexpr int cells_max = 512;   ///< visited pyramid cells, about 10 us
 
-/// A texture coordinate's way across one axis of the image.
+/// One axis of the image, and the triangle's extent along it.
 struct Axis {
     double size;  ///< texels
     Wrap wrap;
-    double reach;         ///< how far from its point the filter touches texels; errors included
-    double lower, upper;  ///< what the triangle covers, in texels, before wrapping
+    double reach;         ///< distance at which the filter still touches texels, with errors
+    double lower, upper;  ///< extent of the triangle in texels, before wrapping
 
     [[nodiscard]] double first_tile() const {
         return wrap == Wrap::clamp ? 0 : std::floor((lower - reach) / size);
@@ -35,7 +35,7 @@ struct Axis {
     [[nodiscard]] double last_tile() const {
         return wrap == Wrap::clamp ? 0 : std::floor((upper + reach) / size);
     }
-    /// Where a point comes to lie when its tile is laid over the image.
+    /// Returns the position of a point when its tile is mapped to the image.
     [[nodiscard]] double laid(double x, double tile) const {
         const double within = x - tile * size;
         const bool mirrored = wrap == Wrap::mirror && std::fmod(tile, 2) != 0;
@@ -51,7 +51,7 @@ struct Rectangle {
     Point lower, upper;
 };
 
-/// Separating axes: the rectangle's sides, then the triangle's. Degenerate triangles have fewer.
+/// Tests separating axes: the rectangle's sides, then those of the triangle that have a length.
 bool overlaps(const std::array<Point, 3>& triangle, const Rectangle& r) {
     const auto [x0, x1] = std::minmax({triangle[0].x, triangle[1].x, triangle[2].x});
     const auto [y0, y1] = std::minmax({triangle[0].y, triangle[1].y, triangle[2].y});
@@ -72,8 +72,8 @@ bool overlaps(const std::array<Point, 3>& triangle, const Rectangle& r) {
     return true;
 }
 
-/// Walks a pyramid down to the texels that a triangle's footprint touches; cells that could not
-/// widen the range are passed over.
+/// Descends a pyramid to the texels that a triangle's footprint touches. Skips cells that cannot
+/// widen the range.
 class Footprint {
 public:
     Footprint(const AlphaPyramid& pyramid, const Axis& x, const Axis& y)
@@ -118,7 +118,7 @@ private:
         }
     }
 
-    /// Where a point has to lie for the filter to touch the cell's texels.
+    /// Returns the rectangle of points from which the filter touches the cell's texels.
     [[nodiscard]] Rectangle touching(std::uint32_t level, std::uint32_t x, std::uint32_t y) const {
         const auto [x0, x1] =
             touching(x_, std::uint64_t{x} << level, std::uint64_t{x + 1} << level);
@@ -130,7 +130,7 @@ private:
                                               std::uint64_t end) {
         double lower = static_cast<double>(first) - axis.reach;
         double upper = static_cast<double>(end) + axis.reach;
-        if (axis.wrap == Wrap::clamp) {  // the border's texels reach on for ever
+        if (axis.wrap == Wrap::clamp) {  // the border's texels extend to infinity
             if (first == 0) lower = std::min(lower, axis.lower - 1);
             if (static_cast<double>(end) >= axis.size) upper = std::max(upper, axis.upper + 1);
         }
@@ -145,7 +145,7 @@ private:
     int cells_ = 0;
 };
 
-/// The texture's alpha over one triangle.
+/// Returns the range of the texture's alpha over a triangle.
 AlphaPyramid::Range texture_range(const AlphaPyramid& pyramid, const TextureDescription& texture,
                                   const MaterialDescription& material,
                                   const std::array<Vec2, 3>& corners) {
@@ -167,7 +167,7 @@ AlphaPyramid::Range texture_range(const AlphaPyramid& pyramid, const TextureDesc
         }
         axis.lower = std::min({at[0], at[1], at[2]});
         axis.upper = std::max({at[0], at[1], at[2]});
-        // Maxima may pass over what is not a number; a sum does not.
+        // Test the sum: max() may ignore NaN.
         if (!std::isfinite(at[0] + at[1] + at[2])) axis.upper = HUGE_VAL;
         axis.reach = (texture.nearest ? 0 : 0.5) + coordinate_error * largest_term * axis.size;
     }
@@ -226,7 +226,7 @@ std::vector<std::uint8_t> OpacityBuilder::build(const GeometryDescription& geome
             least *= std::min({colour(0), colour(1), colour(2)});
             largest *= std::max({colour(0), colour(1), colour(2)});
         }
-        // Outward. Nothing is known of alpha below 0; of zeros alone the filter makes exactly zero.
+        // Round outward. 0 gives no lower bound. Zeros alone are filtered to exactly 0.
         const double lower = std::floor(least * (1 - alpha_error_relative) - alpha_error);
         const double upper =
             largest == 0 ? 0 : std::ceil(largest * (1 + alpha_error_relative) + alpha_error);
@@ -234,7 +234,7 @@ std::vector<std::uint8_t> OpacityBuilder::build(const GeometryDescription& geome
         ranges[2 * t] = known ? static_cast<std::uint8_t>(std::clamp(lower, 0.0, 255.0)) : 0;
         ranges[2 * t + 1] = known ? static_cast<std::uint8_t>(std::clamp(upper, 0.0, 255.0)) : 255;
     });
-    // A table that leaves every triangle open would cost each candidate a cache miss for nothing.
+    // Drop a table without bounds: it would cost each candidate a cache miss for nothing.
     const auto open = [&](std::size_t t) { return ranges[2 * t] == 0 && ranges[2 * t + 1] == 255; };
     for (std::size_t t = 0; t < triangles; ++t) {
         if (!open(t)) return ranges;

@@ -1,10 +1,10 @@
-// Opacity: the least and the largest alpha anywhere on a triangle, so that most candidates of a
-// masked surface are decided without a look at the texture.
+// Opacity: the least and the largest alpha anywhere on a triangle. With it most candidates on a
+// masked surface are decided without reading the texture.
 //
-// Decided while the scene is built, for triangles of MASK and BLEND materials: the texels that the
-// filter can touch while a point moves over the triangle, through the wrap modes and the texture
-// transform, times the factor, times the range of the vertex colours. Two bytes per triangle,
-// rounded outward; what a cutoff makes of them is decided per request (intersectors/alpha_mask.h).
+// It is computed at build time for triangles of MASK and BLEND materials: the range of all texels
+// that the filter can touch while a point moves over the triangle, through the wrap modes and the
+// texture transform, times the factor, times the range of the vertex colours. It has two bytes per
+// triangle, rounded outward; requests compare them with their cutoff (intersectors/alpha_mask.h).
 #pragma once
 
 #include "engine/scene/description.h"
@@ -27,7 +27,7 @@ public:
     explicit AlphaPyramid(const ImageDescription& image);
 
     [[nodiscard]] std::uint32_t top() const { return static_cast<std::uint32_t>(levels_.size()); }
-    /// Of the texels [x << level, (x + 1) << level) and so on, as far as the image goes.
+    /// Returns the range of texels [x << level, (x + 1) << level), likewise y, in the image.
     [[nodiscard]] Range at(std::uint32_t level, std::uint32_t x, std::uint32_t y) const {
         if (level == 0) {
             const std::uint8_t a = image_.rgba[4 * (std::size_t{y} * image_.width + x) + 3];
@@ -52,10 +52,10 @@ class OpacityBuilder {
 public:
     explicit OpacityBuilder(const SceneDescription& scene) : scene_(scene) {}
 
-    /// {least, largest} alpha of each triangle in 255ths. 0 as the least and 255 as the largest say
-    /// nothing: alpha may lie beyond. Empty for opaque materials, and where no triangle says
-    /// anything. Measured: 0.3 to 1.5 us per triangle; at most a few hundred steps, whatever its
-    /// size in texels.
+    /// Returns {least, largest} alpha of each triangle in 255ths; 0 and 255 mean "no bound", since
+    /// alpha may lie beyond them. Empty for opaque materials, and if no triangle has a bound.
+    /// Measured: 0.3 to 1.5 us per triangle; at most a few hundred steps, whatever its size in
+    /// texels.
     std::vector<std::uint8_t> build(const GeometryDescription& geometry);
 
 private:

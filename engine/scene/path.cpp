@@ -1,4 +1,4 @@
-// Paths and their texts, both ways.
+// Converts paths to texts and back.
 #include "engine/geometry/path.h"
 
 #include "engine/scene/snapshot.h"
@@ -18,12 +18,12 @@ bool is_digit(char c) {
     return c >= '0' && c <= '9';
 }
 
-/// The number of an instance among those of its name in its object, or no_id.
+/// Returns the number of an instance among those of its name in its object, or no_id.
 std::uint32_t number_of(const PathTable& paths, std::uint32_t instance) {
     return paths.numbers == nullptr ? no_id : paths.numbers[instance];
 }
 
-/// Children of a node are neighbours.
+/// Returns the range of a node's children, which are neighbours.
 std::pair<std::uint32_t, std::uint32_t> children_of(const PathTable& paths, std::uint32_t node) {
     const auto below = [](const PathNode& child, std::uint32_t parent) {
         return child.parent < parent;
@@ -50,7 +50,7 @@ std::vector<PathStep> expand_nodes(const Snapshot& scene, std::uint64_t path) {
             number = run.number + static_cast<std::uint32_t>(path - run.first_path);
         step.name = numbered(scene.view().names + node.name, number);
         bytes += step.name.size() + 1;
-        // Stop where more would be cut anyway: a tree may be a million nodes deep.
+        // Stop at the limits, beyond which steps would be cut: a tree may be a million nodes deep.
         if (steps.size() > path_steps_max || bytes > path_text_bytes_max) break;
     }
     std::reverse(steps.begin(), steps.end());
@@ -72,7 +72,7 @@ std::vector<PathStep> expand_instances(const Snapshot& scene, std::uint64_t path
     return steps;
 }
 
-/// Drops outer steps beyond the limits on texts.
+/// Drops outer steps until the text fits its limits.
 void shorten(std::vector<PathStep>& steps) {
     std::size_t bytes = 0;
     std::size_t kept = 0;
@@ -86,7 +86,7 @@ void shorten(std::vector<PathStep>& steps) {
     steps.front().name = "...";
 }
 
-/// A step of a text: a name, and a number where it has one.
+/// A step of a text: a name, and perhaps a number.
 struct Token {
     std::string_view name;
     std::uint32_t number = no_id;
@@ -98,12 +98,12 @@ Token token_of(std::string_view text) {
     if (mark == std::string_view::npos) return token;
     const char* const end = text.data() + text.size();
     const auto [stop, error] = std::from_chars(text.data() + mark + 1, end, token.number);
-    // A number that is none matches no name: those hold no '#'.
+    // With a malformed number, take the whole text as a name; names hold no '#', so none matches.
     if (error != std::errc() || stop != end || token.number == no_id) token = {text};
     return token;
 }
 
-/// Offset of a name: each is stored once.
+/// Returns the offset of a name; each name is stored once.
 std::optional<std::uint32_t> offset_of(const Snapshot& scene, std::string_view name) {
     if (name.empty()) return 0;
     const std::string_view all(scene.view().names, scene.paths().names_bytes);
@@ -114,7 +114,7 @@ std::optional<std::uint32_t> offset_of(const Snapshot& scene, std::string_view n
     return static_cast<std::uint32_t>(at + 1);
 }
 
-/// Walks down a text, one step at a time.
+/// Follows a text down the tree, one step at a time.
 class Finder {
 public:
     Finder(const Snapshot& scene, std::string_view text)
@@ -139,8 +139,8 @@ public:
 
 private:
     bool enter_node(std::uint32_t name, std::uint32_t number) {
-        // A node with several placements stands for several numbers; nothing is below but the
-        // first.
+        // A node with several placements stands for several numbers. Only the first of them has
+        // children.
         if (number_ != no_id && number_ != paths_.nodes[node_].number) return false;
         const auto [first, end] = children_of(paths_, node_);
         std::uint32_t found = no_id;
@@ -171,7 +171,7 @@ private:
 
     [[nodiscard]] Result<std::uint64_t> path_of_node() const {
         const PathNode& node = paths_.nodes[node_];
-        std::uint64_t placed = 0;  // numbers that the node stands for end here
+        std::uint64_t placed = 0;  // end of the numbers that the node stands for
         const std::uint32_t wanted = number_ == no_id ? 0 : number_;
         for (std::uint32_t r = node.first_run; r < paths_.run_count; ++r) {
             const PathRun& run = paths_.runs[r];
@@ -226,7 +226,7 @@ private:
         return repeated;
     }
 
-    /// The first few steps that would go on from here.
+    /// Returns the first few possible next steps.
     [[nodiscard]] std::vector<std::string> names_below() const {
         constexpr std::size_t few = 5;
         std::vector<std::string> names;
@@ -238,7 +238,7 @@ private:
         return names;
     }
 
-    /// Calls visit(name, number) for each step below this one until it says false.
+    /// Calls visit(name, number) for each step below this one until visit returns false.
     template <class Visit>
     void each_below(Visit&& visit) const {
         if (paths_.node_count != 0) {
@@ -267,10 +267,10 @@ private:
     const Snapshot& scene_;
     const PathTable& paths_;
     const std::string_view text_;
-    std::string_view at_;                        ///< the steps behind
-    std::uint32_t node_ = 0;                     ///< where there are nodes
-    std::uint32_t number_ = no_id;               ///< of the last step
-    std::uint32_t object_ = scene_.view().root;  ///< where there are none
+    std::string_view at_;                        ///< the path id of the steps so far
+    std::uint32_t node_ = 0;                     ///< in a scene with nodes
+    std::uint32_t number_ = no_id;               ///< number of the last step
+    std::uint32_t object_ = scene_.view().root;  ///< in a scene without nodes
     std::uint64_t path_ = 0;
 };
 
@@ -308,7 +308,7 @@ std::string path_step_text(std::string_view name) {
     for (std::size_t i = 0; i < name.size(); ++i) {
         const char c = name[i];
         const bool escaped = c == '/' || c == '#' || c == '%' || (digits && i == 0);
-        // Cut between characters: what goes on with 10xxxxxx belongs to the one before.
+        // Cut between characters: a byte 10xxxxxx continues the character before it.
         const bool starts = (static_cast<unsigned char>(c) & 0xC0U) != 0x80U;
         constexpr std::size_t longest = 4;  // bytes of a character
         if (starts && text.size() + longest > path_step_bytes_max) break;

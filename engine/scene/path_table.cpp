@@ -1,4 +1,4 @@
-// Numbers for names that are repeated, and the tree of nodes with the runs of its placements.
+// Numbers repeated names, and writes the tree of nodes with the runs of their placements.
 #include "engine/scene/path_table.h"
 
 #include <algorithm>
@@ -8,8 +8,8 @@
 namespace raynest {
 namespace {
 
-/// Walks the placements of a description in the order of their paths, those that singular instances
-/// hide among them.
+/// Visits the placements of a description in the order of their paths, including those behind
+/// singular instances.
 class PlacementWalk {
 public:
     PlacementWalk(const SceneDescription& description, const Graph& graph)
@@ -18,7 +18,7 @@ public:
         for (const GraphObject& object : graph.objects) traced_[object.source] = &object;
     }
 
-    /// Calls visit(whether it has a path) for each one.
+    /// Calls visit(has_path) for each one.
     template <class Visit>
     void walk(Visit&& visit) const {
         std::vector<Step> way;
@@ -65,7 +65,7 @@ std::vector<std::uint32_t> number_siblings(std::span<const std::uint32_t> names,
     const auto count_of = [&](std::uint32_t i) { return counts.empty() ? 1 : counts[i]; };
     std::vector<std::uint32_t> order(names.size());
     std::iota(order.begin(), order.end(), 0U);
-    // A million placements of one name are sorted already.
+    // Skip the sort if possible: a million placements of one name are sorted already.
     if (!std::is_sorted(names.begin(), names.end())) {
         std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
             return names[a] != names[b] ? names[a] < names[b] : a < b;
@@ -122,7 +122,7 @@ void add_path_nodes(const SceneDescription& description, const Graph& graph, Con
         PathNode& node = nodes[*placed];
         if (has_path) {
             const std::uint32_t number = node.number == no_id ? 0 : node.number + of_node;
-            // Paths follow each other as numbers do, unless a singular placement is between them.
+            // A run continues while path ids and numbers both do; a singular placement ends it.
             const bool goes_on = !runs.empty() && runs.back().node == *placed &&
                                  number - runs.back().number == path - runs.back().first_path;
             if (node.first_run == no_id) node.first_run = static_cast<std::uint32_t>(runs.size());

@@ -1,4 +1,4 @@
-// What names the paths of a scene, on its way into an arena (geometry/path.h, FORMAT.md).
+// Builds the tables that name a scene's paths (geometry/path.h, FORMAT.md).
 #pragma once
 
 #include "engine/scene/content.h"
@@ -13,13 +13,13 @@
 
 namespace raynest {
 
-/// What texts call an instance in a scene without nodes.
+/// Returns the name of an instance in path texts of a scene without nodes.
 inline std::string step_name(const SceneDescription& scene, const InstanceDescription& instance) {
     return path_step_text(instance.name.empty() ? scene.objects[instance.object].name
                                                 : instance.name);
 }
 
-/// Small numbers for names, equal ones for equal names and 0 for the empty one.
+/// Gives names small numbers: equal ones for equal names, 0 for the empty name.
 class NameIds {
 public:
     std::uint32_t of(const std::string& name) {
@@ -30,13 +30,13 @@ private:
     std::unordered_map<std::string, std::uint32_t> ids_{{"", 0}};
 };
 
-/// The first number of each sibling whose name is repeated or empty, no_id of the others. Equal
-/// names have equal ids in `names`, the empty one 0; `counts` says how many numbers each takes, one
-/// where it is empty.
+/// Returns the first number of each sibling whose name is repeated or empty, no_id for others.
+/// Equal names have equal ids in `names`, the empty name 0. `counts` tells how many numbers each
+/// sibling takes; empty: one each.
 std::vector<std::uint32_t> number_siblings(std::span<const std::uint32_t> names,
                                            std::span<const std::uint32_t> counts = {});
 
-/// The same for all nodes of a tree.
+/// Returns the same for all nodes of a tree.
 std::vector<std::uint32_t> number_nodes(const std::vector<PathNodeDescription>& nodes,
                                         std::span<const std::uint32_t> names);
 

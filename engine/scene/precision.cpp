@@ -11,12 +11,12 @@
 namespace raynest {
 namespace {
 
-/// Share of the scene's size from which on a distance is worth a warning: a pixel of a picture that
-/// is far larger than any screen.
+/// A shift above this share of the scene's size is worth a warning: a pixel in a picture far larger
+/// than any screen.
 constexpr double notable_share = 1e-5;
 
-/// A triangle's edge functions are products of two lengths inside it, in float32: where the normal
-/// is below the least float they are all 0.
+/// A triangle's edge functions are products of two lengths inside it, in float32. If the normal is
+/// below the smallest float, they are all 0.
 constexpr double normal_min = std::numeric_limits<float>::denorm_min();
 
 bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c) {
@@ -25,7 +25,7 @@ bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c) {
     return !(std::max({normal.x, normal.y, normal.z}) >= normal_min);
 }
 
-/// A number of few digits near `centre`, beside a scene of this size.
+/// Returns a number with few digits near `centre`, at the scale of a scene of this size.
 double rounded(double centre, double size) {
     const double step = std::pow(10.0, std::ceil(std::log10(size)));
     return std::round(centre / step) * step + 0.0;

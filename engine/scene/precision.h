@@ -1,4 +1,4 @@
-// What float32 costs a scene: triangles that nothing can hit, and places that moved.
+// The cost of float32 for a scene: triangles that cannot be hit, and moved vertices.
 #pragma once
 
 #include "engine/geometry/box.h"
@@ -9,12 +9,12 @@
 
 namespace raynest {
 
-/// Triangles of which the intersection test sees no area, from no side: their corners lie on one
-/// line, or so close together that the test's products vanish.
+/// Counts triangles without area for the intersection test, whatever the ray's direction: their
+/// corners are on one line, or so close together that the test's products vanish.
 [[nodiscard]] std::uint64_t count_degenerate(const GeometryDescription& geometry);
 
-/// A warning with the distance by which rounding moved something and with an origin that avoids
-/// that; "" where the distance is small beside a scene of these bounds, which are relative to
+/// Returns a warning with the distance by which rounding moved something, and with an origin that
+/// avoids that; "" if the distance is small compared with the scene's bounds, which are relative to
 /// `origin`.
 [[nodiscard]] std::string rounding_warning(double rounding, const WorldPoint& origin,
                                            const Box& bounds);

@@ -13,8 +13,8 @@ namespace {
 
 using format::Section;
 
-/// How often each object is placed below the root. Groups of nothing may stand more often than a
-/// number holds; what has primitives does not (scene_paths_max).
+/// Counts the placements of each object below the root. The count of an empty group may overflow;
+/// that of an object with primitives cannot (scene_paths_max).
 std::vector<std::uint64_t> count_placements(const SceneView& scene) {
     std::vector<std::uint64_t> placements(scene.object_count, 0);
     placements[scene.root] = 1;
@@ -28,7 +28,7 @@ std::vector<std::uint64_t> count_placements(const SceneView& scene) {
     return placements;
 }
 
-/// Triangles below the root, each as often as it is placed.
+/// Counts the triangles below the root, each as often as it is placed.
 Result<std::uint64_t> count_placed_triangles(const SceneView& scene,
                                              const std::vector<std::uint64_t>& placements) {
     std::uint64_t sum = 0;
@@ -55,7 +55,7 @@ std::vector<MaterialUse> count_material_uses(const SceneView& scene,
             if (geometry.material == no_id || geometry.triangle_count == 0) continue;
             MaterialUse& use = uses[geometry.material];
             use.triangles += geometry.triangle_count;
-            // All placements together are paths, at most 2^63.
+            // The placements together have at most 2^63 paths, so no sum overflows.
             if (std::exchange(last_user[geometry.material], i) != i)
                 use.placements += placements[i];
         }

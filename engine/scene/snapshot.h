@@ -26,7 +26,7 @@ namespace raynest {
 /// Limits on what may become a snapshot.
 inline constexpr std::uint32_t scene_depth_max = 32;
 inline constexpr float coordinate_max = 1e15F;
-/// Of each coordinate; false for NaN.
+/// True if each coordinate is within coordinate_max; false for NaN.
 [[nodiscard]] inline bool is_origin(const WorldPoint& point) {
     constexpr double most{coordinate_max};
     const auto fits = [](double x) { return x >= -most && x <= most; };
@@ -36,7 +36,7 @@ inline constexpr std::uint64_t scene_paths_max = 1ULL << 63;
 inline constexpr std::uint32_t record_size_max = 4096;  ///< bytes of one record
 inline constexpr std::uint32_t texture_side_max =
     16384;  ///< pixels; an RGBA plane stays below 2^31
-/// What is copied out of an arena or looked up by name is bounded by count and length.
+/// Limits on the contents of an arena that are copied or looked up by name.
 inline constexpr std::uint32_t scene_name_bytes_max = 8192;  ///< of any name or warning
 inline constexpr std::uint32_t scene_warnings_max = 1024;
 inline constexpr std::uint32_t scene_skips_max = 1024;  ///< reasons
@@ -46,7 +46,7 @@ inline constexpr std::uint32_t scene_cameras_max = 65536;
 /// The memory of a snapshot.
 using Arena = Pages;
 
-/// What `info` prints; instanced_triangles and instances count placements.
+/// The numbers that `info` prints; instanced_triangles and instances count placements.
 struct SceneStatistics {
     std::uint64_t unique_triangles = 0;
     std::uint64_t instanced_triangles = 0;

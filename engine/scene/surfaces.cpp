@@ -40,7 +40,7 @@ void add_cameras(const SceneDescription& description, Content& content) {
     for (const CameraDescription& camera : description.cameras) {
         std::array<double, 12> to_world{};
         std::copy_n(camera.to_world.m.begin(), 12, to_world.begin());
-        // Of no direction: along -Z of the world, from where it is.
+        // A pose without a direction looks along the world's -Z from its position.
         Transform along_z;
         for (const std::size_t i : {3U, 7U, 11U}) along_z.m[i] = camera.to_world.m[i];
         content.cameras.push_back({camera_pose(to_world).value_or(along_z), camera.yfov,

@@ -12,7 +12,7 @@ tl::unexpected<Error> broken(const char* what) {
     return fail(ErrorCode::scene_invalid, std::string("a tree is broken: ") + what);
 }
 
-/// Each of the eight octants must list all eight slots.
+/// True if each of the eight octants lists all eight slots.
 bool is_order(const Node& node) {
     for (std::uint32_t octant = 0; octant < 8; ++octant) {
         std::uint32_t slots = 0;
@@ -22,7 +22,7 @@ bool is_order(const Node& node) {
     return true;
 }
 
-/// Marks a run of leaf entries; false when it leaves the object or was named before.
+/// Marks a run of leaf entries; false if it leaves the object or overlaps another run.
 bool claim(std::vector<bool>& seen, std::uint32_t first, std::uint32_t count) {
     if (first > seen.size() || count > seen.size() - first) return false;
     for (std::uint32_t i = first; i < first + count; ++i) {
@@ -45,7 +45,7 @@ Result<void> TreeChecker::check(const SceneView& scene, const ObjectRecord& obje
     record_seen_.assign(object.record_count, false);
     instance_seen_.assign(object.instance_count, false);
 
-    // Node 0 is the root, unless a leaf or nothing is.
+    // Node 0 is the root, unless the root is a leaf or empty.
     if (object.node_count != 0) {
         if (object.root != 0) return broken("its root is not its first node");
         node_height_[0] = 1;
@@ -54,7 +54,7 @@ Result<void> TreeChecker::check(const SceneView& scene, const ObjectRecord& obje
         if (auto checked = check_leaf(object.root); !checked) return checked;
     }
 
-    // Children come after their parent, so one pass in order has seen a node's parent before it.
+    // Children come after their parents, so one pass in order suffices.
     for (std::uint32_t i = 0; i < object.node_count; ++i) {
         const Node& node = scene.nodes[object.first_node + i];
         if (auto checked = check_node(node, i); !checked) return checked;

@@ -24,7 +24,7 @@ public:
     }
 
 private:
-    /// Per unit of the area of the object's box.
+    /// Returns the cost of the object per unit of its box's area.
     [[nodiscard]] double cost_of(const ObjectRecord& object) const {
         const double area = area_of(object.bounds);
         if (object.node_count == 0 || !(area > 0)) return leaf_cost(object, object.root);

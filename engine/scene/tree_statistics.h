@@ -1,5 +1,5 @@
-// What the trees of a scene are like, read from the trees: such numbers need no place in the arena
-// and cannot contradict it.
+// Statistics of a scene's trees, computed from the trees: they need no space in the arena and
+// cannot contradict it.
 #pragma once
 
 #include "engine/geometry/views.h"
@@ -15,7 +15,7 @@ struct TreeStatistics {
     std::uint32_t height = 0;  ///< nodes on the longest path of the highest tree
 };
 
-/// Of a checked scene. Linear time.
+/// Measures the trees of a checked scene, in linear time.
 TreeStatistics measure_trees(const SceneView& scene);
 
 }  // namespace raynest

@@ -1,4 +1,4 @@
-// What one side answered to a set of rays, and how two sides differ.
+// The answers of one side to a set of rays, and the differences between two sides.
 #pragma once
 
 #include "engine/geometry/hit.h"

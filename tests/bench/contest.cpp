@@ -170,8 +170,8 @@ Result<void> check_own(const std::vector<Side>& sides) {
     return {};
 }
 
-/// What edges and the rounding of transforms explain, per 131,072 hits asked for: 2 in one tree, 25
-/// through one level of instances, 60 through more.
+/// Returns the mismatches that edges and the rounding of transforms explain. Per 131,072 requested
+/// hits these are 2 in one tree, 25 through one level of instances, 60 through more.
 std::uint64_t mismatches_max(const Loaded& loaded, const Answers& answers) {
     const std::uint32_t levels = loaded.workload.scene->statistics().levels;
     const std::uint64_t limit = levels <= 1 ? 2 : levels == 2 ? 25 : 60;

@@ -14,7 +14,7 @@
 
 namespace raynest::bench {
 
-/// What a run has loaded.
+/// The modules and the scene of a run.
 struct Loaded {
     std::vector<std::shared_ptr<const Registry>> registries;  ///< one per target of the options
     std::unique_ptr<PeerLibrary> peers;                       ///< null when none was asked for

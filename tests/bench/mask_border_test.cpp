@@ -1,4 +1,4 @@
-// What may be excused as rounding: the border of a texel, and no more than its width.
+// Tests which mismatches count as rounding: those within the border of a texel.
 #include "tests/bench/mask_border.h"
 
 #include "tests/unit/engine/small_scenes.h"
@@ -32,7 +32,7 @@ std::shared_ptr<const Snapshot> half_masked(AlphaMode mode, float x_offset) {
     return test::build_scene(scene);
 }
 
-/// Of a ray that meets the square's first triangle at (x, y), where x > y.
+/// Tests a ray that hits the square's first triangle at (x, y), where x > y.
 bool at_border(float x, float y, AlphaMode mode = AlphaMode::mask, float x_offset = 0) {
     const auto scene = half_masked(mode, x_offset);
     HitRecord hit;

@@ -1,5 +1,5 @@
-// Another ray tracer in the same process, for ratios: the door between raynest-bench and a peer's
-// module.
+// Another ray tracer in the same process, for ratios: the interface between raynest-bench and a
+// peer's module.
 //
 // A peer is a module per CPU target, compiled with the flags of our kernel packs, so that what it
 // inlines around its library (ray fills, filter callbacks) is as fast as ours. Both sides read the
@@ -39,7 +39,7 @@ public:
     virtual void translate(std::span<HitRecord> hits) const = 0;
 };
 
-/// What a peer's row is called and what it answers.
+/// A row of a peer: its name and the queries that it answers.
 struct PeerForm {
     std::string name;
     bool masks;  ///< tests alpha as our alpha_mask does
@@ -53,7 +53,7 @@ struct PeerBuild {
     double cpu_seconds;  ///< of the whole process
 };
 
-/// What a scene takes beside its vertices and indices: growth of the resident set, because the
+/// Memory of a scene besides its vertices and indices: growth of the resident set, because the
 /// library's own monitor misses most of an instance.
 struct PeerMemory {
     std::uint64_t tree_bytes;      ///< of the root's commit

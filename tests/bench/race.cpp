@@ -38,7 +38,7 @@ double low_of(std::vector<double> crowdings) {
 }
 
 double crowded_from(const std::vector<std::vector<Lap>>& laps) {
-    // Of a core that is ours, as far as this process has seen it.
+    // The least crowding seen by this process, which stands for an undisturbed core.
     static double least = [] {
         constexpr double seconds = 0.5;
         const double end = seconds_of(CLOCK_MONOTONIC) + seconds;
@@ -86,8 +86,8 @@ Lap run_lap(const Entrant& entrant, std::uint32_t ray_count, double crowded_from
                     if (part >= lap.parts.size()) break;
                     const std::uint32_t first = part * chunk_rays;
                     const auto count = std::min(chunk_rays, ray_count - first);
-                    // What a hypervisor stole is taken off this clock later, now and then all that
-                    // a part took.
+                    // The kernel subtracts time that a hypervisor stole from this clock afterwards;
+                    // a part may then have taken no time at all, and is traced again.
                     double seconds = 0;
                     while (seconds <= 0) {
                         const double begin = seconds_of(CLOCK_THREAD_CPUTIME_ID);

@@ -29,7 +29,7 @@ Query natural_query(RayKind kind);
 std::vector<Ray> make_rays(const Workload& workload, RayKind kind, std::uint32_t count,
                            TraceFunction trace);
 
-/// Of RayKind::random.
+/// Makes rays of RayKind::random.
 std::vector<Ray> random_rays(const Box& box, std::uint32_t count, Random& random);
 
 }  // namespace raynest::bench

@@ -13,7 +13,7 @@
 
 namespace raynest::bench {
 
-/// What all rows of one set of rays share.
+/// The columns that all rows of a set of rays share.
 struct Setting {
     std::string scene;
     std::string scene_hash;

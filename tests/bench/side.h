@@ -14,7 +14,7 @@
 
 namespace raynest::bench {
 
-/// What a row says of a side. Peers have a name only.
+/// The columns of a row that name a side. Peers have a name only.
 struct Label {
     std::string name;  ///< as opponent: "embree-packet", "own", "own-over"
     std::string traversal = {};

@@ -173,7 +173,7 @@ def main():
         print(line)
     told = [row for row in rows if "uncrowded" in row]
     if told:
-        # What a race takes for a core of its own is the least crowding that it met.
+        # A race takes the least crowding that it met for an undisturbed core.
         alone = 1.1 * min(row["crowded_from"] for row in told)
         never = sum(row["crowded_from"] > alone for row in told)
         shares = [row["uncrowded"] for row in told]

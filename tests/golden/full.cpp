@@ -77,7 +77,7 @@ private:
     }
 
     uoffset_t table(const reflection::Object& object, const std::string& path) {
-        // What lies outside of the table must be complete before the table begins.
+        // FlatBuffers requires children to be complete before their table begins.
         std::vector<std::pair<voffset_t, uoffset_t>> children;
         for (const reflection::Field* field : *object.fields()) {
             const reflection::Type& type = *field->type();

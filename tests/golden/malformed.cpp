@@ -113,7 +113,7 @@ void add_unknown_types(Table& table) {
         frame.header.request_id = 1;
         table.kept("message type " + std::to_string(type), frame, Code::unknown_type);
     }
-    // Who sends what only a daemon says has lost track of the conversation.
+    // A client that sends a message of daemons has lost track of the conversation.
     for (const Example& example : examples()) {
         if (protocol::sent_by_client(example.frame.header.type)) continue;
         FrameHeader header = example.frame.header;

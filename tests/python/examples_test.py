@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What users of the Python client are shown runs: the examples, and every piece of its README.
+"""Runs all that users of the Python client are shown: the examples, and the code of its README.
 
   examples_test.py RAYNESTD RAYNEST FLATC
 """

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""What users pass to the Python client: no rays, one ray, masked rays, pipes, file names that are not
-UTF-8, and what is not of the type that it must be.
+"""Tests inputs of the Python client: no rays, one ray, masked rays, pipes, file names that are not
+UTF-8, and values of wrong types.
 
   inputs_test.py RAYNESTD RAYNEST FLATC
 """

@@ -14,7 +14,7 @@ from with_daemon import FIELDS, MISS, WithDaemon, main, rain
 
 class Rays(WithDaemon):
     def from_cli(self, rays, *options):
-        """What `raynest query` answers for the same rays."""
+        """Returns the answer of `raynest query` to the same rays."""
         np.save(self.out / "rays.npy", rays)
         done = self.cli.run("query", "woods", "--rays", self.out / "rays.npy", *options, "-o",
                             self.out / "hits.npz")

@@ -21,7 +21,7 @@ CLIENT = pathlib.Path(__file__).resolve().parents[2] / "client" / "python"
 
 
 def resolve_hints():
-    """Of all that is public; gives how many functions there are."""
+    """Resolves the type hints of all public functions; returns their number."""
     functions = 0
     for module in (raynest, raynest.errors, raynest.generators, raynest.compat.trimesh):
         for name, value in vars(module).items():

@@ -119,7 +119,7 @@ class Waits(WithFake):
 
 
 class Patience(WithFake):
-    """Of half a second."""
+    """Waits with a patience of half a second."""
 
     def setUp(self):
         for name in ("GRACE_SECONDS", "GREETING_SECONDS"):

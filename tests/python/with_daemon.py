@@ -1,4 +1,4 @@
-"""What tests of the Python client against a real daemon share."""
+"""Shared by the tests of the Python client against a real daemon."""
 import sys
 
 import numpy as np

@@ -159,7 +159,7 @@ class Words(WithDaemon):
 
     def test_variants_are_described_alike(self):
         self.equal(self.client.variants(), self.cli.json("variants")["variants"])
-        # What is shown as a default can be passed back.
+        # The defaults that are shown can be passed back.
         rays = np.array([[0.2, 0.2, 9, 0, 0, -1]])
         for variant in self.client.variants():
             params = {param["name"]: param["default"] for param in variant["params"]}

@@ -1,5 +1,5 @@
-// What Embree calls back: the alpha test of our alpha_mask, and two ways to collect the N nearest
-// hits, which its API has no query for.
+// Embree's callbacks: the alpha test of our alpha_mask, and two ways to collect the N nearest hits,
+// for which its API has no query.
 #pragma once
 
 #include "engine/geometry/hit.h"

@@ -26,7 +26,7 @@ std::uint64_t resident_bytes() {
     return resident * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
 }
 
-/// What `work` prints to standard output: Embree's log has no other door.
+/// Captures the standard output of `work`: Embree's log goes nowhere else.
 template <class Work>
 std::string captured(Work&& work) {
     std::fflush(stdout);
@@ -67,8 +67,8 @@ std::string verbose_log() {
     });
 }
 
-/// What stands between `from` and `to` behind `after`, trimmed; "?" where the log has no such
-/// thing.
+/// Returns the text between `from` and `to` behind `after`, trimmed; "?" if the log has no such
+/// text.
 std::string logged(const std::string& log, const std::string& after, const std::string& from,
                    const std::string& to) {
     const std::size_t start = log.find(from, std::min(log.find(after), log.size()));

@@ -17,7 +17,7 @@
 
 namespace raynest::bench {
 
-/// What the filter of a masked geometry needs to know.
+/// The data that the filter of a masked geometry needs.
 struct MaskedGeometry {
     const SceneView* scene;
     const GeometryRecord* geometry;
@@ -47,7 +47,7 @@ public:
 
     void commit();
     [[nodiscard]] RTCScene root() const { return root_; }
-    /// What the device has allocated so far, by its own monitor.
+    /// Returns the bytes allocated so far, by the device's own monitor.
     [[nodiscard]] std::int64_t reported_bytes() const { return reported_bytes_; }
     /// (path, object, triangle) from (instID, geomID, primID).
     void translate(std::span<HitRecord> hits) const;

@@ -45,14 +45,14 @@ struct Options {
     std::vector<std::string> sides;  ///< that run, for a profiler; empty: all
 };
 
-/// Of one answer to all rays.
+/// The cost of answering all rays once.
 struct Cost {
     double cpu_seconds;
     double wall_seconds;
     double crowding;  ///< of any CPU, before it or after it
 };
 
-/// What all sides fill: the columns that a user wants.
+/// The columns that all sides fill.
 struct Answer {
     std::vector<float> t;
     std::vector<std::uint32_t> prim;

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What it costs to ask the daemon instead of tracing in process: rows of raynest-bench-service.
+"""The cost of a daemon compared with tracing in process: rows of raynest-bench-service.
 
   service.py BIN_DIR [--json] [--rounds N]      e.g. service.py build/bin
 

@@ -41,7 +41,7 @@ inline InstanceDescription place(std::uint32_t object, const Transform& transfor
     return {object, transform, 0xFFFFFFFFU, uid, std::move(name)};
 }
 
-/// Bakes a scene; throws the error's message.
+/// Builds a scene; throws the error's message.
 inline std::shared_ptr<const Snapshot> build_scene(const SceneDescription& description) {
     auto snapshot = Snapshot::build(description);
     if (!snapshot) throw std::runtime_error(snapshot.error().message);

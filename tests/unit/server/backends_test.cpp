@@ -127,7 +127,7 @@ const Kind kinds[] = {
      [](auto worker) { return ask_picture<wire::HeatmapT>(worker, "necessary"); }},
 };
 
-/// What a client got.
+/// The answer that a client got.
 struct Got {
     std::map<std::uint64_t, std::vector<std::byte>> answers;  ///< by their first row, or offset
     std::string worker;
@@ -224,7 +224,7 @@ TEST_CASE("when it dies the rest is the CPU's, with the same bytes") {
     check_same(
         "dies at once", [](std::uint64_t) { return Does::dies; }, "cpu",
         "the scripted worker: it died");
-    // Whatever it has answered before.
+    // The same if it has answered a chunk before it dies.
     for (const Kind& kind : kinds) {
         INFO(std::string(kind.name));
         const Got expected = Served().get(kind.ask("cpu"));

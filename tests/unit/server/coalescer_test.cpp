@@ -16,7 +16,7 @@
 namespace raynest::server {
 namespace {
 
-/// What the tasks of a test see and do.
+/// The script of a test's tasks, and a record of their calls.
 struct Script {
     std::vector<std::size_t> traced;  ///< tasks of each call
     std::vector<std::uint64_t> rows;  ///< that answers were taken from

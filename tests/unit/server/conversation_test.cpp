@@ -425,7 +425,7 @@ TEST_CASE("a detached query that fails while its rays come tells its client") {
 TEST_CASE("whatever frames come in whatever order, all jobs end and all memory returns") {
     SmallDaemon daemon;
     const std::uint64_t idle_bytes = daemon.used_bytes();
-    // What only a daemon says would end the conversation at once.
+    // Leave out messages of daemons, which would end the conversation at once.
     auto examples = golden::examples();
     std::erase_if(examples, [](const golden::Example& example) {
         return example.name == "Hello" || example.frame.header.type >= 128;

@@ -21,8 +21,8 @@ namespace raynest::server {
 class ScriptedBackend final : public Backend {
 public:
     enum class Does { answers, refuses, comes_late, dies };
-    /// What happens at each call, by its number from 0 on. Without threads it traces where a task
-    /// runs that asks.
+    /// `script` returns what a call does, given its number from 0 on. Without threads the backend
+    /// traces on the thread of the calling task.
     ScriptedBackend(std::uint64_t call_rays, unsigned threads,
                     std::function<Does(std::uint64_t call)> script)
         : call_rays_(call_rays),
