@@ -7,6 +7,7 @@ A list is a .def file: rows of a macro, which C++ includes wherever it needs the
 same rows. Where a document says `lists: NAME`, the lines up to `lists: end` are written here.
 """
 import ast
+import json
 import pathlib
 import re
 import sys
@@ -183,6 +184,25 @@ def python_module(lists):
     return "\n".join(lines[:-1]) + "\n"
 
 
+def page_module(lists):
+    """What the page of server/web lists as the daemon does, as a JavaScript module."""
+    messages = sorted((int(row[0]), row[1]) for row in lists.requests + lists.parts + lists.answers)
+    columns = [(row[0], *TYPES[row[1]]) for row in lists.fields]
+    columns += [(name, "u32", 1) for name, _ in lists.counters]
+    values = {
+        "MESSAGES": {name: number for number, name in messages},
+        "COLUMNS": {name: [dtype, width] for name, dtype, width in columns},
+        "COUNTERS": dict(lists.counters),
+        "PALETTES": {name: [int(colour, 16) for colour in colours]
+                     for name, *colours in lists.palettes},
+    }
+    lines = ["// What client and daemon both list. Written by .ci/lists.py from the .def files of the tree."]
+    for name, listed in values.items():
+        lines += ["", f"export const {name} = {{",
+                  *(f"  {key}: {json.dumps(item)}," for key, item in listed.items()), "};"]
+    return "\n".join(lines) + "\n"
+
+
 def python_limits(lists):
     lines = ['"""Limits that bytes from a daemon are checked against before they cost anything. Written '
              'by', '.ci/lists.py from protocol/limits.def."""']
@@ -203,7 +223,8 @@ def main():
     root = pathlib.Path(words[0] if words else pathlib.Path(__file__).parent.parent)
     lists = Lists(root)
     package = root / "client/python/raynest"
-    written = {package / "_lists.py": python_module(lists), package / "_limits.py": python_limits(lists)}
+    written = {package / "_lists.py": python_module(lists), package / "_limits.py": python_limits(lists),
+               root / "server/web/lists.js": page_module(lists)}
     for name in ("protocol/PROTOCOL.md", "protocol/messages.fbs", "client/python/README.md"):
         written[root / name] = filled((root / name).read_text(encoding="utf-8"), lists)
     stale = [file for file, text in written.items()

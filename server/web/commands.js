@@ -1,0 +1,76 @@
+// The request of the picture as a command line and as Python.
+import { add, generator, halfHeight } from "./camera.js";
+import { compares } from "./requests.js";
+import { viewOf } from "./views.js";
+
+/** Quotes a word for a shell; in single quotes nothing has a meaning. */
+export const shellWord = (text) => (/^[\w./:=,@%+-]+$/.test(text) && !text.startsWith("-") ? text : `'${text.replaceAll("'", "'\\''")}'`);
+
+/** A string literal of Python; JSON's escapes are Python's. */
+const literal = (text) => JSON.stringify(text);
+
+function parts(state, [width, height]) {
+  const view = viewOf(state.view), { camera } = state;
+  const lookat = [...camera.eye, ...camera.at, ...camera.up].join(",");
+  const range = Array.isArray(state.range) ? state.range.join(":") : state.range;
+  return { view, camera, lookat, range, size: `${width}x${height}`, mask: state.mask,
+           metric: state.level === "" ? view.id : `${view.id}.${state.level}` };
+}
+
+/** The state with its camera in the world; the page's is relative to the scene's origin. */
+export const inWorld = (state, origin) => ({ ...state, camera: { ...state.camera,
+  eye: add(state.camera.eye, origin), at: add(state.camera.at, origin) } });
+
+/** Returns the command that gives the same picture, or its columns where a view is not a picture of the CLI. */
+export function asCommand(state, size) {
+  const p = parts(state, size);
+  const common = [];
+  if (state.intersector !== "auto") common.push("--intersector", state.intersector);
+  for (const [name, value] of Object.entries(state.settings)) common.push("--set", `${name}=${value}`);
+  if (parseInt(p.mask, 16) !== 0xffffffff) common.push("--mask", p.mask);
+  const orthographic = p.camera.projection === "orthographic";
+  const camera = [`--lookat=${p.lookat}`, "--fov", String(p.camera.fov), "--size", p.size];
+  let words;
+  if (p.view.counter && !orthographic && state.kind === "closest") {
+    words = ["heatmap", state.scene, "-o", "heat.png", "--metric", p.metric, "--palette", state.palette, "--range", p.range,
+             "--scale", state.log ? "log" : "linear", ...camera, ...common];
+    if (compares(state)) words.push("--diff", state.compare.replace(/^(intersector|mask):/, "$1=").replace(/^(scene|set):/, ""));
+  } else if (p.view.render && !orthographic) {
+    words = ["render", state.scene, "-o", "picture.png", ...camera, ...common];
+  } else {
+    words = ["query", state.scene, "--generate", ...generatorWords(state, size), "--fields", p.view.fields(state).join(","), "-o", "columns.npz",
+             ...(p.view.counter ? ["--kind", state.kind] : []), ...common];
+  }
+  return ["raynest", ...words].map(shellWord).join(" ");
+}
+
+function generatorWords(state, [width, height]) {
+  const { kind, settings } = generator(state.camera, width, height);
+  return [kind, ...settings];
+}
+
+/** Returns a Python program that gives the same counts, picture or columns. */
+export function asPython(state, size) {
+  const { view, camera, metric, range } = parts(state, size);
+  const point = (v) => `(${v.join(", ")})`;
+  const orthographic = camera.projection === "orthographic";
+  const where = [`look_at=(${[camera.eye, camera.at, camera.up].map(point).join(", ")})`, `size=(${size.join(", ")})`];
+  const job = [];
+  if (state.intersector !== "auto") job.push(`intersector=${literal(state.intersector)}`);
+  if (Object.keys(state.settings).length) job.push(`params=${JSON.stringify(state.settings)}`);
+  if (parseInt(state.mask, 16) !== 0xffffffff) job.push(`mask=0x${state.mask}`);
+  let lines;
+  if (view.counter && !orthographic && state.kind === "closest") {
+    const span = Array.isArray(state.range) ? point(state.range) : literal(range);
+    lines = [`counts = scene.heatmap(${[...where, `fov=${camera.fov}`, `metric=${literal(metric)}`, `range=${span}`, ...job].join(",\n                       ")})`];
+  } else if (view.render && !orthographic) {
+    lines = [`pixels = scene.render(${[...where, `fov=${camera.fov}`, ...job].join(",\n                      ")})`];
+  } else {
+    const high = (2 * halfHeight(camera)).toPrecision(7);
+    const sensor = orthographic ? `orthographic((${(high * size[0]) / size[1]}, ${Number(high)}), ` : `camera(fov=${camera.fov}, `;
+    const kind = view.counter && state.kind !== "closest" ? [`kind=${literal(state.kind)}`] : [];
+    lines = [`rays = raynest.generators.${sensor}${where.join(", ")})`,
+             `columns = scene.trace(${["rays", `fields=${JSON.stringify(view.fields(state))}`, ...kind, ...job].join(", ")})`];
+  }
+  return ["import raynest", "import raynest.generators", "", "client = raynest.connect()", `scene = client.scene(${literal(state.scene)})`, ...lines, ""].join("\n");
+}

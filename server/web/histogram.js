@@ -1,0 +1,73 @@
+// Statistics and histogram of the values of a picture. Values that are not a number are left out.
+import { valueAt } from "./palette.js";
+
+const finite = (values) => values.filter(Number.isFinite).sort();
+
+/** Returns {count, min, mean, p50, p90, p99, max}; percentiles by nearest rank, as the daemon's. */
+export function statistics(values) {
+  const sorted = finite(values);  // a typed array: sort() is numeric
+  const count = sorted.length;
+  if (count === 0) return { count, min: 0, mean: 0, p50: 0, p90: 0, p99: 0, max: 0 };
+  let sum = 0;
+  for (const value of sorted) sum += value;
+  const rank = (percent) => sorted[Math.max(Math.ceil((count * percent) / 100), 1) - 1];
+  return { count, min: sorted[0], mean: sum / count, p50: rank(50), p90: rank(90), p99: rank(99),
+           max: sorted[count - 1] };
+}
+
+/** Returns the range that a setting stands for: p99, auto or [low, high]. */
+export function rangeOf(setting, stats, diverging) {
+  if (Array.isArray(setting)) return { low: setting[0], high: setting[1] };
+  if (diverging) {
+    const most = Math.max(Math.abs(stats.min), Math.abs(stats.max), 1e-9);
+    return { low: -most, high: most };
+  }
+  const high = setting === "auto" ? stats.max : stats.p99;
+  const low = Math.min(0, stats.min);
+  return { low, high: Math.max(high, low + (Number.isInteger(high) ? 1 : 1e-9)) };
+}
+
+/** Returns how many values fall into each of `count` bins of equal width on the scale. */
+export function histogram(values, scale, count) {
+  const bins = new Float64Array(count);
+  const edges = Float64Array.from({ length: count + 1 }, (_, i) => valueAt(i / count, scale));
+  const width = (scale.high - scale.low) / count;
+  for (const value of values) {
+    if (!(value >= scale.low && value <= scale.high)) continue;
+    let bin = 0;
+    if (scale.log) {
+      let last = count;
+      while (last - bin > 1) {
+        const middle = (bin + last) >> 1;
+        if (edges[middle] <= value) bin = middle; else last = middle;
+      }
+    } else {
+      bin = Math.min(Math.floor((value - scale.low) / width), count - 1);
+    }
+    ++bins[bin];
+  }
+  return bins;
+}
+
+/** Returns round values inside the scale for its ticks: 1, 2 or 5 times a power of ten. */
+export function ticks(scale, count) {
+  const found = [];
+  if (scale.log) {
+    for (let decade = 1; decade < scale.high - scale.low; decade *= 10) {
+      for (const digit of [1, 3]) if (scale.low + digit * decade <= scale.high) found.push(scale.low + digit * decade);
+    }
+    return [scale.low, ...found.filter((_, i) => found.length <= count || i % Math.ceil(found.length / count) === 0)];
+  }
+  const wanted = (scale.high - scale.low) / count;
+  const power = 10 ** Math.floor(Math.log10(wanted));
+  const step = [1, 2, 5, 10].map((digit) => digit * power).find((size) => size >= wanted);
+  for (let i = Math.ceil(scale.low / step - 1e-9); i * step <= scale.high * (1 + 1e-9); ++i) found.push(i * step);
+  return found;
+}
+
+/** 12, 0.5, 250k, 3M: as short as a tick allows. */
+export function shortNumber(value) {
+  const size = Math.abs(value);
+  const [divisor, unit] = size >= 1e9 ? [1e9, "G"] : size >= 1e6 ? [1e6, "M"] : size >= 1e4 ? [1e3, "k"] : [1, ""];
+  return `${Number((value / divisor).toPrecision(4))}${unit}`;
+}

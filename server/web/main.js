@@ -1,0 +1,258 @@
+// Puts the page together: the daemon, what is shown, the picture, and the panels.
+import { asCommand, asPython, inWorld } from "./commands.js";
+import { cameraOfRays, frame as frameBox, rounded } from "./camera.js";
+import { steer } from "./controls.js";
+import { byId, element, fillSelect } from "./dom.js";
+import { downloadPng, downloadReport } from "./download.js";
+import { Hover } from "./hover.js";
+import { showDialog, startKeys } from "./keys.js";
+import { Legend } from "./legend.js";
+import { Model } from "./model.js";
+import { Overlay } from "./overlay.js";
+import { buildPanels } from "./panels.js";
+import { Picture } from "./picture.js";
+import { Daemon } from "./raynest.js";
+import { keepView, keptView } from "./settings.js";
+import { Store } from "./store.js";
+import { Surface } from "./surface.js";
+import { startTheme } from "./theme.js";
+import { fromFragment, toFragment } from "./url.js";
+import { viewOptions } from "./views.js";
+
+const PIXELS_MAX = 1280 * 800;
+const frame = byId("frame"), canvas = byId("picture");
+const store = new Store({ ...keptView(), ...fromFragment(location.hash) });
+const daemon = new Daemon(`${location.origin.replace(/^http/, "ws")}/v1/stream`, { client: "page" });
+const model = new Model(daemon);
+const picture = new Picture(daemon, store, tracedSize);
+const legend = new Legend(store, byId("legend"));
+const area = Object.assign(new EventTarget(), { rectangle: null });
+const app = { daemon, store, model, picture, legend, area, canvas, frame, failed, showCamera };
+app.hover = new Hover(app);
+app.overlay = new Overlay(app, byId("overlay"));
+let surface = null;
+try {
+  surface = new Surface(canvas);
+} catch (error) {
+  say(error.message, true);
+}
+
+/** Pixels of the fine picture: as chosen, or as many as the page shows, up to a limit. */
+function tracedSize() {
+  const chosen = /^(\d{1,5})x(\d{1,5})$/.exec(store.values.size);
+  if (chosen) return [Math.min(Math.max(Number(chosen[1]), 8), 4096), Math.min(Math.max(Number(chosen[2]), 8), 4096)];
+  const { clientWidth: w, clientHeight: h } = frame;
+  const shrink = Math.min(1, Math.sqrt(PIXELS_MAX / Math.max(w * h, 1)));
+  return [Math.max(Math.floor(w * shrink), 16), Math.max(Math.floor(h * shrink), 16)];
+}
+
+// ---- the picture ------------------------------------------------------------------------------
+
+function fit() {
+  const [width, height] = tracedSize();
+  if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+  const zoom = Math.min(frame.clientWidth / width, frame.clientHeight / height);
+  canvas.style.width = `${width * zoom}px`;
+  canvas.style.height = `${height * zoom}px`;
+  draw();
+}
+
+let asked = false;
+function draw() {
+  if (asked) return;
+  asked = true;
+  requestAnimationFrame(() => {
+    asked = false;
+    app.overlay.draw();
+    if (!surface || !picture.image) return;
+    if (picture.image !== draw.uploaded || !picture.image.complete) surface.upload(picture.image);
+    draw.uploaded = picture.image.complete ? picture.image : null;
+    surface.draw({ byValue: Boolean(picture.image.view.value), opacity: store.values.opacity, ...legend.scale });
+    frame.dataset.shown = picture.image.fine ? (picture.image.complete ? "fine" : "partial") : "coarse";
+  });
+}
+
+/** Returns the pixel of the traced picture below a point of the window. */
+app.pixelAt = (x, y) => {
+  const box = canvas.getBoundingClientRect(), { image } = picture;
+  const [px, py] = [Math.floor(((x - box.left) / box.width) * canvas.width), Math.floor(((y - box.top) / box.height) * canvas.height)];
+  return image?.fine && px >= 0 && py >= 0 && px < canvas.width && py < canvas.height ? [px, py] : null;
+};
+
+function showCamera(camera) { store.set({ camera: rounded(camera), cameraName: "" }); }
+
+steer(frame, store, {
+  change: showCamera,
+  hover: (x, y) => {
+    const pixel = x === null ? null : app.pixelAt(x, y);
+    if (pixel) app.hover.at(...pixel); else app.hover.leave();
+  },
+  click: (x, y) => {
+    const pixel = app.pixelAt(x, y);
+    if (pixel) keepRay(pixel);
+  },
+  rectangle: (from, to, done) => {
+    const [a, b] = [app.pixelAt(...from), app.pixelAt(...to)];
+    if (!a || !b) return;
+    area.rectangle = [a, b];
+    app.overlay.draw();
+    if (done) {
+      area.dispatchEvent(new Event("change"));
+      store.set({ panel: "area" });
+    }
+  },
+});
+
+function keepRay(pixel) {
+  store.set({ panel: store.values.panel === "explain" ? "explain" : "ray" });
+  app.hover.pin(...pixel);
+}
+frame.addEventListener("keydown", (event) => {
+  if (event.key === "Enter" && picture.image?.fine) keepRay([canvas.width >> 1, canvas.height >> 1]);
+});
+
+picture.addEventListener("image", () => {
+  if (picture.image.complete || !picture.image.fine) legend.show(picture.image);
+  say("");
+  draw();
+});
+picture.addEventListener("failed", ({ error }) => failed(error));
+store.on(["palette", "range", "log", "opacity"], draw);
+store.on(["size"], () => { fit(); picture.restart(); });
+store.on(["scene", "camera", "view"], () => { area.rectangle = null; });
+new ResizeObserver(() => {
+  const before = [canvas.width, canvas.height];
+  fit();
+  if (before[0] !== canvas.width || before[1] !== canvas.height) picture.moved();
+}).observe(frame);
+
+// ---- scene, camera, view ----------------------------------------------------------------------
+
+async function open() {
+  try {
+    await model.refresh();
+    const { scene } = store.values;
+    if (!scene && model.scenes.length === 0) return say("No scene is loaded. Load one, for example: raynest load builtin:forest");
+    if (!scene) store.set({ scene: model.scenes[0] });
+    await chooseScene(store.values.camera);
+  } catch (error) {
+    failed(error);
+  }
+}
+
+async function chooseScene(camera) {
+  const { scene } = store.values;
+  const info = await model.choose(scene);
+  fillSelect(byId("scene"), [...new Set([...model.scenes, scene])].sort().map((name) => [name, name]), scene);
+  fillSelect(byId("camera"), [["", "own"], ...info.cameras?.length ? info.cameras.map((name, i) => [String(i), name || `camera ${i}`]) : [["automatic", "whole scene"]]], store.values.cameraName);
+  const levels = Array.from({ length: info.levels }, (_, level) => [String(level), level === 0 ? "0 (root)" : String(level)]);
+  fillSelect(byId("level"), [["", "all"], ...levels], store.values.level);
+  if (camera) picture.restart(); else await chooseCamera(info.cameras?.length ? "0" : "automatic");
+}
+
+/** Takes the pose of a camera of the file from the rays that it makes. */
+async function chooseCamera(name) {
+  const { low, high } = model.box;
+  const target = { center: low.map((x, i) => (x + high[i]) / 2), radius: Math.max(Math.hypot(...high.map((x, i) => x - low[i])) / 2, 1e-6) };
+  const settings = ["size=2x2", ...(name === "automatic" ? [] : [`camera=${name}`])];
+  for await (const { type, columns } of daemon.request("Query", { job: { scene: store.values.scene }, kind: "null",
+    fields: ["origin", "direction"], generator: { kind: "camera", settings } })) {
+    if (type === "Chunk") store.set({ camera: cameraOfRays(columns, target), cameraName: name });
+  }
+}
+
+byId("scene").onchange = async ({ target }) => {
+  store.set({ scene: target.value, camera: null, level: "", hidden: [], isolated: [] });
+  try { await chooseScene(null); } catch (error) { failed(error); }
+};
+byId("camera").onchange = async ({ target }) => {
+  if (target.value === "") return;
+  try { await chooseCamera(target.value); } catch (error) { failed(error); }
+};
+fillSelect(byId("view"), viewOptions(), store.values.view);
+byId("view").onchange = ({ target }) => store.set({ view: target.value, range: "p99" });
+byId("level").onchange = ({ target }) => store.set({ level: target.value });
+store.on(["cameraName"], ({ cameraName }) => { byId("camera").value = cameraName; });
+store.on(["view"], ({ view }) => { byId("view").value = view; });
+
+// ---- the daemon -------------------------------------------------------------------------------
+
+function connection() {
+  const { state } = daemon;
+  byId("state").dataset.state = state;
+  byId("state").textContent = { connecting: "Connecting", open: "Connected", lost: "The daemon is away: reconnecting" }[state];
+  if (state === "open") open();
+}
+daemon.addEventListener("state", connection);
+connection();
+
+function say(text, bad = false) {
+  byId("message").textContent = text;
+  byId("message").className = bad ? "bad" : "";
+}
+
+function failed(error) {
+  if (["AbortError", "CONNECTION_LOST"].includes(error.name)) return;
+  say(error.name === "Error" || error.name === "TypeError" ? error.message : `${error.message}`, true);
+}
+
+let toast = 0;
+function inform(text) {
+  byId("toast").textContent = text;
+  clearTimeout(toast);
+  toast = setTimeout(() => { byId("toast").textContent = ""; }, 2500);
+}
+
+// ---- tools and shortcuts ----------------------------------------------------------------------
+
+const world = () => {
+  const { origin_x = 0, origin_y = 0, origin_z = 0 } = model.info ?? {};
+  return inWorld(store.values, [origin_x, origin_y, origin_z].map(Number));
+};
+const texts = () => [asCommand(world(), tracedSize()), asPython(world(), tracedSize())];
+
+async function copy(text, what) {
+  try {
+    await navigator.clipboard.writeText(text);
+    inform(`${what} copied`);
+  } catch {
+    showDialog(what, element("pre", { tabIndex: 0 }, text));
+  }
+}
+const ready = (run) => () => { if (picture.image) run(); };
+const switchTheme = startTheme(() => legend.draw());
+const frameScene = ready(() => showCamera(frameBox(store.values.camera, model.box.low, model.box.high)));
+const show = ready(() => showDialog("This view again", element("div", {}, element("h2", {}, "Command"), element("pre", { tabIndex: 0, id: "command" }, texts()[0]),
+  element("h2", {}, "Python"), element("pre", { tabIndex: 0, id: "python" }, texts()[1])),
+  ...[["Copy as command", () => copy(texts()[0], "Command")], ["Copy as Python", () => copy(texts()[1], "Python")], ["Copy link", () => copy(location.href, "Link")],
+      ["PNG", () => downloadPng(app)], ["Report", () => downloadReport(app, texts())]]
+    .map(([text, onclick]) => element("button", { type: "button", onclick }, text))));
+const actions = [
+  { key: "0", text: "Show the whole scene", run: frameScene },
+  { key: "L", text: "Logarithmic scale", run: () => store.set({ log: !store.values.log }) },
+  { key: "P", text: "Perspective or orthographic", run: ready(() => showCamera({ ...store.values.camera,
+      projection: store.values.camera.projection === "orthographic" ? "perspective" : "orthographic" })) },
+  { key: "C", text: "This view as command, Python, link, PNG or report", run: show },
+  { key: "T", text: "Light or dark", run: switchTheme },
+  { key: "Escape", text: "Let go of the kept ray and rectangle", run: () => { app.hover.unpin(); area.rectangle = null; area.dispatchEvent(new Event("change")); draw(); } },
+];
+const help = startKeys(actions);
+for (const [id, text, title, run] of [["share", "Share", "Copy as command, Python or link; PNG; report (C)", show],
+  ["theme", "◐", "Light or dark (T)", switchTheme], ["help", "?", "Shortcuts (?)", help]]) {
+  byId("tools").append(element("button", { type: "button", id, title, ariaLabel: title, onclick: run }, text));
+}
+
+let written = location.hash;
+store.on(Object.keys(store.values), (state) => {
+  written = `#${toFragment(state)}`;
+  clearTimeout(app.writing);
+  // Browsers limit how often the address may change.
+  app.writing = setTimeout(() => history.replaceState(null, "", written), 200);
+});
+addEventListener("hashchange", () => {
+  if (location.hash !== written) location.reload();
+});
+keepView(store);
+buildPanels(app, byId("tabs"), byId("panels"));
+fit();
+globalThis.raynest = app;  // for the console, and for tests

@@ -1,0 +1,43 @@
+// What the daemon says of its scenes and intersectors.
+
+export class Model extends EventTarget {
+  scenes = [];
+  variants = [];
+  info = null;
+
+  constructor(daemon) {
+    super();
+    this.daemon = daemon;
+  }
+
+  /** Asks for scenes and intersectors. */
+  async refresh() {
+    const [scenes, variants] = await Promise.all([this.daemon.askPages("Scenes", {}, ["names"]),
+                                                  this.daemon.askPages("Variants", {}, ["variants"])]);
+    this.scenes = scenes.names;
+    this.variants = variants.variants.filter(({ queries = [] }) => queries.includes("closest") || queries.length === 0);
+    this.#changed();
+  }
+
+  /** Asks about a scene and holds it, so that it stays while it is watched. */
+  async choose(scene) {
+    this.info = await this.daemon.ask("Info", { scene, hold: true });
+    this.#changed();
+    return this.info;
+  }
+
+  /** Returns the intersector that `auto` stands for, by the rule of PROTOCOL.md. */
+  resolve(intersector) {
+    if (intersector !== "auto") return intersector;
+    return (this.info?.mask_materials ?? 0) + (this.info?.blend_materials ?? 0) > 0 ? "alpha_mask" : "opaque";
+  }
+
+  get box() {
+    const { box_min: a, box_max: b } = this.info;
+    const low = [a.x, a.y, a.z].map(Number), high = [b.x, b.y, b.z].map(Number);
+    return low.every((x, i) => Number.isFinite(x) && Number.isFinite(high[i]) && x <= high[i])
+      ? { low, high } : { low: [-1, -1, -1], high: [1, 1, 1] };
+  }
+
+  #changed() { this.dispatchEvent(new Event("change")); }
+}

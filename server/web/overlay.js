@@ -1,0 +1,77 @@
+// Lines over the picture: the chosen rectangle, and boxes of the scene as wireframes.
+import { project, sub, dot, basis, add, scale } from "./camera.js";
+
+const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
+
+/** The corners of a box, moved to the world by a 3x4 matrix (row by row) where one is given. */
+export function corners({ low, high, matrix }) {
+  return Array.from({ length: 8 }, (_, i) => {
+    const p = [i & 1 ? high[0] : low[0], i & 2 ? high[1] : low[1], i & 4 ? high[2] : low[2]];
+    return matrix ? [0, 4, 8].map((row) => matrix[row] * p[0] + matrix[row + 1] * p[1] + matrix[row + 2] * p[2] + matrix[row + 3]) : p;
+  });
+}
+
+export class Overlay {
+  #app;
+  #canvas;
+  #layers = new Map();
+
+  constructor(app, canvas) {
+    this.#app = app;
+    this.#canvas = canvas;
+    app.store.on(["camera"], () => this.draw());
+  }
+
+  /** Shows boxes {low, high, matrix, colour} under a name; an empty list removes them. */
+  boxes(name, list) {
+    this.#layers.set(name, list);
+    this.draw();
+  }
+
+  draw() {
+    const { canvas: picture, area, store } = this.#app;
+    const canvas = this.#canvas, dpr = globalThis.devicePixelRatio || 1;
+    const [width, height] = [picture.clientWidth, picture.clientHeight];
+    canvas.style.width = picture.style.width;
+    canvas.style.height = picture.style.height;
+    if (canvas.width !== Math.round(width * dpr)) canvas.width = Math.round(width * dpr);
+    if (canvas.height !== Math.round(height * dpr)) canvas.height = Math.round(height * dpr);
+    const context = canvas.getContext("2d");
+    context.setTransform(dpr, 0, 0, dpr, 0, 0);
+    context.clearRect(0, 0, width, height);
+    const { camera } = store.values;
+    if (camera) for (const box of [...this.#layers.values()].flat()) drawBox(context, camera, box, width, height);
+    if (!area.rectangle) return;
+    const zoom = width / picture.width;
+    const [[x0, y0], [x1, y1]] = area.rectangle;
+    const rect = [Math.min(x0, x1) * zoom, Math.min(y0, y1) * zoom, (Math.abs(x1 - x0) + 1) * zoom, (Math.abs(y1 - y0) + 1) * zoom];
+    for (const [colour, dash] of [["#000", []], ["#fff", [4, 4]]]) {
+      context.strokeStyle = colour;
+      context.setLineDash(dash);
+      context.strokeRect(...rect);
+    }
+    context.setLineDash([]);
+  }
+}
+
+function drawBox(context, camera, box, width, height) {
+  const points = corners(box);
+  const { back } = basis(camera);
+  const near = camera.projection === "orthographic" ? -Infinity : 1e-4;
+  const depth = (p) => -dot(sub(p, camera.eye), back);
+  context.strokeStyle = box.colour ?? "#ffffff";
+  context.lineWidth = box.width ?? 1.2;
+  context.beginPath();
+  for (const [a, b] of EDGES) {
+    let [p, q] = [points[a], points[b]];
+    const [dp, dq] = [depth(p), depth(q)];
+    if (dp < near && dq < near) continue;
+    // Cut the edge where it passes behind the eye.
+    if (dp < near) p = add(p, scale(sub(q, p), (near - dp) / (dq - dp)));
+    if (dq < near) q = add(q, scale(sub(p, q), (near - dq) / (dp - dq)));
+    const [x0, y0] = project(camera, p, width, height), [x1, y1] = project(camera, q, width, height);
+    context.moveTo(x0, y0);
+    context.lineTo(x1, y1);
+  }
+  context.stroke();
+}

@@ -1,0 +1,143 @@
+// Decides which pictures are traced. A change first gives a coarse picture of at most 1/16 of the rays, then
+// the fine one. A camera that moves cancels the fine picture, which it makes useless, and lets a coarse one
+// end, so that there is something to see while it moves; every other change cancels both.
+import { Image } from "./image.js";
+import { pictureRequests } from "./requests.js";
+import { traceQuery, traceRender } from "./tracer.js";
+
+const COARSE_SHARE = 4;  // of each side: 1/16 of the rays
+const COARSE_LEAST = [160, 90];
+const SLOW_MS = 80;  // a coarse picture that takes longer gets fewer rays next time
+const SETTLE_MS = 120;  // without a movement before the fine picture begins
+
+export class Picture extends EventTarget {
+  #daemon;
+  #store;
+  #size;
+  #running = null;
+  #again = false;
+  #moved = 0;
+  #divisor = COARSE_SHARE;
+  image = null;
+  counts = { coarse: 0, fine: 0, cancelled: 0, rays: 0 };
+
+  /** `size()` gives the pixels of the fine picture. */
+  constructor(daemon, store, size) {
+    super();
+    this.#daemon = daemon;
+    this.#store = store;
+    this.#size = size;
+    store.on(["camera"], () => this.moved());
+    store.on(["scene", "view", "level", "compare", "intersector", "settings", "mask", "kind"], () => this.restart());
+  }
+
+  get busy() { return this.#running !== null; }
+
+  restart() {
+    this.#cancel();
+    this.#again = true;
+    this.#next();
+  }
+
+  moved() {
+    this.#moved = performance.now();
+    this.#again = true;
+    if (this.#running?.fine) this.#cancel();
+    this.#next();
+  }
+
+  #cancel() {
+    if (!this.#running) return;
+    this.counts.cancelled += 1;
+    this.#running.controller.abort(new DOMException("a newer picture is wanted", "AbortError"));
+    this.#running = null;
+  }
+
+  async #next() {
+    if (this.#running || this.#daemon.state !== "open") return;
+    const state = this.#store.values;
+    if (!state.camera || !state.scene) return;
+    const [width, height] = this.#size();
+    const coarse = this.#again;
+    const stale = this.image && (this.image.state !== state && JSON.stringify(this.image.wanted) !== JSON.stringify(wantedOf(state)));
+    if (!coarse && !stale && this.image?.complete && this.image.width === width && this.image.height === height) return;
+    this.#again = false;
+    const running = { fine: !coarse, controller: new AbortController() };
+    this.#running = running;
+    const start = performance.now();
+    try {
+      if (coarse) {
+        const [w, h] = this.#coarseSize(width, height);
+        await this.#trace(state, w, h, running, false);
+        this.#adapt(performance.now() - start, width, height);
+      } else {
+        const rest = SETTLE_MS - (performance.now() - this.#moved);
+        if (this.#moved && rest > 0) await pause(rest, running.controller.signal);
+        await this.#trace(state, width, height, running, true);
+      }
+      this.#ended(running);
+    } catch (error) {
+      this.#ended(running, error);
+    }
+  }
+
+  #ended(running, error) {
+    const current = this.#running === running;
+    if (current) this.#running = null;
+    if (error && error.name !== "AbortError") {
+      this.dispatchEvent(Object.assign(new Event("failed"), { error }));
+      if (!this.#again) return;
+    }
+    if (current) this.#next();
+  }
+
+  #coarseSize(width, height) {
+    return [Math.max(Math.floor(width / this.#divisor), 1), Math.max(Math.floor(height / this.#divisor), 1)];
+  }
+
+  #adapt(ms, width, height) {
+    const most = Math.max(Math.min(Math.floor(width / COARSE_LEAST[0]), Math.floor(height / COARSE_LEAST[1])), COARSE_SHARE);
+    if (ms > SLOW_MS) this.#divisor = Math.min(this.#divisor + 1, most);
+    else if (ms < SLOW_MS / 3) this.#divisor = Math.max(this.#divisor - 1, COARSE_SHARE);
+    this.#divisor = Math.min(this.#divisor, most);
+  }
+
+  async #trace(state, width, height, running, fine) {
+    const { signal } = running.controller;
+    const image = new Image(state, width, height);
+    image.wanted = wantedOf(state);
+    image.fine = fine;
+    if (fine && this.image) image.startFrom(this.image);
+    const requests = pictureRequests(state, width, height);
+    const show = () => {
+      if (signal.aborted) return;
+      this.image = image;
+      this.dispatchEvent(new Event("image"));
+    };
+    const begun = performance.now();
+    let drawn = begun;
+    const onRows = requests.length > 1 || !fine ? undefined : (columns, first, end) => {
+      image.fill(columns, first, end);
+      if (performance.now() - drawn < 60) return;
+      drawn = performance.now();
+      show();
+    };
+    const traced = await Promise.all(requests.map(({ type, message }) =>
+      (type === "Render" ? traceRender : traceQuery)(this.#daemon, message, width * height, { signal, onRows })));
+    if (!onRows) image.fill(traced[0].columns, 0, width * height, traced[1]?.columns);
+    Object.assign(image, { started: traced[0].started, done: traced[0].done, complete: fine,
+                           ms: performance.now() - begun });
+    this.counts[fine ? "fine" : "coarse"] += 1;
+    this.counts.rays += width * height * requests.length;
+    show();
+  }
+}
+
+/** What a picture depends on. */
+const wantedOf = ({ scene, camera, view, level, compare, intersector, settings, mask, kind }) =>
+  ({ scene, camera, view, level, compare, intersector, settings, mask, kind });
+
+const pause = (ms, signal) => new Promise((resolve, reject) => {
+  const timer = setTimeout(resolve, ms);
+  signal.addEventListener("abort", () => { clearTimeout(timer); reject(signal.reason); }, { once: true });
+});

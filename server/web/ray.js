@@ -1,0 +1,66 @@
+// The panel "Ray": the hit record of the pixel under the pointer, or of the pixel that was clicked.
+import { pixelGenerator } from "./camera.js";
+import { element, pairs } from "./dom.js";
+import { COUNTERS } from "./lists.js";
+import { jobOf } from "./requests.js";
+
+const FIELDS = ["t", "prim", "geom", "path", "inst", "uid", "uv", "ng", "front", "position", "material", "flags", "origin", "direction"];
+const MISS = 0xffffffffffffffffn;
+
+export const rayPanel = { id: "ray", title: "Ray", build };
+
+/** Asks for everything about one pixel's ray: {x, y, hit, columns, path}. */
+export async function askPixel({ daemon, store, model, picture }, x, y, signal) {
+  const state = store.values, { width, height } = picture.image;
+  const counted = Object.keys(COUNTERS);
+  const columns = {};
+  for await (const { type, columns: found } of daemon.request("Query", {
+    job: jobOf(state), fields: [...FIELDS, ...counted], generator: pixelGenerator(state.camera, x, y, width, height),
+  }, { signal })) if (type === "Chunk") Object.assign(columns, found);
+  const hit = columns.path[0] !== MISS;
+  const path = hit ? await pathName(daemon, state.scene, model.info?.epoch, columns.path[0], signal) : null;
+  return { x, y, hit, columns, path };
+}
+
+const names = new Map();
+export async function pathName(daemon, scene, epoch, path, signal) {
+  const key = `${scene} ${epoch} ${path}`;
+  if (!names.has(key)) {
+    if (names.size > 2000) names.clear();
+    names.set(key, await daemon.ask("Path", { scene, path: String(path) }, { signal }));
+  }
+  return names.get(key);
+}
+
+/** Rows of a hit record: [name, text]. */
+export function recordRows({ x, y, hit, columns, path }, origin = [0, 0, 0]) {
+  const vector = (values) => [...values].map((v) => Number(v.toPrecision(6))).join("  ");
+  const number = (value) => (value === 0xffffffff ? "none" : String(value));
+  const rows = [["Pixel", `${x}, ${y}`], ["Hit", hit ? "yes" : "miss"]];
+  if (hit) {
+    rows.push(["Instance path", path.name || "(the root)"], ["Path id", String(columns.path[0])], ["t", String(Number(columns.t[0].toPrecision(7)))],
+      ["Primitive", number(columns.prim[0])], ["Geometry", number(columns.geom[0])], ["Material", number(columns.material[0])],
+      ["Instance", number(columns.inst[0])], ["uid", number(columns.uid[0])], ["u, v", vector(columns.uv)],
+      ["Normal", vector(columns.ng)], ["Side", columns.front[0] ? "front" : "back"],
+      ["Position", vector(columns.position.map((v, i) => v + origin[i]))]);
+  }
+  return rows;
+}
+
+export const counterRows = (columns) => Object.keys(COUNTERS).filter((name) => columns[name]).map((name) => [name, String(columns[name][0])]);
+
+function build({ hover, model }, place) {
+  const record = element("div", { id: "record" }), counters = element("div", { id: "counters" });
+  const hint = element("p", { className: "hint" }, "Point at the picture to see what its ray hits; click to keep it.");
+  place.append(hint, element("h2", {}, "Hit record"), record, element("h2", {}, "Work"), counters);
+  const show = () => {
+    const found = hover.pinned ?? hover.found;
+    if (!found) return;
+    const { origin_x = 0, origin_y = 0, origin_z = 0 } = model.info ?? {};
+    record.replaceChildren(pairs(recordRows(found, [origin_x, origin_y, origin_z].map(Number))));
+    counters.replaceChildren(pairs(counterRows(found.columns)));
+    hint.textContent = hover.pinned ? "This ray is kept. Press Escape to follow the pointer again." : "Click to keep this ray.";
+  };
+  hover.addEventListener("found", show);
+  show();
+}

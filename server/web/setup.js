@@ -1,0 +1,166 @@
+// The panel "Setup": what decides the rays and their hits, and what the scene holds.
+import { AXES, add, cross, distance, dot, length, sub, unit, basis, scale, rounded } from "./camera.js";
+import { element, field, fillSelect, pairs } from "./dom.js";
+import { shortNumber } from "./histogram.js";
+
+const SIZES = [["fit", "As large as shown"], ["320x180", "320 x 180"], ["640x360", "640 x 360"], ["960x540", "960 x 540"],
+               ["1280x720", "1280 x 720"], ["1920x1080", "1920 x 1080"]];
+
+export const setupPanel = { id: "setup", title: "Setup", build };
+
+function build(app, place) {
+  place.append(element("h2", {}, "Intersector"), intersector(app), element("h2", {}, "Rays"), rays(app),
+               element("h2", {}, "Difference with"), difference(app), element("h2", {}, "Camera"), cameraFields(app),
+               element("h2", {}, "Scene"), sceneFacts(app), element("h2", {}, "This picture"), pictureFacts(app));
+}
+
+function intersector({ store, model }) {
+  const select = element("select", { id: "intersector" });
+  const text = element("p", { className: "hint" });
+  const place = element("div", { id: "parameters" });
+  select.onchange = () => store.set({ intersector: select.value, settings: {} });
+  const show = (state) => {
+    const variants = model.variants;
+    fillSelect(select, [["auto", "auto"], ...variants.map(({ name }) => [name, name])], state.intersector);
+    const ran = model.resolve(state.intersector);
+    const variant = variants.find(({ name }) => name === ran);
+    text.textContent = variant ? `${state.intersector === "auto" ? `${ran}: ` : ""}${variant.text}` : "";
+    place.replaceChildren(...(variant?.params ?? []).map((param) => parameter(store, param)));
+  };
+  store.on(["intersector", "settings"], show);
+  model.addEventListener("change", () => show(store.values));
+  show(store.values);
+  return element("div", {}, field("Intersector", select), text, place);
+}
+
+/** A select for choices, else a number; an empty field is the default. */
+function parameter(store, param) {
+  const given = store.values.settings[param.name];
+  const set = (value) => {
+    const settings = { ...store.values.settings };
+    if (value === "") delete settings[param.name]; else settings[param.name] = value;
+    store.set({ settings });
+  };
+  if (param.type === "choice") {
+    const select = element("select", {});
+    const initial = param.choices[param.initial] ?? param.choices[0];
+    fillSelect(select, param.choices.map((name) => [name === initial ? "" : name, name]), given ?? "");
+    select.onchange = () => set(select.value);
+    return field(param.name, select, param.text);
+  }
+  const limit = (x) => (Number.isFinite(Number(x)) ? Number(x) : undefined);
+  const input = element("input", { type: "number", step: param.type === "u32" ? "1" : "any", value: given ?? "",
+                                   placeholder: String(param.initial) });
+  const [low, high] = [limit(param.minimum), limit(param.maximum)];
+  if (low !== undefined) input.min = low;
+  if (high !== undefined) input.max = high;
+  input.onchange = () => { if (input.reportValidity()) set(input.value); };
+  return field(param.name, input, param.text);
+}
+
+function rays({ store }) {
+  const kind = element("select", { id: "kind" });
+  fillSelect(kind, [["closest", "closest hit"], ["any", "any hit"]], store.values.kind);
+  kind.onchange = () => store.set({ kind: kind.value });
+  const mask = element("input", { type: "text", id: "mask", pattern: "[0-9a-fA-F]{1,8}", spellcheck: false, maxLength: 8 });
+  mask.onchange = () => { if (mask.value && mask.reportValidity()) store.set({ mask: mask.value.toLowerCase() }); };
+  const bits = element("div", { className: "buttons", role: "group", ariaLabel: "Mask bits 0 to 7" });
+  for (let bit = 0; bit < 8; ++bit) {
+    bits.append(element("button", { type: "button", title: `Mask bit ${bit}`, onclick: () =>
+      store.set({ mask: ((parseInt(store.values.mask, 16) ^ (1 << bit)) >>> 0).toString(16).padStart(8, "0") }) }, String(bit)));
+  }
+  const size = element("select", { id: "size" });
+  fillSelect(size, SIZES, store.values.size);
+  size.onchange = () => store.set({ size: size.value });
+  store.on(["mask", "kind", "size"], (state) => {
+    mask.value = state.mask;
+    kind.value = state.kind;
+    size.value = state.size;
+    [...bits.children].forEach((button, bit) => button.setAttribute("aria-pressed", Boolean(parseInt(state.mask, 16) >>> bit & 1)));
+  }, true);
+  return element("div", {}, field("Kind", kind), field("Mask", mask, "Only instances with one of these bits, hexadecimal"), bits,
+                 field("Resolution", size));
+}
+
+function difference({ store, model }) {
+  const select = element("select", { id: "compare" });
+  select.onchange = () => store.set({ compare: select.value });
+  const show = (state) => {
+    const options = [["", "nothing"], { group: "Intersector", options: model.variants.map(({ name }) => [`intersector:${name}`, name]) },
+      { group: "Scene", options: model.scenes.filter((name) => name !== state.scene).map((name) => [`scene:${name}`, name]) }];
+    const known = options.flatMap((entry) => entry.options ?? [entry]).some(([value]) => value === state.compare);
+    if (!known) options.push([state.compare, state.compare]);
+    fillSelect(select, options, state.compare);
+  };
+  const setting = element("input", { type: "text", placeholder: "cutoff=0.3", maxLength: 100, id: "compare-setting" });
+  setting.onchange = () => store.set({ compare: setting.value ? `set:${setting.value}` : "" });
+  store.on(["compare", "scene"], show);
+  model.addEventListener("change", () => show(store.values));
+  show(store.values);
+  return element("div", {}, field("Compare", select), field("or a parameter", setting),
+    element("p", { className: "hint" }, "Red pixels cost more with the other setting, blue ones less. Views of cost and depth show it."));
+}
+
+function cameraFields({ store, showCamera }) {
+  const control = element("select", { id: "control" });
+  fillSelect(control, [["orbit", "orbit"], ["first", "first person"], ["free", "free"]], store.values.control);
+  control.onchange = () => store.set({ control: control.value });
+  const projection = element("select", { id: "projection" });
+  fillSelect(projection, [["perspective", "perspective"], ["orthographic", "orthographic"]], "perspective");
+  projection.onchange = () => showCamera({ ...store.values.camera, projection: projection.value });
+  const axis = element("select", { id: "up-axis" });
+  fillSelect(axis, Object.keys(AXES).map((name) => [name, `${name.toUpperCase()} up`]), store.values.upAxis);
+  axis.onchange = () => {
+    store.set({ upAxis: axis.value });
+    showCamera(level(store.values.camera, AXES[axis.value]));
+  };
+  const fov = element("input", { type: "number", min: 1, max: 170, step: "any", id: "fov" });
+  fov.onchange = () => { if (fov.value && fov.reportValidity()) showCamera({ ...store.values.camera, fov: Number(fov.value) }); };
+  const facts = element("div");
+  store.on(["camera", "control", "upAxis"], ({ camera, control: kind, upAxis }) => {
+    if (!camera) return;
+    [control.value, axis.value, projection.value] = [kind, upAxis, camera.projection];
+    if (document.activeElement !== fov) fov.value = camera.fov;
+    facts.replaceChildren(pairs([["Eye", camera.eye.join("  ")], ["Looks at", camera.at.join("  ")]]));
+  }, true);
+  return element("div", {}, field("Control", control), field("Projection", projection), field("Up axis", axis),
+                 field("Angle of view", fov), facts);
+}
+
+/** The camera with another up; it moves off that axis where it looked straight along it. */
+function level(camera, up) {
+  const ahead = sub(camera.at, camera.eye);
+  if (length(cross(unit(ahead), up)) > 0.03) return rounded({ ...camera, up });
+  const aside = scale(basis({ ...camera, up }).up, 0.1 * distance(camera) * Math.sign(dot(ahead, up) || 1));
+  return rounded({ ...camera, eye: add(camera.eye, aside), up });
+}
+
+function sceneFacts({ model }) {
+  const place = element("div");
+  const show = () => {
+    const { info } = model;
+    place.replaceChildren(info ? pairs([
+      ["Triangles", `${shortNumber(info.instanced_triangles)} (${shortNumber(info.unique_triangles)} unique)`],
+      ["Instances", shortNumber(info.instances)], ["Levels", info.levels], ["Materials", info.materials],
+      ["Memory", `${shortNumber(info.bytes)}B`], ["Tree height", info.tree_height], ["SAH cost", Number(info.sah_cost.toPrecision(4))],
+      ["Digest", info.hash.slice(0, 16)]]) : "");
+  };
+  model.addEventListener("change", show);
+  show();
+  return place;
+}
+
+function pictureFacts({ picture }) {
+  const place = element("div");
+  const show = () => {
+    const { image } = picture;
+    if (!image?.done) return;
+    const { done, started } = image;
+    place.replaceChildren(pairs([["Rays", `${image.width} x ${image.height}, ${shortNumber(Number(done.hits))} hit`],
+      ["Traced in", `${(1000 * done.seconds).toFixed(1)} ms`], ["Arrived in", `${image.ms.toFixed(0)} ms`],
+      ["Ran", `${started.intersector}, ${done.traversal}, ${done.target}`]]));
+  };
+  picture.addEventListener("image", show);
+  show();
+  return place;
+}

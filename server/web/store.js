@@ -1,0 +1,36 @@
+// What the page shows, as one object of plain values. Whoever changes it says only what becomes different;
+// whoever depends on a part of it is called when that part has changed.
+
+export const DEFAULTS = {
+  scene: "", camera: null, cameraName: "",
+  view: "total", level: "", compare: "",
+  intersector: "auto", settings: {}, mask: "ffffffff", kind: "closest",
+  palette: "turbo", range: "p99", log: false, opacity: 1, size: "fit",
+  control: "orbit", upAxis: "y", panel: "setup", hidden: [], isolated: [],
+};
+
+const same = (a, b) => a === b || JSON.stringify(a) === JSON.stringify(b);
+
+export class Store {
+  #values;
+  #listeners = [];
+
+  constructor(values = {}) { this.#values = { ...DEFAULTS, ...values }; }
+
+  get values() { return this.#values; }
+
+  set(patch) {
+    const changed = Object.keys(patch).filter((key) => !same(patch[key], this.#values[key]));
+    if (changed.length === 0) return;
+    this.#values = { ...this.#values, ...patch };
+    for (const { keys, call } of [...this.#listeners]) {
+      if (keys.some((key) => changed.includes(key))) call(this.#values);
+    }
+  }
+
+  /** Calls `call` whenever one of `keys` has changed; at once with `now`. */
+  on(keys, call, now = false) {
+    this.#listeners.push({ keys, call });
+    if (now) call(this.#values);
+  }
+}

@@ -1,0 +1,35 @@
+// Runs one request and gathers its columns into whole pictures. Rows arrive in any order.
+
+/** Returns {columns, started, done}; calls onRows(columns, first, end) for rows that have come. */
+export async function traceQuery(daemon, message, count, { signal, onRows = () => {} } = {}) {
+  const columns = {};
+  let started = null, done = null;
+  for await (const frame of daemon.request("Query", message, { signal })) {
+    if (frame.type === "Started") started = frame.message;
+    if (frame.type === "Done") done = frame.message;
+    if (frame.type !== "Chunk") continue;
+    const first = Number(frame.message.first_ray), rows = frame.message.count;
+    for (const [name, values] of Object.entries(frame.columns)) {
+      const width = values.length / rows;
+      columns[name] ??= new values.constructor(count * width);
+      if (values.length) columns[name].set(values, first * width);
+    }
+    onRows(columns, first, first + rows);
+  }
+  return { columns, started, done };
+}
+
+/** As traceQuery, for a picture of four bytes per pixel. */
+export async function traceRender(daemon, message, count, { signal, onRows = () => {} } = {}) {
+  const columns = { rgba: new Uint8Array(4 * count) };
+  let started = null, done = null;
+  for await (const frame of daemon.request("Render", { ...message, encode: "raw" }, { signal })) {
+    if (frame.type === "Started") started = frame.message;
+    if (frame.type === "Done") done = frame.message;
+    if (frame.type !== "Picture") continue;
+    const first = Number(frame.message.offset), { data } = frame.columns;
+    columns.rgba.set(data, first);
+    onRows(columns, Math.floor(first / 4), Math.floor((first + data.length) / 4));
+  }
+  return { columns, started, done };
+}

@@ -1,0 +1,52 @@
+// What can be seen. A view names the columns that it needs and turns them into values, which a palette
+// colours, or into colours. To add one, add an entry.
+import { COUNTERS } from "./lists.js";
+import { idColour } from "./palette.js";
+
+const NONE = 0xffffffff;
+const BACKGROUND = [46, 46, 46];
+const capital = (text) => text[0].toUpperCase() + text.slice(1);
+
+const counters = Object.entries(COUNTERS).map(([name, title]) => ({
+  id: name, group: "Cost", label: capital(title), counter: true,
+  fields: ({ level }) => [level === "" ? name : `${name}.${level}`],
+  value: (columns, i, field) => columns[field][i],
+}));
+
+/** Colours hits by one column of numbers; what has none stays background. */
+const ids = (id, label, field, none = NONE) => ({
+  id, label, group: "Identity", fields: () => ["t", field],
+  colour: (columns, i) => columns.t[i] === Infinity || columns[field][i] === none
+    ? BACKGROUND : idColour(Number(BigInt.asUintN(32, BigInt(columns[field][i])))),
+});
+
+export const VIEWS = [
+  ...counters,
+  { id: "picture", group: "Picture", label: "Picture (base colour)", render: true, fields: () => ["ng"],
+    colour: (columns, i) => columns.rgba ? columns.rgba.subarray(4 * i, 4 * i + 3) : null },
+  { id: "depth", group: "Geometry", label: "Depth (t)", fields: () => ["t"],
+    value: (columns, i) => columns.t[i] === Infinity ? NaN : columns.t[i] },
+  { id: "normal", group: "Geometry", label: "Normals", fields: () => ["ng"],
+    colour: ({ ng }, i) => ng[3 * i] || ng[3 * i + 1] || ng[3 * i + 2]
+      ? [0, 1, 2].map((k) => Math.round(127.5 + 127.5 * ng[3 * i + k])) : BACKGROUND },
+  { id: "side", group: "Geometry", label: "Side that was hit", fields: () => ["t", "front"],
+    colour: ({ t, front }, i) => t[i] === Infinity ? BACKGROUND : front[i] ? [86, 156, 214] : [230, 126, 60] },
+  ids("placement", "One colour per placement", "path", 0xffffffffffffffffn),
+  ids("inst", "One colour per instance (outermost)", "inst"),
+  ids("uid", "One colour per instance (innermost)", "uid"),
+  ids("material", "One colour per material", "material"),
+  ids("geom", "One colour per geometry", "geom"),
+  ids("prim", "One colour per primitive", "prim"),
+];
+
+export const viewOf = (id) => VIEWS.find((view) => view.id === id) ?? VIEWS.find((view) => view.id === "total");
+
+/** Returns the views as options of a select, in groups. */
+export function viewOptions() {
+  const groups = new Map();
+  for (const { id, label, group } of VIEWS) {
+    if (!groups.has(group)) groups.set(group, []);
+    groups.get(group).push([id, label]);
+  }
+  return [...groups].map(([group, options]) => ({ group, options }));
+}
