@@ -117,7 +117,8 @@ class Lists(Planted):
              "engine/geometry/counters.def", "engine/packs/words.def",
              "engine/integrators/palettes.def", "server/diag/metrics.def", "protocol/PROTOCOL.md",
              "protocol/messages.fbs", "client/python/README.md",
-             "client/python/raynest/_lists.py", "client/python/raynest/_limits.py")
+             "client/python/raynest/_lists.py", "client/python/raynest/_limits.py",
+             "server/web/lists.js")
 
     def setUp(self):
         super().setUp()
@@ -135,9 +136,10 @@ class Lists(Planted):
                 ("protocol/limits.def", 'RAYNEST_LIMIT(new_max, 2ULL << 20, fixed, "new, things")',
                  ("protocol/PROTOCOL.md", "raynest/_limits.py")),
                 ("protocol/requests.def", 'RAYNEST_REQUEST(99, New, fresh, plain, "Pong")',
-                 ("protocol/PROTOCOL.md", "protocol/messages.fbs")),
+                 ("protocol/PROTOCOL.md", "protocol/messages.fbs", "server/web/lists.js")),
                 ("engine/geometry/counters.def", 'RAYNEST_COUNTER(news, "news per ray")',
-                 ("protocol/PROTOCOL.md", "python/README.md", "raynest/_lists.py"))):
+                 ("protocol/PROTOCOL.md", "python/README.md", "raynest/_lists.py",
+                  "server/web/lists.js"))):
             path = self.root / name
             path.write_text(path.read_text(encoding="utf-8").replace("\n#undef", f"\n{row}\n#undef", 1))
             code, text = self.lists("--check")
