@@ -32,9 +32,21 @@ bool is_numeric(const std::string& host) {
            inet_pton(AF_INET6, host.c_str(), &storage) == 1;
 }
 
-Result<Address> parse_tcp(std::string_view uri, std::string_view scheme, std::string_view rest) {
-    constexpr std::string_view malformed =
-        "is not an address; write tcp://HOST:PORT, e.g. tcp://127.0.0.1:31060";
+constexpr std::string_view malformed_tcp =
+    "is not an address; write tcp://HOST:PORT, e.g. tcp://127.0.0.1:31060";
+constexpr std::string_view malformed_http =
+    "is not an address; write HOST:PORT, e.g. 127.0.0.1:31061, or off";
+constexpr std::string_view beyond_loopback_tcp =
+    "is not loopback, and without a token whoever can connect may do everything; listen on "
+    "127.0.0.1, [::1] or unix:PATH and forward the port, e.g. by ssh -L";
+constexpr std::string_view beyond_loopback_http =
+    "is not loopback, and the page has neither encryption nor a password; keep 127.0.0.1 and "
+    "forward "
+    "the port: ssh -L 31061:127.0.0.1:31061 HOST";
+
+/// Parses HOST:PORT, the part `rest` of `uri`.
+Result<Address> parse_tcp(std::string_view uri, std::string_view scheme, std::string_view rest,
+                          std::string_view malformed, std::string_view beyond_loopback) {
     const auto colon = rest.rfind(':');
     if (colon == std::string_view::npos) return refused(uri, malformed);
     std::string_view host = rest.substr(0, colon);
@@ -50,11 +62,7 @@ Result<Address> parse_tcp(std::string_view uri, std::string_view scheme, std::st
         return refused(uri, malformed);
     if (!is_numeric(address.host))
         return refused(uri, "names a host; an IP address or localhost is needed");
-    if (!is_loopback(address.host))
-        return refused(uri,
-                       "is not loopback, and without a token whoever can connect may do "
-                       "everything; listen on 127.0.0.1, [::1] or unix:PATH and forward the port, "
-                       "e.g. by ssh -L");
+    if (!is_loopback(address.host)) return refused(uri, beyond_loopback);
     return Address{address};
 }
 
@@ -73,8 +81,13 @@ Result<Address> parse_address(std::string_view uri) {
     const Scheme* scheme = name.size() == uri.size() ? nullptr : find_scheme(name);
     std::string_view rest = uri.substr(std::min(uri.size(), name.size() + 1));
     if (scheme != nullptr && scheme->place == Scheme::Place::path) return parse_path(uri, rest);
-    if (scheme != nullptr && rest.substr(0, 2) == "//") return parse_tcp(uri, name, rest.substr(2));
+    if (scheme != nullptr && rest.substr(0, 2) == "//")
+        return parse_tcp(uri, name, rest.substr(2), malformed_tcp, beyond_loopback_tcp);
     return refused(uri, "is not an address; write tcp://HOST:PORT or unix:PATH");
+}
+
+Result<Address> parse_http_address(std::string_view text) {
+    return parse_tcp(text, "http", text, malformed_http, beyond_loopback_http);
 }
 
 std::string scheme_of(const Address& address) {

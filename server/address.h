@@ -1,4 +1,5 @@
-// Addresses to listen on, tcp://HOST:PORT or unix:PATH, checked before a socket is made.
+// Addresses to listen on, tcp://HOST:PORT, unix:PATH or HOST:PORT for HTTP, checked before a socket
+// is made.
 #pragma once
 
 #include "engine/result.h"
@@ -30,6 +31,9 @@ struct SocketAccess {
 /// Parses a URI; "localhost" means 127.0.0.1. Refuses addresses other than loopback: clients are
 /// not authenticated, so anybody who can connect may do everything.
 [[nodiscard]] Result<Address> parse_address(std::string_view uri);
+
+/// Parses HOST:PORT as parse_address() parses what follows tcp://.
+[[nodiscard]] Result<Address> parse_http_address(std::string_view text);
 
 /// Returns the address's name in the list of transports (net/transports.h): "tcp" or "unix".
 [[nodiscard]] std::string scheme_of(const Address& address);

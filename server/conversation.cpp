@@ -52,6 +52,19 @@ void Conversation::receive(protocol::Frame frame) {
     settle();
 }
 
+void Conversation::refuse_unreadable(const Unreadable& message) {
+    if (closing_) return;
+    if (message.closes || !greeted_) return close_with_error(message.error);
+    const Request* request = find_request(message.type);
+    const bool is_part = request != nullptr && request->answer == nullptr;
+    const std::uint64_t id = message.request_id;
+    if (is_part && runner_of(id).knows(id))
+        runner_of(id).fail(id, message.error);
+    else
+        refuse_request(id, message.error);
+    settle();
+}
+
 void Conversation::handle(protocol::Frame frame) {
     const std::uint16_t type = frame.header.type;
     const Request* request = find_request(type);

@@ -9,6 +9,7 @@
 
 #include "server/handlers/handler.h"
 #include "server/jobs/runner.h"
+#include "server/net/unreadable.h"
 
 #include <cstdint>
 #include <functional>
@@ -35,6 +36,8 @@ public:
 
     /// Handles a frame, which admit() let in.
     void receive(protocol::Frame frame);
+    /// Refuses a message that its transport could not read: ends its request, or the connection.
+    void refuse_unreadable(const Unreadable& message);
     /// Sends the error to the client, then ends the connection.
     void close_with_error(const protocol::Error& error);
     /// Refuses new jobs and ends the connection when the running ones have ended.

@@ -12,7 +12,9 @@
 #include "server/log.h"
 #include "server/net/asio.h"
 #include "server/net/connections.h"
+#include "server/net/http.h"
 #include "server/net/listener.h"
+#include "server/net/transports.h"
 #include "server/ready_file.h"
 #include "server/store/scene_store.h"
 
@@ -54,6 +56,10 @@ public:
     Daemon(const Options& options, std::shared_ptr<const Registry> registry);
 
     Result<void> listen();
+    /// Opens the HTTP port. Fails if the address was given by option; else the daemon has none.
+    Result<void> listen_http();
+    /// Returns http://HOST:PORT or "off".
+    [[nodiscard]] std::string http_uri() const;
     /// Serves until drained. Fails when the ready file cannot be written.
     Result<void> run();
 
@@ -91,6 +97,9 @@ private:
     asio::steady_timer lost_timer_;
     Connections connections_;
     std::vector<std::unique_ptr<Listener>> listeners_;
+    HttpSite site_;
+    HttpServer http_;
+    std::unique_ptr<Listener> http_listener_;  ///< null: no HTTP port
     Clock::time_point drain_deadline_ = Clock::time_point::max();
     bool cut_short_ = false;  ///< the drain exceeded its deadline
 };
@@ -145,17 +154,45 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       drain_timer_(io_),
       detached_timer_(io_),
       lost_timer_(io_),
-      connections_(io_, services_, context_) {}
+      connections_(io_, services_, context_),
+      site_(options.http.hosts),
+      http_(io_, site_, connections_, services_) {}
 
 Result<void> Daemon::listen() {
     for (const std::string& uri : options_.listen) {
         const auto address = parse_address(uri);
         if (!address) return tl::unexpected(address.error());
-        auto listener = Listener::open(io_, *address, options_.socket, connections_);
+        const MakeTransport make = find_scheme(scheme_of(*address))->make;
+        auto listener =
+            Listener::open(io_, *address, "--listen", options_.socket,
+                           [this, make](Socket socket, Listener::Descriptors descriptors) {
+                               connections_.accept(make(std::move(socket)), descriptors);
+                           });
         if (!listener) return tl::unexpected(listener.error());
         listeners_.push_back(std::move(*listener));
     }
+    return options_.http.address == "off" ? Result<void>() : listen_http();
+}
+
+Result<void> Daemon::listen_http() {
+    const auto address = parse_http_address(options_.http.address);
+    if (!address) return tl::unexpected(address.error());
+    auto listener = Listener::open(io_, *address, "--http", options_.socket,
+                                   [this](Socket socket, Listener::Descriptors descriptors) {
+                                       http_.accept(std::move(socket), descriptors);
+                                   });
+    if (!listener && options_.http.given) return tl::unexpected(listener.error());
+    if (!listener) {
+        log(LogLevel::warn, "http_off", {{"reason", listener.error().message}});
+        return {};
+    }
+    http_listener_ = std::move(*listener);
+    site_.set_port(std::get<TcpAddress>(http_listener_->address()).port);
     return {};
+}
+
+std::string Daemon::http_uri() const {
+    return http_listener_ ? http_listener_->uri() : "off";
 }
 
 Result<void> Daemon::run() {
@@ -171,11 +208,18 @@ Result<void> Daemon::run() {
         uris.push_back(listener->uri());
         log(LogLevel::info, "listening", {{"uri", listener->uri()}});
     }
+    if (http_listener_) {
+        http_listener_->start();
+        log(LogLevel::info, "http",
+            {{"page", http_uri()},
+             {"hint", "from another machine, forward the port: ssh -L 31061:" +
+                          http_uri().substr(std::string_view("http://").size()) + " HOST"}});
+    }
     await_signal();
     look_for_lost();
     if (!options_.ready_file.empty()) {
         // Fail without the file: programs that wait for it would wait for ever.
-        if (const auto written = write_ready_file(options_.ready_file, uris); !written)
+        if (const auto written = write_ready_file(options_.ready_file, uris, http_uri()); !written)
             return tl::unexpected(written.error());
     }
     for (;;) {
@@ -226,6 +270,8 @@ void Daemon::drain() {
     // Stop detached jobs: no client could fetch their answers any more.
     detached_.stop_running();
     connections_.drain();
+    // The HTTP port stays open until the end: /readyz tells that the daemon drains.
+    site_.drain();
     look_drained();
 }
 

@@ -2,6 +2,7 @@
 
 #include "engine/packs/registry.h"
 #include "server/address.h"
+#include "server/net/http_site.h"
 
 #include <CLI/CLI.hpp>
 #include <grp.h>
@@ -38,9 +39,18 @@ std::string address_fault(const std::string& uri) {
     return address ? std::string() : address.error().message;
 }
 
+std::string http_fault(const std::string& text) {
+    if (text == "off") return {};
+    const auto address = parse_http_address(text);
+    return address ? std::string() : address.error().message;
+}
+
+std::string http_host_fault(const std::string& text) {
+    return is_http_host(text) ? "" : "'" + text + "' is not a host; write NAME or NAME:PORT";
+}
+
 /// Values of options as text, before they are converted.
 struct Words {
-    std::string http = "off";
     std::string log_level = "info";
     std::string cuda = "auto";
     std::string socket_mode;
@@ -158,9 +168,15 @@ void declare(CLI::App& app, Options& options, Words& words) {
     app.add_option("--socket-group", words.socket_group,
                    "Group that a unix:PATH socket is opened to, by name or number")
         ->check(CLI::Validator(group_fault, ""));
-    app.add_option("--http", words.http, "Diagnostics port; this version has none: only 'off'")
-        ->check(CLI::IsMember({"off"}))
+    app.add_option("--http", options.http.address,
+                   "HOST:PORT of the page, its WebSocket, /healthz and /metrics, or off; loopback "
+                   "only; port 0 picks a free one")
+        ->check(CLI::Validator(http_fault, ""))
         ->capture_default_str();
+    app.add_option("--http-host", options.http.hosts,
+                   "Host name besides loopback under which the page may be opened, NAME or "
+                   "NAME:PORT, repeatable")
+        ->check(CLI::Validator(http_host_fault, ""));
     app.add_option("--state", options.state, "Folder that this daemon alone may use; locked");
     app.add_option("--scene-root", options.scene_root,
                    "Folder in which root:PATH is looked up; links must end inside")
@@ -381,6 +397,7 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
         refuse_old_spelling(app, argc, argv);
         app.parse(argc, argv);
         refuse_repeated(options.listen);
+        options.http.given = app.count("--http") != 0;
         options.socket = to_socket_access(words);
         options.log_level = to_log_level(words.log_level);
         options.cuda_pack = to_cuda_pack(words.cuda);

@@ -16,8 +16,16 @@
 
 namespace raynest::server {
 
+/// The HTTP port.
+struct HttpOptions {
+    std::string address = "127.0.0.1:31061";  ///< HOST:PORT, or "off"
+    bool given = false;              ///< false: the daemon starts without it if the port is taken
+    std::vector<std::string> hosts;  ///< allowed Host headers besides loopback
+};
+
 struct Options {
     std::vector<std::string> listen{"tcp://127.0.0.1:31060"};
+    HttpOptions http;
     std::filesystem::path state;       ///< locked while the daemon runs; empty: none
     std::filesystem::path scene_root;  ///< folder of root:PATH; empty: root:PATH is refused
     std::vector<std::filesystem::path> pack_dirs;

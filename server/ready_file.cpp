@@ -65,11 +65,11 @@ Result<void> check_ready_file(const std::filesystem::path& path) {
 }
 
 Result<void> write_ready_file(const std::filesystem::path& path,
-                              std::span<const std::string> listen) {
+                              std::span<const std::string> listen, const std::string& http) {
     if (auto free = check_ready_file(path); !free) return free;
     const nlohmann::json content = {
         {"listen", std::vector<std::string>(listen.begin(), listen.end())},
-        {"http", "off"},
+        {"http", http},
         {"pid", getpid()},
     };
     const std::string text = content.dump() + '\n';

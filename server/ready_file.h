@@ -14,10 +14,11 @@ namespace raynest::server {
 /// ready file. Otherwise fails with io_failed.
 Result<void> check_ready_file(const std::filesystem::path& path);
 
-/// Writes {"listen":[...],"http":"off","pid":N} to a file beside `path`, then renames it, so that a
-/// reader sees the whole file or none. Fails as check_ready_file() does.
+/// Writes {"listen":[...],"http":"...","pid":N} to a file beside `path`, then renames it, so that a
+/// reader sees the whole file or none; `http` is http://HOST:PORT or "off". Fails as
+/// check_ready_file() does.
 Result<void> write_ready_file(const std::filesystem::path& path,
-                              std::span<const std::string> listen);
+                              std::span<const std::string> listen, const std::string& http);
 
 /// Removes the file if it is this process's ready file.
 void remove_ready_file(const std::filesystem::path& path);

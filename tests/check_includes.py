@@ -46,7 +46,7 @@ HEAVY = {
     "glm/": {"engine/math": 1},
     "boost/asio": {"server/net": 2, "client": 2},
     "boost/beast": {"server/net": 1},
-    "flatbuffers/": {"protocol": 1},
+    "flatbuffers/": {"protocol": 1, "server/net": 1},
     "CLI/": {"server": 1, "client": 1},
     "spdlog/": {"server": 1},
     "embree3/": {},

@@ -36,6 +36,12 @@ Fd open_spare() {
     return Fd(::open("/dev/null", O_RDONLY | O_CLOEXEC));
 }
 
+/// What to listen on, and the option that says so.
+struct Place {
+    const Address& address;
+    std::string_view option;
+};
+
 /// A listening socket that Asio does not own yet.
 struct Bound {
     int descriptor = -1;
@@ -43,37 +49,38 @@ struct Bound {
     Address address;
 };
 
-tl::unexpected<Error> refused(const Address& address, const std::string& why) {
-    const bool tcp = std::holds_alternative<TcpAddress>(address);
-    return fail(ErrorCode::io_failed, "cannot listen on " + to_uri(address) + ": " + why +
-                                          "; give --listen another " +
+tl::unexpected<Error> refused(const Place& place, const std::string& why) {
+    const bool tcp = std::holds_alternative<TcpAddress>(place.address);
+    return fail(ErrorCode::io_failed, "cannot listen on " + to_uri(place.address) + ": " + why +
+                                          "; give " + std::string(place.option) + " another " +
                                           (tcp ? "port, 0 picks a free one" : "path"));
 }
 
-tl::unexpected<Error> failed(const Address& address, const char* call) {
-    return refused(address, std::string(call) + ": " + std::strerror(errno));
+tl::unexpected<Error> failed(const Place& place, const char* call) {
+    return refused(place, std::string(call) + ": " + std::strerror(errno));
 }
 
-Result<int> make_socket(const Address& address, int family) {
+Result<int> make_socket(const Place& place, int family) {
     const int descriptor = socket(family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    if (descriptor < 0) return failed(address, "socket");
+    if (descriptor < 0) return failed(place, "socket");
     return descriptor;
 }
 
 /// Binds, calls `prepare`, then listens; no client can connect before that. `prepare` returns null,
 /// or the name of the call that failed.
 template <class Prepare>
-Result<Bound> finish(int descriptor, int family, const Address& address, const sockaddr* name,
+Result<Bound> finish(int descriptor, int family, const Place& place, const sockaddr* name,
                      socklen_t size, Prepare prepare) {
     const char* call = bind(descriptor, name, size) == 0 ? prepare() : "bind";
     if (call == nullptr && listen(descriptor, backlog) != 0) call = "listen";
-    if (call == nullptr) return Bound{descriptor, family, address};
-    const auto error = failed(address, call);
+    if (call == nullptr) return Bound{descriptor, family, place.address};
+    const auto error = failed(place, call);
     close(descriptor);
     return error;
 }
 
-Result<Bound> bind_tcp(TcpAddress address) {
+Result<Bound> bind_tcp(const Place& place) {
+    TcpAddress address = std::get<TcpAddress>(place.address);
     sockaddr_in v4{};
     sockaddr_in6 v6{};
     v4.sin_family = AF_INET;
@@ -86,12 +93,12 @@ Result<Bound> bind_tcp(TcpAddress address) {
     socklen_t size = is_v4 ? sizeof v4 : sizeof v6;
     const int family = name->sa_family;
 
-    const auto descriptor = make_socket(address, family);
+    const auto descriptor = make_socket(place, family);
     if (!descriptor) return tl::unexpected(descriptor.error());
     const int reuse = 1;
     (void)setsockopt(*descriptor, SOL_SOCKET, SO_REUSEADDR, &reuse, sizeof reuse);
     auto bound =
-        finish(*descriptor, family, address, name, size, []() -> const char* { return nullptr; });
+        finish(*descriptor, family, place, name, size, []() -> const char* { return nullptr; });
     if (!bound) return bound;
     getsockname(*descriptor, name, &size);
     address.port = ntohs(is_v4 ? v4.sin_port : v6.sin6_port);
@@ -100,28 +107,30 @@ Result<Bound> bind_tcp(TcpAddress address) {
 }
 
 /// Removes the socket of a dead daemon. Fails if a daemon listens on it, or if it is not a socket.
-Result<void> clear_path(const UnixAddress& address, const sockaddr_un& name) {
+Result<void> clear_path(const Place& place, const sockaddr_un& name) {
+    const char* path = std::get<UnixAddress>(place.address).path.c_str();
     struct stat status {};
-    if (lstat(address.path.c_str(), &status) != 0) return {};
-    if (!S_ISSOCK(status.st_mode)) return refused(address, "something that is no socket is there");
-    const auto probe = make_socket(address, AF_UNIX);
+    if (lstat(path, &status) != 0) return {};
+    if (!S_ISSOCK(status.st_mode)) return refused(place, "something that is no socket is there");
+    const auto probe = make_socket(place, AF_UNIX);
     if (!probe) return tl::unexpected(probe.error());
     const int answer = connect(*probe, reinterpret_cast<const sockaddr*>(&name), sizeof name);
     const int why = answer == 0 ? 0 : errno;
     close(*probe);
     // EAGAIN means a full backlog, so a daemon listens there.
-    if (why == 0 || why == EAGAIN) return refused(address, "another daemon listens there");
-    if (why != ECONNREFUSED) return refused(address, std::string("connect: ") + std::strerror(why));
-    if (unlink(address.path.c_str()) != 0) return failed(address, "unlink");
+    if (why == 0 || why == EAGAIN) return refused(place, "another daemon listens there");
+    if (why != ECONNREFUSED) return refused(place, std::string("connect: ") + std::strerror(why));
+    if (unlink(path) != 0) return failed(place, "unlink");
     return {};
 }
 
-Result<Bound> bind_unix(const UnixAddress& address, const SocketAccess& access) {
+Result<Bound> bind_unix(const Place& place, const SocketAccess& access) {
+    const auto& address = std::get<UnixAddress>(place.address);
     sockaddr_un name{};
     name.sun_family = AF_UNIX;
     std::copy(address.path.begin(), address.path.end(), name.sun_path);
-    if (const auto clear = clear_path(address, name); !clear) return tl::unexpected(clear.error());
-    const auto descriptor = make_socket(address, AF_UNIX);
+    if (const auto clear = clear_path(place, name); !clear) return tl::unexpected(clear.error());
+    const auto descriptor = make_socket(place, AF_UNIX);
     if (!descriptor) return tl::unexpected(descriptor.error());
     // Widen access last: bind() creates the file with at most the socket's mode, 0600; then set the
     // group, then the mode that gives the group access.
@@ -137,26 +146,25 @@ Result<Bound> bind_unix(const UnixAddress& address, const SocketAccess& access) 
     };
     if (fchmod(*descriptor, 0600) != 0) {
         close(*descriptor);
-        return failed(address, "fchmod");
+        return failed(place, "fchmod");
     }
-    return finish(*descriptor, AF_UNIX, address, reinterpret_cast<const sockaddr*>(&name),
+    return finish(*descriptor, AF_UNIX, place, reinterpret_cast<const sockaddr*>(&name),
                   sizeof name, prepare);
 }
 
 }  // namespace
 
 Result<std::unique_ptr<Listener>> Listener::open(asio::io_context& io, const Address& address,
-                                                 const SocketAccess& access,
-                                                 Connections& connections) {
+                                                 std::string_view option,
+                                                 const SocketAccess& access, Accept accept) {
+    const Place place{address, option};
     const auto* unix_address = std::get_if<UnixAddress>(&address);
-    const auto bound = unix_address != nullptr ? bind_unix(*unix_address, access)
-                                               : bind_tcp(std::get<TcpAddress>(address));
+    const auto bound = unix_address != nullptr ? bind_unix(place, access) : bind_tcp(place);
     if (!bound) return tl::unexpected(bound.error());
-    const MakeTransport make = find_scheme(scheme_of(address))->make;
-    std::unique_ptr<Listener> listener(new Listener(io, make, connections));
+    std::unique_ptr<Listener> listener(new Listener(io, std::move(accept)));
     listener->acceptor_.assign({bound->family, 0}, bound->descriptor);
     listener->acceptor_.non_blocking(true);
-    listener->uri_ = to_uri(bound->address);
+    listener->address_ = bound->address;
     if (unix_address != nullptr) listener->socket_file_ = unix_address->path;
     return listener;
 }
@@ -171,9 +179,9 @@ void Listener::close() {
 
 void Listener::hand_on(Socket socket, Descriptors descriptors) {
     try {
-        connections_.accept(make_transport_(std::move(socket)), descriptors);
+        accept_(std::move(socket), descriptors);
     } catch (const std::bad_alloc&) {
-        log(LogLevel::error, "accept_failed", {{"listen", uri_}, {"reason", "out of memory"}});
+        log(LogLevel::error, "accept_failed", {{"listen", uri()}, {"reason", "out of memory"}});
     }
 }
 
@@ -209,7 +217,7 @@ SystemError Listener::accept_newcomer() {
     }
     if (const auto now = Clock::now(); now - told_ >= log_period) {
         told_ = now;
-        log(LogLevel::warn, "descriptors_used_up", {{"listen", uri_}});
+        log(LogLevel::warn, "descriptors_used_up", {{"listen", uri()}});
     }
     spare_ = Fd();
     socket = acceptor_.accept(error);
@@ -222,7 +230,7 @@ void Listener::accept_later(const SystemError& error) {
     // Pause before the next try: descriptors or memory are short, and a busy loop makes it worse.
     backoff_ = std::clamp(2 * backoff_, backoff_min, backoff_max);
     if (backoff_ == backoff_max)
-        log(LogLevel::warn, "accept_failed", {{"listen", uri_}, {"reason", error.message()}});
+        log(LogLevel::warn, "accept_failed", {{"listen", uri()}, {"reason", error.message()}});
     pause_.expires_after(backoff_);
     pause_.async_wait([this](const SystemError& cancelled) {
         if (!cancelled) accept_next();

@@ -1,4 +1,4 @@
-// Accepts connections on one address and passes their transports to Connections.
+// Accepts connections on one address and passes their sockets on.
 #pragma once
 
 #include "engine/assets/child_process.h"
@@ -6,11 +6,12 @@
 #include "server/address.h"
 #include "server/net/asio.h"
 #include "server/net/connections.h"
-#include "server/net/transports.h"
 
 #include <chrono>
+#include <functional>
 #include <memory>
 #include <string>
+#include <string_view>
 
 namespace raynest::server {
 
@@ -19,12 +20,15 @@ class Listener {
 public:
     using Descriptors = Connections::Descriptors;
 
-    /// Binds and listens; port 0 picks a free port. A Unix socket has the mode and group of
-    /// `access` before any client can connect, and replaces the socket of a dead daemon. Fails with
-    /// io_failed and the reason.
+    /// Takes over an accepted socket.
+    using Accept = std::function<void(Socket, Descriptors)>;
+
+    /// Binds and listens; port 0 picks a free port. `option` named the address. A Unix socket has
+    /// the mode and group of `access` before any client can connect, and replaces the socket of a
+    /// dead daemon. Fails with io_failed and the reason.
     static Result<std::unique_ptr<Listener>> open(asio::io_context& io, const Address& address,
-                                                  const SocketAccess& access,
-                                                  Connections& connections);
+                                                  std::string_view option,
+                                                  const SocketAccess& access, Accept accept);
     ~Listener() { close(); }
     Listener(const Listener&) = delete;
 
@@ -34,15 +38,15 @@ public:
     void close();
 
     /// The address with the actual port.
-    [[nodiscard]] const std::string& uri() const { return uri_; }
+    [[nodiscard]] std::string uri() const { return to_uri(address_); }
+    [[nodiscard]] const Address& address() const { return address_; }
 
 private:
     using Clock = std::chrono::steady_clock;
-    Listener(asio::io_context& io, MakeTransport make_transport, Connections& connections)
+    Listener(asio::io_context& io, Accept accept)
         : acceptor_(io),
           pause_(io),
-          make_transport_(make_transport),
-          connections_(connections) {}
+          accept_(std::move(accept)) {}
     void accept_next();
     void accepted(const SystemError& error, Socket socket);
     /// Accepts a waiting peer, with the spare descriptor if no other is left.
@@ -53,9 +57,8 @@ private:
     asio::basic_socket_acceptor<asio::generic::stream_protocol> acceptor_;
     asio::steady_timer pause_;
     std::chrono::milliseconds backoff_{0};
-    const MakeTransport make_transport_;
-    Connections& connections_;
-    std::string uri_;
+    const Accept accept_;
+    Address address_;
     std::string socket_file_;   ///< path of a Unix socket's file
     Fd spare_;                  ///< freed to accept and refuse a peer when no descriptor is left
     Clock::time_point told_{};  ///< time of the last log line about that

@@ -195,6 +195,9 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
     const std::size_t got =
         co_await transport_->read(buffers, std::max(bulk.size(), std::size_t{1}), error);
     if (error || !open_) co_return;
+    if (got == 0)
+        if (const auto unreadable = transport_->take_unreadable())
+            conversation_.refuse_unreadable(*unreadable);
     services_.metrics.bytes_received += got;
     const std::size_t direct = std::min(got, bulk.size());
     decoder_.filled(direct);

@@ -45,6 +45,18 @@ PeerIdentity identity_of(Socket& socket) {
     return {tcp.address().is_loopback() ? "127.0.0.1" : tcp.address().to_string()};
 }
 
+bool peer_is_lost(int descriptor) {
+    tcp_info info{};
+    socklen_t size = sizeof info;
+    if (getsockopt(descriptor, IPPROTO_TCP, TCP_INFO, &info, &size) != 0) return false;
+    const std::uint32_t silence_ms = info.tcpi_last_ack_recv;
+    if (silence_ms < silence_ms_max) return false;
+    // Compare with the retransmission timeout tcpi_rto, which doubles each time: a live peer
+    // answers each retransmission.
+    if (info.tcpi_unacked != 0) return silence_ms > info.tcpi_rto / 1000 * 3 / 2;
+    return info.tcpi_probes >= probes_max;
+}
+
 SocketTransport::SocketTransport(Socket socket)
     : socket_(std::move(socket)),
       peer_(identity_of(socket_)) {
@@ -86,18 +98,6 @@ asio::awaitable<void> SocketTransport::finish_writing() {
 void SocketTransport::close() {
     SystemError ignored;
     socket_.close(ignored);
-}
-
-bool SocketTransport::is_lost() {
-    tcp_info info{};
-    socklen_t size = sizeof info;
-    if (getsockopt(socket_.native_handle(), IPPROTO_TCP, TCP_INFO, &info, &size) != 0) return false;
-    const std::uint32_t silence_ms = info.tcpi_last_ack_recv;
-    if (silence_ms < silence_ms_max) return false;
-    // Compare with the retransmission timeout tcpi_rto, which doubles each time: a live peer
-    // answers each retransmission.
-    if (info.tcpi_unacked != 0) return silence_ms > info.tcpi_rto / 1000 * 3 / 2;
-    return info.tcpi_probes >= probes_max;
 }
 
 }  // namespace raynest::server

@@ -5,6 +5,9 @@
 
 namespace raynest::server {
 
+/// True if the machine or network at the other end of a TCP socket no longer answers.
+[[nodiscard]] bool peer_is_lost(int descriptor);
+
 /// A connection over TCP or a Unix socket.
 class SocketTransport final : public Transport {
 public:
@@ -17,7 +20,7 @@ public:
     std::size_t write_now(const WriteBatch::Rest& rest) override;
     asio::awaitable<void> finish_writing() override;
     void close() override;
-    bool is_lost() override;
+    bool is_lost() override { return peer_is_lost(socket_.native_handle()); }
 
 private:
     Socket socket_;

@@ -1,18 +1,21 @@
 // The interface of transports: a stream of bytes in both directions.
 //
 //   Session ──► Transport ◄── SocketTransport (TCP, Unix)      a new transport is one file, and one
-//                         ◄── tests: MemoryTransport           row of the list in transports.cpp
+//                         ◄── WebSocketTransport (http.cpp)    row of the list in transports.cpp
+//                         ◄── tests: MemoryTransport
 //
-// Frames may cross the boundaries of a transport's own messages, as of WebSocket. Io thread only.
+// Io thread only.
 // At most one read and one write run at a time; both end with an error after close().
 #pragma once
 
 #include "server/net/asio.h"
+#include "server/net/unreadable.h"
 #include "server/net/write_batch.h"
 #include "server/principal.h"
 
 #include <array>
 #include <cstddef>
+#include <optional>
 
 namespace raynest::server {
 
@@ -33,10 +36,12 @@ public:
     /// WebSocket. It counts towards the time limit for Hello.
     virtual asio::awaitable<void> open(SystemError& /*error*/) { co_return; }
 
-    /// Reads at least one byte; may wait for `wanted` bytes. The caller keeps the arguments of
-    /// read() and write() valid until they end.
+    /// Reads at least one byte; may wait for `wanted` bytes. Reads none where take_unreadable() has
+    /// something to say. The caller keeps the arguments of read() and write() valid until they end.
     virtual asio::awaitable<std::size_t> read(const ReadBuffers& buffers, std::size_t wanted,
                                               SystemError& error) = 0;
+    /// Returns the message that the last read() could not read; the session refuses it.
+    virtual std::optional<Unreadable> take_unreadable() { return std::nullopt; }
     /// Writes at least one byte of `rest`.
     virtual asio::awaitable<std::size_t> write(const WriteBatch::Rest& rest,
                                                SystemError& error) = 0;

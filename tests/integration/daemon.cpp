@@ -70,7 +70,8 @@ void tally(std::string_view clients, std::size_t count, std::string_view outcome
 
 Daemon::Daemon(const std::vector<std::string>& arguments, std::size_t descriptors_max) {
     const std::filesystem::path ready = folder() / "ready.json";
-    std::vector<std::string> all = {"--cuda",       "off",         "--listen", "tcp://127.0.0.1:0",
+    std::vector<std::string> all = {"--cuda",       "off",         "--http",
+                                    "off",          "--listen",    "tcp://127.0.0.1:0",
                                     "--ready-file", ready.string()};
     all.insert(all.end(), arguments.begin(), arguments.end());
     const int output = open((folder() / "log").c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);

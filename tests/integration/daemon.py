@@ -62,9 +62,10 @@ def is_sanitized(program):
 class Daemon:
     def __init__(self, program, *arguments, under=()):
         """Starts a daemon. `under` is a command that runs it, such as prlimit. Unless `--cuda`
-        is given, the daemon does not use the machine's GPU."""
-        if "--cuda" not in arguments:
-            arguments = ("--cuda", "off", *arguments)
+        is given, the daemon does not use the machine's GPU; unless `--http` is, it has no page."""
+        for option in ("--cuda", "--http"):
+            if option not in arguments:
+                arguments = (option, "off", *arguments)
         self.folder = tempfile.TemporaryDirectory(prefix="raynest-test-")
         ready = pathlib.Path(self.folder.name) / "ready.json"
         with open(pathlib.Path(self.folder.name) / "log", "wb") as log:
@@ -73,7 +74,9 @@ class Daemon:
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log)
         try:
             until(lambda: ready.exists() or not self.alive())
-            self.uri = json.loads(ready.read_text())["listen"][0]
+            content = json.loads(ready.read_text())
+            self.uri = content["listen"][0]
+            self.http = content["http"]
         except Exception as error:
             self.process.kill()
             self.process.wait()

@@ -23,6 +23,8 @@ TEST_CASE("without arguments the defaults fit this machine") {
     const auto parsed = parse({});
     REQUIRE(parsed.options);
     CHECK(parsed.options->listen == std::vector<std::string>{"tcp://127.0.0.1:31060"});
+    CHECK(parsed.options->http.address == "127.0.0.1:31061");
+    CHECK_FALSE(parsed.options->http.given);
     CHECK(parsed.options->threads >= 1);
     CHECK(parsed.options->memory > (1ULL << 28));
     CHECK(parsed.options->log_level == LogLevel::info);
@@ -38,6 +40,12 @@ TEST_CASE("options are taken as given") {
     CHECK(parsed.options->memory == 2ULL << 30);
     CHECK(parsed.options->log_level == LogLevel::debug);
     CHECK(parsed.options->state == "/tmp/s");
+    CHECK(parsed.options->http.address == "off");
+    const auto hosts =
+        parse({"--http", "[::1]:0", "--http-host", "ray.example", "--http-host", "a:80"});
+    REQUIRE(hosts.options);
+    CHECK(hosts.options->http.given);
+    CHECK(hosts.options->http.hosts == std::vector<std::string>{"ray.example", "a:80"});
 }
 
 TEST_CASE("a usage error is exit code 2") {
@@ -47,7 +55,14 @@ TEST_CASE("a usage error is exit code 2") {
                                                       {"--memory", "-1"},
                                                       {"--target", "v5"},
                                                       {"--listen", "tcp://0.0.0.0:1"},
-                                                      {"--http", "127.0.0.1:1"},
+                                                      {"--http", "127.0.0.1"},
+                                                      {"--http", "http://127.0.0.1:1"},
+                                                      {"--http", "0.0.0.0:31061"},
+                                                      {"--http", "192.0.2.1:31061"},
+                                                      {"--http", "example.org:31061"},
+                                                      {"--http-host", ""},
+                                                      {"--http-host", "a/b"},
+                                                      {"--http-host", "a:port"},
                                                       {"--scene-root", "/does/not/exist"},
                                                       {"--log-level", "loud"},
                                                       {"--config", "/does/not/exist"},

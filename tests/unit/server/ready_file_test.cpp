@@ -24,11 +24,11 @@ TEST_CASE("the ready file holds addresses and pid, and no half-written one is le
     const test::TemporaryFolder folder;
     const auto path = folder.path() / "ready.json";
     const std::vector<std::string> listen = {"tcp://127.0.0.1:1", "unix:/a b"};
-    REQUIRE(write_ready_file(path, listen));
+    REQUIRE(write_ready_file(path, listen, "http://127.0.0.1:2"));
     std::ifstream file(path);
     const auto content = nlohmann::json::parse(file);
     CHECK(content["listen"] == nlohmann::json(listen));
-    CHECK(content["http"] == "off");
+    CHECK(content["http"] == "http://127.0.0.1:2");
     CHECK(content["pid"] == getpid());
     CHECK(files_in(folder.path()) == 1);
 }
@@ -41,13 +41,13 @@ TEST_CASE("a ready file takes the place of an empty file or an older one, and of
         CAPTURE(text);
         put(text);
         CHECK(check_ready_file(path));
-        CHECK(write_ready_file(path, {}));
+        CHECK(write_ready_file(path, {}, "off"));
     }
     for (const char* text : {"precious", "{}", "[1]", R"({"listen":[],"http":"off"})",
                              R"({"listen":[],"http":"off","pid":1,"more":2})"}) {
         CAPTURE(text);
         put(text);
-        const auto refused = write_ready_file(path, {});
+        const auto refused = write_ready_file(path, {}, "off");
         REQUIRE_FALSE(refused);
         CHECK(refused.error().message.find(path.string()) != std::string::npos);
         CHECK(std::filesystem::file_size(path) == std::string(text).size());
@@ -63,7 +63,7 @@ TEST_CASE("a ready file takes the place of an empty file or an older one, and of
 TEST_CASE("at the end a daemon removes its own ready file and no other") {
     const test::TemporaryFolder folder;
     const auto path = folder.path() / "ready.json";
-    REQUIRE(write_ready_file(path, {}));
+    REQUIRE(write_ready_file(path, {}, "off"));
     remove_ready_file(path);
     CHECK_FALSE(std::filesystem::exists(path));
     std::ofstream(path) << R"({"listen":[],"http":"off","pid":1})";
@@ -72,7 +72,7 @@ TEST_CASE("at the end a daemon removes its own ready file and no other") {
 }
 
 TEST_CASE("a ready file that cannot be written is an error that names it") {
-    const auto written = write_ready_file("/does/not/exist/ready.json", {});
+    const auto written = write_ready_file("/does/not/exist/ready.json", {}, "off");
     REQUIRE_FALSE(written);
     CHECK(written.error().message.find("/does/not/exist") != std::string::npos);
 }

@@ -1,0 +1,73 @@
+// What the daemon answers over HTTP, without sockets.
+//
+//   HttpRequest ──► allowed Host? ──► route: a file of server/web, /healthz, /readyz, /v1/stream
+//                                        │
+//                                        └─► HttpReply, which http.cpp writes
+//
+// Host must be a name of ours, so that no foreign name that leads to this address can be used to
+// read it (DNS rebinding); Origin of a WebSocket must be this page's, since browsers let any page
+// open one.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::server {
+
+/// The parts of a request that decide the answer. The views are valid during answer() only.
+struct HttpRequest {
+    std::string_view method;
+    std::string_view target;
+    std::vector<std::string_view> hosts;    ///< every Host header
+    std::vector<std::string_view> origins;  ///< every Origin header
+    std::string_view if_none_match;
+    bool upgrades = false;  ///< asks for a WebSocket
+    bool has_body = false;
+};
+
+struct HttpReply {
+    /// 101: the connection becomes a WebSocket.
+    unsigned status = 200;
+    std::string_view type = "text/plain; charset=utf-8";
+    std::string text;            ///< the body, unless `file` has it
+    std::string_view file = {};  ///< an embedded file
+    std::string etag = {};       ///< empty: not to be kept by the client
+    bool foreign = false;        ///< refused because of Host or Origin
+
+    [[nodiscard]] std::string_view body() const { return file.empty() ? text : file; }
+};
+
+class HttpSite {
+public:
+    /// `names` are allowed hosts besides loopback: NAME allows it with every port, NAME:PORT with
+    /// one.
+    explicit HttpSite(std::vector<std::string> names) : names_(std::move(names)) {}
+
+    /// Sets the port listened on, which loopback hosts must name.
+    void set_port(std::uint16_t port) { port_ = port; }
+    /// Sets the answer of /readyz: an empty text if requests are served, else why not.
+    void set_unready(std::function<std::string()> unready) { unready_ = std::move(unready); }
+    /// Refuses new WebSockets, because the daemon ends.
+    void drain() { draining_ = true; }
+
+    [[nodiscard]] HttpReply answer(const HttpRequest& request) const;
+
+private:
+    [[nodiscard]] bool is_own_host(std::string_view host) const;
+    [[nodiscard]] HttpReply route(const HttpRequest& request) const;
+    [[nodiscard]] HttpReply stream(const HttpRequest& request) const;
+    [[nodiscard]] HttpReply ready() const;
+
+    const std::vector<std::string> names_;
+    std::uint16_t port_ = 0;
+    std::function<std::string()> unready_;
+    bool draining_ = false;
+};
+
+/// True for what --http-host takes: a host name or address, perhaps with a port.
+[[nodiscard]] bool is_http_host(std::string_view text);
+
+}  // namespace raynest::server

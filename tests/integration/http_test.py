@@ -1,0 +1,251 @@
+#!/usr/bin/env python3
+"""The HTTP port: the page, who may see it, and what a request may cost.
+
+  http_test.py RAYNESTD RAYNEST
+"""
+import pathlib
+import re
+import socket
+import subprocess
+import sys
+import time
+
+from daemon import PATIENCE, Daemon, DaemonTest, run_tests, until
+from websocket import get, place_of, raw, split, upgrade_request
+
+WEB = pathlib.Path(__file__).resolve().parents[2] / "server" / "web"
+TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8",
+         ".css": "text/css; charset=utf-8", ".svg": "image/svg+xml", ".png": "image/png"}
+POLICY = ("default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+          "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'")
+FOREIGN = ["evil.example", "evil.example:{port}", "127.0.0.1.evil.example:{port}", "localhost",
+           "localhost:1", "127.0.0.2:{port}", "0.0.0.0:{port}", "[::]:{port}",
+           "localhost:{port}.evil.example", "localhost.:{port}", "xn--localhost:{port}", ""]
+
+
+class Http(DaemonTest):
+    arguments = ("--http", "127.0.0.1:0", "--http-host", "ray.example", "--http-host", "one.example:8080",
+                 "--http-ms-max", "1500", "--http-connections-max", "8")
+
+    def setUp(self):
+        self.http = self.daemon.http
+        self.port = place_of(self.http)[1]
+
+    def stat(self, name):
+        return self.client.json("stats")[name]
+
+    def refused(self, answer, status):
+        code, headers, body = answer
+        self.assertEqual(code, status, body)
+        self.assertEqual(headers["content-type"], "text/plain; charset=utf-8")
+        self.assertEqual(body.count(b"\n"), 1, "one line")
+        return body.decode()
+
+    def test_every_file_of_the_page(self):
+        files = [path for path in WEB.rglob("*") if path.suffix in TYPES]
+        self.assertIn(WEB / "index.html", files)
+        for path in files:
+            target = "/" + path.relative_to(WEB).as_posix()
+            status, headers, body = get(self.http, target)
+            self.assertEqual((status, body), (200, path.read_bytes()), target)
+            self.assertEqual(headers["content-type"], TYPES[path.suffix])
+            self.assertEqual(headers["content-security-policy"], POLICY)
+            self.assertEqual(headers["x-content-type-options"], "nosniff")
+            self.assertEqual(headers["referrer-policy"], "no-referrer")
+            self.assertEqual(headers["cross-origin-resource-policy"], "same-origin")
+            self.assertEqual(headers["cache-control"], "no-cache")
+            self.assertNotIn("access-control-allow-origin", headers)
+            # HEAD has the same headers and no body; a known ETag has no body either.
+            self.assertEqual(get(self.http, target, "HEAD"), (200, headers, b""))
+            status, same, body = get(self.http, target, headers=[f"If-None-Match: W/\"x\", {headers['etag']}"])
+            self.assertEqual((status, same["etag"], body), (304, headers["etag"], b""))
+            self.assertEqual(get(self.http, target, headers=['If-None-Match: "x"'])[0], 200)
+        index = (WEB / "index.html").read_bytes()
+        self.assertEqual(get(self.http, "/")[2], index)
+        self.assertEqual(get(self.http, "/?scene=forest&x=%2f")[2], index)
+
+    def test_nothing_else_is_served(self):
+        for target in ("/nothing", "/../CMakeLists.txt", "/web/index.html", "/%2e%2e/x", "/index.html/",
+                       "//index.html", "/server/web/index.html", "/protocol/messages.fbs", "/<b>"):
+            self.assertIn("there is no", self.refused(get(self.http, target), 404), target)
+        self.assertIn("'/'", self.refused(get(self.http, "http://evil.example/"), 400))
+        self.assertIn("'/'", self.refused(get(self.http, "*", "OPTIONS"), 400))
+        self.refused(get(self.http, "/v1/stream"), 426)
+        request = upgrade_request(self.http, target="/other")
+        self.assertIn("/v1/stream", self.refused(split(raw(self.http, request)), 404))
+
+    def test_health(self):
+        self.assertEqual(get(self.http, "/healthz")[::2], (200, b"ok\n"))
+        self.assertEqual(get(self.http, "/readyz")[::2], (200, b"ready\n"))
+        self.assertEqual(get(self.http, "/healthz")[1]["cache-control"], "no-store")
+
+    def test_a_request_changes_nothing(self):
+        self.client.json("load", "builtin:flake?depth=1", "--name", "kept")
+        before = self.client.json("scenes")
+        for method in ("POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "CONNECT", "BREW"):
+            answer = get(self.http, "/", method, headers=["Content-Length: 5"])
+            self.refused(answer, 405)
+            self.assertEqual(answer[1]["allow"], "GET, HEAD")
+        self.assertIn("body", self.refused(get(self.http, headers=["Content-Length: 5"]), 413))
+        self.refused(get(self.http, headers=["Transfer-Encoding: chunked"]), 413)
+        for target in ("/unload?scene=kept", "/v1/unload", "/v1/scenes/kept"):
+            self.refused(get(self.http, target), 404)
+        after = self.client.json("scenes")
+        names = [[scene["name"] for scene in listed] for listed in
+                 (before if isinstance(before, list) else before["scenes"],
+                  after if isinstance(after, list) else after["scenes"])]
+        self.assertEqual(*names)
+
+    def test_foreign_hosts(self):
+        before = self.stat("http_foreign")
+        for host in FOREIGN:
+            host = host.format(port=self.port)
+            lines = f"GET / HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"
+            text = self.refused(split(raw(self.http, lines.encode())), 421)
+            self.assertIn("--http-host", text)
+            self.assertIn(f"http://127.0.0.1:{self.port}/", text)
+        self.assertEqual(self.stat("http_foreign"), before + len(FOREIGN))
+        for host in ("localhost:{port}", "LOCALHOST:{port}", "[::1]:{port}", "127.0.0.1:{port}",
+                     "ray.example", "Ray.Example:9", "one.example:8080"):
+            self.assertEqual(get(self.http, host=host.format(port=self.port))[0], 200, host)
+        self.refused(get(self.http, host="one.example"), 421)
+        self.refused(get(self.http, host="one.example:80"), 421)
+        own = f"Host: 127.0.0.1:{self.port}\r\n"
+        for hosts in ("", own + own, own + "Host: evil.example\r\n"):
+            request = f"GET / HTTP/1.1\r\n{hosts}Connection: close\r\n\r\n".encode()
+            self.assertIn("Host", self.refused(split(raw(self.http, request)), 400))
+
+    def test_foreign_origins(self):
+        own = f"http://127.0.0.1:{self.port}"
+        before = self.stat("http_foreign")
+        foreign = ["", "null", "http://evil.example", f"http://evil.example:{self.port}", own + "/",
+                   "http://127.0.0.1", "http://127.0.0.1:1", f"http://localhost:{self.port}",
+                   f"{own}.evil.example", f"file://127.0.0.1:{self.port}", f"ws://127.0.0.1:{self.port}",
+                   f"http://x@127.0.0.1:{self.port}"]
+        for origin in foreign:
+            request = upgrade_request(self.http, origin=origin)
+            self.assertIn("Origin", self.refused(split(raw(self.http, request)), 403), origin)
+        twice = upgrade_request(self.http).replace(b"\r\n\r\n", f"\r\nOrigin: {own}\r\n\r\n".encode())
+        self.refused(split(raw(self.http, twice)), 403)
+        self.assertEqual(self.stat("http_foreign"), before + len(foreign) + 1)
+        self.refused(split(raw(self.http, upgrade_request(self.http, host="evil.example"))), 421)
+
+    def test_a_header_over_the_limit(self):
+        before = self.stat("http_refused")
+        long = "X-Long: " + "x" * 8192
+        self.assertIn("http_header_bytes_max = 8192", self.refused(get(self.http, headers=[long]), 431))
+        many = [f"X-{i}: y" for i in range(2000)]
+        self.refused(get(self.http, headers=many), 431)
+        self.refused(get(self.http, "/" + "a" * 9000), 431)
+        self.assertEqual(get(self.http, headers=["X-Long: " + "x" * 7000])[0], 200)
+        self.assertEqual(self.stat("http_refused"), before + 3)
+
+    def test_what_is_not_http(self):
+        for request in (b"\r\n\r\nGET\r\n\r\n", b"GET /\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"\0\1\2\3\r\n\r\n",
+                        b"GET / HTTP/1.1\r\nno colon\r\n\r\n", b"RYN1" + bytes(60),
+                        b"GET / HTTP/1.1\r\nContent-Length: -1\r\n\r\n",
+                        b"GET / HTTP/1.1\r\nHost: a\r\n\tb\0: c\r\n\r\n"):
+            self.refused(split(raw(self.http, request)), 400)
+
+    def test_a_connection_is_used_again(self):
+        with socket.create_connection(place_of(self.http), timeout=PATIENCE) as connection:
+            ask = f"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\n\r\n".encode()
+            connection.sendall(ask * 3)
+            answer = b""
+            while answer.count(b"ok\n") < 3:
+                part = connection.recv(4096)
+                self.assertTrue(part, answer)
+                answer += part
+
+    def test_slow_requests_end(self):
+        before = self.stat("http_timeouts")
+        start = time.monotonic()
+        self.assertEqual(raw(self.http, b"GET / HTTP/1.1\r\nHo"), b"")
+        self.assertLess(time.monotonic() - start, PATIENCE)
+        self.assertGreater(time.monotonic() - start, 1.0)
+        until(lambda: self.stat("http_timeouts") == before + 1)
+
+    def test_too_many_connections(self):
+        before = self.stat("http_connections_refused")
+        begun = []
+        for _ in range(8):
+            connection = socket.create_connection(place_of(self.http), timeout=PATIENCE)
+            self.addCleanup(connection.close)
+            connection.sendall(b"GET / HTTP/1.1\r\n")
+            begun.append(connection)
+        # All are inside of a request: the next one is refused. One that waits gives way instead.
+        time.sleep(0.1)
+        status, _, body = split(raw(self.http, b""))
+        self.assertEqual(status, 503)
+        self.assertIn(b"--http-connections-max", body)
+        self.assertEqual(self.stat("http_connections_refused"), before + 1)
+        for connection in begun:
+            connection.close()
+        until(lambda: get(self.http, "/healthz")[0] == 200)
+        idle = [socket.create_connection(place_of(self.http), timeout=PATIENCE) for _ in range(8)]
+        time.sleep(0.1)
+        self.assertEqual(get(self.http, "/healthz")[0], 200)
+        self.assertEqual(idle[0].recv(1), b"", "the one that waited longest")
+        for connection in idle:
+            connection.close()
+
+
+class Address(DaemonTest):
+    """Where the port is, and that it is nowhere else."""
+    arguments = ("--http", "[::1]:0")
+
+    def start(self, *arguments):
+        return subprocess.run([self.raynestd, "--listen", "tcp://127.0.0.1:0", "--cuda", "off", *arguments],
+                              stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE,
+                              check=False)
+
+    def test_the_address_is_told(self):
+        self.assertRegex(self.daemon.http, r"^http://\[::1\]:\d+$")
+        self.assertEqual(get(self.daemon.http)[0], 200)
+        line = next(line for line in self.daemon.log().splitlines() if " http " in line)
+        self.assertIn(f"page={self.daemon.http}", line)
+        self.assertIn("ssh -L", line)
+
+    def test_an_address_that_cannot_be(self):
+        taken = self.daemon.http.removeprefix("http://")
+        refused = self.start("--http", taken)
+        self.assertEqual(refused.returncode, 1)
+        self.assertRegex(refused.stderr, r"^raynestd: cannot listen on http://.*--http another port")
+        for address in ("0.0.0.0:31061", "[::]:31061", "192.0.2.1:80"):
+            refused = self.start("--http", address)
+            self.assertEqual(refused.returncode, 2, address)
+            self.assertIn("ssh -L", refused.stderr)
+
+    def test_the_default_port_may_be_taken(self):
+        default = ("127.0.0.1", 31061)
+        holder = socket.socket()
+        holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            holder.bind(default)
+            holder.listen()
+        except OSError:
+            pass  # somebody else has it, which does as well
+        try:
+            log = self.out / "log"
+            with open(log, "wb") as output:
+                daemon = subprocess.Popen([self.raynestd, "--listen", f"unix:{self.out}/second", "--cuda",
+                                           "off", "--ready-file", self.out / "ready"], stderr=output)
+            until((self.out / "ready").exists)
+            self.assertIn('"http":"off"', (self.out / "ready").read_text())
+            self.assertRegex(log.read_text(), r'http_off reason="cannot listen on http://127.0.0.1:31061: ')
+            daemon.terminate()
+            self.assertEqual(daemon.wait(timeout=PATIENCE), 0)
+        finally:
+            holder.close()
+
+    def test_off(self):
+        daemon = Daemon(self.raynestd)
+        self.addCleanup(daemon.stop)
+        self.assertEqual(daemon.http, "off")
+        self.assertIsNone(re.search(" http ", daemon.log()))
+
+
+if __name__ == "__main__":
+    Http.raynestd = Address.raynestd = sys.argv.pop(1)
+    Http.raynest = Address.raynest = sys.argv.pop(1)
+    run_tests()
