@@ -33,6 +33,7 @@ class Lists:
         self.generators = self.rows("protocol/generators.def", "GENERATOR")
         self.settings = self.rows("protocol/generators.def", "SETTING")
         self.reducers = self.rows("protocol/reducers.def", "REDUCER")
+        self.workers = self.rows("protocol/workers.def", "AUTO|WORKER")
         self.fields = self.rows("engine/queries/fields.def", "FIELD")
         # A sum has its value before its title.
         self.counters = [(name, title) for name, *_, title in
@@ -116,7 +117,7 @@ def number_of(row):
     return int(row[0])
 
 
-# What stands between the marks of a document, by the name of the mark.
+# The text between the marks of a document, by the name of the mark.
 TABLES = {
     "errors": lambda lists: table(("code", "name", "exit", "what to do"), [
         (number, name, dict((n, e) for e, n, _ in lists.exits)[exit_name], remedy)
@@ -134,6 +135,7 @@ TABLES = {
         (f"`{name}`", text) for name, *_, text in lists.kinds + lists.untraced]),
     "traversals": lambda lists: table(("traversal", ""), [
         (f"`{word}`", text) for _, word, text in lists.traversals]),
+    "workers": lambda lists: table(("worker", ""), [(f"`{name}`", text) for name, text in lists.workers]),
     "reducers": lambda lists: table(("reduce", "columns", ""), [
         (f"`{name}`", columns, text) for name, _, _, columns, text in lists.reducers]),
     "generators": lambda lists: table(("kind", "settings", "t", "rays"), [
@@ -173,8 +175,9 @@ def python_module(lists):
              "SHOWN": "dict[str, list[str]]", "REDUCED": "dict[str, dict[str, tuple[str, int]]]",
              "REDUCED_KIND": "dict[str, str]", "REDUCED_TO_POINTS": "list[str]",
              "GENERATORS": "dict[str, list[str]]"}
-    lines = ['"""What client and daemon both list. Written by .ci/lists.py from the .def files of the '
-             'tree."""', "from __future__ import annotations", ""]
+    lines = ['"""Lists that client and daemon share. Written by .ci/lists.py from the .def files of the '
+             'tree."""', "from __future__ import annotations", "", "from typing import Literal", "",
+             f"Worker = Literal[{', '.join(repr(name) for name, _ in lists.workers)}]", ""]
     for name, listed in values.items():
         opening, closing = "{}" if isinstance(listed, dict) else "[]"
         items = listed.items() if isinstance(listed, dict) else listed

@@ -7,7 +7,7 @@
 namespace raynest::client {
 namespace {
 
-/// Codes of the client's own failures: above all of the protocol's table.
+/// First code of the client's own failures, above those of the protocol's table.
 constexpr std::uint32_t own_codes = 1000;
 
 const char* own_name(Exit exit) {
@@ -36,7 +36,7 @@ const char* own_name(Exit exit) {
 Failure failure(const protocol::Error& error) {
     const protocol::ErrorInfo& info = protocol::error_info(error.code);
     return {info.exit, static_cast<std::uint32_t>(info.code), std::string(info.name),
-            in_own_words(error.message.empty() ? info.remedy : error.message),
+            localize_message(error.message.empty() ? info.remedy : error.message),
             error.retry_after_ms};
 }
 

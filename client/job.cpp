@@ -14,7 +14,7 @@ namespace {
 template <class Notes>
 void add_notes(const Notes* notes, Outcome& outcome) {
     for (const std::string& note : protocol::strings(notes))
-        outcome.notes.push_back(in_own_words(note));
+        outcome.notes.push_back(localize_message(note));
 }
 
 }  // namespace
@@ -91,7 +91,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.seconds = done.seconds();
         outcome.queued_seconds = done.queued_seconds();
         outcome.traversal = protocol::word(done.traversal(), outcome.traversal);
-        // Why another one was chosen explains nothing: what came in between, the notes tell.
+        // The reason belongs to the worker of STARTED; the notes tell why another one ran.
         if (const std::string ran(protocol::word(done.worker(), outcome.worker));
             ran != outcome.worker) {
             outcome.worker = ran;

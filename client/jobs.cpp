@@ -22,7 +22,7 @@ Json job_json(const wire::JobInfo& info) {
         {"bytes", info.bytes()},
         {"worker", protocol::text(info.worker())},
         {"error",
-         info.code() == 0 ? Json(nullptr) : Json(in_own_words(protocol::text(info.error())))}};
+         info.code() == 0 ? Json(nullptr) : Json(localize_message(protocol::text(info.error())))}};
     return json;
 }
 

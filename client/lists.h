@@ -1,5 +1,5 @@
-// The words that requests take, for help texts, and what is known of the columns of answers. The
-// daemon checks requests: a word that is missing here reaches it all the same.
+// Lists of words for help texts, and the columns of answers. The daemon checks requests: a word
+// that is missing here is sent all the same.
 #pragma once
 
 #include <array>
@@ -29,9 +29,15 @@ inline constexpr std::array palette_words = {
 #include "engine/integrators/palettes.def"
 };
 
+inline constexpr std::array worker_words = {
+#define RAYNEST_AUTO(name, text) std::string_view(#name),
+#define RAYNEST_WORKER(name, text) std::string_view(#name),
+#include "protocol/workers.def"
+};
+
 struct ReducerWords {
     std::string_view name;
-    std::string_view kind;  ///< of a query that names none
+    std::string_view kind;  ///< default kind of the query
     std::string_view rows;  ///< points | found
 };
 inline constexpr std::array reducer_words = {
@@ -42,12 +48,12 @@ inline constexpr std::array reduce_words = {
 #define RAYNEST_REDUCER(name, ...) std::string_view(#name),
 #include "protocol/reducers.def"
 };
-/// Null for a word that is none, as the empty one.
+/// Returns the reducer of this name, or null.
 [[nodiscard]] const ReducerWords* find_reducer(std::string_view name);
 
 struct ColumnWords {
     std::string_view name;
-    std::string_view type;   ///< point: less the scene's origin
+    std::string_view type;   ///< a point is relative to the scene's origin
     std::string_view of;     ///< hit | ray
     std::string_view shown;  ///< hits | any | asked
 };
@@ -56,19 +62,19 @@ inline constexpr std::array column_words = {
 #include "engine/queries/fields.def"
 };
 
-/// Has a ray of this kind any number of hits?
+/// True for kinds in which a ray may have any number of hits.
 [[nodiscard]] bool has_splits(std::string_view kind);
-/// Does this column describe hits (t, prim, ...), rather than rays (counters, flags, outputs)?
+/// True for a column of hits (t, prim, ...), false for one of rays (counters, flags, outputs).
 [[nodiscard]] bool is_hit_field(std::string_view name);
-/// Does this column hold points, which travel less the scene's origin?
+/// True for a column of points, which are sent relative to the scene's origin.
 [[nodiscard]] bool is_point_field(std::string_view name);
-/// The columns of a query that names none.
+/// Returns the columns of a query that names none.
 [[nodiscard]] std::vector<std::string> default_fields(std::string_view kind);
 
-/// "hit t prim ...", counters at the end.
+/// Returns "hit t prim ...", with counters at the end.
 [[nodiscard]] std::string known_fields();
 
-/// "a | b | c"
+/// Returns "a | b | c".
 [[nodiscard]] std::string alternatives(std::span<const std::string_view> words);
 
 }  // namespace raynest::client

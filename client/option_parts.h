@@ -22,7 +22,7 @@
 
 namespace raynest::client {
 
-/// An option whose text goes through `read`, which says what is wrong, or "".
+/// Adds an option whose text is parsed by `read`, which returns what is wrong, or "".
 template <class Read>
 CLI::Option* add_parsed(CLI::App& app, const std::string& name, Read read,
                         const std::string& text) {
@@ -35,8 +35,8 @@ CLI::Option* add_parsed(CLI::App& app, const std::string& name, Read read,
         text);
 }
 
-/// A number from `least` to `most`; `what` says so to people. CLI11 alone would read -1 as 2^64 - 1
-/// and 2^70 as 2^64 - 1, and let NaN through every range.
+/// Adds a number from `least` to `most`; `what` is the text for messages. CLI11's own parser would
+/// read -1 and 2^70 as 2^64 - 1, and its ranges accept NaN.
 template <class Number>
 CLI::Option* add_number(CLI::App& app, const std::string& name, Number& value, Number least,
                         Number most, const std::string& what, const std::string& text) {
@@ -60,12 +60,12 @@ CLI::Option* add_whole(CLI::App& app, const std::string& name, Whole& value, Who
 }
 inline constexpr std::uint64_t any_whole = std::numeric_limits<std::uint64_t>::max();
 
-/// "" is what a script passes for a variable that it forgot to set.
+/// Refuses "", which a script passes for a variable that it forgot to set.
 inline std::string complain_if_empty(const std::string& text) {
     return text.empty() ? "must not be empty" : "";
 }
 
-/// name=value, each name once.
+/// Checks that all are name=value, each name once.
 inline void check_settings(const std::vector<std::string>& settings) {
     std::set<std::string> names;
     for (const std::string& setting : settings) {
@@ -125,7 +125,7 @@ inline void add_job(CLI::App& app, JobOptions& job) {
         },
         "only instances with one of these bits, hexadecimal (FFFFFFFF)");
     add_epoch(app, job.epoch);
-    app.add_option("--worker", job.worker, "auto | cpu | cuda");
+    app.add_option("--worker", job.worker, alternatives(worker_words));
     add_deadline(app, job.deadline, "give up after so many seconds");
     app.add_option("--priority", job.priority, "low | normal | high");
 }
@@ -174,7 +174,7 @@ inline void add_camera(CLI::App& app, CameraOptions& camera) {
         "pixels, WIDTHxHEIGHT (960x540)");
 }
 
-/// -o FILE with one of the given endings, in capitals or not, or "-" for stdout.
+/// Adds -o FILE with one of these endings, in small or capital letters, or "-" for stdout.
 inline CLI::Option* add_output(CLI::App& app, std::string& output,
                                const std::vector<std::string>& endings, const std::string& text) {
     return add_parsed(
@@ -194,7 +194,7 @@ inline CLI::Option* add_output(CLI::App& app, std::string& output,
             " and so on for that format there; what is said of it then goes to stderr");
 }
 
-/// What is asked of each ray. CLI11 keeps one callback per command: this is it.
+/// Adds --kind, --max-hits and --fields. Uses the one callback that CLI11 has per command.
 inline void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
                      std::vector<std::string>& fields) {
     app.add_option("--kind", kind,
@@ -226,8 +226,8 @@ inline void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
         "columns, separated by commas, of " + known_fields());
 }
 
-/// --detach, with which a file that is else required need not be named; where one is, its callback
-/// is the command's.
+/// Adds --detach, with which a file that is otherwise required may be left out. In that case it
+/// uses the one callback that CLI11 has per command.
 inline void add_detach(CLI::App& app, JobOptions& job, const std::string* required_output) {
     app.add_flag(
         "--detach", job.detach,

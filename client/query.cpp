@@ -14,28 +14,29 @@ namespace {
 
 using protocol::BlockView;
 
-tl::unexpected<Failure> nonsense(const char* what) {
+tl::unexpected<Failure> protocol_violation(const char* what) {
     return fail(Exit::failed, std::string("the daemon sent ") + what);
 }
 
-/// Keeps chunks until those before them have come.
-class Reorder {
+/// Puts chunks in order: keeps each until all before it have come.
+class ChunkReorderer {
 public:
-    Reorder(bool splits, const Outcome& outcome,
-            const std::function<Result<void>(const QueryChunk&)>& consume)
+    ChunkReorderer(bool splits, const Outcome& outcome,
+                   const std::function<Result<void>(const QueryChunk&)>& consume)
         : splits_(splits),
           outcome_(outcome),
           consume_(consume) {}
 
-    /// A chunk of an answer that has at most `rows`.
+    /// Adds a chunk of an answer that has at most `rows` rows.
     Result<void> add(protocol::Frame frame, std::uint64_t rows) {
         auto chunk = open_reply<wire::Chunk>(std::move(frame));
         if (!chunk) return tl::unexpected<Failure>(chunk.error());
         const std::uint64_t first = (*chunk)->first_ray();
         if ((*chunk)->count() == 0 || first < next_ || first >= rows ||
             (*chunk)->count() > rows - first)
-            return nonsense("answers to rays that were not asked");
-        if (!waiting_.emplace(first, std::move(*chunk)).second) return nonsense("an answer twice");
+            return protocol_violation("answers to rays that were not asked");
+        if (!waiting_.emplace(first, std::move(*chunk)).second)
+            return protocol_violation("an answer twice");
         while (!waiting_.empty() && waiting_.begin()->first == next_) {
             if (auto passed = pass_on(waiting_.begin()->second); !passed) return passed;
             next_ += waiting_.begin()->second->count();
@@ -58,11 +59,11 @@ private:
             const BlockView* splits = protocol::find_block(reply.message.blocks, "ray_splits");
             if (splits == nullptr || splits->dtype != wire::Dtype::u64 || splits->width() != 1 ||
                 splits->count != chunk.count + std::uint64_t{1})
-                return nonsense("hits without ray_splits");
+                return protocol_violation("hits without ray_splits");
             chunk.splits = splits->values<std::uint64_t>();
             if (chunk.splits.front() != 0 ||
                 !std::is_sorted(chunk.splits.begin(), chunk.splits.end()))
-                return nonsense("ray_splits that do not rise");
+                return protocol_violation("ray_splits that do not rise");
         } else {
             while (one_hit_each_.size() <= chunk.count)
                 one_hit_each_.push_back(one_hit_each_.size());
@@ -70,7 +71,7 @@ private:
         }
         for (const BlockView& column : columns)
             if (column.count != (is_hit_field(column.name) ? chunk.splits.back() : chunk.count))
-                return nonsense("a column of the wrong length");
+                return protocol_violation("a column of the wrong length");
         chunk.columns = columns;
         chunk.origin = outcome_.origin;
         chunk.hidden = outcome_.hidden;
@@ -78,15 +79,15 @@ private:
     }
 
     bool splits_;
-    const Outcome& outcome_;  ///< STARTED has come before the first chunk
+    const Outcome& outcome_;  ///< filled by STARTED before the first chunk
     const std::function<Result<void>(const QueryChunk&)>& consume_;
     std::uint64_t next_ = 0;
-    std::vector<std::uint64_t> one_hit_each_;  ///< 0, 1, 2, ...: the splits where each ray has one
+    std::vector<std::uint64_t> one_hit_each_;  ///< 0, 1, 2, ...: the splits if each ray has one hit
     std::map<std::uint64_t, Reply<wire::Chunk>> waiting_;
 };
 
-/// Rows of the answer, or at most so many while only the daemon can know: of what it makes itself
-/// STARTED says how many rays it has, and of a table of what they see DONE how many rows.
+/// Returns the number of rows of the answer, or an upper bound while only the daemon knows it:
+/// STARTED has the number of generated rays, and DONE the number of rows of a reduced answer.
 std::uint64_t rows_of(const wire::QueryT& request, const RaySource& rays, const Outcome& outcome) {
     const ReducerWords* reducer = find_reducer(request.reduce);
     if (reducer != nullptr && reducer->rows == "found")
@@ -95,7 +96,7 @@ std::uint64_t rows_of(const wire::QueryT& request, const RaySource& rays, const 
     return made ? outcome.rays_announced : rays.count();
 }
 
-/// Rays of the frame that begins at `first`.
+/// Returns the number of rays of the frame that begins at `first`.
 std::uint64_t rays_of_frame(const Connection& connection, const RaySource& rays,
                             std::uint64_t first) {
     return std::min({rays.count() - first, connection.daemon().chunk_rays_max,
@@ -126,7 +127,7 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
     if (auto started = connection.start(request, deadline); !started)
         return tl::unexpected<Failure>(started.error());
     Outcome outcome;
-    Reorder reorder(has_splits(request.kind), outcome, consume);
+    ChunkReorderer reorderer(has_splits(request.kind), outcome, consume);
     std::uint64_t sent = 0;
     while (true) {
         while (sent < rays.count()) {
@@ -147,9 +148,9 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
         if (is<wire::Done>(*frame)) break;
         if (is<wire::Chunk>(*frame)) {
             const std::uint64_t rows = rows_of(request, rays, outcome);
-            if (auto added = reorder.add(std::move(*frame), rows); !added)
+            if (auto added = reorderer.add(std::move(*frame), rows); !added)
                 return tl::unexpected<Failure>(added.error());
-            if (request.reduce.empty()) progress.update(reorder.answered(), rows, "tracing");
+            if (request.reduce.empty()) progress.update(reorderer.answered(), rows, "tracing");
         }
         if (is<wire::Progress>(*frame) && !request.reduce.empty()) {
             const auto news = protocol::open<wire::Progress>(*frame);
@@ -157,8 +158,8 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
             progress.update((*news)->done(), (*news)->total(), protocol::text((*news)->stage()));
         }
     }
-    if (reorder.answered() != rows_of(request, rays, outcome))
-        return nonsense("its last answer too early");
+    if (reorderer.answered() != rows_of(request, rays, outcome))
+        return protocol_violation("its last answer too early");
     return outcome;
 }
 
@@ -167,7 +168,7 @@ Result<Outcome> fetch_query(Connection& connection, const wire::FetchT& request,
     if (auto started = connection.start(request); !started)
         return tl::unexpected<Failure>(started.error());
     Outcome outcome;
-    std::optional<Reorder> reorder;
+    std::optional<ChunkReorderer> reorderer;
     while (true) {
         auto frame = connection.next();
         if (!frame) return tl::unexpected<Failure>(frame.error());
@@ -175,19 +176,19 @@ Result<Outcome> fetch_query(Connection& connection, const wire::FetchT& request,
             return tl::unexpected<Failure>(taken.error());
         if (is<wire::Done>(*frame)) break;
         if (!is<wire::Chunk>(*frame)) continue;
-        // How many rays there were is known at the end; whether they are CSR, from any chunk.
-        if (!reorder) {
+        // The number of rays is known at the end; any chunk tells whether it is CSR.
+        if (!reorderer) {
             const auto chunk = protocol::open<wire::Chunk>(*frame);
             if (!chunk) return tl::unexpected<Failure>(failure(chunk.error()));
             const bool multi = protocol::find_block(chunk->blocks, "ray_splits") != nullptr;
-            reorder.emplace(multi, outcome, consume);
+            reorderer.emplace(multi, outcome, consume);
         }
-        if (auto added = reorder->add(std::move(*frame), protocol::Limits{}.rays_max); !added)
+        if (auto added = reorderer->add(std::move(*frame), protocol::Limits{}.rays_max); !added)
             return tl::unexpected<Failure>(added.error());
-        progress.update(reorder->answered(), 0, "fetching");
+        progress.update(reorderer->answered(), 0, "fetching");
     }
-    if ((reorder ? reorder->answered() : 0) != outcome.rows)
-        return nonsense("its last answer too early");
+    if ((reorderer ? reorderer->answered() : 0) != outcome.rows)
+        return protocol_violation("its last answer too early");
     return outcome;
 }
 

@@ -12,7 +12,7 @@
 namespace raynest::client {
 namespace {
 
-/// {reason: n}; both lists are equally long, as validate() has checked.
+/// Returns {reason: n}; validate() has checked that both lists have the same length.
 Json skipped_json(const wire::SceneInfo& info) {
     Json skipped = Json::object();
     const std::vector<std::string> reasons = protocol::strings(info.skipped_reasons());
@@ -21,7 +21,7 @@ Json skipped_json(const wire::SceneInfo& info) {
     return skipped;
 }
 
-/// {type: n} of primitives other than triangles.
+/// Returns {type: n} for primitives other than triangles.
 Json records_json(const wire::SceneInfo& info) {
     Json records = Json::object();
     const std::vector<std::string> types = protocol::strings(info.record_types());
@@ -32,7 +32,7 @@ Json records_json(const wire::SceneInfo& info) {
 
 std::vector<std::string> warnings(const wire::SceneInfo& info) {
     std::vector<std::string> texts = protocol::strings(info.warnings());
-    for (std::string& text : texts) text = in_own_words(text);
+    for (std::string& text : texts) text = localize_message(text);
     return texts;
 }
 
@@ -42,19 +42,19 @@ std::string joined(const std::vector<std::string>& items) {
     return line.empty() ? "none" : line;
 }
 
-/// "0 front", "1 side", as --camera takes them.
+/// Returns "0 front", "1 side": the words that --camera takes.
 std::vector<std::string> numbered(std::vector<std::string> names) {
     for (std::size_t i = 0; i < names.size(); ++i)
         names[i] = std::to_string(i) + (names[i].empty() ? "" : " " + names[i]);
     return names;
 }
 
-/// "1 node", "42,241 nodes".
+/// Returns "1 node" or "42,241 nodes".
 std::string counted(std::uint64_t count, const std::string& what) {
     return grouped(count) + ' ' + what + (count == 1 ? "" : "s");
 }
 
-/// Of nodes and leaf blocks; 0 without triangles.
+/// Bytes of nodes and leaf blocks per triangle; 0 for a scene without triangles.
 double bytes_per_triangle(const wire::SceneInfo& info) {
     const auto triangles = static_cast<double>(info.unique_triangles());
     return triangles > 0 ? static_cast<double>(info.tree_bytes()) / triangles : 0;
@@ -170,7 +170,7 @@ void print_scene(const wire::SceneInfo& info) {
     for (const auto& [type, count] : records.items())
         rows.insert(rows.begin() + 2,
                     {"records", grouped(count.get<std::uint64_t>()) + " " + type});
-    // A scene of spheres has no triangles to speak of.
+    // Leave out triangles for a scene of other primitives.
     if (!records.empty() && info.unique_triangles() == 0) rows.erase(rows.begin() + 1);
     const Json skipped = skipped_json(info);
     for (const auto& [reason, count] : skipped.items())

@@ -100,7 +100,7 @@ Result<std::string> load_for_connection(Connection& connection, Progress& progre
     if (!loaded) return tl::unexpected<Failure>(loaded.error());
     const wire::SceneInfo& info = protocol::present((*loaded)->info());
     for (const std::string& warning : protocol::strings(info.warnings()))
-        std::cerr << "raynest: " << shown_name(source) << ": " << in_own_words(warning) << '\n';
+        std::cerr << "raynest: " << shown_name(source) << ": " << localize_message(warning) << '\n';
     return std::string(protocol::text(info.name()));
 }
 

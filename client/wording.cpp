@@ -39,7 +39,7 @@ constexpr std::array words = {
 
 }  // namespace
 
-std::string in_own_words(std::string_view message) {
+std::string localize_message(std::string_view message) {
     std::string own;
     while (true) {
         const std::size_t begin = message.find('`');

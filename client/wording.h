@@ -1,4 +1,4 @@
-// The daemon's words in those of the command line.
+// Translates the protocol's words in messages to those of the command line.
 #pragma once
 
 #include <string>
@@ -6,9 +6,9 @@
 
 namespace raynest::client {
 
-/// A message of the daemon, in which each word between backticks is a field or a message of the
-/// protocol (PROTOCOL.md, 9), with the command line's spelling in its place: `deadline_ms` becomes
-/// --deadline, `Scenes` becomes raynest scenes. Other words stay as they are.
-[[nodiscard]] std::string in_own_words(std::string_view message);
+/// Replaces the words between backticks in a message of the daemon, which are fields or messages of
+/// the protocol (PROTOCOL.md, 9), by the command line's: `deadline_ms` becomes --deadline, `Scenes`
+/// becomes raynest scenes. Other words stay.
+[[nodiscard]] std::string localize_message(std::string_view message);
 
 }  // namespace raynest::client

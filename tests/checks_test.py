@@ -109,11 +109,66 @@ class House(Planted):
         self.assert_refused("client/a.sh", "if true; then\n", "does not parse")
 
 
+class Words(Planted):
+    """check_words.py finds comments that begin badly, and names of dropped words."""
+
+    def setUp(self):
+        super().setUp()
+        subprocess.run(["git", "init", "-q", self.root], check=True)
+
+    def plant_and_check(self, files):
+        self.plant(files)
+        subprocess.run(["git", "-C", self.root, "add", "-A"], check=True)
+        return self.check("check_words.py")
+
+    def assert_refused(self, name, text, *reasons):
+        code, output = self.plant_and_check({name: text})
+        self.assertEqual(code, 1, output)
+        for reason in reasons:
+            self.assertIn(reason, output)
+
+    def test_plain_words_pass(self):
+        self.assertEqual(self.plant_and_check({
+            "client/a.h": "/// The time of one request, which is what users wait for.\nclass LatencyCounts;\n"
+                          'app.add_option("--rays", rays, "FILE");\nconst char* url = "http://What/";\n',
+            "tests/a.py": '"""The p99 latency of a batch of requests."""\nclass Requests:\n    pass\n',
+            "engine/words.def": 'RAYNEST_TRAVERSAL(stream, "stream", "for incoherent rays")\n',
+            "README.md": "# What it is\n"})[0], 0)
+
+    def test_an_empty_tree_is_not_a_pass(self):
+        self.assertEqual(self.plant_and_check({})[0], 1)
+
+    def test_comments_begin_with_their_subject(self):
+        # Strings are written in parts, so that check_words.py does not find them here.
+        for file, comment in (("a.h", "//" "/ Of one ray."), ("b.cpp", "int x;  //" "/< Who asks."),
+                              ("c.py", 'def f():\n    ""' '"What it gives."""'), ("d.sh", "#" " Whatever ends this"),
+                              ("e.cmake", "#" " Whoever builds"), ("f.cpp", "/" "* What it is */")):
+            with self.subTest(file=file):
+                self.assertEqual(self.plant_and_check({f"engine/{file}": 25 * f"{comment}\n"})[0], 0)
+                self.assert_refused(f"engine/{file}", 26 * f"{comment}\n", f"engine/{file}:26", "a comment begins with '")
+                (self.root / "engine" / file).unlink()
+
+    def test_dropped_words_name_nothing(self):
+        for file, text, reason in (
+                ("engine/a.h", "struct RayTally {};\n", "a type is named RayTally: 'tally' is called statistics"),
+                ("engine/b.h", "enum class Door { open };\n", "a type is named Door"),
+                ("engine/c.h", "using Doors = int;\n", "'doors' is called entry point"),
+                ("tests/d.py", "class BakedScene:\n    pass\n", "'baked' is called built"),
+                ("client/e.cpp", 'app.add_flag(\n    "--bake", bake);\n', "an option is named --bake"),
+                ("tests/f.py", 'parser.add_argument("--pie' 'ces")\n', "an option is named --pieces"),
+                ("engine/door_test.cpp", "", "a file or folder is named door_test.cpp"),
+                ("engine/errands/g.h", "", "a file or folder is named errands"),
+                ("engine/words.def", 'RAYNEST_TRAVERSAL(batch, "coherent", "")\n', "a traversal is named batch"),
+                ("engine/h.h", "class LatencyTraversal {};\n", "'latency' is called single")):
+            with self.subTest(file=file):
+                self.assert_refused(file, text, reason)
+
+
 class Lists(Planted):
-    """What follows from the lists is compared with them; in a copy of the files that take part."""
+    """lists.py finds stale files; tested in a copy of the files that it reads and writes."""
 
     FILES = ("protocol/errors.def", "protocol/limits.def", "protocol/requests.def",
-             "protocol/generators.def", "protocol/reducers.def", "engine/queries/fields.def",
+             "protocol/generators.def", "protocol/reducers.def", "protocol/workers.def", "engine/queries/fields.def",
              "engine/geometry/counters.def", "engine/packs/words.def",
              "engine/integrators/palettes.def", "server/diag/metrics.def", "protocol/PROTOCOL.md",
              "protocol/messages.fbs", "client/python/README.md",

@@ -46,7 +46,7 @@ class Tree:
         """A row like another one of the list, behind it."""
         text = (self.root / name).read_text()
         row = next(line for line in text.splitlines() if line.startswith(like))
-        for word, other in zip(old, new):
+        for word, other in zip(old, new, strict=True):
             if word not in row:
                 raise AssertionError(f"{name}: '{row}' has no {word}")
             row = row.replace(word, other)
@@ -67,14 +67,14 @@ def add_generator(tree):
 Reply<Generated> make_square_on(const Request& request) {
     if (!request.settings.scale) return lacks(request.kind, "scale");
     const double focal = request.settings.scale->at(0) * request.size.width;
-    return ready(Pinhole{request.mount, request.size, 0, 0, 1 / focal, 1 / focal});
+    return ready(Pinhole{request.sensor_pose, request.size, 0, 0, 1 / focal, 1 / focal});
 }
 
 Reply<Generated> make_equirectangular""")
 
 
 def add_request(tree):
-    tree.add_row("protocol/requests.def", "RAYNEST_REQUEST(15", ("15", "Stats", "stats", "nothing", "plain", "Statistics"),
+    tree.add_row("protocol/requests.def", "RAYNEST_REQUEST(15", ("15", "Stats", "stats", "plain", "Statistics"),
                  ("40", "Echo", "echo", "checked", "Echoed"))
     tree.add_row("protocol/requests.def", "RAYNEST_ANSWER(130", ("130", "Pong"), ("168", "Echoed"))
     tree.edit("protocol/messages.fbs", r"^// ---- jobs -+$", """\

@@ -1,4 +1,4 @@
-// raynest load-test SCENE: round trips and throughput of queries, beside bare sockets.
+// raynest load-test SCENE: measures round trips and throughput of queries, beside bare sockets.
 #include "client/commands/commands.h"
 #include "client/job.h"
 #include "client/load_test/driver.h"
@@ -17,11 +17,11 @@
 namespace raynest::client {
 namespace {
 
-/// Daemon and controls take turns of about this length, so that what else happens on the machine
-/// meets all of them.
+/// Daemon and controls take turns of about this length, so that other work on the machine disturbs
+/// all of them alike.
 constexpr double turn_seconds = 0.5;
 
-/// Rays from outside through points of the scene's box; the same ones for a seed on any machine.
+/// Makes rays from outside through points of the scene's box. A seed gives the same rays anywhere.
 void aim(std::span<Ray> rays, const wire::SceneInfo& info, std::uint32_t seed) {
     std::mt19937 bits(seed);
     const auto unit = [&] { return static_cast<float>(bits() >> 8) * 0x1p-24F; };
@@ -56,7 +56,7 @@ void append(std::vector<std::byte>& bytes, const protocol::Frame& frame) {
         bytes.insert(bytes.end(), part.begin(), part.end());
 }
 
-/// A query and its rays as they travel.
+/// Returns the bytes of a query and its rays.
 Result<std::vector<std::byte>> request_bytes(const LoadTestOptions& options,
                                              const wire::SceneInfo& info, std::uint32_t seed) {
     wire::QueryT query;
@@ -79,15 +79,15 @@ Result<std::vector<std::byte>> request_bytes(const LoadTestOptions& options,
     return bytes;
 }
 
-/// One of the three that are measured.
+/// One of the three measured servers: the daemon or a control.
 struct Side {
     const char* name;
     const char* key;
     Driver driver;
-    LoadTally tally;
+    LoadTestStatistics statistics;
 };
 
-/// What the daemon is compared with.
+/// A server that the daemon is compared with.
 struct Control {
     const char* name;
     const char* key;
@@ -96,61 +96,62 @@ struct Control {
 constexpr std::array controls = {Control{"asio echo", "asio_echo", echo_by_asio},
                                  Control{"blocking echo", "blocking_echo", echo_by_threads}};
 
-double per_second(std::uint64_t count, const LoadTally& tally) {
-    return tally.time.count() > 0 ? static_cast<double>(count) / tally.time.count() : 0;
+double per_second(std::uint64_t count, const LoadTestStatistics& statistics) {
+    return statistics.time.count() > 0 ? static_cast<double>(count) / statistics.time.count() : 0;
 }
 
 Json side_json(const Side& side, std::uint32_t rays) {
-    const Latencies& latencies = side.tally.latencies;
-    const std::uint64_t answered = side.tally.answered();
+    const Latencies& latencies = side.statistics.latencies;
+    const std::uint64_t answered = side.statistics.answered();
     return Json{{"requests", answered},
-                {"refused", side.tally.refused},
-                {"missed", side.tally.missed},
+                {"refused", side.statistics.refused},
+                {"missed", side.statistics.missed},
                 {"p50_us", latencies.percentile_us(0.5)},
                 {"p99_us", latencies.percentile_us(0.99)},
                 {"p999_us", latencies.percentile_us(0.999)},
                 {"max_us", latencies.max_us()},
-                {"requests_per_second", per_second(answered, side.tally)},
-                {"rays_per_second", per_second(answered * rays, side.tally)},
-                {"bytes_per_second", per_second(side.tally.bytes, side.tally)}};
+                {"requests_per_second", per_second(answered, side.statistics)},
+                {"rays_per_second", per_second(answered * rays, side.statistics)},
+                {"bytes_per_second", per_second(side.statistics.bytes, side.statistics)}};
 }
 
-/// The column MISSED is of an open loop only.
+/// Returns a row of the table; only an open loop has the column MISSED.
 std::vector<std::string> side_row(const Side& side, const LoadTestOptions& options) {
-    const Latencies& latencies = side.tally.latencies;
-    const std::uint64_t answered = side.tally.answered();
+    const Latencies& latencies = side.statistics.latencies;
+    const std::uint64_t answered = side.statistics.answered();
     const auto number = [](double value, int digits) {
         std::array<char, 32> text{};
         std::snprintf(text.data(), text.size(), "%.*f", digits, value);
         return std::string(text.data());
     };
-    std::vector<std::string> row = {side.name,
-                                    number(latencies.percentile_us(0.5), 1),
-                                    number(latencies.percentile_us(0.99), 1),
-                                    number(latencies.percentile_us(0.999), 1),
-                                    number(per_second(answered, side.tally), 0),
-                                    number(per_second(answered * options.rays, side.tally), 0),
-                                    number(per_second(side.tally.bytes, side.tally) / 1e6, 1),
-                                    std::to_string(side.tally.refused)};
-    if (options.rate > 0) row.push_back(std::to_string(side.tally.missed));
+    std::vector<std::string> row = {
+        side.name,
+        number(latencies.percentile_us(0.5), 1),
+        number(latencies.percentile_us(0.99), 1),
+        number(latencies.percentile_us(0.999), 1),
+        number(per_second(answered, side.statistics), 0),
+        number(per_second(answered * options.rays, side.statistics), 0),
+        number(per_second(side.statistics.bytes, side.statistics) / 1e6, 1),
+        std::to_string(side.statistics.refused)};
+    if (options.rate > 0) row.push_back(std::to_string(side.statistics.missed));
     return row;
 }
 
-/// A test that was never answered has nothing to compare.
-Result<void> check_answered(const LoadTally& tally) {
-    if (tally.answered() != 0 || !tally.refusal) return {};
-    Failure refusal = *tally.refusal;
+/// Fails if no request was answered.
+Result<void> check_answered(const LoadTestStatistics& statistics) {
+    if (statistics.answered() != 0 || !statistics.refusal) return {};
+    Failure refusal = *statistics.refusal;
     refusal.message = "all requests were refused: " + refusal.message;
     return tl::unexpected<Failure>(std::move(refusal));
 }
 
-/// The daemon beside the echo; where one of them could not keep up with the rate, by how much:
-/// times of an overloaded server say only how long it was overloaded.
+/// Compares the daemon with the echo. If one of them could not keep up with the rate, says so
+/// instead: times of an overloaded server only tell how long it was overloaded.
 std::string verdict(const Side& daemon, const Side& echo, double ratio, double rate) {
     std::array<char, 160> line{};
-    const Side& slow = daemon.tally.missed != 0 ? daemon : echo;
-    const double most = per_second(slow.tally.answered(), slow.tally);
-    if (slow.tally.missed == 0)
+    const Side& slow = daemon.statistics.missed != 0 ? daemon : echo;
+    const double most = per_second(slow.statistics.answered(), slow.statistics);
+    if (slow.statistics.missed == 0)
         std::snprintf(line.data(), line.size(), "p50 is %.2f times that of the Asio echo", ratio);
     else
         std::snprintf(
@@ -187,12 +188,12 @@ Result<void> run(Context& context, const LoadTestOptions& options) {
     const auto turn = [](Side& side, double seconds, double rate) {
         return side.driver.run(std::chrono::duration_cast<std::chrono::nanoseconds>(
                                    std::chrono::duration<double>(seconds)),
-                               rate, side.tally);
+                               rate, side.statistics);
     };
-    // The first turn warms up, and shows what the controls have to answer.
+    // The first turn warms up and records the reply that the controls will send.
     if (auto warm = turn(sides[0], std::min(turn_seconds, options.seconds), 0); !warm) return warm;
-    if (auto answered = check_answered(sides[0].tally); !answered) return answered;
-    sides[0].tally = {};
+    if (auto answered = check_answered(sides[0].statistics); !answered) return answered;
+    sides[0].statistics = {};
 
     const EchoScript script{requests[0].size(), sides[0].driver.sample()};
     std::vector<std::unique_ptr<Echo>> echoes;
@@ -215,10 +216,11 @@ Result<void> run(Context& context, const LoadTestOptions& options) {
                                 static_cast<std::uint64_t>(turns), "measuring");
     }
     context.progress.clear();
-    if (auto answered = check_answered(sides[0].tally); !answered) return answered;
+    if (auto answered = check_answered(sides[0].statistics); !answered) return answered;
 
-    const double echo_us = sides[1].tally.latencies.percentile_us(0.5);
-    const double ratio = echo_us > 0 ? sides[0].tally.latencies.percentile_us(0.5) / echo_us : 0;
+    const double echo_us = sides[1].statistics.latencies.percentile_us(0.5);
+    const double ratio =
+        echo_us > 0 ? sides[0].statistics.latencies.percentile_us(0.5) / echo_us : 0;
     if (context.json) {
         Json json{{"scene", options.job.scene},
                   {"kind", options.kind},
@@ -228,7 +230,7 @@ Result<void> run(Context& context, const LoadTestOptions& options) {
                   {"request_bytes", script.request_bytes},
                   {"reply_bytes", script.reply.size()}};
         for (const Side& side : sides) json[side.key] = side_json(side, options.rays);
-        const bool kept_up = sides[0].tally.missed == 0 && sides[1].tally.missed == 0;
+        const bool kept_up = sides[0].statistics.missed == 0 && sides[1].statistics.missed == 0;
         json["ratio_to_asio_echo"] = kept_up ? Json(ratio) : Json(nullptr);
         print_json(json);
         return {};

@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::size_t staging_bytes = 256 << 10;
 constexpr std::chrono::seconds patience{10};
-/// Ctrl-C is looked for at least this often.
+/// Longest wait between two checks for Ctrl-C.
 constexpr std::chrono::milliseconds nap_max{200};
 
 tl::unexpected<Failure> broken(const char* call) {
@@ -40,7 +40,7 @@ Driver::Client::Client(int number, std::span<const std::byte> bytes)
     : socket(number),
       request(bytes),
       decoder(limits) {
-    // Only the ends of answers are read; columns pass.
+    // Skip the columns of answers; only their ends matter.
     decoder.set_admission([](const protocol::FrameHeader&) { return false; });
 }
 
@@ -58,7 +58,8 @@ Driver::Driver(std::vector<int> sockets, std::vector<std::span<const std::byte>>
     }
 }
 
-Result<void> Driver::run(std::chrono::nanoseconds time, double rate, LoadTally& tally) {
+Result<void> Driver::run(std::chrono::nanoseconds time, double rate,
+                         LoadTestStatistics& statistics) {
     const Clock::time_point begin = Clock::now();
     end_ = begin + time;
     interval_ = Clock::duration(0);
@@ -73,7 +74,7 @@ Result<void> Driver::run(std::chrono::nanoseconds time, double rate, LoadTally& 
         client.finished = false;
         if (client.due >= end_) finish(client);
     }
-    // An open loop lasts as long as its schedule, also where nothing more is due.
+    // An open loop lasts as long as its schedule, even if nothing more is due.
     for (Clock::time_point now = begin; unfinished_ != 0 || (open_loop() && now < end_);
          now = Clock::now()) {
         if (interrupted()) return fail(Exit::interrupted, "interrupted");
@@ -81,19 +82,19 @@ Result<void> Driver::run(std::chrono::nanoseconds time, double rate, LoadTally& 
             return fail(Exit::failed,
                         "an answer did not come within " + std::to_string(patience.count()) + " s");
         if (open_loop() && now >= cut_)
-            give_up(now, tally);
-        else if (auto started = start_due(now, tally); !started)
+            give_up(now, statistics);
+        else if (auto started = start_due(now, statistics); !started)
             return started;
-        if (auto taken = take_events(now, tally); !taken) return taken;
+        if (auto taken = take_events(now, statistics); !taken) return taken;
     }
-    tally.time += Clock::now() - begin;
+    statistics.time += Clock::now() - begin;
     return {};
 }
 
-Result<void> Driver::start_due(Clock::time_point now, LoadTally& tally) {
+Result<void> Driver::start_due(Clock::time_point now, LoadTestStatistics& statistics) {
     for (Client& client : clients_)
         if (!client.waiting && !client.finished && client.due <= now)
-            if (auto started = start(client, tally); !started) return started;
+            if (auto started = start(client, statistics); !started) return started;
     return {};
 }
 
@@ -105,25 +106,25 @@ void Driver::finish(Client& client) {
     client.phase = std::fmod(ahead / std::chrono::duration<double>(interval_), 1.0);
 }
 
-void Driver::give_up(Clock::time_point now, LoadTally& tally) {
+void Driver::give_up(Clock::time_point now, LoadTestStatistics& statistics) {
     bool late = false;
     for (Client& client : clients_) {
         if (client.waiting || client.finished) continue;
         for (; client.due < end_; client.due += interval_) {
-            ++tally.missed;
-            tally.latencies.add(now - client.due);
+            ++statistics.missed;
+            statistics.latencies.add(now - client.due);
             late = true;
         }
         finish(client);
     }
-    // A server that cannot keep up will not in the next turn either.
+    // A server that could not keep up will not do so in the next turn either.
     if (late) overtime_ /= 2;
 }
 
-Result<void> Driver::start(Client& client, LoadTally& tally) {
+Result<void> Driver::start(Client& client, LoadTestStatistics& statistics) {
     client.waiting = true;
     client.unsent = client.request.size();
-    tally.bytes += client.request.size();
+    statistics.bytes += client.request.size();
     return send_rest(client);
 }
 
@@ -137,7 +138,7 @@ Result<void> Driver::send_rest(Client& client) {
         if (sent < 0) return broken("send");
         client.unsent -= static_cast<std::size_t>(sent);
     }
-    // To be told about room costs a call: only where a request did not go out at once.
+    // Wait for room in the socket, which costs a call, only if a request was not sent at once.
     if (client.unsent != 0 || was_stuck) {
         epoll_event event{};
         event.events = client.unsent != 0 ? EPOLLIN | EPOLLOUT : EPOLLIN;
@@ -147,7 +148,7 @@ Result<void> Driver::send_rest(Client& client) {
     return {};
 }
 
-Result<void> Driver::take_events(Clock::time_point now, LoadTally& tally) {
+Result<void> Driver::take_events(Clock::time_point now, LoadTestStatistics& statistics) {
     // In an open loop the next request may be due before an answer comes.
     Clock::time_point until = now + nap_max;
     if (open_loop() && now < end_) until = std::min(until, end_);
@@ -168,18 +169,18 @@ Result<void> Driver::take_events(Clock::time_point now, LoadTally& tally) {
         if ((event.events & EPOLLOUT) != 0)
             if (auto sent = send_rest(client); !sent) return sent;
         if ((event.events & ~static_cast<std::uint32_t>(EPOLLOUT)) != 0)
-            if (auto received = receive(client, tally); !received) return received;
+            if (auto received = receive(client, statistics); !received) return received;
     }
     return {};
 }
 
-Result<void> Driver::receive(Client& client, LoadTally& tally) {
+Result<void> Driver::receive(Client& client, LoadTestStatistics& statistics) {
     const ssize_t got = recv(client.socket, staging_.data(), staging_.size(), MSG_DONTWAIT);
     if (got < 0 && (errno == EAGAIN || errno == EINTR)) return {};
     if (got < 0) return broken("recv");
     if (got == 0) return fail(Exit::failed, "the daemon closed a connection");
     std::span<const std::byte> bytes(staging_.data(), static_cast<std::size_t>(got));
-    tally.bytes += bytes.size();
+    statistics.bytes += bytes.size();
     if (sample_.empty()) client.answer.insert(client.answer.end(), bytes.begin(), bytes.end());
     while (!bytes.empty()) {
         const auto taken = client.decoder.feed(bytes);
@@ -189,23 +190,23 @@ Result<void> Driver::receive(Client& client, LoadTally& tally) {
         const protocol::Frame frame = client.decoder.take();
         if (!client.waiting || !is_end(frame)) continue;
         const Clock::time_point now = Clock::now();
-        ended(client, frame, now, tally);
+        ended(client, frame, now, statistics);
         if (!client.finished && client.due <= now && now < cut_)
-            if (auto started = start(client, tally); !started) return started;
+            if (auto started = start(client, statistics); !started) return started;
     }
     return {};
 }
 
 void Driver::ended(Client& client, const protocol::Frame& last, Clock::time_point now,
-                   LoadTally& tally) {
+                   LoadTestStatistics& statistics) {
     client.waiting = false;
     if (const auto error = protocol::open<wire::Error>(last)) {
-        ++tally.refused;
-        tally.refusal =
+        ++statistics.refused;
+        statistics.refusal =
             failure({static_cast<protocol::Code>((*error)->code()),
                      std::string(protocol::text((*error)->message())), (*error)->retry_after_ms()});
     } else {
-        tally.latencies.add(now - client.due);
+        statistics.latencies.add(now - client.due);
         if (sample_.empty()) sample_.swap(client.answer);
     }
     client.answer.clear();

@@ -1,10 +1,10 @@
 // Many clients on one thread: each sends its request, waits for the end of the answer, and sends it
 // again.
 //
-// Closed loop: at once. Open loop: at fixed times, and latency counts from the time at which a
-// request was due. While a server stalls requests go on being due; they are sent late, and those
-// that cannot be sent any more are counted as missed, so that it is seen to be late for all that
-// came meanwhile. The same driver measures the daemon and the controls: what it costs is in both.
+// A closed loop sends the next request at once. An open loop sends at fixed times, and latency
+// counts from the time when a request was due. While a server stalls, requests become due all the
+// same: they are sent late, and those that cannot be sent any more count as missed. The driver
+// measures the daemon and the controls alike, so that its own cost is in both.
 #pragma once
 
 #include "client/load_test/latencies.h"
@@ -20,12 +20,12 @@
 
 namespace raynest::client {
 
-/// What came back, over all runs.
-struct LoadTally {
-    /// Of requests that were answered well, and how late those are that were missed: at least.
+/// Results of all runs.
+struct LoadTestStatistics {
+    /// Latencies of answered requests, and lower bounds of those of missed ones.
     Latencies latencies;
     std::uint64_t refused = 0;
-    std::uint64_t missed = 0;  ///< due in an open loop, and never sent
+    std::uint64_t missed = 0;  ///< requests of an open loop that were never sent
     std::uint64_t bytes = 0;   ///< both ways
     std::chrono::duration<double> time{0};
     std::optional<Failure> refusal;  ///< the last one
@@ -33,22 +33,22 @@ struct LoadTally {
     [[nodiscard]] std::uint64_t answered() const { return latencies.count() - missed; }
 };
 
-/// By how much longer a turn lasts at most, so that an open loop catches up.
+/// Maximum time by which a turn is prolonged so that an open loop can catch up.
 inline constexpr std::chrono::seconds overtime_max{5};
 
 class Driver {
 public:
-    /// One client per socket, which stay the caller's; `requests` are frames as they travel, one
-    /// or more per client, and outlive the driver.
+    /// Makes a client per socket; the caller keeps the sockets. `requests` are the bytes of frames,
+    /// one or more per client, and outlive the driver.
     Driver(std::vector<int> sockets, std::vector<std::span<const std::byte>> requests);
 
-    /// Sends for `time`, then waits for what is under way; `rate` requests per second of all
-    /// clients together, 0: closed loop. A client of an open loop that is behind goes on until what
-    /// was due within `time` is sent or overtime_max has passed; the next run takes the schedule up
-    /// where this one left it. Fails when a connection ends or an answer does not come.
-    Result<void> run(std::chrono::nanoseconds time, double rate, LoadTally& tally);
+    /// Sends for `time`, then waits for the last answers. `rate` is the number of requests per
+    /// second of all clients together; 0: closed loop. An open loop that is behind continues until
+    /// all requests due within `time` are sent or overtime_max has passed; the next run continues
+    /// the schedule. Fails if a connection ends or an answer does not come.
+    Result<void> run(std::chrono::nanoseconds time, double rate, LoadTestStatistics& statistics);
 
-    /// The bytes of the first answer that was no refusal; empty while there is none.
+    /// Returns the bytes of the first answer that was not a refusal; empty if there is none yet.
     [[nodiscard]] const std::vector<std::byte>& sample() const { return sample_; }
 
 private:
@@ -59,24 +59,24 @@ private:
         std::span<const std::byte> request;
         protocol::FrameDecoder decoder;
         std::size_t unsent = 0;
-        /// So far; only while it may become the sample.
+        /// The answer so far, kept only while it may become the sample.
         std::vector<std::byte> answer;
-        Clock::time_point due{};  ///< of the request under way, or of the next one
-        double phase = 0;         ///< open loop: when a run begins, intervals until one is due
-        bool waiting = false;     ///< for the end of an answer
+        Clock::time_point due{};  ///< due time of the current or next request
+        double phase = 0;         ///< open loop: intervals from the run's begin to the next request
+        bool waiting = false;     ///< an answer has not ended yet
         bool finished = false;    ///< with this run
     };
 
-    Result<void> start(Client& client, LoadTally& tally);
+    Result<void> start(Client& client, LoadTestStatistics& statistics);
     Result<void> send_rest(Client& client);
-    Result<void> receive(Client& client, LoadTally& tally);
+    Result<void> receive(Client& client, LoadTestStatistics& statistics);
     void ended(Client& client, const protocol::Frame& last, Clock::time_point now,
-               LoadTally& tally);
-    Result<void> start_due(Clock::time_point now, LoadTally& tally);
-    Result<void> take_events(Clock::time_point now, LoadTally& tally);
+               LoadTestStatistics& statistics);
+    Result<void> start_due(Clock::time_point now, LoadTestStatistics& statistics);
+    Result<void> take_events(Clock::time_point now, LoadTestStatistics& statistics);
     [[nodiscard]] bool open_loop() const { return interval_.count() != 0; }
     void finish(Client& client);
-    void give_up(Clock::time_point now, LoadTally& tally);
+    void give_up(Clock::time_point now, LoadTestStatistics& statistics);
 
     std::vector<Client> clients_;
     Descriptor events_;
@@ -84,7 +84,7 @@ private:
     std::vector<std::byte> sample_;
     std::size_t unfinished_ = 0;
     Clock::time_point end_{};
-    Clock::time_point cut_{};                  ///< nothing is sent any more
+    Clock::time_point cut_{};                  ///< end of sending
     Clock::duration overtime_ = overtime_max;  ///< halved by each run that needed more
     Clock::duration interval_{0};  ///< between two requests of one client; 0: closed loop
 };

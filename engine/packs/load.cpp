@@ -14,7 +14,7 @@ namespace {
 
 template <class Entry>
 Result<Entry> load_entry_point(const std::filesystem::path& path, const char* symbol) {
-    // A pipe would keep dlopen waiting for ever.
+    // Refuse a pipe: dlopen would wait for ever.
     std::error_code unreadable;
     if (!std::filesystem::is_regular_file(path, unreadable))
         return fail(ErrorCode::pack_invalid,
@@ -43,7 +43,7 @@ std::string other_abi(std::uint32_t theirs, std::uint32_t ours) {
     return "ABI " + std::to_string(theirs) + ", this build has " + std::to_string(ours);
 }
 
-/// The first type of `some` that `others` lack or lay out in another way; empty when there is none.
+/// Returns the first type of `some` that `others` lack or lay out differently, or "".
 std::string_view first_without_twin(std::span<const TypeLayout> some,
                                     std::span<const TypeLayout> others) {
     for (const TypeLayout& type : some) {
@@ -78,9 +78,9 @@ Result<std::vector<std::filesystem::path>> packs_in(const std::filesystem::path&
 }
 
 Result<const Pack*> load_pack(const std::filesystem::path& path) {
-    const auto door = load_entry_point<PackEntry>(path, pack_symbol);
-    if (!door) return tl::unexpected(door.error());
-    const Pack* const pack = (*door)();
+    const auto entry = load_entry_point<PackEntry>(path, pack_symbol);
+    if (!entry) return tl::unexpected(entry.error());
+    const Pack* const pack = (*entry)();
     if (pack->abi != pack_abi) return other_headers(path, other_abi(pack->abi, pack_abi));
     const std::string_view type = differing_type({pack->types, pack->type_count});
     if (!type.empty()) return other_headers(path, "type " + std::string(type) + " differs");
@@ -90,9 +90,9 @@ Result<const Pack*> load_pack(const std::filesystem::path& path) {
 Result<DevicePack> load_device_pack(const std::filesystem::path& path) {
     const auto pack = load_pack(path);
     if (!pack) return tl::unexpected(pack.error());
-    const auto door = load_entry_point<DeviceEntry>(path, device_symbol);
-    if (!door) return tl::unexpected(door.error());
-    const Device* const device = (*door)();
+    const auto entry = load_entry_point<DeviceEntry>(path, device_symbol);
+    if (!entry) return tl::unexpected(entry.error());
+    const Device* const device = (*entry)();
     if (device->abi != device_abi) return other_headers(path, other_abi(device->abi, device_abi));
     return DevicePack{*pack, device};
 }

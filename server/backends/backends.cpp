@@ -7,9 +7,6 @@
 namespace raynest::server {
 namespace {
 
-/// THE LIST of backends, in the order in which `auto` tries them.
-constexpr std::unique_ptr<Backend> (*makers[])(const BackendContext&) = {make_cuda, make_cpu};
-
 std::optional<Unavailable> unavailable_reason(Backend& backend, const Plan& plan,
                                               std::span<const Plan* const> others) {
     auto why = backend.unavailable_reason(plan);
@@ -31,7 +28,8 @@ Reply<Backend*> find_backend(const Backends& backends, const std::string& name) 
 
 Backends make_backends(const BackendContext& context) {
     Backends backends;
-    for (const auto make : makers) backends.push_back(make(context));
+#define RAYNEST_WORKER(name, text) backends.push_back(make_##name(context));
+#include "protocol/workers.def"
     return backends;
 }
 

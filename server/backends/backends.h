@@ -28,16 +28,19 @@ struct BackendContext {
     const protocol::Limits& limits;
 };
 
-/// Makes the backend of this process. It accepts every plan and stops chunks after chunk_ms_max.
-std::unique_ptr<Backend> make_cpu(const BackendContext& context);
-/// Makes the backend of the system's first GPU. Without a kernel pack for it, the backend refuses
-/// every plan as absent.
-std::unique_ptr<Backend> make_cuda(const BackendContext& context);
+/// Functions that make a backend, one for each row of workers.def:
+/// - make_cpu: the backend of this process. It accepts every plan and stops chunks after
+///   chunk_ms_max.
+/// - make_cuda: the backend of the system's first GPU. Without a kernel pack for it, the backend
+///   refuses every plan as absent.
+#define RAYNEST_WORKER(name, text) \
+    std::unique_ptr<Backend> make_##name(const BackendContext& context);
+#include "protocol/workers.def"
 
 /// Backends in the order in which `auto` tries them; the CPU is last.
 using Backends = std::vector<std::unique_ptr<Backend>>;
 
-/// Makes all backends of THE LIST in backends.cpp.
+/// Makes all backends of workers.def.
 [[nodiscard]] Backends make_backends(const BackendContext& context);
 
 /// The backends that may trace a job.

@@ -50,21 +50,10 @@ struct Caller : ConnectionId {
 
 using Answer = std::variant<Frames, JobSubmission>;
 
-Reply<Answer> load(const Services&, const Caller&, const protocol::Opened<wire::Load>&);
-Reply<Answer> scenes(const Services&, const Caller&, const protocol::Opened<wire::Scenes>&);
-Reply<Answer> info(const Services&, const Caller&, const protocol::Opened<wire::Info>&);
-Reply<Answer> parts(const Services&, const Caller&, const protocol::Opened<wire::Parts>&);
-Reply<Answer> path(const Services&, const Caller&, const protocol::Opened<wire::Path>&);
-Reply<Answer> unload(const Services&, const Caller&, const protocol::Opened<wire::Unload>&);
-Reply<Answer> variants(const Services&, const Caller&, const protocol::Opened<wire::Variants>&);
-Reply<Answer> stats(const Services&, const Caller&, const protocol::Opened<wire::Stats>&);
-Reply<Answer> query(const Services&, const Caller&, const protocol::Opened<wire::Query>&);
-Reply<Answer> render(const Services&, const Caller&, const protocol::Opened<wire::Render>&);
-Reply<Answer> heatmap(const Services&, const Caller&, const protocol::Opened<wire::Heatmap>&);
-Reply<Answer> jobs(const Services&, const Caller&, const protocol::Opened<wire::Jobs>&);
-Reply<Answer> wait(const Services&, const Caller&, const protocol::Opened<wire::Wait>&);
-Reply<Answer> fetch(const Services&, const Caller&, const protocol::Opened<wire::Fetch>&);
-Reply<Answer> cancel_job(const Services&, const Caller&, const protocol::Opened<wire::CancelJob>&);
+// The handler of each request of requests.def.
+#define RAYNEST_REQUEST(number, Name, handler, ...) \
+    Reply<Answer> handler(const Services&, const Caller&, const protocol::Opened<wire::Name>&);
+#include "protocol/requests.def"
 
 class Conversation;
 

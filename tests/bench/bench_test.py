@@ -139,7 +139,7 @@ class Measuring(unittest.TestCase):
         self.assertTrue(20 < rows[0]["bytes_per_triangle"] < 200)
         for row in rows[1:]:
             self.assertGreater(row["wall_seconds"], 0)
-            self.assertIn(row["stage"], ("tree", "bake"))
+            self.assertIn(row["stage"], ("tree", "scene"))
         textured = self.rows("--scene", "gen:cards?scale=0.01", "--build", "--quality", "fast")
         self.assertEqual([row.get("build") for row in textured], [None, "fast", "fast"])
         # Leaf blocks of eight have another 192 bytes, of texture coordinates.

@@ -105,7 +105,7 @@ Result<void> race_build(const Options& options, Loaded& loaded, BuildQuality qua
     // The scene was built before: it cannot fail now.
     const std::array<Stage, 2> stages{
         {{"tree", [&] { build_leaves(corners, quality); }},
-         {"bake", [&] { static_cast<void>(Snapshot::build(scene)); }}}};
+         {"scene", [&] { static_cast<void>(Snapshot::build(scene)); }}}};
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     std::array<std::vector<BuildTime>, 2> ours;
     std::vector<PeerBuild> theirs;

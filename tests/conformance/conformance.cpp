@@ -118,7 +118,7 @@ std::vector<Case> make_cases(std::uint32_t edge_ray_count, std::uint32_t ray_cou
     return cases;
 }
 
-struct Tally {
+struct CheckCounts {
     std::uint64_t comparisons = 0, rays = 0, differences = 0, hits = 0, failures = 0;
 };
 
@@ -158,7 +158,7 @@ public:
         if (references.size() == std::size(questions)) check_agreement(test, references);
     }
 
-    [[nodiscard]] const Tally& tally() const { return tally_; }
+    [[nodiscard]] const CheckCounts& counts() const { return counts_; }
 
 private:
     // A GPU's kernels must refuse a scene that is nested too deep for them.
@@ -176,7 +176,7 @@ private:
         call.hits = hits.data();
         if ((*function)(&call) == trace_too_deep) return;
         std::printf("FAILED: %s does not refuse %s\n", variant_.name.c_str(), test.name.c_str());
-        ++tally_.failures;
+        ++counts_.failures;
     }
 
     void check_traversals(const Case& test, const Question& question, const Settings& settings,
@@ -201,7 +201,7 @@ private:
             const auto traversal = static_cast<Traversal>(t);
             if (!find_function(variant_, question.query, precision_fast, traversal, false))
                 continue;
-            ++tally_.failures;
+            ++counts_.failures;
             if (printed_++ >= 2) continue;
             std::printf("FAILED: %s %s %s query %u: no reference to compare it with\n",
                         variant_.target.c_str(), variant_.name.c_str(), test.name.c_str(),
@@ -222,7 +222,7 @@ private:
         if (!function) return;
         const Answer answer =
             ask(variant_, *function, test.scene->view(), test.rays, question, settings);
-        for (const HitRecord& hit : answer.hits) tally_.hits += hit.hit;
+        for (const HitRecord& hit : answer.hits) counts_.hits += hit.hit;
         const Difference different = compare(test, answer, expected);
         if (different.rays != 0 && printed_++ < 2) {
             std::printf(
@@ -253,9 +253,9 @@ private:
 
     Difference compare(const Case& test, const Answer& answer, const Answer& expected) {
         const Difference different = differing_rays(answer, expected);
-        ++tally_.comparisons;
-        tally_.rays += test.rays.size();
-        tally_.differences += different.rays;
+        ++counts_.comparisons;
+        counts_.rays += test.rays.size();
+        counts_.differences += different.rays;
         return different;
     }
 
@@ -273,7 +273,7 @@ private:
 
     void fail(const Case& test, const Answer& answer, std::size_t ray, const char* why) {
         if (why == nullptr) return;
-        ++tally_.failures;
+        ++counts_.failures;
         if (printed_++ >= 2) return;
         std::printf("FAILED: %s %s %s: %s\n", variant_.target.c_str(), variant_.name.c_str(),
                     test.name.c_str(), why);
@@ -288,25 +288,25 @@ private:
             const Counters& c = answer.counters[i];
             deepest = std::max(deepest, c.instances);
             const bool hit = answer.hits[i].hit != 0;
-            if (hit && (c.prims == 0 || c.leaves == 0)) ++tally_.failures;
-            if (c.leaves > c.prims || c.nodes > c.boxes) ++tally_.failures;
+            if (hit && (c.prims == 0 || c.leaves == 0)) ++counts_.failures;
+            if (c.leaves > c.prims || c.nodes > c.boxes) ++counts_.failures;
         }
         if (deepest + 1 < test.depth) {
             std::printf("FAILED: %s on %s: the instance hook ran at most %u times, depth is %u\n",
                         variant_.name.c_str(), test.name.c_str(), deepest, test.depth);
-            ++tally_.failures;
+            ++counts_.failures;
         }
     }
 
     const Variant& variant_;
     std::map<std::string, Answer>& golden_;
     const bool reference_only_;
-    Tally tally_;
+    CheckCounts counts_;
     int printed_ = 0;
 };
 
 void check_variant(const Variant& variant, const std::vector<Case>& cases, bool with_edges,
-                   bool reference_only, Tally& total, std::map<std::string, Answer>& golden) {
+                   bool reference_only, CheckCounts& total, std::map<std::string, Answer>& golden) {
     VariantCheck checked(variant, golden, reference_only);
     const auto plain = parse_settings(variant, {});
     const std::vector<std::pair<std::string, std::string>> cull{{"cull", "back"}};
@@ -318,18 +318,18 @@ void check_variant(const Variant& variant, const std::vector<Case>& cases, bool 
         if (!edges_only) checked.check(test, *culled);
     }
     if (reference_only) return;
-    const Tally& tally = checked.tally();
+    const CheckCounts& counts = checked.counts();
     std::printf("%-4s %-18s %4llu comparisons %10llu rays %10llu hits %llu differences\n",
                 variant.target.c_str(), variant.name.c_str(),
-                static_cast<unsigned long long>(tally.comparisons),
-                static_cast<unsigned long long>(tally.rays),
-                static_cast<unsigned long long>(tally.hits),
-                static_cast<unsigned long long>(tally.differences));
-    total.comparisons += tally.comparisons;
-    total.rays += tally.rays;
-    total.differences += tally.differences;
-    total.hits += tally.hits;
-    total.failures += tally.failures;
+                static_cast<unsigned long long>(counts.comparisons),
+                static_cast<unsigned long long>(counts.rays),
+                static_cast<unsigned long long>(counts.hits),
+                static_cast<unsigned long long>(counts.differences));
+    total.comparisons += counts.comparisons;
+    total.rays += counts.rays;
+    total.differences += counts.differences;
+    total.hits += counts.hits;
+    total.failures += counts.failures;
 }
 
 int main_checked(int argc, char** argv) {
@@ -374,7 +374,7 @@ int main_checked(int argc, char** argv) {
         if (named) return 77;
     }
     const std::vector<Case> cases = make_cases(edge_ray_count, ray_count);
-    Tally total;
+    CheckCounts total;
     std::map<std::string, Answer> golden;
     for (const auto& registry : registries) {
         const bool reference_only = registry->packs().front()->target == against;

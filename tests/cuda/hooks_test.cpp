@@ -71,7 +71,7 @@ bool same(const Query& a, const Query& b) {
     }
 }
 
-struct Tally {
+struct CompareCounts {
     std::array<std::uint32_t, 4> boxes_at{};
     std::uint32_t primitives = 0;
     std::uint32_t instances = 0;
@@ -81,11 +81,11 @@ struct Tally {
 
 /// Traces rays through `trees` and through the reference; make(room) returns an empty query.
 template <class Trees, class Make>
-Tally compare(const SceneView& scene, const Trees& trees, const std::vector<Ray>& rays,
+CompareCounts compare(const SceneView& scene, const Trees& trees, const std::vector<Ray>& rays,
               Make&& make) {
-    Tally tally;
-    Tally ignored;
-    Section isect{tally.boxes_at, tally.primitives, tally.instances};
+    CompareCounts counts;
+    CompareCounts ignored;
+    Section isect{counts.boxes_at, counts.primitives, counts.instances};
     Section oracle{ignored.boxes_at, ignored.primitives, ignored.instances};
     std::array<HitRecord, 4> room, other_room;
     for (const Ray& ray : rays) {
@@ -95,12 +95,12 @@ Tally compare(const SceneView& scene, const Trees& trees, const std::vector<Ray>
         CHECK(cuda::traverse_levels(view, trees, isect, query));
         auto expected = make(other_room);
         brute_force(view, Bvh{&scene, scene.root}, oracle, expected);
-        tally.different += same(query, expected) ? 0U : 1U;
-        if constexpr (requires { query.found; }) tally.hits += query.found ? 1U : 0U;
-        if constexpr (requires { query.best; }) tally.hits += query.best.hit;
-        if constexpr (requires { query.count; }) tally.hits += query.count;
+        counts.different += same(query, expected) ? 0U : 1U;
+        if constexpr (requires { query.found; }) counts.hits += query.found ? 1U : 0U;
+        if constexpr (requires { query.best; }) counts.hits += query.best.hit;
+        if constexpr (requires { query.count; }) counts.hits += query.count;
     }
-    return tally;
+    return counts;
 }
 
 }  // namespace
@@ -117,14 +117,14 @@ TEST_CASE("hooks are called at every level by every query on both layouts") {
         const auto trees = cuda::compress(scene);
         REQUIRE(trees.has_value());
         const auto check = [&](auto&& make) {
-            for (const Tally& tally : {compare(scene, trees->view(), rays, make),
+            for (const CompareCounts& counts : {compare(scene, trees->view(), rays, make),
                                        compare(scene, cuda::BinaryTrees(scene), rays, make)}) {
-                CHECK(tally.different == 0);
-                CHECK(tally.hits > 20);
-                CHECK(tally.primitives > 0);
-                CHECK((tally.instances > 0) == (depth > 1));
+                CHECK(counts.different == 0);
+                CHECK(counts.hits > 20);
+                CHECK(counts.primitives > 0);
+                CHECK((counts.instances > 0) == (depth > 1));
                 for (std::uint32_t level = 0; level < depth; ++level) {
-                    CHECK(tally.boxes_at[level] > 0);
+                    CHECK(counts.boxes_at[level] > 0);
                 }
             }
         };

@@ -89,9 +89,9 @@ std::vector<Question> questions(const SceneDescription& scene,
 TEST_CASE("through slots every kernel gives the CPU's bytes") {
     const char* const path = std::getenv("RAYNEST_DEVICE_PACK");
     REQUIRE((path != nullptr));
-    const auto doors = load_device_pack(path);
-    REQUIRE_MESSAGE(doors.has_value(), doors.error().message);
-    const Device& device = *doors->device;
+    const auto device_pack = load_device_pack(path);
+    REQUIRE_MESSAGE(device_pack.has_value(), device_pack.error().message);
+    const Device& device = *device_pack->device;
     DeviceInfo info{};
     if (device.open(&info) != trace_ok) {
         MESSAGE("skipped: no GPU: " << std::string(device.error()));
@@ -155,7 +155,7 @@ TEST_CASE("through slots every kernel gives the CPU's bytes") {
             CHECK(hits > 0);
         };
         for (const PackVariant& variant :
-             std::span(doors->pack->variants, doors->pack->variant_count)) {
+             std::span(device_pack->pack->variants, device_pack->pack->variant_count)) {
             CAPTURE(std::string(variant.name));
             for (const Question& question : questions(description, cameras)) {
                 for (const Query query : {query_closest, query_any, query_multi}) {

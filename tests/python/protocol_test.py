@@ -223,7 +223,7 @@ class Frames(unittest.TestCase):
             read_blocks(Header(153, 0, 2, 128, 1), [good, {**good, "offset": 64}])
 
 
-class Pieces(unittest.TestCase):
+class Chunks(unittest.TestCase):
     def test_the_hash_is_fnv_1a(self):
         for size in (0, 1, 2, 255, 65535, 65536, 65537, 150000):
             data = os.urandom(size)

@@ -7,6 +7,7 @@ from typing import Any, Callable, Mapping, Optional, TypedDict
 from ._arguments import milliseconds
 from ._control import Message
 from ._frame import Array
+from ._lists import Worker
 from ._wording import localize_message
 from .errors import RayWarning, UsageError, warn
 
@@ -25,7 +26,7 @@ class JobOptions(TypedDict, total=False):
     epoch: Optional[int]            # of the scene; 0 is the current one
     deadline: Optional[float]       # seconds; 0 is none
     priority: Optional[str]         # "normal", "low" or "high"
-    worker: Optional[str]           # "auto", "cpu" or "cuda"
+    worker: Optional[Worker]        # "auto" lets the daemon choose
 
 
 class Outcome(dict[str, Any]):

@@ -1,5 +1,9 @@
-"""What client and daemon both list. Written by .ci/lists.py from the .def files of the tree."""
+"""Lists that client and daemon share. Written by .ci/lists.py from the .def files of the tree."""
 from __future__ import annotations
+
+from typing import Literal
+
+Worker = Literal['auto', 'cuda', 'cpu']
 
 ERRORS: list[tuple[str, int]] = [
     ('BAD_FRAME', 1),

@@ -4,7 +4,7 @@
 //   raynest-bench-cuda time  --pack CUDA.so --arena F.arena --rays F.rays
 //
 // For a bare machine: it needs only the packs and a driver, and reads arenas that
-// raynest-bench-bake wrote. Exit codes: 0; 1 something failed; 2 a wrong argument; 9 answers
+// raynest-bench-arena wrote. Exit codes: 0; 1 something failed; 2 a wrong argument; 9 answers
 // differ; 77 there is no GPU.
 #include "engine/bvh/pages.h"
 #include "engine/math/random.h"

@@ -11,22 +11,22 @@ namespace raynest::bench {
 namespace {
 
 /// Counts rays that differ in any byte, and rays that hit: a comparison of misses proves little.
-struct Tally {
+struct CompareCounts {
     std::uint32_t differing = 0;
     std::uint32_t hitting = 0;
 };
 
-Tally compare(const Question& question, const Batch& a, const Batch& b) {
-    Tally tally;
+CompareCounts compare(const Question& question, const Batch& a, const Batch& b) {
+    CompareCounts counts;
     for (std::uint32_t ray = 0; ray < a.count(); ++ray) {
         const auto got = a.answer(question, ray);
         const auto expected = b.answer(question, ray);
         if (got.size() != expected.size() ||
             std::memcmp(got.data(), expected.data(), expected.size_bytes()) != 0)
-            ++tally.differing;
-        if (!expected.empty() && expected.front().hit != 0) ++tally.hitting;
+            ++counts.differing;
+        if (!expected.empty() && expected.front().hit != 0) ++counts.hitting;
     }
-    return tally;
+    return counts;
 }
 
 }  // namespace
@@ -61,12 +61,12 @@ bool check(const OpenDevice& device, const Pack& cpu, const Work& work) {
             call.scene = &work.scene;
             if (of(*other)(&call) != trace_ok)
                 throw std::runtime_error("the CPU's pack refuses the call");
-            const Tally tally = compare(question, answers, expected);
-            equal = equal && tally.differing == 0;
+            const CompareCounts counts = compare(question, answers, expected);
+            equal = equal && counts.differing == 0;
             nlohmann::ordered_json row{{"query", question.name},
                                        {"variant", variant.name},
-                                       {"hitting", tally.hitting},
-                                       {"differing", tally.differing}};
+                                       {"hitting", counts.hitting},
+                                       {"differing", counts.differing}};
             if (!not_pinned.empty()) row["not_pinned"] = not_pinned;
             work.print(std::move(row));
         }

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Gathers the files that a bare GPU machine without network needs to run driver.py: programs with
-# their libraries, packs, baked scenes and rays, under 64 MB.
+# their libraries, packs, arenas and rays, under 64 MB.
 #   gather.sh OUT_DIR          then, there: python3 OUT_DIR/driver.py
 # RAYNEST_BUILD names the build folder (default: build beside the sources). It must be configured
 # with nvcc, RAYNEST_TESTS and RAYNEST_BENCH; missing targets are built. Its
@@ -20,7 +20,7 @@ out=$1
 cmake --build "$build" --target help | grep -w pack_cuda >/dev/null ||
     fail "$build was configured without CUDA: the configure output says why: 'CUDA: off, ...'"
 programs=(raynestd raynest conformance raynest-bench-cuda)
-cmake --build "$build" --target pack_cuda raynest_packs raynest-bench-bake "${programs[@]}"
+cmake --build "$build" --target pack_cuda raynest_packs raynest-bench-arena "${programs[@]}"
 
 mkdir -p "$out"/{bin,lib/raynest,lib/raynest-cuda,scenes}
 cp "$root"/tests/cuda/gpu/{driver,served}.py "$root"/tests/integration/{daemon,npy}.py "$out"
@@ -33,20 +33,20 @@ find "$out"/{bin,lib} -type f -exec ldd {} + | awk '$2 == "=>" && $3 ~ /^\// { p
     grep -vE '/(libc|libm|libdl|librt|libpthread|libresolv)\.so\.[0-9]+$' | xargs cp -Lt "$out/lib"
 find "$out"/{bin,lib} -type f -exec strip --strip-unneeded {} +
 
-# bake NAME SOURCE [KIND...]: scenes/NAME.arena and scenes/NAME-KIND.rays.
+# arena NAME SOURCE [KIND...]: scenes/NAME.arena and scenes/NAME-KIND.rays.
 export RAYNEST_BUILTIN_PACKS=$build/lib/raynest
-bake() {
+arena() {
     local name=$1 source=$2 kinds=()
     shift 2
     for kind; do kinds+=(--rays "$kind=$out/scenes/$name-$kind.rays"); done
-    "$build/bin/raynest-bench-bake" "$source" "$out/scenes/$name.arena" --count "$rays" "${kinds[@]}"
+    "$build/bin/raynest-bench-arena" "$source" "$out/scenes/$name.arena" --count "$rays" "${kinds[@]}"
 }
-bake forest builtin:forest primary diffuse
-bake trees 'gen:forest1?scale=0.01' primary diffuse
-"$build/bin/raynest-bench-bake" 'gen:forest1?scale=0.01' "$out/scenes/trees-flat.arena" --levels 1
-bake cards 'gen:cards?scale=0.05' primary diffuse
-bake terrain 'gen:terrain?scale=0.02' primary diffuse
-bake flake 'builtin:flake?depth=5' primary
+arena forest builtin:forest primary diffuse
+arena trees 'gen:forest1?scale=0.01' primary diffuse
+"$build/bin/raynest-bench-arena" 'gen:forest1?scale=0.01' "$out/scenes/trees-flat.arena" --levels 1
+arena cards 'gen:cards?scale=0.05' primary diffuse
+arena terrain 'gen:terrain?scale=0.02' primary diffuse
+arena flake 'builtin:flake?depth=5' primary
 
 total=$(du --summarize --bytes "$out" | cut -f1)
 printf '%s: %d MB for GPUs of %s\n' "$out" $((total / 1000000)) \

@@ -27,7 +27,7 @@ const PackVariant* find_variant(const Pack& pack, const std::string& name);
 class OpenDevice {
 public:
     explicit OpenDevice(const std::string& path);
-    [[nodiscard]] const Pack& pack() const { return *doors_.pack; }
+    [[nodiscard]] const Pack& pack() const { return *device_pack_.pack; }
     [[nodiscard]] const DeviceInfo& info() const { return info_; }
 
     using Scene = std::unique_ptr<DeviceScene, void (*)(DeviceScene*) noexcept>;
@@ -47,7 +47,7 @@ public:
 private:
     void expect_ok(TraceStatus status, const std::string& step) const;
 
-    DevicePack doors_;
+    DevicePack device_pack_;
     DeviceInfo info_{};
 };
 

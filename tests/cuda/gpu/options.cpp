@@ -27,7 +27,7 @@ Parsed<CudaOptions> parse_cuda_options(int argc, const char* const* argv) {
     CLI::App& time = *app.add_subcommand("time", "time kernels alone, and with pinned memory");
     for (CLI::App* const command : {&check, &time}) {
         command->add_option("--pack", options.pack, "the device's pack")->required();
-        command->add_option("--arena", options.arena, "a baked scene")->required();
+        command->add_option("--arena", options.arena, "a built scene")->required();
         command->add_option("--rays", options.rays, "a .rays file, random, or camera")->required();
         command->add_option("--count", options.count, "how many rays: repeats or samples a file")
             ->check(CLI::Range(0U, 1U << 24));
@@ -41,9 +41,9 @@ Parsed<CudaOptions> parse_cuda_options(int argc, const char* const* argv) {
     return parsed;
 }
 
-Parsed<BakeOptions> parse_bake_options(int argc, const char* const* argv) {
-    BakeOptions options;
-    CLI::App app{"Writes a scene as a baked arena, and files of rays for it."};
+Parsed<ArenaOptions> parse_arena_options(int argc, const char* const* argv) {
+    ArenaOptions options;
+    CLI::App app{"Writes a scene as an arena, and files of rays for it."};
     app.add_option("SCENE", options.source, "as raynest-bench --scene")->required();
     app.add_option("ARENA", options.arena, "the file to write")->required();
     app.add_option("--levels", options.levels, "merge instances until this many levels are left");

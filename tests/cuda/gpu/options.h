@@ -17,8 +17,8 @@ struct CudaOptions {
     std::uint32_t rounds = 11;
 };
 
-/// Options of raynest-bench-bake.
-struct BakeOptions {
+/// Options of raynest-bench-arena.
+struct ArenaOptions {
     std::string source, arena;
     std::vector<std::string> rays;  ///< KIND=FILE
     std::uint32_t levels = 0;       ///< levels to keep when merging; 0: as described
@@ -32,6 +32,6 @@ struct Parsed {
     int exit_code = 0;
 };
 Parsed<CudaOptions> parse_cuda_options(int argc, const char* const* argv);
-Parsed<BakeOptions> parse_bake_options(int argc, const char* const* argv);
+Parsed<ArenaOptions> parse_arena_options(int argc, const char* const* argv);
 
 }  // namespace raynest::bench

@@ -1,6 +1,6 @@
 """The stages of driver.py that go through a daemon, whose worker process uses the GPU.
 
-Scenes are built-in ones: a daemon does not load baked arenas. Standard library only.
+Scenes are built-in ones: a daemon does not load arenas. Standard library only.
 """
 import array
 import contextlib

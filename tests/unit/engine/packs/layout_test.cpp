@@ -81,7 +81,7 @@ TEST_CASE("the hash of a layout sees sizes, kinds, order, offsets, alignment and
           RAYNEST_LAYOUT(before::Sample, a, b, c, f).hash);
 }
 
-TEST_CASE("each type of the door is named when it alone differs, lacks or is new") {
+TEST_CASE("each type of the ABI is named when it alone differs, lacks or is new") {
     const auto types = border_types();
     CHECK(differing_type(types) == "");
     for (std::size_t i = 0; i < types.size(); ++i) {

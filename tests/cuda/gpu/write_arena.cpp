@@ -1,6 +1,6 @@
-// raynest-bench-bake: writes a scene of raynest-bench as the arena that a worker maps, and rays.
+// raynest-bench-arena: writes a scene of raynest-bench as the arena that a worker maps, and rays.
 //
-//   raynest-bench-bake builtin:forest forest.arena --rays primary=forest.rays --count 65536
+//   raynest-bench-arena builtin:forest forest.arena --rays primary=forest.rays --count 65536
 #include "engine/assets/builtin.h"
 #include "engine/packs/registry.h"
 #include "tests/bench/rays.h"
@@ -31,7 +31,7 @@ std::ofstream create(const std::string& path) {
     return file;
 }
 
-void run(const BakeOptions& options) {
+void run(const ArenaOptions& options) {
     const auto registry = value_of(Registry::load({}));
     Workload workload = value_of(load_workload(options.source, *registry));
     if (options.levels != 0) {
@@ -65,12 +65,12 @@ void run(const BakeOptions& options) {
 }  // namespace raynest::bench
 
 int main(int argc, char** argv) {
-    const auto parsed = raynest::bench::parse_bake_options(argc, argv);
+    const auto parsed = raynest::bench::parse_arena_options(argc, argv);
     if (!parsed.options) return parsed.exit_code;
     try {
         raynest::bench::run(*parsed.options);
     } catch (const std::exception& error) {
-        std::cerr << "raynest-bench-bake: " << error.what() << "\n";
+        std::cerr << "raynest-bench-arena: " << error.what() << "\n";
         return 1;
     }
 }
