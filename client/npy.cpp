@@ -128,7 +128,7 @@ void read_rows_of(const Array& array, std::uint64_t first, std::span<float> out,
     }
 }
 
-/// What `use(Number{})` gives for the type of the array's elements.
+/// Returns `use(Number{})` for the type of the array's elements.
 template <class Use>
 auto with_type(const Array& array, const Use& use) {
     const char size = array.dtype[2];

@@ -26,7 +26,7 @@ struct Array {
     bool fortran = false;  ///< stored column by column
 };
 
-/// What a .npy will be, by its header.
+/// The contents of a .npy according to its header.
 struct NpyHeader {
     Array array;              ///< without its bytes
     std::uint64_t begin = 0;  ///< of the array in the file
@@ -35,8 +35,8 @@ struct NpyHeader {
 /// Reads the header alone; nothing where `begin` ends within it. Exit code 5 as parse_npy().
 Result<std::optional<NpyHeader>> read_npy_header(std::span<const std::byte> begin);
 
-/// Reads the header of a .npy; `bytes` of the result points into `file`. Exit code 5 if `file` is no
-/// .npy, holds anything but floats and integers, or has not the length of its shape.
+/// Reads the header of a .npy; `bytes` of the result points into `file`. Exit code 5 if `file` is
+/// no .npy, holds anything but floats and integers, or has not the length of its shape.
 Result<Array> parse_npy(std::span<const std::byte> file);
 
 /// True if the array's rows in memory are already those that read_rows() would give.

@@ -43,15 +43,15 @@ public:
     [[nodiscard]] std::uint64_t ray_bytes() const { return width_ * sizeof(float); }
     /// Returns rays [first, first + count) if memory has them in that form; else empty.
     [[nodiscard]] std::span<const std::byte> bytes(std::uint64_t first, std::uint64_t count) const;
-    /// Rays that float32 moves by more than `notable` from where they were meant to start. Of those
-    /// that a file holds in float32 that is half a step of it.
+    /// Statistics of the rays whose origin float32 moves by more than `notable`. For a file in
+    /// float32 the move is taken to be half a step.
     struct Rounding {
         std::uint64_t count = 0;
         std::uint64_t first = 0;
         double farthest = 0;
     };
     [[nodiscard]] Rounding rounding(double notable) const;
-    /// True where a file holds the rays in float32.
+    /// True if a file has the rays in float32.
     [[nodiscard]] bool is_float32() const;
     /// Fills `out` with the values of rays from `first` on.
     void read(std::uint64_t first, std::span<float> out) const;
@@ -64,7 +64,7 @@ private:
                                   const std::string& shapes);
     /// True if a scene origin must be subtracted from the file's rays.
     [[nodiscard]] bool subtracts() const;
-    /// How far float32 moves the start of a ray.
+    /// Returns how far float32 moves the origin of a ray.
     [[nodiscard]] double moved(std::uint64_t ray) const;
 
     std::vector<float> values_;
@@ -77,7 +77,7 @@ private:
     WorldPoint scene_origin_{};
 };
 
-/// What to say where rays lose digits that count beside the size of the scene; "" where none do.
+/// Returns a warning if rays lose digits that matter at the scale of the scene, else "".
 [[nodiscard]] std::string rounding_warning(const RaySource& rays, const SceneOrigin& scene);
 
 }  // namespace raynest::client

@@ -1,4 +1,4 @@
-// How validate.cpp reads as a list: one line per field, the first complaint wins.
+// Makes validate.cpp a list: one line per field, and the first complaint wins.
 //
 // Private to the protocol library.
 #pragma once

@@ -34,7 +34,7 @@ struct Opened {
 /// "Query", or "type 777" for what this version does not know.
 [[nodiscard]] std::string message_name(std::uint16_t type);
 [[nodiscard]] bool message_known(std::uint16_t type);
-/// May a client send it?
+/// True if clients may send messages of this type.
 [[nodiscard]] inline bool sent_by_client(std::uint16_t type) {
     return message_known(type) && type < 128;
 }

@@ -62,7 +62,7 @@ bool parse_shape(std::string_view text, std::vector<std::uint64_t>& shape) {
     return at != end;
 }
 
-/// How an array lies in its file.
+/// The layout of an array in its file.
 struct Layout {
     char kind = 'f';       ///< f, i or u, as NumPy writes it
     std::size_t item = 4;  ///< bytes of an element
@@ -112,7 +112,7 @@ double read(const char* at, const Layout& layout) {
     return static_cast<double>(bits);
 }
 
-/// Where an element lies among all: `row` is its first index, `i` numbers the rest in C order.
+/// Returns the number of an element: `row` is its first index, `i` numbers the rest in C order.
 std::uint64_t place_of(const std::vector<std::uint64_t>& shape, std::uint64_t width,
                        std::uint64_t row, std::uint64_t i, bool is_fortran) {
     if (!is_fortran) return row * width + i;
