@@ -30,6 +30,17 @@ std::vector<std::string> split(std::string_view text, char separator) {
     }
 }
 
+Result<std::array<std::uint32_t, 2>> parse_pixel(const std::string& text) {
+    std::array<std::uint32_t, 2> pixel{};
+    const char* const end = text.data() + text.size();
+    const auto column = std::from_chars(text.data(), end, pixel[0]);
+    if (column.ec == std::errc{} && column.ptr != end && *column.ptr == ',') {
+        const auto row = std::from_chars(column.ptr + 1, end, pixel[1]);
+        if (row.ec == std::errc{} && row.ptr == end) return pixel;
+    }
+    return misshapen(text, "a pixel X,Y, two whole numbers from 0");
+}
+
 Result<std::uint64_t> parse_duration(const std::string& text) {
     static constexpr std::array<std::pair<char, double>, 4> units = {
         {{'s', 1e3}, {'m', 60e3}, {'h', 3600e3}, {'d', 86400e3}}};

@@ -3,6 +3,7 @@
 
 #include "client/failure.h"
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -18,6 +19,9 @@ namespace raynest::client {
 /// expected form, for messages.
 Result<std::vector<double>> parse_world(const std::string& text, std::size_t few, std::size_t many,
                                         const std::string& shape);
+
+/// Parses "480,270" to column and row.
+Result<std::array<std::uint32_t, 2>> parse_pixel(const std::string& text);
 
 /// Parses "90s", "30m", "1h" or "2d" to milliseconds, at least 1.
 Result<std::uint64_t> parse_duration(const std::string& text);

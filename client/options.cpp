@@ -183,6 +183,37 @@ void declare(CLI::App& app, HeatmapOptions& heatmap) {
     app.add_option("--count", heatmap.count, "traversed | necessary");
 }
 
+void declare(CLI::App& app, ExplainOptions& explain) {
+    add_job(app, explain.job);
+    add_camera(app, explain.camera);
+    CLI::Option* pixel = add_parsed(
+        app, "--pixel",
+        [&explain](const std::string& text) -> std::string {
+            const auto numbers = parse_pixel(text);
+            if (!numbers) return numbers.error().message;
+            explain.pixel = *numbers;
+            return "";
+        },
+        "the pixel of the camera's picture, from 0,0 in its upper left corner");
+    pixel->type_name("X,Y");
+    CLI::Option* ray = add_parsed(
+        app, "--ray",
+        [&explain](const std::string& text) -> std::string {
+            const auto parsed = parse_ray(text);
+            if (!parsed) return parsed.error().message;
+            explain.ray = *parsed;
+            return "";
+        },
+        "ox,oy,oz,dx,dy,dz[,tmin,tmax] in place of a pixel");
+    ray->excludes(pixel);
+    for (const char* other : {"--camera", "--lookat", "--fov", "--size"})
+        ray->excludes(app.get_option(other));
+    app.add_flag("--all", explain.all, "all steps of a long traversal, not the first 256");
+    app.parse_complete_callback([&explain] {
+        if (!explain.ray && !explain.pixel) throw CLI::RequiredError("--ray or --pixel");
+    });
+}
+
 void add_job_number(CLI::App& app, std::uint64_t& job) {
     add_whole(app, "ID", job, std::uint64_t{1}, any_whole, "number of a job (see: raynest jobs)")
         ->required();
@@ -240,6 +271,8 @@ public:
             "ask what rays hit");
         add<HeatmapOptions>("heatmap", "heatmap forest -o cost.png",
                             "draw what each pixel's ray costs");
+        add<ExplainOptions>("explain", "explain forest --pixel 480,270",
+                            "show how one ray finds its hit, step by step");
         add<JobsOptions>("jobs", "jobs", "list what the daemon works on, and keeps");
         add<WaitOptions>("wait", "wait 17", "until a detached job has ended");
         add<FetchOptions>("fetch", "fetch 17 -o forest.png",

@@ -88,6 +88,14 @@ struct HeatmapOptions : PictureOptions {
     std::string metric, palette, scale, range, count;
 };
 
+struct ExplainOptions {
+    JobOptions job;
+    CameraOptions camera;
+    std::optional<WorldRay> ray;  ///< else the pixel's
+    std::optional<std::array<std::uint32_t, 2>> pixel;
+    bool all = false;  ///< as many steps as the daemon tells
+};
+
 struct JobsOptions {};
 struct WaitOptions {
     std::uint64_t job = 0;
@@ -114,7 +122,7 @@ struct LoadTestOptions {
 using CommandOptions =
     std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, UnloadOptions,
                  VariantsOptions, StatsOptions, RenderOptions, QueryOptions, HeatmapOptions,
-                 JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions>;
+                 ExplainOptions, JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions>;
 
 struct Options {
     std::string server;

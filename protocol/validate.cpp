@@ -342,6 +342,18 @@ Result<void> validate(const wire::Heatmap& message, const Limits& limits) {
     return checks.result();
 }
 
+Result<void> validate(const wire::Explain& message, const Limits& limits) {
+    Checks checks(limits);
+    checks.that(message.job() != nullptr, "job", "is missing")
+        .nested(message.job(), check_job)
+        .nested(message.camera(), check_camera)
+        .that((message.origin() == nullptr) == (message.direction() == nullptr), "origin",
+              "and direction make a ray together")
+        .at_most("steps", message.steps(), limits.explain_steps_max, "explain_steps_max");
+    check_picture(checks, message.width(), message.height());
+    return checks.result();
+}
+
 Result<void> validate(const wire::Started& message, const Limits& limits) {
     return Checks(limits)
         .name("scene", message.scene())

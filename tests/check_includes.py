@@ -33,6 +33,8 @@ ALLOWED = {
     "engine/assets": up_to("engine/bvh") + ["engine/scene", "engine/assets",
                                             "engine/packs/registry.h"],
     "engine/integrators": up_to("engine/packs") + ["engine/scene", "engine/integrators"],
+    "engine/inspection": up_to("engine/packs") + ["engine/scene", "engine/integrators",
+                                                  "engine/inspection"],
     "engine/cuda": up_to("engine/packs") + ["engine/cuda"],
 }
 

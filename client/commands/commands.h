@@ -31,6 +31,7 @@ Result<void> run(Context& context, const StatsOptions& options);
 Result<void> run(Context& context, const RenderOptions& options);
 Result<void> run(Context& context, const QueryOptions& options);
 Result<void> run(Context& context, const HeatmapOptions& options);
+Result<void> run(Context& context, const ExplainOptions& options);
 Result<void> run(Context& context, const JobsOptions& options);
 Result<void> run(Context& context, const WaitOptions& options);
 Result<void> run(Context& context, const FetchOptions& options);

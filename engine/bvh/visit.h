@@ -15,9 +15,9 @@
 // a hit would have culled, which camera rays pay for, whose nearest leaf mostly has the hit.
 #pragma once
 
-#include "engine/bvh/intersect_with.h"
 #include "engine/bvh/box_test.h"
 #include "engine/bvh/cancellation.h"
+#include "engine/bvh/intersect_with.h"
 #include "engine/bvh/node.h"
 #include "engine/bvh/tree_arrays.h"
 #include "engine/bvh/visit_primitive.h"
@@ -37,7 +37,10 @@ bool visit_tree(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& query);
 template <class R, class Isect, class Query>
 RAYNEST_INLINE bool visit(R& ray, const Instance& instance, Isect& isect, Query& query) {
     const InstanceRecord& record = instance.record();
-    if ((record.mask & ray.mask) == 0) return false;
+    if ((record.mask & ray.mask) == 0) {
+        if constexpr (requires { isect.passes_by(ray, instance); }) isect.passes_by(ray, instance);
+        return false;
+    }
     if (!enters(isect, ray, instance)) return false;
     const ObjectRecord& object = instance.scene->objects[record.object];
     if (is_cancelled(query.cancellation, work_in(object))) return true;

@@ -32,12 +32,27 @@ struct AlphaMask {
         return hits;
     }
 
+    [[nodiscard]] Refusal refusal(const RayView& ray, const Surface& surface) const {
+        const GeometryRecord& geometry = scene.geometry_of(*ray.object, surface.prim);
+        const MaterialRecord& material = scene.materials[geometry.material];
+        return {"alpha",
+                surface_alpha(scene, geometry, material, surface.prim, surface.u, surface.v),
+                "below", least_alpha(material)};
+    }
+
 private:
     /// Returns the triangle's leaf block; null for the reference's single triangles, whose texture
     /// coordinates are found by index.
     RAYNEST_INLINE static const TriangleBlock* block_of(const TriangleLike auto& triangle) {
         if constexpr (requires { triangle.block; }) return triangle.block;
         return nullptr;
+    }
+
+    /// Returns the least alpha that counts as a hit on a material that is not opaque.
+    [[nodiscard]] RAYNEST_FN float least_alpha(const MaterialRecord& material) const {
+        return material.alpha_mode == AlphaMode::blend ? 0.5F
+               : cutoff >= 0                           ? cutoff
+                                                       : material.cutoff;
     }
 
     // Kept out of line: few candidates get here, and the test that every triangle needs must stay
@@ -48,9 +63,7 @@ private:
         if (geometry.material == no_id) return true;
         const MaterialRecord& material = scene.materials[geometry.material];
         if (material.alpha_mode == AlphaMode::opaque) return true;
-        const float least = material.alpha_mode == AlphaMode::blend ? 0.5F
-                            : cutoff >= 0                           ? cutoff
-                                                                    : material.cutoff;
+        const float least = least_alpha(material);
         // Skip the texture for most triangles of a leaf: they are wholly inside its outline or
         // outside it.
         const Opacity opacity = scene.opacity_of(geometry, surface.prim);

@@ -51,6 +51,10 @@ struct ProceduralMask {
         return hits;
     }
 
+    [[nodiscard]] static Refusal refusal(const RayView& /*ray*/, const Surface& /*surface*/) {
+        return {"in a hole of the pattern"};
+    }
+
 private:
     [[nodiscard]] RAYNEST_FN bool is_solid(const ObjectRecord& object,
                                            const Surface& surface) const {

@@ -8,12 +8,13 @@
 #include "engine/geometry/hit.h"
 #include "engine/geometry/ray.h"
 #include "engine/geometry/views.h"
+#include "engine/packs/observer.h"
 
 #include <cstdint>
 
 namespace raynest {
 
-inline constexpr std::uint32_t pack_abi = 6;
+inline constexpr std::uint32_t pack_abi = 7;
 
 enum Query : std::uint32_t {
 #define RAYNEST_KIND(name, ...) query_##name,
@@ -88,6 +89,8 @@ struct TraceCall {
     bool (*cancelled)(const void* context) noexcept = nullptr;
     const void* cancelled_context = nullptr;
 
+    const Observer* observer = nullptr;  ///< of PackVariant::observe; else not read
+
     const void* device = nullptr;  ///< set behind the door of packs/device.h only
 };
 
@@ -102,6 +105,7 @@ struct PackVariant {
     std::uint32_t output_count;
     const PackOutput* outputs;
     TraceFunction trace[precision_count][traversal_count][query_count][2];  ///< [..][counting]
+    TraceFunction observe;  ///< single, closest, each step told to the call's observer
 };
 
 /// A primitive type beside triangles, as plain records.

@@ -67,6 +67,16 @@ Result<KernelSelector> KernelSelector::make(const Variant& variant, Query query,
     return selector;
 }
 
+Result<KernelSelector> KernelSelector::observing(const Variant& variant) {
+    if (variant.code->observe == nullptr)
+        return fail(ErrorCode::variant_unknown, "intersector '" + variant.name + "' on target " +
+                                                    variant.target +
+                                                    " was not compiled to be observed");
+    KernelSelector selector;
+    selector.functions_[traversal_single] = variant.code->observe;
+    return selector;
+}
+
 Traversal KernelSelector::choose(std::span<const Ray> rays, const SceneView& scene) const {
     const auto compiled = [&](Traversal traversal) { return functions_[traversal] != nullptr; };
     if (named_ != traversal_auto) return named_;

@@ -21,6 +21,9 @@ public:
     static Result<KernelSelector> make(const Variant& variant, Query query, Precision precision,
                                Traversal traversal, bool counting);
 
+    /// The single traversal with an observer (TraceCall::observer).
+    static Result<KernelSelector> observing(const Variant& variant);
+
     /// What rays that lie next to each other in a request should go through: `packet` where most
     /// of a sample of 64-ray groups look the same way from the same place (`single` if that is not
     /// compiled: coherent rays wait for little), else `stream` where the scene's trees do not fit a

@@ -78,6 +78,7 @@ extern "C" [[gnu::visibility("default")]] const raynest::Pack* raynest_pack() no
         p.primitives = primitives.data();
         p.primitive_count = static_cast<std::uint32_t>(primitives.size());
         for (const PackVariant& variant : variants) {
+            p.kernel_count += variant.observe != nullptr ? 1 : 0;
             for (const auto& traversal : variant.trace[precision_watertight]) {
                 for (const auto& query : traversal) {
                     for (const TraceFunction function : query) {

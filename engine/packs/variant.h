@@ -2,12 +2,13 @@
 // per (intersector, target).
 #pragma once
 
-#include "engine/bvh/stream.h"
 #include "engine/bvh/packet_traversal.h"
+#include "engine/bvh/stream.h"
 #include "engine/bvh/visit.h"
 #include "engine/intersectors/counting.h"
 #include "engine/packs/abi.h"
 #include "engine/packs/describe.h"
+#include "engine/packs/observe.h"
 #include "engine/packs/trace_io.h"
 #include "engine/queries/queries.h"
 #include "engine/queries/reference.h"
@@ -205,15 +206,42 @@ TraceStatus trace_all(const TraceCall* pointer) noexcept {
     return trace_ok;
 }
 
+/// Closest hits of one ray after the other, each step told.
+template <class Isect>
+TraceStatus observe(const TraceCall* pointer) noexcept {
+    const TraceCall& call = *pointer;
+    if (call.scene == nullptr || call.rays == nullptr || call.hits == nullptr ||
+        call.hits_max != 1 || call.observer == nullptr)
+        return trace_bad_call;
+
+    Isect isect = make_intersector<Isect>(call);
+    const Bvh root{call.scene, call.scene->root};
+    Cancellation cancellation(call.cancelled, call.cancelled_context);
+    Watch watch{*call.observer};
+    constexpr std::uint32_t group = ray_group<traversal_single>;
+    for (std::uint32_t first = 0; first < call.ray_count; first += group) {
+        const std::uint32_t count = std::min(call.ray_count - first, group);
+        std::array<typename OutputsOf<Isect>::type, group> states{};
+        if constexpr (requires { isect.state = states.data(); }) isect.state = states.data();
+        Observing<Isect> observing{isect, watch};
+        trace_singly<false>(root, count, observing,
+                            ObservedIO{{call, first, &cancellation}, watch});
+        if (cancellation.was_seen()) return trace_cancelled;
+        write_outputs<Isect>(call, first, count, states.data());
+    }
+    return trace_ok;
+}
+
 // ---- The table
 // -----------------------------------------------------------------------------------
 
 /// What is compiled per intersector: single {closest, any, multi} x {plain, counting} and plain
-/// {all}, the reference, and except on v2 stream {closest, any, multi} and packet {closest, any}.
-/// A new traversal or precision is a line here.
+/// {all}, observed closest hits, the reference, and except on v2 stream {closest, any, multi} and
+/// packet {closest, any}. A new traversal or precision is a line here.
 template <class Isect>
 constexpr PackVariant make_variant(const char* name) {
     PackVariant v = describe_variant<Isect>(name);
+    v.observe = observe<Isect>;
     auto& kernels = v.trace[precision_watertight];
     auto& single = kernels[traversal_single];
     single[query_closest][0] = trace<Isect, query_closest, traversal_single, false>;

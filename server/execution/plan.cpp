@@ -94,6 +94,15 @@ Reply<Plan> Plan::with(Plan plan, Query query, bool counting) {
     return plan;
 }
 
+Reply<Plan> Plan::observed(Plan plan) {
+    auto counted = with(std::move(plan), query_closest, true);
+    if (!counted) return counted;
+    auto selector = KernelSelector::observing(*counted->variant);
+    if (!selector) return refuse(selector.error());
+    counted->selector = *selector;
+    return counted;
+}
+
 TraceCall Plan::call() const {
     TraceCall call{};
     call.scene = &scene.snapshot().view();

@@ -48,6 +48,8 @@ struct Plan {
     [[nodiscard]] bool is_local() const { return worker.first().pool() == nullptr; }
     /// Returns a copy of `plan` with another query, for integrators that make several.
     [[nodiscard]] static Reply<Plan> with(Plan plan, Query query, bool counting);
+    /// Returns a copy of `plan` for closest hits whose traversal is told to an observer, on the CPU.
+    [[nodiscard]] static Reply<Plan> observed(Plan plan);
     /// Returns the source of columns; the caller adds rays and hits.
     [[nodiscard]] ColumnSource source(const Registry& registry) const;
 };

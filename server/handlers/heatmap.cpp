@@ -147,7 +147,7 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     if (!request) return tl::unexpected(request.error());
     JobSubmission accepted = accept(request->plan, "heatmap", request->rays());
     accepted.advice = smaller_picture(request->encode);
-    accepted.answer_bytes = accepted.result_bytes = picture_answer_bytes(
+    accepted.answer_bytes = accepted.result_bytes = payload_answer_bytes(
         caller, payload_bytes_max(request->width, request->height, request->encode));
     accepted.job = std::make_unique<HeatmapJob>(services, caller, std::move(*request),
                                                 std::move(*options), std::move(uncounted));

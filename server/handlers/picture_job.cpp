@@ -6,21 +6,11 @@
 #include "server/handlers/scene_info.h"
 
 #include <algorithm>
-#include <cstring>
 #include <sstream>
 #include <utility>
 
 namespace raynest::server {
 namespace {
-
-constexpr std::uint64_t piece_bytes_max = 1ULL << 20;
-
-/// Bytes of header, control message and padding of a frame with a piece of the payload.
-constexpr std::uint64_t piece_overhead_bytes = 512;
-
-std::uint64_t piece_bytes(const Caller& caller) {
-    return std::min(piece_bytes_max, caller.window_bytes / 2);
-}
 
 Reply<std::string> check_encode(std::string_view word) {
     if (word == "raw") return std::string(word);
@@ -33,11 +23,6 @@ Reply<std::string> check_encode(std::string_view word) {
 }
 
 }  // namespace
-
-std::uint64_t picture_answer_bytes(const Caller& caller, std::uint64_t payload_bytes) {
-    const std::uint64_t pieces = payload_bytes / (piece_bytes(caller) - protocol::alignment) + 1;
-    return payload_bytes + pieces * piece_overhead_bytes;
-}
 
 Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
                                    const wire::Camera* camera, std::uint32_t width,
@@ -82,7 +67,7 @@ PictureJob::PictureJob(const Services& services, const Caller& caller, PictureRe
     : ChunkedJob(services, caller, std::move(request.plan), request.pixels(), false),
       request_(std::move(request)),
       sensor_(camera_sensor(request_.camera, {}, {request_.width, request_.height})),
-      piece_bytes_(piece_bytes(caller)) {
+      payload_(services.limits, caller, request_.encode) {
     queue_.add(0, request_.pixels());
 }
 
@@ -106,9 +91,7 @@ std::optional<Task> PictureJob::next() {
             if (!encode_started_) return encode_task();
             return std::nullopt;
         case Stage::sending:
-            // Make one piece at a time, so that pieces leave in order.
-            if (!piece_running_ && sent_ < payload_.bytes.size()) return send_task();
-            return std::nullopt;
+            return payload_.next();
     }
     return std::nullopt;
 }
@@ -119,12 +102,12 @@ Reply<void> PictureJob::ended() {
     else if (stage_ == Stage::encoding)
         stage_ = Stage::sending;
     else
-        piece_running_ = false;
+        payload_.ended();
     return {};
 }
 
 bool PictureJob::finished() const {
-    return stage_ == Stage::sending && sent_ == payload_.bytes.size();
+    return stage_ == Stage::sending && payload_.finished();
 }
 
 Frames PictureJob::farewell() {
@@ -167,7 +150,7 @@ std::string PictureJob::hint() const {
 std::optional<Progress> PictureJob::progress() const {
     if (stage_ == Stage::tracing) return Progress{queue_.answered(), request_.pixels(), "tracing"};
     if (stage_ == Stage::encoding) return Progress{0, 0, "encoding"};
-    return Progress{sent_, payload_.bytes.size(), "sending"};
+    return Progress{payload_.sent(), payload_.total(), "sending"};
 }
 
 std::uint64_t PictureJob::chunk_size(const Backend& backend, const Chunk& /*rest*/) const {
@@ -203,36 +186,8 @@ Task PictureJob::encode_task() {
         if (stop.requested()) return refuse(Code::cancelled, "");
         auto payload = encode();
         if (!payload) return tl::unexpected(payload.error());
-        payload_ = std::move(*payload);
+        payload_.set(std::move(*payload));
         return Frames{};
-    };
-    return task;
-}
-
-Task PictureJob::send_task() {
-    const std::uint64_t offset = sent_;
-    const std::uint64_t count =
-        std::min<std::uint64_t>(piece_bytes_ - protocol::alignment, payload_.bytes.size() - offset);
-    sent_ += count;
-    piece_running_ = true;
-    Task task;
-    task.reply_bytes_max = protocol::padded(count);
-    task.run = [this, offset, count](const Stop&) -> Reply<Frames> {
-        protocol::Bulk bulk;
-        bulk.add("data", wire::Dtype::u8, 1, count);
-        bulk.allocate();
-        std::memcpy(bulk.block(0).data(), payload_.bytes.data() + offset, count);
-        wire::PictureT message;
-        message.width = payload_.width;
-        message.height = payload_.height;
-        message.encode = request_.encode;
-        message.offset = offset;
-        message.total = payload_.bytes.size();
-        auto frame = protocol::encode(id_, std::move(message), std::move(bulk), services_.limits);
-        if (!frame) return tl::unexpected(frame.error());
-        Frames frames;
-        frames.push_back(std::move(*frame));
-        return frames;
     };
     return task;
 }

@@ -7,6 +7,7 @@
 #include "engine/integrators/picture.h"
 #include "server/execution/chunk_caster.h"
 #include "server/execution/chunked_job.h"
+#include "server/handlers/payload.h"
 
 #include <atomic>
 #include <cstdint>
@@ -18,13 +19,6 @@
 #include <vector>
 
 namespace raynest::server {
-
-/// The bytes of a picture: an encoded file or raw rows.
-struct Payload {
-    std::uint32_t width = 0;
-    std::uint32_t height = 0;
-    std::vector<std::byte> bytes;
-};
 
 /// A checked picture request.
 struct PictureRequest {
@@ -38,9 +32,6 @@ struct PictureRequest {
     [[nodiscard]] std::uint64_t pixels() const { return std::uint64_t{width} * height; }
     [[nodiscard]] std::uint64_t rays() const { return pixels() * samples; }
 };
-
-/// Returns the maximum bytes of the frames that carry a payload.
-[[nodiscard]] std::uint64_t picture_answer_bytes(const Caller& caller, std::uint64_t payload_bytes);
 
 /// Returns advice for the user on how to make a picture smaller.
 [[nodiscard]] std::string smaller_picture(std::string_view encode);
@@ -101,18 +92,14 @@ private:
     /// Returns a note for a user whose camera sees nothing or only backs of surfaces; else empty.
     [[nodiscard]] std::string hint() const;
     Task encode_task();
-    Task send_task();
 
     const PictureRequest request_;
     const Sensor sensor_;
-    const std::uint64_t piece_bytes_;
     std::atomic<std::uint64_t> backs_{0};  ///< hits on the back of a surface
     Stage stage_ = Stage::tracing;
     std::uint64_t chunks_running_ = 0;
     bool encode_started_ = false;
-    bool piece_running_ = false;
-    Payload payload_;  ///< written by the encoding task, read afterwards
-    std::uint64_t sent_ = 0;
+    PayloadSender payload_;  ///< set by the encoding task, sent afterwards
 };
 
 }  // namespace raynest::server

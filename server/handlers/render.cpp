@@ -105,7 +105,7 @@ Reply<Answer> render(const Services& services, const Caller& caller,
     if (!request) return tl::unexpected(request.error());
     JobSubmission accepted = accept(request->plan, "render", request->rays());
     accepted.advice = smaller_picture(request->encode);
-    accepted.answer_bytes = accepted.result_bytes = picture_answer_bytes(
+    accepted.answer_bytes = accepted.result_bytes = payload_answer_bytes(
         caller, payload_bytes_max(request->width, request->height, request->encode));
     accepted.job = std::make_unique<RenderJob>(services, caller, std::move(*request));
     return Answer{std::move(accepted)};

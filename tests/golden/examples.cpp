@@ -178,6 +178,20 @@ void add_work_requests(Collection& all) {
     heatmap.metric = "total";
     heatmap.encode = "raw";
     all.add(11, heatmap);
+
+    wire::ExplainT explain;
+    explain.job = std::make_unique<wire::JobT>(forest_job());
+    explain.pixel_x = 480;
+    explain.pixel_y = 270;
+    all.add(13, explain);
+
+    wire::ExplainT explained_ray;
+    explained_ray.job = std::make_unique<wire::JobT>(forest_job());
+    explained_ray.origin = std::make_unique<wire::Vec3>(0.0F, 1.0F, 5.0F);
+    explained_ray.direction = std::make_unique<wire::Vec3>(0.0F, 0.0F, -1.0F);
+    explained_ray.tmax = 100;
+    explained_ray.steps = 1000;
+    all.add(14, explained_ray, " of a ray");
 }
 
 void add_scene_answers(Collection& all) {

@@ -64,6 +64,18 @@ void add_missing_fields(Table& table) {
     table.spoilt("Query without a scene", query, Code::invalid_field);
     table.spoilt("Render without a job", wire::RenderT{}, Code::invalid_field);
     table.spoilt("Heatmap without a job", wire::HeatmapT{}, Code::invalid_field);
+    wire::ExplainT explain;
+    table.spoilt("Explain without a job", explain, Code::invalid_field);
+    explain.job = std::make_unique<wire::JobT>();
+    explain.job->scene = "forest";
+    explain.origin = std::make_unique<wire::Vec3>(0.0F, 1.0F, 5.0F);
+    table.spoilt("Explain of a ray without a direction", explain, Code::invalid_field);
+    explain.origin.reset();
+    explain.width = 0;
+    table.spoilt("Explain of a picture without width", explain, Code::invalid_field);
+    explain.width = 960;
+    explain.steps = 16385;
+    table.spoilt("Explain of too many steps", explain, Code::limit_exceeded);
 }
 
 void add_bad_loads(Table& table) {

@@ -23,3 +23,4 @@ upload_bytes_max = 4294967296
 picture_side_max = 16384
 picture_pixels_max = 67108864
 samples_max = 65536
+explain_steps_max = 16384

@@ -17,6 +17,7 @@ from .errors import ProtocolError, UsageError
 # Maximum bytes of an encoded pixel: an EXR of four floats. Legend and header come on top.
 ENCODED_PIXEL_BYTES_MAX = 16
 LEGEND_BYTES_MAX = 4 << 20
+DOCUMENT_BYTES_MAX = 64 << 20
 
 
 def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]], fov: float,
@@ -41,7 +42,7 @@ def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]], fo
 
 
 class Picture:
-    """A "render" or "heatmap", whose pieces come in order. `shape` is its width, height and encode;
+    """A "render", "heatmap" or "json" document, whose pieces come in order. `shape` is its width, height and encode;
     when a job is fetched, the first piece says them. SceneMoved ends it if the scene's origin is not
     `origin`, where that was subtracted from the camera's place."""
 
@@ -83,6 +84,8 @@ class Picture:
             pixels = self._shape["width"] * self._shape["height"]
             raw = self._shape["encode"] == "raw"
             most = 4 * pixels if raw else ENCODED_PIXEL_BYTES_MAX * pixels + LEGEND_BYTES_MAX
+            if self._kind == "json":
+                most = DOCUMENT_BYTES_MAX
             if (name != "Picture" or pixels > _limits.picture_pixels_max or total > most
                     or (raw and total != most)):
                 raise ProtocolError(f"the daemon sent a picture of {total} bytes")

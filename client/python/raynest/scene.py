@@ -15,6 +15,7 @@ from . import client as clients  # which imports this module: its names are ther
 from ._arguments import Unpack, none_is_default, whole, whole_numbers
 from ._columns import MISS, Chunk, Columns, Whole, anywhere
 from ._control import Message
+from ._explain import pixel_message, ray_message, receive_document
 from ._frame import Array
 from ._job import JobOptions, Progress, SceneMoved, job_message, origin_of
 from ._picture import Picture, camera_message, size_message
@@ -342,6 +343,33 @@ class Scene:
         answer = self._at(None, ask)
         if not detach:
             self._client.outcome.warn_of_view()
+        return answer
+
+    @none_is_default
+    def explain(self, ray: Any = None, *, pixel: Optional[Sequence[int]] = None,
+                camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
+                fov: float = 0.0, size: tuple[int, int] = (960, 540), steps: int = 0,
+                progress: Progress = None, **job: Unpack[JobOptions]) -> dict[str, Any]:
+        """How one ray finds its hit, step by step: the document of client/EXPLAIN.md. `ray` is
+        [ox oy oz dx dy dz] or [ox oy oz tmin dx dy dz tmax]; or `pixel` is (x, y) of the picture that
+        render() makes with these arguments. `steps` is how many are told at most, 256 by default."""
+        if (ray is None) == (pixel is None):
+            raise UsageError("explain() takes a ray or a pixel, and not both")
+        options = job_message(self.name, job)
+        fields = {**size_message(size), "job": options,
+                  "steps": whole("steps", steps, _limits.explain_steps_max, 0)}
+        if pixel is not None:
+            fields.update(pixel_message(pixel))
+
+        def ask(origin: Array, _expected: bool) -> dict[str, Any]:
+            message = {**fields, "camera": camera_message(camera, look_at, fov, origin)}
+            if ray is not None:
+                message.update(ray_message(ray, origin))
+            document, self._client.outcome = receive_document(
+                self._client.connection, "Explain", message, progress,
+                options["deadline_ms"] / 1000, origin)
+            return document
+        answer: dict[str, Any] = self._at(None, ask)
         return answer
 
     # ---- what it is -----------------------------------------------------------------------------

@@ -1,0 +1,64 @@
+// raynest explain SCENE --ray ... | --pixel X,Y: how one ray found its hit, as a tree.
+#include "client/commands/commands.h"
+#include "client/explanation.h"
+#include "client/picture.h"
+#include "client/rays.h"
+#include "client/scene_origin.h"
+
+#include <array>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <utility>
+
+namespace raynest::client {
+namespace {
+
+wire::ExplainT explain_message(const ExplainOptions& options, const WorldPoint& origin) {
+    wire::ExplainT request;
+    request.job = job_message(options.job);
+    request.camera = camera_message(options.camera, origin);
+    request.width = options.camera.width;
+    request.height = options.camera.height;
+    if (options.pixel) {
+        request.pixel_x = (*options.pixel)[0];
+        request.pixel_y = (*options.pixel)[1];
+    }
+    if (options.ray) {
+        std::array<float, 8> ray{};
+        RaySource({*options.ray}, origin).read(0, ray);
+        request.origin = std::make_unique<wire::Vec3>(ray[0], ray[1], ray[2]);
+        request.tmin = ray[3];
+        request.direction = std::make_unique<wire::Vec3>(ray[4], ray[5], ray[6]);
+        request.tmax = ray[7];
+    }
+    if (options.all)
+        request.steps = static_cast<std::uint32_t>(protocol::Limits{}.explain_steps_max);
+    return request;
+}
+
+}  // namespace
+
+Result<void> run(Context& context, const ExplainOptions& options) {
+    const auto origin = ask_origin(context.connection, options.job.scene);
+    if (!origin) return tl::unexpected<Failure>(origin.error());
+    if (auto started = context.connection.start(explain_message(options, origin->point),
+                                                deadline_of(options.job.deadline));
+        !started)
+        return started;
+    const auto answer = receive_picture(context.connection, context.progress);
+    context.progress.clear();
+    if (!answer) return tl::unexpected<Failure>(answer.error());
+    if (auto same = check_origin(origin->point, answer->outcome.origin); !same) return same;
+    const auto document = read_json(*answer);
+    if (!document) return tl::unexpected<Failure>(document.error());
+    print_notes(answer->outcome);
+    if (context.json)
+        print_json(*document);
+    else
+        print_explanation(*document, std::cout);
+    return {};
+}
+
+}  // namespace raynest::client

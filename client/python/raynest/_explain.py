@@ -1,0 +1,53 @@
+"""The JSON documents about rays, which client/EXPLAIN.md describes."""
+from __future__ import annotations
+
+import json
+import math
+import reprlib
+from typing import Any, Optional, Sequence
+
+import numpy as np
+
+from . import _limits
+from ._arguments import float32, numbers, whole
+from ._connection import Connection
+from ._control import Message
+from ._frame import Array
+from ._job import Outcome, Progress
+from ._picture import Picture
+from .errors import ProtocolError, UsageError
+
+
+def ray_message(ray: Any, origin: Array) -> Message:
+    """(6,) is [o d], (8,) is [ox oy oz tmin dx dy dz tmax]; places are shifted by `origin`."""
+    values = numbers("ray", ray).astype(np.float64)
+    if values.shape == (6,):
+        values = np.array([*values[:3], 0.0, *values[3:], math.inf])
+    if values.shape != (8,):
+        raise UsageError(f"ray of {reprlib.repr(ray)}: it must be six numbers, origin and direction, or "
+                         "eight with tmin before the direction and tmax behind it")
+    values[:3] -= origin
+    row = float32(values).tolist()
+    return {"origin": tuple(row[:3]), "tmin": row[3], "direction": tuple(row[4:7]),
+            "tmax": 0.0 if math.isinf(row[7]) else row[7]}
+
+
+def pixel_message(pixel: Sequence[int]) -> Message:
+    if np.shape(pixel) != (2,):
+        raise UsageError(f"pixel of {reprlib.repr(pixel)}: it must be (x, y), from the upper left corner")
+    x, y = (whole("a pixel's place", place, _limits.picture_side_max, 0) for place in pixel)
+    return {"pixel_x": x, "pixel_y": y}
+
+
+def receive_document(connection: Connection, request: str, message: Message, progress: Progress,
+                     seconds: float, origin: Optional[Array]) -> tuple[dict[str, Any], Outcome]:
+    """The document that such a request is answered with, and what ran."""
+    answer = Picture("json", {"width": 1, "height": 1, "encode": "json"}, origin)
+    text = answer.receive(connection, request, message, progress, seconds)
+    try:
+        document = json.loads(text)
+    except ValueError:
+        document = None
+    if not isinstance(document, dict):
+        raise ProtocolError("the daemon sent something else than a JSON document")
+    return document, answer.outcome

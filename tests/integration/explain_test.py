@@ -1,0 +1,136 @@
+#!/usr/bin/env python3
+"""Tests `raynest explain`: its totals are the counters of the ray, and each refusal says why.
+
+  explain_test.py RAYNESTD RAYNEST
+"""
+import json
+import sys
+import unittest
+
+import numpy
+
+from daemon import DaemonTest
+
+COUNTERS = ("nodes", "boxes", "leaves", "prims", "instances", "rejects", "total")
+
+
+class Explanations(DaemonTest):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
+        cls.client.json("load", "builtin:flake?depth=3", "--name", "flake")
+
+    def refused(self, *arguments, code=2, says=""):
+        done = self.client.run("explain", *arguments)
+        self.assertEqual(done.returncode, code, done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        self.assertIn(says, done.stderr)
+        self.assertEqual(done.stdout, "")
+
+    def rays(self, count):
+        random = numpy.random.default_rng(5)
+        origins = random.uniform(-12, 12, size=(count, 3)) + [0, 12, 0]
+        return numpy.hstack([origins, random.uniform(-6, 6, size=(count, 3)) + [0, 2, 0] - origins])
+
+    def test_totals_are_the_counters_of_the_ray(self):
+        refused = 0
+        for scene, intersector in (("woods", "alpha_mask"), ("woods", "opaque"), ("flake", "opaque"),
+                                   ("woods", "procedural_mask")):
+            for ray in self.rays(12):
+                text = ",".join(f"{x:.4f}" for x in ray)
+                told = self.client.json("explain", scene, "--ray", text, "--all", "--intersector", intersector)
+                rows = self.client.run("--json", "query", scene, "--ray", text, "--intersector", intersector,
+                                       "--traversal", "single", "--fields",
+                                       "t,path,geom,prim," + ",".join(COUNTERS))
+                row = json.loads(rows.stdout)
+                self.assertEqual({name: row[name] for name in COUNTERS},
+                                 {name: told["totals"][name] for name in COUNTERS})
+                for name in COUNTERS:
+                    self.assertEqual(told["totals"][name], sum(level[name] for level in told["levels"]))
+                self.assertEqual(bool(row["hits"]), told["hit"] is not None)
+                if told["hit"]:
+                    hit = row["hits"][0]
+                    self.assertEqual({key: hit[key] for key in ("path", "geom", "prim")},
+                                     {key: told["hit"][key] for key in ("path", "geom", "prim")})
+                    self.assertAlmostEqual(hit["t"], told["hit"]["t"], places=6)
+                    self.assertEqual(self.client.run("path", scene, told["hit"]["path"]).stdout.strip(),
+                                     told["hit"]["name"])
+                    self.assertEqual(told["steps"][told["hit"]["step"]]["prim"], hit["prim"])
+                self.check_steps(told)
+                refused += told["totals"]["rejects"]
+        self.assertGreater(refused, 0)
+
+    def check_steps(self, told):
+        steps = told["steps"]
+        self.assertEqual(told["left_out"], 0)
+        count = lambda kind: [step for step in steps if step["kind"] == kind]
+        self.assertEqual(len(count("node")), told["totals"]["nodes"])
+        self.assertEqual(sum(step["boxes"] for step in count("node")), told["totals"]["boxes"])
+        self.assertEqual(sum(step["prims"] for step in count("leaf")), told["totals"]["prims"])
+        self.assertEqual(sum(step["outcome"] == "accepted" for step in count("instance")),
+                         told["totals"]["instances"])
+        reasons = [step["why"] for step in count("candidate") if step["outcome"] == "refused"]
+        self.assertEqual(len(reasons), told["totals"]["rejects"])
+        for reason in reasons:
+            self.assertRegex(reason, r"^refused by (alpha_mask: alpha [0-9.e-]+ below 0\.5"
+                                     r"|procedural_mask: in a hole of the pattern)$")
+        for at, step in enumerate(steps):
+            self.assertTrue(step["parent"] is None or step["parent"] < at)
+
+    def test_a_pixel_is_the_ray_of_that_pixel(self):
+        view = ("--size", "64x36", "--lookat", "0,6,18,0,4,0")
+        self.client.json("heatmap", "woods", *view, "-o", self.out / "h.npy")
+        counts = numpy.load(self.out / "h.npy")
+        for x, y in ((0, 0), (31, 17), (63, 35), (40, 20)):
+            told = self.client.json("explain", "woods", *view, "--pixel", f"{x},{y}")
+            self.assertEqual(told["totals"]["total"], counts[y, x])
+            self.assertEqual((told["pixel"], told["size"]), ([x, y], [64, 36]))
+
+    def test_masks_and_culled_faces_are_named(self):
+        down = ("--ray", "0,30,0,0.01,-1,0.02")
+        told = self.client.json("explain", "woods", *down, "--mask", "0")
+        masked = [step for step in told["steps"] if step["kind"] == "instance"]
+        self.assertTrue(masked)
+        for step in masked:
+            self.assertEqual((step["outcome"], step["why"]), ("mask", "mask FFFFFFFF has no bit of the ray's 0"))
+        self.assertIn("not entered, mask FFFFFFFF has no bit of the ray's 0",
+                      self.client.run("explain", "woods", *down, "--mask", "0").stdout)
+        up = self.client.json("explain", "woods", "--ray", "0.5,-5,0.5,0,1,0", "--set", "cull=back", "--all")
+        self.assertIn("back_face", [step.get("outcome") for step in up["steps"]])
+
+    def test_text_says_the_same_and_is_cut(self):
+        ray = ("--ray", "-20,3,0.2,1,0,0.02")
+        told = self.client.json("explain", "woods", *ray, "--all")
+        text = self.client.run("explain", "woods", *ray, "--all").stdout
+        tree = text.split("\n\n", 1)[1].splitlines()
+        self.assertEqual(sorted(int(line[:5]) for line in tree), list(range(len(told["steps"]))))
+        self.assertEqual(text.count("THE HIT"), told["hit"] is not None)
+        short = self.client.run("explain", "woods", *ray).stdout
+        if len(told["steps"]) > 256:
+            rest = len(told["steps"]) - 256
+            self.assertIn(f"... {rest:,} more", short)
+        cut = self.client.json("explain", "woods", *ray)
+        self.assertEqual(cut["totals"], told["totals"])
+        self.assertEqual(len(cut["steps"]) + cut["left_out"], len(told["steps"]))
+        self.assertEqual(cut["left_out"], sum(cut["left_out_kinds"].values()))
+
+    def test_bad_input_is_one_line(self):
+        self.refused("woods", "--pixel", "64,3", "--size", "64x36", says="lies outside of a picture of 64x36")
+        self.refused("woods", "--pixel", "3,-1", says="a pixel X,Y")
+        self.refused("woods", "--pixel", "3", says="a pixel X,Y")
+        self.refused("woods", says="--ray or --pixel")
+        self.refused("woods", "--ray", "0,0,0,0,0,0", says="its direction is zero")
+        self.refused("woods", "--ray", "nan,0,0,0,0,1", says="finite")
+        self.refused("woods", "--ray", "0,0,0,0,0,1,5,2", says="tmin must not be above tmax")
+        self.refused("woods", "--ray", "0,0,0,0,0,1,-1,2", says="tmin must not be negative")
+        self.refused("woods", "--ray", "0,0,0,0,0,1", "--pixel", "1,1", says="excludes")
+        self.refused("woods", "--ray", "0,0,0,0,0,1", "--worker", "gpu", says="gpu")
+        self.refused("nowhere", "--ray", "0,0,0,0,0,1", code=5, says="nowhere")
+        self.refused("woods", "--pixel", "1,1", "--camera", "no such", says="no such")
+        self.refused("woods", "--pixel", "1,1", "--intersector", "glass", code=5, says="glass")
+
+
+if __name__ == "__main__":
+    DaemonTest.raynestd, DaemonTest.raynest = sys.argv.pop(1), sys.argv.pop(1)
+    unittest.main()
