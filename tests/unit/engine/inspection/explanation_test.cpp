@@ -104,7 +104,9 @@ TEST_CASE("an explanation's totals are the counters of its ray") {
             rays.insert(rays.end(), more.begin(), more.end());
         for (const Variant& variant : registry().variants()) {
             for (const char* cull : {"none", "back"}) {
-                CAPTURE(depth, variant.name, cull);
+                CAPTURE(depth);
+                CAPTURE(variant.name);
+                CAPTURE(cull);
                 const Settings settings =
                     parse_settings(variant, {{{"cull", std::string(cull)}}}).value();
                 const auto counting =
