@@ -185,7 +185,6 @@ void ExplanationRecorder::add_instance(const Step& step) {
     level.object = instance.object;
     level.instance = step.place;
     level.to_world = compose(parent.to_world, view.instance_infos[step.place].to_parent);
-    level.bounds = placed(level.to_world, object.bounds);
 
     ExplainedEntry entry;
     entry.kind = EntryKind::instance;
@@ -196,7 +195,11 @@ void ExplanationRecorder::add_instance(const Step& step) {
     entry.placements = {step.path + instance.path_base, object.placement_count};
     const std::uint32_t first = view.objects[step.object].first_instance;
     level.entry = append(parent, make_instance_leaf(step.place - first), entry);
-    if (level.entry != no_id) level.near = told_.entries[level.entry].near;
+    // The root of the tree has no box that was tested: it has the instance's.
+    if (level.entry != no_id) {
+        level.near = told_.entries[level.entry].near;
+        level.bounds = told_.entries[level.entry].box;
+    }
     if (step.outcome == outcome_accepted) descent_.enter(std::move(level));
 }
 

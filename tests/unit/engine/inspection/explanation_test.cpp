@@ -168,6 +168,11 @@ TEST_CASE("parents come before their children, boxes hold the world") {
             if (entry.kind == EntryKind::candidate) continue;
             instances += entry.kind == EntryKind::instance ? 1 : 0;
             // The ray enters the box where it says, but for the padding of boxes.
+            CAPTURE(static_cast<int>(entry.kind));
+            CAPTURE(entry.level);
+            CAPTURE(entry.place);
+            CAPTURE(entry.near);
+            CAPTURE(ray.tmin);
             const Vec3 at = point_along(ray.origin, ray.direction, entry.near);
             const Vec3 slack = 1e-3F * (entry.box.size() + Vec3(1));
             for (int axis = 0; axis < 3 && entry.parent != no_id; ++axis) {
