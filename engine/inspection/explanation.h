@@ -17,7 +17,7 @@
 
 namespace raynest {
 
-/// What the tree of an explanation consists of.
+/// The kinds of entries of an explanation's tree.
 enum class EntryKind : std::uint8_t { instance, node, leaf, candidate };
 inline constexpr std::size_t entry_kinds = 4;
 

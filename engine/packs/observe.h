@@ -15,7 +15,7 @@
 
 namespace raynest {
 
-/// What the intersector and the query of one call share.
+/// The state that the intersector and the query of one call share.
 struct Watch {
     const Observer& observer;
     std::uint32_t survivors = 0;  ///< lanes of the last primitives that the intersector accepted

@@ -1,4 +1,4 @@
-// What the single traversal tells an observer, step by step: C types, a part of a pack's door.
+// The steps of the single traversal as an observer is told them: C types, a part of a pack's door.
 //
 // A pack compiles that traversal once more per intersector, with each question told as it is
 // answered (packs/observe.h). So what an observer sees is what counters count.
@@ -45,7 +45,7 @@ struct Step {
     Refusal refusal = {};          ///< of a refused candidate, where the intersector says why
 };
 
-/// Who watches. Called on the thread that traces.
+/// Receives the steps. Called on the thread that traces.
 struct Observer {
     void* context = nullptr;
     void (*step)(void* context, const Step* step) noexcept = nullptr;

@@ -10,7 +10,7 @@
 
 namespace raynest::server {
 
-/// What the document says of a ray's origin.
+/// The part of the document that says where the ray came from.
 struct ExplanationContext {
     const protocol::Limits& limits;
     std::string camera;  ///< empty: the ray itself was asked for

@@ -17,6 +17,7 @@ export const MESSAGES = {
   QueryRays: 25,
   Render: 26,
   Heatmap: 27,
+  Explain: 28,
   Jobs: 32,
   Wait: 33,
   Fetch: 34,

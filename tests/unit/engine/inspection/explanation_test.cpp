@@ -1,4 +1,4 @@
-// What an observer is told is what counters count: the totals of an explanation are compared with
+// Observers are told what counters count: the totals of an explanation are compared with
 // the counting kernel's, ray by ray.
 #include "engine/inspection/explanation.h"
 
