@@ -181,6 +181,20 @@ void declare(CLI::App& app, HeatmapOptions& heatmap) {
     app.add_option("--scale", heatmap.scale, "linear | log");
     app.add_option("--range", heatmap.range, "auto | p99 | LOW:HIGH");
     app.add_option("--count", heatmap.count, "traversed | necessary");
+    CLI::Option* top = add_whole(
+        app, "--top", heatmap.top, 1U, static_cast<std::uint32_t>(protocol::Limits{}.list_items_max),
+        "print so many of the instances, meshes and materials that most work is spent in, and a "
+        "diagnosis; with it no -o is needed");
+    add_whole(app, "--level", heatmap.level, 1U, 31U,
+              "of --top: group by the instances of that level, 1 for those of the root (the "
+              "innermost)")
+        ->needs(top);
+    app.parse_complete_callback([&heatmap] {
+        if (heatmap.output.empty() && !heatmap.job.detach && heatmap.top == 0)
+            throw CLI::RequiredError("--output or --top");
+        if (!heatmap.output.empty() && heatmap.job.detach && heatmap.top != 0)
+            throw CLI::ValidationError("--detach", "takes one job: ask for -o or for --top");
+    });
 }
 
 void declare(CLI::App& app, ExplainOptions& explain) {

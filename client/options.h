@@ -86,6 +86,8 @@ struct QueryOptions {
 };
 struct HeatmapOptions : PictureOptions {
     std::string metric, palette, scale, range, count;
+    std::uint32_t top = 0;    ///< rows of a ranking; 0: none is asked for
+    std::uint32_t level = 0;  ///< of the instances that it groups by; 0: the innermost
 };
 
 struct ExplainOptions {

@@ -354,6 +354,16 @@ Result<void> validate(const wire::Explain& message, const Limits& limits) {
     return checks.result();
 }
 
+Result<void> validate(const wire::Blame& message, const Limits& limits) {
+    Checks checks(limits);
+    checks.that(message.job() != nullptr, "job", "is missing")
+        .nested(message.job(), check_job)
+        .nested(message.camera(), check_camera)
+        .at_most("top", message.top(), limits.list_items_max, "list_items_max");
+    check_picture(checks, message.width(), message.height());
+    return checks.result();
+}
+
 Result<void> validate(const wire::Started& message, const Limits& limits) {
     return Checks(limits)
         .name("scene", message.scene())

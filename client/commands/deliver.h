@@ -15,6 +15,10 @@ namespace raynest::client {
 Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture);
 Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture);
 
+/// The ranking of `heatmap --top`, in place of a picture or after it.
+Result<void> rank(Context& context, const HeatmapOptions& options);
+Result<void> deliver_ranking(Context& context, const ReceivedPicture& answer);
+
 using ChunkConsumer = std::function<Result<void>(const QueryChunk&)>;
 /// Calls `ask`, which runs a query and passes its chunks on, and delivers them: to the file
 /// `output`, or as rows if that is empty. `what` is the query's kind or reducer.

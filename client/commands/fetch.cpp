@@ -33,6 +33,14 @@ Result<void> run(Context& context, const FetchOptions& options) {
             });
     }
 
+    if (kind == "blame") {
+        if (auto started = context.connection.start(request); !started) return started;
+        const auto answer = receive_picture(context.connection, context.progress);
+        context.progress.clear();
+        if (!answer) return tl::unexpected<Failure>(answer.error());
+        return deliver_ranking(context, *answer);
+    }
+
     if (options.output.empty())
         return fail(Exit::usage, job_text(*job->info) + " is a picture: pass -o FILE");
     if (auto writable = check_writable(options.output); !writable) return writable;

@@ -51,6 +51,7 @@ Json statistics_json(const wire::HeatStatisticsT& heat) {
 }  // namespace
 
 Result<void> run(Context& context, const HeatmapOptions& options) {
+    if (options.top != 0 && options.output.empty()) return rank(context, options);
     if (!options.job.detach)
         if (auto writable = check_writable(options.output); !writable) return writable;
     auto picture =
@@ -60,7 +61,8 @@ Result<void> run(Context& context, const HeatmapOptions& options) {
         print_detached(context, picture->outcome);
         return {};
     }
-    return deliver_heatmap(context, options.output, std::move(*picture));
+    auto delivered = deliver_heatmap(context, options.output, std::move(*picture));
+    return delivered && options.top != 0 ? rank(context, options) : delivered;
 }
 
 Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture) {

@@ -5,6 +5,7 @@
 #include "engine/geometry/hit.h"
 #include "engine/geometry/pinhole.h"
 #include "engine/geometry/ray.h"
+#include "engine/packs/observer.h"
 
 #include <cstdint>
 #include <span>
@@ -28,6 +29,9 @@ public:
     /// The nearest hit of each ray, and what finding it cost by the single-ray traversal.
     [[nodiscard]] virtual bool counted(std::span<const Ray> rays, std::span<HitRecord> hits,
                                        std::span<Counters> counters) = 0;
+    /// The nearest hit of each ray, found by the single-ray traversal, which tells the observer.
+    [[nodiscard]] virtual bool observed(std::span<const Ray> rays, std::span<HitRecord> hits,
+                                        const Observer& observer) = 0;
 
 protected:
     RayCaster() = default;

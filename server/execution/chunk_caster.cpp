@@ -25,8 +25,13 @@ bool ChunkCaster::counted(std::span<const Ray> rays, std::span<HitRecord> hits,
     return cast(*plans_.counted, rays, hits, counters.data(), nullptr);
 }
 
+bool ChunkCaster::observed(std::span<const Ray> rays, std::span<HitRecord> hits,
+                           const Observer& observer) {
+    return cast(*plans_.observed, rays, hits, nullptr, nullptr, &observer);
+}
+
 bool ChunkCaster::cast(const Plan& plan, std::span<const Ray> rays, std::span<HitRecord> hits,
-                       Counters* counters, const PinholeRays* camera) {
+                       Counters* counters, const PinholeRays* camera, const Observer* observer) {
     Backend& backend = *plan.worker.order[backend_];
     const std::uint64_t most = backend.call_rays_max(plan);
     for (std::uint64_t done = 0; done < rays.size(); done += most) {
@@ -36,6 +41,7 @@ bool ChunkCaster::cast(const Plan& plan, std::span<const Ray> rays, std::span<Hi
         call.ray_count = static_cast<std::uint32_t>(count);
         call.hits = hits.data() + done;
         call.counters = counters == nullptr ? nullptr : counters + done;
+        call.observer = observer;
         const std::vector<void*> outputs = buffers_.resize_outputs(plan, count);
         call.outputs = outputs.empty() ? nullptr : outputs.data();
         const bool whole = camera != nullptr && count == rays.size();

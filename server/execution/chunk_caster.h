@@ -11,6 +11,7 @@ struct CastPlans {
     const Plan* closest = nullptr;
     const Plan* any = nullptr;
     const Plan* counted = nullptr;
+    const Plan* observed = nullptr;
 };
 
 /// A RayCaster for one chunk, used on the thread that traces it. All plans have the same backends.
@@ -30,6 +31,9 @@ public:
     bool counted(std::span<const Ray> rays, std::span<HitRecord> hits,
                  std::span<Counters> counters) override;
 
+    bool observed(std::span<const Ray> rays, std::span<HitRecord> hits,
+                  const Observer& observer) override;
+
     /// The reason why the last call failed.
     [[nodiscard]] const TraceFailure& failure() const { return failure_; }
     /// The traversal of the last successful call.
@@ -37,7 +41,7 @@ public:
 
 private:
     bool cast(const Plan& plan, std::span<const Ray> rays, std::span<HitRecord> hits,
-              Counters* counters, const PinholeRays* camera);
+              Counters* counters, const PinholeRays* camera, const Observer* observer = nullptr);
 
     const CastPlans plans_;
     const std::size_t backend_;

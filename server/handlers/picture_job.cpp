@@ -22,16 +22,12 @@ Reply<std::string> check_encode(std::string_view word) {
     return std::string(word);
 }
 
-}  // namespace
-
-Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
+Reply<PictureRequest> make_checked(const Services& services, const Caller& caller, Plan plan,
                                    const wire::Camera* camera, std::uint32_t width,
-                                   std::uint32_t height, std::string_view encode,
+                                   std::uint32_t height, std::string encode,
                                    std::uint64_t bytes) {
     PictureRequest request;
-    auto word = check_encode(encode);
-    if (!word) return tl::unexpected(word.error());
-    request.encode = std::move(*word);
+    request.encode = std::move(encode);
 
     auto chosen = choose_camera(plan.scene.snapshot(), camera_request(camera));
     // Report an unknown camera as a fault of the request, not of the scene.
@@ -58,7 +54,27 @@ Reply<PictureRequest> make_request(const Services& services, const Caller& calle
     return request;
 }
 
+}  // namespace
+
+Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
+                                   const wire::Camera* camera, std::uint32_t width,
+                                   std::uint32_t height, std::string_view encode,
+                                   std::uint64_t bytes) {
+    auto word = check_encode(encode);
+    if (!word) return tl::unexpected(word.error());
+    return make_checked(services, caller, std::move(plan), camera, width, height, std::move(*word),
+                        bytes);
+}
+
+Reply<PictureRequest> make_document_request(const Services& services, const Caller& caller,
+                                            Plan plan, const wire::Camera* camera,
+                                            std::uint32_t width, std::uint32_t height,
+                                            std::uint64_t bytes) {
+    return make_checked(services, caller, std::move(plan), camera, width, height, "json", bytes);
+}
+
 std::string smaller_picture(std::string_view encode) {
+    if (encode == "json") return "group by an outer `level`";
     return std::string("ask for a smaller `size`") +
            (encode == "exr" ? ", or for PNG in place of EXR" : "");
 }

@@ -43,6 +43,12 @@ Reply<PictureRequest> make_request(const Services& services, const Caller& calle
                                    std::uint32_t height, std::string_view encode,
                                    std::uint64_t bytes);
 
+/// The same for a JSON document about a camera's rays.
+Reply<PictureRequest> make_document_request(const Services& services, const Caller& caller,
+                                            Plan plan, const wire::Camera* camera,
+                                            std::uint32_t width, std::uint32_t height,
+                                            std::uint64_t bytes);
+
 /// The base of picture jobs.
 class PictureJob : public ChunkedJob {
 public:

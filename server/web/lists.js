@@ -18,6 +18,7 @@ export const MESSAGES = {
   Render: 26,
   Heatmap: 27,
   Explain: 28,
+  Blame: 29,
   Jobs: 32,
   Wait: 33,
   Fetch: 34,

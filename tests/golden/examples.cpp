@@ -192,6 +192,12 @@ void add_work_requests(Collection& all) {
     explained_ray.tmax = 100;
     explained_ray.steps = 1000;
     all.add(14, explained_ray, " of a ray");
+
+    wire::BlameT blame;
+    blame.job = std::make_unique<wire::JobT>(forest_job());
+    blame.level = 1;
+    blame.top = 20;
+    all.add(15, blame);
 }
 
 void add_scene_answers(Collection& all) {

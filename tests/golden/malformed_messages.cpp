@@ -64,6 +64,12 @@ void add_missing_fields(Table& table) {
     table.spoilt("Query without a scene", query, Code::invalid_field);
     table.spoilt("Render without a job", wire::RenderT{}, Code::invalid_field);
     table.spoilt("Heatmap without a job", wire::HeatmapT{}, Code::invalid_field);
+    wire::BlameT blame;
+    table.spoilt("Blame without a job", blame, Code::invalid_field);
+    blame.job = std::make_unique<wire::JobT>();
+    blame.job->scene = "forest";
+    blame.top = 513;
+    table.spoilt("Blame of too many rows", blame, Code::limit_exceeded);
     wire::ExplainT explain;
     table.spoilt("Explain without a job", explain, Code::invalid_field);
     explain.job = std::make_unique<wire::JobT>();

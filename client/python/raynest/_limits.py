@@ -24,3 +24,4 @@ picture_side_max = 16384
 picture_pixels_max = 67108864
 samples_max = 65536
 explain_steps_max = 16384
+blame_rows_max = 1048576

@@ -372,6 +372,28 @@ class Scene:
         answer: dict[str, Any] = self._at(None, ask)
         return answer
 
+    @none_is_default
+    def blame(self, *, top: int = 10, level: int = 0, camera: Union[str, int] = "",
+              look_at: Optional[Sequence[Any]] = None, fov: float = 0.0,
+              size: tuple[int, int] = (960, 540), progress: Progress = None,
+              **job: Unpack[JobOptions]) -> dict[str, Any]:
+        """Ranks instances, meshes and materials by the work that the rays of a picture do inside
+        them, with a diagnosis: the document of client/EXPLAIN.md. `level` 0 is the innermost
+        instance, 1 those of the root, and so on; cameras are those of render()."""
+        options = job_message(self.name, job)
+        fields = {**size_message(size), "job": options,
+                  "top": whole("top", top, _limits.list_items_max),
+                  "level": whole("level", level, 31, 0)}
+
+        def ask(origin: Array, _expected: bool) -> dict[str, Any]:
+            message = {**fields, "camera": camera_message(camera, look_at, fov, origin)}
+            document, self._client.outcome = receive_document(
+                self._client.connection, "Blame", message, progress,
+                options["deadline_ms"] / 1000, None if look_at is None else origin)
+            return document
+        answer: dict[str, Any] = self._at(None, ask)
+        return answer
+
     # ---- what it is -----------------------------------------------------------------------------
 
     @property

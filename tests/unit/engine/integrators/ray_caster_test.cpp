@@ -50,6 +50,10 @@ public:
         }
         return true;
     }
+    bool observed(std::span<const Ray> rays, std::span<HitRecord> hits,
+                  const Observer& /*observer*/) override {
+        return closest(rays, hits);
+    }
     int calls_left = 100;
 };
 

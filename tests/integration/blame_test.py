@@ -1,0 +1,96 @@
+#!/usr/bin/env python3
+"""Tests `raynest heatmap --top`: rankings add up, and name what the file names.
+
+  blame_test.py RAYNESTD RAYNEST
+"""
+import json
+import sys
+import unittest
+
+import numpy
+
+from daemon import DaemonTest
+
+VIEW = ("--size", "96x54", "--lookat", "0,6,18,0,4,0")
+
+
+class Rankings(DaemonTest):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
+        cls.client.json("load", "builtin:terrain?size=16", "--name", "hills")
+
+    def rank(self, *arguments, scene="woods"):
+        return self.client.json("heatmap", scene, *VIEW, *arguments)
+
+    def refused(self, *arguments, code=2, says=""):
+        done = self.client.run("heatmap", *arguments)
+        self.assertEqual(done.returncode, code, done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        self.assertIn(says, done.stderr)
+
+    def test_shares_and_remainder_are_all_of_the_heat_map_s_work(self):
+        self.client.json("heatmap", "woods", *VIEW, "-o", self.out / "h.npy")
+        counts = numpy.load(self.out / "h.npy")
+        for level in ((), ("--level", "1")):
+            told = self.rank("--top", "3", *level)
+            self.assertEqual(told["total"]["work"], int(counts.sum()))
+            self.assertEqual(told["rays"], counts.size)
+            for table in ("instances", "meshes", "materials"):
+                part = told[table]
+                work = sum(row["work"] for row in part["rows"])
+                self.assertEqual(work + part["others"]["work"] + part["remainder"]["work"],
+                                 told["total"]["work"])
+                share = sum(row["share"] for row in part["rows"])
+                self.assertAlmostEqual(share + part["others"]["share"] + part["remainder"]["share"], 1)
+                self.assertLessEqual(len(part["rows"]), 3)
+                ranks = [row["work"] for row in part["rows"]]
+                self.assertEqual(ranks, sorted(ranks, reverse=True))
+                for row in part["rows"]:
+                    self.assertTrue(0 <= row["wasted"] <= 1 and row["hit_rays"] <= row["rays"] <= counts.size)
+                    self.assertAlmostEqual(row["work_per_ray"] * row["rays"], row["work"], places=3)
+
+    def test_rows_are_named_as_paths_and_materials_are(self):
+        told = self.rank("--top", "5")
+        for row in told["instances"]["rows"]:
+            name = self.client.run("path", "woods", row["path"]).stdout.strip()
+            self.assertTrue(name.startswith(row["name"]), (name, row))
+        known = {part["name"] for part in self.client.json("info", "woods", "--materials")["materials"]}
+        self.assertTrue({row["name"] for row in told["materials"]["rows"] if row["name"]} <= known)
+        known = {part["name"] for part in self.client.json("info", "woods", "--meshes")["meshes"]}
+        self.assertTrue({row["name"] for row in told["meshes"]["rows"]} <= known)
+        levels = {row["level"] for row in self.rank("--top", "50", "--level", "1")["instances"]["rows"]}
+        self.assertEqual(levels, {1})
+
+    def test_the_same_request_gives_the_same_bytes(self):
+        texts = {self.client.run("--json", "heatmap", "woods", *VIEW, "--top", "9").stdout for _ in range(3)}
+        self.assertEqual(len(texts), 1)
+
+    def test_text_and_picture_come_together(self):
+        done = self.client.run("heatmap", "woods", *VIEW, "--top", "4", "-o", self.out / "h.npy")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("total per ray", done.stdout)
+        for word in ("INSTANCE", "MESH", "MATERIAL", "SHARE", "WASTED", "WORK/RAY", "trees above", "diagnosis"):
+            self.assertIn(word, done.stdout)
+
+    def test_a_detached_ranking_is_fetched(self):
+        job = self.client.run("heatmap", "woods", *VIEW, "--top", "4", "--detach").stdout.strip()
+        self.client.run("wait", job)
+        self.assertEqual(self.client.json("fetch", job), self.rank("--top", "4"))
+
+    def test_bad_input_is_one_line(self):
+        self.refused("woods", "--top", "4", "--level", "9", says="there is no level 9")
+        self.refused("hills", "--top", "4", "--level", "1", says="level 1")
+        self.refused("woods", "--top", "0", says="--top")
+        self.refused("woods", "--level", "1", "-o", self.out / "h.npy", says="--top")
+        self.refused("woods", says="--output or --top")
+        self.refused("woods", "--top", "4", "--camera", "no such", says="no such")
+        self.refused("nowhere", "--top", "4", code=5, says="nowhere")
+        self.refused("woods", "--top", "4", "--size", "16384x16384", says="size")
+        self.refused("woods", "--top", "4", "--size", "8000x8000", "--deadline", "0.05", code=7, says="deadline")
+
+
+if __name__ == "__main__":
+    DaemonTest.raynestd, DaemonTest.raynest = sys.argv.pop(1), sys.argv.pop(1)
+    unittest.main()

@@ -1,0 +1,302 @@
+// Rankings add up, and each finding goes with its remedy, which lowers the work.
+#include "engine/inspection/blame.h"
+
+#include "engine/inspection/diagnosis.h"
+#include "engine/inspection/ranking.h"
+#include "engine/packs/kernel_selector.h"
+#include "engine/packs/registry.h"
+#include "tests/conformance/scenes.h"
+#include "tests/unit/engine/small_scenes.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <string>
+#include <vector>
+
+using namespace raynest;
+
+namespace {
+
+const Variant& variant(const char* name) {
+    static const auto loaded = Registry::load({}).value();
+    return *loaded->find(name);
+}
+
+/// Watches rays in chunks of a size.
+std::unique_ptr<Blame> watch(const Snapshot& scene, std::vector<Ray>& rays, const char* intersector,
+                             std::uint32_t level = innermost_level, std::size_t chunk = 1000,
+                             std::size_t rows_max = 1U << 20) {
+    auto blame = std::make_unique<Blame>(scene, level, rows_max);
+    const auto selector = KernelSelector::observing(variant(intersector)).value();
+    std::vector<HitRecord> hits(rays.size());
+    for (std::size_t first = 0; first < rays.size(); first += chunk) {
+        BlameCollector collector(*blame);
+        TraceCall call{};
+        call.scene = &scene.view();
+        call.mask = 0xFFFFFFFFU;
+        call.rays = rays.data() + first;
+        call.ray_count = static_cast<std::uint32_t>(std::min(chunk, rays.size() - first));
+        call.hits_max = 1;
+        call.hits = hits.data() + first;
+        call.observer = &collector.observer();
+        REQUIRE(selector.function(traversal_single)(&call) == trace_ok);
+        collector.finish();
+    }
+    return blame;
+}
+
+/// Parallel rays down the z axis through the square of this half size, slightly oblique.
+std::vector<Ray> grid(float half, int side) {
+    std::vector<Ray> rays;
+    for (int y = 0; y < side; ++y) {
+        for (int x = 0; x < side; ++x) {
+            const auto at = [&](int i) {
+                return half * (2 * (static_cast<float>(i) + 0.5F) / static_cast<float>(side) - 1);
+            };
+            rays.push_back({Vec3(at(x), at(y), 50), 0, Vec3(0.011F, 0.007F, -1),
+                            std::numeric_limits<float>::infinity()});
+        }
+    }
+    return rays;
+}
+
+struct Seen {
+    std::uint64_t work = 0;
+    std::uint64_t instances = 0;
+    std::vector<Finding> findings;
+    [[nodiscard]] bool has(const std::string& name) const {
+        return std::ranges::any_of(findings, [&](const Finding& f) { return f.name == name; });
+    }
+};
+
+Seen look(const SceneDescription& description, const char* intersector = "opaque") {
+    const auto scene = test::build_scene(description);
+    std::vector<Ray> rays = grid(1, 40);
+    const auto blame = watch(*scene, rays, intersector);
+    Seen seen{blame->total().work(), 0, diagnose(*blame)};
+    for (const auto& [key, work] : blame->rows(BlameTable::instances)) seen.instances += work.rays;
+    for (const Finding& finding : seen.findings) {
+        CHECK(finding.remedy.size() > 10);
+        CHECK((finding.below ? finding.figure < finding.threshold
+                             : finding.figure > finding.threshold));
+    }
+    return seen;
+}
+
+/// An object of triangles, each given by three corners.
+ObjectDescription mesh(std::string name, const std::vector<Vec3>& corners,
+                       std::uint32_t material = no_id) {
+    GeometryDescription geometry;
+    geometry.positions = corners;
+    for (std::uint32_t i = 0; i < corners.size(); ++i) geometry.indices.push_back(i);
+    geometry.material = material;
+    ObjectDescription object;
+    object.name = std::move(name);
+    object.geometries = {geometry};
+    return object;
+}
+
+/// A root with one instance of each of the objects before it.
+SceneDescription placed(std::vector<ObjectDescription> objects) {
+    SceneDescription scene;
+    ObjectDescription root;
+    for (std::uint32_t i = 0; i < objects.size(); ++i)
+        root.instances.push_back(test::place(i, Transform{}, "part-" + std::to_string(i)));
+    scene.objects = std::move(objects);
+    scene.objects.push_back(root);
+    scene.root = static_cast<std::uint32_t>(scene.objects.size() - 1);
+    return scene;
+}
+
+/// Small triangles all over the square.
+std::vector<Vec3> speckles(std::uint32_t count, std::uint64_t seed) {
+    conformance::Random random(seed);
+    std::vector<Vec3> corners;
+    for (std::uint32_t i = 0; i < count; ++i) {
+        const Vec3 at(random.between(-1, 1), random.between(-1, 1), random.between(-1, 1));
+        for (const Vec3& side : {Vec3(0), Vec3(0.2F, 0, 0), Vec3(0, 0.2F, 0)})
+            corners.push_back(at + side);
+    }
+    return corners;
+}
+
+/// A strip of triangles along the diagonal of a cube, in so many pieces.
+std::vector<Vec3> needles(int pieces) {
+    std::vector<Vec3> corners;
+    const Vec3 along(2, 2, 2);
+    for (int n = 0; n < 60; ++n) {
+        const Vec3 start(-1 + 0.02F * static_cast<float>(n), -1,
+                         -1 - 0.02F * static_cast<float>(n));
+        const Vec3 width(0.03F, -0.03F, 0);
+        for (int i = 0; i < pieces; ++i) {
+            const Vec3 from = start + along * (static_cast<float>(i) / static_cast<float>(pieces));
+            const Vec3 to =
+                start + along * (static_cast<float>(i + 1) / static_cast<float>(pieces));
+            for (const Vec3& corner : {from, to, to + width, from, to + width, from + width})
+                corners.push_back(corner);
+        }
+    }
+    return corners;
+}
+
+}  // namespace
+
+TEST_CASE("a ranking's rows and its remainder are all of the work, whatever the chunks") {
+    conformance::Random random(4);
+    const auto scene = test::build_scene(conformance::nested_scene(4, 2));
+    std::vector<Ray> rays = conformance::random_rays(400, 6, random);
+    for (const std::uint32_t level : {innermost_level, 1U, 2U, 3U}) {
+        CAPTURE(level);
+        const auto one = watch(*scene, rays, "alpha_mask", level);
+        const auto many = watch(*scene, rays, "alpha_mask", level, 37);
+        CHECK(one->rays() == rays.size());
+        for (const BlameTable table :
+             {BlameTable::instances, BlameTable::meshes, BlameTable::materials}) {
+            const Ranking a = rank(*one, table);
+            const Ranking b = rank(*many, table);
+            REQUIRE(a.rows.size() == b.rows.size());
+            CHECK(a.rows.size() > 1);
+            std::uint64_t sum = a.remainder;
+            for (std::size_t i = 0; i < a.rows.size(); ++i) {
+                const RankedRow& row = a.rows[i];
+                CHECK(row.key == b.rows[i].key);
+                CHECK(row.work.work() == b.rows[i].work.work());
+                CHECK(row.work.wasted == b.rows[i].work.wasted);
+                CHECK(row.work.rays == b.rows[i].work.rays);
+                CHECK(row.work.hit_rays <= row.work.rays);
+                CHECK(row.work.wasted <= row.work.work());
+                if (i > 0) CHECK(row.ranked <= a.rows[i - 1].ranked);
+                if (table == BlameTable::instances && level != innermost_level)
+                    CHECK(row.key.depth == level);
+                sum += row.ranked;
+            }
+            CHECK(sum == a.total);
+            CHECK(a.total == one->total().boxes + one->total().prims);
+        }
+    }
+}
+
+TEST_CASE("work belongs to the instance that was walked, hit or not") {
+    // A square far behind a larger one: every ray that tests the far one hits the near one.
+    SceneDescription description = placed({mesh("near", {{-1, -1, 1}, {3, -1, 1}, {-1, 3, 1}}),
+                                           mesh("far", {{-1, -1, 0}, {3, -1, 0}, {-1, 3, 0}})});
+    const auto scene = test::build_scene(description);
+    std::vector<Ray> rays = grid(0.5F, 10);
+    const auto blame = watch(*scene, rays, "opaque");
+    const Ranking ranking = rank(*blame, BlameTable::instances);
+    REQUIRE(ranking.rows.size() >= 1);
+    for (const RankedRow& row : ranking.rows) {
+        const std::string name = instance_path(*scene, row.key.placements, row.key.depth);
+        CHECK(row.work.hit_rays == (name == "part-0" ? rays.size() : 0));
+        CHECK(row.work.wasted == (name == "part-0" ? 0 : row.work.work()));
+    }
+}
+
+TEST_CASE("more rows than may be kept are told") {
+    const auto scene = test::build_scene(conformance::nested_scene(3, 2));
+    conformance::Random random(4);
+    std::vector<Ray> rays = conformance::random_rays(100, 6, random);
+    CHECK_FALSE(watch(*scene, rays, "opaque")->overflowed());
+    CHECK(watch(*scene, rays, "opaque", innermost_level, 1000, 3)->overflowed());
+}
+
+TEST_CASE("finding: instances that overlap") {
+    std::vector<ObjectDescription> parts;
+    std::vector<Vec3> all;
+    for (std::uint64_t i = 0; i < 12; ++i) {
+        const auto corners = speckles(200, i);
+        parts.push_back(mesh("part", corners));
+        all.insert(all.end(), corners.begin(), corners.end());
+    }
+    const Seen apart = look(placed(parts));
+    CHECK(apart.has("overlapping_instances"));
+    const Seen joined = look(placed({mesh("joined", all)}));
+    CHECK_FALSE(joined.has("overlapping_instances"));
+    CHECK(joined.work < apart.work / 2);
+}
+
+TEST_CASE("finding: long thin triangles") {
+    const Seen whole = look(placed({mesh("needles", needles(1))}));
+    CHECK(whole.has("thin_triangles"));
+    const Seen cut = look(placed({mesh("cut", needles(128))}));
+    CHECK_FALSE(cut.has("thin_triangles"));
+    CHECK(cut.work < whole.work / 2);
+}
+
+TEST_CASE("finding: crowded leaves") {
+    const std::vector<Vec3> once = speckles(100, 7);
+    std::vector<Vec3> often;
+    for (std::size_t i = 0; i < once.size(); i += 3) {
+        for (int copy = 0; copy < 40; ++copy)
+            often.insert(often.end(), once.begin() + static_cast<std::ptrdiff_t>(i),
+                         once.begin() + static_cast<std::ptrdiff_t>(i + 3));
+    }
+    const Seen crowded = look(placed({mesh("copies", often)}));
+    CHECK(crowded.has("crowded_leaves"));
+    const Seen plain = look(placed({mesh("plain", once)}));
+    CHECK_FALSE(plain.has("crowded_leaves"));
+    CHECK(plain.work < crowded.work / 2);
+}
+
+TEST_CASE("finding: levels that hold one child") {
+    SceneDescription direct =
+        placed({mesh("speckles", speckles(300, 7)), mesh("b", speckles(9, 1))});
+    SceneDescription nested = direct;
+    // The root's first instance is wrapped twice: objects 3 and 4 hold one child each.
+    for (const std::uint32_t child : {0U, 3U}) {
+        ObjectDescription wrapper;
+        wrapper.name = "wrapper";
+        wrapper.instances = {test::place(child, Transform{}, "inner")};
+        nested.objects.push_back(wrapper);
+    }
+    nested.objects[2].instances[0].object = 4;
+    const Seen wrapped = look(nested);
+    CHECK(wrapped.has("single_child_levels"));
+    const Seen unwrapped = look(direct);
+    CHECK_FALSE(unwrapped.has("single_child_levels"));
+    // Such a level costs no box, but an entry and its transform.
+    CHECK(unwrapped.instances < wrapped.instances);
+    CHECK(unwrapped.work <= wrapped.work);
+}
+
+TEST_CASE("finding: cut-outs that refuse most of their candidates") {
+    // Layers of squares whose texture is opaque in its lower left quarter of a quarter.
+    const auto layers = [](float size) {
+        SceneDescription scene;
+        ImageDescription image{16, 16, std::vector<std::uint8_t>(16 * 16 * 4, 255)};
+        for (std::size_t y = 0; y < 16; ++y)
+            for (std::size_t x = 0; x < 16; ++x)
+                image.rgba[4 * (16 * y + x) + 3] = x < 4 && y < 4 ? 255 : 0;
+        scene.images.push_back(image);
+        TextureDescription texture;
+        texture.image = 0;
+        texture.nearest = true;
+        scene.textures.push_back(texture);
+        MaterialDescription material;
+        material.name = "lace";
+        material.texture = 0;
+        material.alpha_mode = AlphaMode::mask;
+        scene.materials.push_back(material);
+        ObjectDescription object;
+        object.name = "layers";
+        for (int i = 0; i < 10; ++i) {
+            GeometryDescription square = test::unit_square(0);
+            for (Vec3& p : square.positions)
+                p = Vec3(-1 + 2 * size * p.x, -1 + 2 * size * p.y, 0.1F * static_cast<float>(i));
+            for (Vec2& st : square.texcoords[0]) st *= size;
+            object.geometries.push_back(square);
+        }
+        scene.objects = {object};
+        scene.root = 0;
+        return scene;
+    };
+    const Seen wide = look(layers(1), "alpha_mask");
+    CHECK(wide.has("refusing_cutouts"));
+    const Seen cut = look(layers(0.25F), "alpha_mask");
+    CHECK_FALSE(cut.has("refusing_cutouts"));
+    CHECK(cut.work < wide.work / 2);
+}
