@@ -20,7 +20,8 @@ install(DIRECTORY engine DESTINATION include/raynest COMPONENT development
     FILES_MATCHING
     PATTERN "*.h" PATTERN "*.def" PATTERN "LIST" PATTERN "PRIMITIVES"
     PATTERN "packs/pack.*" PATTERN "packs/variant.cpp"
-    PATTERN "assets" EXCLUDE PATTERN "scene" EXCLUDE PATTERN "integrators" EXCLUDE)
+    PATTERN "assets" EXCLUDE PATTERN "scene" EXCLUDE PATTERN "integrators" EXCLUDE
+    PATTERN "inspection" EXCLUDE)
 set(package lib/cmake/raynest)
 install(TARGETS raynest_kernel EXPORT raynestTargets COMPONENT development)
 install(EXPORT raynestTargets NAMESPACE raynest:: DESTINATION ${package} COMPONENT development)

@@ -25,6 +25,7 @@ constexpr std::array words = {
     Word{"camera", "--camera"},
     Word{"deadline_ms", "--deadline"},
     Word{"epoch", "--epoch"},
+    Word{"level", "--level"},
     Word{"look_at", "--lookat"},
     Word{"mask", "--mask"},
     Word{"name", "--name"},
@@ -33,6 +34,7 @@ constexpr std::array words = {
     Word{"replace", "--replace"},
     Word{"samples", "--spp"},
     Word{"size", "--size"},
+    Word{"top", "--top"},
     Word{"traversal", "--traversal"},
     Word{"worker", "--worker"},
 };

@@ -166,7 +166,7 @@ Reply<Answer> explain(const Services& services, const Caller& caller,
         return refuse(Code::resource_exhausted,
                       "an explanation of " + std::to_string(steps) + " steps takes " +
                           protocol::bytes_text(bytes) +
-                          ", more than is free of raynestd's --memory; ask for fewer `steps`");
+                          ", more than is free of raynestd's --memory; ask for fewer steps");
     ExplanationContext context{services.limits, {}, {}, 0, 0};
     if (!ray->camera.empty()) {
         context.pixel = {message->pixel_x(), message->pixel_y()};
@@ -174,7 +174,7 @@ Reply<Answer> explain(const Services& services, const Caller& caller,
         context.height = message->height();
     }
     JobSubmission accepted = accept(*plan, "explain", 1);
-    accepted.advice = "ask for fewer `steps`";
+    accepted.advice = "ask for fewer steps";
     accepted.answer_bytes = accepted.result_bytes = payload_answer_bytes(caller, bytes);
     accepted.job = std::make_unique<ExplainJob>(services, caller, std::move(*plan), std::move(*ray),
                                                 std::move(context), steps, std::move(*lease));
