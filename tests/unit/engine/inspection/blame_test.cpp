@@ -2,6 +2,7 @@
 #include "engine/inspection/blame.h"
 
 #include "engine/inspection/diagnosis.h"
+#include "engine/inspection/explanation.h"
 #include "engine/inspection/ranking.h"
 #include "engine/packs/kernel_selector.h"
 #include "engine/packs/registry.h"
@@ -13,8 +14,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 using namespace raynest;
@@ -47,6 +50,23 @@ std::unique_ptr<Blame> watch(const Snapshot& scene, std::vector<Ray>& rays, cons
         collector.finish();
     }
     return blame;
+}
+
+/// All that the alpha mask does for one ray.
+Explanation explain(const Snapshot& scene, const Ray& ray) {
+    ExplanationRecorder recorder(scene, 1U << 20);
+    HitRecord hit;
+    TraceCall call{};
+    call.scene = &scene.view();
+    call.mask = 0xFFFFFFFFU;
+    call.rays = &ray;
+    call.ray_count = 1;
+    call.hits_max = 1;
+    call.hits = &hit;
+    call.observer = &recorder.observer();
+    const auto selector = KernelSelector::observing(variant("alpha_mask")).value();
+    REQUIRE(selector.function(traversal_single)(&call) == trace_ok);
+    return recorder.take();
 }
 
 /// Parallel rays down the z axis through the square of this half size, slightly oblique.
@@ -180,20 +200,115 @@ TEST_CASE("a ranking's rows and its remainder are all of the work, whatever the 
     }
 }
 
-TEST_CASE("work belongs to the instance that was walked, hit or not") {
-    // A square far behind a larger one: every ray that tests the far one hits the near one.
-    SceneDescription description = placed({mesh("near", {{-1, -1, 1}, {3, -1, 1}, {-1, 3, 1}}),
-                                           mesh("far", {{-1, -1, 0}, {3, -1, 0}, {-1, 3, 0}})});
-    const auto scene = test::build_scene(description);
-    std::vector<Ray> rays = grid(0.5F, 10);
-    const auto blame = watch(*scene, rays, "opaque");
-    const Ranking ranking = rank(*blame, BlameTable::instances);
-    REQUIRE(ranking.rows.size() >= 1);
-    for (const RankedRow& row : ranking.rows) {
-        const std::string name = instance_path(*scene, row.key.placements, row.key.depth);
-        CHECK(row.work.hit_rays == (name == "part-0" ? rays.size() : 0));
-        CHECK(row.work.wasted == (name == "part-0" ? 0 : row.work.work()));
+TEST_CASE("rows are what the explanations of the rays add up to") {
+    conformance::Random random(8);
+    const auto scene = test::build_scene(conformance::nested_scene(4, 3));
+    const SceneView& view = scene->view();
+    std::vector<Ray> rays = conformance::random_rays(300, 6, random);
+    for (const std::uint32_t level : {innermost_level, 1U, 2U}) {
+        CAPTURE(level);
+        std::map<std::pair<std::uint64_t, std::uint32_t>, BlamedWork> instances;
+        std::map<std::uint32_t, BlamedWork> meshes;
+        std::map<std::uint32_t, BlamedWork> materials;
+        for (const Ray& ray : rays) {
+            const Explanation told = explain(*scene, ray);
+            const HitRecord& hit = told.hit;
+            std::map<std::pair<std::uint64_t, std::uint32_t>, BlamedWork> seen;
+            std::map<std::uint32_t, BlamedWork> seen_meshes;
+            std::map<std::uint32_t, BlamedWork> seen_materials;
+            std::map<std::pair<std::uint64_t, std::uint32_t>, PlacementRange> ranges;
+            seen_meshes[view.root];
+            for (std::size_t i = 0; i < told.entries.size(); ++i) {
+                const ExplainedEntry& entry = told.entries[i];
+                // The instances around the entry, innermost first.
+                std::vector<const ExplainedEntry*> around;
+                for (std::uint32_t at = static_cast<std::uint32_t>(i); at != no_id;
+                     at = told.entries[at].parent) {
+                    if (told.entries[at].kind == EntryKind::instance)
+                        around.push_back(&told.entries[at]);
+                }
+                const auto place = [&]() -> BlamedWork* {
+                    for (const ExplainedEntry* each : around) {
+                        if (level != innermost_level && each->level != level) continue;
+                        const std::pair key(each->placements.first, each->level);
+                        ranges[key] = each->placements;
+                        return &seen[key];
+                    }
+                    return nullptr;
+                };
+                if (entry.kind == EntryKind::instance && entry.outcome == outcome_accepted) {
+                    place();
+                    seen_meshes[entry.object];
+                    const std::uint32_t parent = around.size() > 1 ? around[1]->object : view.root;
+                    ++seen_meshes[parent].entered;
+                    if (hit.hit != 0 && entry.placements.contains(hit.path))
+                        ++seen_meshes[parent].needed;
+                } else if (entry.kind == EntryKind::node) {
+                    seen_meshes[entry.object].boxes += entry.tested;
+                    if (BlamedWork* work = place()) work->boxes += entry.tested;
+                } else if (entry.kind == EntryKind::leaf) {
+                    seen_meshes[entry.object].prims += entry.tested;
+                    if (BlamedWork* work = place()) work->prims += entry.tested;
+                } else if (entry.kind == EntryKind::candidate && entry.outcome != outcome_behind) {
+                    const auto material =
+                        name_primitive(view, view.objects[entry.object], entry.place).material;
+                    ++seen_materials[material].candidates;
+                    if (entry.outcome == outcome_refused) ++seen_materials[material].refused;
+                }
+            }
+            const auto end = [&](BlamedWork& sum, BlamedWork ray_work, bool has_hit) {
+                ray_work.rays = 1;
+                ray_work.hit_rays = has_hit ? 1 : 0;
+                ray_work.wasted = has_hit ? 0 : ray_work.work();
+                if (ray_work.needed == 0) ray_work.entered = 0;
+                sum.add(ray_work);
+            };
+            for (const auto& [key, work] : seen)
+                end(instances[key], work, hit.hit != 0 && ranges[key].contains(hit.path));
+            for (const auto& [object, work] : seen_meshes)
+                end(meshes[object], work, hit.hit != 0 && hit.object == object);
+            for (const auto& [material, work] : seen_materials) materials[material].add(work);
+        }
+
+        const auto blame = watch(*scene, rays, "alpha_mask", level);
+        CHECK(blame->rows(BlameTable::instances).size() == instances.size());
+        std::uint64_t wasted = 0;
+        for (const auto& [key, work] : blame->rows(BlameTable::instances)) {
+            const BlamedWork& expected = instances[{key.placements.first, key.depth}];
+            CHECK(work.boxes == expected.boxes);
+            CHECK(work.prims == expected.prims);
+            CHECK(work.rays == expected.rays);
+            CHECK(work.hit_rays == expected.hit_rays);
+            CHECK(work.wasted == expected.wasted);
+            wasted += work.wasted;
+        }
+        CHECK(wasted != 0);
+        CHECK(blame->rows(BlameTable::meshes).size() == meshes.size());
+        for (const auto& [key, work] : blame->rows(BlameTable::meshes)) {
+            const BlamedWork& expected = meshes[key.index];
+            CHECK(work.work() == expected.work());
+            CHECK(work.hit_rays == expected.hit_rays);
+            CHECK(work.wasted == expected.wasted);
+            CHECK(work.entered == expected.entered);
+            CHECK(work.needed == expected.needed);
+        }
+        std::uint64_t refused = 0;
+        for (const auto& [key, work] : blame->rows(BlameTable::materials)) {
+            // Lanes that were judged, of which some lost to another lane of their block.
+            CHECK(work.candidates >= materials[key.index].candidates);
+            CHECK(work.refused == materials[key.index].refused);
+            refused += work.refused;
+        }
+        CHECK(refused != 0);
     }
+}
+
+TEST_CASE("an instance is named by as many steps as it is deep") {
+    const auto scene = test::build_scene(test::tree_scene());
+    CHECK(instance_path(*scene, {3, 3}, 1) == "second");
+    CHECK(instance_path(*scene, {4, 1}, 1) == "second");
+    CHECK(instance_path(*scene, {4, 1}, 2) == "second/low");
+    CHECK(instance_path(*scene, {4, 0}, 1).empty());
 }
 
 TEST_CASE("more rows than may be kept are told") {

@@ -156,8 +156,12 @@ TEST_CASE("parents come before their children, boxes hold the world") {
     std::size_t instances = 0;
     for (const Ray& ray : conformance::random_rays(100, 6, random)) {
         const Explanation told = explain(opaque, *scene, ray, settings);
+        std::vector<std::uint32_t> children(told.entries.size(), 0);
+        for (const ExplainedEntry& entry : told.entries)
+            if (entry.parent != no_id) ++children[entry.parent];
         for (std::size_t i = 0; i < told.entries.size(); ++i) {
             const ExplainedEntry& entry = told.entries[i];
+            if (entry.kind == EntryKind::node) CHECK(entry.passed == children[i] + entry.behind);
             if (entry.parent == no_id) {
                 CHECK(entry.level == 0);
             } else {
