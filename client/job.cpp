@@ -104,6 +104,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
             outcome.heat.min = heat->min();
             outcome.heat.mean = heat->mean();
             outcome.heat.p50 = heat->p50();
+            outcome.heat.p90 = heat->p90();
             outcome.heat.p99 = heat->p99();
             outcome.heat.max = heat->max();
             outcome.heat.clipped = heat->clipped();

@@ -39,6 +39,7 @@ Json statistics_json(const wire::HeatStatisticsT& heat) {
                 {"min", heat.min},
                 {"mean", heat.mean},
                 {"p50", heat.p50},
+                {"p90", heat.p90},
                 {"p99", heat.p99},
                 {"max", heat.max},
                 {"clipped", heat.clipped},

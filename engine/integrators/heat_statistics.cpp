@@ -84,6 +84,7 @@ Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts,
     if (!counts.empty()) {
         std::vector<std::uint32_t> sorted(counts.begin(), counts.end());
         statistics.p50 = percentile(sorted, 50);
+        statistics.p90 = percentile(sorted, 90);
         statistics.p99 = percentile(sorted, 99);
         const auto [least, most] = std::minmax_element(counts.begin(), counts.end());
         statistics.min = *least;

@@ -69,7 +69,7 @@ Picture to_picture(std::uint32_t width, std::uint32_t height, std::span<const Ve
 
 /// Statistics over all pixels, misses included. Percentiles are exact (nearest rank).
 struct HeatStatistics {
-    std::uint32_t min = 0, p50 = 0, p99 = 0, max = 0;
+    std::uint32_t min = 0, p50 = 0, p90 = 0, p99 = 0, max = 0;
     double mean = 0;
     double clipped = 0;  ///< share of pixels above the range
     double below = 0;    ///< share of pixels below it

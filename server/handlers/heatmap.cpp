@@ -87,6 +87,7 @@ protected:
         done.heat->min = statistics_.min;
         done.heat->mean = statistics_.mean;
         done.heat->p50 = statistics_.p50;
+        done.heat->p90 = statistics_.p90;
         done.heat->p99 = statistics_.p99;
         done.heat->max = statistics_.max;
         done.heat->clipped = statistics_.clipped;
