@@ -4,7 +4,7 @@ import { compares } from "./requests.js";
 import { viewOf } from "./views.js";
 
 /** Quotes a word for a shell; in single quotes nothing has a meaning. */
-export const shellWord = (text) => (/^[\w./:=,@%+-]+$/.test(text) && !text.startsWith("-") ? text : `'${text.replaceAll("'", "'\\''")}'`);
+export const shellWord = (text) => (/^[\w./:=,@%+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
 
 /** A string literal of Python; JSON's escapes are Python's. */
 const literal = (text) => JSON.stringify(text);

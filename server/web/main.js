@@ -239,7 +239,7 @@ const actions = [
 const help = startKeys(actions);
 for (const [id, text, title, run] of [["share", "Share", "Copy as command, Python or link; PNG; report (C)", show],
   ["theme", "◐", "Light or dark (T)", switchTheme], ["help", "?", "Shortcuts (?)", help]]) {
-  byId("tools").append(element("button", { type: "button", id, title, ariaLabel: title, onclick: run }, text));
+  byId("tools").append(element("button", { type: "button", id, title, ariaLabel: text.length > 1 ? undefined : title, onclick: run }, text));
 }
 
 let written = location.hash;

@@ -27,14 +27,21 @@ export function paletteBytes(name) {
 
 /** Returns the place of `value` in a range, 0 to 1; values beyond an end stand at that end. */
 export function position(value, { low, high, log }) {
-  const inside = Math.min(Math.max(value - low, 0), high - low);
-  return log ? Math.log1p(inside) / Math.log1p(high - low) : inside / (high - low);
+  const inside = Math.min(Math.max(value, low), high) - low;
+  if (!log) return inside / (high - low);
+  const unit = logUnit(low);
+  return Math.log1p(inside / unit) / Math.log1p((high - low) / unit);
 }
 
 /** The inverse of position(). */
 export function valueAt(place, { low, high, log }) {
-  return low + (log ? Math.expm1(place * Math.log1p(high - low)) : place * (high - low));
+  if (!log) return low + place * (high - low);
+  const unit = logUnit(low);
+  return low + unit * Math.expm1(place * Math.log1p((high - low) / unit));
 }
+
+/** A logarithmic scale is log(1 + (value - low) / unit): from 1 on a true logarithm, below it defined at 0. */
+export const logUnit = (low) => (low >= 1 ? low : 1);
 
 /** Returns a colour per number, [r, g, b]: far apart for neighbours, and never near black. */
 export function idColour(id) {

@@ -31,7 +31,12 @@ export class Picture extends EventTarget {
     store.on(["scene", "view", "level", "compare", "intersector", "settings", "mask", "kind"], () => this.restart());
   }
 
-  get busy() { return this.#running !== null; }
+  /** True if the fine picture of what the page shows now is complete. */
+  get current() {
+    const { image } = this, [width, height] = this.#size();
+    return !this.#again && Boolean(image?.complete) && image.width === width && image.height === height
+      && JSON.stringify(image.wanted) === JSON.stringify(wantedOf(this.#store.values));
+  }
 
   restart() {
     this.#cancel();
@@ -59,8 +64,7 @@ export class Picture extends EventTarget {
     if (!state.camera || !state.scene) return;
     const [width, height] = this.#size();
     const coarse = this.#again;
-    const stale = this.image && (this.image.state !== state && JSON.stringify(this.image.wanted) !== JSON.stringify(wantedOf(state)));
-    if (!coarse && !stale && this.image?.complete && this.image.width === width && this.image.height === height) return;
+    if (!coarse && this.current) return;
     this.#again = false;
     const running = { fine: !coarse, controller: new AbortController() };
     this.#running = running;

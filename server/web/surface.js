@@ -1,6 +1,6 @@
 // Draws a picture with WebGL2. Values are a texture of floats; palette, range, scale and opacity are
 // applied by the shader, so that changing them costs one draw and no request.
-import { paletteBytes } from "./palette.js";
+import { logUnit, paletteBytes } from "./palette.js";
 
 const VERTEX = `#version 300 es
 void main() {
@@ -14,7 +14,7 @@ uniform highp sampler2D values;
 uniform sampler2D colours, base, palette;
 uniform vec2 size;
 uniform vec2 range;
-uniform float opacity;
+uniform float opacity, unit;
 uniform bool logarithmic, by_value;
 out vec4 result;
 void main() {
@@ -26,7 +26,7 @@ void main() {
   if (by_value) {
     float value = texelFetch(values, pixel, 0).r;
     float inside = clamp(value - range.x, 0.0, range.y - range.x);
-    float place = logarithmic ? log(1.0 + inside) / log(1.0 + range.y - range.x) : inside / (range.y - range.x);
+    float place = logarithmic ? log(1.0 + inside / unit) / log(1.0 + (range.y - range.x) / unit) : inside / (range.y - range.x);
     bool nothing = isnan(value);
     front = nothing ? behind : texelFetch(palette, ivec2(int(floor(place * 255.0 + 0.5)), 0), 0);
   }
@@ -68,7 +68,7 @@ export class Surface {
       for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
       gl.uniform1i(gl.getUniformLocation(program, name), unit);
     });
-    for (const name of ["size", "range", "opacity", "logarithmic", "by_value"]) {
+    for (const name of ["size", "range", "unit", "opacity", "logarithmic", "by_value"]) {
       this.#uniforms[name] = gl.getUniformLocation(program, name);
     }
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
@@ -98,6 +98,7 @@ export class Surface {
     gl.viewport(0, 0, width, height);
     gl.uniform2f(this.#uniforms.size, width, height);
     gl.uniform2f(this.#uniforms.range, low, high);
+    gl.uniform1f(this.#uniforms.unit, logUnit(low));
     gl.uniform1f(this.#uniforms.opacity, opacity);
     gl.uniform1i(this.#uniforms.logarithmic, log ? 1 : 0);
     gl.uniform1i(this.#uniforms.by_value, byValue ? 1 : 0);

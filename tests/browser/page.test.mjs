@@ -1,0 +1,157 @@
+// The page as a whole: the record under the pointer, links, names from a scene, restarts of the daemon, accessibility.
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { axePath, browserTest, daemonWith, fine, pixel, TestDaemon, until, windowPoint } from "./harness.mjs";
+
+const daemon = await daemonWith("builtin:forest");
+const FOREST = { scene: "forest", size: "320x180" };
+
+/** The rows of a list of names and values in the page. */
+const rows = (page, place) => page.evaluate((selector) => Object.fromEntries([...document.querySelectorAll(`${selector} dt`)]
+  .map((name) => [name.textContent, name.nextElementSibling.textContent])), place);
+
+browserTest("the record under the pointer is that of a query of the pixel", async ({ open }) => {
+  const page = await open(daemon, { ...FOREST, panel: "ray", camera: "0.5,2,13,0,3,0,0,1,0,50" });
+  await fine(page);
+  const records = await daemon.jsonLines("query", "forest", "--generate", "camera", "size=320x180", "lookat=0.5,2,13,0,3,0,0,1,0", "fov=50",
+    "--fields", "t,path,prim,material,nodes,boxes,prims,instances,total");
+  for (const [x, y] of [[40, 90], [160, 120], [300, 60]]) {
+    await page.mouse.move(...await windowPoint(page, x, y));
+    await page.waitForFunction((text) => document.querySelector("#record dd")?.textContent === text, `${x}, ${y}`);
+    const shown = { ...await rows(page, "#record"), ...await rows(page, "#counters") };
+    const { hits: [hit], ...counters } = records[y * 320 + x];
+    assert.equal(shown.Hit, hit ? "yes" : "miss");
+    for (const name of ["nodes", "boxes", "prims", "instances", "total"]) assert.equal(shown[name], String(counters[name]), `${name} at ${x}, ${y}`);
+    if (!hit) continue;
+    assert.deepEqual([shown["Path id"], shown.Primitive, shown.Material], [hit.path, hit.prim, hit.material].map(String));
+    assert.ok(Math.abs(Number(shown.t) - hit.t) < 1e-5 * hit.t, `${shown.t} and ${hit.t}`);
+    assert.equal(shown["Instance path"], (await daemon.json("path", "forest", String(hit.path))).name);
+  }
+});
+
+browserTest("a link shows the same view again", async ({ open, context }) => {
+  const page = await open(daemon, { ...FOREST, view: "prims", palette: "inferno", log: "1" });
+  await fine(page);
+  await page.focus("#frame");
+  await page.keyboard.press("ArrowLeft");
+  await page.keyboard.press("w");
+  await fine(page);
+  await page.waitForFunction(() => location.hash.includes("camera="));
+  await page.waitForTimeout(300);
+  const again = await context.newPage();
+  await again.goto(page.url());
+  await fine(again);
+  const values = (of) => of.evaluate(() => {
+    const { cameraName, ...state } = globalThis.raynest.store.values;
+    return { state, sum: globalThis.raynest.picture.image.values.reduce((a, b) => a + b, 0) };
+  });
+  assert.deepEqual(await values(again), await values(page));
+  assert.deepEqual(await pixel(again, 100, 100), await pixel(page, 100, 100));
+});
+
+browserTest("names from a scene are text", async ({ open, errors }) => {
+  const evil = "<img src=x onerror=\"document.title='broken'\">";
+  if (!(await daemon.json("scenes")).scenes.some(({ name }) => name === "hostile")) {
+    await daemon.loadMeshes("hostile", [{ name: evil, node: evil, points: [[-1, -1, 0], [1, -1, 0], [0, 1, 0]] }]);
+  }
+  const page = await open(daemon, { scene: "hostile", size: "320x180", panel: "ray" });
+  await fine(page);
+  await page.mouse.move(...await windowPoint(page, 160, 95));
+  await page.waitForFunction(() => document.querySelector("#record")?.textContent.includes("onerror"));
+  await page.click("#tab-objects");
+  await page.waitForFunction(() => document.querySelector("#panel-objects")?.textContent.includes("onerror"));
+  assert.equal(await page.locator("img").count(), 0);
+  assert.notEqual(await page.title(), "broken");
+  // A hostile link, too.
+  const other = await open(daemon, { scene: evil, view: evil, palette: evil, mask: evil, camera: evil });
+  await other.waitForFunction(() => document.getElementById("message").textContent.includes("onerror"));
+  assert.equal(await other.locator("img").count(), 0);
+  errors.length = 0;
+});
+
+browserTest("a foreign script has no place", async ({ open, errors }) => {
+  const page = await open(daemon, FOREST);
+  await fine(page);
+  const ran = await page.evaluate(() => new Promise((resolve) => {
+    const script = document.createElement("script");
+    script.textContent = "globalThis.broken = true";
+    document.body.append(script);
+    document.body.insertAdjacentHTML("beforeend", "<b onclick=\"globalThis.broken = true\"></b>");
+    document.body.lastChild.click();
+    const foreign = document.createElement("script");
+    foreign.src = "https://example.com/x.js";
+    foreign.onerror = () => resolve(globalThis.broken);
+    document.body.append(foreign);
+  }));
+  assert.equal(ran, undefined);
+  errors.length = 0;  // each refusal is reported
+});
+
+browserTest("the page outlives its daemon", async ({ open }) => {
+  const own = new TestDaemon();
+  try {
+    await own.start();
+    await own.json("load", "builtin:forest");
+    const page = await open(own, FOREST);
+    await fine(page);
+    const before = await pixel(page, 160, 120);
+    await own.stop();
+    await page.waitForFunction(() => document.getElementById("state").textContent.includes("away"));
+    assert.deepEqual(await pixel(page, 160, 120), before);
+    await own.start();
+    await page.waitForFunction(() => document.getElementById("state").textContent === "Connected");
+    // The new daemon has no scene yet: the page says so, and works again once it has.
+    await page.waitForFunction(() => /forest|scene/i.test(document.getElementById("message").textContent));
+    await own.json("load", "builtin:forest");
+    await page.selectOption("#view", "prims");
+    await fine(page);
+    assert.equal(await page.evaluate(() => globalThis.raynest.daemon.pending), 0);
+  } finally {
+    await own.end();
+  }
+});
+
+browserTest("axe-core finds nothing serious, light and dark, wide and narrow", async ({ open }) => {
+  const page = await open(daemon, FOREST);
+  await fine(page);
+  const axe = readFileSync(axePath(), "utf8");
+  await page.evaluate(axe);
+  const tabs = await page.locator("[role=tab]").evaluateAll((all) => all.map(({ id }) => id));
+  for (const size of [{ width: 1280, height: 800 }, { width: 1024, height: 640 }]) {
+    await page.setViewportSize(size);
+    for (const tab of tabs) {
+      await page.click(`#${tab}`);
+      await page.waitForTimeout(150);
+      const found = await page.evaluate(async () => (await globalThis.axe.run()).violations
+        .filter(({ impact }) => ["serious", "critical"].includes(impact)).map(({ id, nodes }) => `${id}: ${nodes[0].html}`));
+      assert.deepEqual(found, [], `${tab} at ${size.width}`);
+      assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), `${tab} fits ${size.width}`);
+    }
+    await page.evaluate(() => document.activeElement.blur());
+    await page.keyboard.press("t");
+  }
+});
+
+browserTest("the keyboard alone is enough", async ({ open }) => {
+  const page = await open(daemon, FOREST);
+  await fine(page);
+  const reached = new Set();
+  for (let i = 0; i < 60; ++i) {
+    await page.keyboard.press("Tab");
+    reached.add(await page.evaluate(() => document.activeElement.id));
+  }
+  for (const id of ["scene", "camera", "view", "frame", "palette", "range-low", "log", "tab-setup", "intersector", "mask", "share", "help"]) {
+    assert.ok(reached.has(id), `Tab reaches ${id}`);
+  }
+  await page.focus("#frame");
+  const camera = () => page.evaluate(() => JSON.stringify(globalThis.raynest.store.values.camera));
+  for (const key of ["ArrowRight", "ArrowUp", "+", "-", "w", "a", "p"]) {
+    const before = await camera();
+    await page.keyboard.press(key);
+    assert.notEqual(await camera(), before, key);
+  }
+  await page.keyboard.press("?");
+  assert.ok((await page.textContent("dialog")).includes("Turn the camera"));
+  await page.keyboard.press("Escape");
+  await until(async () => !await page.locator("dialog[open]").count());
+});

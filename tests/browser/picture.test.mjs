@@ -1,0 +1,138 @@
+// Pictures: their pixels, palette, legend and histogram, and that changing those asks the daemon for nothing.
+import assert from "node:assert/strict";
+import { browserTest, daemonWith, fine, pixel, windowPoint } from "./harness.mjs";
+import { runCommand } from "./images.mjs";
+
+const SQUARES = { camera: "0,0,4,0,0,0,0,1,0,45", size: "320x180" };
+const daemon = await daemonWith("builtin:forest");
+const square = (x, z) => [[x, -1, z], [x + 1, -1, z], [x + 1, 1, z], [x, -1, z], [x + 1, 1, z], [x, 1, z]];
+await daemon.loadMeshes("squares", [{ name: "left", points: square(-1, 0), colour: [1, 0, 0, 1] },
+                                    { name: "right", points: square(0, 1), colour: [0, 0, 1, 1] }]);
+
+browserTest("colours and depths of two squares", async ({ open }) => {
+  const page = await open(daemon, { ...SQUARES, scene: "squares", view: "picture" });
+  await fine(page);
+  const [left, right, sky] = [await pixel(page, 130, 90), await pixel(page, 190, 90), await pixel(page, 5, 5)];
+  assert.ok(left[0] > 150 && left[1] < 60 && left[2] < 60, `red, not ${left}`);
+  assert.ok(right[2] > 150 && right[0] < 60 && right[1] < 60, `blue, not ${right}`);
+  assert.notDeepEqual(sky, left);
+
+  // Depths 4 and 3 are the ends of the range: the last and the first colour of turbo.
+  await page.selectOption("#view", "depth");
+  await fine(page);
+  const depths = await page.evaluate(() => {
+    const { width, values } = globalThis.raynest.picture.image;
+    return [130, 190, 5].map((x) => values[90 * width + x]);
+  });
+  assert.ok(depths[0] >= 4 && depths[0] < 4.3 && depths[1] >= 3 && depths[1] < 3.3 && Number.isNaN(depths[2]), String(depths));
+  await page.fill("#range-low", "3.5");
+  await page.fill("#range-high", "3.6");
+  await page.press("#range-high", "Enter");
+  await page.waitForFunction(() => location.hash.includes("range=3.5,3.6"));
+  assert.deepEqual(await pixel(page, 130, 90), [122, 4, 3]);
+  assert.deepEqual(await pixel(page, 190, 90), [48, 18, 59]);
+});
+
+browserTest("a heat map has the pixels of the command line's", async ({ open }) => {
+  for (const view of [{}, { palette: "viridis", range: "50,400", log: "1" }, { view: "instances", palette: "inferno", range: "auto" }]) {
+    const page = await open(daemon, { scene: "forest", size: "320x180", ...view });
+    await fine(page);
+    const different = await page.evaluate(compare, await runCommand(page, daemon));
+    assert.equal(different, "");
+    await page.close();
+  }
+});
+
+/** Returns how the drawn picture differs from a PNG, or "". */
+async function compare(png) {
+  const image = await createImageBitmap(new Blob([Uint8Array.from(atob(png), (c) => c.charCodeAt(0))]));
+  const drawn = document.getElementById("picture");
+  const bytes = (source) => {
+    const canvas = new OffscreenCanvas(drawn.width, drawn.height), context = canvas.getContext("2d");
+    context.drawImage(source, 0, 0);
+    return context.getImageData(0, 0, drawn.width, drawn.height).data;
+  };
+  if (image.width < drawn.width || image.height < drawn.height) return `size ${image.width}x${image.height}`;
+  const [a, b] = [bytes(drawn), bytes(image)];
+  let count = 0, first = -1;
+  for (let i = 0; i < a.length; ++i) if (Math.abs(a[i] - b[i]) > 2) { ++count; if (first < 0) first = i; }
+  return count ? `${count} bytes differ, the first at pixel ${first >> 2}: ${a.slice(first, first + 4)} and ${b.slice(first, first + 4)}` : "";
+}
+
+browserTest("palette, range, scale and opacity send nothing", async ({ open }) => {
+  const page = await open(daemon, { scene: "forest", size: "320x180" });
+  const sent = [];
+  page.on("request", (request) => sent.push(request.url()));
+  await fine(page);
+  await page.evaluate(() => {
+    globalThis.sent = 0;
+    const { send } = WebSocket.prototype;
+    WebSocket.prototype.send = function count(data) { ++globalThis.sent; send.call(this, data); };
+  });
+  sent.length = 0;
+  const before = await pixel(page, 160, 90);
+  const seen = new Set([String(before)]);
+  for (const change of [() => page.selectOption("#palette", "gray"), () => page.click("#log"), () => page.click("#range-auto"),
+                        () => page.fill("#opacity", "0.5"), () => page.fill("#range-high", "100").then(() => page.press("#range-high", "Enter"))]) {
+    await change();
+    await page.waitForTimeout(100);
+    seen.add(String(await pixel(page, 160, 90)));
+  }
+  assert.equal(seen.size, 6, "every change is seen");
+  // The new ETag of the address is no request either.
+  assert.deepEqual([sent, await page.evaluate(() => globalThis.sent)], [[], 0]);
+  // The counter does count.
+  await page.selectOption("#view", "prims");
+  await fine(page);
+  assert.ok(await page.evaluate(() => globalThis.sent) > 0);
+});
+
+browserTest("statistics are those of the command line, and dragging on the histogram sets the range", async ({ open }) => {
+  const page = await open(daemon, { scene: "forest", size: "320x180" });
+  await fine(page);
+  const { max, p99, mean } = await daemon.json("heatmap", "forest", "--size", "320x180",
+    "-o", `${daemon.folder}/forest.png`);
+  const shown = await page.evaluate(() => globalThis.raynest.legend.statistics);
+  assert.deepEqual([shown.max, shown.p99], [max, p99]);
+  assert.ok(Math.abs(shown.mean - mean) < 1e-3 * mean, `${shown.mean} and ${mean}`);
+  assert.equal(Number(await page.inputValue("#range-high")), p99);
+
+  const box = await page.locator("#legend canvas").boundingBox();
+  await page.mouse.move(box.x + 0.25 * box.width, box.y + 20);
+  await page.mouse.down();
+  await page.mouse.move(box.x + 0.5 * box.width, box.y + 20, { steps: 4 });
+  await page.mouse.up();
+  const [low, high] = await page.evaluate(() => globalThis.raynest.store.values.range);
+  assert.ok(Math.abs(low - 0.25 * max) < 0.01 * max && Math.abs(high - 0.5 * max) < 0.01 * max, `${low} to ${high} of ${max}`);
+  await page.dblclick("#legend canvas");
+  assert.equal(await page.evaluate(() => globalThis.raynest.store.values.range), "p99");
+});
+
+browserTest("coarse first, then fine, at most 1.1 times the rays", async ({ open }) => {
+  const page = await open(daemon, { scene: "forest", size: "960x540" });
+  await fine(page);
+  const counts = await page.evaluate(() => globalThis.raynest.picture.counts);
+  assert.deepEqual([counts.coarse, counts.fine, counts.cancelled], [1, 1, 0]);
+  assert.ok(counts.rays <= 1.1 * 960 * 540 && counts.rays > 960 * 540, String(counts.rays));
+});
+
+browserTest("moving the camera cancels the fine picture and leaves nothing behind", async ({ open }) => {
+  const page = await open(daemon, { scene: "forest", size: "960x540" });
+  await fine(page);
+  const [x, y] = await windowPoint(page, 480, 270);
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  for (let i = 1; i <= 40; ++i) {
+    await page.mouse.move(x + 4 * i, y);
+    await page.waitForTimeout(i % 10 === 0 ? 250 : 10);  // pauses in which a fine picture begins
+  }
+  await page.mouse.up();
+  await fine(page);
+  const { counts, pending } = await page.evaluate(() => ({ counts: globalThis.raynest.picture.counts, pending: globalThis.raynest.daemon.pending }));
+  assert.ok(counts.cancelled >= 1 && counts.coarse > 3, JSON.stringify(counts));
+  assert.equal(pending, 0);
+  const { jobs_started: started, jobs_ended: ended, connections_accepted: accepted } = await daemon.json("stats");
+  assert.equal(started, ended);
+  const { connections_accepted: later } = await daemon.json("stats");
+  assert.equal(later - accepted, 1, "only the command line connected");
+});
