@@ -188,7 +188,7 @@ def python_module(lists):
 
 
 def page_module(lists):
-    """What the page of server/web lists as the daemon does, as a JavaScript module."""
+    """Returns the lists that the page of server/web shares with the daemon, as a JavaScript module."""
     messages = sorted((int(row[0]), row[1]) for row in lists.requests + lists.parts + lists.answers)
     columns = [(row[0], *TYPES[row[1]]) for row in lists.fields]
     columns += [(name, "u32", 1) for name, _ in lists.counters]
@@ -199,7 +199,7 @@ def page_module(lists):
         "PALETTES": {name: [int(colour, 16) for colour in colours]
                      for name, *colours in lists.palettes},
     }
-    lines = ["// What client and daemon both list. Written by .ci/lists.py from the .def files of the tree."]
+    lines = ["// The lists that client and daemon share. Written by .ci/lists.py from the .def files of the tree."]
     for name, listed in values.items():
         lines += ["", f"export const {name} = {{",
                   *(f"  {key}: {json.dumps(item)}," for key, item in listed.items()), "};"]

@@ -99,6 +99,8 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         }
         outcome.target = protocol::word(done.target(), outcome.target);
         add_notes(done.notes(), outcome);
+        outcome.samples = done.samples();
+        outcome.dropped = done.dropped();
         if (const wire::HeatStatistics* heat = done.heat()) {
             outcome.heat.metric = protocol::text(heat->metric());
             outcome.heat.min = heat->min();
@@ -138,6 +140,10 @@ Json outcome_json(const Outcome& outcome) {
               {"seconds", outcome.seconds},
               {"queued_seconds", outcome.queued_seconds}};
     if (outcome.invalid != 0) json["first_invalid"] = outcome.first_invalid;
+    if (outcome.samples != 0) {
+        json["samples"] = outcome.samples;
+        json["dropped"] = outcome.dropped;
+    }
     return json;
 }
 

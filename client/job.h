@@ -31,6 +31,8 @@ struct Outcome {
     std::vector<std::string> hidden;   ///< columns that users did not ask for, from STARTED
     std::uint64_t rays = 0, hits = 0, misses = 0, truncated = 0;
     std::uint64_t invalid = 0, first_invalid = 0;
+    std::uint64_t samples = 0;          ///< per pixel of a lit picture
+    std::uint64_t dropped = 0;          ///< samples that were not finite
     std::optional<std::uint64_t> rows;  ///< queries only, from DONE
     double seconds = 0, queued_seconds = 0;
     wire::HeatStatisticsT heat;  ///< heat maps only

@@ -176,7 +176,8 @@ void declare(CLI::App& app, HeatmapOptions& heatmap) {
     add_output(app, heatmap.output, {".png", ".exr", ".npy"},
                "FILE.png with a legend; FILE.exr or FILE.npy of raw counts");
     add_detach(app, heatmap.job, &heatmap.output);
-    app.add_option("--metric", heatmap.metric, alternatives(metric_words) + " (total)");
+    app.add_option("--metric", heatmap.metric,
+                   alternatives(metric_words) + " (total); boxes.1 is level 1 alone");
     app.add_option("--palette", heatmap.palette, alternatives(palette_words));
     app.add_option("--scale", heatmap.scale, "linear | log");
     app.add_option("--range", heatmap.range, "auto | p99 | LOW:HIGH");

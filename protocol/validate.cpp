@@ -320,6 +320,8 @@ Result<void> validate(const wire::Render& message, const Limits& limits) {
         .nested(message.job(), check_job)
         .nested(message.camera(), check_camera)
         .name("integrator", message.integrator())
+        .name("environment", message.environment())
+        .name("tonemap", message.tonemap())
         .at_least("samples", message.samples(), 1)
         .at_most("samples", message.samples(), limits.samples_max, "samples_max")
         .name("encode", message.encode());

@@ -37,10 +37,11 @@ Result<std::vector<std::byte>> encode_png(std::uint32_t width, std::uint32_t hei
 }
 
 Result<std::vector<std::byte>> encode_exr(std::uint32_t width, std::uint32_t height,
-                                          std::span<const Channel> channels) {
+                                          std::span<const Channel> channels,
+                                          std::span<const Attribute> attributes) {
     const auto module = image_module();
     if (!module) return tl::unexpected<Error>(module.error());
-    return module->encode_channels(width, height, channels);
+    return module->encode_channels(width, height, channels, attributes);
 }
 
 }  // namespace raynest

@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -24,7 +25,7 @@ Result<ImageDescription> decode_image(std::span<const std::byte> file, std::uint
                                       std::uint64_t bytes_max);
 
 /// Bound for the header and metadata of an encoded file.
-inline constexpr std::uint64_t image_header_bytes_max = 4096;
+inline constexpr std::uint64_t image_header_bytes_max = 16384;
 
 /// Encodes `rgba`: width * height * 4 bytes of sRGB and straight alpha, row 0 on top.
 ///
@@ -47,15 +48,24 @@ struct Channel {
     std::span<const float> f32;
     std::span<const std::uint32_t> u32;
 };
-/// Encodes the channels in the order given; lossless, and equal input gives equal bytes.
+/// A line of text in the header of a file.
+struct Attribute {
+    std::string name;
+    std::string value;
+};
+/// Encodes the channels in the order given; lossless, and equal input gives equal bytes. The
+/// attributes take at most image_header_bytes_max / 2 bytes.
 Result<std::vector<std::byte>> encode_exr(std::uint32_t width, std::uint32_t height,
-                                          std::span<const Channel> channels);
+                                          std::span<const Channel> channels,
+                                          std::span<const Attribute> attributes = {});
 /// Returns the most bytes that encode_exr may return: an incompressible block of 16 rows is stored
 /// as it is, with an entry of 8 bytes in a table and a header of 8.
 [[nodiscard]] constexpr std::uint64_t exr_bytes_max(std::uint32_t width, std::uint32_t height,
                                                     std::uint32_t channels) {
     const std::uint64_t blocks = height / 16 + 1;
-    return std::uint64_t{4} * width * height * channels + 16 * blocks + image_header_bytes_max;
+    constexpr std::uint64_t description = 64;  // of a channel in the header
+    return (std::uint64_t{4} * width * height + description) * channels + 16 * blocks +
+           image_header_bytes_max;
 }
 
 /// Loads the image module. scene_unsupported, with the remedy, if the build has no OpenImageIO or

@@ -217,7 +217,8 @@ Result<std::vector<std::byte>> encode_rgba(std::uint32_t width, std::uint32_t he
 }
 
 Result<std::vector<std::byte>> encode_channels(std::uint32_t width, std::uint32_t height,
-                                               std::span<const Channel> channels) try {
+                                               std::span<const Channel> channels,
+                                               std::span<const Attribute> attributes) try {
     const std::size_t count = std::size_t{width} * height;
     if (count == 0 || channels.empty()) {
         return fail(ErrorCode::internal, "encode_exr: there is nothing to encode");
@@ -230,6 +231,8 @@ Result<std::vector<std::byte>> encode_channels(std::uint32_t width, std::uint32_
     // Set the date: otherwise the library writes the time of day, and equal requests give unequal
     // bytes.
     spec["DateTime"] = "1970:01:01 00:00:00";
+
+    for (const Attribute& attribute : attributes) spec[attribute.name] = attribute.value;
 
     // Every channel is 32 bits wide, so floats and counts interleave as plain words.
     std::vector<std::uint32_t> words(count * channels.size());

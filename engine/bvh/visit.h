@@ -1,4 +1,4 @@
-// Whatever can be hit is visited: a triangle, a record, a BVH, an instance of a BVH.
+// Visits all that a ray can hit: a triangle, a record, a BVH, an instance of a BVH.
 //
 // One overload set; each hands the intersector and the query on, so nesting has no special case and
 // no fixed depth. `query.take(ray, hits)` keeps what it wants, shrinks ray.tmax and returns true
@@ -71,9 +71,9 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
     std::uint32_t child = object.root;
     if (child == child_empty) return false;
 
-    // What waits: child words, and where the ray enters them. What is deeper in the tree lies
-    // above, so of each depth the children of one look wait at most. At the bottom lies a leaf,
-    // where whoever looks for nodes stops; packing writes eight entries behind the top.
+    // The waiting children: their words, and where the ray enters them. What is deeper in the tree
+    // lies above, so of each depth the children of one look wait at most. At the bottom lies a
+    // leaf, where whoever looks for nodes stops; packing writes eight entries behind the top.
     constexpr std::size_t stack = 1 + 8 * nodes_together * tree_height_max + 8;
     std::uint32_t children[stack];
     float nears[stack];

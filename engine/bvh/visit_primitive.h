@@ -90,7 +90,8 @@ RAYNEST_INLINE bool visit(R& ray, const P& primitive, Isect& isect, Query& query
             ray.path + instance.path_base,
             ray.id,
             ray.mask,
-            ray.flags};
+            ray.flags,
+            ray.level + 1};
 }
 
 /// visitor(Record<P>) for `count` records of the object from `first` on, with its own type of

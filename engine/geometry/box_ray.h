@@ -13,7 +13,7 @@ struct BoxRay : RayView {
 
     RAYNEST_INLINE explicit BoxRay(const RayView& ray)
         : RayView{ray.origin, ray.direction, ray.tmin, ray.tmax, ray.world, ray.scene,
-                  ray.object, ray.path,      ray.id,   ray.mask, ray.flags},
+                  ray.object, ray.path,      ray.id,   ray.mask, ray.flags, ray.level},
           slabs(ray) {
         // Where only instances lie, only boxes are met (measured on three levels: 2 %).
         if (ray.object == nullptr || ray.object->has_own_primitives()) shear = Shear(ray);

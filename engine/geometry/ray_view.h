@@ -28,6 +28,7 @@ struct RayView {
     std::uint32_t id;            ///< index of the ray in its chunk: where its outputs are kept
     std::uint32_t mask;          ///< instances with (mask & theirs) == 0 are skipped
     std::uint32_t flags;         ///< TraceFlags
+    std::uint32_t level = 0;     ///< instances around it: 0 in the root's tree
 
     /// A point on the ray in this level's space; `world_at` in the space of the request.
     [[nodiscard]] RAYNEST_FN Vec3 at(float t) const {

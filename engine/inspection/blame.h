@@ -23,7 +23,7 @@
 
 namespace raynest {
 
-/// What all rays together did in a row's trees or primitives.
+/// The work of all rays together in a row's trees or primitives.
 struct BlamedWork {
     std::uint64_t boxes = 0;
     std::uint64_t prims = 0;
@@ -31,7 +31,7 @@ struct BlamedWork {
     std::uint64_t rays = 0;        ///< that entered it; of a material, tested its primitives
     std::uint64_t hit_rays = 0;    ///< of those, rays whose nearest hit lies in it
     std::uint64_t entries = 0;     ///< of a mesh: how often rays entered its trees
-    /// Of a mesh: primitives that hit_rays tested in its trees, and their entries.
+    /// Primitives that hit_rays tested in a mesh's trees, and their entries.
     std::uint64_t hit_prims = 0;
     std::uint64_t hit_entries = 0;
     std::uint64_t candidates = 0;  ///< hits that the intersector judged
@@ -122,7 +122,7 @@ public:
     void finish();
 
 private:
-    /// What rays did in a row since it was last handed on; `ray` is that of the present one.
+    /// The rays' work in a row since it was last handed on; `ray` is that of the present one.
     struct Row {
         BlameKey key;
         BlamedWork sum;

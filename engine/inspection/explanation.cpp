@@ -82,10 +82,12 @@ void ExplanationRecorder::count(const Step& step) {
         if (step.kind == step_node) {
             ++c->nodes;
             c->boxes += count_of(step.tested);
+            c->box_hits += count_of(step.passed);
         } else if (step.kind == step_primitives) {
             c->leaves += step.first;
             c->prims += count_of(step.tested);
             c->rejects += count_of(step.rejected);
+            c->prim_hits += count_of(step.passed | step.rejected);
         } else if (step.kind == step_instance) {
             c->instances += step.outcome == outcome_accepted ? 1 : 0;
         }

@@ -21,10 +21,10 @@ struct Ranking {
     std::uint64_t remainder = 0;  ///< of that, what belongs to no row
 };
 
-/// Of instances; of meshes, which are objects with primitives; of materials. Rows and remainder add
-/// up to the total.
+/// Ranks instances; or meshes, which are objects with primitives; or materials. Rows and remainder
+/// add up to the total.
 [[nodiscard]] Ranking rank(const Blame& blame, BlameTable table);
-/// Of meshes and of objects without primitives.
+/// Ranks meshes and objects without primitives.
 [[nodiscard]] Ranking rank_all_objects(const Blame& blame);
 
 }  // namespace raynest

@@ -20,8 +20,11 @@ tl::unexpected<Error> invalid(std::string message) {
 }
 
 Result<void> check_options(const HeatOptions& options) {
-    const auto field = parse_field(options.metric);
-    if (!field || !field_info(*field).counter) {
+    const auto column = parse_column(options.metric);
+    const bool of_level = options.metric.find('.') != std::string::npos;
+    if (!column && of_level && parse_field(options.metric.substr(0, options.metric.find('.'))))
+        return tl::unexpected(column.error());
+    if (!column || !field_info(column->field).counter) {
         std::string known;
         for (const FieldInfo& counter : counter_table())
             known += (known.empty() ? "" : ", ") + std::string(counter.name);

@@ -11,11 +11,12 @@
 namespace raynest {
 
 std::optional<CameraHits> measure_work(const PixelRange& pixels, const ColumnSource& scene,
-                                       RayCaster& caster, const PixelArrays& arrays, Field metric,
-                                       bool necessary, std::span<std::uint32_t> out) {
+                                       RayCaster& caster, const PixelArrays& arrays,
+                                       std::span<const Column> metrics, bool necessary,
+                                       std::span<std::uint32_t> out) {
     const std::span<Ray> rays = arrays.rays.first(pixels.rays());
     const std::span<HitRecord> hits = arrays.hits.first(rays.size());
-    const std::span<Counters> counters = arrays.counters.first(rays.size());
+    const std::span<Counters> counters = arrays.counters.first(rays.size() * arrays.counter_sets);
     generate_samples(pixels.camera, pixels.samples, pixels.first, rays);
     // Necessary work is what lies before the hit: with tmax there, order no longer matters.
     if (necessary) {
@@ -29,11 +30,14 @@ std::optional<CameraHits> measure_work(const PixelRange& pixels, const ColumnSou
     source.rays = rays;
     source.hits = hits;
     source.counters = counters;
+    source.counter_sets = arrays.counter_sets;
     std::vector<std::uint32_t> counts(rays.size());
-    write_column(metric, source, reinterpret_cast<std::byte*>(counts.data()));
-    for (std::size_t i = 0; i < pixels.count; ++i) {
-        const auto first = counts.begin() + static_cast<std::ptrdiff_t>(i * pixels.samples);
-        out[i] = std::accumulate(first, first + pixels.samples, 0U);
+    for (std::size_t m = 0; m < metrics.size(); ++m) {
+        write_column(metrics[m], source, reinterpret_cast<std::byte*>(counts.data()));
+        for (std::size_t i = 0; i < pixels.count; ++i) {
+            const auto first = counts.begin() + static_cast<std::ptrdiff_t>(i * pixels.samples);
+            out[m * pixels.count + i] = std::accumulate(first, first + pixels.samples, 0U);
+        }
     }
     return count_hits(hits);
 }

@@ -99,6 +99,9 @@ std::vector<std::string> statistic_words(const HeatStatistics& s, const HeatOpti
                                    "p50 " + std::to_string(s.p50), "p99 " + std::to_string(s.p99),
                                    "max " + std::to_string(s.max), "clipped " + share(s.clipped)};
     if (s.below > 0) words.push_back("below " + share(s.below));
+    if (const auto column = parse_column(options.metric); column && column->of_level())
+        words.push_back(
+            std::string("level ").append(std::to_string(column->level)).append(" only"));
     if (options.count == "necessary") words.emplace_back("necessary only");
     return words;
 }
@@ -112,9 +115,10 @@ public:
           scale_(scale),
           statistics_(statistics) {
         const auto counters = counter_table();
-        const auto counter =
-            std::find_if(counters.begin(), counters.end(),
-                         [&](const FieldInfo& c) { return c.name == options.metric; });
+        const std::string_view metric =
+            std::string_view(options.metric).substr(0, options.metric.find('.'));
+        const auto counter = std::find_if(counters.begin(), counters.end(),
+                                          [&](const FieldInfo& c) { return c.name == metric; });
         title_ = counter == counters.end() ? std::string_view(options.metric) : counter->title;
         if (scale.logarithmic) title_ += log_suffix;
         widen();

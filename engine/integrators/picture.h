@@ -35,10 +35,11 @@ struct PixelRange {
 struct PixelArrays {
     std::span<Ray> rays;
     std::span<HitRecord> hits;
-    std::span<Counters> counters;  ///< for measure_work() only
+    std::span<Counters> counters;  ///< for measure_work() only: `counter_sets` per ray
+    std::uint32_t counter_sets = 1;
 };
 
-/// What the camera rays of some pixels met.
+/// The hits of the camera rays of some pixels.
 struct CameraHits {
     std::uint64_t rays = 0;
     std::uint64_t hits = 0;
@@ -55,11 +56,13 @@ struct CameraHits {
 /// The colours that render_primary() takes the mean of: one per ray of the source (closest hits).
 void shade_primary(const ColumnSource& source, std::span<Vec4> out);
 
-/// What a pixel's rays cost together, as the counter `metric` counts it. `necessary`: only the work
-/// before the hit, which no order of traversal saves. Nothing where the caster has no answers.
+/// Measures what a pixel's rays cost together, as the counters `metrics` count it: out[m * count +
+/// i] of metric m and pixel i. `necessary`: only the work before the hit, which no order of
+/// traversal saves. Nothing where the caster has no answers.
 [[nodiscard]] std::optional<CameraHits> measure_work(const PixelRange& pixels,
                                                      const ColumnSource& scene, RayCaster& caster,
-                                                     const PixelArrays& arrays, Field metric,
+                                                     const PixelArrays& arrays,
+                                                     std::span<const Column> metrics,
                                                      bool necessary, std::span<std::uint32_t> out);
 /// The numbers of closest hits.
 [[nodiscard]] CameraHits count_hits(std::span<const HitRecord> hits);
@@ -78,7 +81,7 @@ struct HeatStatistics {
 };
 
 struct HeatOptions {
-    std::string metric = "total";     ///< a counter field
+    std::string metric = "total";     ///< a counter, or COUNTER.LEVEL
     std::string palette = "turbo";    ///< of palettes.def
     std::string scale = "linear";     ///< linear | log
     std::string range = "p99";        ///< auto | p99 | a:b
@@ -88,7 +91,7 @@ struct HeatOptions {
 /// Fails with param_invalid, naming the choices.
 Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts,
                                        const HeatOptions& options);
-/// What the legend needs; a narrower map is widened on the right.
+/// The width that the legend needs; a narrower map is widened on the right.
 inline constexpr std::uint32_t heat_picture_width_min = 288;
 /// Rows of the legend at most.
 inline constexpr std::uint32_t heat_legend_height_max = 256;

@@ -5,26 +5,32 @@
 #include "engine/bvh/visit.h"
 
 #include <bit>
+#include <cstddef>
+#include <cstdint>
 
 namespace raynest {
 
-/// Counts a ray's questions (geometry/hit.h, Counters) and answers what `Base` answers.
-template <class Base>
+/// Counts a ray's questions (geometry/hit.h, Counters) and answers what `Base` answers. `ByLevel`:
+/// the questions of each level apart; their sum is what is counted otherwise.
+template <class Base, bool ByLevel = false>
 struct Counting {
     Base& base;
-    Counters* counters;  ///< one per ray of the chunk: counters[ray.id]
+    Counters* counters;        ///< of the chunk's rays, `levels` of each
+    std::uint32_t levels = 1;  ///< of the scene, if ByLevel
 
     /// A node: its valid children are tested.
     auto operator()(const auto& ray, const BoxLike auto& boxes) {
-        Counters& c = counters[ray.id];
+        Counters& c = of(ray);
         ++c.nodes;
         c.boxes += static_cast<std::uint32_t>(std::popcount(boxes.valid()));
-        return intersect_with(base, ray, boxes);
+        auto spans = intersect_with(base, ray, boxes);
+        c.box_hits += static_cast<std::uint32_t>(std::popcount(spans.mask));
+        return spans;
     }
 
     /// A block of a leaf, or a record.
     auto operator()(const auto& ray, const PrimitiveLike auto& primitive) {
-        Counters& c = counters[ray.id];
+        Counters& c = of(ray);
         if constexpr (requires { primitive.first; }) {
             c.leaves += primitive.first ? 1 : 0;
         } else {
@@ -32,17 +38,24 @@ struct Counting {
         }
         c.prims += static_cast<std::uint32_t>(std::popcount(primitive.valid()));
         auto hits = intersect_with(base, ray, primitive);
+        std::uint32_t candidates = hits.mask;
         if constexpr (Overrides<Base, decltype(ray), decltype(primitive)>) {
-            const std::uint32_t candidates = intersect(ray, primitive).mask;
+            candidates = intersect(ray, primitive).mask;
             c.rejects += static_cast<std::uint32_t>(std::popcount(candidates & ~hits.mask));
         }
+        c.prim_hits += static_cast<std::uint32_t>(std::popcount(candidates));
         return hits;
     }
 
     bool operator()(const auto& ray, const InstanceLike auto& instance) {
         if (!enters(base, ray, instance)) return false;
-        ++counters[ray.id].instances;
+        ++of(ray).instances;
         return true;
+    }
+
+private:
+    RAYNEST_INLINE Counters& of(const auto& ray) const {
+        return ByLevel ? counters[std::size_t{ray.id} * levels + ray.level] : counters[ray.id];
     }
 };
 

@@ -14,7 +14,7 @@
 
 namespace raynest {
 
-inline constexpr std::uint32_t pack_abi = 7;
+inline constexpr std::uint32_t pack_abi = 8;
 
 enum Query : std::uint32_t {
 #define RAYNEST_KIND(name, ...) query_##name,
@@ -30,6 +30,13 @@ enum Traversal : std::uint32_t {
 };
 enum Precision : std::uint32_t { precision_fast, precision_watertight, precision_count };
 enum ValueType : std::uint32_t { value_f32, value_u32, value_choice };
+/// The counters that a trace function writes to TraceCall::counters.
+enum CounterMode : std::uint32_t {
+    counters_none,
+    counters_total,     ///< one per ray
+    counters_by_level,  ///< of each ray one per level of the scene, the root's first
+    counter_modes
+};
 enum TraceFlags : std::uint32_t { trace_cull_back = 1 };
 enum TraceStatus : std::int32_t {
     trace_ok = 0,
@@ -75,10 +82,10 @@ struct TraceCall {
     HitRecord* hits;            ///< ray_count * hits_max; `any` sets hit and flags only; of `all`
                                 ///< hits_room records, those of one ray after those of another
     std::uint32_t* hit_counts;  ///< multi, all: one per ray; else may be null
-    Counters* counters;         ///< counting functions: one per ray; else may be null
+    Counters* counters;         ///< as the function's CounterMode says; else may be null
     void* const* outputs;  ///< one column of ray_count 4-byte values per PackOutput; may be null
 
-    // Of `all` only. Where the room ends within a ray, the call ends before it: the caller takes
+    // For `all` only. Where the room ends within a ray, the call ends before it: the caller takes
     // the hits away and goes on with that ray. Room for twice the budget is enough for any.
     std::uint64_t hits_room = 0;         ///< at least 2 * hits_max
     std::uint8_t* ray_flags = nullptr;   ///< one per ray: HitFlags
@@ -104,7 +111,7 @@ struct PackVariant {
     std::uint32_t param_count;
     std::uint32_t output_count;
     const PackOutput* outputs;
-    TraceFunction trace[precision_count][traversal_count][query_count][2];  ///< [..][counting]
+    TraceFunction trace[precision_count][traversal_count][query_count][counter_modes];
     TraceFunction observe;  ///< single, closest, each step told to the call's observer
 };
 

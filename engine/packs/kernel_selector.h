@@ -19,12 +19,12 @@ public:
     /// they count may depend on the order of the questions): with either it is the only one. Fails
     /// with variant_unknown where nothing fits.
     static Result<KernelSelector> make(const Variant& variant, Query query, Precision precision,
-                               Traversal traversal, bool counting);
+                                       Traversal traversal, CounterMode counters = counters_none);
 
     /// The single traversal with an observer (TraceCall::observer).
     static Result<KernelSelector> observing(const Variant& variant);
 
-    /// What rays that lie next to each other in a request should go through: `packet` where most
+    /// Chooses for rays that lie next to each other in a request: `packet` where most
     /// of a sample of 64-ray groups look the same way from the same place (`single` if that is not
     /// compiled: coherent rays wait for little), else `stream` where the scene's trees do not fit a
     /// core's cache, else `single`, as for fewer rays than a group.

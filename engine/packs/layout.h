@@ -38,7 +38,7 @@ private:
     std::uint64_t value_ = 14695981039346656037U;
 };
 
-/// What a member of type T is made of. Pointers to data are all alike; of functions all counts.
+/// The parts of a member of type T. Pointers to data are all alike; of functions all counts.
 template <class T>
 struct Shape {
     static constexpr void add_to(Hash& hash) {
@@ -152,7 +152,7 @@ inline auto border_types() {
         RAYNEST_LAYOUT(TraceCall, scene, params, rays, ray_count, hits_max, mask, flags, hits,
                        hit_counts, counters, outputs, hits_room, ray_flags, rays_done, cancelled,
                        cancelled_context, observer, device),
-        // What is observed
+        // The observed steps
         RAYNEST_LAYOUT(Refusal, what, value, relation, limit),
         RAYNEST_LAYOUT(Step, kind, outcome, object, place, path, tested, passed, rejected, first,
                        nears, t, u, v, front, refusal),

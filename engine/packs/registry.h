@@ -73,9 +73,9 @@ private:
 /// Parameters that every variant takes, beside its own: `cull`.
 std::span<const PackParam> common_params();
 
-/// What `--set` asks for, checked: a name the variant does not declare, a value out of range or not
-/// in its choices gives param_invalid and the list of what is allowed. `cull=back|none` is common
-/// to all variants and ends up in `flags` (TraceFlags).
+/// The settings that `--set` asks for, checked: a name the variant does not declare, a value out of
+/// range or not in its choices gives param_invalid and the list of what is allowed.
+/// `cull=back|none` is common to all variants and ends up in `flags` (TraceFlags).
 struct Settings {
     ParamValues params;
     std::uint32_t flags = 0;
@@ -85,7 +85,7 @@ Result<Settings> parse_settings(const Variant& variant,
 
 /// The function for a request, or variant_unknown naming what is missing.
 Result<TraceFunction> find_function(const Variant& variant, Query query, Precision precision,
-                                    Traversal traversal, bool counting);
+                                    Traversal traversal, CounterMode counters = counters_none);
 
 Result<Query> parse_query(std::string_view name);          ///< a KIND of words.def
 Result<Precision> parse_precision(std::string_view name);  ///< fast | watertight

@@ -109,15 +109,14 @@ Result<Settings> parse_settings(const Variant& variant,
 }
 
 Result<TraceFunction> find_function(const Variant& variant, Query query, Precision precision,
-                                    Traversal traversal, bool counting) {
-    const TraceFunction function =
-        variant.code->trace[precision][traversal][query][counting ? 1 : 0];
+                                    Traversal traversal, CounterMode counters) {
+    const TraceFunction function = variant.code->trace[precision][traversal][query][counters];
     if (function != nullptr) return function;
     return fail(ErrorCode::variant_unknown,
                 "intersector '" + variant.name + "' on target " + variant.target +
                     " was not compiled for query " + query_names[query] + ", precision " +
                     precision_names[precision] + ", traversal " + traversal_name(traversal) +
-                    (counting ? ", counters" : "") + ": try `traversal` auto");
+                    (counters != counters_none ? ", counters" : "") + ": try `traversal` auto");
 }
 
 Result<Query> parse_query(std::string_view name) {

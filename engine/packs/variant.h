@@ -77,7 +77,7 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
         // rays 4 %; 64 rays are as good as 16).
         constexpr std::uint32_t ahead_max = 16;
         alignas(BoxRay) std::byte memory[ahead_max][sizeof(BoxRay)];
-        // Who may cancel is asked before each lot: asked before each ray it costs 2 %. Of trees
+        // The caller may cancel before each lot: asking it before each ray costs 2 %. In trees
         // that take a ray long, above 2 million triangles, lots are smaller; of so few rays as an
         // io thread traces each is one.
         constexpr std::int64_t work_max = 1 << 22;
@@ -103,7 +103,7 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
     }
 }
 
-/// What an intersector writes may depend on the order in which it is asked, so one with outputs
+/// The outputs of an intersector may depend on the order in which it is asked, so one that has them
 /// goes through the single traversal whatever was named: same request, same bytes. One that
 /// decides about boxes has to see each ray's own; packets test them together.
 template <class Isect, Traversal traversal>
@@ -127,14 +127,14 @@ RAYNEST_INLINE TraceStatus trace_group(const Bvh& root, std::uint32_t count, Ise
     }
 }
 
-template <class Isect, Query kind, Traversal traversal, bool Counted>
+template <class Isect, Query kind, Traversal traversal, CounterMode counted>
 TraceStatus trace(const TraceCall* pointer) noexcept {
     const TraceCall& call = *pointer;
     const bool well_formed = call.scene != nullptr && call.rays != nullptr &&
                              call.hits != nullptr && call.hits_max >= 1 &&
                              call.hits_max <= multi_hits_max &&
                              (kind != query_multi || call.hit_counts != nullptr) &&
-                             (!Counted || call.counters != nullptr);
+                             (counted == counters_none || call.counters != nullptr);
     if (!well_formed) return trace_bad_call;
 
     Isect isect = make_intersector<Isect>(call);
@@ -149,10 +149,12 @@ TraceStatus trace(const TraceCall* pointer) noexcept {
         std::array<Outputs, group> states{};
         if constexpr (requires { isect.state = states.data(); }) isect.state = states.data();
         TraceStatus status = trace_ok;
-        if constexpr (Counted) {
-            Counters* counters = call.counters + first;
-            for (std::uint32_t i = 0; i < count; ++i) counters[i] = Counters{};
-            Counting<Isect> counting{isect, counters};
+        if constexpr (counted != counters_none) {
+            constexpr bool by_level = counted == counters_by_level;
+            const std::uint32_t sets = by_level ? root.record().levels : 1;
+            Counters* counters = call.counters + std::size_t{first} * sets;
+            std::fill_n(counters, std::size_t{count} * sets, Counters{});
+            Counting<Isect, by_level> counting{isect, counters, sets};
             status = trace_group<traversal>(root, count, counting, io);
         } else {
             status = trace_group<traversal>(root, count, isect, io);
@@ -235,45 +237,50 @@ TraceStatus observe(const TraceCall* pointer) noexcept {
 // ---- The table
 // -----------------------------------------------------------------------------------
 
-/// What is compiled per intersector: single {closest, any, multi} x {plain, counting} and plain
-/// {all}, observed closest hits, the reference, and except on v2 stream {closest, any, multi} and
-/// packet {closest, any}. A new traversal or precision is a line here.
+/// The single traversal with each CounterMode.
+template <class Isect, Query kind>
+constexpr void add_counting(TraceFunction (&functions)[counter_modes]) {
+    functions[counters_none] = trace<Isect, kind, traversal_single, counters_none>;
+    functions[counters_total] = trace<Isect, kind, traversal_single, counters_total>;
+    functions[counters_by_level] = trace<Isect, kind, traversal_single, counters_by_level>;
+}
+
+/// The kernels compiled per intersector: single {closest, any, multi} with each CounterMode and
+/// plain {all}, observed closest hits, the reference, and except on v2 stream {closest, any, multi}
+/// and packet {closest, any}. A new traversal or precision is a line here.
 template <class Isect>
 constexpr PackVariant make_variant(const char* name) {
     PackVariant v = describe_variant<Isect>(name);
     v.observe = observe<Isect>;
     auto& kernels = v.trace[precision_watertight];
     auto& single = kernels[traversal_single];
-    single[query_closest][0] = trace<Isect, query_closest, traversal_single, false>;
-    single[query_closest][1] = trace<Isect, query_closest, traversal_single, true>;
-    single[query_any][0] = trace<Isect, query_any, traversal_single, false>;
-    single[query_any][1] = trace<Isect, query_any, traversal_single, true>;
-    single[query_multi][0] = trace<Isect, query_multi, traversal_single, false>;
-    single[query_multi][1] = trace<Isect, query_multi, traversal_single, true>;
+    add_counting<Isect, query_closest>(single[query_closest]);
+    add_counting<Isect, query_any>(single[query_any]);
+    add_counting<Isect, query_multi>(single[query_multi]);
     single[query_all][0] = trace_all<Isect, traversal_single>;
     if constexpr (Lanes<8>::parts == 1) {  // v2 is for correctness, not speed
         auto& stream = kernels[traversal_stream];
-        stream[query_closest][0] = trace<Isect, query_closest, traversal_stream, false>;
-        stream[query_any][0] = trace<Isect, query_any, traversal_stream, false>;
-        stream[query_multi][0] = trace<Isect, query_multi, traversal_stream, false>;
+        stream[query_closest][0] = trace<Isect, query_closest, traversal_stream, counters_none>;
+        stream[query_any][0] = trace<Isect, query_any, traversal_stream, counters_none>;
+        stream[query_multi][0] = trace<Isect, query_multi, traversal_stream, counters_none>;
         auto& packet = kernels[traversal_packet];
         // The same functions where packets would be no packets: KernelSelector tells what ran by that.
         constexpr Traversal packets =
             singly<Isect, traversal_packet> ? traversal_single : traversal_packet;
-        packet[query_closest][0] = trace<Isect, query_closest, packets, false>;
-        packet[query_any][0] = trace<Isect, query_any, packets, false>;
+        packet[query_closest][0] = trace<Isect, query_closest, packets, counters_none>;
+        packet[query_any][0] = trace<Isect, query_any, packets, counters_none>;
     }
     auto& reference = kernels[traversal_reference];
-    reference[query_closest][0] = trace<Isect, query_closest, traversal_reference, false>;
-    reference[query_any][0] = trace<Isect, query_any, traversal_reference, false>;
-    reference[query_multi][0] = trace<Isect, query_multi, traversal_reference, false>;
+    reference[query_closest][0] = trace<Isect, query_closest, traversal_reference, counters_none>;
+    reference[query_any][0] = trace<Isect, query_any, traversal_reference, counters_none>;
+    reference[query_multi][0] = trace<Isect, query_multi, traversal_reference, counters_none>;
     reference[query_all][0] = trace_all<Isect, traversal_reference>;
     // The watertight test costs no more than one that leaks (geometry/intersect_triangle.h), so
     // there is no other one to compile.
     for (std::uint32_t t = 0; t < traversal_count; ++t) {
         for (std::uint32_t q = 0; q < query_count; ++q) {
-            for (const std::uint32_t counting : {0U, 1U}) {
-                v.trace[precision_fast][t][q][counting] = kernels[t][q][counting];
+            for (std::uint32_t counters = 0; counters < counter_modes; ++counters) {
+                v.trace[precision_fast][t][q][counters] = kernels[t][q][counters];
             }
         }
     }

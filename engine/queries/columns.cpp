@@ -4,9 +4,11 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <string>
+#include <utility>
 
 namespace raynest {
 namespace {
@@ -143,11 +145,19 @@ void write_always(const ColumnSource& source, std::byte* out, Value&& value) {
     });
 }
 
-/// One count per ray.
+/// One count per ray: of a level, or the sum of all.
 template <class Value>
-void write_counter(const ColumnSource& source, std::byte* out, Value&& value) {
-    for (std::size_t i = 0; i < source.counters.size(); ++i) {
-        const std::uint32_t count = value(source.counters[i]);
+void write_counter(const ColumnSource& source, std::uint32_t level, std::byte* out, Value&& value) {
+    const std::size_t sets = source.counter_sets;
+    const std::size_t rays = source.counters.size() / sets;
+    for (std::size_t i = 0; i < rays; ++i) {
+        const auto of_ray = source.counters.subspan(i * sets, sets);
+        std::uint32_t count = 0;
+        if (level == Column::all_levels) {
+            for (const Counters& c : of_ray) count += value(c);
+        } else if (level < sets) {
+            count = value(of_ray[level]);
+        }
         std::memcpy(out + i * sizeof count, &count, sizeof count);
     }
 }
@@ -192,14 +202,54 @@ Result<Field> parse_field(std::string_view name) {
                 "there is no column '" + std::string(name) + "'; known: " + known);
 }
 
-void write_column(Field field, const ColumnSource& source, std::byte* out) {
+Result<Column> parse_column(std::string_view name) {
+    const auto dot = name.find('.');
+    const auto field = parse_field(name.substr(0, dot));
+    if (!field || dot == std::string_view::npos)
+        return field.map([](Field f) { return Column(f); });
+    const auto refused = [&](const std::string& why) {
+        std::string message = "there is no column '";
+        message.append(name).append("': ").append(why);
+        return fail(ErrorCode::field_invalid, std::move(message));
+    };
+    if (!field_info(*field).counter)
+        return refused("only counters have levels, as in boxes.0; take " +
+                       std::string(field_info(*field).name));
+    const std::string_view text = name.substr(dot + 1);
+    std::uint32_t level = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), level);
+    if (error != std::errc{} || std::to_string(level) != text || level == Column::all_levels)
+        return refused("behind the dot stands a level: 0 for the root, 1 below it, and so on");
+    return Column(*field, level);
+}
+
+std::string column_name(const Column& column) {
+    std::string name(field_info(column.field).name);
+    if (column.of_level()) name.append(".").append(std::to_string(column.level));
+    return name;
+}
+
+Result<void> check_level(const Column& column, std::uint32_t levels) {
+    if (!column.of_level() || column.level < levels) return {};
+    std::string message = "there is no column '";
+    message.append(column_name(column)).append("': the scene has ");
+    if (levels == 1) {
+        message.append("one level, level 0");
+    } else {
+        message.append(std::to_string(levels)).append(" levels, 0 to ");
+        message.append(std::to_string(levels - 1));
+    }
+    return fail(ErrorCode::field_invalid, std::move(message));
+}
+
+void write_column(const Column& column, const ColumnSource& source, std::byte* out) {
     using Hit = const HitRecord&;
     using At = const Ray&;
     const auto each = [&](auto miss, auto&& value) { write_each(source, out, miss, value); };
     const auto always = [&](auto&& value) { write_always(source, out, value); };
-    const auto counter = [&](auto&& value) { write_counter(source, out, value); };
+    const auto counter = [&](auto&& value) { write_counter(source, column.level, out, value); };
     const SceneView& scene = *source.scene;
-    switch (field) {
+    switch (column.field) {
         case Field::hit:
             return each(std::uint8_t{0}, [](Hit, At) { return 1; });
         case Field::t:

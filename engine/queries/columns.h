@@ -4,16 +4,17 @@
 // follows from (path, object, triangle) and is computed here, only for the fields asked for.
 #pragma once
 
-#include <cstddef>
-#include <cstdint>
-#include <span>
-#include <string_view>
-
 #include "engine/geometry/hit.h"
 #include "engine/geometry/path.h"
 #include "engine/geometry/ray.h"
 #include "engine/geometry/views.h"
 #include "engine/result.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
 
 namespace raynest {
 
@@ -26,6 +27,18 @@ enum class Field : std::uint32_t {
     count_
 };
 enum class FieldType : std::uint8_t { u8, u32, u64, f32 };
+
+/// A field, of a counter perhaps of one level of the scene alone.
+struct Column {
+    static constexpr std::uint32_t all_levels = ~0U;
+    Field field = Field::count_;
+    std::uint32_t level = all_levels;
+
+    Column() = default;
+    Column(Field of, std::uint32_t at = all_levels) : field(of), level(at) {}
+    [[nodiscard]] bool of_level() const { return level != all_levels; }
+    friend bool operator==(const Column&, const Column&) = default;
+};
 
 struct FieldInfo {
     std::string_view name;
@@ -46,6 +59,11 @@ struct FieldInfo {
 [[nodiscard]] std::span<const FieldInfo> counter_table();
 /// field_invalid, with the list of names, when unknown.
 Result<Field> parse_field(std::string_view name);
+/// A field, or COUNTER.LEVEL; field_invalid as parse_field(), also for a level that no scene has.
+Result<Column> parse_column(std::string_view name);
+[[nodiscard]] std::string column_name(const Column& column);
+/// field_invalid where the column is of a level that a scene of so many levels lacks.
+Result<void> check_level(const Column& column, std::uint32_t levels);
 
 /// Gives outward normals of records; null where a primitive type has none.
 using RecordNormal = void (*)(const void* record, const float point[3], float normal[3]) noexcept;
@@ -59,14 +77,16 @@ struct ColumnSource {
     std::span<const HitRecord> hits = {};
     std::span<const std::uint32_t> ray_of = {};
     std::span<const std::uint32_t> order = {};
-    std::span<const Counters> counters = {};  ///< one per ray, or empty
+    std::span<const Counters> counters = {};  ///< `counter_sets` per ray, or empty
+    std::uint32_t counter_sets = 1;           ///< 1, or the levels of the scene
     RecordNormal (*record_normal)(std::uint32_t type, const void* context) = nullptr;
     const void* context = nullptr;
     const PathTable* paths = nullptr;  ///< null: user ids are those of instances
 };
 
-/// Writes an element of field_bytes(field) per hit (counters: per ray), canonical for misses.
-void write_column(Field field, const ColumnSource& source, std::byte* out);
+/// Writes an element of field_bytes() per hit (counters: per ray), canonical for misses. A counter
+/// of one level needs a source with counters by level.
+void write_column(const Column& column, const ColumnSource& source, std::byte* out);
 
 /// From the world to the object of a placement, rounded once per level: for normals, and to show.
 [[nodiscard]] Transform world_to_object(const SceneView& scene, std::uint64_t path);

@@ -10,8 +10,8 @@
 
 namespace raynest {
 
-/// What it does between two questions, as Cancellation counts: eight triangles one by one take as
-/// long as four blocks; an object may be empty, and its instances still take time.
+/// The work that it does between two questions, as Cancellation counts: eight triangles one by one
+/// take as long as four blocks; an object may be empty, and its instances still take time.
 inline constexpr std::int64_t reference_block_work = 4;
 inline constexpr std::int64_t reference_record_work = 1;
 inline constexpr std::int64_t reference_instance_work = 64;

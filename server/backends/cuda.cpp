@@ -53,7 +53,8 @@ public:
     }
     [[nodiscard]] std::optional<Unavailable> unavailable_reason(const Plan& plan) override {
         if (plan.untraced) return Unavailable{"kind null traces nothing"};
-        if (plan.counting) return Unavailable{"counters are defined by the CPU's traversal"};
+        if (plan.counters != counters_none)
+            return Unavailable{"counters are defined by the CPU's traversal"};
         if (plan.traversal != traversal_auto)
             return Unavailable{std::string("traversal ") + traversal_name(plan.traversal) +
                                " is the CPU's"};

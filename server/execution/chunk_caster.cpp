@@ -40,7 +40,7 @@ bool ChunkCaster::cast(const Plan& plan, std::span<const Ray> rays, std::span<Hi
         call.rays = rays.data() + done;
         call.ray_count = static_cast<std::uint32_t>(count);
         call.hits = hits.data() + done;
-        call.counters = counters == nullptr ? nullptr : counters + done;
+        call.counters = counters == nullptr ? nullptr : counters + done * plan.counter_sets();
         call.observer = observer;
         const std::vector<void*> outputs = buffers_.resize_outputs(plan, count);
         call.outputs = outputs.empty() ? nullptr : outputs.data();

@@ -48,7 +48,7 @@ RecordNormal record_normal(std::uint32_t type, const void* registry) {
 }  // namespace
 
 Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
-                      Query query, bool counting) {
+                      Query query, CounterMode counters) {
     using protocol::text;
     using protocol::word;
     const auto priority = parse_priority(word(job.priority(), "normal"));
@@ -74,13 +74,13 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     plan.priority = *priority;
     plan.deadline_ms = job.deadline_ms();
     plan.detach = job.detach();
-    return Plan::with(std::move(plan), query, counting);
+    return Plan::with(std::move(plan), query, counters);
 }
 
-Reply<Plan> Plan::with(Plan plan, Query query, bool counting) {
+Reply<Plan> Plan::with(Plan plan, Query query, CounterMode counters) {
     plan.query = query;
-    plan.counting = counting;
-    if (counting && plan.traversal != traversal_single) {
+    plan.counters = counters;
+    if (counters != counters_none && plan.traversal != traversal_single) {
         if (plan.traversal != traversal_auto)
             plan.notes.push_back(
                 "counters are defined by the single traversal: it ran instead of " +
@@ -88,14 +88,14 @@ Reply<Plan> Plan::with(Plan plan, Query query, bool counting) {
         plan.traversal = traversal_single;
     }
     auto selector =
-        KernelSelector::make(*plan.variant, query, precision_watertight, plan.traversal, counting);
+        KernelSelector::make(*plan.variant, query, precision_watertight, plan.traversal, counters);
     if (!selector) return refuse(selector.error());
     plan.selector = *selector;
     return plan;
 }
 
 Reply<Plan> Plan::observed(Plan plan) {
-    auto counted = with(std::move(plan), query_closest, true);
+    auto counted = with(std::move(plan), query_closest, counters_total);
     if (!counted) return counted;
     auto selector = KernelSelector::observing(*counted->variant);
     if (!selector) return refuse(selector.error());
@@ -122,7 +122,15 @@ bool Plan::same_call(const Plan& other) const {
 
 std::uint64_t Plan::hit_rays_max() const {
     if (query == query_all) return std::numeric_limits<std::uint64_t>::max();
-    return std::max<std::uint64_t>(1, hit_bytes_max / (sizeof(HitRecord) * hits_max));
+    const std::uint64_t most_bytes =
+        std::max<std::uint64_t>(sizeof(HitRecord) * hits_max, sizeof(Counters) * counter_sets());
+    return std::max<std::uint64_t>(1, hit_bytes_max / most_bytes);
+}
+
+std::uint32_t Plan::counter_sets() const {
+    const SceneView& view = scene.snapshot().view();
+    return counters == counters_by_level ? view.objects[view.root].levels
+                                         : static_cast<std::uint32_t>(counters);
 }
 
 bool Plan::has_small_trees() const {

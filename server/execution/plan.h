@@ -20,7 +20,7 @@ struct Plan {
     Query query = query_closest;
     Traversal traversal = traversal_auto;  ///< as requested; JobStatistics has those that ran
     KernelSelector selector;
-    bool counting = false;
+    CounterMode counters = counters_none;
     bool untraced = false;   ///< kind null: every answer is the canonical miss
     bool reads_rays = true;  ///< columns or reducers read the rays besides the hits
     std::uint32_t mask = 0xFFFFFFFFU;
@@ -42,25 +42,28 @@ struct Plan {
     /// True if the io thread may trace a ray of this plan. A ray cannot be interrupted within a
     /// tree, and one that meets all of a large tree takes milliseconds.
     [[nodiscard]] bool has_small_trees() const;
-    /// Maximum number of rays whose hits fit hit_bytes_max; unbounded for kind all.
+    /// Counters per ray: none, one, or one for each level of the scene.
+    [[nodiscard]] std::uint32_t counter_sets() const;
+    /// Maximum number of rays whose hits and counters fit hit_bytes_max; unbounded for kind all.
     [[nodiscard]] std::uint64_t hit_rays_max() const;
     /// True if the first backend traces on the daemon's own compute threads.
     [[nodiscard]] bool is_local() const { return worker.first().pool() == nullptr; }
     /// Returns a copy of `plan` with another query, for integrators that make several.
-    [[nodiscard]] static Reply<Plan> with(Plan plan, Query query, bool counting);
+    [[nodiscard]] static Reply<Plan> with(Plan plan, Query query, CounterMode counters);
     /// Returns a copy of `plan` for closest hits whose traversal is told to an observer, on the CPU.
     [[nodiscard]] static Reply<Plan> observed(Plan plan);
     /// Returns the source of columns; the caller adds rays and hits.
     [[nodiscard]] ColumnSource source(const Registry& registry) const;
 };
 
-/// Maximum bytes of a chunk's hit records; it bounds the rays of a chunk if a ray has many hits.
+/// Maximum bytes of a chunk's hit records or counters; it bounds the rays of a chunk if a ray has
+/// many of them.
 inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
 
-/// Makes the plan of a job; an error names the wrong word. `counting` forces the single traversal
+/// Makes the plan of a job; an error names the wrong word. Counters force the single traversal
 /// on the CPU, and a note to the user says so.
 Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
-                      Query query, bool counting);
+                      Query query, CounterMode counters = counters_none);
 
 /// Returns the submission of a job with this plan; the caller adds the job itself.
 [[nodiscard]] JobSubmission accept(const Plan& plan, const char* kind, std::uint64_t rays);

@@ -60,10 +60,10 @@ TracedRays TracedRays::slice(std::size_t from, std::size_t count) const {
     if (!order.empty()) return part;  // `order` indexes all rays and hits: do not cut those
     // Leave packed hits (kind all) uncut: such a slice begins with the first row.
     if (flags.empty() && !rays.empty()) cut(part.hits, hits.size() / rays.size());
+    if (!rays.empty()) cut(part.counters, counters.size() / rays.size());
     cut(part.rays, 1);
     cut(part.counts, 1);
     cut(part.flags, 1);
-    cut(part.counters, 1);
     return part;
 }
 
@@ -75,7 +75,7 @@ Traced<TracedRays> trace_rays(const Plan& plan, std::size_t backend, std::span<c
     buffers.resize(buffers.hits, plan.untraced ? 0 : hits);
     buffers.resize(buffers.counts, plan.csr() ? count : 0);
     buffers.resize(buffers.flags, all ? count : 0);
-    buffers.resize(buffers.counters, plan.counting ? count : 0);
+    buffers.resize(buffers.counters, count * plan.counter_sets());
     const std::vector<void*> outputs = buffers.resize_outputs(plan, count);
 
     auto answered = static_cast<std::uint32_t>(count);

@@ -23,7 +23,7 @@ struct TraceBuffers {
     std::vector<std::uint32_t> order;   ///< index of each row's ray and hit
     std::vector<std::uint32_t> counts;  ///< hits per ray, for kinds multi and all
     std::vector<std::uint8_t> flags;    ///< HitFlags per ray, for kind all
-    std::vector<Counters> counters;     ///< per ray, if the plan counts
+    std::vector<Counters> counters;     ///< Plan::counter_sets() per ray
     std::vector<std::vector<std::uint32_t>> outputs;  ///< [output of the intersector][ray]
     std::vector<HitRecord> occluders;                 ///< hits of an integrator's occlusion rays
 

@@ -77,7 +77,7 @@ private:
 
 Reply<Answer> blame(const Services& services, const Caller& caller,
                     const protocol::Opened<wire::Blame>& message) {
-    auto asked = make_plan(services, caller, *message->job(), query_closest, false);
+    auto asked = make_plan(services, caller, *message->job(), query_closest);
     if (!asked) return tl::unexpected(asked.error());
     auto plan = Plan::observed(std::move(*asked));
     if (!plan) return tl::unexpected(plan.error());

@@ -23,9 +23,9 @@ wire::Dtype dtype(FieldType type) {
     return wire::Dtype::u8;
 }
 
-bool per_ray(Field field, Query query) {
+bool per_ray(const Column& column, Query query) {
     const bool csr = query == query_multi || query == query_all;
-    return !csr || field_info(field).of_ray;
+    return !csr || field_info(column.field).of_ray;
 }
 
 /// The hits of a multi or all query without gaps, with the ray of each.
@@ -61,7 +61,7 @@ Compacted compact(const Plan& plan, const TracedRays& traced) {
 
 /// A column and the place of its next element.
 struct Target {
-    Field field;
+    Column column;
     std::byte* out;
 };
 
@@ -81,10 +81,11 @@ void write_columns(std::span<Target> columns, const ColumnSource& all, std::size
             else
                 part.ray_of = all.ray_of.subspan(at, n);
         }
-        if (!all.counters.empty()) part.counters = all.counters.subspan(at, n);
-        for (Target& column : columns) {
-            write_column(column.field, part, column.out);
-            column.out += n * field_bytes(column.field);
+        if (!all.counters.empty())
+            part.counters = all.counters.subspan(at * all.counter_sets, n * all.counter_sets);
+        for (Target& target : columns) {
+            write_column(target.column, part, target.out);
+            target.out += n * field_bytes(target.column.field);
         }
     }
 }
@@ -93,28 +94,28 @@ void write_columns(std::span<Target> columns, const ColumnSource& all, std::size
 
 Reply<Columns> Columns::choose(std::span<const std::string> names, Query query) {
     Columns columns;
-    std::vector<Field>& fields = columns.fields_;
+    std::vector<Column>& chosen = columns.columns_;
     for (const std::string& name : names) {
-        const auto field = parse_field(name);
-        if (!field) {
+        const auto column = parse_column(name);
+        if (!column) {
             columns.outputs_.push_back(name);
             continue;
         }
-        if (query == query_any && !field_info(*field).of_ray)
+        if (query == query_any && !field_info(column->field).of_ray)
             return refuse(Code::invalid_field,
                           "column '" + name +
                               "' is not defined for kind any: which surface an any-hit meets "
                               "depends on the traversal; ask for hit, or use kind closest");
-        if (query == query_all && field_info(*field).counter)
+        if (query == query_all && field_info(column->field).counter)
             return refuse(Code::invalid_field,
                           "column '" + name +
                               "' is not counted for kind all; use kind closest, any or multi");
-        if (std::find(fields.begin(), fields.end(), *field) == fields.end())
-            fields.push_back(*field);
+        if (std::find(chosen.begin(), chosen.end(), *column) == chosen.end())
+            chosen.push_back(*column);
     }
     const auto shown = query == query_any ? FieldInfo::Shown::any : FieldInfo::Shown::hits;
     for (std::uint32_t i = 0; names.empty() && i < field_table().size(); ++i)
-        if (field_table()[i].shown == shown) fields.push_back(static_cast<Field>(i));
+        if (field_table()[i].shown == shown) chosen.emplace_back(static_cast<Field>(i));
     return columns;
 }
 
@@ -124,19 +125,31 @@ Reply<void> Columns::check_outputs(const Variant& variant) const {
         const bool known =
             std::any_of(outputs.begin(), outputs.end(),
                         [&](const PackOutput& output) { return name == output.name; });
-        if (!known) return refuse(parse_field(name).error());
+        if (!known) return refuse(parse_column(name).error());
     }
     return {};
 }
 
-bool Columns::counting() const {
-    return std::any_of(fields_.begin(), fields_.end(),
-                       [](Field field) { return field_info(field).counter; });
+CounterMode Columns::counters() const {
+    const auto any = [&](const auto& wanted) {
+        return std::any_of(columns_.begin(), columns_.end(), wanted);
+    };
+    if (any([](const Column& column) { return column.of_level(); })) return counters_by_level;
+    return any([](const Column& column) { return field_info(column.field).counter; })
+               ? counters_total
+               : counters_none;
+}
+
+Reply<void> Columns::check_levels(const SceneView& scene) const {
+    for (const Column& column : columns_)
+        if (const auto known = check_level(column, scene.objects[scene.root].levels); !known)
+            return refuse(known.error());
+    return {};
 }
 
 bool Columns::read_rays() const {
-    return std::any_of(fields_.begin(), fields_.end(),
-                       [](Field field) { return field_info(field).reads_rays; });
+    return std::any_of(columns_.begin(), columns_.end(),
+                       [](const Column& column) { return field_info(column.field).reads_rays; });
 }
 
 Columns::Cost Columns::cost(const Plan& plan) const {
@@ -144,10 +157,10 @@ Columns::Cost Columns::cost(const Plan& plan) const {
     const std::size_t outputs = plan.variant->outputs().size();
     const std::size_t splits = plan.csr() ? 1 : 0;
     cost.fixed =
-        (fields_.size() + outputs + splits) * protocol::alignment + splits * sizeof(std::uint64_t);
+        (columns_.size() + outputs + splits) * protocol::alignment + splits * sizeof(std::uint64_t);
     cost.per_ray = outputs * sizeof(std::uint32_t) + splits * sizeof(std::uint64_t);
-    for (const Field field : fields_)
-        (per_ray(field, plan.query) ? cost.per_ray : cost.per_hit) += field_bytes(field);
+    for (const Column& column : columns_)
+        (per_ray(column, plan.query) ? cost.per_ray : cost.per_hit) += field_bytes(column.field);
     return cost;
 }
 
@@ -164,10 +177,10 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
     protocol::Bulk bulk;
     if (many) bulk.add(splits_name, wire::Dtype::u64, 1, rows + 1);
     const std::size_t first_column = bulk.count();
-    for (const Field field : fields_) {
-        const FieldInfo& info = field_info(field);
-        bulk.add(info.name, dtype(info.type), info.width,
-                 per_ray(field, plan.query) ? rows : hit_count);
+    for (const Column& column : columns_) {
+        const FieldInfo& info = field_info(column.field);
+        bulk.add(column_name(column), dtype(info.type), info.width,
+                 per_ray(column, plan.query) ? rows : hit_count);
     }
     std::vector<std::size_t> output_blocks;
     for (const PackOutput& output : plan.variant->outputs())
@@ -179,11 +192,11 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
         std::copy(csr.splits.begin(), csr.splits.end(), bulk.block_as<std::uint64_t>(0).begin());
     std::vector<Target> of_rays;
     std::vector<Target> of_hits;
-    of_rays.reserve(fields_.size());
-    of_hits.reserve(fields_.size());
-    for (std::size_t i = 0; i < fields_.size(); ++i)
-        (per_ray(fields_[i], plan.query) ? of_rays : of_hits)
-            .push_back({fields_[i], bulk.block(first_column + i).data()});
+    of_rays.reserve(columns_.size());
+    of_hits.reserve(columns_.size());
+    for (std::size_t i = 0; i < columns_.size(); ++i)
+        (per_ray(columns_[i], plan.query) ? of_rays : of_hits)
+            .push_back({columns_[i], bulk.block(first_column + i).data()});
     ColumnSource source = plan.source(registry);
     source.rays = traced.rays;
     if (many) {
@@ -195,6 +208,7 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
     source.ray_of = {};
     source.order = traced.order;
     source.counters = traced.counters;
+    if (plan.counters != counters_none) source.counter_sets = plan.counter_sets();
     write_columns(of_rays, source, rows);
     for (std::size_t i = 0; i < output_blocks.size(); ++i)
         std::memcpy(bulk.block(output_blocks[i]).data(), traced.outputs[i].data() + traced.first,

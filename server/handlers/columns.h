@@ -23,8 +23,11 @@ public:
     /// Fails with INVALID_FIELD if a name is neither a field nor an output of `variant`.
     [[nodiscard]] Reply<void> check_outputs(const Variant& variant) const;
 
-    /// True if a column needs a counting kernel.
-    [[nodiscard]] bool counting() const;
+    /// The counters that the columns need.
+    [[nodiscard]] CounterMode counters() const;
+
+    /// Fails with INVALID_FIELD if a column is of a level that the scene lacks.
+    [[nodiscard]] Reply<void> check_levels(const SceneView& scene) const;
 
     /// True if a column needs the rays besides their hits.
     [[nodiscard]] bool read_rays() const;
@@ -47,7 +50,7 @@ public:
                                   JobStatistics& statistics) const;
 
 private:
-    std::vector<Field> fields_;
+    std::vector<Column> columns_;
     std::vector<std::string> outputs_;  ///< names that are not fields
 };
 

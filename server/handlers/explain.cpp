@@ -149,7 +149,7 @@ private:
 
 Reply<Answer> explain(const Services& services, const Caller& caller,
                       const protocol::Opened<wire::Explain>& message) {
-    auto asked = make_plan(services, caller, *message->job(), query_closest, false);
+    auto asked = make_plan(services, caller, *message->job(), query_closest);
     if (!asked) return tl::unexpected(asked.error());
     auto plan = Plan::observed(std::move(*asked));
     if (!plan) return tl::unexpected(plan.error());

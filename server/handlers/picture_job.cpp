@@ -6,6 +6,8 @@
 #include "server/handlers/scene_info.h"
 
 #include <algorithm>
+#include <array>
+#include <charconv>
 #include <sstream>
 #include <utility>
 
@@ -163,6 +165,36 @@ std::string PictureJob::hint() const {
                 std::string("; to frame the scene take `look_at` ") + lookat.str());
 }
 
+std::vector<Attribute> PictureJob::provenance() const {
+    const auto text = [&](const std::string& words) {
+        return clean_text(words, services_.limits.name_bytes_max);
+    };
+    const auto number = [](auto value) {
+        std::array<char, 64> digits{};
+        char* const end = digits.data() + digits.size();
+        return std::string(digits.data(), std::to_chars(digits.data(), end, value).ptr);
+    };
+    const Variant& variant = *plan_.variant;
+    std::string settings;
+    for (std::size_t i = 0; i < plan_.settings.params.size(); ++i)
+        settings.append(i == 0 ? "" : " ")
+            .append(variant.params()[i].name)
+            .append("=")
+            .append(number(plan_.settings.params[i]));
+    std::string pose;
+    for (const float element : request_.camera.to_world.m)
+        pose.append(pose.empty() ? "" : " ").append(number(element));
+    return {{"Software", "RayNest " RAYNEST_VERSION},
+            {"raynest:scene", text(plan_.scene.name)},
+            {"raynest:hash", plan_.scene.snapshot().digest()},
+            {"raynest:epoch", number(plan_.scene.epoch)},
+            {"raynest:intersector", text(variant.name)},
+            {"raynest:settings", text(settings)},
+            {"raynest:mask", number(plan_.mask)},
+            {"raynest:camera", text(request_.camera.name)},
+            {"raynest:camera_to_world", pose}};
+}
+
 std::optional<Progress> PictureJob::progress() const {
     if (stage_ == Stage::tracing) return Progress{queue_.answered(), request_.pixels(), "tracing"};
     if (stage_ == Stage::encoding) return Progress{0, 0, "encoding"};
@@ -178,10 +210,11 @@ Traced<Frames> PictureJob::trace(const Chunk& chunk, const Stop& stop, TraceBuff
     const CastPlans by = plans();
     buffers.resize(buffers.rays, pixels.rays());
     buffers.resize(buffers.hits, pixels.rays());
-    buffers.resize(buffers.counters, by.counted != nullptr ? pixels.rays() : 0);
+    const std::uint32_t sets = by.counted == nullptr ? 0 : by.counted->counter_sets();
+    buffers.resize(buffers.counters, pixels.rays() * sets);
     ChunkCaster caster(by, chunk.backend, stop, buffers);
     const auto seen = trace_pixels(pixels, plan_.source(services_.registry), caster,
-                                   {buffers.rays, buffers.hits, buffers.counters});
+                                   {buffers.rays, buffers.hits, buffers.counters, sets});
     if (!seen) return tl::unexpected(caster.failure());
     JobStatistics::Counts counts;
     counts.rays = seen->rays;

@@ -3,6 +3,7 @@
 //   tracing (tasks in any order) ──all ended──► encoding (one task) ──► sending (under credit)
 #pragma once
 
+#include "engine/assets/image.h"
 #include "engine/integrators/camera.h"
 #include "engine/integrators/picture.h"
 #include "server/execution/chunk_caster.h"
@@ -71,6 +72,8 @@ protected:
                                                    const PixelArrays& arrays) = 0;
     /// Encodes the payload after all chunks are traced. Any thread.
     virtual Reply<Payload> encode() = 0;
+    /// Returns what made the picture, for the header of its file. Equal requests give equal lines.
+    [[nodiscard]] std::vector<Attribute> provenance() const;
     /// Adds the fields of DONE that are specific to this kind of picture.
     virtual void complete(wire::DoneT& /*done*/) const {}
 

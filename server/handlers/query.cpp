@@ -182,7 +182,7 @@ private:
     /// True if rays may be traced in any order and among others, because each has one hit record
     /// and nothing else.
     [[nodiscard]] bool any_order() const {
-        return !plan_.csr() && !plan_.counting && !plan_.untraced &&
+        return !plan_.csr() && plan_.counters == counters_none && !plan_.untraced &&
                plan_.variant->outputs().empty();
     }
 
@@ -262,8 +262,10 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     if (!kind) return tl::unexpected(kind.error());
     auto columns = Columns::choose(protocol::strings(message->fields()), kind->query);
     if (!columns) return tl::unexpected(columns.error());
-    auto plan = make_plan(services, caller, *message->job(), kind->query, columns->counting());
+    auto plan = make_plan(services, caller, *message->job(), kind->query, columns->counters());
     if (!plan) return tl::unexpected(plan.error());
+    if (auto known = columns->check_levels(plan->scene.snapshot().view()); !known)
+        return tl::unexpected(known.error());
     plan->untraced = kind->untraced;
     plan->hidden = protocol::strings(message->hidden());
     plan->reads_rays = reduce.empty() && columns->read_rays();

@@ -90,7 +90,7 @@ Reply<Answer> render(const Services& services, const Caller& caller,
     if (integrator != "primary")
         return refuse(Code::unsupported, "this daemon has no integrator '" +
                                              std::string(integrator) + "'; use primary");
-    auto plan = make_plan(services, caller, *message->job(), query_closest, false);
+    auto plan = make_plan(services, caller, *message->job(), query_closest);
     if (!plan) return tl::unexpected(plan.error());
     const std::uint64_t pixels = std::uint64_t{message->width()} * message->height();
     if (auto chosen = choose_backends(services.backends, pixels, *plan); !chosen)

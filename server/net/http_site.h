@@ -1,4 +1,4 @@
-// What the daemon answers over HTTP, without sockets.
+// The daemon's answers over HTTP, without sockets.
 //
 //   HttpRequest ──► allowed Host? ──► route: a file of server/web, /healthz, /readyz, /v1/stream
 //                                        │

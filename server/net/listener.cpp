@@ -36,7 +36,7 @@ Fd open_spare() {
     return Fd(::open("/dev/null", O_RDONLY | O_CLOEXEC));
 }
 
-/// What to listen on, and the option that says so.
+/// An address to listen on, and the option that says so.
 struct Place {
     const Address& address;
     std::string_view option;

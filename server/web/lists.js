@@ -1,4 +1,4 @@
-// What client and daemon both list. Written by .ci/lists.py from the .def files of the tree.
+// The lists that client and daemon share. Written by .ci/lists.py from the .def files of the tree.
 
 export const MESSAGES = {
   Hello: 1,
@@ -68,6 +68,8 @@ export const COLUMNS = {
   prims: ["u32", 1],
   instances: ["u32", 1],
   rejects: ["u32", 1],
+  box_hits: ["u32", 1],
+  prim_hits: ["u32", 1],
   total: ["u32", 1],
 };
 
@@ -78,6 +80,8 @@ export const COUNTERS = {
   prims: "primitives tested per ray",
   instances: "instances entered per ray",
   rejects: "hits rejected per ray",
+  box_hits: "boxes entered per ray",
+  prim_hits: "primitives hit per ray",
   total: "total per ray (boxes + primitives)",
 };
 

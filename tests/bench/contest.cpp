@@ -38,7 +38,7 @@ Result<RayMask> prepare_rays(const Options& options, const Loaded& loaded, const
             loaded.registries.front()->choose("opaque", loaded.workload.scene->view());
         if (!opaque) return tl::unexpected(opaque.error());
         const auto finder =
-            find_function(**opaque, query_closest, precision_fast, traversal_single, false);
+            find_function(**opaque, query_closest, precision_fast, traversal_single);
         if (!finder) return tl::unexpected(finder.error());
         set.rays = make_rays(loaded.workload, *kind, options.count, *finder);
         set.query = natural_query(*kind);
@@ -105,7 +105,7 @@ private:
         if (!precision) return tl::unexpected(precision.error());
         const auto traversal = parse_traversal(label.traversal);
         if (!traversal) return tl::unexpected(traversal.error());
-        const auto selector = KernelSelector::make(variant, set_.query, *precision, *traversal, false);
+        const auto selector = KernelSelector::make(variant, set_.query, *precision, *traversal);
         // Where single rays stand in for what was named, a row of that name would be theirs.
         const bool stands = selector && (*traversal == traversal_auto ||
                                        selector->choose({}, workload.scene->view()) == *traversal);

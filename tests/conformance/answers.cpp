@@ -48,14 +48,16 @@ Answer ask_all(const Variant& variant, TraceFunction function, TraceCall call) {
 }  // namespace
 
 Answer ask(const Variant& variant, TraceFunction function, const SceneView& scene,
-           std::span<const Ray> rays, const Question& question, const Settings& settings) {
+           std::span<const Ray> rays, const Question& question, const Settings& settings,
+           CounterMode counters) {
     const auto n = static_cast<std::uint32_t>(rays.size());
+    const std::size_t sets = counters == counters_by_level ? scene.objects[scene.root].levels : 1;
     const std::uint32_t capacity = question.query == query_all ? 0 : question.hits_max;
     Answer answer;
     answer.hits.resize(static_cast<std::size_t>(n) * capacity);
     for (std::uint32_t i = 0; i < n; ++i) answer.first.push_back(std::size_t{i} * capacity);
     answer.counts.assign(n, 1);
-    answer.counters.resize(n);
+    answer.counters.resize(n * sets);
     answer.outputs.assign(variant.outputs().size(), std::vector<std::uint32_t>(n));
     std::vector<void*> columns;
     for (auto& column : answer.outputs) columns.push_back(column.data());
@@ -72,6 +74,16 @@ Answer ask(const Variant& variant, TraceFunction function, const SceneView& scen
                          columns.data()};
     if (question.query == query_all) return ask_all(variant, function, call);
     check_call(function(&call), variant);
+    for (std::size_t i = 0; i < n; ++i) {
+        Counters sum;
+        for (std::size_t at = i * sets; at < (i + 1) * sets; ++at) {
+#define RAYNEST_COUNTER(name, title) sum.name += answer.counters[at].name;
+#define RAYNEST_SUM(...)
+#include "engine/geometry/counters.def"
+        }
+        answer.counters[i] = sum;
+    }
+    answer.counters.resize(n);
     return answer;
 }
 

@@ -37,7 +37,8 @@ struct Answer {
 
 /// Runs a query. Throws std::runtime_error if the kernel refuses the call, which is well formed.
 Answer ask(const Variant& variant, TraceFunction function, const SceneView& scene,
-           std::span<const Ray> rays, const Question& question, const Settings& settings);
+           std::span<const Ray> rays, const Question& question, const Settings& settings,
+           CounterMode counters = counters_total);
 
 bool same_bytes(std::span<const HitRecord> a, std::span<const HitRecord> b);
 

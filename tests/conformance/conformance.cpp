@@ -28,6 +28,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
+#include <cstring>
 #include <exception>
 #include <iomanip>
 #include <iostream>
@@ -142,7 +143,7 @@ public:
         for (const Question& question : questions) {
             if (edges_only && question.query != query_closest) continue;
             const auto reference =
-                find_function(variant_, question.query, precision_fast, traversal_reference, false);
+                find_function(variant_, question.query, precision_fast, traversal_reference);
             if (!reference) {
                 check_without_reference(test, question, settings);
                 continue;
@@ -164,7 +165,7 @@ private:
     // A GPU's kernels must refuse a scene that is nested too deep for them.
     void check_refusal(const Case& test, const Settings& settings) {
         const auto function =
-            find_function(variant_, query_closest, precision_fast, traversal_single, false);
+            find_function(variant_, query_closest, precision_fast, traversal_single);
         if (!function) return;
         std::vector<HitRecord> hits(test.rays.size());
         TraceCall call{};
@@ -182,9 +183,9 @@ private:
     void check_traversals(const Case& test, const Question& question, const Settings& settings,
                           const Answer& expected) {
         for (std::uint32_t t = 0; t < traversal_reference; ++t) {
-            for (const bool counting : {false, true}) {
-                if (test.name.starts_with("edges") && counting) continue;
-                check_traversal(test, question, settings, static_cast<Traversal>(t), counting,
+            for (const CounterMode counters : {counters_none, counters_total, counters_by_level}) {
+                if (test.name.starts_with("edges") && counters != counters_none) continue;
+                check_traversal(test, question, settings, static_cast<Traversal>(t), counters,
                                 expected);
             }
         }
@@ -199,8 +200,7 @@ private:
         }
         for (std::uint32_t t = 0; t < traversal_reference; ++t) {
             const auto traversal = static_cast<Traversal>(t);
-            if (!find_function(variant_, question.query, precision_fast, traversal, false))
-                continue;
+            if (!find_function(variant_, question.query, precision_fast, traversal)) continue;
             ++counts_.failures;
             if (printed_++ >= 2) continue;
             std::printf("FAILED: %s %s %s query %u: no reference to compare it with\n",
@@ -216,25 +216,31 @@ private:
     }
 
     void check_traversal(const Case& test, const Question& question, const Settings& settings,
-                         Traversal traversal, bool counting, const Answer& expected) {
+                         Traversal traversal, CounterMode counters, const Answer& expected) {
         const auto function =
-            find_function(variant_, question.query, precision_fast, traversal, counting);
+            find_function(variant_, question.query, precision_fast, traversal, counters);
         if (!function) return;
         const Answer answer =
-            ask(variant_, *function, test.scene->view(), test.rays, question, settings);
+            ask(variant_, *function, test.scene->view(), test.rays, question, settings, counters);
         for (const HitRecord& hit : answer.hits) counts_.hits += hit.hit;
         const Difference different = compare(test, answer, expected);
         if (different.rays != 0 && printed_++ < 2) {
             std::printf(
-                "FAILED: %s %s %s query %u traversal %u counting %d cull %u: "
+                "FAILED: %s %s %s query %u traversal %u counters %u cull %u: "
                 "%llu rays differ; the first:\n",
                 variant_.target.c_str(), variant_.name.c_str(), test.name.c_str(), question.query,
-                traversal, counting, settings.flags,
+                traversal, counters, settings.flags,
                 static_cast<unsigned long long>(different.rays));
             print_ray(test, answer, expected, different.first);
         }
-        if (counting && question.query == query_closest && settings.flags == 0) {
+        if (counters != counters_none && question.query == query_closest && settings.flags == 0) {
             check_counters(test, answer);
+        }
+        if (counters == counters_total) totals_ = answer.counters;
+        if (counters == counters_by_level && !same_counters(answer.counters, totals_)) {
+            std::printf("FAILED: %s %s: the levels do not add up to the total\n",
+                        variant_.name.c_str(), test.name.c_str());
+            ++counts_.failures;
         }
     }
 
@@ -280,6 +286,11 @@ private:
         print_ray(test, answer, answer, ray);
     }
 
+    static bool same_counters(const std::vector<Counters>& a, const std::vector<Counters>& b) {
+        return a.size() == b.size() &&
+               std::memcmp(a.data(), b.data(), a.size() * sizeof(Counters)) == 0;
+    }
+
     // Counters show whether the hooks ran: every level below the first adds an instance entry, and
     // a ray that hits something visited a node or leaf and tested a primitive there.
     void check_counters(const Case& test, const Answer& answer) {
@@ -302,6 +313,7 @@ private:
     std::map<std::string, Answer>& golden_;
     const bool reference_only_;
     CheckCounts counts_;
+    std::vector<Counters> totals_;  ///< of the question asked last
     int printed_ = 0;
 };
 

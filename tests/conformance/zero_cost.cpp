@@ -19,18 +19,22 @@ struct Tested {
 struct Tested : Opaque {};
 #endif
 
-template TraceStatus trace<Tested, query_closest, traversal_single, false>(
+template TraceStatus trace<Tested, query_closest, traversal_single, counters_none>(
     const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_any, traversal_single, false>(const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_multi, traversal_single, false>(
+template TraceStatus trace<Tested, query_any, traversal_single, counters_none>(
+    const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_multi, traversal_single, counters_none>(
     const TraceCall*) noexcept;
 template TraceStatus trace_all<Tested, traversal_single>(const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_closest, traversal_stream, false>(
+template TraceStatus trace<Tested, query_closest, traversal_stream, counters_none>(
     const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_any, traversal_stream, false>(const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_multi, traversal_stream, false>(const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_closest, traversal_packet, false>(
+template TraceStatus trace<Tested, query_any, traversal_stream, counters_none>(
     const TraceCall*) noexcept;
-template TraceStatus trace<Tested, query_any, traversal_packet, false>(const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_multi, traversal_stream, counters_none>(
+    const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_closest, traversal_packet, counters_none>(
+    const TraceCall*) noexcept;
+template TraceStatus trace<Tested, query_any, traversal_packet, counters_none>(
+    const TraceCall*) noexcept;
 
 }  // namespace raynest

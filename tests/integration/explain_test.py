@@ -11,7 +11,7 @@ import numpy
 
 from daemon import DaemonTest
 
-COUNTERS = ("nodes", "boxes", "leaves", "prims", "instances", "rejects", "total")
+COUNTERS = ("nodes", "boxes", "leaves", "prims", "instances", "rejects", "box_hits", "prim_hits", "total")
 
 
 class Explanations(DaemonTest):
@@ -46,8 +46,16 @@ class Explanations(DaemonTest):
                 row = json.loads(rows.stdout)
                 self.assertEqual({name: row[name] for name in COUNTERS},
                                  {name: told["totals"][name] for name in COUNTERS})
+                depth = self.client.json("info", scene)["levels"]
+                by_level = [f"{name}.{level}" for name in COUNTERS for level in range(depth)]
+                row = json.loads(self.client.run("--json", "query", scene, "--ray", text, "--intersector",
+                                                 intersector, "--fields", ",".join(by_level)).stdout)
+                self.assertEqual([row[name] for name in by_level],
+                                 [told["levels"][level][name] if level < len(told["levels"]) else 0
+                                  for name in COUNTERS for level in range(depth)])
                 for name in COUNTERS:
                     self.assertEqual(told["totals"][name], sum(level[name] for level in told["levels"]))
+                row = json.loads(rows.stdout)
                 self.assertEqual(bool(row["hits"]), told["hit"] is not None)
                 if told["hit"]:
                     hit = row["hits"][0]

@@ -60,9 +60,38 @@ class Pictures(DaemonTest):
             self.assertEqual(told["rays"], 40 * 36)
         width, height, channels = read_exr((self.out / "h.exr").read_bytes())
         _, shape, counts = read_npy((self.out / "h.npy").read_bytes())
-        self.assertEqual((height, width, list(channels)), (*shape, ["prims"]))
+        self.assertEqual((height, width), shape)
+        metrics = ["nodes", "boxes", "leaves", "prims", "instances", "rejects", "box_hits", "prim_hits", "total"]
+        self.assertEqual(sorted(channels), sorted(metrics + [f"L{level}.{metric}" for level in (0, 1)
+                                                             for metric in metrics]))
+        for metric in metrics:
+            levels = zip(channels[f"L0.{metric}"], channels[f"L1.{metric}"])
+            self.assertEqual(list(channels[metric]), [sum(pixel) for pixel in levels])
+        self.client.json("heatmap", "square", "--metric", "prims", "-o", self.out / "again.exr", *self.VIEW)
+        self.assertEqual((self.out / "h.exr").read_bytes(), (self.out / "again.exr").read_bytes())
         self.assertEqual(tuple(channels["prims"]), tuple(counts))
         self.assertGreater(max(counts), 0)
+
+    def test_the_levels_of_a_map_add_up_to_the_whole(self):
+        self.client.json("load", "builtin:flake?depth=3", "--name", "flake")
+        depth = self.client.json("info", "flake")["levels"]
+        self.client.json("heatmap", "flake", "-o", self.out / "f.exr", "--size", "48x32")
+        _, _, channels = read_exr((self.out / "f.exr").read_bytes())
+        for metric in ("boxes", "prims", "box_hits", "instances", "total"):
+            levels = [channels[f"L{level}.{metric}"] for level in range(depth)]
+            self.assertEqual(list(channels[metric]), [sum(pixel) for pixel in zip(*levels)])
+        self.assertGreater(max(channels[f"L{depth - 1}.prims"]), 0)
+        self.client.json("heatmap", "flake", "-o", self.out / "f.npy", "--size", "48x32", "--metric", "boxes.1")
+        _, _, counts = read_npy((self.out / "f.npy").read_bytes())
+        self.assertEqual(tuple(counts), tuple(channels["L1.boxes"]))
+
+    def test_a_level_that_the_scene_lacks_is_refused(self):
+        for arguments in (("heatmap", "square", "-o", self.out / "x.png", "--metric", "boxes.2"),
+                          ("query", "square", "--ray", "0,0,5,0,0,-1", "--fields", "boxes.2")):
+            done = self.client.run(*arguments)
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn("'boxes.2': the scene has 2 levels, 0 to 1", done.stderr)
+            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
 
 
 if __name__ == "__main__":

@@ -278,7 +278,7 @@ class Transport(DaemonTest):
 
 
 class Ends(DaemonTest):
-    """What a daemon's end, and its limits, look like from a WebSocket."""
+    """A daemon's end, and its limits, as a WebSocket sees them."""
     arguments = ("--http", "127.0.0.1:0", "--principal-connections-max", "3")
 
     def test_too_many_are_told_over_http(self):

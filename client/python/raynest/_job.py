@@ -47,6 +47,9 @@ class Outcome(dict[str, Any]):
         self["notes"] = notes
         if not self.get("invalid"):
             self.pop("first_invalid", None)
+        if not self.get("samples"):
+            self.pop("samples", None)
+            self.pop("dropped", None)
         if name == "Started":
             self["origin"] = origin_of(self)
             del self["hidden"]

@@ -54,6 +54,8 @@ OF_RAYS: dict[str, tuple[str, int]] = {
     'prims': ('u32', 1),
     'instances': ('u32', 1),
     'rejects': ('u32', 1),
+    'box_hits': ('u32', 1),
+    'prim_hits': ('u32', 1),
     'total': ('u32', 1),
 }
 

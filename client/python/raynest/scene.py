@@ -309,7 +309,7 @@ class Scene:
                 range: Union[str, Sequence[float]] = "p99",
                 count: str = "traversed", encode: str = "raw", progress: Progress = None,
                 detach: bool = False, **job: Unpack[JobOptions]) -> Any:
-        """What a ray through each pixel costs: counts, (height, width) of u32; with `encode` "png"
+        """Returns the cost of a ray through each pixel: counts, (height, width) of u32; with `encode` "png"
         or "exr" the bytes of such a file, the former with a legend. Statistics over all pixels are
         in Client.outcome["heat"]. `range` is "p99", "auto", or (low, high). Cameras and `detach` are
         those of render()."""

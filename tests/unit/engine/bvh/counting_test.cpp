@@ -10,6 +10,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <cstring>
 #include <limits>
 #include <vector>
 
@@ -185,6 +186,24 @@ TEST_CASE("node, box, leaf, primitive and instance counts equal those of a scala
             ClosestHit query;
             BoxRay boxed(start);
             traverse(boxed, Bvh{&view, view.root}, counting, query);
+
+            std::vector<Counters> levels(view.objects[view.root].levels);
+            Counting<Opaque, true> by_level{opaque, levels.data(),
+                                            static_cast<std::uint32_t>(levels.size())};
+            ClosestHit again;
+            BoxRay twice(start);
+            traverse(twice, Bvh{&view, view.root}, by_level, again);
+            Counters sum;
+            for (const Counters& level : levels) {
+#define RAYNEST_COUNTER(name, title) sum.name += level.name;
+#define RAYNEST_SUM(...)
+#include "engine/geometry/counters.def"
+            }
+            different += std::memcmp(&sum, &counted, sizeof sum) != 0;
+            // Each entered instance opens a tree one level below.
+            for (std::size_t level = 1; level < levels.size(); ++level)
+                different += levels[level].nodes != 0 && levels[level - 1].instances == 0;
+            different += levels[0].nodes == 0;
 
             Counters expected;
             ScalarWalk walk(view, expected);

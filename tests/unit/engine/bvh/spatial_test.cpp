@@ -75,7 +75,7 @@ std::vector<Ray> grazing_rays(const SceneDescription& scene, std::uint32_t count
 
 std::vector<HitRecord> trace(const Variant& variant, const Snapshot& scene, Traversal traversal,
                              const std::vector<Ray>& rays) {
-    const auto function = find_function(variant, query_closest, precision_fast, traversal, false);
+    const auto function = find_function(variant, query_closest, precision_fast, traversal);
     REQUIRE(function.has_value());
     std::vector<HitRecord> hits(rays.size());
     const TraceCall call{&scene.view(),
@@ -102,7 +102,7 @@ struct All {
 
 All trace_all(const Variant& variant, const Snapshot& scene, Traversal traversal,
               std::uint32_t budget, const std::vector<Ray>& rays) {
-    const auto function = find_function(variant, query_all, precision_fast, traversal, false);
+    const auto function = find_function(variant, query_all, precision_fast, traversal);
     REQUIRE(function.has_value());
     All all{std::vector<std::uint32_t>(rays.size()), std::vector<std::uint8_t>(rays.size()),
             std::vector<HitRecord>(rays.size() * 32)};
@@ -127,7 +127,7 @@ All trace_all(const Variant& variant, const Snapshot& scene, Traversal traversal
 /// Returns the first `budget` hits of each ray, in the form of All.
 All trace_multi(const Variant& variant, const Snapshot& scene, Traversal traversal,
                 std::uint32_t budget, const std::vector<Ray>& rays) {
-    const auto function = find_function(variant, query_multi, precision_fast, traversal, false);
+    const auto function = find_function(variant, query_multi, precision_fast, traversal);
     REQUIRE(function.has_value());
     std::vector<HitRecord> room(rays.size() * budget);
     All multi{std::vector<std::uint32_t>(rays.size()), {}, {}};
@@ -222,7 +222,7 @@ TEST_CASE("multi reports the first hits of all once, though several leaves hold 
     for (const std::uint32_t budget : {2U, 8U}) {
         const All expected = trace_all(opaque, *high, traversal_single, budget, rays);
         for (const Traversal traversal : {traversal_single, traversal_stream}) {
-            if (!find_function(opaque, query_multi, precision_fast, traversal, false)) continue;
+            if (!find_function(opaque, query_multi, precision_fast, traversal)) continue;
             CAPTURE(budget);
             CAPTURE(traversal);
             const All multi = trace_multi(opaque, *high, traversal, budget, rays);

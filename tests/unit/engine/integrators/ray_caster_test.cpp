@@ -115,8 +115,9 @@ TEST_CASE("work is summed over a pixel's samples, and the necessary work ends at
         SmallPicture picture(samples);
         SquareCaster caster;
         std::vector<std::uint32_t> out(64);
+        const std::array<Column, 1> metrics = {Field::prims};
         const auto measure = [&](bool necessary) {
-            return measure_work(picture.pixels, source, caster, picture.arrays(), Field::prims,
+            return measure_work(picture.pixels, source, caster, picture.arrays(), metrics,
                                 necessary, out);
         };
         REQUIRE(measure(false));

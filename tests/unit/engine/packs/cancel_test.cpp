@@ -34,11 +34,12 @@ struct Outcome {
 Outcome trace(TraceFunction function, Query query, const Snapshot& scene,
               const std::vector<Ray>& rays, Caller* caller) {
     constexpr std::uint32_t most = 4;
+    constexpr std::size_t levels_most = 64;  // of a scene here
     const std::uint32_t each = query == query_multi || query == query_all ? most : 1;
     Outcome outcome{trace_ok, std::vector<HitRecord>(rays.size() * 2 * most),
                     std::vector<std::uint32_t>(rays.size())};
     std::vector<std::uint8_t> flags(rays.size());
-    std::vector<Counters> counters(rays.size());
+    std::vector<Counters> counters(rays.size() * levels_most);
     std::uint32_t done = 0;
     TraceCall call{};
     call.scene = &scene.view();
@@ -68,13 +69,15 @@ void for_each_function(const Variant& variant, const Check& check) {
     std::size_t functions = 0;
     for (std::uint32_t traversal = 0; traversal < traversal_count; ++traversal) {
         for (std::uint32_t query = 0; query < query_count; ++query) {
-            for (const std::uint32_t counting : {0U, 1U}) {
+            for (const std::uint32_t counting : {0U, 1U, 2U}) {
                 const TraceFunction function =
                     variant.code->trace[precision_watertight][traversal][query][counting];
                 if (function == nullptr) continue;
                 ++functions;
                 check(std::string(traversals[traversal]) + " " + queries[query] +
-                          (counting != 0 ? " counting" : ""),
+                          (counting == 0   ? ""
+                           : counting == 1 ? " counting"
+                                           : " counting by level"),
                       function, static_cast<Query>(query));
             }
         }

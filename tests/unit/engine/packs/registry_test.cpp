@@ -95,10 +95,9 @@ TEST_CASE("parameters are checked by name, type, range and choice") {
 TEST_CASE("a combination that was not compiled is refused with a remedy") {
     const auto registry = registry_for("auto");
     const Variant& opaque = *registry->find("opaque");
-    CHECK(
-        find_function(opaque, query_closest, precision_fast, traversal_single, true).has_value());
-    const auto missing =
-        find_function(opaque, query_multi, precision_watertight, traversal_packet, false);
+    CHECK(find_function(opaque, query_closest, precision_fast, traversal_single, counters_total)
+              .has_value());
+    const auto missing = find_function(opaque, query_multi, precision_watertight, traversal_packet);
     REQUIRE(!missing);
     CHECK(missing.error().message.find("watertight") != std::string::npos);
     CHECK(missing.error().message.find("try `traversal` auto") != std::string::npos);
@@ -106,8 +105,8 @@ TEST_CASE("a combination that was not compiled is refused with a remedy") {
 
 TEST_CASE("a malformed call is refused, not traced") {
     const auto registry = registry_for("auto");
-    const auto function = find_function(*registry->find("opaque"), query_multi, precision_fast,
-                                        traversal_single, false);
+    const auto function =
+        find_function(*registry->find("opaque"), query_multi, precision_fast, traversal_single);
     TraceCall call{};
     CHECK((*function)(&call) == trace_bad_call);
     SceneView scene;
@@ -120,8 +119,8 @@ TEST_CASE("a malformed call is refused, not traced") {
     call.hits_max = multi_hits_max + 1;
     CHECK((*function)(&call) == trace_bad_call);
 
-    const auto all = find_function(*registry->find("opaque"), query_all, precision_fast,
-                                   traversal_single, false);
+    const auto all =
+        find_function(*registry->find("opaque"), query_all, precision_fast, traversal_single);
     std::uint32_t count = 0;
     std::uint32_t done = 0;
     std::uint8_t flags = 0;
@@ -160,13 +159,14 @@ TEST_CASE("traversal auto depends on the rays, a named one does not") {
     for (std::size_t i = 0; i < apart.size(); ++i) {
         apart[i].direction = Vec3(i % 2 == 0 ? 1 : -1, 0.5F, i % 3 == 0 ? 1 : -1);
     }
-    const auto make = [&](Query query, Traversal traversal, bool counting) {
-        const auto selector = KernelSelector::make(opaque, query, precision_watertight, traversal, counting);
+    const auto make = [&](Query query, Traversal traversal, CounterMode counters) {
+        const auto selector =
+            KernelSelector::make(opaque, query, precision_watertight, traversal, counters);
         REQUIRE(selector.has_value());
         return *selector;
     };
 
-    const KernelSelector any_way = make(query_closest, traversal_auto, false);
+    const KernelSelector any_way = make(query_closest, traversal_auto, counters_none);
     CHECK(any_way.choose(alike, scene) == traversal_packet);
     CHECK(any_way.choose(apart, scene) == traversal_stream);
     CHECK(any_way.choose(std::span(alike).first(63), scene) == traversal_single);
@@ -186,11 +186,12 @@ TEST_CASE("traversal auto depends on the rays, a named one does not") {
     CHECK(any_way.choose(alike, instanced) == traversal_packet);
     CHECK(any_way.choose(apart, instanced) == traversal_single);
 
-    const KernelSelector named = make(query_closest, traversal_stream, false);
+    const KernelSelector named = make(query_closest, traversal_stream, counters_none);
     CHECK(named.choose(alike, scene) == traversal_stream);
-    const KernelSelector counted = make(query_closest, traversal_auto, true);
+    const KernelSelector counted = make(query_closest, traversal_auto, counters_total);
     CHECK(counted.choose(alike, scene) == traversal_single);
-    const KernelSelector multi = make(query_multi, traversal_auto, false);  // coherent has no multi
+    const KernelSelector multi =
+        make(query_multi, traversal_auto, counters_none);  // coherent has no multi
     CHECK(multi.choose(alike, scene) == traversal_single);
     CHECK(multi.choose(apart, scene) == traversal_stream);
 
@@ -201,7 +202,7 @@ TEST_CASE("traversal auto depends on the rays, a named one does not") {
     Variant boxes = opaque;
     boxes.code = &code;
     const auto selector = [&](Traversal traversal) {
-        return KernelSelector::make(boxes, query_closest, precision_watertight, traversal, false).value();
+        return KernelSelector::make(boxes, query_closest, precision_watertight, traversal).value();
     };
     CHECK(selector(traversal_packet).choose(alike, scene) == traversal_single);
     CHECK(selector(traversal_auto).choose(alike, scene) == traversal_single);

@@ -19,8 +19,8 @@ using test::translation;
 namespace {
 
 template <class T>
-std::vector<T> column(Field field, const ColumnSource& source, std::size_t rows) {
-    REQUIRE(field_bytes(field) == sizeof(T));
+std::vector<T> column(const Column& field, const ColumnSource& source, std::size_t rows) {
+    REQUIRE(field_bytes(field.field) == sizeof(T));
     std::vector<T> values(rows + 1);
     std::memset(values.data(), 0x5A, values.size() * sizeof(T));
     const T guard = values.back();
@@ -170,7 +170,7 @@ TEST_CASE("front is set if the ray meets the side that the normal points to, als
     const auto registry = Registry::load({});
     REQUIRE(registry.has_value());
     const auto closest = find_function(*(*registry)->find("opaque"), query_closest, precision_fast,
-                                       traversal_single, false);
+                                       traversal_single);
     REQUIRE(closest.has_value());
     for (const Transform& transform :
          {scaling(1, 1, 1), scaling(-1, 1, 1), scaling(1, 1, -1), scaling(-1, -2, -3)}) {
@@ -243,6 +243,44 @@ TEST_CASE("records have their own normal, index and no texture coordinates") {
     CHECK(column<std::uint32_t>(Field::geom, source, 1)[0] == 0);
     CHECK(column<Vec2>(Field::uv, source, 1)[0] == Vec2(0));
     CHECK(column<std::uint32_t>(Field::material, source, 1)[0] == no_id);
+}
+
+TEST_CASE("a counter of one level is a column, and the levels add up to the total") {
+    const auto scene = test::build_scene(test::tree_scene());
+    const std::vector<Ray> rays(2);
+    const std::vector<HitRecord> hits(2);
+    const std::vector<Counters> counters{
+        {1, 8, 2, 11, 3, 4, 5, 6}, {10, 20, 30, 40, 50, 60, 70, 80}, {2, 3, 4, 5, 6, 7, 8, 9}, {}};
+    ColumnSource source{&scene->view(), rays, hits};
+    source.counters = counters;
+    source.counter_sets = 2;
+    using U32 = std::vector<std::uint32_t>;
+    CHECK(column<std::uint32_t>({Field::boxes, 0}, source, 2) == U32{8, 3});
+    CHECK(column<std::uint32_t>({Field::boxes, 1}, source, 2) == U32{20, 0});
+    CHECK(column<std::uint32_t>(Field::boxes, source, 2) == U32{28, 3});
+    CHECK(column<std::uint32_t>(Field::prim_hits, source, 2) == U32{86, 9});
+    CHECK(column<std::uint32_t>({Field::total, 1}, source, 2) == U32{60, 0});
+    CHECK(column<std::uint32_t>(Field::total, source, 2) == U32{79, 8});
+}
+
+TEST_CASE("columns of a level are counters with a number behind a dot") {
+    CHECK(parse_column("boxes") == Column(Field::boxes));
+    CHECK(parse_column("boxes.0") == Column(Field::boxes, 0));
+    CHECK(parse_column("prim_hits.31") == Column(Field::prim_hits, 31));
+    CHECK(column_name({Field::total, 3}) == "total.3");
+    CHECK(column_name(Field::t) == "t");
+    for (const char* wrong : {"boxes.", "boxes.x", "boxes.-1", "boxes.01", "boxes.32", "boxes.1.0",
+                              "boxes. 1", "t.0", ".0", "boxes.4294967296"}) {
+        CAPTURE(wrong);
+        const auto refused = parse_column(wrong);
+        REQUIRE_FALSE(refused);
+        CHECK(refused.error().code == ErrorCode::field_invalid);
+    }
+    CHECK(check_level({Field::boxes, 1}, 2));
+    CHECK(check_level(Field::boxes, 1));
+    const auto deep = check_level({Field::boxes, 2}, 2);
+    REQUIRE_FALSE(deep);
+    CHECK(deep.error().message == "there is no column 'boxes.2': the scene has 2 levels, 0 to 1");
 }
 
 TEST_CASE("counters are one per ray and total is boxes plus primitives") {

@@ -215,7 +215,7 @@ TEST_CASE("no answer changes when the opacity of all triangles is ignored") {
             for (const conformance::Question& question : conformance::questions) {
                 for (std::uint32_t t = 0; t < traversal_reference; ++t) {
                     const auto function = find_function(variant, question.query, precision_fast,
-                                                        static_cast<Traversal>(t), false);
+                                                        static_cast<Traversal>(t));
                     if (!function) continue;
                     CAPTURE(cutoff);
                     CAPTURE(question.query);
