@@ -239,7 +239,8 @@ class ServerReadme(unittest.TestCase):
             scope, _, function = name.rpartition("::")
             with self.subTest(name=name):
                 self.assertRegex(code, rf"\b{function}\(")
-                self.assertRegex(code, rf"\b(class|struct|namespace)\b.*\b{scope}\b" if scope else "")
+                if scope:
+                    self.assertRegex(code, rf"\b(class|struct|namespace)\b.*\b{scope}\b")
 
     def test_each_file_to_edit_is_there(self):
         rows = self.rows_below("| to add | edit |")
