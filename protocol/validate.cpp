@@ -131,7 +131,11 @@ Result<void> validate(const wire::Hello& message, const Limits& limits) {
 }
 
 Result<void> validate(const wire::Welcome& message, const Limits& limits) {
-    return Checks(limits).name("server", message.server()).result();
+    return Checks(limits)
+        .name("server", message.server())
+        .name("principal", message.principal())
+        .name("role", message.role())
+        .result();
 }
 
 Result<void> validate(const wire::Error& message, const Limits& limits) {
@@ -162,7 +166,8 @@ Result<void> validate(const wire::Load& message, const Limits& limits) {
         .finite("origin", message.origin_x())
         .finite("origin", message.origin_y())
         .finite("origin", message.origin_z())
-        .texts("masks", message.masks());
+        .texts("masks", message.masks())
+        .names("share", message.share());
     if (message.file_names() != nullptr)
         checks.at_most("files", message.file_names()->size(), limits.upload_files_max,
                        "upload_files_max");
@@ -216,6 +221,10 @@ Result<void> validate(const wire::SceneList& message, const Limits& limits) {
         .numbers("age_ms", message.names(), message.age_ms())
         .numbers("idle_ms", message.names(), message.idle_ms())
         .numbers("holders", message.names(), message.holders())
+        .texts("shares", message.shares())
+        .that(message.shares() == nullptr || message.names() == nullptr ||
+                  message.shares()->size() == message.names()->size(),
+              "shares", "lists differ in length")
         .result();
 }
 
@@ -288,6 +297,7 @@ Result<void> validate(const wire::Statistics& message, const Limits& limits) {
     return Checks(limits)
         .names("names", message.names())
         .numbers("values", message.names(), message.values())
+        .name("http", message.http())
         .result();
 }
 
@@ -322,6 +332,7 @@ Result<void> validate(const wire::Render& message, const Limits& limits) {
         .name("integrator", message.integrator())
         .name("environment", message.environment())
         .name("tonemap", message.tonemap())
+        .name("exposure", message.exposure())
         .at_least("samples", message.samples(), 1)
         .at_most("samples", message.samples(), limits.samples_max, "samples_max")
         .name("encode", message.encode());
@@ -333,6 +344,7 @@ Result<void> validate(const wire::Heatmap& message, const Limits& limits) {
     Checks checks(limits);
     checks.that(message.job() != nullptr, "job", "is missing")
         .nested(message.job(), check_job)
+        .nested(message.other(), check_job)
         .nested(message.camera(), check_camera)
         .name("metric", message.metric())
         .name("palette", message.palette())
