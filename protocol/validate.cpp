@@ -333,6 +333,7 @@ Result<void> validate(const wire::Heatmap& message, const Limits& limits) {
     Checks checks(limits);
     checks.that(message.job() != nullptr, "job", "is missing")
         .nested(message.job(), check_job)
+        .nested(message.other(), check_job)
         .nested(message.camera(), check_camera)
         .name("metric", message.metric())
         .name("palette", message.palette())
