@@ -209,6 +209,7 @@ Result<void> Daemon::run() {
         log(LogLevel::info, "listening", {{"uri", listener->uri()}});
     }
     if (http_listener_) {
+        services_.page = http_uri();
         http_listener_->start();
         log(LogLevel::info, "http",
             {{"page", http_uri()},

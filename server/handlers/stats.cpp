@@ -14,6 +14,7 @@ Reply<Answer> stats(const Services& services, const Caller& caller,
         add(metric.name, services.metrics.*metric.counter);
 #define RAYNEST_GAUGE(name, value, text) add(#name, value);
 #include "server/diag/metrics.def"
+    statistics.http = services.page;
     return answer_with(caller, statistics, services);
 }
 
