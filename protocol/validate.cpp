@@ -19,7 +19,11 @@ void check_job(Checks& checks, const wire::Job& job) {
         .settings("settings", job.settings(), checks.limits().name_bytes_max, "name_bytes_max")
         .name("traversal", job.traversal())
         .name("worker", job.worker())
-        .name("priority", job.priority());
+        .name("priority", job.priority())
+        .items("hidden_instances", job.hidden_instances())
+        .items("hidden_objects", job.hidden_objects())
+        .items("only_instances", job.only_instances())
+        .items("only_objects", job.only_objects());
 }
 
 void check_camera(Checks& checks, const wire::Camera& camera) {
@@ -248,6 +252,16 @@ Result<void> validate(const wire::PartList& message, const Limits& limits) {
         .numbers("records", message.names(), message.records())
         .names("alpha_modes", message.alpha_modes())
         .equally_long("alpha_modes", message.names(), message.alpha_modes())
+        .result();
+}
+
+Result<void> validate(const wire::Structure& message, const Limits& limits) {
+    return Checks(limits)
+        .name("scene", message.scene())
+        .needs("scene", message.scene())
+        .name("kind", message.kind())
+        .at_most("count", message.count(), limits.structure_rows_max, "structure_rows_max")
+        .that(message.depth_min() <= message.depth_max(), "depth_min", "is above depth_max")
         .result();
 }
 
