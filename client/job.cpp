@@ -147,11 +147,15 @@ std::string outcome_text(const Outcome& outcome) {
 
 void print_notes(const Outcome& outcome) {
     for (const std::string& note : outcome.notes) std::cerr << "raynest: " << note << '\n';
-    if (outcome.invalid != 0)
+    if (outcome.invalid == 1)
+        std::cerr << "raynest: ray " << outcome.first_invalid
+                  << " is not valid and counts as a miss";
+    if (outcome.invalid > 1)
         std::cerr << "raynest: " << grouped(outcome.invalid) << " of " << grouped(outcome.rays)
                   << " rays are not valid and count as misses, the first is ray "
-                  << outcome.first_invalid
-                  << ": something in it is not finite, its direction is zero, or tmin is negative "
+                  << outcome.first_invalid;
+    if (outcome.invalid != 0)
+        std::cerr << ": something in it is not finite, its direction is zero, or tmin is negative "
                      "or beyond tmax\n";
 }
 

@@ -142,7 +142,7 @@ inline void add_job(CLI::App& app, JobOptions& job) {
     add_epoch(app, job.epoch);
     app.add_option("--worker", job.worker, alternatives(worker_words));
     add_deadline(app, job.deadline, "give up after so many seconds");
-    app.add_option("--priority", job.priority, "low | normal | high");
+    app.add_option("--priority", job.priority, "normal | low | high");
 }
 
 inline void add_camera(CLI::App& app, CameraOptions& camera) {
@@ -220,7 +220,7 @@ inline void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
                   "), of all the nearest are kept (4096)");
     app.parse_complete_callback([&kind, &max_hits] {
         if (max_hits != 0 && !has_splits(kind))
-            throw CLI::ValidationError("--max-hits", "is of --kind multi and of --kind all");
+            throw CLI::ValidationError("--max-hits", "belongs to --kind multi and --kind all");
         if (kind == "multi" && max_hits > protocol::Limits{}.hits_max)
             throw CLI::ValidationError("--max-hits",
                                        "of --kind multi is at most " +

@@ -52,7 +52,7 @@ void declare(CLI::App& app, LoadOptions& load) {
     app.add_option("--name", load.name,
                    "name of the scene (the file's stem; forest for builtin:forest?trees=5)");
     app.add_flag("--replace", load.replace, "a new epoch of a name that is taken");
-    app.add_option("--build", load.build, "fast | medium | high");
+    app.add_option("--build", load.build, "medium | fast | high: more time for the build makes faster trees");
     app.add_option_function<std::vector<std::string>>(
            "--set-mask",
            [&load](const std::vector<std::string>& rules) {
@@ -68,7 +68,7 @@ void declare(CLI::App& app, LoadOptions& load) {
         ->allow_extra_args(false);
     app.add_option("--primitive", load.primitive,
                    "what the records of a .npy are: sphere, or a type of a loaded pack");
-    app.add_option("--instances", load.instances, "FILE.npy with 3x4 placements of them");
+    app.add_option("--instances", load.instances, "FILE.npy of shape (N, 3, 4): where the records of a .npy are placed");
     add_point(app, "--origin",
               "a point near a scene that lies far from zero: its digits are kept by subtracting "
               "it. Rays and answers stay in the world",
@@ -183,7 +183,7 @@ void declare(CLI::App& app, HeatmapOptions& heatmap) {
     app.add_option("--palette", heatmap.palette, alternatives(palette_words));
     app.add_option("--scale", heatmap.scale, "linear | log");
     CLI::Option* range = app.add_option("--range", heatmap.range,
-                                        "auto | p99 | LOW:HIGH; of a difference -HIGH:HIGH");
+                                        "p99 | auto | LOW:HIGH; of a difference -HIGH:HIGH");
     app.add_option("--range-from", heatmap.range_from,
                    "FILE.exr of a heat map whose range this one takes")
         ->excludes(range);
@@ -301,6 +301,18 @@ void declare(CLI::App& app, LoadTestOptions& load_test) {
                "requests per second of all clients, timed from when they are due; a client that "
                "waits for an answer sends late, and what is still late after 5 s is MISSED (else "
                "each client sends when it has its answer)");
+}
+
+/// Says in words what CLI11 says of an option group: "Exactly 1 option from [--ray,--rays] is
+/// required", of two "but 2 were given" too.
+std::string plain_words(std::string what) {
+    constexpr std::string_view begin = "Exactly 1 option from [";
+    const std::size_t end = what.find(']');
+    if (!what.starts_with(begin) || end == std::string::npos) return what;
+    std::string names = what.substr(begin.size(), end - begin.size());
+    for (std::size_t at = 0; (at = names.find(',', at)) != std::string::npos; at += 2)
+        names.insert(at + 1, " ");
+    return "one of " + names + what.substr(end + 1);
 }
 
 /// The subcommands. Each has a name, an example, a line of text, and the options that its
@@ -479,7 +491,7 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
         const std::string complaint = subcommands.complaint();
         if (!complaint.empty()) return refuse(complaint);
         if (app.get_subcommands().empty()) return fail(Exit::usage, first_steps);
-        return refuse(error.what());
+        return refuse(plain_words(error.what()));
     } catch (const CLI::ParseError& error) {
         const std::string complaint = subcommands.complaint();
         return refuse(complaint.empty() ? error.what() : complaint);

@@ -21,7 +21,7 @@ from ._job import JobOptions, Progress, SceneMoved, job_message, origin_of, othe
 from ._picture import Picture, camera_message, size_message
 from ._precision import ray_warning
 from ._query import Query
-from ._rays import Rays, Source, segments, vector
+from ._rays import Rays, Source, flat_pairs, segments, vector
 from ._words import path_info, scene_info
 from .errors import InvalidError, RayWarning, UsageError, warn
 from .generators import Generator as RayGenerator, one_sample
@@ -204,16 +204,18 @@ class Scene:
     def occluded(self, a: Any, b: Any, *, margin: Optional[float] = None,
                  margin_distance: Optional[float] = None, origin: Any = None,
                  progress: Progress = None, **job: Unpack[JobOptions]) -> Array:
-        """Returns, as (N,) bool, whether anything lies between points a and b. Both are (N, 3), or
-        one is (3,). Both ends of each segment are left out, so that points on a surface do not hide
+        """Returns, as bool, whether anything lies between points a and b: (N, 3) each, or any two
+        shapes (..., 3) that broadcast, so that a[:, None], b[None] asks for all pairs. Both ends of each segment are left out, so that points on a surface do not hide
         themselves: a share `margin` (1e-4), or `margin_distance` in the scene's units, metres in
         glTF. The answer is False for a segment no longer than both margins, and for one with an end
         that is masked or not finite; a RayWarning counts the latter."""
+        a, b, shape = flat_pairs(a, b)
+
         def ask(shift: Array, expected: bool) -> Any:
             source = self._source(segments(a, b, margin, margin_distance, shift), None, shift)
             return self._trace(source, shift, expected, "any", ("hit",), None, job, "", progress,
                                False)
-        return np.asarray(self._at(origin, ask)["hit"] != 0)
+        return np.asarray(self._at(origin, ask)["hit"] != 0).reshape(shape)
 
     def _learn(self, info: dict[str, Any]) -> None:
         """Takes the scene's place from its info."""
