@@ -101,20 +101,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         add_notes(done.notes(), outcome);
         outcome.samples = done.samples();
         outcome.dropped = done.dropped();
-        if (const wire::HeatStatistics* heat = done.heat()) {
-            outcome.heat.metric = protocol::text(heat->metric());
-            outcome.heat.min = heat->min();
-            outcome.heat.mean = heat->mean();
-            outcome.heat.p50 = heat->p50();
-            outcome.heat.p90 = heat->p90();
-            outcome.heat.p99 = heat->p99();
-            outcome.heat.max = heat->max();
-            outcome.heat.clipped = heat->clipped();
-            outcome.heat.range_low = heat->range_low();
-            outcome.heat.range_high = heat->range_high();
-            outcome.heat.below = heat->below();
-            outcome.heat.count = protocol::text(heat->count());
-        }
+        if (const wire::HeatStatistics* heat = done.heat()) heat->UnPackTo(&outcome.heat);
     }
     return {};
 }

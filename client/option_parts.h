@@ -35,6 +35,21 @@ CLI::Option* add_parsed(CLI::App& app, const std::string& name, Read read,
         text);
 }
 
+/// Adds an option that may be repeated; `read` takes each text and fails with what is wrong.
+template <class Read>
+void add_each(CLI::App& app, const std::string& name, Read read, const std::string& text) {
+    app.add_option_function<std::vector<std::string>>(
+           name,
+           [name, read](const std::vector<std::string>& values) {
+               for (const std::string& value : values)
+                   if (const auto taken = read(value); !taken)
+                       throw CLI::ValidationError(name, taken.error().message);
+           },
+           text)
+        ->take_all()
+        ->allow_extra_args(false);
+}
+
 /// Adds a number from `least` to `most`; `what` is the text for messages. CLI11's own parser would
 /// read -1 and 2^70 as 2^64 - 1, and its ranges accept NaN.
 template <class Number>
