@@ -75,6 +75,18 @@ CLI::Option* add_whole(CLI::App& app, const std::string& name, Whole& value, Who
 }
 inline constexpr std::uint64_t any_whole = std::numeric_limits<std::uint64_t>::max();
 
+/// Says in words what CLI11 says of an option group: "Exactly 1 option from [--ray,--rays] is
+/// required", of two "but 2 were given" too.
+inline std::string plain_words(std::string what) {
+    constexpr std::string_view begin = "Exactly 1 option from [";
+    const std::size_t end = what.find(']');
+    if (!what.starts_with(begin) || end == std::string::npos) return what;
+    std::string names = what.substr(begin.size(), end - begin.size());
+    for (std::size_t at = 0; (at = names.find(',', at)) != std::string::npos; at += 2)
+        names.insert(at + 1, " ");
+    return "one of " + names + what.substr(end + 1);
+}
+
 /// Refuses "", which a script passes for a variable that it forgot to set.
 inline std::string complain_if_empty(const std::string& text) {
     return text.empty() ? "must not be empty" : "";

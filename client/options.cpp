@@ -303,18 +303,6 @@ void declare(CLI::App& app, LoadTestOptions& load_test) {
                "answer). Times count from when a request is due; one that is 5 s late is MISSED");
 }
 
-/// Says in words what CLI11 says of an option group: "Exactly 1 option from [--ray,--rays] is
-/// required", of two "but 2 were given" too.
-std::string plain_words(std::string what) {
-    constexpr std::string_view begin = "Exactly 1 option from [";
-    const std::size_t end = what.find(']');
-    if (!what.starts_with(begin) || end == std::string::npos) return what;
-    std::string names = what.substr(begin.size(), end - begin.size());
-    for (std::size_t at = 0; (at = names.find(',', at)) != std::string::npos; at += 2)
-        names.insert(at + 1, " ");
-    return "one of " + names + what.substr(end + 1);
-}
-
 /// The subcommands. Each has a name, an example, a line of text, and the options that its
 /// declare() adds.
 class Subcommands {
