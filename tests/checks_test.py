@@ -222,7 +222,7 @@ class Lists(Planted):
 
 
 class ServerReadme(unittest.TestCase):
-    """What server/README.md names is there: functions on the way of a ray, files to edit."""
+    """server/README.md names functions on the way of a ray and files to edit: all of them exist."""
 
     ROOT = HERE.parent
     TEXT = (ROOT / "server/README.md").read_text(encoding="utf-8")
