@@ -2,6 +2,7 @@
 
 #include "client/connection.h"
 #include "client/generator.h"
+#include "client/network_options.h"
 #include "client/option_parts.h"
 #include "client/scene_source.h"
 
@@ -51,6 +52,7 @@ void declare(CLI::App& app, LoadOptions& load) {
     app.add_option("--name", load.name,
                    "name of the scene (the file's stem; forest for builtin:forest?trees=5)");
     app.add_flag("--replace", load.replace, "a new epoch of a name that is taken");
+    add_share(app, load);
     app.add_option("--build", load.build, "fast | medium | high");
     app.add_option_function<std::vector<std::string>>(
            "--set-mask",
@@ -295,6 +297,9 @@ public:
         add<CancelOptions>("cancel", "cancel 17", "end a job, and drop what it has answered");
         add<LoadTestOptions>("load-test", "load-test forest --clients 8 --rays 64 --seconds 10",
                              "measure round trips and throughput, beside bare sockets");
+        add<LoginOptions>("login", "login tls://gpu.example.org:31060",
+                          "keep the token of a daemon for later commands");
+        add<AdminOptions>("admin", "admin connections", "administer the daemon");
     }
     /// Returns the help of the chosen subcommand, or of the program; it begins with an example.
     [[nodiscard]] std::string help() const {
@@ -356,6 +361,8 @@ Result<void> check_local(const Options& options) {
             if (job != nullptr && job->detach)
                 return fail(Exit::usage,
                             "--local ends its daemon with the command: leave --detach out");
+            if (std::is_same_v<Command, LoginOptions>)
+                return fail(Exit::usage, "login names a daemon itself: leave --local out");
             if (std::is_same_v<Command, LoadTestOptions>)
                 return fail(Exit::usage,
                             "load-test measures a daemon that goes on: start raynestd");
@@ -386,8 +393,10 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     app.require_subcommand(1);
     app.set_version_flag("--version", "raynest " RAYNEST_VERSION);
     app.add_option("--server", options.server,
-                   "tcp://HOST:PORT or unix:PATH (" + std::string(default_uri) + ")")
+                   "tcp://HOST:PORT, tls://HOST:PORT or unix:PATH (" + std::string(default_uri) +
+                       ")")
         ->envname("RAYNEST_SERVER");
+    add_access(app, options.access);
     app.add_flag("--local", options.local,
                  "start a raynestd for this command alone, with no scene but those it loads");
     app.add_flag("--json", options.json, "answers and errors as JSON");

@@ -131,7 +131,11 @@ Result<void> validate(const wire::Hello& message, const Limits& limits) {
 }
 
 Result<void> validate(const wire::Welcome& message, const Limits& limits) {
-    return Checks(limits).name("server", message.server()).result();
+    return Checks(limits)
+        .name("server", message.server())
+        .name("principal", message.principal())
+        .name("role", message.role())
+        .result();
 }
 
 Result<void> validate(const wire::Error& message, const Limits& limits) {
@@ -162,7 +166,8 @@ Result<void> validate(const wire::Load& message, const Limits& limits) {
         .finite("origin", message.origin_x())
         .finite("origin", message.origin_y())
         .finite("origin", message.origin_z())
-        .texts("masks", message.masks());
+        .texts("masks", message.masks())
+        .names("share", message.share());
     if (message.file_names() != nullptr)
         checks.at_most("files", message.file_names()->size(), limits.upload_files_max,
                        "upload_files_max");
@@ -216,6 +221,10 @@ Result<void> validate(const wire::SceneList& message, const Limits& limits) {
         .numbers("age_ms", message.names(), message.age_ms())
         .numbers("idle_ms", message.names(), message.idle_ms())
         .numbers("holders", message.names(), message.holders())
+        .texts("shares", message.shares())
+        .that(message.shares() == nullptr || message.names() == nullptr ||
+                  message.shares()->size() == message.names()->size(),
+              "shares", "lists differ in length")
         .result();
 }
 
@@ -273,6 +282,28 @@ Result<void> validate(const wire::Unloaded& message, const Limits& limits) {
         .name("name", message.name())
         .names("names", message.names())
         .names("holders", message.holders())
+        .result();
+}
+
+Result<void> validate(const wire::Admin& message, const Limits& limits) {
+    return Checks(limits)
+        .name("act", message.act())
+        .needs("act", message.act())
+        .name("principal", message.principal())
+        .settings("quota", message.quota(), limits.name_bytes_max, "name_bytes_max")
+        .result();
+}
+
+Result<void> validate(const wire::AdminReport& message, const Limits& limits) {
+    return Checks(limits)
+        .text("text", message.text())
+        .names("principals", message.principals())
+        .names("roles", message.roles())
+        .names("transports", message.transports())
+        .names("peers", message.peers())
+        .numbers("connections", message.principals(), message.connections())
+        .numbers("age_ms", message.principals(), message.age_ms())
+        .numbers("jobs", message.principals(), message.jobs())
         .result();
 }
 

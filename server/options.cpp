@@ -55,6 +55,7 @@ struct Words {
     std::string cuda = "auto";
     std::string socket_mode;
     std::string socket_group;
+    std::string anonymous = "user";
 };
 
 /// Returns the spelling of an option: principal_jobs_max -> principal-jobs-max.
@@ -156,10 +157,29 @@ private:
     const CLI::App& app_;
 };
 
+void declare_security(CLI::App& app, SecurityOptions& security, Words& words) {
+    app.add_option("--tls-cert", security.tls.certificate,
+                   "PEM file of the certificate of tls:// and its chain; SIGHUP reads it again");
+    app.add_option("--tls-key", security.tls.key, "PEM file of its key, mode 0600");
+    app.add_option("--client-ca", security.tls.client_ca,
+                   "PEM file of the CAs of client certificates; a certificate's subject is the "
+                   "principal");
+    app.add_option("--tokens", security.tokens,
+                   "Token file, written by raynestd token add; tls:// then asks for a token or a "
+                   "certificate; watched");
+    app.add_option("--anonymous", words.anonymous,
+                   "Role of clients without a token on loopback and Unix sockets: off, viewer or "
+                   "user")
+        ->check(CLI::IsMember({"off", "viewer", "user"}))
+        ->capture_default_str();
+    app.add_flag("--insecure", security.insecure,
+                 "Allow tcp:// beyond loopback, without encryption");
+}
+
 void declare(CLI::App& app, Options& options, Words& words) {
     app.add_option(
            "--listen", options.listen,
-           "tcp://HOST:PORT or unix:PATH, repeatable; loopback only; port 0 picks a free one")
+           "tcp://HOST:PORT, tls://HOST:PORT or unix:PATH, repeatable; port 0 picks a free one")
         ->check(CLI::Validator(address_fault, ""))
         ->default_str(options.listen.front());
     app.add_option("--socket-mode", words.socket_mode,
@@ -177,6 +197,7 @@ void declare(CLI::App& app, Options& options, Words& words) {
                    "Host name besides loopback under which the page may be opened, NAME or "
                    "NAME:PORT, repeatable")
         ->check(CLI::Validator(http_host_fault, ""));
+    declare_security(app, options.security, words);
     app.add_option("--state", options.state, "Folder that this daemon alone may use; locked");
     app.add_option("--scene-root", options.scene_root,
                    "Folder in which root:PATH is looked up; links must end inside")
@@ -384,7 +405,8 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
     CLI::App app(
         "Example:\n"
         "  raynestd --listen tcp://127.0.0.1:0 --ready-file /tmp/raynest.json\n\n"
-        "raynestd traces rays through instanced scenes for clients.",
+        "raynestd traces rays through instanced scenes for clients. raynestd tls --help makes\n"
+        "certificates, raynestd token --help gives access.",
         "raynestd");
     app.footer(
         "\nExit codes: 0 stopped, 1 cannot start, 2 usage, 3 stopped before its jobs had ended.");
@@ -397,6 +419,9 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
         refuse_old_spelling(app, argc, argv);
         app.parse(argc, argv);
         refuse_repeated(options.listen);
+        options.security.anonymous = parse_role(words.anonymous);
+        if (const std::string fault = listen_fault(options); !fault.empty())
+            throw CLI::ValidationError(fault);
         options.http.given = app.count("--http") != 0;
         options.socket = to_socket_access(words);
         options.log_level = to_log_level(words.log_level);

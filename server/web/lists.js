@@ -23,6 +23,7 @@ export const MESSAGES = {
   Wait: 33,
   Fetch: 34,
   CancelJob: 35,
+  Admin: 48,
   Credit: 64,
   Welcome: 129,
   Pong: 130,
@@ -44,6 +45,7 @@ export const MESSAGES = {
   JobList: 160,
   JobInfo: 161,
   Detached: 162,
+  AdminReport: 176,
 };
 
 export const COLUMNS = {

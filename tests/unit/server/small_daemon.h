@@ -26,7 +26,10 @@ public:
         SceneDescription forest = tree_scene();
         forest.cameras.resize(1);
         forest.cameras[0].name = "overview";
-        scenes.publish("forest", build_scene(forest), {}, {"owner", scenes.connect()}).value();
+        scenes
+            .publish("forest", build_scene(forest), {.share = {"public"}},
+                     {"owner", scenes.connect()})
+            .value();
     }
 
     void send(protocol::Frame frame) override { sent.push_back(std::move(frame)); }
