@@ -4,6 +4,7 @@
 #include "client/local_daemon.h"
 #include "client/output.h"
 #include "client/scene_source.h"
+#include "client/ssh_tunnel.h"
 
 #include <cstdlib>
 #include <exception>
@@ -64,7 +65,14 @@ Result<void> connect_and_run(Options options) {
         if (!token) return tl::unexpected<Failure>(token.error());
         access->token = std::move(*token);
     }
-    const auto connect = [&] { return Connection::open(options.server, *access); };
+    std::optional<SshTunnel> tunnel;
+    std::string uri = options.server;
+    if (uri.starts_with("ssh://")) {
+        auto opened = SshTunnel::open(uri);
+        if (!opened) return tl::unexpected<Failure>(opened.error());
+        uri = tunnel.emplace(std::move(*opened)).uri();
+    }
+    const auto connect = [&] { return Connection::open(uri, *access); };
     Progress progress(Progress::style_for_stderr(options.quiet || options.json));
     const auto connection = connect();
     if (!connection) return tl::unexpected<Failure>(connection.error());

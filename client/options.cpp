@@ -393,7 +393,7 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     app.require_subcommand(1);
     app.set_version_flag("--version", "raynest " RAYNEST_VERSION);
     app.add_option("--server", options.server,
-                   "tcp://HOST:PORT, tls://HOST:PORT or unix:PATH (" + std::string(default_uri) +
+                   "tcp://HOST:PORT, tls://HOST:PORT, unix:PATH or ssh://HOST (" + std::string(default_uri) +
                        ")")
         ->envname("RAYNEST_SERVER");
     add_access(app, options.access);

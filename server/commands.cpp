@@ -129,7 +129,8 @@ int token_add(const TokenWords& words) {
         row.name = words.subject;
     }
     const int code = edit_tokens(words.file, [&](TokenTable& table) -> std::string {
-        if (table.find_name(row.name) != nullptr)
+        const TokenRow* known = table.find_name(row.name);
+        if (known != nullptr && known->kind != TokenRow::Kind::shut_out)
             return "'" + row.name + "' exists in " + words.file.string() +
                    "; revoke it first, or choose another name";
         table.put(row);
@@ -159,7 +160,8 @@ int token_list(const TokenWords& words) {
     std::cout << "NAME\tROLE\tEXPIRES\tQUOTA\n";
     for (const TokenRow& row : table->rows()) {
         const std::string quota = to_text(row.quota);
-        std::cout << row.name << '\t' << role_name(row.role) << '\t'
+        const bool is_shut_out = row.kind == TokenRow::Kind::shut_out;
+        std::cout << row.name << '\t' << (is_shut_out ? "none" : role_name(row.role)) << '\t'
                   << (row.expires ? date_of(*row.expires) : "never")
                   << (row.expires && *row.expires <= now ? " (expired)" : "") << '\t'
                   << (quota.empty() ? "-" : quota) << '\n';
@@ -170,8 +172,12 @@ int token_list(const TokenWords& words) {
 int token_revoke(const TokenWords& words) {
     const std::string name = words.subject.empty() ? words.name : words.subject;
     const int code = edit_tokens(words.file, [&](TokenTable& table) -> std::string {
-        return table.erase(name) ? ""
-                                 : "there is no '" + name + "' in " + words.file.string();
+        const bool was_there = table.erase(name);
+        // A certificate is let in by its CA: without a row it would have the role user.
+        if (!words.subject.empty()) table.put({TokenRow::Kind::shut_out, name, Role::viewer, {}, {}, {}});
+        return was_there || !words.subject.empty()
+                   ? ""
+                   : "there is no '" + name + "' in " + words.file.string();
     });
     if (code != 0) return code;
     std::cout << name << " is revoked; a running daemon ends its connections within a second\n";

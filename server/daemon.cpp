@@ -10,6 +10,7 @@
 #include "server/jobs/detached.h"
 #include "server/jobs/runner.h"
 #include "server/log.h"
+#include "server/notify.h"
 #include "server/net/asio.h"
 #include "server/net/connections.h"
 #include "server/net/http.h"
@@ -80,6 +81,7 @@ private:
     void look_for_lost();
     void look_at_tokens();
     void end_revoked();
+    void feed_watchdog(std::chrono::microseconds interval);
     void remove_own_files();
     [[noreturn]] void end_at_once();
 
@@ -107,6 +109,7 @@ private:
     asio::steady_timer detached_timer_;
     asio::steady_timer lost_timer_;
     asio::steady_timer tokens_timer_;
+    asio::steady_timer watchdog_timer_;
     Credentials credentials_;
     Connections connections_;
     std::vector<std::unique_ptr<Listener>> listeners_;
@@ -169,6 +172,7 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       detached_timer_(io_),
       lost_timer_(io_),
       tokens_timer_(io_),
+      watchdog_timer_(io_),
       credentials_(options.security),
       connections_(io_, services_, context_,
                    [this](const PeerIdentity& peer, const wire::Hello& hello,
@@ -246,6 +250,8 @@ Result<void> Daemon::run() {
         if (const auto written = write_ready_file(options_.ready_file, uris, http_uri()); !written)
             return tl::unexpected(written.error());
     }
+    notify("READY=1");
+    if (const auto interval = watchdog_interval()) feed_watchdog(*interval);
     for (;;) {
         try {
             io_.run();
@@ -290,6 +296,7 @@ void Daemon::await_signal() {
 void Daemon::drain() {
     if (drain_deadline_ != Clock::time_point::max()) return;
     log(LogLevel::info, "draining", {{"connections", std::to_string(connections_.size())}});
+    notify("STOPPING=1");
     drain_deadline_ = Clock::now() + std::chrono::milliseconds(limits_.drain_ms_max);
     for (const auto& listener : listeners_) listener->close();
     // Stop detached jobs: no client could fetch their answers any more.
@@ -351,6 +358,15 @@ void Daemon::look_at_tokens() {
     });
 }
 
+// The io thread proves that it still handles events; jobs run on other threads.
+void Daemon::feed_watchdog(std::chrono::microseconds interval) {
+    notify("WATCHDOG=1");
+    watchdog_timer_.expires_after(interval);
+    watchdog_timer_.async_wait([this, interval](const SystemError& error) {
+        if (!error) feed_watchdog(interval);
+    });
+}
+
 void Daemon::end_revoked() {
     const auto now = WallClock::now();
     connections_.close_unless(
@@ -362,8 +378,10 @@ void Daemon::end_revoked() {
 }
 
 std::string Daemon::reload() {
+    notify("RELOADING=1");
     const bool good = credentials_.reload();
     end_revoked();
+    notify("READY=1");
     const std::string result =
         good ? "certificates and tokens were read again" : "some files were unusable; see the log";
     log(good ? LogLevel::info : LogLevel::error, "reloaded", {{"result", result}});

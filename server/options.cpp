@@ -3,17 +3,20 @@
 #include "engine/packs/registry.h"
 #include "server/address.h"
 #include "server/net/http_site.h"
+#include "server/toml_config.h"
 
 #include <CLI/CLI.hpp>
 #include <grp.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
 #include <iomanip>
 #include <iostream>
+#include <iterator>
 #include <memory>
 #include <optional>
 #include <set>
@@ -63,6 +66,15 @@ std::string hyphened(std::string_view name) {
     std::string text(name);
     std::replace(text.begin(), text.end(), '_', '-');
     return text;
+}
+
+/// Returns the environment variable of an option: log-level -> RAYNEST_LOG_LEVEL. --cuda has none:
+/// the build has a variable of that name.
+std::string variable_of(const std::string& option) {
+    if (option == "cuda") return "";
+    std::string name = "RAYNEST_";
+    for (const char c : option) name += c == '-' ? '_' : static_cast<char>(std::toupper(c));
+    return name;
 }
 
 /// Parses an octal mode; nothing if it is invalid or the owner could not read and write.
@@ -214,7 +226,6 @@ void declare(CLI::App& app, Options& options, Words& words) {
     std::vector<std::string> targets = {"auto"};
     targets.insert(targets.end(), cpu_targets().begin(), cpu_targets().end());
     app.add_option("--target", options.target, "Kernel pack: " + CLI::detail::join(targets, ", "))
-        ->envname("RAYNEST_TARGET")
         ->check(CLI::IsMember(targets))
         ->capture_default_str();
     app.add_option("--cuda", words.cuda,
@@ -227,6 +238,8 @@ void declare(CLI::App& app, Options& options, Words& words) {
     app.add_option("--log-level", words.log_level, "error, warn, info or debug")
         ->check(CLI::IsMember({"error", "warn", "info", "debug"}))
         ->capture_default_str();
+    for (CLI::Option* option : app.get_options())
+        if (option->get_configurable()) option->envname(variable_of(option->get_single_name()));
     for (const protocol::LimitInfo& limit : protocol::limit_table())
         if (limit.policy)
             app.add_option("--" + hyphened(limit.name), options.limits.*limit.value,
@@ -234,7 +247,8 @@ void declare(CLI::App& app, Options& options, Words& words) {
                 ->check(CLI::Range(std::uint64_t{1}, limit_max))
                 ->group("Limits")
                 ->capture_default_str();
-    app.set_config("--config", "", "Read options from a file as --print-config writes it")
+    app.set_config("--config", "",
+                   "Read options from a file: .toml, or else as --print-config writes it")
         ->configurable(false);
     app.config_formatter(std::make_shared<ConfigLines>(app));
 }
@@ -311,7 +325,32 @@ std::string config_fault(const CLI::ConfigItem& item, const std::vector<std::str
     }
 }
 
+/// True if the environment sets the option: it wins over the configuration file.
+bool is_in_environment(const std::string& option) {
+    // getenv() is safe here: no other thread has started yet.
+    return std::getenv(variable_of(option).c_str()) != nullptr;  // NOLINT(concurrency-mt-unsafe)
+}
+
+std::vector<CLI::ConfigItem> from_toml(const std::string& name, std::istream& file) {
+    const std::string content{std::istreambuf_iterator<char>(file), {}};
+    const auto refuse = [&](std::size_t line, const std::string& fault) {
+        throw CLI::ConfigError(name + ", line " + std::to_string(line) + ": " + fault);
+    };
+    std::vector<CLI::ConfigItem> items;
+    const auto keys = read_toml(content);
+    if (!keys) refuse(keys.error().line, keys.error().why);
+    for (const ConfigKey& key : *keys) {
+        const CLI::ConfigItem item{{}, key.name, key.values};
+        if (const std::string fault = config_fault(item, {}); !fault.empty())
+            refuse(key.line, fault);
+        if (!is_in_environment(key.name)) items.push_back(item);
+    }
+    return items;
+}
+
 std::vector<CLI::ConfigItem> ConfigLines::from_config(std::istream& file) const {
+    if (const std::string name = app_.get_config_ptr()->results().back(); name.ends_with(".toml"))
+        return from_toml(name, file);
     constexpr std::string_view byte_order_mark = "\xEF\xBB\xBF";
     std::vector<CLI::ConfigItem> read;
     std::string line;
@@ -331,6 +370,7 @@ std::vector<CLI::ConfigItem> ConfigLines::from_config(std::istream& file) const 
         // Merge items of the same name: CLI11 would use only the first.
         same->inputs.insert(same->inputs.end(), (*item)->inputs.begin(), (*item)->inputs.end());
     }
+    std::erase_if(read, [](const auto& item) { return is_in_environment(item.name); });
     return read;
 }
 
@@ -374,16 +414,15 @@ void refuse_repeated(const std::vector<std::string>& listen) {
             throw CLI::ValidationError("--listen", "'" + uri + "' is given twice");
 }
 
-/// Replaces --target in an error text if its value came from the environment variable.
+/// Replaces an option in an error text by its environment variable if its value came from there.
 std::string blamed(std::string what, int argc, const char* const* argv) {
-    constexpr std::string_view option = "--target";
+    if (!what.starts_with("--")) return what;
+    const std::string option = what.substr(0, what.find_first_of(": ="));
     const bool given = std::any_of(argv, argv + argc, [&](const char* argument) {
         return std::string_view(argument).starts_with(option);
     });
-    // getenv() is safe here: no other thread has started yet.
-    const char* variable = getenv("RAYNEST_TARGET");  // NOLINT(concurrency-mt-unsafe)
-    if (variable != nullptr && !given && what.starts_with(option))
-        what.replace(0, option.size(), "RAYNEST_TARGET");
+    if (!given && is_in_environment(option.substr(2)))
+        what.replace(0, option.size(), variable_of(option.substr(2)));
     return what;
 }
 
@@ -411,9 +450,12 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
     app.footer(
         "\nExit codes: 0 stopped, 1 cannot start, 2 usage, 3 stopped before its jobs had ended.");
     bool print = false;
+    bool check = false;
     try {
         declare(app, options, words);
         app.add_flag("--print-config", print, "Print all options and limits, then exit")
+            ->configurable(false);
+        app.add_flag("--check-config", check, "Check the configuration, then exit")
             ->configurable(false);
         app.set_version_flag("--version", "raynestd " RAYNEST_VERSION);
         refuse_old_spelling(app, argc, argv);
@@ -426,6 +468,8 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
         options.socket = to_socket_access(words);
         options.log_level = to_log_level(words.log_level);
         options.cuda_pack = to_cuda_pack(words.cuda);
+        if (check) std::cout << "the configuration is valid\n";
+        if (check) return printed();
         if (!print) return {options, 0};
         print_config(app);
         return printed();

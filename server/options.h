@@ -1,7 +1,7 @@
 // The options of the daemon, from its command line and configuration file.
 //
-// Precedence: flag, then environment (RAYNEST_TARGET only), then --config FILE, then the defaults
-// below. Only options.cpp includes CLI11.
+// Precedence: flag, then environment (--log-level is RAYNEST_LOG_LEVEL), then --config FILE, then the
+// defaults below. Only options.cpp and commands.cpp include CLI11.
 #pragma once
 
 #include "protocol/limits.h"

@@ -13,7 +13,8 @@ constexpr std::size_t short_hash_digits = 16;
 Result<void> run(Context& context, const ScenesOptions&) {
     Json scenes = Json::array();
     std::vector<std::vector<std::string>> rows = {{"SCENE", "EPOCH", "TRIANGLES", "MEMORY", "OWNER",
-                                                   "AGE", "UNUSED", "OPEN", "HASH (FIRST 16)"}};
+                                                   "SHARED WITH", "AGE", "UNUSED", "OPEN",
+                                                   "HASH (FIRST 16)"}};
     wire::ScenesT request;
     // The daemon answers page by page; an empty page ends a list that shrank meanwhile.
     for (bool more = true; more;) {
@@ -22,6 +23,8 @@ Result<void> run(Context& context, const ScenesOptions&) {
         const wire::SceneList& list = *page->message.table;
         const std::vector<std::string> names = protocol::strings(list.names());
         const std::vector<std::string> hashes = protocol::strings(list.hashes());
+        std::vector<std::string> shares = protocol::strings(list.shares());
+        shares.resize(names.size());
         for (std::size_t k = 0; k < names.size(); ++k) {
             const auto i = static_cast<flatbuffers::uoffset_t>(k);
             const std::uint64_t epoch = list.epochs()->Get(i);
@@ -37,11 +40,12 @@ Result<void> run(Context& context, const ScenesOptions&) {
                                   {"instanced_triangles", triangles},
                                   {"bytes", bytes},
                                   {"owner", owner},
+                                  {"share", shares[k]},
                                   {"age_seconds", age},
                                   {"idle_seconds", idle},
                                   {"holders", holders}});
             rows.push_back({names[k], std::to_string(epoch), grouped(triangles), bytes_text(bytes),
-                            owner, age_text(age), age_text(idle), std::to_string(holders),
+                            owner, shares[k].empty() ? "-" : shares[k], age_text(age), age_text(idle), std::to_string(holders),
                             hashes[k].substr(0, short_hash_digits)});
         }
         request.first += static_cast<std::uint32_t>(names.size());

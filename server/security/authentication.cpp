@@ -87,12 +87,17 @@ Reply<Principal> Authentication::by_token(const PeerIdentity& peer, std::string_
     return principal_of(*row);
 }
 
-Principal Authentication::by_certificate(const PeerIdentity& peer,
-                                         WallClock::time_point wall) const {
-    const TokenRow* row = tokens_.find_subject(peer.subject, wall);
-    audit("login", peer, peer.subject, "certificate");
+Reply<Principal> Authentication::by_certificate(const PeerIdentity& peer,
+                                                WallClock::time_point wall) const {
+    const TokenRow* row = tokens_.find_name(peer.subject);
+    const bool has_ended = row != nullptr && (row->kind != TokenRow::Kind::certificate ||
+                                              (row->expires && wall >= *row->expires));
+    audit(has_ended ? "login_refused" : "login", peer, peer.subject, "certificate");
+    if (has_ended)
+        return refuse(Code::not_allowed, "the access of the certificate " + peer.subject +
+                                             " has expired or was revoked");
     if (row != nullptr) return principal_of(*row);
-    return {peer.subject, {}, Role::user, ""};
+    return Principal{peer.subject, {}, Role::user, ""};
 }
 
 Reply<Principal> Authentication::anonymous(const PeerIdentity& peer) const {

@@ -1,7 +1,7 @@
 // Decides who a peer is, from its transport and its Hello.
 //
 //   a token                     the principal and role of its row in the token file
-//   a client certificate        its subject; the role of its row, else user
+//   a client certificate        its subject; the role of its row, else user; none if it was revoked
 //   a Unix socket               uid:N; admin for the daemon's own user and root, else --anonymous
 //   plain loopback              127.0.0.1; --anonymous
 //   plain TCP beyond loopback   its address; --anonymous, but a token where there is a token file
@@ -64,8 +64,8 @@ private:
     [[nodiscard]] Reply<Principal> by_token(const PeerIdentity& peer, std::string_view token,
                                             std::chrono::steady_clock::time_point now,
                                             WallClock::time_point wall);
-    [[nodiscard]] Principal by_certificate(const PeerIdentity& peer,
-                                           WallClock::time_point wall) const;
+    [[nodiscard]] Reply<Principal> by_certificate(const PeerIdentity& peer,
+                                                  WallClock::time_point wall) const;
     [[nodiscard]] Reply<Principal> anonymous(const PeerIdentity& peer) const;
 
     const AccessPolicy policy_;

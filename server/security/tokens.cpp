@@ -17,6 +17,8 @@ namespace {
 
 constexpr std::size_t file_bytes_max = 4 << 20;
 constexpr std::size_t name_bytes_max = 64;
+/// The words of TokenRow::Kind in the file.
+constexpr std::array<std::string_view, 3> kind_names = {"token", "cert", "shut"};
 constexpr std::string_view digits = "0123456789abcdef";
 
 std::string to_hex(const TokenHash& bytes) {
@@ -66,9 +68,10 @@ tl::expected<TokenRow, std::string> to_row(const std::string& line) {
     words >> kind >> role >> expires >> quota >> hash >> std::ws;
     std::getline(words, row.name);
     if (row.name.empty()) return tl::unexpected<std::string>("it has fewer than six fields");
-    if (kind != "token" && kind != "cert")
-        return tl::unexpected("'" + kind + "' is neither token nor cert");
-    row.kind = kind == "token" ? TokenRow::Kind::token : TokenRow::Kind::certificate;
+    const auto* const known_kind = std::ranges::find(kind_names, kind);
+    if (known_kind == kind_names.end())
+        return tl::unexpected("'" + kind + "' is neither token nor cert nor shut");
+    row.kind = static_cast<TokenRow::Kind>(known_kind - kind_names.begin());
     const auto known_role = parse_role(role);
     if (!known_role) return tl::unexpected("'" + role + "' is not a role: viewer, user or admin");
     row.role = *known_role;
@@ -178,7 +181,7 @@ std::string TokenTable::to_text() const {
     for (const TokenRow& row : rows_) {
         const bool is_token = row.kind == TokenRow::Kind::token;
         const std::string quota = server::to_text(row.quota);
-        text += is_token ? "token " : "cert ";
+        text.append(kind_names[static_cast<std::size_t>(row.kind)]).append(" ");
         text.append(role_name(row.role)).append(" ");
         text += row.expires ? std::to_string(WallClock::to_time_t(*row.expires)) : "never";
         text += " " + (quota.empty() ? "-" : quota) + " " + (is_token ? to_hex(row.hash) : "-") +
@@ -195,13 +198,6 @@ const TokenRow* TokenTable::find_token(std::string_view token, WallClock::time_p
         if (equal && row.kind == TokenRow::Kind::token && is_valid_at(row, now)) found = &row;
     }
     return found;
-}
-
-const TokenRow* TokenTable::find_subject(std::string_view subject, WallClock::time_point now) const {
-    const TokenRow* row = find_name(subject);
-    const bool usable =
-        row != nullptr && row->kind == TokenRow::Kind::certificate && is_valid_at(*row, now);
-    return usable ? row : nullptr;
 }
 
 const TokenRow* TokenTable::find_name(std::string_view name) const {

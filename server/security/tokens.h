@@ -3,6 +3,7 @@
 // One row per line, fields separated by blanks, '#' begins a comment line:
 //   token ROLE EXPIRES QUOTA HASH NAME      HASH: SHA-256 of the token, 64 hex digits
 //   cert  ROLE EXPIRES QUOTA -    SUBJECT   SUBJECT of a client certificate, "CN=robot,O=Lab"
+//   shut  ROLE EXPIRES QUOTA -    SUBJECT   a certificate that is not let in, though its CA is trusted
 // EXPIRES is a Unix time or `never`, QUOTA is `jobs=8,rays=1000000` or `-`. The tokens themselves are
 // not in the file: reading it lets nobody in.
 #pragma once
@@ -26,11 +27,11 @@ using TokenHash = std::array<unsigned char, 32>;
 
 /// A row of the token file.
 struct TokenRow {
-    enum class Kind { token, certificate };
+    enum class Kind { token, certificate, shut_out };
     Kind kind = Kind::token;
     std::string name;  ///< the principal: a token's name or a certificate's subject
     Role role = Role::viewer;
-    TokenHash hash{};                          ///< all zeros for a certificate
+    TokenHash hash{};                              ///< all zeros but for a token
     std::optional<WallClock::time_point> expires;  ///< empty: never
     Quota quota;
 
@@ -62,9 +63,6 @@ public:
     /// Returns the row of a token, null if there is none or it has expired. Compares all rows in
     /// full, so that the time tells nothing about their hashes.
     [[nodiscard]] const TokenRow* find_token(std::string_view token, WallClock::time_point now) const;
-    /// Returns the row of a certificate's subject that has not expired, or null.
-    [[nodiscard]] const TokenRow* find_subject(std::string_view subject,
-                                               WallClock::time_point now) const;
     [[nodiscard]] const TokenRow* find_name(std::string_view name) const;
 
     [[nodiscard]] const std::vector<TokenRow>& rows() const { return rows_; }

@@ -22,6 +22,7 @@ from ._hash import upload_checksum
 from ._job import Outcome, Progress
 from ._precision import rounding_warning
 from ._rays import vector
+from ._ssh import SshTunnel
 from ._upload import File, Sender, Upload, gather
 from ._words import scene_info, variant_info
 from .errors import InvalidError, ProtocolError, SceneWarning, UsageError, warn
@@ -33,8 +34,8 @@ from .scene import Scene, scene_info
 def connect(uri: Optional[str] = None, *, token: Optional[str] = None, ca: Optional[str] = None,
             cert: Optional[str] = None, key: Optional[str] = None, verify: bool = True,
             window_bytes: int = _limits.window_bytes) -> Client:
-    """Connects to the daemon at tls://HOST:PORT, tcp://HOST:PORT or unix:PATH; by default at
-    RAYNEST_SERVER, else at tcp://127.0.0.1:31060. The daemon sends at most `window_bytes` ahead; 0 is
+    """Connects to the daemon at tls://HOST:PORT, tcp://HOST:PORT, unix:PATH or ssh://HOST, over your
+    own ssh to /run/raynest/socket there; by default at RAYNEST_SERVER, else at tcp://127.0.0.1:31060. The daemon sends at most `window_bytes` ahead; 0 is
     the default.
 
     `token` is by default RAYNEST_TOKEN, else the one that `raynest login` keeps for this daemon; do
@@ -55,19 +56,29 @@ class Client:
     open several. As a context manager it closes itself."""
 
     def __init__(self, uri: str, access: Access, window_bytes: int) -> None:
-        self.connection = Connection(uri, access, window_bytes)
+        self._uri = uri
+        self._tunnel = SshTunnel(uri) if uri.startswith("ssh://") else None
+        try:
+            self.connection = Connection(self._tunnel.uri if self._tunnel else uri, access,
+                                         window_bytes)
+        except BaseException:
+            if self._tunnel:
+                self._tunnel.close()
+            raise
         self.handles = Handles()
         self.outcome = Outcome()
         """The outcome of the last trace, stream or picture: what ran, and its statistics."""
 
     @property
     def uri(self) -> str:
-        return self.connection.uri
+        return self._uri
 
     def close(self) -> None:
         """Ends the connection. Scenes that have a name stay in the daemon; meshes without one go,
         unless another connection holds them."""
         self.connection.close()
+        if self._tunnel:
+            self._tunnel.close()
 
     def __enter__(self) -> Client:
         return self

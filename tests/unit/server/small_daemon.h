@@ -100,10 +100,11 @@ public:
 /// A conversation of one client of that daemon.
 class Client final : public server::Conversation {
 public:
-    explicit Client(SmallDaemon& daemon, std::string principal = "me")
+    explicit Client(SmallDaemon& daemon, std::string principal = "me",
+                    server::Role role = server::Role::user)
         : Conversation(daemon.services, daemon.engine, daemon, "nobody",
-                       [principal](const wire::Hello&) -> server::Reply<server::Principal> {
-                           return server::Principal{principal, {}};
+                       [principal, role](const wire::Hello&) -> server::Reply<server::Principal> {
+                           return server::Principal{principal, {}, role};
                        }) {}
 };
 
