@@ -72,12 +72,12 @@ class Administration(unittest.TestCase):
         self.assertFalse(ready.exists())
         self.assertEqual(list(self.folder.iterdir()), [])
 
-    def test_a_hangup_is_logged_and_ignored(self):
+    def test_a_hangup_reads_files_again_and_goes_on(self):
         daemon = self.daemon()
         client = Client(self.raynest, daemon.uri)
         daemon.process.send_signal(signal.SIGHUP)
-        until(lambda: self.lines(daemon, "hangup_ignored"))
-        self.assertEqual(self.lines(daemon, "hangup_ignored")[0]["level"], "info")
+        until(lambda: self.lines(daemon, "reloaded"))
+        self.assertEqual(self.lines(daemon, "reloaded")[0]["level"], "info")
         self.assertEqual(client.run("scenes").returncode, 0)
 
     def test_a_pack_folder_without_packs_is_warned_of(self):
