@@ -35,6 +35,21 @@ CLI::Option* add_parsed(CLI::App& app, const std::string& name, Read read,
         text);
 }
 
+/// Adds an option that may be repeated; `read` takes each text and fails with what is wrong.
+template <class Read>
+void add_each(CLI::App& app, const std::string& name, Read read, const std::string& text) {
+    app.add_option_function<std::vector<std::string>>(
+           name,
+           [name, read](const std::vector<std::string>& values) {
+               for (const std::string& value : values)
+                   if (const auto taken = read(value); !taken)
+                       throw CLI::ValidationError(name, taken.error().message);
+           },
+           text)
+        ->take_all()
+        ->allow_extra_args(false);
+}
+
 /// Adds a number from `least` to `most`; `what` is the text for messages. CLI11's own parser would
 /// read -1 and 2^70 as 2^64 - 1, and its ranges accept NaN.
 template <class Number>
@@ -127,7 +142,7 @@ inline void add_job(CLI::App& app, JobOptions& job) {
     add_epoch(app, job.epoch);
     app.add_option("--worker", job.worker, alternatives(worker_words));
     add_deadline(app, job.deadline, "give up after so many seconds");
-    app.add_option("--priority", job.priority, "low | normal | high");
+    app.add_option("--priority", job.priority, "normal | low | high");
 }
 
 inline void add_camera(CLI::App& app, CameraOptions& camera) {
@@ -205,7 +220,7 @@ inline void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
                   "), of all the nearest are kept (4096)");
     app.parse_complete_callback([&kind, &max_hits] {
         if (max_hits != 0 && !has_splits(kind))
-            throw CLI::ValidationError("--max-hits", "is of --kind multi and of --kind all");
+            throw CLI::ValidationError("--max-hits", "belongs to --kind multi and --kind all");
         if (kind == "multi" && max_hits > protocol::Limits{}.hits_max)
             throw CLI::ValidationError("--max-hits",
                                        "of --kind multi is at most " +

@@ -29,7 +29,7 @@ Result<void> take_piece(const protocol::Frame& frame, ReceivedPicture& picture) 
 
 std::string encoding_of(const std::string& output) {
     const std::string ending = extension_of(output);
-    if (output == standard_stream || ending.empty()) return "png";
+    if (output == standard_stream || ending.empty() || ending == ".html") return "png";
     return ending == ".npy" ? "raw" : ending.substr(std::min<std::size_t>(1, ending.size()));
 }
 

@@ -19,7 +19,11 @@ void check_job(Checks& checks, const wire::Job& job) {
         .settings("settings", job.settings(), checks.limits().name_bytes_max, "name_bytes_max")
         .name("traversal", job.traversal())
         .name("worker", job.worker())
-        .name("priority", job.priority());
+        .name("priority", job.priority())
+        .items("hidden_instances", job.hidden_instances())
+        .items("hidden_objects", job.hidden_objects())
+        .items("only_instances", job.only_instances())
+        .items("only_objects", job.only_objects());
 }
 
 void check_camera(Checks& checks, const wire::Camera& camera) {
@@ -251,6 +255,16 @@ Result<void> validate(const wire::PartList& message, const Limits& limits) {
         .result();
 }
 
+Result<void> validate(const wire::Structure& message, const Limits& limits) {
+    return Checks(limits)
+        .name("scene", message.scene())
+        .needs("scene", message.scene())
+        .name("kind", message.kind())
+        .at_most("count", message.count(), limits.structure_rows_max, "structure_rows_max")
+        .that(message.depth_min() <= message.depth_max(), "depth_min", "is above depth_max")
+        .result();
+}
+
 Result<void> validate(const wire::Path& message, const Limits& limits) {
     return Checks(limits)
         .name("scene", message.scene())
@@ -319,6 +333,7 @@ Result<void> validate(const wire::Statistics& message, const Limits& limits) {
     return Checks(limits)
         .names("names", message.names())
         .numbers("values", message.names(), message.values())
+        .name("http", message.http())
         .result();
 }
 
@@ -353,6 +368,7 @@ Result<void> validate(const wire::Render& message, const Limits& limits) {
         .name("integrator", message.integrator())
         .name("environment", message.environment())
         .name("tonemap", message.tonemap())
+        .name("exposure", message.exposure())
         .at_least("samples", message.samples(), 1)
         .at_most("samples", message.samples(), limits.samples_max, "samples_max")
         .name("encode", message.encode());
@@ -364,6 +380,7 @@ Result<void> validate(const wire::Heatmap& message, const Limits& limits) {
     Checks checks(limits);
     checks.that(message.job() != nullptr, "job", "is missing")
         .nested(message.job(), check_job)
+        .nested(message.other(), check_job)
         .nested(message.camera(), check_camera)
         .name("metric", message.metric())
         .name("palette", message.palette())

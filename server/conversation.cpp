@@ -1,6 +1,7 @@
 #include "server/conversation.h"
 
 #include "server/access.h"
+#include "server/diag/refusals.h"
 #include "server/log.h"
 
 #include <algorithm>
@@ -262,6 +263,7 @@ void Conversation::abandon() {
 }
 
 void Conversation::refuse_request(std::uint64_t id, const protocol::Error& error) {
+    ++refusals_of(services_.metrics, error.code);
     log(LogLevel::debug, "refused",
         {{"principal", caller_.principal},
          {"request", std::to_string(id)},

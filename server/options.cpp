@@ -3,17 +3,20 @@
 #include "engine/packs/registry.h"
 #include "server/address.h"
 #include "server/net/http_site.h"
+#include "server/socket_access.h"
 #include "server/toml_config.h"
 
 #include <CLI/CLI.hpp>
-#include <grp.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
+#include <cstring>
+#include <filesystem>
 #include <iomanip>
 #include <iostream>
 #include <iterator>
@@ -75,36 +78,6 @@ std::string variable_of(const std::string& option) {
     std::string name = "RAYNEST_";
     for (const char c : option) name += c == '-' ? '_' : static_cast<char>(std::toupper(c));
     return name;
-}
-
-/// Parses an octal mode; nothing if it is invalid or the owner could not read and write.
-std::optional<unsigned> to_mode(const std::string& text) {
-    unsigned mode = 0;
-    const char* last = text.data() + text.size();
-    const auto [end, error] = std::from_chars(text.data(), last, mode, 8);
-    if (error != std::errc{} || end != last || mode > 0777 || (mode & 0600U) != 0600)
-        return std::nullopt;
-    return mode;
-}
-
-std::string mode_fault(const std::string& text) {
-    return to_mode(text) ? "" : "'" + text + "' is not a mode of 0600 to 0777, such as 0660";
-}
-
-/// Returns the id of a group given by name or number.
-std::optional<unsigned> to_group(const std::string& text) {
-    unsigned number = 0;
-    const char* last = text.data() + text.size();
-    const auto [end, error] = std::from_chars(text.data(), last, number);
-    // Reject -1: chown() would keep the group, and the wider mode would apply to that one.
-    if (error == std::errc{} && end == last && number != static_cast<gid_t>(-1)) return number;
-    // getgrnam() is safe here: no other thread has started yet.
-    const group* known = getgrnam(text.c_str());  // NOLINT(concurrency-mt-unsafe)
-    return known == nullptr ? std::nullopt : std::optional<unsigned>(known->gr_gid);
-}
-
-std::string group_fault(const std::string& text) {
-    return to_group(text) ? "" : "there is no group '" + text + "'";
 }
 
 SocketAccess to_socket_access(const Words& words) {
@@ -186,6 +159,15 @@ void declare_security(CLI::App& app, SecurityOptions& security, Words& words) {
         ->capture_default_str();
     app.add_flag("--insecure", security.insecure,
                  "Allow tcp:// beyond loopback, without encryption");
+/// Leaves the names of the checks out of the help, such as "UINT in [1 - 1024]": the texts say in
+/// words what is allowed.
+void hide_checks(CLI::App& app) {
+    for (CLI::Option* option : app.get_options()) {
+        try {
+            for (int i = 0;; ++i) option->get_validator(i)->description("");
+        } catch (const CLI::OptionNotFound&) {  // behind the last one
+        }
+    }
 }
 
 void declare(CLI::App& app, Options& options, Words& words) {
@@ -251,6 +233,7 @@ void declare(CLI::App& app, Options& options, Words& words) {
                    "Read options from a file: .toml, or else as --print-config writes it")
         ->configurable(false);
     app.config_formatter(std::make_shared<ConfigLines>(app));
+    hide_checks(app);
 }
 
 /// Returns a message about an option spelled with underscores; empty if there is no such option.
@@ -476,6 +459,14 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
     } catch (const CLI::Success& answered) {
         app.exit(answered);
         return printed();
+    } catch (const CLI::FileError&) {
+        const auto file = app.get_config_ptr()->as<std::string>();
+        std::error_code ignored;
+        const bool is_folder = std::filesystem::is_directory(file, ignored);
+        std::cerr << "raynestd: --config: cannot read " << file << ": "
+                  << (is_folder ? "it is a folder" : std::strerror(errno))
+                  << "; see raynestd --help\n";
+        return {std::nullopt, 2};
     } catch (const CLI::Error& error) {
         std::cerr << "raynestd: " << blamed(error.what(), argc, argv) << "; see raynestd --help\n";
         return {std::nullopt, 2};

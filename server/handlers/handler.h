@@ -41,6 +41,7 @@ struct Services {
     const Backends& backends;
     TraceBufferPool& trace_buffers;
     FairThreadPool& blocking;  ///< for tasks that wait for processes and disks
+    std::string page = {};     ///< address of the daemon's page, http://HOST:PORT; empty: none
     Administration* administration = nullptr;  ///< null in tests without a whole daemon
 };
 

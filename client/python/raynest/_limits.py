@@ -25,3 +25,5 @@ picture_pixels_max = 67108864
 samples_max = 65536
 explain_steps_max = 16384
 blame_rows_max = 1048576
+structure_rows_max = 16384
+hidden_instances_max = 1048576
