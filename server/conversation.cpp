@@ -111,6 +111,7 @@ void Conversation::greet(protocol::Frame frame) {
     }
     caller_.principal = principal->id;
     caller_.role = principal->role;
+    caller_.shares_machine = principal->credential.empty();
     caller_.window_bytes = window == 0 ? services_.limits.window_bytes : window;
     if (principal->quota != Quota{}) {
         services_.admission.quotas().set(principal->id, principal->quota);

@@ -87,12 +87,17 @@ std::optional<HttpReply> unreadable_request(const SystemError& error,
 
 // ---- WebSocket ----------------------------------------------------------------------------------
 
+PeerIdentity over_http(PeerIdentity peer) {
+    peer.transport = "http";
+    return peer;
+}
+
 /// A WebSocket that carries frames as websocket_messages.h says: each message is one frame.
 class WebSocketTransport final : public Transport {
 public:
     WebSocketTransport(Socket socket, PageRequest request, const protocol::Limits& limits)
         : limits_(limits),
-          peer_(identity_of(socket)),
+          peer_(over_http(identity_of(socket))),
           request_(std::move(request)),
           stream_(std::move(socket)) {
         stream_.auto_fragment(false);

@@ -199,6 +199,8 @@ class TokensTest(unittest.TestCase):
         self.assertTrue(loaded["reused"])  # bob may see alice's
         loaded = self.client("root").json("load", "builtin:terrain?size=16", "--name", "mine")
         self.assertTrue(loaded["reused"])  # an administrator sees all
+        self.assertNotIn("memory_used_bytes", bob.json("stats"))
+        self.assertIn("memory_used_bytes", self.client("root").json("stats"))
         for client in (alice, bob, self.client("root")):
             self.says(client.run("unload", "--all"), 0)
 
