@@ -123,11 +123,16 @@ Result<Access> find_access(const std::string& uri, const AccessOptions& options)
     take(access.tls.key, host, "key");
     if (access.tls.certificate.empty() != access.tls.key.empty())
         return fail(Exit::usage, "--cert and --key belong together; give both");
-    if (!access.token.empty() && is_readable_by_others(uri))
-        return fail(Exit::usage, "a token is not sent to " + uri +
-                                     ": tcp:// would show it to the network; use tls://, or unset "
-                                     "RAYNEST_TOKEN");
+    if (auto secret = check_secrecy(uri, access.token); !secret)
+        return tl::unexpected<Failure>(secret.error());
     return access;
+}
+
+Result<void> check_secrecy(const std::string& uri, const std::string& token) {
+    if (token.empty() || !is_readable_by_others(uri)) return {};
+    return fail(Exit::usage, "a token is not sent to " + uri +
+                                 ": tcp:// would show it to the network; use tls://, or unset "
+                                 "RAYNEST_TOKEN");
 }
 
 Result<void> save_host(const std::string& uri, const Access& access) {

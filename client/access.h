@@ -31,6 +31,9 @@ struct AccessOptions {
 /// and rather than show a token to the network.
 Result<Access> find_access(const std::string& uri, const AccessOptions& options);
 
+/// Fails if this token would be sent where others can read it.
+Result<void> check_secrecy(const std::string& uri, const std::string& token);
+
 /// Returns the path of hosts.toml, in XDG_CONFIG_HOME or ~/.config.
 [[nodiscard]] std::string hosts_file();
 

@@ -64,6 +64,7 @@ Result<void> connect_and_run(Options options) {
         auto token = ask_token(options.server);
         if (!token) return tl::unexpected<Failure>(token.error());
         access->token = std::move(*token);
+        if (auto secret = check_secrecy(options.server, access->token); !secret) return secret;
     }
     std::optional<SshTunnel> tunnel;
     std::string uri = options.server;

@@ -214,7 +214,7 @@ Result<void> validate(const wire::Loaded& message, const Limits& limits) {
 
 Result<void> validate(const wire::SceneList& message, const Limits& limits) {
     return Checks(limits)
-        .names("names", message.names())
+        .texts("names", message.names())  // another's scene has its owner before its name
         .names("hashes", message.hashes())
         .equally_long("hashes", message.names(), message.hashes())
         .numbers("epochs", message.names(), message.epochs())

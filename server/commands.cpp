@@ -239,7 +239,7 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
                                 "Subject of a client certificate in place of NAME, such as "
                                 "\"CN=robot,O=Lab\"");
         name->excludes(subject);
-        command->final_callback([name, subject] {
+        command->parse_complete_callback([name, subject] {
             if (name->count() + subject->count() == 0) throw CLI::RequiredError("NAME or --cert");
         });
     };

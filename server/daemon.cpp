@@ -158,6 +158,7 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
                 backends_,
                 trace_buffers_,
                 blocking_,
+                {},
                 this},
       context_{compute_,
                admission_,
@@ -226,6 +227,12 @@ Result<void> Daemon::listen_http() {
 
 void Daemon::serve_health() {
     site_.set_metrics([this] { return exposition(services_); });
+    // Where nobody is let in without a token, metrics are not shown without one either.
+    if (!options_.security.anonymous)
+        site_.guard_metrics([this](std::string_view token) {
+            const auto& tokens = credentials_.authentication().tokens();
+            return tokens.find_token(token, WallClock::now()) != nullptr;
+        });
     site_.set_unready([this]() -> std::string {
         if (!serving_) return "the daemon is starting";
         const auto most = std::chrono::milliseconds(limits_.chunk_ms_max) + stuck_grace;

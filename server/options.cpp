@@ -159,6 +159,8 @@ void declare_security(CLI::App& app, SecurityOptions& security, Words& words) {
         ->capture_default_str();
     app.add_flag("--insecure", security.insecure,
                  "Allow tcp:// beyond loopback, without encryption");
+}
+
 /// Leaves the names of the checks out of the help, such as "UINT in [1 - 1024]": the texts say in
 /// words what is allowed.
 void hide_checks(CLI::App& app) {

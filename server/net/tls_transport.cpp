@@ -95,8 +95,6 @@ asio::awaitable<bool> TlsTransport::starts_plain(SystemError& error) {
 }
 
 void TlsTransport::refuse_plain() {
-    // Take the bytes off the socket: closing with unread ones would reset the connection, and the
-    // client could lose the answer.
     std::array<std::byte, 4096> first;
     const ssize_t got = recv(socket_.native_handle(), first.data(), first.size(), MSG_DONTWAIT);
     if (got < 4 || std::memcmp(first.data(), "RYN1", 4) != 0) return;
@@ -111,7 +109,15 @@ void TlsTransport::refuse_plain() {
         asio::buffer(header), asio::buffer(frame.control.data(), frame.control.size())};
     SystemError ignored;
     (void)socket_.write_some(parts, ignored);
-    socket_.shutdown(Socket::shutdown_send, ignored);
+}
+
+asio::awaitable<void> TlsTransport::linger() {
+    SystemError error;
+    socket_.shutdown(Socket::shutdown_send, error);
+    std::array<std::byte, 1024> skipped;
+    while (!error && socket_.is_open())
+        co_await socket_.async_read_some(asio::buffer(skipped),
+                                         asio::redirect_error(asio::use_awaitable, error));
 }
 
 void TlsTransport::log_failure(std::string_view why) const {
@@ -124,6 +130,7 @@ asio::awaitable<void> TlsTransport::open(SystemError& error) {
     if (plain) {
         refuse_plain();
         log_failure("it does not speak TLS");
+        co_await linger();
         error = asio::error::connection_aborted;
         co_return;
     }
@@ -137,6 +144,7 @@ asio::awaitable<void> TlsTransport::open(SystemError& error) {
         }
         if (now == Outcome::ended || now == Outcome::failed) {
             log_failure(tls_error_text());
+            co_await linger();  // the peer reads an alert
             error = asio::error::connection_aborted;
             co_return;
         }

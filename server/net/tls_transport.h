@@ -39,6 +39,9 @@ private:
     void refuse_plain();
     /// Waits for the first bytes; true if they are not those of TLS.
     asio::awaitable<bool> starts_plain(SystemError& error);
+    /// Lets the peer read the last bytes: closing with unread ones would reset the connection. Ends
+    /// with the peer's end, or at the session's deadline.
+    asio::awaitable<void> linger();
     void set_low_mark(std::size_t wanted);
     void log_failure(std::string_view why) const;
 

@@ -12,6 +12,8 @@ import sys
 import tempfile
 import time
 import unittest
+import urllib.error
+import urllib.request
 
 from daemon import LONG, PATIENCE, until
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens, command
@@ -325,6 +327,24 @@ while True:
             self.assertIn({"off": "asks for a token", "viewer": "needs the role user",
                            "user": ""}[word], done.stderr)
             daemon.stop()
+
+    def test_metrics_take_a_token_where_nobody_is_let_in_without_one(self):
+        daemon = SecureDaemon(self.raynestd, self.certificates, "--anonymous", "off", "--tokens",
+                              self.tokens.file, "--http", "127.0.0.1:0")
+        self.addCleanup(daemon.stop)
+
+        def status(path, token=None):
+            headers = {"Authorization": f"Bearer {token}"} if token else {}
+            try:
+                request = urllib.request.Request(daemon.http + path, headers=headers)
+                with urllib.request.urlopen(request, timeout=PATIENCE) as reply:
+                    return reply.status
+            except urllib.error.HTTPError as error:
+                return error.code
+        self.assertEqual(status("/metrics"), 401)
+        self.assertEqual(status("/metrics", "rnt_1"), 401)
+        self.assertEqual(status("/metrics", self.secrets["vera"]), 200)
+        self.assertEqual([status(path) for path in ("/healthz", "/readyz")], [200, 200])
 
     def test_a_drain_ends_the_daemon(self):
         daemon = SecureDaemon(self.raynestd, self.certificates, "--tokens", self.tokens.file)
