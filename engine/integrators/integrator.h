@@ -22,6 +22,7 @@
 #include "engine/math/sampler.h"
 #include "engine/queries/columns.h"
 #include "engine/result.h"
+#include "engine/shading/records.h"
 
 #include <cstdint>
 #include <memory>
@@ -58,6 +59,7 @@ struct IntegratorSettings {
 struct IntegratorScene {
     ColumnSource source;  ///< without rays and hits
     Box bounds;           ///< of the scene
+    const ShadingView* shading = nullptr;  ///< null: base colours are all that is known
     [[nodiscard]] const SceneView& view() const { return *source.scene; }
 };
 
