@@ -68,4 +68,11 @@ Result<std::vector<std::vector<std::uint32_t>>> decode_exr(std::span<const std::
     return module->decode_channels(file, width, height, channels);
 }
 
+Result<LightPicture> decode_environment(std::span<const std::byte> file, std::uint32_t side_max,
+                                        std::uint64_t bytes_max) {
+    const auto module = image_module();
+    if (!module) return tl::unexpected<Error>(module.error());
+    return module->decode_light(file, side_max, bytes_max);
+}
+
 }  // namespace raynest

@@ -87,6 +87,17 @@ Result<std::vector<std::vector<std::uint32_t>>> decode_exr(std::span<const std::
                                                            std::uint32_t height,
                                                            std::span<const ChannelType> channels);
 
+/// Linear colours, row 0 on top.
+struct LightPicture {
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    std::vector<Vec3> rgb;
+};
+/// Decodes an EXR or a Radiance HDR, recognised by magic bytes, with limits and errors as
+/// decode_image() has them. Of an EXR only one part with channels R, G and B, or Y, is taken.
+Result<LightPicture> decode_environment(std::span<const std::byte> file, std::uint32_t side_max,
+                                        std::uint64_t bytes_max);
+
 /// Loads the image module. scene_unsupported, with the remedy, if the build has no OpenImageIO or
 /// it does not load; the functions above then fail alike. out_of_memory if there is no room to load
 /// it. The first call in a process may take 0.2 s.

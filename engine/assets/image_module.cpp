@@ -10,7 +10,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cstring>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <new>
@@ -323,10 +326,70 @@ Result<std::vector<std::vector<std::uint32_t>>> decode_channels(
     return fail(ErrorCode::scene_invalid, fmt::format("the EXR was refused: {}", error.what()));
 }
 
+Result<LightPicture> decode_light(std::span<const std::byte> file, std::uint32_t side_max,
+                                  std::uint64_t bytes_max) try {
+    configure_once();
+    const bool is_exr = starts_with(file, "\x76\x2f\x31\x01");
+    if (!is_exr && !starts_with(file, "#?RADIANCE") && !starts_with(file, "#?RGBE"))
+        return fail(ErrorCode::scene_unsupported, "the environment is neither an EXR nor an HDR");
+    const char* const name = is_exr ? "memory.exr" : "memory.hdr";
+    oiio::Filesystem::IOMemReader memory(const_cast<std::byte*>(file.data()), file.size());
+    const std::unique_ptr<oiio::ImageInput> input =
+        oiio::ImageInput::create(name, false, nullptr, &memory);
+    oiio::ImageSpec spec;
+    if (!input || !input->set_ioproxy(&memory) || !input->open(name, spec))
+        return decode_failed(0, "the environment's header cannot be read");
+    if (spec.width <= 0 || spec.height <= 0 || spec.depth > 1 || spec.nchannels < 1)
+        return fail(ErrorCode::scene_invalid, "the environment's header is invalid");
+    LightPicture picture;
+    picture.width = static_cast<std::uint32_t>(spec.width);
+    picture.height = static_cast<std::uint32_t>(spec.height);
+    const std::uint64_t count = std::uint64_t{picture.width} * picture.height;
+    const std::uint64_t needed = count * (sizeof(float) * static_cast<std::uint64_t>(spec.nchannels));
+    if (picture.width > side_max || picture.height > side_max || spec.nchannels > 64 ||
+        needed > bytes_max)
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("the environment is {} x {} pixels of {} channels; at most {} a "
+                                "side and {} MiB decoded are allowed",
+                                picture.width, picture.height, spec.nchannels, side_max,
+                                bytes_max >> 20));
+    std::array<std::size_t, 3> channels{};
+    for (std::size_t c = 0; c < 3; ++c) {
+        constexpr std::array<const char*, 3> colours = {"R", "G", "B"};
+        auto named = std::ranges::find(spec.channelnames, colours[c]);
+        if (named == spec.channelnames.end()) named = std::ranges::find(spec.channelnames, "Y");
+        if (named == spec.channelnames.end())
+            return fail(ErrorCode::scene_invalid, "the environment has no channels R, G and B");
+        channels[c] = static_cast<std::size_t>(named - spec.channelnames.begin());
+    }
+    const auto stride = static_cast<std::size_t>(spec.nchannels);
+    std::vector<float> values(count * stride);
+    if (!input->read_image(0, 0, 0, spec.nchannels, oiio::TypeDesc::FLOAT, values.data())) {
+        static_cast<void>(input->geterror());
+        return decode_failed(needed, "the environment is damaged or cut short");
+    }
+    picture.rgb.resize(count);
+    for (std::size_t i = 0; i < count; ++i)
+        for (std::size_t c = 0; c < 3; ++c) {
+            const float value = values[i * stride + channels[c]];
+            // Light is neither negative nor infinite, whatever a file says.
+            picture.rgb[i][static_cast<int>(c)] =
+                value > 0 ? std::min(value, std::numeric_limits<float>::max()) : 0.0F;
+        }
+    return picture;
+} catch (const std::bad_alloc&) {
+    return fail(ErrorCode::out_of_memory, no_memory_to_decode);
+} catch (const std::system_error&) {
+    return fail(ErrorCode::out_of_memory, no_memory_to_decode);
+} catch (const std::exception& error) {
+    return fail(ErrorCode::scene_invalid,
+                fmt::format("the environment was refused: {}", error.what()));
+}
+
 }  // namespace
 }  // namespace raynest
 
 extern "C" [[gnu::visibility("default")]] raynest::ImageModule raynest_images() noexcept {
     return {raynest::decode, raynest::encode_rgba, raynest::encode_channels,
-            raynest::decode_channels};
+            raynest::decode_channels, raynest::decode_light};
 }

@@ -15,6 +15,7 @@ struct ImageModule {
     decltype(&encode_png) encode_rgba;
     decltype(&encode_exr) encode_channels;
     decltype(&decode_exr) decode_channels;
+    decltype(&decode_environment) decode_light;
 };
 
 /// Names for load_module().
