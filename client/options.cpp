@@ -2,6 +2,7 @@
 
 #include "client/connection.h"
 #include "client/generator.h"
+#include "client/option_film.h"
 #include "client/option_parts.h"
 #include "client/scene_source.h"
 
@@ -117,10 +118,11 @@ void declare(CLI::App& app, RenderOptions& render) {
     add_output(app, render.output, {".png", ".exr", ".npy"},
                "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
     add_detach(app, render.job, &render.output);
-    app.add_option("--integrator", render.integrator, "primary");
-    add_whole(app, "--spp,--samples", render.samples, 1U,
-              static_cast<std::uint32_t>(protocol::Limits{}.samples_max), "samples per pixel (1)");
-    add_whole(app, "--seed", render.seed, std::uint64_t{0}, any_whole, "of the random numbers (0)");
+    add_film(app, render);
+}
+
+void declare(CLI::App& app, ResumeOptions& resume) {
+    add_resume(app, resume);
 }
 
 void declare(CLI::App& app, QueryOptions& query) {
@@ -277,7 +279,13 @@ public:
         add<UnloadOptions>("unload", "unload forest", "drop a scene");
         add<VariantsOptions>("variants", "variants", "list intersectors and their parameters");
         add<StatsOptions>("stats", "stats", "counters of the daemon");
-        add<RenderOptions>("render", "render forest -o forest.png", "make a picture");
+        add<RenderOptions>(
+            "render",
+            "render forest -o forest.png\n"
+            "  raynest render forest --integrator path --spp 64 --env sky -o forest.exr",
+            "make a picture");
+        add<ResumeOptions>("resume", "resume forest.exr --spp 256",
+                           "add samples to a lit picture");
         add<QueryOptions>(
             "query",
             "query forest --ray 0,1,5,0,0,-1\n"

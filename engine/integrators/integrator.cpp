@@ -10,8 +10,16 @@
 namespace raynest {
 namespace {
 
+template <class Type>
+constexpr bool is_lit() {
+    if constexpr (requires { Type::lit; })
+        return Type::lit;
+    else
+        return true;
+}
+
 constexpr std::array integrators = {
-#define RAYNEST_INTEGRATOR(name, Type) IntegratorInfo{#name, Type::text},
+#define RAYNEST_INTEGRATOR(name, Type) IntegratorInfo{#name, Type::text, is_lit<Type>()},
 #include "integrator_rows.inc"
 #undef RAYNEST_INTEGRATOR
 };

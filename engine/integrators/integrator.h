@@ -4,6 +4,7 @@
 //     class Ao final : public Integrator {
 //     public:
 //         static constexpr std::string_view text = "...";      // what it shows, for users
+//         static constexpr bool lit = false;                   // 1 is white; left out: true
 //         Ao(const IntegratorScene& scene, const IntegratorSettings& settings);
 //         bool render(...) const override;
 //     };
@@ -112,6 +113,9 @@ Result<std::unique_ptr<const Integrator>> make_integrator(std::string_view name,
 struct IntegratorInfo {
     std::string_view name;
     std::string_view text;
+    /// False if 1 means white, so that no exposure suits it better: a type says so with a member
+    /// `lit`.
+    bool lit = true;
 };
 [[nodiscard]] std::span<const IntegratorInfo> integrator_table();
 
