@@ -31,6 +31,19 @@ Cone cone_of(const Sensor& sensor) {
     return {};
 }
 
+/// What describe_first_hit() says, but the normal.
+void describe_ids(const SceneView& scene, const Ray& ray, const HitRecord& hit,
+                  FilmSample& sample) {
+    sample.alpha = 1;
+    sample.depth = hit.t;
+    sample.position = point_along(ray.origin, ray.direction, hit.t);
+    sample.instance = static_cast<std::uint32_t>(hit.path);
+    sample.mesh = hit.object;
+    const ObjectRecord& object = scene.objects[hit.object];
+    if (object.triangle_count != 0)
+        sample.material = scene.geometry_of(object, hit.triangle).material;
+}
+
 /// What is left of light after a way through a solid (Beer's law).
 Vec3 absorbed(const SurfaceRecord& surface, float distance) {
     if (!(surface.attenuation_distance > 0)) return Vec3(1);
@@ -48,8 +61,6 @@ struct Path::State {
     float density = 0;  ///< of the last direction; 0: no other strategy could have found it
     float width = 0, spread = 0;
     float covered = 0;  ///< FilmSample::alpha
-    ShadingPlacement placement;
-    Vec3 albedo{0}, normal{0};
 };
 
 /// What a vertex adds to the wavefront: a ray that goes on, and one to a light.
@@ -57,6 +68,7 @@ struct Path::Step {
     Ray next, shadow;
     Vec3 light{0};  ///< what arrives if the shadow ray meets nothing
     bool goes_on = false;
+    FilmSample* film = nullptr;  ///< of the first vertex
 };
 
 Path::Path(const IntegratorScene& scene, const IntegratorSettings& settings, std::uint32_t depth)
@@ -73,11 +85,11 @@ bool Path::render(const SampleRange& range, RayCaster& caster, Wavefront& arrays
     std::vector<std::uint32_t> active(out.size());
     std::vector<Vec3> light;
     std::vector<std::uint32_t> lit;
+    PlacementCache placements;
     for (std::uint32_t i = 0; i < active.size(); ++i) {
         active[i] = i;
         states[i].width = cone.width;
         states[i].spread = cone.spread;
-        describe_first_hit(scene_, arrays.rays[i], arrays.hits[i], out[i]);
     }
 
     for (std::uint32_t bounce = 0; !active.empty(); ++bounce) {
@@ -93,8 +105,9 @@ bool Path::render(const SampleRange& range, RayCaster& caster, Wavefront& arrays
                 continue;
             }
             Step step;
-            shade(arrays.rays[k], arrays.hits[k], sampler_of(range, arrays, i), bounce, state,
-                  step);
+            step.film = bounce == 0 ? &out[i] : nullptr;
+            shade(arrays.rays[k], arrays.hits[k], sampler_of(range, arrays, i), bounce, placements,
+                  state, step);
             if (!is_black(step.light)) {
                 arrays.shadow_rays.push_back(step.shadow);
                 light.push_back(step.light);
@@ -118,9 +131,6 @@ bool Path::render(const SampleRange& range, RayCaster& caster, Wavefront& arrays
         const State& state = states[i];
         out[i].radiance = state.radiance;
         out[i].alpha = std::max(out[i].alpha, state.covered);
-        if (state.normal == Vec3(0)) continue;
-        out[i].albedo = state.albedo;
-        out[i].normal = state.normal;
     }
     return true;
 }
@@ -137,15 +147,18 @@ void Path::leave(const Ray& ray, std::uint32_t bounce, State& state) const {
 }
 
 void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
-                 std::uint32_t bounce, State& state, Step& step) const {
-    const SurfacePoint place = surface_point(scene_, ray, hit);
+                 std::uint32_t bounce, PlacementCache& placements, State& state,
+                 Step& step) const {
+    const Placement& placement = placements.find(*view_.scene, hit.path);
+    const SurfacePoint place = surface_point(scene_, ray, hit, placement);
     const float distance = hit.t * glm::length(ray.direction);
     state.width += state.spread * (bounce == 0 ? hit.t : distance);
     const ShadingPoint point =
-        shading_point(view_, ray, hit, place.normal, state.width, state.placement);
-    if (bounce == 0) {
-        state.albedo = point.material.base_colour;
-        state.normal = point.frame.z;
+        shading_point(view_, ray, hit, place.normal, state.width, placement);
+    if (step.film != nullptr) {
+        describe_ids(*view_.scene, ray, hit, *step.film);
+        step.film->albedo = point.material.base_colour;
+        step.film->normal = point.frame.z;
     }
     if (point.material.inside) state.throughput *= absorbed(*point.surface, distance);
 

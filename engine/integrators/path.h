@@ -6,6 +6,7 @@
 
 #include "engine/integrators/integrator.h"
 #include "engine/integrators/lighting.h"
+#include "engine/shading/placement.h"
 
 namespace raynest {
 
@@ -28,7 +29,7 @@ private:
     struct State;
     struct Step;
     void shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler, std::uint32_t bounce,
-               State& state, Step& step) const;
+               PlacementCache& placements, State& state, Step& step) const;
     void leave(const Ray& ray, std::uint32_t bounce, State& state) const;
 
     const ColumnSource scene_;

@@ -1,8 +1,5 @@
 #include "engine/integrators/surface_point.h"
 
-#include "engine/scene/snapshot.h"
-
-#include <array>
 #include <limits>
 
 namespace raynest {
@@ -12,52 +9,17 @@ using Point = glm::dvec3;
 
 constexpr double eps = std::numeric_limits<float>::epsilon();
 
-/// The linear part by rows, and the shift, of a placement's map from its parent's space.
-struct Map {
-    glm::dmat3 rows;  ///< rows[i] is row i
-    Point shift;
-
-    explicit Map(const InstanceRecord& instance) {
-        const Transform by = by_rows(instance.to_object);
-        for (int i = 0; i < 3; ++i) {
-            const auto at = static_cast<std::size_t>(4 * i);
-            rows[i] = {by.m[at], by.m[at + 1], by.m[at + 2]};
-            shift[i] = by.m[at + 3];
-        }
-    }
-    [[nodiscard]] Point vector(const Point& v) const {
-        return {glm::dot(rows[0], v), glm::dot(rows[1], v), glm::dot(rows[2], v)};
-    }
-    /// With absolute values of all parts: bounds what a sum of products may lose.
-    [[nodiscard]] Point magnitude(const Point& v) const {
-        return {glm::dot(glm::abs(rows[0]), v), glm::dot(glm::abs(rows[1]), v),
-                glm::dot(glm::abs(rows[2]), v)};
-    }
-    /// The parent's point that the kernel takes to `p`.
-    [[nodiscard]] Point back(const Point& p) const {
-        return glm::inverse(glm::transpose(rows)) * (p - shift);
-    }
-    /// Takes a covector of the object to the parent.
-    [[nodiscard]] Point covector(const Point& n) const {
-        return n.x * rows[0] + n.y * rows[1] + n.z * rows[2];
-    }
-};
-
 }  // namespace
 
-SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const HitRecord& hit) {
+SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const HitRecord& hit,
+                           const Placement& placement) {
     const SceneView& scene = *source.scene;
     SurfacePoint point;
-    std::array<const InstanceRecord*, scene_depth_max> way{};
-    std::size_t levels = 0;
-    walk_path(scene, hit.path, [&](std::uint32_t index) {
-        if (levels < way.size()) way[levels++] = &scene.instances[index];
-    });
-
     const ObjectRecord& object = scene.objects[hit.object];
     const Point origin(ray.origin);
     Point error;
-    Point normal;  // of the object; its length does not matter
+    Point normal(0);  // of the object, unit length
+    Point world(0);   // the same in the world, where its length is how the levels stretch it
     double extent = 0;
     if (object.triangle_count != 0) {
         const GeometryRecord& geometry = scene.geometry_of(object, hit.triangle);
@@ -67,45 +29,49 @@ SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const Hit
         const Point v0(vertices[corner[0]]);
         const Point e1 = Point(vertices[corner[1]]) - v0;
         const Point e2 = Point(vertices[corner[2]]) - v0;
-        normal = glm::cross(e1, e2);
         extent = glm::length(e1) + glm::length(e2);
-        point.position = v0 + static_cast<double>(hit.u) * e1 + static_cast<double>(hit.v) * e2;
-        for (std::size_t i = levels; i-- > 0;) point.position = Map(*way[i]).back(point.position);
+        normal = glm::cross(e1, e2);
+        const double length = glm::length(normal);
+        if (length > 0) normal /= length;
+        world = placement.normal(normal);
+        point.position = placement.point(v0 + static_cast<double>(hit.u) * e1 +
+                                         static_cast<double>(hit.v) * e2);
         error = 2 * eps * glm::abs(point.position);
+        const double stretch = glm::length(world);
+        if (stretch > 0) point.normal = Vec3(world / stretch);
     } else {
         const Point along = static_cast<double>(hit.t) * Point(ray.direction);
         point.position = origin + along;
         error = 8 * eps * (glm::abs(origin) + glm::abs(along) + glm::abs(point.position));
-        normal = Point(0);
+        point.normal = world_normal(source, ray, hit);
     }
-    point.normal = world_normal(source, ray, hit);
 
     // Follow the ray's origin down, as kernels do in float: each level rounds three products and
     // three sums, and stretches the errors from above.
     Point p = point.position;
-    for (std::size_t i = 0; i < levels; ++i) {
-        const Map map(*way[i]);
-        error = map.magnitude(error) + 4 * eps * (map.magnitude(glm::abs(p)) + glm::abs(map.shift));
-        p = map.vector(p) + map.shift;
+    for (const Placement::Level& level : placement.levels) {
+        error = level.magnitude(error) +
+                4 * eps * (level.magnitude(glm::abs(p)) + glm::abs(level.shift));
+        p = level.point(p);
     }
     error += 4 * eps * Point(extent);
 
     // A world normal times `lift` must clear the error along the object's normal.
-    Point world = normal == Point(0) ? Point(point.normal) : glm::normalize(normal);
-    const Point unit = world;
-    if (normal == Point(0)) {
+    if (object.triangle_count == 0) {
         // Without vertices: as long as the largest error, brought back to the world.
-        double scale = 1;
-        Point axis = unit;
-        for (std::size_t i = 0; i < levels; ++i) axis = Map(*way[i]).vector(axis);
-        if (glm::length(axis) > 0) scale = glm::length(axis);
-        point.lift = 2 * glm::length(error) / scale;
+        const double scale = glm::length(placement.to_object * Point(point.normal));
+        point.lift = 2 * glm::length(error) / (scale > 0 ? scale : 1);
         return point;
     }
-    for (std::size_t i = levels; i-- > 0;) world = Map(*way[i]).covector(world);
-    const double length = glm::length(world);
-    point.lift = length > 0 ? 2 * glm::dot(glm::abs(unit), error) / length : 0;
+    const double stretch = glm::length(world);
+    point.lift = stretch > 0 ? 2 * glm::dot(glm::abs(normal), error) / stretch : 0;
     return point;
+}
+
+SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const HitRecord& hit) {
+    Placement placement;
+    placement.set(*source.scene, hit.path);
+    return surface_point(source, ray, hit, placement);
 }
 
 }  // namespace raynest

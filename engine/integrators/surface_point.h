@@ -2,6 +2,7 @@
 #pragma once
 
 #include "engine/queries/columns.h"
+#include "engine/shading/placement.h"
 
 namespace raynest {
 
@@ -20,8 +21,10 @@ struct SurfacePoint {
     }
 };
 
-/// The surface of a closest hit. Its place follows from the vertices; where a primitive has none,
-/// from the ray.
+/// The surface of a closest hit, whose placement is hit.path. Its place follows from the vertices;
+/// where a primitive has none, from the ray.
+[[nodiscard]] SurfacePoint surface_point(const ColumnSource& scene, const Ray& ray,
+                                         const HitRecord& hit, const Placement& placement);
 [[nodiscard]] SurfacePoint surface_point(const ColumnSource& scene, const Ray& ray,
                                          const HitRecord& hit);
 

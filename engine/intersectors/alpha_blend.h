@@ -16,13 +16,17 @@ struct AlphaBlend {
     static constexpr const char* text =
         "alpha of BLEND materials is the chance of a hit; MASK materials have holes";
     struct Params {
+        float cutoff = -1;
         std::uint32_t seed = 0;
     };
     static constexpr auto params = std::tuple{
+        param("cutoff", &Params::cutoff, -1.0F, 1.0F,
+              "least alpha that counts as a hit on MASK materials; below 0: the material's own"),
         param("seed", &Params::seed, 0U, 0xFFFFFFFFU, "another number draws other hits")};
 
     RAYNEST_FN AlphaBlend(const SceneView& view, const Params& values)
         : scene(view),
+          cutoff(values.cutoff),
           seed(values.seed) {}
 
     RAYNEST_INLINE auto operator()(const auto& ray, const TriangleLike auto& triangle) {
@@ -67,6 +71,7 @@ private:
     [[nodiscard]] RAYNEST_FN float least_alpha(const MaterialRecord& material, const Ray& ray,
                                                std::uint64_t path, std::uint32_t triangle) const {
         return material.alpha_mode == AlphaMode::blend ? threshold(ray, path, triangle)
+               : cutoff >= 0                           ? cutoff
                                                        : material.cutoff;
     }
 
@@ -80,6 +85,7 @@ private:
     }
 
     const SceneView& scene;
+    float cutoff;
     std::uint32_t seed;
 };
 

@@ -46,7 +46,7 @@ struct MaterialDescription {
     AlphaMode alpha_mode = AlphaMode::opaque;
     float cutoff = 0.5F;
     bool double_sided = false;
-    SurfaceRecord surface;  ///< its textures index those of the scene
+    SurfaceRecord surface = {};  ///< its textures index those of the scene
 };
 
 struct GeometryDescription {
@@ -54,8 +54,8 @@ struct GeometryDescription {
     std::vector<std::uint32_t> indices;  ///< three per triangle, all below positions.size()
     std::vector<Vec2> texcoords[2];      ///< empty or one per vertex
     std::vector<std::uint8_t> colours;   ///< empty or RGBA per vertex
-    std::vector<Vec3> normals;           ///< empty or one per vertex, any length
-    std::vector<Vec4> tangents;          ///< empty or one per vertex, with the bitangent's sign
+    std::vector<Vec3> normals = {};      ///< empty or one per vertex, any length
+    std::vector<Vec4> tangents = {};     ///< empty or one per vertex, with the bitangent's sign
     std::uint32_t material = no_id;
 
     /// Returns the texture coordinates of a triangle's corners, from a set that is not empty.
@@ -122,7 +122,7 @@ struct SceneDescription {
     std::vector<TextureDescription> textures;
     std::vector<ImageDescription> images;
     std::vector<CameraDescription> cameras;
-    std::vector<LightDescription> lights;
+    std::vector<LightDescription> lights = {};
     /// Reason -> count, e.g. {"singular_instances", 1}; shown by `info` and `load`.
     std::map<std::string, std::uint64_t> skipped;
     std::vector<std::string> warnings;

@@ -1,6 +1,5 @@
 #include "engine/shading/shading_point.h"
 
-#include "engine/geometry/path.h"
 #include "engine/shading/types.h"
 
 #include <algorithm>
@@ -93,7 +92,7 @@ Vec3 vertex_colour(const SceneView& scene, const GeometryRecord& geometry, const
 /// The normal that a normal texture gives, in the world; `n` is the vertices' normal there.
 Vec3 mapped_normal(const ShadingView& view, const GeometryRecord& geometry,
                    const GeometryShading& shading, const SurfaceRecord& surface,
-                   const Lookup& lookup, const ShadingPlacement& placement, const Vec3& n) {
+                   const Lookup& lookup, const Placement& placement, const Vec3& n) {
     const Vec4 texel = lookup.value(surface.normal, true);
     const Vec3 local((2.0F * texel.x - 1.0F) * surface.normal_scale,
                      (2.0F * texel.y - 1.0F) * surface.normal_scale,
@@ -145,19 +144,8 @@ float clamped(float x) {
 
 }  // namespace
 
-void ShadingPlacement::find(const SceneView& scene, std::uint64_t of) {
-    if (path == of) return;
-    path = of;
-    to_object = glm::dmat3(1);
-    walk_path(scene, of, [&](std::uint32_t index) {
-        const std::array<float, 12>& m = scene.instances[index].to_object.m;
-        to_object = glm::dmat3(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8]) * to_object;
-    });
-    to_world = glm::inverse(to_object);
-}
-
 ShadingPoint shading_point(const ShadingView& view, const Ray& ray, const HitRecord& hit,
-                           const Vec3& normal, float width, ShadingPlacement& placement) {
+                           const Vec3& normal, float width, const Placement& placement) {
     const SceneView& scene = *view.scene;
     const ObjectRecord& object = scene.objects[hit.object];
     const Vec3 viewer = -glm::normalize(ray.direction);
@@ -173,7 +161,6 @@ ShadingPoint shading_point(const ShadingView& view, const Ray& ray, const HitRec
 
     const GeometryRecord& geometry = scene.geometry_of(object, hit.triangle);
     const Corners corners(scene, geometry, hit.triangle, hit.u, hit.v);
-    placement.find(scene, hit.path);
     const auto* positions = scene.attribute<Vec3>(geometry.positions);
     const glm::dvec3 p0(positions[corners.index[0]]);
     const glm::dvec3 e1 = placement.to_world * (glm::dvec3(positions[corners.index[1]]) - p0);
@@ -201,7 +188,7 @@ ShadingPoint shading_point(const ShadingView& view, const Ray& ray, const HitRec
                                    : view.geometries[&geometry - scene.geometries];
     if (shading.normals != no_offset) {
         const Vec3 mean = corners.mean(scene.attribute<Vec3>(shading.normals));
-        const glm::dvec3 world = glm::transpose(placement.to_object) * glm::dvec3(mean);
+        const glm::dvec3 world = placement.normal(glm::dvec3(mean));
         const double length = glm::length(world);
         if (length > 0 && std::isfinite(length)) n = Vec3(world / length);
     }

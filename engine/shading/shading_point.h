@@ -4,6 +4,7 @@
 #include "engine/geometry/hit.h"
 #include "engine/geometry/ray.h"
 #include "engine/shading/material.h"
+#include "engine/shading/placement.h"
 #include "engine/shading/records.h"
 #include "engine/shading/sampling.h"
 #include "engine/shading/texture_lookup.h"
@@ -11,15 +12,6 @@
 #include <cstdint>
 
 namespace raynest {
-
-/// The transform of one placement, for vectors of its object. Points of one placement come one after
-/// the other, so callers keep it.
-struct ShadingPlacement {
-    std::uint64_t path = no_path;
-    glm::dmat3 to_object{1};  ///< columns of the linear part, from the world
-    glm::dmat3 to_world{1};
-    void find(const SceneView& scene, std::uint64_t of);
-};
 
 struct ShadingPoint {
     Frame frame;        ///< z: the shading normal, on the side that the ray came from
@@ -31,11 +23,11 @@ struct ShadingPoint {
     float occlusion = 1;  ///< of the occlusion texture
 };
 
-/// Looks all textures up. `normal` is the hit's geometric normal in the world, outward; `width` is
+/// Looks all textures up. `placement` is that of hit.path, `normal` is the hit's geometric normal in the world, outward; `width` is
 /// that of the ray's cone at the hit.
 [[nodiscard]] ShadingPoint shading_point(const ShadingView& view, const Ray& ray,
                                          const HitRecord& hit, const Vec3& normal, float width,
-                                         ShadingPlacement& placement);
+                                         const Placement& placement);
 
 /// The radiance that a point of a triangle emits, given by its barycentric coordinates.
 [[nodiscard]] Vec3 triangle_emission(const ShadingView& view, const ObjectRecord& object,

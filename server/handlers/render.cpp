@@ -88,7 +88,7 @@ Reply<Answer> render_film(const Services& services, const Caller& caller,
                           const wire::Render& message, std::string integrator) {
     auto options = film_options(message, std::move(integrator));
     if (!options) return tl::unexpected(options.error());
-    auto plan = make_plan(services, caller, *message.job(), query_closest);
+    auto plan = make_plan(services, caller, *message.job(), query_closest, counters_none, true);
     if (!plan) return tl::unexpected(plan.error());
     auto any = Plan::with(*plan, query_any, counters_none);
     if (!any) return tl::unexpected(any.error());
