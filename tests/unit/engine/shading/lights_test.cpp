@@ -49,7 +49,7 @@ TEST_CASE("an environment is drawn with the density that it states") {
     constexpr int samples = 1'000'000;
     std::vector<double> counts(width * height), expected(width * height);
     const auto bin = [&](const Vec3& d) {
-        const double across = std::atan2(d.x, -d.z) / (2 * std::numbers::pi) + 0.5;
+        const double across = static_cast<double>(std::atan2(d.x, -d.z)) / (2 * std::numbers::pi) + 0.5;
         const double down = std::acos(std::clamp(static_cast<double>(d.y), -1.0, 1.0)) / std::numbers::pi;
         const auto column = std::min(static_cast<std::uint32_t>(across * width), width - 1);
         const auto row = std::min(static_cast<std::uint32_t>(down * height), height - 1);

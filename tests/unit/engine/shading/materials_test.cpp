@@ -66,8 +66,8 @@ double deviation(const MaterialPoint& drawn, const MaterialPoint& stated, const 
             ++counts.back();
             continue;
         }
-        const double azimuth = std::atan2(d.y, d.x) / (2 * std::numbers::pi) + 0.5;
-        const int row = std::min(static_cast<int>((d.z + 1) / 2 * rows), rows - 1);
+        const double azimuth = static_cast<double>(std::atan2(d.y, d.x)) / (2 * std::numbers::pi) + 0.5;
+        const int row = std::min(static_cast<int>((d.z + 1) / 2 * static_cast<float>(rows)), rows - 1);
         const int column = std::min(static_cast<int>(azimuth * columns), columns - 1);
         ++counts[static_cast<std::size_t>(row * columns + column)];
     }
