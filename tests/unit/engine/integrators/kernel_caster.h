@@ -36,7 +36,6 @@ public:
     bool observed(std::span<const Ray>, std::span<HitRecord>, const Observer&) override {
         return false;
     }
-    std::uint64_t rays = 0;  ///< traced so far
 
 private:
     void trace(Query query, std::span<const Ray> all, std::span<HitRecord> hits) {
@@ -50,7 +49,6 @@ private:
         call.ray_count = static_cast<std::uint32_t>(all.size());
         call.hits = hits.data();
         REQUIRE((*function)(&call) == trace_ok);
-        rays += all.size();
     }
     const SceneView& scene_;
     std::shared_ptr<const Registry> registry_;
