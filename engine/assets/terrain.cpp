@@ -42,7 +42,7 @@ Result<SceneDescription> describe_terrain(const BuiltinValues& values) {
     geometry.material = 0;
 
     SceneDescription scene;
-    scene.materials.push_back({.name = "rock", .base_colour = {0.42F, 0.38F, 0.33F, 1}});
+    scene.materials.push_back({.name = "rock", .base_colour = {0.42F, 0.38F, 0.33F, 1}, .surface = {}});
     scene.objects.push_back({"terrain", {std::move(geometry)}, {}, {}, {}, {}});
     CameraDescription camera;
     camera.name = "overview";

@@ -18,8 +18,8 @@ struct TextureUse {
 
 /// How a material scatters and emits light; base colour and alpha are in its MaterialRecord.
 struct SurfaceRecord {
-    std::uint32_t kind = 0;  ///< shading_type() of a name of shading/MATERIALS
-    float metallic = 1;
+    std::uint32_t kind = 0;  ///< shading_type() of a name of shading/MATERIALS; 0: glTF's own
+    float metallic = 0;
     float roughness = 1;
     float normal_scale = 1;
     float occlusion_strength = 1;

@@ -1,4 +1,4 @@
-// A RayCaster that calls the compiled functions of `opaque` directly.
+// A RayCaster that calls the compiled functions of an intersector directly.
 #pragma once
 
 #include "engine/integrators/ray_caster.h"
@@ -14,7 +14,9 @@ namespace raynest::test {
 
 class KernelCaster final : public RayCaster {
 public:
-    explicit KernelCaster(const SceneView& scene) : scene_(scene) {
+    explicit KernelCaster(const SceneView& scene, const char* variant = "opaque")
+        : scene_(scene),
+          variant_(variant) {
         auto registry = Registry::load({{}, "auto"});
         REQUIRE(registry);
         registry_ = *registry;
@@ -39,7 +41,7 @@ public:
 
 private:
     void trace(Query query, std::span<const Ray> all, std::span<HitRecord> hits) {
-        const Variant& variant = *registry_->find("opaque");
+        const Variant& variant = *registry_->find(variant_);
         const auto function = find_function(variant, query, precision_fast, traversal_single);
         REQUIRE(function);
         TraceCall call{};
@@ -51,6 +53,7 @@ private:
         REQUIRE((*function)(&call) == trace_ok);
     }
     const SceneView& scene_;
+    const char* variant_;
     std::shared_ptr<const Registry> registry_;
 };
 
