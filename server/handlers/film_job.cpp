@@ -238,7 +238,8 @@ Reply<void> FilmJob::prepare() {
         environment_.drop();
     }
     auto made = make_integrator(options_.integrator,
-                                {plan_.source(services_.registry), plan_.scene.snapshot().bounds()},
+                                {plan_.source(services_.registry), plan_.scene.snapshot().bounds(),
+                                 &plan_.scene.snapshot().shading()},
                                 settings);
     if (!made) return refuse(made.error());
     integrator_ = std::move(*made);

@@ -110,6 +110,8 @@ std::vector<Attribute> request_attributes(const wire::Render& message,
     const IntegratorSettings& settings = options.settings;
     return {{"raynest:version", RAYNEST_VERSION},
             {"raynest:integrator", options.integrator},
+            {"raynest:width", number_text(message.width())},
+            {"raynest:height", number_text(message.height())},
             {"raynest:spp", number_text(options.samples)},
             {"raynest:seed", number_text(options.seed)},
             {"raynest:depth", number_text(settings.depth)},

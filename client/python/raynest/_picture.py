@@ -13,9 +13,12 @@ from ._control import Message
 from ._frame import DTYPES, Array, Block
 from ._job import Outcome, Progress, SceneMoved
 from .errors import ProtocolError, UsageError
+from .images import Image, with_view
 
 # Maximum bytes of an encoded pixel: an EXR of four floats. Legend and header come on top.
 ENCODED_PIXEL_BYTES_MAX = 16
+# The same of an EXR with a channel of four bytes for every counter of every level.
+HEAT_PIXEL_BYTES_MAX = 2048
 LEGEND_BYTES_MAX = 4 << 20
 DOCUMENT_BYTES_MAX = 64 << 20
 
@@ -57,8 +60,8 @@ class Picture:
 
     def receive(self, connection: Connection, request: str, message: Message, progress: Progress,
                 seconds: float = 0.0) -> Any:
-        """Raw pixels as an array (height, width, 4) of u8, of a heat map (height, width) of u32;
-        bytes of a picture file otherwise."""
+        """Raw pixels as an array (height, width, 4) of u8, of a heat map (height, width) of u32, of a
+        difference i32; bytes of a picture file otherwise."""
         frames = connection.exchange(request, message, seconds, self._place)
         with connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:
@@ -73,8 +76,10 @@ class Picture:
         if self._shape["encode"] != "raw":
             return self._payload.tobytes()
         size = (self._shape["height"], self._shape["width"])
-        return self._payload.reshape(*size, 4) if self._kind == "render" else \
-            self._payload.view(np.uint32).reshape(size)
+        if self._kind == "render":
+            return self._payload.reshape(*size, 4).view(Image)
+        differs = self.outcome.get("range_low", 0) < 0
+        return with_view(self._payload.view(np.int32 if differs else np.uint32).reshape(size), None)
 
     def _place(self, name: str, message: Message, blocks: Sequence[Block]) -> Sequence[Array]:
         total = message.get("total", 0)
@@ -83,7 +88,8 @@ class Picture:
                 self._shape = {key: message.get(key, 0) for key in ("width", "height", "encode")}
             pixels = self._shape["width"] * self._shape["height"]
             raw = self._shape["encode"] == "raw"
-            most = 4 * pixels if raw else ENCODED_PIXEL_BYTES_MAX * pixels + LEGEND_BYTES_MAX
+            encoded = HEAT_PIXEL_BYTES_MAX if self._kind == "heatmap" else ENCODED_PIXEL_BYTES_MAX
+            most = 4 * pixels if raw else encoded * pixels + LEGEND_BYTES_MAX
             if self._kind == "json":
                 most = DOCUMENT_BYTES_MAX
             if (name != "Picture" or pixels > _limits.picture_pixels_max or total > most
