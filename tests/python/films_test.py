@@ -106,4 +106,4 @@ class Films(WithDaemon):
 
 
 if __name__ == "__main__":
-    main(Films)
+    main()

@@ -23,7 +23,7 @@ LIT_SAMPLES = 16
 GROUPS = {"rgba": ("R", "G", "B", "A"), "albedo": ("albedo.R", "albedo.G", "albedo.B"),
           "N": ("N.X", "N.Y", "N.Z"), "P": ("P.X", "P.Y", "P.Z")}
 
-Environment = Union[str, bytes, "os.PathLike[str]"]
+Environment = Union[str, bytes, os.PathLike[str]]
 
 
 class Layers(dict[str, Array]):
