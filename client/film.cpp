@@ -1,14 +1,15 @@
 #include "client/film.h"
 
+#include "client/exr_header.h"
 #include "client/files.h"
-#include "client/film_file.h"
 #include "client/numbers.h"
 #include "client/output_file.h"
 #include "client/send_file.h"
 
 #include <array>
 #include <charconv>
-#include <sstream>
+#include <map>
+#include <span>
 #include <utility>
 
 namespace raynest::client {
@@ -37,6 +38,27 @@ Result<void> set_environment(const std::string& environment, wire::RenderT& requ
     request.environment = "picture";
     request.environment_bytes = files.environment.size();
     return {};
+}
+
+/// The texts of an EXR's header, which say what was asked for.
+struct FilmFile {
+    std::map<std::string, std::string> texts;
+
+    /// The value of an attribute of ours; "" where there is none.
+    [[nodiscard]] std::string value(const std::string& name) const {
+        const auto found = texts.find("raynest:" + name);
+        return found == texts.end() ? "" : found->second;
+    }
+};
+
+Result<FilmFile> read_film_file(std::span<const std::byte> bytes, const std::string& name) {
+    auto texts = read_exr_texts(bytes);
+    if (!texts) return fail(Exit::invalid, name + ": " + texts.error().message);
+    FilmFile film{std::move(*texts)};
+    if (!film.value("integrator").empty()) return film;
+    return fail(Exit::invalid, name +
+                                   ": is no lit picture of raynest: make one with raynest render "
+                                   "SCENE --integrator path -o FILE.exr");
 }
 
 /// Reads a number of an EXR's header.
@@ -115,14 +137,14 @@ Result<wire::RenderT> resumed_film(const ResumeOptions& options, FilmFiles& file
     if (const std::string set = film->value("set"); set != "none")
         for (const std::string& setting : split(set, ' ')) request.job->settings.push_back(setting);
     request.best_by_ms = static_cast<std::uint32_t>(deadline_of(options.deadline).count());
-    request.width = film->width;
-    request.height = film->height;
     request.integrator = film->value("integrator");
     request.encode = "exr";
     request.samples = options.samples;
     request.progressive = options.progressive;
     request.resume_bytes = files.resumed.size();
-    Result<void> read = read_number(*film, "mask", request.job->mask, options.file);
+    Result<void> read = read_number(*film, "width", request.width, options.file);
+    if (read) read = read_number(*film, "height", request.height, options.file);
+    if (read) read = read_number(*film, "mask", request.job->mask, options.file);
     if (read) read = read_number(*film, "seed", request.seed, options.file);
     if (read) read = read_number(*film, "depth", request.depth, options.file);
     if (read) read = read_number(*film, "ao_distance", request.ao_distance, options.file);

@@ -17,9 +17,13 @@ inline void add_environment(CLI::App& app, std::string& environment) {
                    "FILE.exr or FILE.hdr, a picture all around");
 }
 
-/// Adds what only render has.
-inline void add_film(CLI::App& app, RenderOptions& render) {
+inline void add_render(CLI::App& app, RenderOptions& render) {
     constexpr protocol::Limits limits;
+    add_job(app, render.job);
+    add_camera(app, render.camera);
+    add_output(app, render.output, {".png", ".exr", ".npy"},
+               "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
+    add_detach(app, render.job, &render.output);
     app.add_option("--integrator", render.integrator,
                    "primary (base colours, one ray per pixel) | ao (open or hidden from the sky) | "
                    "direct (lights and shadows) | path (all light)");

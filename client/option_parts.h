@@ -22,6 +22,16 @@
 
 namespace raynest::client {
 
+/// Returns the exit codes as help lists them.
+inline std::string exit_codes() {
+    std::string text = "\nExit codes:\n";
+    for (const protocol::ExitInfo& exit : protocol::exit_table()) {
+        const std::string code = std::to_string(static_cast<int>(exit.code));
+        text += "  " + code + std::string(5 - code.size(), ' ') + std::string(exit.text) + "\n";
+    }
+    return text;
+}
+
 /// Adds an option whose text is parsed by `read`, which returns what is wrong, or "".
 template <class Read>
 CLI::Option* add_parsed(CLI::App& app, const std::string& name, Read read,
@@ -33,6 +43,21 @@ CLI::Option* add_parsed(CLI::App& app, const std::string& name, Read read,
             if (!complaint.empty()) throw CLI::ValidationError(name, complaint);
         },
         text);
+}
+
+/// Adds an option that may be repeated; `read` takes each text and fails with what is wrong.
+template <class Read>
+void add_each(CLI::App& app, const std::string& name, Read read, const std::string& text) {
+    app.add_option_function<std::vector<std::string>>(
+           name,
+           [name, read](const std::vector<std::string>& values) {
+               for (const std::string& value : values)
+                   if (const auto taken = read(value); !taken)
+                       throw CLI::ValidationError(name, taken.error().message);
+           },
+           text)
+        ->take_all()
+        ->allow_extra_args(false);
 }
 
 /// Adds a number from `least` to `most`; `what` is the text for messages. CLI11's own parser would
@@ -127,7 +152,7 @@ inline void add_job(CLI::App& app, JobOptions& job) {
     add_epoch(app, job.epoch);
     app.add_option("--worker", job.worker, alternatives(worker_words));
     add_deadline(app, job.deadline, "give up after so many seconds");
-    app.add_option("--priority", job.priority, "low | normal | high");
+    app.add_option("--priority", job.priority, "normal | low | high");
 }
 
 inline void add_camera(CLI::App& app, CameraOptions& camera) {
@@ -205,7 +230,7 @@ inline void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
                   "), of all the nearest are kept (4096)");
     app.parse_complete_callback([&kind, &max_hits] {
         if (max_hits != 0 && !has_splits(kind))
-            throw CLI::ValidationError("--max-hits", "is of --kind multi and of --kind all");
+            throw CLI::ValidationError("--max-hits", "belongs to --kind multi and --kind all");
         if (kind == "multi" && max_hits > protocol::Limits{}.hits_max)
             throw CLI::ValidationError("--max-hits",
                                        "of --kind multi is at most " +

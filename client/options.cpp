@@ -1,6 +1,7 @@
 #include "client/options.h"
 
 #include "client/connection.h"
+#include "client/difference.h"
 #include "client/generator.h"
 #include "client/option_film.h"
 #include "client/option_parts.h"
@@ -34,15 +35,6 @@ constexpr const char* first_steps = R"(say what to do. While a daemon runs (rayn
   raynest render forest -o forest.png
 raynest --help lists all that there is)";
 
-std::string exit_codes() {
-    std::string text = "\nExit codes:\n";
-    for (const protocol::ExitInfo& exit : protocol::exit_table()) {
-        const std::string code = std::to_string(static_cast<int>(exit.code));
-        text += "  " + code + std::string(5 - code.size(), ' ') + std::string(exit.text) + "\n";
-    }
-    return text;
-}
-
 void declare(CLI::App& app, LoadOptions& load) {
     app.add_option(
            "SOURCE", load.source,
@@ -52,7 +44,7 @@ void declare(CLI::App& app, LoadOptions& load) {
     app.add_option("--name", load.name,
                    "name of the scene (the file's stem; forest for builtin:forest?trees=5)");
     app.add_flag("--replace", load.replace, "a new epoch of a name that is taken");
-    app.add_option("--build", load.build, "fast | medium | high");
+    app.add_option("--build", load.build, "medium | fast | high: more time for the build makes faster trees");
     app.add_option_function<std::vector<std::string>>(
            "--set-mask",
            [&load](const std::vector<std::string>& rules) {
@@ -68,7 +60,7 @@ void declare(CLI::App& app, LoadOptions& load) {
         ->allow_extra_args(false);
     app.add_option("--primitive", load.primitive,
                    "what the records of a .npy are: sphere, or a type of a loaded pack");
-    app.add_option("--instances", load.instances, "FILE.npy with 3x4 placements of them");
+    app.add_option("--instances", load.instances, "FILE.npy of shape (N, 3, 4): where the records of a .npy are placed");
     add_point(app, "--origin",
               "a point near a scene that lies far from zero: its digits are kept by subtracting "
               "it. Rays and answers stay in the world",
@@ -112,18 +104,8 @@ void declare(CLI::App& app, PathOptions& path) {
     add_epoch(app, path.epoch);
 }
 
-void declare(CLI::App& app, RenderOptions& render) {
-    add_job(app, render.job);
-    add_camera(app, render.camera);
-    add_output(app, render.output, {".png", ".exr", ".npy"},
-               "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
-    add_detach(app, render.job, &render.output);
-    add_film(app, render);
-}
-
-void declare(CLI::App& app, ResumeOptions& resume) {
-    add_resume(app, resume);
-}
+void declare(CLI::App& app, RenderOptions& render) { add_render(app, render); }
+void declare(CLI::App& app, ResumeOptions& resume) { add_resume(app, resume); }
 
 void declare(CLI::App& app, QueryOptions& query) {
     add_job(app, query.job);
@@ -175,15 +157,40 @@ void declare(CLI::App& app, QueryOptions& query) {
 void declare(CLI::App& app, HeatmapOptions& heatmap) {
     add_job(app, heatmap.job);
     add_camera(app, heatmap.camera);
-    add_output(app, heatmap.output, {".png", ".exr", ".npy"},
-               "FILE.png with a legend; FILE.exr or FILE.npy of raw counts");
+    add_output(app, heatmap.output, {".png", ".exr", ".npy", ".html"},
+               "FILE.png with a legend; FILE.exr of every metric and level, FILE.npy of raw counts; "
+               "FILE.html, a report to attach to a ticket");
     add_detach(app, heatmap.job, &heatmap.output);
     app.add_option("--metric", heatmap.metric,
                    alternatives(metric_words) + " (total); boxes.1 is level 1 alone");
     app.add_option("--palette", heatmap.palette, alternatives(palette_words));
     app.add_option("--scale", heatmap.scale, "linear | log");
-    app.add_option("--range", heatmap.range, "auto | p99 | LOW:HIGH");
+    CLI::Option* range = app.add_option("--range", heatmap.range,
+                                        "p99 | auto | LOW:HIGH; of a difference -HIGH:HIGH");
+    app.add_option("--range-from", heatmap.range_from,
+                   "FILE.exr of a heat map whose range this one takes")
+        ->excludes(range);
     app.add_option("--count", heatmap.count, "traversed | necessary");
+    add_each(
+        app, "--diff",
+        [&heatmap](const std::string& text) {
+            if (!heatmap.difference) heatmap.difference.emplace();
+            return read_difference(text, *heatmap.difference);
+        },
+        "subtract what the same rays cost in OTHER_SCENE, or with KEY=VALUE: intersector, mask, "
+        "epoch, or a parameter of the intersector; may be repeated. Red costs more than that, blue "
+        "less");
+    add_each(
+        app, "--fail-if",
+        [&heatmap](const std::string& text) -> Result<void> {
+            auto check = parse_fail_if(text);
+            if (!check) return tl::unexpected<Failure>(check.error());
+            heatmap.fail_if.push_back(std::move(*check));
+            return {};
+        },
+        "'METRIC[.LEVEL].STATISTIC OP NUMBER', as 'total.p99>120', or 'levels|bytes|triangles OP "
+        "NUMBER': end with exit code 9 where that is true; may be repeated. Statistics: min mean p50 "
+        "p90 p99 max; OP: > >= < <=. With it no -o is needed");
     CLI::Option* top = add_whole(
         app, "--top", heatmap.top, 1U, static_cast<std::uint32_t>(protocol::Limits{}.list_items_max),
         "print so many of the instances, meshes and materials that most work is spent in, and a "
@@ -193,10 +200,15 @@ void declare(CLI::App& app, HeatmapOptions& heatmap) {
               "innermost)")
         ->needs(top);
     app.parse_complete_callback([&heatmap] {
-        if (heatmap.output.empty() && !heatmap.job.detach && heatmap.top == 0)
-            throw CLI::RequiredError("--output or --top");
+        const bool is_report = extension_of(heatmap.output) == ".html";
+        if (heatmap.output.empty() && !heatmap.job.detach && heatmap.top == 0 &&
+            heatmap.fail_if.empty())
+            throw CLI::RequiredError("--output, --top or --fail-if");
         if (!heatmap.output.empty() && heatmap.job.detach && heatmap.top != 0)
             throw CLI::ValidationError("--detach", "takes one job: ask for -o or for --top");
+        if (heatmap.job.detach && (is_report || !heatmap.fail_if.empty()))
+            throw CLI::ValidationError("--detach", "ends before there is an answer: leave it out "
+                                                   "with --fail-if and a report");
     });
 }
 
@@ -236,6 +248,14 @@ void add_job_number(CLI::App& app, std::uint64_t& job) {
         ->required();
 }
 
+void declare(CLI::App& app, TopOptions& top) {
+    app.add_flag("--once", top.once, "print one look at a second of the daemon's work, and end");
+}
+void declare(CLI::App& app, OpenOptions& open) {
+    app.add_option("SCENE", open.scene,
+                   "name of a loaded scene (the first one); or FILE.glb, builtin:NAME and so on, "
+                   "which is loaded as by raynest load");
+}
 void declare(CLI::App&, JobsOptions&) {}
 void declare(CLI::App& app, WaitOptions& wait) {
     add_job_number(app, wait.job);
@@ -266,6 +286,18 @@ void declare(CLI::App& app, LoadTestOptions& load_test) {
                "each client sends when it has its answer)");
 }
 
+/// Says in words what CLI11 says of an option group: "Exactly 1 option from [--ray,--rays] is
+/// required", of two "but 2 were given" too.
+std::string plain_words(std::string what) {
+    constexpr std::string_view begin = "Exactly 1 option from [";
+    const std::size_t end = what.find(']');
+    if (!what.starts_with(begin) || end == std::string::npos) return what;
+    std::string names = what.substr(begin.size(), end - begin.size());
+    for (std::size_t at = 0; (at = names.find(',', at)) != std::string::npos; at += 2)
+        names.insert(at + 1, " ");
+    return "one of " + names + what.substr(end + 1);
+}
+
 /// The subcommands. Each has a name, an example, a line of text, and the options that its
 /// declare() adds.
 class Subcommands {
@@ -292,10 +324,15 @@ public:
             "  raynest query forest --generate lidar elevations=-15:15:16 "
             "azimuths=0:360:1800 lookat=0,2,0,0,2,-1 --fields t,position -o sweep.npz",
             "ask what rays hit");
-        add<HeatmapOptions>("heatmap", "heatmap forest -o cost.png",
-                            "draw what each pixel's ray costs");
+        add<HeatmapOptions>("heatmap",
+                            "heatmap forest -o cost.png\n"
+                            "  raynest heatmap forest --top 10 -o report.html\n"
+                            "  raynest --local heatmap forest.glb --fail-if 'total.p99>120'",
+                            "draw what each pixel's ray costs, say why, and compare");
         add<ExplainOptions>("explain", "explain forest --pixel 480,270",
                             "show how one ray finds its hit, step by step");
+        add<TopOptions>("top", "top", "watch the daemon work: jobs, rays per second, memory");
+        add<OpenOptions>("open", "open forest", "show the daemon's page in the browser");
         add<JobsOptions>("jobs", "jobs", "list what the daemon works on, and keeps");
         add<WaitOptions>("wait", "wait 17", "until a detached job has ended");
         add<FetchOptions>("fetch", "fetch 17 -o forest.png",
@@ -351,6 +388,25 @@ private:
     std::map<const CLI::App*, std::string> examples_;
 };
 
+/// Returns the command as a shell takes it: words with other than plain letters are quoted.
+std::string shell_words(int argc, const char* const* argv) {
+    constexpr std::string_view plain =
+        "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_./:,=+@%";
+    std::string text = "raynest";
+    for (int i = 1; i < argc; ++i) {
+        const std::string_view word = argv[i];
+        text += ' ';
+        if (!word.empty() && word.find_first_not_of(plain) == std::string_view::npos) {
+            text += word;
+            continue;
+        }
+        text += '\'';
+        for (const char c : word) text += c == '\'' ? "'\\''" : std::string(1, c);
+        text += '\'';
+    }
+    return text;
+}
+
 /// A private daemon ends with its command, and knows only what that loads.
 Result<void> check_local(const Options& options) {
     if (!options.local) return {};
@@ -364,9 +420,16 @@ Result<void> check_local(const Options& options) {
             if (job != nullptr && job->detach)
                 return fail(Exit::usage,
                             "--local ends its daemon with the command: leave --detach out");
-            if (std::is_same_v<Command, LoadTestOptions>)
-                return fail(Exit::usage,
-                            "load-test measures a daemon that goes on: start raynestd");
+            if (std::is_same_v<Command, LoadTestOptions> || std::is_same_v<Command, TopOptions> ||
+                std::is_same_v<Command, OpenOptions>)
+                return fail(Exit::usage, "--local ends its daemon with the command, and this one "
+                                         "needs a daemon that goes on: start raynestd");
+            if constexpr (std::is_same_v<Command, HeatmapOptions>) {
+                if (command.difference && !command.difference->scene.empty() &&
+                    !is_source(command.difference->scene))
+                    return fail(Exit::usage, "--local begins with no scene: name a file in place "
+                                             "of '" + command.difference->scene + "'");
+            }
             if (scene != nullptr && !is_source(*scene))
                 return fail(Exit::usage, "--local begins with no scene: name a file in place of '" +
                                              *scene + "', such as " + *scene + ".glb");
@@ -417,13 +480,15 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
         const std::string complaint = subcommands.complaint();
         if (!complaint.empty()) return refuse(complaint);
         if (app.get_subcommands().empty()) return fail(Exit::usage, first_steps);
-        return refuse(error.what());
+        return refuse(plain_words(error.what()));
     } catch (const CLI::ParseError& error) {
         const std::string complaint = subcommands.complaint();
         return refuse(complaint.empty() ? error.what() : complaint);
     }
     if (options.server.empty()) options.server = default_uri;
     if (auto useful = check_local(options); !useful) return refuse(useful.error().message);
+    if (auto* heatmap = std::get_if<HeatmapOptions>(&options.command))
+        heatmap->command_line = shell_words(argc, argv);
     return Parsed{"", std::move(options)};
 }
 

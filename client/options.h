@@ -1,6 +1,7 @@
 // The options of the command line as plain structs; only options.cpp uses CLI11.
 #pragma once
 
+#include "client/fail_if.h"
 #include "client/failure.h"
 
 #include <array>
@@ -101,8 +102,19 @@ struct QueryOptions {
     std::uint32_t max_hits = 0;      ///< 0: the kind's default
     std::vector<std::string> fields;
 };
+/// The other side of a difference: what differs from the job itself.
+struct Difference {
+    std::string scene, intersector;
+    std::vector<std::string> settings;  ///< "name=value"
+    std::optional<std::uint32_t> mask;
+    std::optional<std::uint64_t> epoch;
+};
 struct HeatmapOptions : PictureOptions {
     std::string metric, palette, scale, range, count;
+    std::string range_from;                ///< an EXR whose range this map takes
+    std::optional<Difference> difference;  ///< the other counts are subtracted
+    std::vector<FailIf> fail_if;
+    std::string command_line;  ///< for the report: the words of this command, as a shell takes them
     std::uint32_t top = 0;    ///< rows of a ranking; 0: none is asked for
     std::uint32_t level = 0;  ///< of the instances that it groups by; 0: the innermost
 };
@@ -115,6 +127,12 @@ struct ExplainOptions {
     bool all = false;  ///< as many steps as the daemon tells
 };
 
+struct TopOptions {
+    bool once = false;  ///< one look, and the end
+};
+struct OpenOptions {
+    std::string scene;  ///< a name or a source, or empty
+};
 struct JobsOptions {};
 struct WaitOptions {
     std::uint64_t job = 0;
@@ -141,7 +159,7 @@ struct LoadTestOptions {
 using CommandOptions =
     std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, UnloadOptions,
                  VariantsOptions, StatsOptions, RenderOptions, ResumeOptions, QueryOptions, HeatmapOptions,
-                 ExplainOptions, JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions>;
+                 ExplainOptions, TopOptions, OpenOptions, JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions>;
 
 struct Options {
     std::string server;

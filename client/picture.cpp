@@ -49,7 +49,7 @@ std::string stage_text(const wire::Progress& news) {
 
 std::string encoding_of(const std::string& output) {
     const std::string ending = extension_of(output);
-    if (output == standard_stream || ending.empty()) return "png";
+    if (output == standard_stream || ending.empty() || ending == ".html") return "png";
     return ending == ".npy" ? "raw" : ending.substr(std::min<std::size_t>(1, ending.size()));
 }
 

@@ -19,7 +19,11 @@ void check_job(Checks& checks, const wire::Job& job) {
         .settings("settings", job.settings(), checks.limits().name_bytes_max, "name_bytes_max")
         .name("traversal", job.traversal())
         .name("worker", job.worker())
-        .name("priority", job.priority());
+        .name("priority", job.priority())
+        .items("hidden_instances", job.hidden_instances())
+        .items("hidden_objects", job.hidden_objects())
+        .items("only_instances", job.only_instances())
+        .items("only_objects", job.only_objects());
 }
 
 void check_camera(Checks& checks, const wire::Camera& camera) {
@@ -131,7 +135,11 @@ Result<void> validate(const wire::Hello& message, const Limits& limits) {
 }
 
 Result<void> validate(const wire::Welcome& message, const Limits& limits) {
-    return Checks(limits).name("server", message.server()).result();
+    return Checks(limits)
+        .name("server", message.server())
+        .name("principal", message.principal())
+        .name("role", message.role())
+        .result();
 }
 
 Result<void> validate(const wire::Error& message, const Limits& limits) {
@@ -162,7 +170,8 @@ Result<void> validate(const wire::Load& message, const Limits& limits) {
         .finite("origin", message.origin_x())
         .finite("origin", message.origin_y())
         .finite("origin", message.origin_z())
-        .texts("masks", message.masks());
+        .texts("masks", message.masks())
+        .names("share", message.share());
     if (message.file_names() != nullptr)
         checks.at_most("files", message.file_names()->size(), limits.upload_files_max,
                        "upload_files_max");
@@ -216,6 +225,10 @@ Result<void> validate(const wire::SceneList& message, const Limits& limits) {
         .numbers("age_ms", message.names(), message.age_ms())
         .numbers("idle_ms", message.names(), message.idle_ms())
         .numbers("holders", message.names(), message.holders())
+        .texts("shares", message.shares())
+        .that(message.shares() == nullptr || message.names() == nullptr ||
+                  message.shares()->size() == message.names()->size(),
+              "shares", "lists differ in length")
         .result();
 }
 
@@ -239,6 +252,16 @@ Result<void> validate(const wire::PartList& message, const Limits& limits) {
         .numbers("records", message.names(), message.records())
         .names("alpha_modes", message.alpha_modes())
         .equally_long("alpha_modes", message.names(), message.alpha_modes())
+        .result();
+}
+
+Result<void> validate(const wire::Structure& message, const Limits& limits) {
+    return Checks(limits)
+        .name("scene", message.scene())
+        .needs("scene", message.scene())
+        .name("kind", message.kind())
+        .at_most("count", message.count(), limits.structure_rows_max, "structure_rows_max")
+        .that(message.depth_min() <= message.depth_max(), "depth_min", "is above depth_max")
         .result();
 }
 
@@ -288,6 +311,7 @@ Result<void> validate(const wire::Statistics& message, const Limits& limits) {
     return Checks(limits)
         .names("names", message.names())
         .numbers("values", message.names(), message.values())
+        .name("http", message.http())
         .result();
 }
 
@@ -345,6 +369,7 @@ Result<void> validate(const wire::Heatmap& message, const Limits& limits) {
     Checks checks(limits);
     checks.that(message.job() != nullptr, "job", "is missing")
         .nested(message.job(), check_job)
+        .nested(message.other(), check_job)
         .nested(message.camera(), check_camera)
         .name("metric", message.metric())
         .name("palette", message.palette())

@@ -1,5 +1,6 @@
 #include "server/conversation.h"
 
+#include "server/diag/refusals.h"
 #include "server/log.h"
 
 #include <algorithm>
@@ -241,6 +242,7 @@ void Conversation::abandon() {
 }
 
 void Conversation::refuse_request(std::uint64_t id, const protocol::Error& error) {
+    ++refusals_of(services_.metrics, error.code);
     log(LogLevel::debug, "refused",
         {{"principal", caller_.principal},
          {"request", std::to_string(id)},

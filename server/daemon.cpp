@@ -3,6 +3,7 @@
 #include "engine/packs/load.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
+#include "server/diag/exposition.h"
 #include "server/execution/fair_thread_pool.h"
 #include "server/execution/trace.h"
 #include "server/handlers/handler.h"
@@ -48,6 +49,8 @@ constexpr std::chrono::seconds lost_look{5};
 /// Time for clients to receive the error after a drain took too long.
 constexpr std::chrono::milliseconds last_words_time{1000};
 constexpr int exit_forced = 3;
+/// Time beyond chunk_ms_max after which the task of a compute thread counts as stuck.
+constexpr std::chrono::milliseconds stuck_grace{5000};
 /// Minimum number of file descriptors: the program's own files, an import, and a few clients.
 constexpr rlim_t descriptors_min = 16;
 
@@ -64,6 +67,7 @@ public:
     Result<void> run();
 
 private:
+    void serve_health();
     void await_signal();
     void drain();
     void look_drained();
@@ -101,6 +105,7 @@ private:
     HttpServer http_;
     std::unique_ptr<Listener> http_listener_;  ///< null: no HTTP port
     Clock::time_point drain_deadline_ = Clock::time_point::max();
+    bool serving_ = false;    ///< connections are accepted
     bool cut_short_ = false;  ///< the drain exceeded its deadline
 };
 
@@ -188,7 +193,19 @@ Result<void> Daemon::listen_http() {
     }
     http_listener_ = std::move(*listener);
     site_.set_port(std::get<TcpAddress>(http_listener_->address()).port);
+    serve_health();
     return {};
+}
+
+void Daemon::serve_health() {
+    site_.set_metrics([this] { return exposition(services_); });
+    site_.set_unready([this]() -> std::string {
+        if (!serving_) return "the daemon is starting";
+        const auto most = std::chrono::milliseconds(limits_.chunk_ms_max) + stuck_grace;
+        if (compute_.longest_task() <= most) return {};
+        return "a worker thread is stuck: its task has run for more than " +
+               std::to_string(most.count()) + " ms";
+    });
 }
 
 std::string Daemon::http_uri() const {
@@ -209,6 +226,7 @@ Result<void> Daemon::run() {
         log(LogLevel::info, "listening", {{"uri", listener->uri()}});
     }
     if (http_listener_) {
+        services_.page = http_uri();
         http_listener_->start();
         log(LogLevel::info, "http",
             {{"page", http_uri()},
@@ -217,6 +235,7 @@ Result<void> Daemon::run() {
     }
     await_signal();
     look_for_lost();
+    serving_ = true;
     if (!options_.ready_file.empty()) {
         // Fail without the file: programs that wait for it would wait for ever.
         if (const auto written = write_ready_file(options_.ready_file, uris, http_uri()); !written)

@@ -9,9 +9,12 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
+#include <cstring>
+#include <filesystem>
 #include <iomanip>
 #include <iostream>
 #include <memory>
@@ -156,6 +159,17 @@ private:
     const CLI::App& app_;
 };
 
+/// Leaves the names of the checks out of the help, such as "UINT in [1 - 1024]": the texts say in
+/// words what is allowed.
+void hide_checks(CLI::App& app) {
+    for (CLI::Option* option : app.get_options()) {
+        try {
+            for (int i = 0;; ++i) option->get_validator(i)->description("");
+        } catch (const CLI::OptionNotFound&) {  // behind the last one
+        }
+    }
+}
+
 void declare(CLI::App& app, Options& options, Words& words) {
     app.add_option(
            "--listen", options.listen,
@@ -216,6 +230,7 @@ void declare(CLI::App& app, Options& options, Words& words) {
     app.set_config("--config", "", "Read options from a file as --print-config writes it")
         ->configurable(false);
     app.config_formatter(std::make_shared<ConfigLines>(app));
+    hide_checks(app);
 }
 
 /// Returns a message about an option spelled with underscores; empty if there is no such option.
@@ -407,6 +422,14 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
     } catch (const CLI::Success& answered) {
         app.exit(answered);
         return printed();
+    } catch (const CLI::FileError&) {
+        const auto file = app.get_config_ptr()->as<std::string>();
+        std::error_code ignored;
+        const bool is_folder = std::filesystem::is_directory(file, ignored);
+        std::cerr << "raynestd: --config: cannot read " << file << ": "
+                  << (is_folder ? "it is a folder" : std::strerror(errno))
+                  << "; see raynestd --help\n";
+        return {std::nullopt, 2};
     } catch (const CLI::Error& error) {
         std::cerr << "raynestd: " << blamed(error.what(), argc, argv) << "; see raynestd --help\n";
         return {std::nullopt, 2};

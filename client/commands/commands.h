@@ -33,6 +33,8 @@ Result<void> run(Context& context, const ResumeOptions& options);
 Result<void> run(Context& context, const QueryOptions& options);
 Result<void> run(Context& context, const HeatmapOptions& options);
 Result<void> run(Context& context, const ExplainOptions& options);
+Result<void> run(Context& context, const TopOptions& options);
+Result<void> run(Context& context, const OpenOptions& options);
 Result<void> run(Context& context, const JobsOptions& options);
 Result<void> run(Context& context, const WaitOptions& options);
 Result<void> run(Context& context, const FetchOptions& options);

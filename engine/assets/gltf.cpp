@@ -48,8 +48,10 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
     for (const char* shape : {"points", "lines"}) {
         if (const auto found = scene.skipped.find(shape); found != scene.skipped.end()) {
             scene.warnings.push_back(
-                fmt::format("{} primitives of {} were left out; only triangles can be hit",
-                            found->second, shape));
+                fmt::format("{} of {} left out; only triangles can be hit",
+                            found->second == 1 ? "1 primitive"
+                                               : fmt::format("{} primitives", found->second),
+                            shape));
         }
     }
     return scene;

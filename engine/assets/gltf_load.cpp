@@ -140,6 +140,10 @@ Result<Parsed> parse(const ImportRequest& request, const Glb& text, const Presca
     auto rewritten = rewrite(text.json, text.binary, upload);
     if (!rewritten) return error_of(rewritten);
     const std::span<const char> json(rewritten->json);
+    // tinygltf calls "{}" too short a text.
+    if (json.size() < std::string_view(R"({"asset":{}})").size())
+        return fail(ErrorCode::scene_invalid,
+                    "the file has no asset.version, so it is no glTF 2.0 scene");
     if (auto done = run_tinygltf(std::as_bytes(json), parsed.file, problem); !done)
         return error_of(done);
     if (!problem.empty()) {

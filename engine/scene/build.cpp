@@ -94,7 +94,8 @@ public:
         }
         if (degenerate_triangles_ > triangles_ / 2) {
             warn(std::to_string(degenerate_triangles_) + " of " + std::to_string(triangles_) +
-                 " triangles have no area, and nothing can hit them: most of the scene is missing. "
+                 (degenerate_triangles_ == 1 ? " triangles has" : " triangles have") +
+                 " no area, which nothing can hit: most of the scene is missing. "
                  "Check its units, and whether corners were merged");
         }
         if (content_.skips.size() > scene_skips_max) {

@@ -1,10 +1,12 @@
 #include "server/execution/plan.h"
 
 #include "engine/geometry/triangle.h"
+#include "protocol/text.h"
 #include "server/handlers/scene_info.h"
 
 #include <algorithm>
 #include <limits>
+#include <span>
 #include <utility>
 
 namespace raynest::server {
@@ -38,6 +40,34 @@ Reply<Settings> read_settings(const Variant& variant, const protocol::StringList
     auto settings = parse_settings(variant, assignments);
     if (!settings) return refuse(settings.error());
     return std::move(*settings);
+}
+
+/// Returns the view of the scene that a job asks for; null if it hides nothing.
+Reply<std::shared_ptr<const Plan::Selected>> select_instances(const Services& services,
+                                                              const SceneView& scene,
+                                                              const wire::Job& job) {
+    const auto list = [](const flatbuffers::Vector<std::uint32_t>* ids) {
+        return ids == nullptr ? std::span<const std::uint32_t>()
+                              : std::span(ids->data(), ids->size());
+    };
+    const InstanceSelection selection{list(job.hidden_instances()), list(job.hidden_objects()),
+                                      list(job.only_instances()), list(job.only_objects())};
+    if (selection.is_everything()) return nullptr;
+    const std::uint64_t most = services.limits.hidden_instances_max;
+    if (scene.instance_count > most)
+        return refuse(Code::limit_exceeded,
+                      "the scene has more instances than hidden_instances_max = " +
+                          std::to_string(most) + "; use masks (load --mask) to hide some of them");
+    const std::uint64_t bytes = std::uint64_t{scene.instance_count} * sizeof(InstanceRecord);
+    auto lease = services.budget.reserve(bytes);
+    if (!lease)
+        return refuse(Code::resource_exhausted,
+                      "hiding instances takes " + protocol::bytes_text(bytes) +
+                          ", more than is free of raynestd's --memory; hide none");
+    auto instances = SelectedInstances::select(scene, selection);
+    if (!instances) return refuse(Code::invalid_field, std::move(instances.error().message));
+    return std::shared_ptr<const Plan::Selected>(
+        new Plan::Selected{{scene, std::move(*instances)}, std::move(*lease)});
 }
 
 RecordNormal record_normal(std::uint32_t type, const void* registry) {
@@ -79,6 +109,9 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     auto settings = read_settings(*plan.variant, job.settings());
     if (!settings) return tl::unexpected(settings.error());
     plan.settings = std::move(*settings);
+    auto selected = select_instances(services, plan.scene.snapshot().view(), job);
+    if (!selected) return tl::unexpected(selected.error());
+    plan.selected = std::move(*selected);
 
     plan.traversal = *traversal;
     plan.mask = job.mask();
@@ -117,7 +150,7 @@ Reply<Plan> Plan::observed(Plan plan) {
 
 TraceCall Plan::call() const {
     TraceCall call{};
-    call.scene = &scene.snapshot().view();
+    call.scene = selected ? &selected->instances.view() : &scene.snapshot().view();
     call.params = settings.params.empty() ? nullptr : settings.params.data();
     call.hits_max = hits_max;
     call.mask = mask;
@@ -129,7 +162,7 @@ bool Plan::same_call(const Plan& other) const {
     return scene.held == other.scene.held && variant == other.variant &&
            settings.params == other.settings.params && settings.flags == other.settings.flags &&
            query == other.query && traversal == other.traversal &&
-           mask == other.mask && hits_max == other.hits_max;
+           mask == other.mask && selected == other.selected && hits_max == other.hits_max;
 }
 
 std::uint64_t Plan::hit_rays_max() const {

@@ -145,7 +145,7 @@ void FilmJob::go_on() {
         stage_ = Stage::finished;
         if (final_) return;
     } else {
-        final_ = is_last_pass() || overdue();
+        final_ = is_last_pass() || overdue() || tiles_.settled() == tiles_.total();
         if (final_ || shows_pass()) {
             stage_ = Stage::encoding;
             return;
@@ -229,7 +229,7 @@ Reply<void> FilmJob::prepare() {
     if (options_.environment_bytes != 0) {
         environment_hash_ = std::to_string(protocol::upload_checksum(environment_.bytes()));
         auto picture = decode_environment(environment_.bytes(), 16384,
-                                          16 * options_.environment_bytes);
+                                          environment_room(options_.environment_bytes));
         if (!picture) return refuse(Code::invalid_field, picture.error().message);
         auto shared = std::make_shared<EnvironmentPicture>();
         shared->size = {picture->width, picture->height};
@@ -334,7 +334,8 @@ Traced<Frames> FilmJob::trace(const Chunk& chunk, const Stop& stop, TraceBuffers
             frames.push_back(std::move(*frame));
         }
     }
-    statistics_.add(chunk.backend, caster.traversal(), counting.counts);
+    if (counting.counts.rays != 0)
+        statistics_.add(chunk.backend, caster.traversal(), counting.counts);
     services_.metrics.rays += counting.counts.rays;
     // Backwards, because each goes to the front: the first tile is finished first.
     for (auto one = rest.rbegin(); one != rest.rend(); ++one) queue_.give_back(*one);

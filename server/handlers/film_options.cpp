@@ -110,6 +110,8 @@ std::vector<Attribute> request_attributes(const wire::Render& message,
     const IntegratorSettings& settings = options.settings;
     return {{"raynest:version", RAYNEST_VERSION},
             {"raynest:integrator", options.integrator},
+            {"raynest:width", number_text(message.width())},
+            {"raynest:height", number_text(message.height())},
             {"raynest:spp", number_text(options.samples)},
             {"raynest:seed", number_text(options.seed)},
             {"raynest:depth", number_text(settings.depth)},
@@ -173,11 +175,19 @@ std::uint64_t film_job_bytes(ImageSize size, std::string_view encode, const Film
                                : encode == "png" ? 5 * 4 * size.pixels()
                                                  : 2 * 4 * size.pixels();
     const std::uint64_t read = options.resume_bytes == 0 ? 0 : film + options.resume_bytes;
-    // A picture of the surroundings becomes 12 bytes per pixel out of perhaps one byte.
-    const std::uint64_t surroundings = 16 * options.environment_bytes;
+    const std::uint64_t surroundings =
+        options.environment_bytes == 0
+            ? 0
+            : options.environment_bytes + 2 * environment_room(options.environment_bytes);
     const std::uint64_t threads = std::max(1U, std::thread::hardware_concurrency());
     return image_header_bytes_max + film + std::max(file, read) + surroundings +
            wavefront_bytes * (threads + 1);
+}
+
+std::uint64_t environment_room(std::uint64_t file_bytes) {
+    // A small file may be compressed well.
+    constexpr std::uint64_t least = 64ULL << 20;
+    return std::max(least, 16 * file_bytes);
 }
 
 std::uint64_t film_payload_bytes_max(ImageSize size, std::string_view encode) {

@@ -39,6 +39,8 @@ Reply<FilmOptions> film_options(const wire::Render& message, std::string integra
 /// Bytes of memory that a film of this encoding takes while it is made and encoded.
 [[nodiscard]] std::uint64_t film_job_bytes(ImageSize size, std::string_view encode,
                                            const FilmOptions& options);
+/// Bytes of a picture of the surroundings, decoded, at most.
+[[nodiscard]] std::uint64_t environment_room(std::uint64_t file_bytes);
 /// Returns the maximum bytes of a film's payload.
 [[nodiscard]] std::uint64_t film_payload_bytes_max(ImageSize size, std::string_view encode);
 

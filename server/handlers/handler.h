@@ -40,6 +40,7 @@ struct Services {
     const Backends& backends;
     TraceBufferPool& trace_buffers;
     FairThreadPool& blocking;  ///< for tasks that wait for processes and disks
+    std::string page = {};     ///< address of the daemon's page, http://HOST:PORT; empty: none
 };
 
 /// A request and its connection.

@@ -308,6 +308,8 @@ Reply<Answer> load(const Services& services, const Caller& caller,
     order.masks = protocol::strings(message->masks());
     if (const auto rules = MaskRules::parse(order.masks); !rules)
         return refuse(Code::invalid_field, rules.error().message);
+    // `builtin:` alone goes on: its import fails with the list of those there are.
+    if (order.name.empty() && starts_with(order.source, builtin_scheme)) order.name = "builtin";
     if (order.name.empty() || order.name.size() > services.limits.name_bytes_max)
         return refuse(Code::invalid_field, "the scene needs a name of 1.." +
                                                std::to_string(services.limits.name_bytes_max) +

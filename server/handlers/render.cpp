@@ -123,8 +123,9 @@ Reply<Answer> render(const Services& services, const Caller& caller,
     const std::string_view integrator = protocol::word(message->integrator(), "primary");
     if (integrator != "primary")
         return render_film(services, caller, *message.table, std::string(integrator));
-    if (message->resume_bytes() != 0)
-        return refuse(Code::invalid_field, "primary makes no samples that could be continued");
+    if (message->resume_bytes() != 0 || message->environment_bytes() != 0)
+        return refuse(Code::invalid_field,
+                      "primary takes no files: nothing lights it, and it has no samples to continue");
     auto plan = make_plan(services, caller, *message->job(), query_closest);
     if (!plan) return tl::unexpected(plan.error());
     const std::uint64_t pixels = std::uint64_t{message->width()} * message->height();

@@ -1,5 +1,7 @@
 // STATS: lists the daemon's counters and gauges by name.
 #include "server/handlers/handler.h"
+#include "server/jobs/admission.h"
+#include "server/jobs/peers.h"
 
 namespace raynest::server {
 
@@ -12,8 +14,9 @@ Reply<Answer> stats(const Services& services, const Caller& caller,
     };
     for (const MetricInfo& metric : metric_table)
         add(metric.name, services.metrics.*metric.counter);
-#define RAYNEST_GAUGE(name, value, text) add(#name, value);
+#define RAYNEST_GAUGE(name, value, ...) add(#name, value);
 #include "server/diag/metrics.def"
+    statistics.http = services.page;
     return answer_with(caller, statistics, services);
 }
 

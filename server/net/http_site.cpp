@@ -2,6 +2,7 @@
 
 #include "protocol/hash.h"
 #include "protocol/text.h"
+#include "server/diag/exposition.h"
 #include "server/embedded.h"
 
 #include <algorithm>
@@ -156,6 +157,7 @@ HttpReply HttpSite::route(const HttpRequest& request) const {
     if (request.upgrades) return refuse(404, "the WebSocket is /v1/stream");
     if (path == "/healthz") return {.text = "ok\n"};
     if (path == "/readyz") return ready();
+    if (path == "/metrics" && metrics_) return {.type = exposition_type, .text = metrics_()};
     return file(path, request.if_none_match);
 }
 

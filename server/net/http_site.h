@@ -1,6 +1,7 @@
 // The daemon's answers over HTTP, without sockets.
 //
-//   HttpRequest ──► allowed Host? ──► route: a file of server/web, /healthz, /readyz, /v1/stream
+//   HttpRequest ──► allowed Host? ──► route: a file of server/web, /healthz, /readyz, /metrics,
+//                                        │                 /v1/stream
 //                                        │
 //                                        └─► HttpReply, which http.cpp writes
 //
@@ -50,6 +51,8 @@ public:
     void set_port(std::uint16_t port) { port_ = port; }
     /// Sets the answer of /readyz: an empty text if requests are served, else why not.
     void set_unready(std::function<std::string()> unready) { unready_ = std::move(unready); }
+    /// Sets the answer of /metrics.
+    void set_metrics(std::function<std::string()> metrics) { metrics_ = std::move(metrics); }
     /// Refuses new WebSockets, because the daemon ends.
     void drain() { draining_ = true; }
 
@@ -64,6 +67,7 @@ private:
     const std::vector<std::string> names_;
     std::uint16_t port_ = 0;
     std::function<std::string()> unready_;
+    std::function<std::string()> metrics_;
     bool draining_ = false;
 };
 

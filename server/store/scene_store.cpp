@@ -294,6 +294,13 @@ std::vector<SceneStore::Listed> SceneStore::list(const ConnectionId& caller) con
     return scenes;
 }
 
+std::uint64_t SceneStore::bytes() const {
+    std::uint64_t sum = 0;
+    for (const auto& [digest, held] : by_digest_)
+        if (const auto scene = held.lock()) sum += scene->snapshot->bytes().size();
+    return sum;
+}
+
 SceneStore::Total SceneStore::unlisted() const {
     Total total;
     for (const auto& [name, entry] : entries_) {

@@ -124,6 +124,8 @@ public:
         std::size_t scenes = 0;
         std::uint64_t bytes = 0;
     };
+    /// Bytes of all scenes that somebody holds, each once.
+    [[nodiscard]] std::uint64_t bytes() const;
     /// Returns number and bytes of the unlisted scenes.
     [[nodiscard]] Total unlisted() const;
     /// Returns advice on how to make room for scenes: to unload the principal's least recently used

@@ -124,6 +124,12 @@ export function cameraOfRays({ origin, direction }, target) {
                    projection: orthographic ? "orthographic" : "perspective" });
 }
 
+/** Returns the Camera table of a perspective camera. */
+export function cameraTable({ eye, at, up, fov }) {
+  const vec = ([x, y, z]) => ({ x, y, z });
+  return { look_at: true, eye: vec(eye), at: vec(at), up: vec(up), fov_degrees: fov };
+}
+
 /** Returns the generator that makes this camera's rays in the daemon. */
 export function generator(camera, width, height) {
   const lookat = `lookat=${[...camera.eye, ...camera.at, ...camera.up].join(",")}`;

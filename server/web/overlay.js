@@ -15,6 +15,7 @@ export class Overlay {
   #app;
   #canvas;
   #layers = new Map();
+  #mask = null;
 
   constructor(app, canvas) {
     this.#app = app;
@@ -25,6 +26,13 @@ export class Overlay {
   /** Shows boxes {low, high, matrix, colour} under a name; an empty list removes them. */
   boxes(name, list) {
     this.#layers.set(name, list);
+    this.draw();
+  }
+
+  /** Dims the pixels outside of {width, height, inside} and draws its outline; null: nothing is dimmed. */
+  mask(marked) {
+    if (!marked && !this.#mask) return;
+    this.#mask = marked && maskCanvas(marked);
     this.draw();
   }
 
@@ -40,6 +48,8 @@ export class Overlay {
     context.setTransform(dpr, 0, 0, dpr, 0, 0);
     context.clearRect(0, 0, width, height);
     const { camera } = store.values;
+    context.imageSmoothingEnabled = false;
+    if (this.#mask) context.drawImage(this.#mask, 0, 0, width, height);
     if (camera) for (const box of [...this.#layers.values()].flat()) drawBox(context, camera, box, width, height);
     if (!area.rectangle) return;
     const zoom = width / picture.width;
@@ -52,6 +62,19 @@ export class Overlay {
     }
     context.setLineDash([]);
   }
+}
+
+function maskCanvas({ width, height, inside }) {
+  const canvas = new OffscreenCanvas(width, height), context = canvas.getContext("2d");
+  const pixels = context.createImageData(width, height);
+  for (let i = 0; i < inside.length; ++i) {
+    const x = i % width;
+    const edge = inside[i] && ((x > 0 && !inside[i - 1]) || (x < width - 1 && !inside[i + 1]) || !(inside[i - width] ?? 1) || !(inside[i + width] ?? 1));
+    if (edge) pixels.data.set([255, 255, 255, 255], 4 * i);
+    else if (!inside[i]) pixels.data[4 * i + 3] = 130;
+  }
+  context.putImageData(pixels, 0, 0);
+  return canvas;
 }
 
 function drawBox(context, camera, box, width, height) {

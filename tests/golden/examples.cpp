@@ -130,6 +130,12 @@ void add_scene_requests(Collection& all) {
     parts.scene = "forest";
     parts.kind = "meshes";
     all.add(10, parts);
+    wire::StructureT structure;
+    structure.scene = "forest";
+    structure.kind = "boxes";
+    structure.level = 1;
+    structure.depth_max = 3;
+    all.add(11, structure);
 }
 
 void add_work_requests(Collection& all) {

@@ -26,3 +26,5 @@ samples_max = 65536
 bounces_max = 1024
 explain_steps_max = 16384
 blame_rows_max = 1048576
+structure_rows_max = 16384
+hidden_instances_max = 1048576

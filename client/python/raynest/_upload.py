@@ -17,13 +17,17 @@ import numpy as np
 from . import _limits, errors
 from ._connection import Connection
 from ._control import Message
-from ._files import (head_of, is_nameless, is_pipe, read_file, read_file_beneath, sendable)
+from ._files import (STANDARD, head_of, is_nameless, is_pipe, read_file, read_file_beneath,
+                     sendable)
 from ._frame import Array, padding
 from ._gltf import file_names
 from ._hash import upload_checksum
 
 # Bytes of a file per frame: headers do not matter at this size, and it fits any frame limit.
 PIECE_BYTES = 1 << 20
+
+# Endings of packed files, which are not unpacked here.
+_PACKED = (".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz")
 
 
 class File(NamedTuple):
@@ -54,18 +58,18 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
         data = read_file(source, _limits.upload_bytes_max)
     elif nameless or is_pipe(source):
         data = read_file(source, _limits.upload_bytes_max, lambda begin: _sniffed(source, begin))
-        extension = _sniffed(source, data)
+        extension = _sniffed(source, data) if data else ""
         name += extension
     else:
         extension = _sniff(head_of(source))
         name += extension
         if not extension:
-            raise errors.InvalidError(f"{source} is not a .glb, .gltf or .npy file, nor builtin:NAME; "
-                                      "read it with trimesh and pass its vertices and faces to "
-                                      "mesh(), or convert it to .glb", "FILE_INVALID")
+            raise errors.InvalidError(f"{source} {_not_a_scene(source)}", "FILE_INVALID")
         data = read_file(source, _limits.upload_bytes_max)
     if nameless:
         stem, folder, name = "", ".", "stdin" + extension
+    if not data:
+        raise errors.InvalidError(f"{'stdin' if source in STANDARD else source} is empty", "FILE_INVALID")
     records = extension.lower() == ".npy"
     _check_records(source, records, primitive, instances)
     main = File(sendable(name), data)
@@ -87,6 +91,16 @@ def _check_records(source: str, records: bool, primitive: str, instances: str) -
     if records and not primitive:
         raise errors.UsageError(f"{source} holds records: say of what, for example with "
                                 "primitive='sphere'")
+
+
+def _not_a_scene(source: str) -> str:
+    """Says why a source is none that can be read, and what to do about it."""
+    if os.path.isdir(source):
+        return "is a folder; name the .glb or .gltf file in it"
+    if os.path.splitext(source)[1].lower() in _PACKED:
+        return "is packed; unpack it and load what comes out"
+    return ("is not a .glb, .gltf or .npy file, nor builtin:NAME; read it with trimesh and pass its "
+            "vertices and faces to mesh(), or convert it to .glb")
 
 
 def _sniff(data: bytes) -> str:

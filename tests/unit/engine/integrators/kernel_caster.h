@@ -38,7 +38,6 @@ public:
     bool observed(std::span<const Ray>, std::span<HitRecord>, const Observer&) override {
         return false;
     }
-    std::uint64_t rays = 0;  ///< traced so far
 
 private:
     void trace(Query query, std::span<const Ray> all, std::span<HitRecord> hits) {
@@ -52,7 +51,6 @@ private:
         call.ray_count = static_cast<std::uint32_t>(all.size());
         call.hits = hits.data();
         REQUIRE((*function)(&call) == trace_ok);
-        rays += all.size();
     }
     const SceneView& scene_;
     const char* variant_;
