@@ -22,6 +22,16 @@
 
 namespace raynest::client {
 
+/// Returns the exit codes as help lists them.
+inline std::string exit_codes() {
+    std::string text = "\nExit codes:\n";
+    for (const protocol::ExitInfo& exit : protocol::exit_table()) {
+        const std::string code = std::to_string(static_cast<int>(exit.code));
+        text += "  " + code + std::string(5 - code.size(), ' ') + std::string(exit.text) + "\n";
+    }
+    return text;
+}
+
 /// Adds an option whose text is parsed by `read`, which returns what is wrong, or "".
 template <class Read>
 CLI::Option* add_parsed(CLI::App& app, const std::string& name, Read read,

@@ -5,6 +5,7 @@
 #include "client/generator.h"
 #include "client/job_options.h"
 #include "client/network_options.h"
+#include "client/option_film.h"
 #include "client/option_parts.h"
 #include "client/scene_source.h"
 
@@ -35,15 +36,6 @@ constexpr const char* first_steps = R"(say what to do. While a daemon runs (rayn
   raynest query forest --ray 8,50,-8,0,-1,0
   raynest render forest -o forest.png
 raynest --help lists all that there is)";
-
-std::string exit_codes() {
-    std::string text = "\nExit codes:\n";
-    for (const protocol::ExitInfo& exit : protocol::exit_table()) {
-        const std::string code = std::to_string(static_cast<int>(exit.code));
-        text += "  " + code + std::string(5 - code.size(), ' ') + std::string(exit.text) + "\n";
-    }
-    return text;
-}
 
 void declare(CLI::App& app, LoadOptions& load) {
     app.add_option(
@@ -115,18 +107,8 @@ void declare(CLI::App& app, PathOptions& path) {
     add_epoch(app, path.epoch);
 }
 
-void declare(CLI::App& app, RenderOptions& render) {
-    add_job(app, render.job);
-    add_camera(app, render.camera);
-    add_output(app, render.output, {".png", ".exr", ".npy"},
-               "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
-    add_detach(app, render.job, &render.output);
-    app.add_option("--integrator", render.integrator, "primary");
-    add_whole(app, "--spp,--samples", render.samples, 1U,
-              static_cast<std::uint32_t>(protocol::Limits{}.samples_max), "samples per pixel (1)");
-    add_whole(app, "--seed", render.seed, std::uint64_t{0}, any_whole,
-              "seed of the random numbers (0)");
-}
+void declare(CLI::App& app, RenderOptions& render) { add_render(app, render); }
+void declare(CLI::App& app, ResumeOptions& resume) { add_resume(app, resume); }
 
 void declare(CLI::App& app, QueryOptions& query) {
     add_job(app, query.job);
@@ -292,7 +274,13 @@ public:
         add<UnloadOptions>("unload", "unload forest", "drop a scene");
         add<VariantsOptions>("variants", "variants", "list intersectors and their parameters");
         add<StatsOptions>("stats", "stats", "print the daemon's counters");
-        add<RenderOptions>("render", "render forest -o forest.png", "make a picture");
+        add<RenderOptions>(
+            "render",
+            "render forest -o forest.png\n"
+            "  raynest render forest --integrator path --spp 64 --env sky -o forest.exr",
+            "make a picture");
+        add<ResumeOptions>("resume", "resume forest.exr --spp 256",
+                           "add samples to a lit picture");
         add<QueryOptions>(
             "query",
             "query forest --ray 0,1,5,0,0,-1\n"
