@@ -161,8 +161,8 @@ TraceCall Plan::call() const {
 bool Plan::same_call(const Plan& other) const {
     return scene.held == other.scene.held && variant == other.variant &&
            settings.params == other.settings.params && settings.flags == other.settings.flags &&
-           query == other.query && traversal == other.traversal &&
-           mask == other.mask && selected == other.selected && hits_max == other.hits_max;
+           query == other.query && traversal == other.traversal && mask == other.mask &&
+           selected == other.selected && hits_max == other.hits_max;
 }
 
 std::uint64_t Plan::hit_rays_max() const {

@@ -1,5 +1,6 @@
 #include "server/jobs/runner.h"
 
+#include "server/diag/refusals.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/jobs/job_log.h"
@@ -335,8 +336,12 @@ void Runner::finish(const ActivePointer& active) {
         });
     if (active->error) {
         const Code code = active->error->code;
-        ++(code == Code::cancelled ? context_.metrics.jobs_cancelled : context_.metrics.jobs_failed);
-        if (code == Code::deadline) ++context_.metrics.deadlines_passed;
+        ++(code == Code::cancelled ? context_.metrics.jobs_cancelled
+                                   : context_.metrics.jobs_failed);
+        if (code == Code::deadline)
+            ++context_.metrics.deadlines_passed;
+        else if (code != Code::cancelled)
+            ++refusals_of(context_.metrics, code);
     }
     if (sink_ != nullptr && active->error)
         sink_->send(protocol::encode_error(active->id, *active->error, false));

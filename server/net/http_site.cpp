@@ -2,7 +2,6 @@
 
 #include "protocol/hash.h"
 #include "protocol/text.h"
-#include "server/diag/exposition.h"
 #include "server/embedded.h"
 
 #include <algorithm>
@@ -15,6 +14,8 @@
 namespace raynest::server {
 namespace {
 
+/// Media type of Prometheus' text format.
+constexpr std::string_view exposition_type = "text/plain; version=0.0.4; charset=utf-8";
 /// Letters of a foreign header that an answer repeats.
 constexpr std::size_t quoted_bytes_max = 100;
 
@@ -136,7 +137,7 @@ HttpReply HttpSite::answer(const HttpRequest& request) const {
     if (!is_own_host(request.hosts.front())) {
         const std::string host = protocol::clean_text(request.hosts.front(), quoted_bytes_max);
         return refuse_foreign(
-            421, "the host " + quoted(host) +
+            421, "the host " + quoted(std::string_view(host)) +
                      " is not one of this daemon; open http://127.0.0.1:" + std::to_string(port_) +
                      "/, or start it with --http-host " + std::string(split_host(host).name));
     }
