@@ -1,15 +1,17 @@
 #!/usr/bin/env bash
 # Shows RayNest: installs what is missing, builds, starts a daemon of its own on a free port, draws
 # one scene four ways into demo-out/, asks for one ray, and stops the daemon again.
-#   bash client/demo.sh [--yes] [SOURCE]
+#   bash client/demo.sh [--yes] [--open] [SOURCE]
 #     SOURCE   builtin:forest (default), another builtin:..., or a .glb or .gltf file
 #     --yes    install without asking
+#     --open   keep the daemon until Ctrl-C, and show its page or print the page's address
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
-yes=0 source=builtin:forest
+yes=0 open=0 source=builtin:forest
 for argument in "$@"; do
     case $argument in
         --yes) yes=1 ;;
+        --open) open=1 ;;
         -h | --help) sed -n '2,/^set/{/^set/d;s/^# \{0,1\}//p}' "${BASH_SOURCE[0]}"; exit 0 ;;
         -*) sed -n '2,/^set/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 2 ;;
         *) source=$argument ;;
@@ -19,6 +21,9 @@ cpu_minutes=10
 # shellcheck source=.ci/setup.sh
 source "$root/.ci/setup.sh"
 
+# Without --open nobody needs a page, so the default port stays free for others.
+page=off
+((!open)) || page=127.0.0.1:0
 # forest of builtin:forest?trees=9, cocoa of scenes/cocoa.glb.
 scene=${source##*/} scene=${scene#builtin:} scene=${scene%%\?*} scene=${scene%.*}
 daemon='' scratch=$(mktemp -d)
@@ -40,8 +45,8 @@ trap 'exit 130' INT
 trap 'exit 143' TERM HUP
 
 start_daemon() {
-    "$build/bin/raynestd" --listen tcp://127.0.0.1:0 --ready-file "$scratch/ready.json" \
-        >"$scratch/raynestd.log" 2>&1 &
+    "$build/bin/raynestd" --listen tcp://127.0.0.1:0 --http "$page" \
+        --ready-file "$scratch/ready.json" >"$scratch/raynestd.log" 2>&1 &
     daemon=$!
     for _ in {1..300}; do
         [[ ! -s $scratch/ready.json ]] || break
@@ -97,6 +102,12 @@ ask_one_ray
 
 printf '\nThe pictures:\n'
 printf '  %s\n' "$pictures"/{opaque,alpha_mask,procedural_mask,heat}.png
+if ((open)); then
+    printf '\nThe page, until Ctrl-C:\n'
+    "$raynest" open "$scene"
+    wait "$daemon"
+    exit
+fi
 printf '\nTo go on, type:\n'
 printf '  %q &\n' "$build/bin/raynestd"
 printf '  %q load %q --name %q\n' "$raynest" "$source" "$scene"

@@ -22,6 +22,8 @@ const char* own_name(Exit exit) {
             return "FILE_INVALID";
         case Exit::deadline:
             return "DEADLINE";
+        case Exit::threshold:
+            return "THRESHOLD";
         case Exit::partial:
             return "PARTIAL";
         case Exit::interrupted:

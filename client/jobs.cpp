@@ -3,6 +3,21 @@
 #include "client/wording.h"
 
 namespace raynest::client {
+namespace {
+
+/// Returns "41%", the stage if the end is unknown, or "-".
+std::string progress_text(const wire::JobInfo& info) {
+    if (info.total() == 0) return std::string(protocol::word(info.stage(), "-"));
+    return std::to_string(static_cast<int>(100 * static_cast<double>(info.done()) /
+                                           static_cast<double>(info.total()))) +
+           "%";
+}
+
+std::string time_text(std::uint64_t milliseconds) {
+    return seconds_text(static_cast<double>(milliseconds) / 1e3);
+}
+
+}  // namespace
 
 Json job_json(const wire::JobInfo& info) {
     Json json{
@@ -35,6 +50,40 @@ std::string job_kind(const wire::JobInfo& info) {
 std::string job_text(const wire::JobInfo& info) {
     return "job " + std::to_string(info.job()) + " (" + job_kind(info) + ", " +
            std::string(protocol::text(info.scene())) + ")";
+}
+
+std::vector<std::string> job_header() {
+    return {"JOB",      "OWNER", "KIND", "SCENE", "STATE",
+            "PROGRESS", "AGE",   "LEFT", "KEPT",  "WORKER"};
+}
+
+std::vector<std::string> job_row(const wire::JobInfo& info) {
+    return {std::to_string(info.job()),
+            std::string(protocol::text(info.owner())),
+            job_kind(info),
+            std::string(protocol::text(info.scene())),
+            std::string(protocol::text(info.state())),
+            progress_text(info),
+            time_text(info.age_ms()),
+            info.left_ms() == 0 ? "-" : time_text(info.left_ms()),
+            info.detached() ? bytes_text(info.bytes()) : "-",
+            std::string(protocol::text(info.worker()))};
+}
+
+Result<void> each_job(Connection& connection,
+                      const std::function<void(const wire::JobInfo&)>& consume) {
+    wire::JobsT request;
+    for (bool more = true; more;) {
+        const auto page = ask<wire::JobList>(connection, request);
+        if (!page) return tl::unexpected<Failure>(page.error());
+        more = (*page)->more();
+        if ((*page)->jobs() == nullptr) break;
+        for (const wire::JobInfo* info : *(*page)->jobs()) {
+            consume(*info);
+            request.after = info->job();
+        }
+    }
+    return {};
 }
 
 Result<void> check_job(const wire::JobInfo& info) {

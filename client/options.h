@@ -1,6 +1,8 @@
 // The options of the command line as plain structs; only options.cpp uses CLI11.
 #pragma once
 
+#include "client/access.h"
+#include "client/fail_if.h"
 #include "client/failure.h"
 
 #include <array>
@@ -43,6 +45,7 @@ struct LoadOptions {
     std::string source, name, build, primitive, instances;
     WorldPoint origin{};
     std::vector<std::string> masks;  ///< "GLOB=HEX"
+    std::vector<std::string> share;  ///< principals, or "public"
     bool replace = false;
 };
 struct ScenesOptions {};
@@ -72,8 +75,25 @@ struct PictureOptions {
 };
 struct RenderOptions : PictureOptions {
     std::string integrator;
-    std::uint32_t samples = 1;
+    std::uint32_t samples = 0;  ///< 0: those of the integrator
     std::uint64_t seed = 0;
+    std::uint32_t depth = 0;  ///< 0: the daemon's
+    float ao_distance = 0;    ///< 0: the daemon's
+    std::string environment;  ///< auto | sky | none | a file
+    std::optional<std::array<float, 2>> sun;  ///< azimuth and elevation in degrees
+    std::string tonemap, exposure;
+    bool progressive = false;
+    float noise = 0;
+    bool all_cameras = false;
+};
+struct ResumeOptions {
+    std::string file;
+    std::uint32_t samples = 0;
+    std::string output;  ///< empty: `file`
+    std::string scene;   ///< empty: the one that the file names
+    std::string environment;
+    bool progressive = false;
+    double deadline = 0;
 };
 struct QueryOptions {
     JobOptions job;
@@ -84,8 +104,19 @@ struct QueryOptions {
     std::uint32_t max_hits = 0;      ///< 0: the kind's default
     std::vector<std::string> fields;
 };
+/// The other side of a difference: what differs from the job itself.
+struct Difference {
+    std::string scene, intersector;
+    std::vector<std::string> settings;  ///< "name=value"
+    std::optional<std::uint32_t> mask;
+    std::optional<std::uint64_t> epoch;
+};
 struct HeatmapOptions : PictureOptions {
     std::string metric, palette, scale, range, count;
+    std::string range_from;                ///< an EXR whose range this map takes
+    std::optional<Difference> difference;  ///< the other counts are subtracted
+    std::vector<FailIf> fail_if;
+    std::string command_line;  ///< for the report: the words of this command, as a shell takes them
     std::uint32_t top = 0;    ///< rows of a ranking; 0: none is asked for
     std::uint32_t level = 0;  ///< of the instances that it groups by; 0: the innermost
 };
@@ -98,6 +129,12 @@ struct ExplainOptions {
     bool all = false;  ///< as many steps as the daemon tells
 };
 
+struct TopOptions {
+    bool once = false;  ///< one look, and the end
+};
+struct OpenOptions {
+    std::string scene;  ///< a name or a source, or empty
+};
 struct JobsOptions {};
 struct WaitOptions {
     std::uint64_t job = 0;
@@ -109,6 +146,15 @@ struct FetchOptions {
 };
 struct CancelOptions {
     std::uint64_t job = 0;
+};
+/// Keeps the token of a daemon in hosts.toml.
+struct LoginOptions {
+    std::string uri;
+};
+struct AdminOptions {
+    std::string act;     ///< connections | drain | reload | kick | quota
+    std::string target;  ///< of kick: a connection's number or a principal; of quota: a principal
+    std::vector<std::string> quota;  ///< "jobs=8"
 };
 struct LoadTestOptions {
     JobOptions job;
@@ -123,11 +169,13 @@ struct LoadTestOptions {
 
 using CommandOptions =
     std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, UnloadOptions,
-                 VariantsOptions, StatsOptions, RenderOptions, QueryOptions, HeatmapOptions,
-                 ExplainOptions, JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions>;
+                 VariantsOptions, StatsOptions, RenderOptions, ResumeOptions, QueryOptions, HeatmapOptions,
+                 ExplainOptions, TopOptions, OpenOptions, JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions,
+                 LoginOptions, AdminOptions>;
 
 struct Options {
     std::string server;
+    AccessOptions access;
     bool local = false;  ///< a daemon for this command alone
     bool json = false;
     bool quiet = false;

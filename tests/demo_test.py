@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 import unittest
+import urllib.request
 
 DEMO = pathlib.Path(__file__).resolve().parent.parent / "client" / "demo.sh"
 SECONDS_MAX = 240
@@ -62,6 +63,21 @@ class Demo(unittest.TestCase):
         self.assertEqual(len(set(pictures.values())), 4)
         self.assertRegex(output, r"[\d.]+ Mrays/s")
         self.assertRegex(output, r"path \d+ is \S+/\S+", "a hit through nested instances")
+        self.assert_nothing_left()
+
+    def test_open_keeps_the_daemon_until_ctrl_c_and_prints_the_page_s_address(self):
+        demo = self.start("--open", "builtin:forest?trees=10")
+        address = ""
+        for line in demo.stdout:
+            if line.startswith("http://"):
+                address = line.strip()
+                break
+        self.assertRegex(address, r"^http://127\.0\.0\.1:\d+#scene=forest$")
+        with urllib.request.urlopen(address.split("#")[0], timeout=30) as page:
+            self.assertEqual(page.status, 200)
+        os.killpg(demo.pid, signal.SIGINT)
+        demo.communicate(timeout=SECONDS_MAX)
+        self.assertEqual(demo.returncode, 130)
         self.assert_nothing_left()
 
     def test_a_scene_that_is_not_there(self):

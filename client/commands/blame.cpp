@@ -8,14 +8,18 @@
 
 namespace raynest::client {
 
-Result<void> rank(Context& context, const HeatmapOptions& options) {
+Result<ReceivedPicture> ask_ranking(Context& context, const HeatmapOptions& options) {
     wire::BlameT request;
     request.job = job_message(options.job);
     request.width = options.camera.width;
     request.height = options.camera.height;
     request.level = options.level;
     request.top = options.top;
-    auto answer = ask_picture(context.connection, context.progress, options, std::move(request));
+    return ask_picture(context.connection, context.progress, options, std::move(request));
+}
+
+Result<void> rank(Context& context, const HeatmapOptions& options) {
+    auto answer = ask_ranking(context, options);
     if (!answer) return tl::unexpected<Failure>(answer.error());
     if (answer->outcome.detached != 0) {
         print_detached(context, answer->outcome);

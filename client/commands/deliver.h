@@ -3,18 +3,24 @@
 #pragma once
 
 #include "client/commands/commands.h"
+#include "client/fail_if.h"
 #include "client/picture.h"
 #include "client/query.h"
 
 #include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
 namespace raynest::client {
 
 Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture);
-Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture);
+/// `checks` are what became of the limits of --fail-if; an exceeded one gives exit code 9.
+Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture,
+                             std::span<const Verdict> checks = {});
 
+/// Asks for the ranking of a heat map's rays.
+Result<ReceivedPicture> ask_ranking(Context& context, const HeatmapOptions& options);
 /// The ranking of `heatmap --top`, in place of a picture or after it.
 Result<void> rank(Context& context, const HeatmapOptions& options);
 Result<void> deliver_ranking(Context& context, const ReceivedPicture& answer);

@@ -1,14 +1,32 @@
-// raynest heatmap SCENE -o FILE: what each pixel's ray costs, as a picture or as raw counts.
+// raynest heatmap SCENE -o FILE: what each pixel's ray costs, as a picture, as raw counts or as a
+// report; compared with another scene or setting, and checked against limits.
 #include "client/commands/deliver.h"
+#include "client/difference.h"
+#include "client/explanation.h"
+#include "client/exr_header.h"
+#include "client/files.h"
 #include "client/output_file.h"
+#include "client/report.h"
+#include "client/scene_source.h"
+#include "protocol/base64.h"
 
 #include <array>
 #include <cstdio>
 #include <iostream>
+#include <span>
 #include <utility>
 
 namespace raynest::client {
 namespace {
+
+bool is_report(const std::string& output) {
+    return extension_of(output) == ".html";
+}
+
+/// True if the answer must tell more than one metric, as a document.
+bool needs_document(const HeatmapOptions& options) {
+    return is_report(options.output) || !options.fail_if.empty();
+}
 
 wire::HeatmapT heatmap_message(const HeatmapOptions& options) {
     auto request = picture_request<wire::HeatmapT>(options);
@@ -17,15 +35,37 @@ wire::HeatmapT heatmap_message(const HeatmapOptions& options) {
     request.scale = options.scale;
     request.range = options.range;
     request.count = options.count;
+    if (options.difference)
+        request.other = job_message(other_job(options.job, *options.difference));
+    if (needs_document(options))
+        request.encode = options.output.empty() ? "json" : "json+" + request.encode;
     return request;
 }
 
+/// Differences are i32 in the fields of counts. Their range, and no other, begins below zero.
+bool is_difference(const wire::HeatStatisticsT& heat) {
+    return heat.range_low < 0;
+}
+
+std::int64_t value_of(const wire::HeatStatisticsT& heat, std::uint32_t field) {
+    return is_difference(heat) ? std::int64_t{static_cast<std::int32_t>(field)}
+                               : std::int64_t{field};
+}
+
 void print_statistics(const wire::HeatStatisticsT& heat, std::ostream& to) {
-    std::array<char, 200> line;
+    const auto value = [&](std::uint32_t field) {
+        return static_cast<long long>(value_of(heat, field));
+    };
+    const bool differs = is_difference(heat);
+    std::array<char, 240> line;
     std::snprintf(line.data(), line.size(),
-                  "%s%s per ray: min %u, mean %.2f, p50 %u, p99 %u, max %u, %.2f %% clipped",
-                  heat.count == "necessary" ? "necessary " : "", heat.metric.c_str(), heat.min,
-                  heat.mean, heat.p50, heat.p99, heat.max, heat.clipped * 100);
+                  differs ? "%s%s per ray, difference: min %+lld, mean %+.2f, p50 %+lld, p90 %+lld, "
+                            "p99 %+lld, max %+lld, %.2f %% clipped"
+                          : "%s%s per ray: min %lld, mean %.2f, p50 %lld, p90 %lld, p99 %lld, max "
+                            "%lld, %.2f %% clipped",
+                  heat.count == "necessary" ? "necessary " : "", heat.metric.c_str(),
+                  value(heat.min), heat.mean, value(heat.p50), value(heat.p90), value(heat.p99),
+                  value(heat.max), heat.clipped * 100);
     to << line.data();
     if (heat.below > 0) {
         std::snprintf(line.data(), line.size(), ", %.2f %% below the range", heat.below * 100);
@@ -36,12 +76,13 @@ void print_statistics(const wire::HeatStatisticsT& heat, std::ostream& to) {
 
 Json statistics_json(const wire::HeatStatisticsT& heat) {
     return Json{{"metric", heat.metric},
-                {"min", heat.min},
+                {"difference", is_difference(heat)},
+                {"min", value_of(heat, heat.min)},
                 {"mean", heat.mean},
-                {"p50", heat.p50},
-                {"p90", heat.p90},
-                {"p99", heat.p99},
-                {"max", heat.max},
+                {"p50", value_of(heat, heat.p50)},
+                {"p90", value_of(heat, heat.p90)},
+                {"p99", value_of(heat, heat.p99)},
+                {"max", value_of(heat, heat.max)},
                 {"clipped", heat.clipped},
                 {"below", heat.below},
                 {"count", heat.count},
@@ -49,12 +90,80 @@ Json statistics_json(const wire::HeatStatisticsT& heat) {
                 {"range_high", heat.range_high}};
 }
 
+/// Replaces the answer's document by the file that it holds.
+Result<void> take_file(const Json& document, ReceivedPicture& picture) {
+    const Json& file = document.at("file");
+    auto bytes = protocol::from_base64(file.at("base64").get_ref<const std::string&>());
+    if (!bytes) return fail(Exit::failed, "the daemon sent a file that is not Base64");
+    picture.encode = file.at("encode").get<std::string>();
+    picture.width = file.at("width").get<std::uint32_t>();
+    picture.height = file.at("height").get<std::uint32_t>();
+    picture.bytes = std::move(*bytes);
+    return {};
+}
+
+/// Asks for what stands beside the heat map in a report, of the same epoch.
+Result<void> write_report(Context& context, const HeatmapOptions& options,
+                          const ReceivedPicture& heat, Report report) {
+    HeatmapOptions same = options;
+    same.job.epoch = heat.outcome.epoch;
+    auto render = picture_request<wire::RenderT>(same);
+    auto picture = ask_picture(context.connection, context.progress, same, std::move(render));
+    if (!picture) return tl::unexpected<Failure>(picture.error());
+    report.picture = std::move(picture->bytes);
+    auto ranking = ask_ranking(context, same);
+    if (!ranking) return tl::unexpected<Failure>(ranking.error());
+    auto document = read_json(*ranking);
+    if (!document) return tl::unexpected<Failure>(document.error());
+    report.ranking = std::move(*document);
+    const std::string html = report_html(report);
+    return write_file(options.output, std::as_bytes(std::span(html)));
+}
+
+/// Delivers an answer that is a document: the file in it or a report, and the verdicts.
+Result<void> deliver_document(Context& context, const HeatmapOptions& options,
+                              ReceivedPicture answer) {
+    auto document = read_json(answer);
+    if (!document) return tl::unexpected<Failure>(document.error());
+    const auto verdicts = judge(options.fail_if, *document);
+    if (!verdicts) return tl::unexpected<Failure>(verdicts.error());
+    if (!options.output.empty())
+        if (auto taken = take_file(*document, answer); !taken) return taken;
+    if (is_report(options.output)) {
+        if (auto written = write_report(context, options, answer,
+                                        {std::move(*document), {}, {}, *verdicts,
+                                         options.command_line});
+            !written)
+            return written;
+    }
+    return deliver_heatmap(context, options.output, std::move(answer), *verdicts);
+}
+
+/// Fills in what the options leave to files: the range of --range-from, and a scene to compare with.
+Result<void> complete(Context& context, HeatmapOptions& options) {
+    if (!options.range_from.empty()) {
+        auto range = read_exr_range(options.range_from,
+                                    options.metric.empty() ? "total" : options.metric);
+        if (!range) return tl::unexpected<Failure>(range.error());
+        options.range = std::move(*range);
+    }
+    if (!options.difference || !is_source(options.difference->scene)) return {};
+    auto name =
+        load_for_connection(context.connection, context.progress, options.difference->scene);
+    if (!name) return tl::unexpected<Failure>(name.error());
+    options.difference->scene = std::move(*name);
+    return {};
+}
+
 }  // namespace
 
-Result<void> run(Context& context, const HeatmapOptions& options) {
-    if (options.top != 0 && options.output.empty()) return rank(context, options);
-    if (!options.job.detach)
+Result<void> run(Context& context, const HeatmapOptions& asked) {
+    if (asked.top != 0 && asked.output.empty() && asked.fail_if.empty())
+        return rank(context, asked);
+    HeatmapOptions options = asked;
+    if (!options.job.detach && !options.output.empty())
         if (auto writable = check_writable(options.output); !writable) return writable;
+    if (auto completed = complete(context, options); !completed) return completed;
     auto picture =
         ask_picture(context.connection, context.progress, options, heatmap_message(options));
     if (!picture) return tl::unexpected<Failure>(picture.error());
@@ -62,28 +171,43 @@ Result<void> run(Context& context, const HeatmapOptions& options) {
         print_detached(context, picture->outcome);
         return {};
     }
-    auto delivered = deliver_heatmap(context, options.output, std::move(*picture));
-    return delivered && options.top != 0 ? rank(context, options) : delivered;
+    auto delivered = needs_document(options)
+                         ? deliver_document(context, options, std::move(*picture))
+                         : deliver_heatmap(context, options.output, std::move(*picture));
+    // The ranking helps most where a limit is exceeded.
+    const bool ranks = options.top != 0 && !is_report(options.output) &&
+                       (delivered || delivered.error().exit == Exit::threshold);
+    if (ranks)
+        if (auto ranked = rank(context, options); !ranked) return ranked;
+    return delivered;
 }
 
-Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture) {
-    if (picture.encode == "raw") {
-        auto file = npy_file(picture, "<u4", {picture.height, picture.width});
-        if (!file) return tl::unexpected<Failure>(file.error());
-        picture.bytes = std::move(*file);
+Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture,
+                             std::span<const Verdict> checks) {
+    if (!output.empty() && !is_report(output)) {
+        if (picture.encode == "raw") {
+            auto file = npy_file(picture, is_difference(picture.outcome.heat) ? "<i4" : "<u4",
+                                 {picture.height, picture.width});
+            if (!file) return tl::unexpected<Failure>(file.error());
+            picture.bytes = std::move(*file);
+        }
+        if (auto written = write_file(output, picture.bytes); !written) return written;
     }
-    if (auto written = write_file(output, picture.bytes); !written) return written;
 
     print_notes(picture.outcome);
+    std::ostream& to = summary_of(output);
     if (context.json) {
         Json json = statistics_json(picture.outcome.heat);
         json.update(picture_json(output, picture));
-        print_json(json, summary_of(output));
+        if (!checks.empty()) json["checks"] = verdicts_json(checks);
+        print_json(json, to);
     } else {
-        summary_of(output) << picture_text(output, picture) << '\n';
-        print_statistics(picture.outcome.heat, summary_of(output));
+        to << (output.empty() ? outcome_text(picture.outcome) : picture_text(output, picture))
+           << '\n';
+        print_statistics(picture.outcome.heat, to);
+        for (const Verdict& verdict : checks) to << verdict_text(verdict) << '\n';
     }
-    return {};
+    return check_verdicts(checks);
 }
 
 }  // namespace raynest::client

@@ -1,6 +1,7 @@
 // raynest scenes: lists the loaded scenes.
 #include "client/commands/commands.h"
 #include "client/output.h"
+#include "client/scene_list.h"
 
 namespace raynest::client {
 namespace {
@@ -11,44 +12,31 @@ constexpr std::size_t short_hash_digits = 16;
 }  // namespace
 
 Result<void> run(Context& context, const ScenesOptions&) {
-    Json scenes = Json::array();
+    const auto scenes = list_scenes(context.connection);
+    if (!scenes) return tl::unexpected<Failure>(scenes.error());
+    Json list = Json::array();
     std::vector<std::vector<std::string>> rows = {{"SCENE", "EPOCH", "TRIANGLES", "MEMORY", "OWNER",
-                                                   "AGE", "UNUSED", "OPEN", "HASH (FIRST 16)"}};
-    wire::ScenesT request;
-    // The daemon answers page by page; an empty page ends a list that shrank meanwhile.
-    for (bool more = true; more;) {
-        const auto page = ask<wire::SceneList>(context.connection, request);
-        if (!page) return tl::unexpected<Failure>(page.error());
-        const wire::SceneList& list = *page->message.table;
-        const std::vector<std::string> names = protocol::strings(list.names());
-        const std::vector<std::string> hashes = protocol::strings(list.hashes());
-        for (std::size_t k = 0; k < names.size(); ++k) {
-            const auto i = static_cast<flatbuffers::uoffset_t>(k);
-            const std::uint64_t epoch = list.epochs()->Get(i);
-            const std::uint64_t triangles = list.instanced_triangles()->Get(i);
-            const std::uint64_t bytes = list.bytes()->Get(i);
-            const std::string owner = list.owners()->Get(i)->str();
-            const double age = static_cast<double>(list.age_ms()->Get(i)) / 1e3;
-            const double idle = static_cast<double>(list.idle_ms()->Get(i)) / 1e3;
-            const std::uint32_t holders = list.holders()->Get(i);
-            scenes.push_back(Json{{"name", names[k]},
-                                  {"hash", hashes[k]},
-                                  {"epoch", epoch},
-                                  {"instanced_triangles", triangles},
-                                  {"bytes", bytes},
-                                  {"owner", owner},
-                                  {"age_seconds", age},
-                                  {"idle_seconds", idle},
-                                  {"holders", holders}});
-            rows.push_back({names[k], std::to_string(epoch), grouped(triangles), bytes_text(bytes),
-                            owner, age_text(age), age_text(idle), std::to_string(holders),
-                            hashes[k].substr(0, short_hash_digits)});
-        }
-        request.first += static_cast<std::uint32_t>(names.size());
-        more = !names.empty() && request.first < list.total();
+                                                   "SHARED WITH", "AGE", "UNUSED", "OPEN",
+                                                   "HASH (FIRST 16)"}};
+    for (const ListedScene& scene : *scenes) {
+        list.push_back(Json{{"name", scene.name},
+                            {"hash", scene.hash},
+                            {"epoch", scene.epoch},
+                            {"instanced_triangles", scene.triangles},
+                            {"bytes", scene.bytes},
+                            {"owner", scene.owner},
+                            {"share", scene.share},
+                            {"age_seconds", scene.age_seconds},
+                            {"idle_seconds", scene.idle_seconds},
+                            {"holders", scene.holders}});
+        rows.push_back({scene.name, std::to_string(scene.epoch), grouped(scene.triangles),
+                        bytes_text(scene.bytes), scene.owner,
+                        scene.share.empty() ? "-" : scene.share, age_text(scene.age_seconds),
+                        age_text(scene.idle_seconds), std::to_string(scene.holders),
+                        scene.hash.substr(0, short_hash_digits)});
     }
     if (context.json)
-        print_json(Json{{"scenes", scenes}});
+        print_json(Json{{"scenes", list}});
     else
         print_table(rows);
     return {};

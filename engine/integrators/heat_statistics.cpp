@@ -6,7 +6,9 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 namespace raynest {
@@ -39,13 +41,34 @@ Result<void> check_options(const HeatOptions& options) {
     return {};
 }
 
-/// The smallest count that at least `percent` of all pixels do not exceed (nearest rank).
-std::uint32_t percentile(std::vector<std::uint32_t>& counts, std::uint64_t percent) {
-    const std::uint64_t rank = (counts.size() * percent + 99) / 100;
+/// The smallest value that at least `percent` of all pixels do not exceed (nearest rank).
+template <class Value>
+Value percentile(std::vector<Value>& values, std::uint64_t percent) {
+    const std::uint64_t rank = (values.size() * percent + 99) / 100;
     const auto at =
-        counts.begin() + static_cast<std::ptrdiff_t>(std::max<std::uint64_t>(rank, 1) - 1);
-    std::nth_element(counts.begin(), at, counts.end());
+        values.begin() + static_cast<std::ptrdiff_t>(std::max<std::uint64_t>(rank, 1) - 1);
+    std::nth_element(values.begin(), at, values.end());
     return *at;
+}
+
+/// Ends of the range that a word asks for: the largest value, or the 99th percentile; of
+/// differences those of the distances from zero.
+struct Reach {
+    double most = 0;
+    double p99 = 0;
+};
+
+template <class Value>
+Reach reach_of(std::span<const Value> values, const HeatStatistics& statistics) {
+    Reach reach{static_cast<double>(statistics.max), static_cast<double>(statistics.p99)};
+    if constexpr (std::is_signed_v<Value>) {
+        std::vector<std::int64_t> distances;
+        distances.reserve(values.size());
+        for (const Value value : values) distances.push_back(std::abs(std::int64_t{value}));
+        reach.most = static_cast<double>(std::max(-statistics.min, statistics.max));
+        if (!distances.empty()) reach.p99 = static_cast<double>(percentile(distances, 99));
+    }
+    return reach;
 }
 
 struct Range {
@@ -53,13 +76,14 @@ struct Range {
     double high;
 };
 
-Result<Range> parse_range(const HeatOptions& options, const HeatStatistics& statistics) {
+Result<Range> parse_range(const HeatOptions& options, const Reach& reach, bool centred) {
     // A map of zeros still needs a range with a width.
-    const auto up_to = [](std::uint32_t high) {
-        return Range{0, std::max(1.0, static_cast<double>(high))};
+    const auto up_to = [centred](double high) {
+        high = std::max(1.0, high);
+        return Range{centred ? -high : 0, high};
     };
-    if (options.range == "auto") return up_to(statistics.max);
-    if (options.range == "p99") return up_to(statistics.p99);
+    if (options.range == "auto") return up_to(reach.most);
+    if (options.range == "p99") return up_to(reach.p99);
 
     const auto parse = [](std::string_view text, double& value) {
         const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -68,47 +92,79 @@ Result<Range> parse_range(const HeatOptions& options, const HeatStatistics& stat
     const std::string_view text = options.range;
     const std::size_t colon = text.find(':');
     Range range{0, 0};
-    if (colon == std::string_view::npos || !parse(text.substr(0, colon), range.low) ||
-        !parse(text.substr(colon + 1), range.high) || !(range.low >= 0) ||
-        !(range.low < range.high) || !(range.high <= range_max)) {
+    const bool numbers = colon != std::string_view::npos &&
+                         parse(text.substr(0, colon), range.low) &&
+                         parse(text.substr(colon + 1), range.high) && range.low < range.high &&
+                         range.high <= range_max;
+    if (centred && !(numbers && range.low == -range.high))
+        return invalid("the range '" + options.range + "' of a difference is none of auto, p99 and "
+                       "-high:high with 0 < high <= 4294967295");
+    if (!centred && !(numbers && range.low >= 0))
         return invalid("the range '" + options.range +
                        "' is none of auto, p99 and low:high with 0 <= low < high <= 4294967295");
-    }
     return range;
+}
+
+template <class Value>
+Result<HeatStatistics> measure(std::span<const Value> values, const HeatOptions& options) {
+    if (auto checked = check_options(options); !checked) return tl::unexpected(checked.error());
+    HeatStatistics statistics;
+    statistics.rays = values.size();
+    if (!values.empty()) {
+        std::vector<Value> sorted(values.begin(), values.end());
+        statistics.p50 = percentile(sorted, 50);
+        statistics.p90 = percentile(sorted, 90);
+        statistics.p99 = percentile(sorted, 99);
+        const auto [least, most] = std::minmax_element(values.begin(), values.end());
+        statistics.min = *least;
+        statistics.max = *most;
+        std::int64_t sum = 0;
+        for (const Value value : values) sum += value;
+        statistics.mean = static_cast<double>(sum) / static_cast<double>(values.size());
+    }
+
+    const auto range =
+        parse_range(options, reach_of(values, statistics), std::is_signed_v<Value>);
+    if (!range) return tl::unexpected(range.error());
+    statistics.range_low = range->low;
+    statistics.range_high = range->high;
+    const auto share = [&](auto outside) {
+        const auto pixels = std::count_if(values.begin(), values.end(), outside);
+        return values.empty() ? 0
+                              : static_cast<double>(pixels) / static_cast<double>(values.size());
+    };
+    statistics.clipped = share([&](Value value) { return value > range->high; });
+    statistics.below = share([&](Value value) { return value < range->low; });
+    return statistics;
 }
 
 }  // namespace
 
 Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts,
                                        const HeatOptions& options) {
-    if (auto checked = check_options(options); !checked) return tl::unexpected(checked.error());
-    HeatStatistics statistics;
-    statistics.rays = counts.size();
-    if (!counts.empty()) {
-        std::vector<std::uint32_t> sorted(counts.begin(), counts.end());
-        statistics.p50 = percentile(sorted, 50);
-        statistics.p90 = percentile(sorted, 90);
-        statistics.p99 = percentile(sorted, 99);
-        const auto [least, most] = std::minmax_element(counts.begin(), counts.end());
-        statistics.min = *least;
-        statistics.max = *most;
-        std::uint64_t sum = 0;
-        for (const std::uint32_t count : counts) sum += count;
-        statistics.mean = static_cast<double>(sum) / static_cast<double>(counts.size());
-    }
-
-    const auto range = parse_range(options, statistics);
-    if (!range) return tl::unexpected(range.error());
-    statistics.range_low = range->low;
-    statistics.range_high = range->high;
-    const auto share = [&](auto outside) {
-        const auto pixels = std::count_if(counts.begin(), counts.end(), outside);
-        return counts.empty() ? 0
-                              : static_cast<double>(pixels) / static_cast<double>(counts.size());
-    };
-    statistics.clipped = share([&](std::uint32_t count) { return count > range->high; });
-    statistics.below = share([&](std::uint32_t count) { return count < range->low; });
-    return statistics;
+    return measure(counts, options);
 }
+
+Result<HeatStatistics> heat_statistics(std::span<const std::int32_t> differences,
+                                       const HeatOptions& options) {
+    return measure(differences, options);
+}
+
+template <class Value>
+std::vector<std::uint64_t> heat_histogram(std::span<const Value> values,
+                                          const HeatStatistics& statistics) {
+    std::vector<std::uint64_t> bars(heat_bars);
+    const double width = static_cast<double>(statistics.max - statistics.min) + 1;
+    for (const Value value : values) {
+        const auto place = static_cast<double>(std::int64_t{value} - statistics.min) / width;
+        ++bars[std::min(static_cast<std::size_t>(place * heat_bars), heat_bars - 1)];
+    }
+    return bars;
+}
+
+template std::vector<std::uint64_t> heat_histogram(std::span<const std::uint32_t>,
+                                                   const HeatStatistics&);
+template std::vector<std::uint64_t> heat_histogram(std::span<const std::int32_t>,
+                                                   const HeatStatistics&);
 
 }  // namespace raynest

@@ -3,9 +3,11 @@
 #include "engine/integrators/palette.h"
 #include "engine/integrators/picture.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <numeric>
+#include <type_traits>
 #include <vector>
 
 namespace raynest {
@@ -33,6 +35,10 @@ std::optional<CameraHits> measure_work(const PixelRange& pixels, const ColumnSou
     source.counter_sets = arrays.counter_sets;
     std::vector<std::uint32_t> counts(rays.size());
     for (std::size_t m = 0; m < metrics.size(); ++m) {
+        if (metrics[m].of_level() && metrics[m].level >= arrays.counter_sets) {
+            std::ranges::fill(out.subspan(m * pixels.count, pixels.count), 0U);
+            continue;
+        }
         write_column(metrics[m], source, reinterpret_cast<std::byte*>(counts.data()));
         for (std::size_t i = 0; i < pixels.count; ++i) {
             const auto first = counts.begin() + static_cast<std::ptrdiff_t>(i * pixels.samples);
@@ -42,16 +48,19 @@ std::optional<CameraHits> measure_work(const PixelRange& pixels, const ColumnSou
     return count_hits(hits);
 }
 
-Result<Picture> heat_picture(std::uint32_t width, std::uint32_t height,
-                             std::span<const std::uint32_t> counts,
-                             const HeatStatistics& statistics, const HeatOptions& options) {
+namespace {
+
+template <class Value>
+Result<Picture> draw(std::uint32_t width, std::uint32_t height, std::span<const Value> counts,
+                     const HeatStatistics& statistics, const HeatOptions& options) {
     if (width == 0 || height == 0 || counts.size() != std::size_t{width} * height) {
         return fail(ErrorCode::param_invalid, "a heat map needs one count per pixel");
     }
     const auto palette = find_palette(options.palette);
     if (!palette) return tl::unexpected(palette.error());
 
-    const HeatScale scale{statistics.range_low, statistics.range_high, options.scale == "log"};
+    const HeatScale scale{statistics.range_low, statistics.range_high, options.scale == "log",
+                          std::is_signed_v<Value>};
     Picture picture{width, height, {}};
     picture.rgba.resize(4 * counts.size());
     for (std::size_t i = 0; i < counts.size(); ++i) {
@@ -67,6 +76,20 @@ Result<Picture> heat_picture(std::uint32_t width, std::uint32_t height,
     }
     append_legend(picture, *palette, scale, statistics, options);
     return picture;
+}
+
+}  // namespace
+
+Result<Picture> heat_picture(std::uint32_t width, std::uint32_t height,
+                             std::span<const std::uint32_t> counts,
+                             const HeatStatistics& statistics, const HeatOptions& options) {
+    return draw(width, height, counts, statistics, options);
+}
+
+Result<Picture> heat_picture(std::uint32_t width, std::uint32_t height,
+                             std::span<const std::int32_t> differences,
+                             const HeatStatistics& statistics, const HeatOptions& options) {
+    return draw(width, height, differences, statistics, options);
 }
 
 }  // namespace raynest

@@ -42,10 +42,15 @@ std::string number(double value, int digits) {
     return {text.data(), end.ptr};
 }
 
+/// Returns the text of a number, with a plus if that is told.
+std::string signed_text(const std::string& text, bool plus = true) {
+    return std::string(plus ? "+" : "").append(text);
+}
+
 /// 12, 0.5, 250k, 3M: as short as a tick allows.
 std::string tick_label(double value) {
-    const bool millions = value >= 1e6;
-    const bool thousands = !millions && value >= 1e5;
+    const bool millions = std::abs(value) >= 1e6;
+    const bool thousands = !millions && std::abs(value) >= 1e5;
     const double shown = millions ? value / 1e6 : thousands ? value / 1e3 : value;
     std::array<char, 64> text{};
     const auto end =
@@ -61,6 +66,7 @@ std::vector<double> round_values(const HeatScale& scale, std::uint32_t count_max
         for (std::uint64_t decade = 1; static_cast<double>(decade) < scale.high; decade *= 10) {
             for (const unsigned digit : {1U, 2U, 5U}) {
                 values.push_back(static_cast<double>(decade * digit));
+                if (scale.centred) values.push_back(-values.back());
             }
         }
     } else {
@@ -93,16 +99,22 @@ std::vector<std::string> flow(const std::vector<std::string>& words, std::uint32
     return lines;
 }
 
-std::vector<std::string> statistic_words(const HeatStatistics& s, const HeatOptions& options) {
+std::vector<std::string> statistic_words(const HeatStatistics& s, const HeatOptions& options,
+                                         bool of_difference) {
     const auto share = [](double part) { return number(100 * part, 1) + "%"; };
-    std::vector<std::string> words{"min " + std::to_string(s.min), "mean " + number(s.mean, 1),
-                                   "p50 " + std::to_string(s.p50), "p99 " + std::to_string(s.p99),
-                                   "max " + std::to_string(s.max), "clipped " + share(s.clipped)};
+    const auto whole = [&](std::int64_t value) {
+        return signed_text(std::to_string(value), of_difference && value > 0);
+    };
+    const std::string mean = signed_text(number(s.mean, 1), of_difference && s.mean > 0);
+    std::vector<std::string> words{"min " + whole(s.min), "mean " + mean, "p50 " + whole(s.p50),
+                                   "p99 " + whole(s.p99), "max " + whole(s.max),
+                                   "clipped " + share(s.clipped)};
     if (s.below > 0) words.push_back("below " + share(s.below));
     if (const auto column = parse_column(options.metric); column && column->of_level())
         words.push_back(
             std::string("level ").append(std::to_string(column->level)).append(" only"));
     if (options.count == "necessary") words.emplace_back("necessary only");
+    if (of_difference) words.emplace_back("difference: + costs more");
     return words;
 }
 
@@ -122,7 +134,7 @@ public:
         title_ = counter == counters.end() ? std::string_view(options.metric) : counter->title;
         if (scale.logarithmic) title_ += log_suffix;
         widen();
-        numbers_ = flow(statistic_words(statistics, options), inner_width(), unit_);
+        numbers_ = flow(statistic_words(statistics, options, scale.centred), inner_width(), unit_);
     }
 
     void append() {
@@ -187,11 +199,19 @@ private:
     std::uint32_t draw_ticks(std::uint32_t y) {
         const bool above = statistics_.clipped > 0;
         const bool below = statistics_.below > 0;
-        draw_tick(scale_.low, tick_label(scale_.low) + (below ? "-" : ""), y);
-        draw_tick(scale_.high, tick_label(scale_.high) + (above ? "+" : ""), y);
+        if (scale_.centred) {
+            draw_tick(scale_.low, std::string(below ? "<" : "").append(tick_label(scale_.low)), y);
+            draw_tick(scale_.high,
+                      std::string(above ? ">" : "").append(signed_text(tick_label(scale_.high))),
+                      y);
+            draw_tick(0, "0", y);
+        } else {
+            draw_tick(scale_.low, tick_label(scale_.low) + (below ? "-" : ""), y);
+            draw_tick(scale_.high, tick_label(scale_.high) + (above ? "+" : ""), y);
+        }
         const std::uint32_t count_max = std::clamp(inner_width() / (60 * unit_), 1U, 10U);
         for (const double value : round_values(scale_, count_max)) {
-            draw_tick(value, tick_label(value), y);
+            draw_tick(value, signed_text(tick_label(value), scale_.centred && value > 0), y);
         }
         return y + unit_ * (tick_height + gap + line_advance);
     }
@@ -232,6 +252,12 @@ private:
 }  // namespace
 
 double HeatScale::position(double count) const {
+    if (centred) {
+        const double distance = std::min(std::abs(count), high);
+        const double part =
+            logarithmic ? std::log1p(distance) / std::log1p(high) : distance / high;
+        return 0.5 + std::copysign(part / 2, count);
+    }
     const double place = !logarithmic ? (count - low) / (high - low)
                          : low >= 1
                              ? std::log(count / low) / std::log(high / low)

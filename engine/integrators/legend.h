@@ -17,6 +17,7 @@ struct HeatScale {
     double low;
     double high;
     bool logarithmic;  ///< of 1 + the distance from `low`, so that 0 has a place
+    bool centred = false;  ///< of a difference: low = -high, and 0 stands in the middle
 
     /// 0 to 1; what lies beyond an end stands at that end.
     [[nodiscard]] double position(double count) const;

@@ -57,7 +57,7 @@ struct CameraHits {
 void shade_primary(const ColumnSource& source, std::span<Vec4> out);
 
 /// Measures what a pixel's rays cost together, as the counters `metrics` count it: out[m * count +
-/// i] of metric m and pixel i. `necessary`: only the work before the hit, which no order of
+/// i] of metric m and pixel i, 0 of a level that the scene lacks. `necessary`: only the work before the hit, which no order of
 /// traversal saves. Nothing where the caster has no answers.
 [[nodiscard]] std::optional<CameraHits> measure_work(const PixelRange& pixels,
                                                      const ColumnSource& scene, RayCaster& caster,
@@ -72,7 +72,7 @@ Picture to_picture(std::uint32_t width, std::uint32_t height, std::span<const Ve
 
 /// Statistics over all pixels, misses included. Percentiles are exact (nearest rank).
 struct HeatStatistics {
-    std::uint32_t min = 0, p50 = 0, p90 = 0, p99 = 0, max = 0;
+    std::int64_t min = 0, p50 = 0, p90 = 0, p99 = 0, max = 0;  ///< below 0 only of differences
     double mean = 0;
     double clipped = 0;  ///< share of pixels above the range
     double below = 0;    ///< share of pixels below it
@@ -84,13 +84,23 @@ struct HeatOptions {
     std::string metric = "total";     ///< a counter, or COUNTER.LEVEL
     std::string palette = "turbo";    ///< of palettes.def
     std::string scale = "linear";     ///< linear | log
-    std::string range = "p99";        ///< auto | p99 | a:b
+    std::string range = "p99";        ///< auto | p99 | a:b; of a difference -b:b
     std::string count = "traversed";  ///< traversed | necessary: for the legend alone
 };
 
 /// Fails with param_invalid, naming the choices.
 Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts,
                                        const HeatOptions& options);
+/// The same of the differences of two counts. Their range has zero in its middle: by default the
+/// 99th percentile of the distances from zero.
+Result<HeatStatistics> heat_statistics(std::span<const std::int32_t> differences,
+                                       const HeatOptions& options);
+/// Bars of a histogram.
+inline constexpr std::size_t heat_bars = 64;
+/// The number of values in each of the equal parts of [min, max], which heat_statistics() gave.
+template <class Value>
+[[nodiscard]] std::vector<std::uint64_t> heat_histogram(std::span<const Value> values,
+                                                        const HeatStatistics& statistics);
 /// The width that the legend needs; a narrower map is widened on the right.
 inline constexpr std::uint32_t heat_picture_width_min = 288;
 /// Rows of the legend at most.
@@ -100,6 +110,10 @@ inline constexpr std::uint32_t heat_legend_height_max = 256;
 /// it.
 Result<Picture> heat_picture(std::uint32_t width, std::uint32_t height,
                              std::span<const std::uint32_t> counts,
+                             const HeatStatistics& statistics, const HeatOptions& options);
+/// The same of differences, whose colours and ticks have zero in their middle.
+Result<Picture> heat_picture(std::uint32_t width, std::uint32_t height,
+                             std::span<const std::int32_t> differences,
                              const HeatStatistics& statistics, const HeatOptions& options);
 
 }  // namespace raynest

@@ -14,20 +14,10 @@
 namespace raynest::server {
 namespace {
 
-Reply<std::string> check_encode(std::string_view word) {
-    if (word == "raw") return std::string(word);
-    if (word != "png" && word != "exr")
-        return refuse(Code::invalid_field,
-                      "unknown encode '" + std::string(word) + "': use one of png, exr, raw");
-    if (const auto images = images_available(); !images)
-        return refuse(Code::unsupported, images.error().message + "; or ask for encode raw");
-    return std::string(word);
-}
-
 Reply<PictureRequest> make_checked(const Services& services, const Caller& caller, Plan plan,
                                    const wire::Camera* camera, std::uint32_t width,
                                    std::uint32_t height, std::string encode,
-                                   std::uint64_t bytes) {
+                                   std::uint64_t bytes, std::string_view advice) {
     PictureRequest request;
     request.encode = std::move(encode);
 
@@ -50,7 +40,7 @@ Reply<PictureRequest> make_checked(const Services& services, const Caller& calle
                       "a picture of " + std::to_string(width) + "x" + std::to_string(height) +
                           " takes " + protocol::bytes_text(bytes) + " while it is made, " +
                           protocol::bytes_text(services.budget.limit() - services.budget.used()) +
-                          " of raynestd's --memory are free; " + smaller_picture(request.encode) +
+                          " of raynestd's --memory are free; " + std::string(advice) +
                           ", or start raynestd with a larger --memory");
     request.lease = std::move(*lease);
     return request;
@@ -58,36 +48,66 @@ Reply<PictureRequest> make_checked(const Services& services, const Caller& calle
 
 }  // namespace
 
+Reply<std::string> check_encode(std::string_view word) {
+    if (word == "raw") return std::string(word);
+    if (word != "png" && word != "exr")
+        return refuse(Code::invalid_field,
+                      "unknown encode '" + std::string(word) + "': use one of png, exr, raw");
+    if (const auto images = images_available(); !images)
+        return refuse(Code::unsupported, images.error().message + "; or ask for encode raw");
+    return std::string(word);
+}
+
 Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
                                    const wire::Camera* camera, std::uint32_t width,
                                    std::uint32_t height, std::string_view encode,
                                    std::uint64_t bytes) {
     auto word = check_encode(encode);
     if (!word) return tl::unexpected(word.error());
+    const std::string advice = smaller_picture(*word);
     return make_checked(services, caller, std::move(plan), camera, width, height, std::move(*word),
-                        bytes);
+                        bytes, advice);
 }
 
 Reply<PictureRequest> make_document_request(const Services& services, const Caller& caller,
                                             Plan plan, const wire::Camera* camera,
                                             std::uint32_t width, std::uint32_t height,
-                                            std::uint64_t bytes) {
-    return make_checked(services, caller, std::move(plan), camera, width, height, "json", bytes);
+                                            std::uint64_t bytes, std::string_view advice) {
+    return make_checked(services, caller, std::move(plan), camera, width, height, "json", bytes,
+                        advice);
+}
+
+std::string settings_text(const Plan& plan) {
+    std::string text;
+    for (std::size_t i = 0; i < plan.settings.params.size(); ++i) {
+        std::array<char, 64> digits{};
+        const char* const end =
+            std::to_chars(digits.data(), digits.data() + digits.size(), plan.settings.params[i])
+                .ptr;
+        text.append(i == 0 ? "" : " ")
+            .append(plan.variant->params()[i].name)
+            .append("=")
+            .append(std::string_view(digits.data(), static_cast<std::size_t>(end - digits.data())));
+    }
+    return text;
 }
 
 std::string smaller_picture(std::string_view encode) {
-    if (encode == "json") return "group by an outer `level`";
     return std::string("ask for a smaller `size`") +
            (encode == "exr" ? ", or for PNG in place of EXR" : "");
 }
 
 PictureJob::PictureJob(const Services& services, const Caller& caller, PictureRequest request)
-    : ChunkedJob(services, caller, std::move(request.plan), request.pixels(), false),
-      request_(std::move(request)),
-      sensor_(camera_sensor(request_.camera, {}, {request_.width, request_.height})),
-      payload_(services.limits, caller, request_.encode) {
+    : PictureJob(services, caller, std::move(request), request.pixels()) {
     queue_.add(0, request_.pixels());
 }
+
+PictureJob::PictureJob(const Services& services, const Caller& caller, PictureRequest request,
+                       std::uint64_t total)
+    : ChunkedJob(services, caller, std::move(request.plan), total, false),
+      request_(std::move(request)),
+      sensor_(camera_sensor(request_.camera, {}, {request_.width, request_.height})),
+      payload_(services.limits, caller, request_.encode) {}
 
 Frames PictureJob::greeting() {
     wire::StartedT message = started(plan_, services_.limits);
@@ -106,8 +126,8 @@ std::optional<Task> PictureJob::next() {
             }
             return std::nullopt;
         case Stage::encoding:
-            if (!encode_started_) return encode_task();
-            return std::nullopt;
+            if (std::exchange(encode_started_, true)) return std::nullopt;
+            return encode_task();
         case Stage::sending:
             return payload_.next();
     }
@@ -174,13 +194,6 @@ std::vector<Attribute> PictureJob::provenance() const {
         char* const end = digits.data() + digits.size();
         return std::string(digits.data(), std::to_chars(digits.data(), end, value).ptr);
     };
-    const Variant& variant = *plan_.variant;
-    std::string settings;
-    for (std::size_t i = 0; i < plan_.settings.params.size(); ++i)
-        settings.append(i == 0 ? "" : " ")
-            .append(variant.params()[i].name)
-            .append("=")
-            .append(number(plan_.settings.params[i]));
     std::string pose;
     for (const float element : request_.camera.to_world.m)
         pose.append(pose.empty() ? "" : " ").append(number(element));
@@ -188,8 +201,8 @@ std::vector<Attribute> PictureJob::provenance() const {
             {"raynest:scene", text(plan_.scene.name)},
             {"raynest:hash", plan_.scene.snapshot().digest()},
             {"raynest:epoch", number(plan_.scene.epoch)},
-            {"raynest:intersector", text(variant.name)},
-            {"raynest:settings", text(settings)},
+            {"raynest:intersector", text(plan_.variant->name)},
+            {"raynest:settings", text(settings_text(plan_))},
             {"raynest:mask", number(plan_.mask)},
             {"raynest:camera", text(request_.camera.name)},
             {"raynest:camera_to_world", pose}};
@@ -205,30 +218,36 @@ std::uint64_t PictureJob::chunk_size(const Backend& backend, const Chunk& /*rest
     return std::max<std::uint64_t>(1, backend.call_rays_max(plan_) / request_.samples);
 }
 
+PixelArrays PictureJob::arrays_for(const PixelRange& pixels, const CastPlans& plans,
+                                   TraceBuffers& buffers) {
+    buffers.resize(buffers.rays, pixels.rays());
+    buffers.resize(buffers.hits, pixels.rays());
+    const std::uint32_t sets = plans.counted == nullptr ? 0 : plans.counted->counter_sets();
+    buffers.resize(buffers.counters, pixels.rays() * sets);
+    return {buffers.rays, buffers.hits, buffers.counters, sets};
+}
+
 Traced<Frames> PictureJob::trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) {
     const PixelRange pixels{sensor_, chunk.first, chunk.count, request_.samples};
     const CastPlans by = plans();
-    buffers.resize(buffers.rays, pixels.rays());
-    buffers.resize(buffers.hits, pixels.rays());
-    const std::uint32_t sets = by.counted == nullptr ? 0 : by.counted->counter_sets();
-    buffers.resize(buffers.counters, pixels.rays() * sets);
     ChunkCaster caster(by, chunk.backend, stop, buffers);
     const auto seen = trace_pixels(pixels, plan_.source(services_.registry), caster,
-                                   {buffers.rays, buffers.hits, buffers.counters, sets});
+                                   arrays_for(pixels, by, buffers));
     if (!seen) return tl::unexpected(caster.failure());
+    const auto again = trace_again(pixels, chunk.backend, stop, buffers);
+    if (!again) return tl::unexpected(again.error());
     JobStatistics::Counts counts;
     counts.rays = seen->rays;
     counts.hits = seen->hits;
     counts.misses = seen->rays - seen->hits;
     statistics_.add(chunk.backend, caster.traversal(), counts);
     backs_ += seen->backs;
-    services_.metrics.rays += seen->rays;
+    services_.metrics.rays += seen->rays + *again;
     queue_.answered(chunk.count);
     return Frames{};
 }
 
 Task PictureJob::encode_task() {
-    encode_started_ = true;
     Task task;
     task.run = [this](const Stop& stop) -> Reply<Frames> {
         // Check before encoding, which cannot be interrupted: a large PNG takes a second.

@@ -37,6 +37,12 @@ struct PictureRequest {
 /// Returns advice for the user on how to make a picture smaller.
 [[nodiscard]] std::string smaller_picture(std::string_view encode);
 
+/// Returns the parameters of a plan's intersector as name=value, joined by blanks.
+[[nodiscard]] std::string settings_text(const Plan& plan);
+
+/// Checks the word of a file's encoding: png, exr or raw.
+Reply<std::string> check_encode(std::string_view word);
+
 /// Makes a picture request and reserves `bytes`, the memory of the job. Chooses a camera of the
 /// scene; adds a note if the scene has none.
 Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
@@ -44,11 +50,11 @@ Reply<PictureRequest> make_request(const Services& services, const Caller& calle
                                    std::uint32_t height, std::string_view encode,
                                    std::uint64_t bytes);
 
-/// The same for a JSON document about a camera's rays.
+/// The same for a JSON document about a camera's rays. `advice` tells how to make it smaller.
 Reply<PictureRequest> make_document_request(const Services& services, const Caller& caller,
                                             Plan plan, const wire::Camera* camera,
                                             std::uint32_t width, std::uint32_t height,
-                                            std::uint64_t bytes);
+                                            std::uint64_t bytes, std::string_view advice);
 
 /// The base of picture jobs.
 class PictureJob : public ChunkedJob {
@@ -64,12 +70,28 @@ public:
     [[nodiscard]] std::optional<Progress> progress() const override;
 
 protected:
+    /// For a job that deals out its work itself, in `total` units of its own.
+    PictureJob(const Services& services, const Caller& caller, PictureRequest request,
+               std::uint64_t total);
+
     /// Returns the plans for the integrator's rays.
     [[nodiscard]] virtual CastPlans plans() const = 0;
     /// Traces pixels and stores their values. Returns nothing if the caster failed. Any thread.
-    virtual std::optional<CameraHits> trace_pixels(const PixelRange& pixels,
-                                                   const ColumnSource& scene, RayCaster& caster,
-                                                   const PixelArrays& arrays) = 0;
+    virtual std::optional<CameraHits> trace_pixels(const PixelRange& /*pixels*/,
+                                                   const ColumnSource& /*scene*/,
+                                                   RayCaster& /*caster*/,
+                                                   const PixelArrays& /*arrays*/) {
+        return std::nullopt;
+    }
+    /// Traces the pixels of a chunk once more, by plans of its own, after trace_pixels(). Returns the
+    /// number of rays. Any thread.
+    virtual Traced<std::uint64_t> trace_again(const PixelRange& /*pixels*/, std::size_t /*backend*/,
+                                              const Stop& /*stop*/, TraceBuffers& /*buffers*/) {
+        return 0;
+    }
+    /// Returns room for the rays of some pixels, their hits, and their counters by these plans.
+    [[nodiscard]] static PixelArrays arrays_for(const PixelRange& pixels, const CastPlans& plans,
+                                                TraceBuffers& buffers);
     /// Encodes the payload after all chunks are traced. Any thread.
     virtual Reply<Payload> encode() = 0;
     /// Returns what made the picture, for the header of its file. Equal requests give equal lines.
@@ -87,11 +109,21 @@ protected:
     template <class T>
     void place(std::uint64_t first, std::span<const T> values, T* picture) const {
         for (std::size_t i = 0; i < values.size(); ++i) {
-            picture[tile_order(first + i, request_.width, request_.height)] = values[i];
+            picture[pixel_of(first + i)] = values[i];
         }
     }
 
+    /// Returns the place in the picture of a pixel, given in tile order.
+    [[nodiscard]] std::uint64_t pixel_of(std::uint64_t number) const {
+        return tile_order(number, request_.width, request_.height);
+    }
+
     [[nodiscard]] const PictureRequest& request() const { return request_; }
+    [[nodiscard]] const Sensor& sensor() const { return sensor_; }
+    [[nodiscard]] PayloadSender& payload() { return payload_; }
+    [[nodiscard]] const PayloadSender& payload() const { return payload_; }
+    /// Returns a task that encodes the payload.
+    Task encode_task();
 
 private:
     enum class Stage { tracing, encoding, sending };
@@ -100,7 +132,6 @@ private:
     Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override;
     /// Returns a note for a user whose camera sees nothing or only backs of surfaces; else empty.
     [[nodiscard]] std::string hint() const;
-    Task encode_task();
 
     const PictureRequest request_;
     const Sensor sensor_;

@@ -373,6 +373,9 @@ void Runner::tick(Clock::time_point now) {
                 message.done = progress->done;
                 message.total = progress->total;
                 message.stage = progress->stage;
+                message.samples = progress->samples;
+                message.noise = progress->noise;
+                message.left_ms = progress->left_ms;
                 sink_->send(*protocol::encode(active->id, message));
             }
             // Pump: the job may have waited for something other than its client.

@@ -24,6 +24,7 @@ export const MESSAGES = {
   Wait: 33,
   Fetch: 34,
   CancelJob: 35,
+  Admin: 48,
   Credit: 64,
   Welcome: 129,
   Pong: 130,
@@ -45,6 +46,7 @@ export const MESSAGES = {
   JobList: 160,
   JobInfo: 161,
   Detached: 162,
+  AdminReport: 176,
 };
 
 export const COLUMNS = {
@@ -95,4 +97,5 @@ export const PALETTES = {
   viridis: [4456788, 4728952, 4082313, 3238030, 2523790, 2072201, 3520377, 7195993, 11853356, 16639781],
   inferno: [4, 1772610, 4918379, 7871597, 10824800, 13583430, 15558949, 16488966, 16240700, 16580516],
   gray: [0, 16777215],
+  diverging: [340065, 2188972, 4428739, 9618910, 16250871, 16033154, 14049357, 11671595, 6750239],
 };

@@ -68,6 +68,15 @@ class Measuring(unittest.TestCase):
         self.assertLessEqual(row["mismatches"], row.get("mismatches_max", 0))
         self.assertTrue(row["command"].startswith("raynest-bench --json"))
 
+    def test_counting_has_rows_over_the_first_variant_with_its_answers(self):
+        rows = self.rows("--scene", "gen:forest3?scale=0.01", "--rays", "primary", "--precision", "watertight",
+                         "--traversal", "single", "--counters", "none,total,level", "--peers", "own")
+        counted = [row for row in rows if row["peer"] == "own"]
+        self.assertEqual([row["counters"] for row in counted], ["total", "level"])
+        for row in counted:
+            self.check_row(row)
+            self.assertGreater(row["ratio"], 0)
+
     def test_every_scene_gives_rows_for_every_kind_of_ray_and_answers_as_the_peer(self):
         peers = ["--peers", "embree,embree-packet,embree-coherent,embree-robust"] if PEER else []
         for scene in SCENES:

@@ -86,15 +86,24 @@ private:
                 const auto variant = registry->choose(intersector, workload.scene->view());
                 if (!variant) return tl::unexpected(variant.error());
                 for (const std::string& precision : options_.precisions) {
-                    for (const std::string& traversal : options_.traversals) {
-                        Label label{"own",     traversal,          (*variant)->name,
-                                    precision, (*variant)->target, threads};
-                        if (auto added = add_variant(workload, **variant, std::move(label));
-                            !added) {
-                            return added;
-                        }
+                    if (auto added = add_traversals(workload, **variant, precision, threads);
+                        !added) {
+                        return added;
                     }
                 }
+            }
+        }
+        return {};
+    }
+
+    Result<void> add_traversals(const Workload& workload, const Variant& variant,
+                                const std::string& precision, unsigned threads) {
+        for (const std::string& traversal : options_.traversals) {
+            for (const std::string& counters : options_.counters) {
+                Label label{"own",     traversal, variant.name,   precision,
+                            counters, variant.target, threads};
+                if (auto added = add_variant(workload, variant, std::move(label)); !added)
+                    return added;
             }
         }
         return {};
@@ -105,7 +114,8 @@ private:
         if (!precision) return tl::unexpected(precision.error());
         const auto traversal = parse_traversal(label.traversal);
         if (!traversal) return tl::unexpected(traversal.error());
-        const auto selector = KernelSelector::make(variant, set_.query, *precision, *traversal);
+        const auto selector = KernelSelector::make(variant, set_.query, *precision, *traversal,
+                                                   counter_mode(label.counters));
         // Where single rays stand in for what was named, a row of that name would be theirs.
         const bool stands = selector && (*traversal == traversal_auto ||
                                        selector->choose({}, workload.scene->view()) == *traversal);
@@ -190,6 +200,7 @@ std::vector<const Side*> opponents_of(const Side& ours, const std::vector<Side>&
         const bool own_form = side.over && side.label.traversal == ours.label.traversal &&
                               side.label.intersector == ours.label.intersector &&
                               side.label.precision == ours.label.precision &&
+                              side.label.counters == ours.label.counters &&
                               side.label.target == ours.label.target;
         if (own_form || (side.peer != nullptr && side.masks == ours.masks)) {
             opponents.push_back(&side);

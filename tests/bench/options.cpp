@@ -49,6 +49,10 @@ std::optional<Options> parse_options(int argc, char** argv, int& exit_code) {
         ->delimiter(',');
     app.add_option("--intersector", options.intersectors, "")->delimiter(',');
     app.add_option("--precision", options.precisions, "fast, watertight")->delimiter(',');
+    app.add_option("--counters", options.counters,
+                   "none, total, level: what a heat map counts, by single rays")
+        ->delimiter(',')
+        ->check(CLI::IsMember({"none", "total", "level"}));
     app.add_option("--target", options.targets, "auto, v2, v3, v4")->delimiter(',');
     app.add_option("--threads", options.threads, "")->delimiter(',')->check(CLI::Range(1U, 256U));
     app.add_option("--peers", options.peers,

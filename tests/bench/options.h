@@ -23,6 +23,7 @@ struct Options {
     std::vector<std::string> traversals{"single", "stream", "packet"};
     std::vector<std::string> intersectors{"opaque"};
     std::vector<std::string> precisions{"fast"};
+    std::vector<std::string> counters{"none"};
     std::vector<std::string> targets{"auto"};
     std::vector<unsigned> threads{1};
     std::vector<std::string> peers;

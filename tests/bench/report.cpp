@@ -47,6 +47,7 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
                                {"traversal", label.traversal},
                                {"intersector", label.intersector},
                                {"precision", label.precision},
+                               {"counters", label.counters},
                                {"target", label.target},
                                {"threads", label.threads},
                                {"mrays", rate(setting, ours)},
@@ -107,8 +108,10 @@ void print_row(const Options& options, const Setting& setting, const Outcome& ou
         return;
     }
     const Label& label = outcome.ours.label;
+    const std::string traversal =
+        label.traversal + (label.counters == "none" ? "" : "+" + label.counters);
     std::printf("%-12s %-8s %-8s %-9s %-12s %-10s %-6s %3u %9.2f", setting.scene.c_str(),
-                setting.rays.c_str(), setting.kind.c_str(), label.traversal.c_str(),
+                setting.rays.c_str(), setting.kind.c_str(), traversal.c_str(),
                 label.intersector.c_str(), label.precision.c_str(), label.target.c_str(),
                 label.threads, row["mrays"].get<double>());
     if (outcome.opponent != nullptr) {

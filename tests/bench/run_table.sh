@@ -38,6 +38,12 @@ bench --scene gen:forest1 --rays primary,diffuse,ao --traversal auto --peers emb
 bench --scene gen:forest3 --over gen:forest3-flat --rays primary,diffuse,ao --traversal auto,single
 bench --scene gen:forest3-flat --build --peers embree
 bench --scene gen:terrain --rays primary,diffuse --traversal single --threads 1,2 --peers own
+for scene in terrain cards forest3; do
+    for traversal in single auto; do
+        bench --scene "gen:$scene" --rays primary,diffuse --precision watertight \
+            --traversal "$traversal" --counters none,total,level --peers own
+    done
+done
 bench --scene gen:cards --rays primary,diffuse,ao --traversal single \
     --intersector no_test,pointer_null,pointer_noop --peers own
 bench --scene gen:cards --rays primary,diffuse,ao --traversal single \

@@ -1,9 +1,15 @@
 #include "tests/bench/side.h"
 
+#include <algorithm>
+#include <cstddef>
 #include <limits>
 #include <utility>
 
 namespace raynest::bench {
+
+CounterMode counter_mode(const std::string& word) {
+    return word == "total" ? counters_total : word == "level" ? counters_by_level : counters_none;
+}
 
 Side make_own_side(Label label, const Workload& workload, const KernelSelector& selector,
                    std::span<const Ray> rays, Query query, std::uint32_t hits_max) {
@@ -13,8 +19,14 @@ Side make_own_side(Label label, const Workload& workload, const KernelSelector& 
     side.masks = side.label.intersector.find("alpha") != std::string::npos;
     side.answers =
         std::make_unique<Answers>(query, static_cast<std::uint32_t>(rays.size()), hits_max);
-    side.trace = [&view = workload.scene->view(), selector, rays, answers = side.answers.get()](
+    const SceneView& scene = workload.scene->view();
+    const CounterMode mode = counter_mode(side.label.counters);
+    const std::uint32_t sets = mode == counters_by_level ? scene.objects[scene.root].levels
+                                                         : static_cast<std::uint32_t>(mode);
+    side.trace = [&view = scene, selector, rays, sets, answers = side.answers.get()](
                      std::uint32_t first, std::uint32_t count) {
+        static thread_local std::vector<Counters> counters;
+        counters.resize(std::max<std::size_t>(counters.size(), std::size_t{count} * sets));
         const TraceCall call{&view,
                              nullptr,
                              rays.data() + first,
@@ -24,7 +36,7 @@ Side make_own_side(Label label, const Workload& workload, const KernelSelector& 
                              0,
                              answers->hits.data() + std::size_t{first} * answers->hits_max,
                              answers->counts.data() + first,
-                             nullptr,
+                             sets == 0 ? nullptr : counters.data(),
                              nullptr};
         selector.function(selector.choose(rays.subspan(first, count), view))(&call);
     };

@@ -20,6 +20,7 @@ struct Label {
     std::string traversal = {};
     std::string intersector = {};
     std::string precision = {};
+    std::string counters = {};  ///< none | total | level
     std::string target = {};
     unsigned threads = 1;
 };
@@ -34,7 +35,11 @@ struct Side {
     TracePart trace;
 };
 
+/// Returns the counters that a word of --counters means.
+[[nodiscard]] CounterMode counter_mode(const std::string& word);
+
 /// Every call chooses a traversal where the selector is open, as a worker does for every chunk.
+/// Counters are those of label.counters; each chunk overwrites those of the last one.
 Side make_own_side(Label label, const Workload& workload, const KernelSelector& selector,
                    std::span<const Ray> rays, Query query, std::uint32_t hits_max);
 Result<Side> make_peer_side(PeerLibrary& library, const PeerForm& form, const Workload& workload,

@@ -110,6 +110,14 @@ def claims(target):
     yield Claim("2 threads, rays per CPU-second over one thread's", 0.95, 0.98,
                 over(("terrain",), "primary", "diffuse"),
                 **{**ours, "traversal": "single", "threads": 2, "peer": "own"})
+    for traversal in ("single", "auto"):
+        # The bounds are times: 1.15 in total, 1.35 per level, over single rays. Beside auto they are told.
+        for counters, most in (("total", 1.15), ("level", 1.35)):
+            bound = 1 / most if traversal == "single" else 0
+            yield Claim(f"counting {'in total' if counters == 'total' else 'per level'}, over {traversal} without",
+                        bound, bound, over(("terrain", "cards", "forest3"), "primary", "diffuse"), value="ratio",
+                        **{**ours, "precision": "watertight", "traversal": traversal, "counters": counters,
+                           "peer": "own"})
     for name, test, base in (("null pointer, checked", "pointer_null", "no_test"),
                              ("no-op behind a pointer", "pointer_noop", "no_test"),
                              ("alpha test behind a pointer", "pointer_alpha", "fused_alpha")):

@@ -64,6 +64,12 @@ void add_missing_fields(Table& table) {
     table.spoilt("Query without a scene", query, Code::invalid_field);
     table.spoilt("Render without a job", wire::RenderT{}, Code::invalid_field);
     table.spoilt("Heatmap without a job", wire::HeatmapT{}, Code::invalid_field);
+    wire::HeatmapT difference;
+    difference.job = std::make_unique<wire::JobT>();
+    difference.job->scene = "forest";
+    difference.other = std::make_unique<wire::JobT>();
+    table.spoilt("Heatmap of a difference without its other scene", difference,
+                 Code::invalid_field);
     wire::BlameT blame;
     table.spoilt("Blame without a job", blame, Code::invalid_field);
     blame.job = std::make_unique<wire::JobT>();

@@ -43,13 +43,15 @@ class Outcome(dict[str, Any]):
         # Done repeats only the words that have changed.
         self.update({key: value for key, value in message.items()
                      if value is not None and (name == "Started" or value != "")})
-        self.update(self.get("heat", {}))
+        if self.get("heat"):
+            self["heat"] = signed_statistics(self["heat"])
+            self.update(self["heat"])
         self["notes"] = notes
         if not self.get("invalid"):
             self.pop("first_invalid", None)
         if not self.get("samples"):
-            self.pop("samples", None)
-            self.pop("dropped", None)
+            for key in ("samples", "dropped", "incomplete"):
+                self.pop(key, None)
         if name == "Started":
             self["origin"] = origin_of(self)
             del self["hidden"]
@@ -67,12 +69,22 @@ class Outcome(dict[str, Any]):
             first = f"ray {self['first_invalid']}"
             if self.rays_per_point:
                 first += f", of point {self['first_invalid'] // self.rays_per_point}"
-            warn(f"{self['invalid']} of {self['rays']} rays are not valid and count as misses, the "
-                 f"first is {first}: something in it is not finite, its "
-                 "direction is zero, or tmin is negative or beyond tmax", RayWarning)
+            told = (f"{first} is not valid and counts as a miss" if self["invalid"] == 1 else
+                    f"{self['invalid']} of {self['rays']} rays are not valid and count as misses, "
+                    f"the first is {first}")
+            warn(f"{told}: something in it is not finite, its direction is zero, or tmin is "
+                 "negative or beyond tmax", RayWarning)
         if self.get("truncated"):
             warn(f"{self['truncated']} of {self['rays']} rays have more hits than max_hits, of "
                  "which the nearest were kept; raise it", RayWarning)
+
+
+def signed_statistics(heat: dict[str, Any]) -> dict[str, Any]:
+    """Differences, whose range alone begins below zero, travel as the u32 of the same bits."""
+    if heat["range_low"] >= 0:
+        return heat
+    return {key: value - 2**32 if key in ("min", "p50", "p90", "p99", "max") and value >= 2**31 else value
+            for key, value in heat.items()}
 
 
 class SceneMoved(Exception):
@@ -106,3 +118,22 @@ def job_message(scene: str, options: JobOptions) -> Message:
                            if value is not None]
     message["deadline_ms"] = milliseconds(options.get("deadline"))
     return message
+
+
+def other_message(scene: str, job: JobOptions, diff: Any) -> Optional[Message]:
+    """The job that a difference subtracts: `diff` is another Scene, or the options that differ."""
+    if diff is None:
+        return None
+    name = getattr(diff, "name", None)
+    if isinstance(name, str):
+        return job_message(name, JobOptions({**job, "epoch": 0}))
+    if not isinstance(diff, Mapping):
+        raise UsageError(f"diff of {reprlib.repr(diff)}: it must be a Scene, or a dict of the options "
+                         "that differ, as {'intersector': 'opaque'}")
+    options = {**job, **diff}
+    if diff.get("intersector", job.get("intersector")) == job.get("intersector"):
+        # The parameters of one intersector are not those of another.
+        options["params"] = {**(job.get("params") or {}), **(diff.get("params") or {})}
+    else:
+        options["params"] = diff.get("params")
+    return job_message(scene, options)  # type: ignore[arg-type]

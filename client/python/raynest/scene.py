@@ -17,18 +17,20 @@ from ._columns import MISS, Chunk, Columns, Whole, anywhere
 from ._control import Message
 from ._explain import pixel_message, ray_message, receive_document
 from ._frame import Array
-from ._job import JobOptions, Progress, SceneMoved, job_message, origin_of
+from ._job import JobOptions, Progress, SceneMoved, job_message, origin_of, other_message
 from ._picture import Picture, camera_message, size_message
 from ._precision import ray_warning
 from ._query import Query
-from ._rays import Rays, Source, segments, vector
+from ._rays import Rays, Source, flat_pairs, segments, vector
+from ._render import Renders
 from ._words import path_info, scene_info
 from .errors import InvalidError, RayWarning, UsageError, warn
 from .generators import Generator as RayGenerator, one_sample
+from .images import HeatView, with_view
 from .job import Job
 
 
-class Scene:
+class Scene(Renders):
     """A scene, made by Client.load(), mesh() or scene(). Rays, cameras and positions are in the
     world: the scene's origin is subtracted before they are sent and added to answers, in float64."""
 
@@ -203,16 +205,18 @@ class Scene:
     def occluded(self, a: Any, b: Any, *, margin: Optional[float] = None,
                  margin_distance: Optional[float] = None, origin: Any = None,
                  progress: Progress = None, **job: Unpack[JobOptions]) -> Array:
-        """Returns, as (N,) bool, whether anything lies between points a and b. Both are (N, 3), or
-        one is (3,). Both ends of each segment are left out, so that points on a surface do not hide
+        """Returns, as bool, whether anything lies between points a and b: (N, 3) each, or any two
+        shapes (..., 3) that broadcast, so that a[:, None], b[None] asks for all pairs. Both ends of each segment are left out, so that points on a surface do not hide
         themselves: a share `margin` (1e-4), or `margin_distance` in the scene's units, metres in
         glTF. The answer is False for a segment no longer than both margins, and for one with an end
         that is masked or not finite; a RayWarning counts the latter."""
+        a, b, shape = flat_pairs(a, b)
+
         def ask(shift: Array, expected: bool) -> Any:
             source = self._source(segments(a, b, margin, margin_distance, shift), None, shift)
             return self._trace(source, shift, expected, "any", ("hit",), None, job, "", progress,
                                False)
-        return np.asarray(self._at(origin, ask)["hit"] != 0)
+        return np.asarray(self._at(origin, ask)["hit"] != 0).reshape(shape)
 
     def _learn(self, info: dict[str, Any]) -> None:
         """Takes the scene's place from its info."""
@@ -287,39 +291,41 @@ class Scene:
     # ---- pictures -------------------------------------------------------------------------------
 
     @none_is_default
-    def render(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
-               fov: float = 0.0, size: tuple[int, int] = (960, 540), integrator: str = "primary",
-               spp: int = 1, seed: int = 0, encode: str = "raw", progress: Progress = None,
-               detach: bool = False, samples: Optional[int] = None,
-               **job: Unpack[JobOptions]) -> Any:
-        """Renders a picture: (height, width, 4) of u8, sRGB and alpha, row 0 on top. With `encode`
-        "png" or "exr" returns the bytes of such a file; with `detach` a Job whose fetch() does.
-
-        `camera` is a camera of the scene, by name or index, by default the first; or `look_at` is
-        (eye, at) or (eye, at, up). `fov` is vertical, in degrees. `spp`, or `samples`, is the number
-        of rays per pixel.
-        """
-        return self._picture("Render", camera, look_at, fov, size, progress, detach, job, {
-            "integrator": integrator, "samples": spp if samples is None else samples, "seed": seed, "encode": encode})
-
-    @none_is_default
     def heatmap(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
                 fov: float = 0.0, size: tuple[int, int] = (960, 540), metric: str = "total",
-                palette: str = "turbo", scale: str = "linear",
+                palette: str = "", scale: str = "linear",
                 range: Union[str, Sequence[float]] = "p99",
-                count: str = "traversed", encode: str = "raw", progress: Progress = None,
+                count: str = "traversed", diff: Union[Scene, Mapping[str, Any], None] = None,
+                encode: str = "raw", progress: Progress = None,
                 detach: bool = False, **job: Unpack[JobOptions]) -> Any:
-        """Returns the cost of a ray through each pixel: counts, (height, width) of u32; with `encode` "png"
-        or "exr" the bytes of such a file, the former with a legend. Statistics over all pixels are
-        in Client.outcome["heat"]. `range` is "p99", "auto", or (low, high). Cameras and `detach` are
-        those of render()."""
+        """Returns the cost of a ray through each pixel, a Heatmap: counts, (height, width) of u32,
+        which also has png(), top() and explain(x, y). With `encode` "png" or "exr" it is the bytes
+        of such a file, the former with a legend, the latter with a channel for every metric and
+        level. Statistics over all pixels are in Client.outcome["heat"].
+
+        `metric` is a counter, or as "boxes.1" that of one level. `range` is "p99", "auto", or (low,
+        high). `diff` is another Scene, or the job options that differ, as {"intersector": "opaque"}:
+        what the same rays cost there is subtracted, and the counts are i32. Cameras and `detach`
+        are those of render()."""
+        colours = {"palette": palette, "scale": scale, "range": range}
         if not isinstance(range, str):
             if np.shape(range) != (2,):
                 raise UsageError(f"range of {range!r}: it must be 'p99', 'auto' or (low, high)")
             range = f"{float(range[0])!r}:{float(range[1])!r}"
-        return self._picture("Heatmap", camera, look_at, fov, size, progress, detach, job, {
+        answer = self._picture("Heatmap", camera, look_at, fov, size, progress, detach, job, {
             "metric": metric, "palette": palette, "scale": scale, "range": range, "count": count,
-            "encode": encode})
+            "encode": encode, "other": other_message(self.name, job, diff)})
+        if detach or encode != "raw":
+            return answer
+        outcome = dict(self._client.outcome)
+        view = {"camera": camera, "look_at": look_at, "fov": fov, "size": size, **job,
+                "epoch": outcome["epoch"]}
+
+        def ask(method: str, **more: Any) -> Any:
+            if method == "heatmap":
+                more.update(metric=metric, count=count, diff=diff)
+            return getattr(self, method)(**view, **more)
+        return with_view(answer, HeatView(outcome, ask, colours))
 
     def _picture(self, name: str, camera: Union[str, int], look_at: Optional[Sequence[Any]],
                  fov: float, size: tuple[int, int], progress: Progress, detach: bool,

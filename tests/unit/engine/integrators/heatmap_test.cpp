@@ -226,7 +226,73 @@ TEST_CASE("no text of a legend reaches the picture's edge") {
 
 TEST_CASE("counts that do not fill the picture are refused") {
     CHECK_FALSE(heat_picture(2, 2, one_to(3), statistics_of(one_to(3)), {}).has_value());
-    CHECK_FALSE(heat_picture(0, 0, {}, {}, {}).has_value());
+    CHECK_FALSE(heat_picture(0, 0, std::span<const std::uint32_t>{}, {}, {}).has_value());
+}
+
+TEST_CASE("a difference has signed statistics, and a range with zero in its middle") {
+    std::vector<std::int32_t> differences(100);
+    std::iota(differences.begin(), differences.end(), -80);  // -80 to 19
+    const auto measured = [&](const std::string& range) {
+        return heat_statistics(differences, {.palette = "diverging", .range = range});
+    };
+    const auto s = measured("p99");
+    REQUIRE(s.has_value());
+    CHECK(s->min == -80);
+    CHECK(s->p50 == -31);
+    CHECK(s->p90 == 9);
+    CHECK(s->p99 == 18);
+    CHECK(s->max == 19);
+    CHECK(s->mean == doctest::Approx(-30.5));
+    CHECK(s->range_high == 79);  // of the distances from zero
+    CHECK(s->range_low == -79);
+    CHECK(s->below == doctest::Approx(0.01));
+    CHECK(s->clipped == 0);
+    CHECK(measured("auto")->range_low == -80);
+    CHECK(measured("-10:10")->clipped == doctest::Approx(0.09));
+    for (const char* range : {"0:10", "-10:20", "10:-10", "-0:0", "-10", "-nan:nan", "-inf:inf"})
+        CHECK_FALSE(measured(range).has_value());
+    const std::vector<std::int32_t> equal(4);
+    CHECK(heat_statistics(equal, {})->range_high == 1);
+}
+
+TEST_CASE("a difference is blue below zero, red above, and its legend has signed ticks") {
+    const std::vector<std::int32_t> differences = {-100, -50, 0, 50, 100, 200};
+    const HeatOptions options{.palette = "diverging", .range = "-100:100"};
+    const auto statistics = heat_statistics(differences, options);
+    const auto picture = heat_picture(6, 1, differences, *statistics, options);
+    REQUIRE(picture.has_value());
+    const auto less = pixel(*picture, 0, 0), more = pixel(*picture, 4, 0);
+    CHECK(less[2] > less[0]);
+    CHECK(more[0] > more[2]);
+    CHECK(pixel(*picture, 1, 0)[2] > pixel(*picture, 1, 0)[0]);
+    for (const int channel : pixel(*picture, 2, 0)) CHECK(channel > 230);
+    CHECK(pixel(*picture, 5, 0) == more);
+    for (const char* text : {"-100", ">+100", "0", "+50", "-50", "max +200", "min -100", "difference"})
+        CHECK(shows(*picture, 1, text));
+
+    const HeatScale scale{-100, 100, true, true};
+    CHECK(scale.position(0) == 0.5);
+    CHECK(scale.position(-100) == 0);
+    CHECK(scale.position(100) == 1);
+    CHECK(scale.position(1000) == 1);
+    CHECK(scale.position(10) + scale.position(-10) == doctest::Approx(1));
+    CHECK(scale.position(10) > 0.7);
+}
+
+TEST_CASE("the bars of a histogram hold every pixel once") {
+    const auto bars = [](const auto& values) {
+        const std::span whole(values);
+        return heat_histogram(whole, *heat_statistics(whole, {}));
+    };
+    const std::vector<std::uint32_t> counts = one_to(128);
+    const auto even = bars(counts);
+    REQUIRE(even.size() == heat_bars);
+    CHECK(std::ranges::all_of(even, [](std::uint64_t bar) { return bar == 2; }));
+    const std::vector<std::int32_t> differences = {-5, -5, 0, 4};
+    const auto ends = bars(differences);
+    CHECK(ends.front() == 2);
+    CHECK(std::accumulate(ends.begin(), ends.end(), std::uint64_t{0}) == 4);
+    CHECK(bars(std::vector<std::uint32_t>{7, 7}).front() == 2);
 }
 
 TEST_CASE("every letter of the legends has its own glyph") {

@@ -1,0 +1,110 @@
+// raynest open [SCENE]: shows the daemon's page in the browser, or tells its address.
+#include "client/commands/commands.h"
+#include "client/output.h"
+#include "client/scene_source.h"
+
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstdlib>
+#include <iostream>
+#include <string_view>
+
+extern char** environ;
+
+namespace raynest::client {
+namespace {
+
+constexpr std::string_view scheme = "http://";
+
+/// Returns text as it stands in the fragment of an address.
+std::string percent_encoded(std::string_view text) {
+    constexpr std::string_view plain =
+        "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_.~";
+    constexpr std::string_view digits = "0123456789ABCDEF";
+    std::string encoded;
+    for (const char c : text) {
+        const auto byte = static_cast<unsigned char>(c);
+        if (plain.find(c) != std::string_view::npos)
+            encoded += c;
+        else
+            encoded.append({'%', digits[byte >> 4], digits[byte & 15]});
+    }
+    return encoded;
+}
+
+bool has_display() {
+    for (const char* name : {"DISPLAY", "WAYLAND_DISPLAY"})
+        if (const char* value = std::getenv(name); value != nullptr && *value != '\0') return true;
+    return false;
+}
+
+/// Runs xdg-open, which returns once a browser has the address; false where there is none.
+bool show(const std::string& address) {
+    std::string program = "xdg-open", argument = address;
+    std::array<char*, 3> arguments = {program.data(), argument.data(), nullptr};
+    pid_t child = -1;
+    if (posix_spawnp(&child, program.c_str(), nullptr, nullptr, arguments.data(), environ) != 0)
+        return false;
+    int status = 0;
+    while (waitpid(child, &status, 0) < 0)
+        if (errno != EINTR) return false;
+    return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
+/// Loads the source that stands in the place of a scene, as `raynest load` does; the name stays.
+Result<std::string> load_to_stay(Context& context, const std::string& source) {
+    const Result<Upload> upload = gather(source, "", "");
+    if (!upload) return tl::unexpected<Failure>(upload.error());
+    wire::LoadT load;
+    load.name = upload->scene_name;
+    const auto loaded = load_scene(context.connection, context.progress, load, *upload);
+    context.progress.clear();
+    if (!loaded) return tl::unexpected<Failure>(loaded.error());
+    return std::string(protocol::text(protocol::present((*loaded)->info()).name()));
+}
+
+}  // namespace
+
+Result<void> run(Context& context, const OpenOptions& options) {
+    const auto reply = ask<wire::Statistics>(context.connection, wire::StatsT{});
+    if (!reply) return tl::unexpected<Failure>(reply.error());
+    std::string address(protocol::text((*reply)->http()));
+    if (address.empty())
+        return fail(Exit::failed,
+                    "this daemon serves no page: start raynestd with --http 127.0.0.1:31061");
+    if (!address.starts_with(scheme))
+        return fail(Exit::failed, "the daemon names '" + address + "', which is no http address");
+    const std::string place =
+        address.substr(scheme.size(), address.find('/', scheme.size()) - scheme.size());
+    std::string scene = options.scene;
+    if (is_source(scene)) {
+        auto name = load_to_stay(context, scene);
+        if (!name) return tl::unexpected<Failure>(name.error());
+        scene = std::move(*name);
+    }
+    if (!scene.empty()) {
+        wire::InfoT info;
+        info.scene = scene;
+        const auto known = ask<wire::SceneInfo>(context.connection, info);
+        if (!known) return tl::unexpected<Failure>(known.error());
+        address += "#scene=" + percent_encoded(scene);
+    }
+    const bool opened = has_display() && show(address);
+    if (context.json) {
+        print_json(Json{{"address", address}, {"opened", opened}});
+        return {};
+    }
+    std::cout << address << '\n';
+    if (!opened)
+        std::cerr << "raynest: open this address in a browser on the daemon's machine; from another "
+                     "machine run ssh -L "
+                  << place.substr(place.rfind(':') + 1) << ':' << place
+                  << " HOST there first and open it there\n";
+    return {};
+}
+
+}  // namespace raynest::client
