@@ -75,7 +75,7 @@ Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
 
 /// Chooses the passes of a job.
 void set_passes(const wire::Render& message, FilmOptions& options) {
-    const bool detached = message.job()->detach();
+    const bool detached = protocol::present(message.job()).detach();
     if (options.progressive || options.best_by_ms != 0 || detached) {
         options.passes = refinement_passes(options.samples);
         return;
@@ -107,7 +107,7 @@ std::vector<Attribute> request_attributes(const wire::Render& message,
         }
     }
     std::string set;
-    for (const std::string& setting : protocol::strings(message.job()->settings()))
+    for (const std::string& setting : protocol::strings(protocol::present(message.job()).settings()))
         set.append(set.empty() ? "" : " ").append(setting);
     const IntegratorSettings& settings = options.settings;
     return {{"raynest:version", RAYNEST_VERSION},
