@@ -75,7 +75,8 @@ Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
 
 /// Chooses the passes of a job.
 void set_passes(const wire::Render& message, FilmOptions& options) {
-    const bool detached = message.job()->detach();
+    const wire::Job* const job = message.job();
+    const bool detached = job != nullptr && job->detach();
     if (options.progressive || options.best_by_ms != 0 || detached) {
         options.passes = refinement_passes(options.samples);
         return;
@@ -105,8 +106,9 @@ std::vector<Attribute> request_attributes(const wire::Render& message,
         }
     }
     std::string set;
-    for (const std::string& setting : protocol::strings(message.job()->settings()))
-        set.append(set.empty() ? "" : " ").append(setting);
+    if (const wire::Job* const job = message.job(); job != nullptr)
+        for (const std::string& setting : protocol::strings(job->settings()))
+            set.append(set.empty() ? "" : " ").append(setting);
     const IntegratorSettings& settings = options.settings;
     return {{"raynest:version", RAYNEST_VERSION},
             {"raynest:integrator", options.integrator},
