@@ -136,7 +136,7 @@ HttpReply HttpSite::answer(const HttpRequest& request) const {
     if (!is_own_host(request.hosts.front())) {
         const std::string host = protocol::clean_text(request.hosts.front(), quoted_bytes_max);
         return refuse_foreign(
-            421, "the host " + quoted(host) +
+            421, "the host " + quoted(std::string_view(host)) +
                      " is not one of this daemon; open http://127.0.0.1:" + std::to_string(port_) +
                      "/, or start it with --http-host " + std::string(split_host(host).name));
     }
