@@ -101,6 +101,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         add_notes(done.notes(), outcome);
         outcome.samples = done.samples();
         outcome.dropped = done.dropped();
+        outcome.incomplete = done.incomplete();
         if (const wire::HeatStatistics* heat = done.heat()) heat->UnPackTo(&outcome.heat);
     }
     return {};
@@ -130,6 +131,7 @@ Json outcome_json(const Outcome& outcome) {
     if (outcome.samples != 0) {
         json["samples"] = outcome.samples;
         json["dropped"] = outcome.dropped;
+        json["incomplete"] = outcome.incomplete;
     }
     return json;
 }

@@ -16,19 +16,19 @@ inline void declare(CLI::App& app, TopOptions& top) {
     app.add_flag("--once", top.once, "print one look at a second of the daemon's work, and end");
 }
 inline void declare(CLI::App& app, OpenOptions& open) {
-    app.add_option("SCENE", open.scene,
+    app.add_option("SCENE", open.source,
                    "name of a loaded scene (the first one); or FILE.glb, builtin:NAME and so on, "
                    "which is loaded as by raynest load");
 }
 inline void declare(CLI::App&, JobsOptions&) {}
 inline void declare(CLI::App& app, WaitOptions& wait) {
     add_job_number(app, wait.job);
-    add_deadline(app, wait.deadline, "end the wait, not the job, after so many seconds");
+    add_deadline(app, wait.deadline, "stop waiting after this many seconds; the job goes on");
 }
 inline void declare(CLI::App& app, FetchOptions& fetch) {
     add_job_number(app, fetch.job);
     add_output(app, fetch.output, {".png", ".exr", ".npy", ".npz"},
-               "the file that the job was asked for (of a query, else a table on stdout)");
+               "file of the kind that the job makes (a query without it: a table on stdout)");
 }
 inline void declare(CLI::App& app, CancelOptions& cancel) {
     add_job_number(app, cancel.job);

@@ -75,8 +75,25 @@ struct PictureOptions {
 };
 struct RenderOptions : PictureOptions {
     std::string integrator;
-    std::uint32_t samples = 1;
+    std::uint32_t samples = 0;  ///< 0: those of the integrator
     std::uint64_t seed = 0;
+    std::uint32_t depth = 0;  ///< 0: the daemon's
+    float ao_distance = 0;    ///< 0: the daemon's
+    std::string environment;  ///< auto | sky | none | a file
+    std::optional<std::array<float, 2>> sun;  ///< azimuth and elevation in degrees
+    std::string tonemap, exposure;
+    bool progressive = false;
+    float noise = 0;
+    bool all_cameras = false;
+};
+struct ResumeOptions {
+    std::string file;
+    std::uint32_t samples = 0;
+    std::string output;  ///< empty: `file`
+    std::string scene;   ///< empty: the one that the file names
+    std::string environment;
+    bool progressive = false;
+    double deadline = 0;
 };
 struct QueryOptions {
     JobOptions job;
@@ -116,7 +133,7 @@ struct TopOptions {
     bool once = false;  ///< one look, and the end
 };
 struct OpenOptions {
-    std::string scene;  ///< a name or a source, or empty
+    std::string source;  ///< a scene's name, or a source that is loaded to stay; or empty
 };
 struct JobsOptions {};
 struct WaitOptions {
@@ -152,7 +169,7 @@ struct LoadTestOptions {
 
 using CommandOptions =
     std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, UnloadOptions,
-                 VariantsOptions, StatsOptions, RenderOptions, QueryOptions, HeatmapOptions,
+                 VariantsOptions, StatsOptions, RenderOptions, ResumeOptions, QueryOptions, HeatmapOptions,
                  ExplainOptions, TopOptions, OpenOptions, JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions,
                  LoginOptions, AdminOptions>;
 

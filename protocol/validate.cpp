@@ -371,6 +371,17 @@ Result<void> validate(const wire::Render& message, const Limits& limits) {
         .name("exposure", message.exposure())
         .at_least("samples", message.samples(), 1)
         .at_most("samples", message.samples(), limits.samples_max, "samples_max")
+        .at_most("depth", message.depth(), limits.bounces_max, "bounces_max")
+        .finite("ao_distance", static_cast<double>(message.ao_distance()))
+        .that(message.ao_distance() >= 0, "ao_distance", "must not be negative")
+        .finite("sun_azimuth", static_cast<double>(message.sun_azimuth()))
+        .finite("sun_elevation", static_cast<double>(message.sun_elevation()))
+        .finite("noise", static_cast<double>(message.noise()))
+        .that(message.noise() >= 0, "noise", "must not be negative")
+        .at_most("resume_bytes", message.resume_bytes(), limits.upload_bytes_max,
+                 "upload_bytes_max")
+        .at_most("environment_bytes", message.environment_bytes(), limits.upload_bytes_max,
+                 "upload_bytes_max")
         .name("encode", message.encode());
     check_picture(checks, message.width(), message.height());
     return checks.result();

@@ -31,6 +31,7 @@ Result<void> run(Context& context, const UnloadOptions& options);
 Result<void> run(Context& context, const VariantsOptions& options);
 Result<void> run(Context& context, const StatsOptions& options);
 Result<void> run(Context& context, const RenderOptions& options);
+Result<void> run(Context& context, const ResumeOptions& options);
 Result<void> run(Context& context, const QueryOptions& options);
 Result<void> run(Context& context, const HeatmapOptions& options);
 Result<void> run(Context& context, const ExplainOptions& options);

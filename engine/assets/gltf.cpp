@@ -42,6 +42,7 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
     scene.warnings = model->warnings;
     if (auto done = gltf::read_nodes(*model, limits, *rules, scene); !done)
         return gltf::error_of(done);
+    gltf::read_lights(*model, scene);
     if (auto done = gltf::read_materials(*model, limits, scene); !done) return gltf::error_of(done);
     if (model->hidden_instances != 0) scene.skipped["hidden_instances"] = model->hidden_instances;
     for (const char* shape : {"points", "lines"}) {

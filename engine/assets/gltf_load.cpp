@@ -461,7 +461,7 @@ Result<Model> load_model(const ImportRequest& request, const Glb& text, const Pr
                                 "KHR_mesh_quantization") != file.extensionsUsed.end();
     if (auto done = convert_accessors(*parsed, model); !done) return error_of(done);
     for (const auto convert : {convert_meshes, convert_textures, convert_materials, convert_cameras,
-                               convert_nodes, convert_skins, choose_scene}) {
+                               convert_nodes, convert_lights, convert_skins, choose_scene}) {
         if (auto done = convert(file, model); !done) return error_of(done);
     }
     take_masks(prescan, model);

@@ -77,8 +77,17 @@ RecordNormal record_normal(std::uint32_t type, const void* registry) {
 
 }  // namespace
 
+namespace {
+
+bool has_blended_materials(const SceneView& scene) {
+    return std::any_of(scene.materials, scene.materials + scene.material_count,
+                       [](const MaterialRecord& m) { return m.alpha_mode == AlphaMode::blend; });
+}
+
+}  // namespace
+
 Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
-                      Query query, CounterMode counters) {
+                      Query query, CounterMode counters, bool lit) {
     using protocol::text;
     using protocol::word;
     const auto priority = parse_priority(word(job.priority(), "normal"));
@@ -90,8 +99,11 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     auto scene = services.scenes.find(text(job.scene()), job.epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
     plan.scene = std::move(*scene);
-    const auto variant =
-        services.registry.choose(word(job.intersector(), "auto"), plan.scene.snapshot().view());
+    std::string_view intersector = word(job.intersector(), "auto");
+    if (lit && intersector == "auto" && has_blended_materials(plan.scene.snapshot().view()) &&
+        services.registry.find("alpha_blend") != nullptr)
+        intersector = "alpha_blend";
+    const auto variant = services.registry.choose(intersector, plan.scene.snapshot().view());
     if (!variant) return refuse(variant.error());
     plan.variant = *variant;
     auto settings = read_settings(*plan.variant, job.settings());
@@ -149,8 +161,8 @@ TraceCall Plan::call() const {
 bool Plan::same_call(const Plan& other) const {
     return scene.held == other.scene.held && variant == other.variant &&
            settings.params == other.settings.params && settings.flags == other.settings.flags &&
-           query == other.query && traversal == other.traversal &&
-           mask == other.mask && selected == other.selected && hits_max == other.hits_max;
+           query == other.query && traversal == other.traversal && mask == other.mask &&
+           selected == other.selected && hits_max == other.hits_max;
 }
 
 std::uint64_t Plan::hit_rays_max() const {

@@ -69,9 +69,9 @@ struct Plan {
 inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
 
 /// Makes the plan of a job; an error names the wrong word. Counters force the single traversal
-/// on the CPU, and a note to the user says so.
+/// on the CPU, and a note to the user says so. A lit picture blends where no intersector is named.
 Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
-                      Query query, CounterMode counters = counters_none);
+                      Query query, CounterMode counters = counters_none, bool lit = false);
 
 /// Returns the submission of a job with this plan; the caller adds the job itself.
 [[nodiscard]] JobSubmission accept(const Plan& plan, const char* kind, std::uint64_t rays);

@@ -2,6 +2,7 @@
 
 #include "protocol/control.h"
 #include "protocol/text.h"
+#include "server/diag/refusals.h"
 #include "server/jobs/job_log.h"
 
 #include <algorithm>
@@ -335,8 +336,12 @@ void Runner::finish(const ActivePointer& active) {
         });
     if (active->error) {
         const Code code = active->error->code;
-        ++(code == Code::cancelled ? context_.metrics.jobs_cancelled : context_.metrics.jobs_failed);
-        if (code == Code::deadline) ++context_.metrics.deadlines_passed;
+        ++(code == Code::cancelled ? context_.metrics.jobs_cancelled
+                                   : context_.metrics.jobs_failed);
+        if (code == Code::deadline)
+            ++context_.metrics.deadlines_passed;
+        else if (code != Code::cancelled)
+            ++refusals_of(context_.metrics, code);
     }
     if (sink_ != nullptr && active->error)
         sink_->send(protocol::encode_error(active->id, *active->error, false));
@@ -368,6 +373,9 @@ void Runner::tick(Clock::time_point now) {
                 message.done = progress->done;
                 message.total = progress->total;
                 message.stage = progress->stage;
+                message.samples = progress->samples;
+                message.noise = progress->noise;
+                message.left_ms = progress->left_ms;
                 sink_->send(*protocol::encode(active->id, message));
             }
             // Pump: the job may have waited for something other than its client.

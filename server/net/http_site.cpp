@@ -2,7 +2,6 @@
 
 #include "protocol/hash.h"
 #include "protocol/text.h"
-#include "server/diag/exposition.h"
 #include "server/embedded.h"
 
 #include <algorithm>
@@ -15,6 +14,8 @@
 namespace raynest::server {
 namespace {
 
+/// Media type of Prometheus' text format.
+constexpr std::string_view exposition_type = "text/plain; version=0.0.4; charset=utf-8";
 /// Letters of a foreign header that an answer repeats.
 constexpr std::size_t quoted_bytes_max = 100;
 

@@ -3,7 +3,7 @@ import { levelColour } from "./explain.js";
 import { askDocument, latest } from "./documents.js";
 import { element, field, fillSelect } from "./dom.js";
 
-const BOXES_MAX = 4000;
+const BOXES_MAX = 1200;
 
 /** "level:least:most:one" as the link has it, or null. */
 export function parseBoxes(text) {

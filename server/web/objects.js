@@ -50,7 +50,7 @@ function instances(app) {
   const { daemon, store, model, selection, failed } = app;
   const place = (row) => (row.box ? row.box[0].map((x, i) => short((x + row.box[1][i]) / 2)).join(" ") : "");
   const table = sortableTable("Instances", [
-    number("Path", (row) => Number(row.path), String), { title: "Name", value: (row) => row.name || "(the root)" }, { title: "Object", value: (row) => row.mesh },
+    { ...number("Path", (row) => Number(row.path), String), ascending: true }, { title: "Name", value: (row) => row.name || "(the root)" }, { title: "Object", value: (row) => row.mesh },
     { title: "Mask", value: (row) => row.mask.toString(16) }, { title: "Centre", value: place }],
   { choose: (row) => selection.choose({ kind: "placements", first: BigInt(row.path), count: 1n, object: row.object, name: row.name }) });
   const range = element("span", { className: "hint" });

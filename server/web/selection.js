@@ -79,8 +79,9 @@ export class Selection extends EventTarget {
   }
 
   #mark() {
-    const { overlay, picture } = this.#app;
-    if (!this.chosen || !picture.image?.complete) return overlay?.mask(null);
+    const { overlay, picture, store } = this.#app;
+    // What is isolated stands out without dimming the rest.
+    if (!this.chosen || !picture.image?.complete || store.values.isolated.length) return overlay?.mask(null);
     return this.#run(async (signal) => {
       const { width, height } = picture.image;
       const columns = await this.#ids(signal);

@@ -2,11 +2,11 @@
 import { element } from "./dom.js";
 
 /**
- * `columns` are {title, value(row), text(row), number}; `on` has choose(row); `titles` explain columns.
+ * `columns` are {title, value(row), text(row), number, ascending}; `on` has choose(row); `titles` explain columns.
  * Returns {node, show(rows), mark(test)}: mark() selects the rows that pass, and scrolls to the first.
  */
 export function sortableTable(caption, columns, on, titles = {}) {
-  let rows = [], by = 0, down = true, chosen = () => false;
+  let rows = [], by = 0, down = Boolean(columns[0].number) && !columns[0].ascending, chosen = () => false;
   const body = element("tbody");
   const heads = columns.map((column, i) => element("th", { scope: "col", className: column.number ? "number" : "", title: titles[column.title] },
     element("button", { type: "button", onclick: () => { down = by === i ? !down : Boolean(column.number); by = i; draw(); } }, column.title)));
@@ -39,6 +39,7 @@ export function sortableTable(caption, columns, on, titles = {}) {
              chosen = test;
              for (const line of body.children) line.setAttribute("aria-selected", test(line.row));
              const first = body.querySelector('[aria-selected="true"]');
-             if (first && !node.contains(document.activeElement)) first.scrollIntoView?.({ block: "nearest" });
+             // Scroll the table alone: the panel around it stays where it is.
+             if (first && !node.contains(document.activeElement)) node.scrollTop = Math.max(first.offsetTop - node.clientHeight / 2, 0);
            } };
 }

@@ -33,7 +33,9 @@ export function visibility(app) {
     }),
     hide: guarded(async () => {
       const found = await ids();
-      if (found.length) store.set({ hidden: [...new Set([...store.values.hidden, ...found])].slice(0, HIDDEN_MAX), isolated: store.values.isolated.filter((id) => !found.includes(id)) });
+      if (found.length === 0) return;
+      store.set({ hidden: [...new Set([...store.values.hidden, ...found])].slice(0, HIDDEN_MAX), isolated: store.values.isolated.filter((id) => !found.includes(id)) });
+      selection.choose(null);
     }),
     isolate: guarded(async () => {
       const found = await ids();

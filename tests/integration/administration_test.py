@@ -117,6 +117,23 @@ class Administration(unittest.TestCase):
             self.assertEqual(done.returncode, 1, command)
             self.assertIn("cannot write to stdout", done.stderr)
 
+    def raynestd_says(self, *arguments):
+        done = subprocess.run([self.raynestd, *map(str, arguments)], capture_output=True, check=False,
+                              text=True, timeout=PATIENCE)
+        return done.returncode, done.stdout + done.stderr
+
+    def test_a_configuration_that_cannot_be_read_says_why(self):
+        for file, why in ((self.folder, "it is a folder"),
+                          (self.folder / "nowhere", "No such file or directory")):
+            self.assertEqual(self.raynestd_says("--config", file),
+                             (2, f"raynestd: --config: cannot read {file}: {why}; see raynestd --help\n"))
+
+    def test_help_has_words_and_no_names_of_checks(self):
+        code, text = self.raynestd_says("--help")
+        self.assertEqual(code, 0)
+        self.assertIn("Compute threads, 1 to 1024", text)
+        self.assertNotRegex(text, r"UINT:UINT|in \[1 - |OR \(FILE\)|TEXT:\{|:DIR")
+
     def test_options_of_a_unix_socket_that_is_not_there_are_warned_of(self):
         daemon = self.daemon("--socket-mode", "0660")
         self.assertEqual(self.lines(daemon, "socket_access_unused")[0]["level"], "warning")

@@ -29,7 +29,7 @@ def scrape(http):
 
 
 class Metrics(DaemonTest):
-    arguments = ("--http", "127.0.0.1:0", "--principal-jobs-max", "6", "--total-jobs-max", "6", "--memory", "256M",
+    arguments = ("--http", "127.0.0.1:0", "--principal-jobs-max", "6", "--total-jobs-max", "5", "--memory", "256M",
                  "--principal-scenes-max", "4")
 
     @classmethod
@@ -69,7 +69,7 @@ class Metrics(DaemonTest):
                      "raynest_request_duration_seconds_bucket{le=\"+Inf\"}", "raynest_request_duration_seconds_count",
                      "process_open_fds", "process_resident_memory_bytes", "process_cpu_seconds_total"):
             self.assertIn(name, found)
-        self.assertEqual(found["raynest_queue_limit_jobs"], 6)
+        self.assertEqual(found["raynest_queue_limit_jobs"], 5)
         self.assertEqual(found["raynest_memory_budget_bytes"], 256 << 20)
         self.assertGreater(found["raynest_scene_bytes"], 0)
         build = next(name for name in found if name.startswith("raynest_build_info"))
@@ -104,20 +104,28 @@ class Metrics(DaemonTest):
 
     def broken_load(self):
         broken = self.out / "broken.gltf"
-        broken.write_text("{")
+        broken.write_text('{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":5}]}')
         self.assertNotEqual(self.client.run("load", broken).returncode, 0)
 
     def test_too_many_jobs(self):
         ws = greeted(self.http)
         self.addCleanup(ws.close)
         # Queries whose rays do not come stay in flight.
-        for request in range(1, 7):
+        for request in range(1, 6):
             ws.say("Query", request, {"job": {"scene": "forest"}, "fields": ["t"], "ray_count": 10})
             self.assertEqual(ws.hear()[0], "Started")
-        self.rises("raynest_rejected_total{reason=\"quota\"}", self.refused(
-            "Heatmap", {"job": {"scene": "forest"}, "width": 8, "height": 8}, "QUOTA"))
-        self.assertEqual(scrape(self.http)["raynest_jobs{state=\"running\"}"], 6)
+        self.rises("raynest_rejected_total{reason=\"busy\"}", self.refused(
+            "Heatmap", {"job": {"scene": "forest"}, "width": 8, "height": 8}, "BUSY"))
+        self.assertEqual(scrape(self.http)["raynest_jobs{state=\"running\"}"], 5)
         self.rises("raynest_requests_total{status=\"cancelled\"}", lambda: ws.say("Cancel", 1))
+
+    def test_too_many_scenes(self):
+        def load_five():
+            for number in range(5):
+                self.client.run("load", f"builtin:flake?depth={number + 1}", "--name", f"flake-{number}")
+        self.rises("raynest_rejected_total{reason=\"quota\"}", load_five)
+        for number in range(5):
+            self.client.run("unload", f"flake-{number}")
 
     def test_connections_that_end_badly(self):
         def nonsense():
@@ -140,7 +148,7 @@ class Metrics(DaemonTest):
         ws = greeted(self.http)
         self.addCleanup(ws.close)
         for request in (1, 2):
-            ws.say("Heatmap", request, {"job": {"scene": "forest"}, "width": 4096, "height": 4096, "encode": "raw"})
+            ws.say("Heatmap", request, {"job": {"scene": "forest"}, "width": 2048, "height": 2048, "encode": "raw"})
         self.assertEqual(ws.hear()[0], "Started")
         times = []
         for _ in range(30):
@@ -166,7 +174,8 @@ class Drain(DaemonTest):
         ws.say("Heatmap", 3, {"job": {"scene": "forest"}, "width": 8, "height": 8})
         until(lambda: scrape(daemon.http)["raynest_rejected_total{reason=\"draining\"}"] > before)
         ws.close()
-        daemon.stop()
+        self.assertEqual(daemon.process.wait(timeout=PATIENCE), 0)
+        daemon.folder.cleanup()
 
 
 if __name__ == "__main__":

@@ -50,8 +50,8 @@ class Outcome(dict[str, Any]):
         if not self.get("invalid"):
             self.pop("first_invalid", None)
         if not self.get("samples"):
-            self.pop("samples", None)
-            self.pop("dropped", None)
+            for key in ("samples", "dropped", "incomplete"):
+                self.pop(key, None)
         if name == "Started":
             self["origin"] = origin_of(self)
             del self["hidden"]

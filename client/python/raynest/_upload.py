@@ -58,7 +58,7 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
         data = read_file(source, _limits.upload_bytes_max)
     elif nameless or is_pipe(source):
         data = read_file(source, _limits.upload_bytes_max, lambda begin: _sniffed(source, begin))
-        extension = _sniffed(source, data) if data else ""
+        extension = _sniffed(source, data)
         name += extension
     else:
         extension = _sniff(head_of(source))
@@ -68,8 +68,7 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
         data = read_file(source, _limits.upload_bytes_max)
     if nameless:
         stem, folder, name = "", ".", "stdin" + extension
-    if not data:
-        raise errors.InvalidError(f"{'stdin' if source in STANDARD else source} is empty", "FILE_INVALID")
+    _refuse_empty(source, data)
     records = extension.lower() == ".npy"
     _check_records(source, records, primitive, instances)
     main = File(sendable(name), data)
@@ -111,7 +110,14 @@ def _sniff(data: bytes) -> str:
     return ".gltf" if data.lstrip(b" \t\r\n")[:1] == b"{" else ""
 
 
+def _refuse_empty(source: str, data: bytes) -> None:
+    if not data:
+        raise errors.InvalidError(f"{'stdin' if source in STANDARD else source} is empty",
+                                  "FILE_INVALID")
+
+
 def _sniffed(source: str, data: bytes) -> str:
+    _refuse_empty(source, data)
     extension = _sniff(data)
     if not extension:
         raise errors.InvalidError(f"{source} brought neither a .glb, a .gltf nor a .npy",

@@ -22,6 +22,7 @@ from ._picture import Picture, camera_message, size_message
 from ._precision import ray_warning
 from ._query import Query
 from ._rays import Rays, Source, flat_pairs, segments, vector
+from ._render import Renders
 from ._words import path_info, scene_info
 from .errors import InvalidError, RayWarning, UsageError, warn
 from .generators import Generator as RayGenerator, one_sample
@@ -29,7 +30,7 @@ from .images import HeatView, with_view
 from .job import Job
 
 
-class Scene:
+class Scene(Renders):
     """A scene, made by Client.load(), mesh() or scene(). Rays, cameras and positions are in the
     world: the scene's origin is subtracted before they are sent and added to answers, in float64."""
 
@@ -288,22 +289,6 @@ class Scene:
             "reduce": reduce}, source, origin, expected)
 
     # ---- pictures -------------------------------------------------------------------------------
-
-    @none_is_default
-    def render(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
-               fov: float = 0.0, size: tuple[int, int] = (960, 540), integrator: str = "primary",
-               spp: int = 1, seed: int = 0, encode: str = "raw", progress: Progress = None,
-               detach: bool = False, samples: Optional[int] = None,
-               **job: Unpack[JobOptions]) -> Any:
-        """Renders a picture: (height, width, 4) of u8, sRGB and alpha, row 0 on top, an Image, which
-        also has png(). With `encode` "png" or "exr" returns the bytes of such a file; with `detach` a Job whose fetch() does.
-
-        `camera` is a camera of the scene, by name or index, by default the first; or `look_at` is
-        (eye, at) or (eye, at, up). `fov` is vertical, in degrees. `spp`, or `samples`, is the number
-        of rays per pixel.
-        """
-        return self._picture("Render", camera, look_at, fov, size, progress, detach, job, {
-            "integrator": integrator, "samples": spp if samples is None else samples, "seed": seed, "encode": encode})
 
     @none_is_default
     def heatmap(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,

@@ -300,8 +300,7 @@ TEST_CASE("the longest running task is told, and none once it has ended") {
         CHECK(test::eventually(
             [&] { return workers.longest_task() >= std::chrono::milliseconds(50); }));
     }
-    CHECK(test::eventually(
-        [&] { return workers.longest_task() == std::chrono::nanoseconds(0); }));
+    CHECK(test::eventually([&] { return workers.longest_task() == std::chrono::nanoseconds(0); }));
 }
 
 }  // namespace
