@@ -28,6 +28,7 @@ class Lists:
         self.errors = self.rows("protocol/errors.def", "ERROR")
         self.limits = self.rows("protocol/limits.def", "LIMIT")
         self.requests = self.rows("protocol/requests.def", "REQUEST")
+        self.roles = self.rows("protocol/roles.def", "ROLE")
         self.parts = self.rows("protocol/requests.def", "PART")
         self.answers = self.rows("protocol/requests.def", "ANSWER")
         self.generators = self.rows("protocol/generators.def", "GENERATOR")
@@ -41,6 +42,8 @@ class Lists:
         self.kinds = self.rows("engine/packs/words.def", "KIND")
         self.untraced = self.rows("engine/packs/words.def", "UNTRACED")
         self.traversals = self.rows("engine/packs/words.def", "TRAVERSAL")
+        self.layers = self.rows("engine/integrators/layers.def", "LAYER")
+        self.tonemaps = self.rows("engine/integrators/tonemaps.def", "TONEMAP")
         self.palettes = self.rows("engine/integrators/palettes.def", "PALETTE")
         self.metrics = self.rows("server/diag/metrics.def", "METRIC|GAUGE")
 
@@ -97,6 +100,17 @@ def column_table(lists):
                  [(f"`{name}`", "u32", text) for name, text in lists.counters])
 
 
+def layer_table(lists):
+    """Channels that share a text stand in one row."""
+    rows = []
+    for _, name, kind, text in lists.layers:
+        if text:
+            rows.append(([], kind, text))
+        rows[-1][0].append(name)
+    return table(("channels of the EXR", "type", ""),
+                 [(code(names), kind, text) for names, kind, text in rows])
+
+
 def message_table(lists):
     rows = [(int(number), name, f"-> {answer}") for number, name, *_, answer in lists.requests]
     rows += [(int(number), name, text) for number, name, _, text in lists.parts]
@@ -131,10 +145,15 @@ TABLES = {
         f"  {name} = {number}," for number, name in sorted(
             (int(row[0]), row[1]) for row in lists.requests + lists.parts + lists.answers)), "}"],
     "columns": column_table,
+    "layers": layer_table,
+    "tonemaps": lambda lists: table(("tonemap", ""), [(f"`{name}`", text) for name, text in lists.tonemaps]),
     "kinds": lambda lists: table(("kind", "answer per ray"), [
         (f"`{name}`", text) for name, *_, text in lists.kinds + lists.untraced]),
     "traversals": lambda lists: table(("traversal", ""), [
         (f"`{word}`", text) for _, word, text in lists.traversals]),
+    "roles": lambda lists: table(("role", "may", "requests that need it"), [
+        (f"`{role}`", text, code(row[1] for row in lists.requests if row[4] == role))
+        for role, text in lists.roles]),
     "workers": lambda lists: table(("worker", ""), [(f"`{name}`", text) for name, text in lists.workers]),
     "reducers": lambda lists: table(("reduce", "columns", ""), [
         (f"`{name}`", columns, text) for name, _, _, columns, text in lists.reducers]),

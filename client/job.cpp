@@ -101,6 +101,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         add_notes(done.notes(), outcome);
         outcome.samples = done.samples();
         outcome.dropped = done.dropped();
+        outcome.incomplete = done.incomplete();
         if (const wire::HeatStatistics* heat = done.heat()) heat->UnPackTo(&outcome.heat);
     }
     return {};
@@ -130,6 +131,7 @@ Json outcome_json(const Outcome& outcome) {
     if (outcome.samples != 0) {
         json["samples"] = outcome.samples;
         json["dropped"] = outcome.dropped;
+        json["incomplete"] = outcome.incomplete;
     }
     return json;
 }
@@ -147,11 +149,15 @@ std::string outcome_text(const Outcome& outcome) {
 
 void print_notes(const Outcome& outcome) {
     for (const std::string& note : outcome.notes) std::cerr << "raynest: " << note << '\n';
-    if (outcome.invalid != 0)
+    if (outcome.invalid == 1)
+        std::cerr << "raynest: ray " << outcome.first_invalid
+                  << " is not valid and counts as a miss";
+    if (outcome.invalid > 1)
         std::cerr << "raynest: " << grouped(outcome.invalid) << " of " << grouped(outcome.rays)
                   << " rays are not valid and count as misses, the first is ray "
-                  << outcome.first_invalid
-                  << ": something in it is not finite, its direction is zero, or tmin is negative "
+                  << outcome.first_invalid;
+    if (outcome.invalid != 0)
+        std::cerr << ": something in it is not finite, its direction is zero, or tmin is negative "
                      "or beyond tmax\n";
 }
 

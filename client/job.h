@@ -33,6 +33,7 @@ struct Outcome {
     std::uint64_t invalid = 0, first_invalid = 0;
     std::uint64_t samples = 0;          ///< per pixel of a lit picture
     std::uint64_t dropped = 0;          ///< samples that were not finite
+    bool incomplete = false;            ///< a lit picture has fewer samples than it was asked for
     std::optional<std::uint64_t> rows;  ///< queries only, from DONE
     double seconds = 0, queued_seconds = 0;
     wire::HeatStatisticsT heat;  ///< heat maps only

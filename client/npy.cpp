@@ -260,6 +260,7 @@ Result<std::optional<NpyHeader>> read_npy_header(std::span<const std::byte> begi
 }
 
 Result<Array> parse_npy(std::span<const std::byte> file) {
+    if (file.empty()) return refuse("is empty");
     auto header = read_npy_header(file);
     if (!header) return tl::unexpected<Failure>(header.error());
     if (!*header) return refuse("is cut within its header");

@@ -22,6 +22,16 @@
 
 namespace raynest::client {
 
+/// Returns the exit codes as help lists them.
+inline std::string exit_codes() {
+    std::string text = "\nExit codes:\n";
+    for (const protocol::ExitInfo& exit : protocol::exit_table()) {
+        const std::string code = std::to_string(static_cast<int>(exit.code));
+        text += "  " + code + std::string(5 - code.size(), ' ') + std::string(exit.text) + "\n";
+    }
+    return text;
+}
+
 /// Adds an option whose text is parsed by `read`, which returns what is wrong, or "".
 template <class Read>
 CLI::Option* add_parsed(CLI::App& app, const std::string& name, Read read,
@@ -75,6 +85,18 @@ CLI::Option* add_whole(CLI::App& app, const std::string& name, Whole& value, Who
 }
 inline constexpr std::uint64_t any_whole = std::numeric_limits<std::uint64_t>::max();
 
+/// Says in words what CLI11 says of an option group: "Exactly 1 option from [--ray,--rays] is
+/// required", of two "but 2 were given" too.
+inline std::string plain_words(std::string what) {
+    constexpr std::string_view begin = "Exactly 1 option from [";
+    const std::size_t end = what.find(']');
+    if (!what.starts_with(begin) || end == std::string::npos) return what;
+    std::string names = what.substr(begin.size(), end - begin.size());
+    for (std::size_t at = 0; (at = names.find(',', at)) != std::string::npos; at += 2)
+        names.insert(at + 1, " ");
+    return "one of " + names + what.substr(end + 1);
+}
+
 /// Refuses "", which a script passes for a variable that it forgot to set.
 inline std::string complain_if_empty(const std::string& text) {
     return text.empty() ? "must not be empty" : "";
@@ -101,7 +123,7 @@ inline void add_scene(CLI::App& app, std::string& scene) {
 
 inline void add_epoch(CLI::App& app, std::uint64_t& epoch) {
     add_whole(app, "--epoch", epoch, std::uint64_t{1}, any_whole,
-              "that epoch of the scene (the current one)");
+              "epoch of the scene (the current one)");
 }
 
 inline void add_deadline(CLI::App& app, double& deadline, const char* text) {
@@ -141,8 +163,8 @@ inline void add_job(CLI::App& app, JobOptions& job) {
         "only instances with one of these bits, hexadecimal (FFFFFFFF)");
     add_epoch(app, job.epoch);
     app.add_option("--worker", job.worker, alternatives(worker_words));
-    add_deadline(app, job.deadline, "give up after so many seconds");
-    app.add_option("--priority", job.priority, "low | normal | high");
+    add_deadline(app, job.deadline, "give up after this many seconds");
+    app.add_option("--priority", job.priority, "normal | low | high");
 }
 
 inline void add_camera(CLI::App& app, CameraOptions& camera) {
@@ -205,8 +227,8 @@ inline CLI::Option* add_output(CLI::App& app, std::string& output,
             }
             return "'" + value + "' must end in " + known + ", or be - for stdout";
         },
-        text + "; - for stdout, or -" + endings[0] +
-            " and so on for that format there; what is said of it then goes to stderr");
+        text + "; - for stdout, -" + endings[0] +
+            " to choose the format there; messages then go to stderr");
 }
 
 /// Adds --kind, --max-hits and --fields. Uses the one callback that CLI11 has per command.
@@ -216,11 +238,11 @@ inline void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
                    alternatives(kind_words) + " (canonical misses, nothing is traced)");
     constexpr protocol::Limits limits;
     add_whole(app, "--max-hits", max_hits, 1U, static_cast<std::uint32_t>(limits.all_hits_max),
-              "hits per ray: of multi (8, at most " + std::to_string(limits.hits_max) +
-                  "), of all the nearest are kept (4096)");
+              "hits per ray: of kind multi (8, at most " + std::to_string(limits.hits_max) +
+                  "), and of kind all, which keeps the nearest (4096)");
     app.parse_complete_callback([&kind, &max_hits] {
         if (max_hits != 0 && !has_splits(kind))
-            throw CLI::ValidationError("--max-hits", "is of --kind multi and of --kind all");
+            throw CLI::ValidationError("--max-hits", "belongs to --kind multi and --kind all");
         if (kind == "multi" && max_hits > protocol::Limits{}.hits_max)
             throw CLI::ValidationError("--max-hits",
                                        "of --kind multi is at most " +
@@ -246,8 +268,8 @@ inline void add_kind(CLI::App& app, std::string& kind, std::uint32_t& max_hits,
 inline void add_detach(CLI::App& app, JobOptions& job, const std::string* required_output) {
     app.add_flag(
         "--detach", job.detach,
-        "print a job's number and end; the daemon goes on, and raynest fetch NUMBER -o FILE "
-        "brings the answer. Of -o only the format counts then");
+        "start the job, print its number and end; raynest fetch NUMBER -o FILE gets the answer. "
+        "-o then only chooses the format");
     if (required_output == nullptr) return;
     app.parse_complete_callback([&job, required_output] {
         if (required_output->empty() && !job.detach) throw CLI::RequiredError("--output");

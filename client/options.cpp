@@ -3,6 +3,9 @@
 #include "client/connection.h"
 #include "client/difference.h"
 #include "client/generator.h"
+#include "client/job_options.h"
+#include "client/network_options.h"
+#include "client/option_film.h"
 #include "client/option_parts.h"
 #include "client/scene_source.h"
 
@@ -34,15 +37,6 @@ constexpr const char* first_steps = R"(say what to do. While a daemon runs (rayn
   raynest render forest -o forest.png
 raynest --help lists all that there is)";
 
-std::string exit_codes() {
-    std::string text = "\nExit codes:\n";
-    for (const protocol::ExitInfo& exit : protocol::exit_table()) {
-        const std::string code = std::to_string(static_cast<int>(exit.code));
-        text += "  " + code + std::string(5 - code.size(), ' ') + std::string(exit.text) + "\n";
-    }
-    return text;
-}
-
 void declare(CLI::App& app, LoadOptions& load) {
     app.add_option(
            "SOURCE", load.source,
@@ -51,8 +45,9 @@ void declare(CLI::App& app, LoadOptions& load) {
         ->required();
     app.add_option("--name", load.name,
                    "name of the scene (the file's stem; forest for builtin:forest?trees=5)");
-    app.add_flag("--replace", load.replace, "a new epoch of a name that is taken");
-    app.add_option("--build", load.build, "fast | medium | high");
+    app.add_flag("--replace", load.replace, "put it in the place of the scene of that name, as a new epoch");
+    add_share(app, load);
+    app.add_option("--build", load.build, "medium | fast | high: more time for the build makes faster trees");
     app.add_option_function<std::vector<std::string>>(
            "--set-mask",
            [&load](const std::vector<std::string>& rules) {
@@ -67,11 +62,11 @@ void declare(CLI::App& app, LoadOptions& load) {
         ->take_all()
         ->allow_extra_args(false);
     app.add_option("--primitive", load.primitive,
-                   "what the records of a .npy are: sphere, or a type of a loaded pack");
-    app.add_option("--instances", load.instances, "FILE.npy with 3x4 placements of them");
+                   "type of the records in a .npy: sphere, or one of a loaded pack");
+    app.add_option("--instances", load.instances, "FILE.npy of shape (N, 3, 4): where the records of a .npy are placed");
     add_point(app, "--origin",
-              "a point near a scene that lies far from zero: its digits are kept by subtracting "
-              "it. Rays and answers stay in the world",
+              "a point near a scene that lies far from zero; it is subtracted, so that coordinates "
+              "keep their digits. Rays and answers stay in the world",
               [&load](const WorldPoint& point) { load.origin = point; });
 }
 
@@ -96,7 +91,7 @@ void declare(CLI::App& app, UnloadOptions& unload) {
             unload.idle_ms = *milliseconds;
             return "";
         },
-        "every scene of yours that was not used for so long: 90s, 30m, 1h, 2d")
+        "every scene of yours that has not been used for this long: 90s, 30m, 1h, 2d")
         ->excludes(scenes)
         ->excludes(all);
     app.parse_complete_callback([&unload] {
@@ -112,17 +107,8 @@ void declare(CLI::App& app, PathOptions& path) {
     add_epoch(app, path.epoch);
 }
 
-void declare(CLI::App& app, RenderOptions& render) {
-    add_job(app, render.job);
-    add_camera(app, render.camera);
-    add_output(app, render.output, {".png", ".exr", ".npy"},
-               "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
-    add_detach(app, render.job, &render.output);
-    app.add_option("--integrator", render.integrator, "primary");
-    add_whole(app, "--spp,--samples", render.samples, 1U,
-              static_cast<std::uint32_t>(protocol::Limits{}.samples_max), "samples per pixel (1)");
-    add_whole(app, "--seed", render.seed, std::uint64_t{0}, any_whole, "of the random numbers (0)");
-}
+void declare(CLI::App& app, RenderOptions& render) { add_render(app, render); }
+void declare(CLI::App& app, ResumeOptions& resume) { add_resume(app, resume); }
 
 void declare(CLI::App& app, QueryOptions& query) {
     add_job(app, query.job);
@@ -152,7 +138,7 @@ void declare(CLI::App& app, QueryOptions& query) {
             },
             "KIND key=value...: the daemon makes them, as listed below")
         ->expected(1, -1);
-    add_point(app, "--from", "all rays of --rays start at x,y,z, and are directions",
+    add_point(app, "--from", "start of all rays; --rays then holds their directions",
               [&query](const WorldPoint& point) { query.from = point; })
         ->needs(file);
     add_parsed(
@@ -166,7 +152,7 @@ void declare(CLI::App& app, QueryOptions& query) {
     app.footer(generate_help() + exit_codes());
     add_kind(app, query.kind, query.max_hits, query.fields);
     app.add_option("--reduce", query.reduce,
-                   "a sum instead of rows per ray: " + alternatives(reduce_words));
+                   "one row per point or path instead of one per ray: " + alternatives(reduce_words));
     add_output(app, query.output, {".npz"}, "FILE.npz (else a table on stdout)");
     add_detach(app, query.job, nullptr);
 }
@@ -183,7 +169,7 @@ void declare(CLI::App& app, HeatmapOptions& heatmap) {
     app.add_option("--palette", heatmap.palette, alternatives(palette_words));
     app.add_option("--scale", heatmap.scale, "linear | log");
     CLI::Option* range = app.add_option("--range", heatmap.range,
-                                        "auto | p99 | LOW:HIGH; of a difference -HIGH:HIGH");
+                                        "p99 | auto | LOW:HIGH; of a difference -HIGH:HIGH");
     app.add_option("--range-from", heatmap.range_from,
                    "FILE.exr of a heat map whose range this one takes")
         ->excludes(range);
@@ -260,33 +246,6 @@ void declare(CLI::App& app, ExplainOptions& explain) {
     });
 }
 
-void add_job_number(CLI::App& app, std::uint64_t& job) {
-    add_whole(app, "ID", job, std::uint64_t{1}, any_whole, "number of a job (see: raynest jobs)")
-        ->required();
-}
-
-void declare(CLI::App& app, TopOptions& top) {
-    app.add_flag("--once", top.once, "print one look at a second of the daemon's work, and end");
-}
-void declare(CLI::App& app, OpenOptions& open) {
-    app.add_option("SCENE", open.source,
-                   "name of a loaded scene (the first one); or FILE.glb, builtin:NAME and so on, "
-                   "which is loaded as by raynest load");
-}
-void declare(CLI::App&, JobsOptions&) {}
-void declare(CLI::App& app, WaitOptions& wait) {
-    add_job_number(app, wait.job);
-    add_deadline(app, wait.deadline, "end the wait, not the job, after so many seconds");
-}
-void declare(CLI::App& app, FetchOptions& fetch) {
-    add_job_number(app, fetch.job);
-    add_output(app, fetch.output, {".png", ".exr", ".npy", ".npz"},
-               "the file that the job was asked for (of a query, else a table on stdout)");
-}
-void declare(CLI::App& app, CancelOptions& cancel) {
-    add_job_number(app, cancel.job);
-}
-
 void declare(CLI::App& app, LoadTestOptions& load_test) {
     add_job(app, load_test.job);
     add_kind(app, load_test.kind, load_test.max_hits, load_test.fields);
@@ -296,11 +255,10 @@ void declare(CLI::App& app, LoadTestOptions& load_test) {
               "rays of each request (1)");
     add_number(app, "--seconds", load_test.seconds, 0.1, 86400.0,
                "a number of seconds from 0.1 to 86400",
-               "against the daemon, and as long against each control (5)");
+               "time to measure the daemon, and then each control (5)");
     add_number(app, "--rate", load_test.rate, 0.1, 1.0e7, "a number from 0.1 to 10000000",
-               "requests per second of all clients, timed from when they are due; a client that "
-               "waits for an answer sends late, and what is still late after 5 s is MISSED (else "
-               "each client sends when it has its answer)");
+               "requests per second of all clients (else each client sends when it has its "
+               "answer). Times count from when a request is due; one that is 5 s late is MISSED");
 }
 
 /// The subcommands. Each has a name, an example, a line of text, and the options that its
@@ -312,11 +270,17 @@ public:
                          "upload a scene, or have the daemon make one");
         add<ScenesOptions>("scenes", "scenes", "list the loaded scenes");
         add<InfoOptions>("info", "info forest", "describe a scene");
-        add<PathOptions>("path", "path forest 77", "the text of a path id, and the id of a text");
+        add<PathOptions>("path", "path forest 77", "turn a path id into text, or text into an id");
         add<UnloadOptions>("unload", "unload forest", "drop a scene");
         add<VariantsOptions>("variants", "variants", "list intersectors and their parameters");
-        add<StatsOptions>("stats", "stats", "counters of the daemon");
-        add<RenderOptions>("render", "render forest -o forest.png", "make a picture");
+        add<StatsOptions>("stats", "stats", "print the daemon's counters");
+        add<RenderOptions>(
+            "render",
+            "render forest -o forest.png\n"
+            "  raynest render forest --integrator path --spp 64 --env sky -o forest.exr",
+            "make a picture");
+        add<ResumeOptions>("resume", "resume forest.exr --spp 256",
+                           "add samples to a lit picture");
         add<QueryOptions>(
             "query",
             "query forest --ray 0,1,5,0,0,-1\n"
@@ -332,13 +296,16 @@ public:
                             "show how one ray finds its hit, step by step");
         add<TopOptions>("top", "top", "watch the daemon work: jobs, rays per second, memory");
         add<OpenOptions>("open", "open forest", "show the daemon's page in the browser");
-        add<JobsOptions>("jobs", "jobs", "list what the daemon works on, and keeps");
-        add<WaitOptions>("wait", "wait 17", "until a detached job has ended");
+        add<JobsOptions>("jobs", "jobs", "list running jobs and kept answers");
+        add<WaitOptions>("wait", "wait 17", "wait until a detached job has ended");
         add<FetchOptions>("fetch", "fetch 17 -o forest.png",
-                          "get what a detached job has answered");
-        add<CancelOptions>("cancel", "cancel 17", "end a job, and drop what it has answered");
+                          "get the answer of a detached job");
+        add<CancelOptions>("cancel", "cancel 17", "end a job and drop its answer");
         add<LoadTestOptions>("load-test", "load-test forest --clients 8 --rays 64 --seconds 10",
                              "measure round trips and throughput, beside bare sockets");
+        add<LoginOptions>("login", "login tls://gpu.example.org:31060",
+                          "keep the token of a daemon for later commands");
+        add<AdminOptions>("admin", "admin connections", "administer the daemon");
     }
     /// Returns the help of the chosen subcommand, or of the program; it begins with an example.
     [[nodiscard]] std::string help() const {
@@ -419,6 +386,8 @@ Result<void> check_local(const Options& options) {
             if (job != nullptr && job->detach)
                 return fail(Exit::usage,
                             "--local ends its daemon with the command: leave --detach out");
+            if (std::is_same_v<Command, LoginOptions>)
+                return fail(Exit::usage, "login names a daemon itself: leave --local out");
             if (std::is_same_v<Command, LoadTestOptions> || std::is_same_v<Command, TopOptions> ||
                 std::is_same_v<Command, OpenOptions>)
                 return fail(Exit::usage, "--local ends its daemon with the command, and this one "
@@ -456,12 +425,14 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     app.require_subcommand(1);
     app.set_version_flag("--version", "raynest " RAYNEST_VERSION);
     app.add_option("--server", options.server,
-                   "tcp://HOST:PORT or unix:PATH (" + std::string(default_uri) + ")")
+                   "tcp://HOST:PORT, tls://HOST:PORT, unix:PATH or ssh://HOST (" + std::string(default_uri) +
+                       ")")
         ->envname("RAYNEST_SERVER");
+    add_access(app, options.access);
     app.add_flag("--local", options.local,
                  "start a raynestd for this command alone, with no scene but those it loads");
-    app.add_flag("--json", options.json, "answers and errors as JSON");
-    app.add_flag("--quiet", options.quiet, "no progress on stderr, where that is a terminal");
+    app.add_flag("--json", options.json, "print answers and errors as JSON");
+    app.add_flag("--quiet", options.quiet, "show no progress on the terminal");
     const Subcommands subcommands(app, options);
     const auto refuse = [&](const std::string& complaint) {
         return fail(Exit::usage, complaint + "; " + subcommands.see_also());
@@ -479,7 +450,7 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
         const std::string complaint = subcommands.complaint();
         if (!complaint.empty()) return refuse(complaint);
         if (app.get_subcommands().empty()) return fail(Exit::usage, first_steps);
-        return refuse(error.what());
+        return refuse(plain_words(error.what()));
     } catch (const CLI::ParseError& error) {
         const std::string complaint = subcommands.complaint();
         return refuse(complaint.empty() ? error.what() : complaint);

@@ -1,6 +1,7 @@
 // The options of the command line as plain structs; only options.cpp uses CLI11.
 #pragma once
 
+#include "client/access.h"
 #include "client/fail_if.h"
 #include "client/failure.h"
 
@@ -44,6 +45,7 @@ struct LoadOptions {
     std::string source, name, build, primitive, instances;
     WorldPoint origin{};
     std::vector<std::string> masks;  ///< "GLOB=HEX"
+    std::vector<std::string> share;  ///< principals, or "public"
     bool replace = false;
 };
 struct ScenesOptions {};
@@ -73,8 +75,25 @@ struct PictureOptions {
 };
 struct RenderOptions : PictureOptions {
     std::string integrator;
-    std::uint32_t samples = 1;
+    std::uint32_t samples = 0;  ///< 0: those of the integrator
     std::uint64_t seed = 0;
+    std::uint32_t depth = 0;  ///< 0: the daemon's
+    float ao_distance = 0;    ///< 0: the daemon's
+    std::string environment;  ///< auto | sky | none | a file
+    std::optional<std::array<float, 2>> sun;  ///< azimuth and elevation in degrees
+    std::string tonemap, exposure;
+    bool progressive = false;
+    float noise = 0;
+    bool all_cameras = false;
+};
+struct ResumeOptions {
+    std::string file;
+    std::uint32_t samples = 0;
+    std::string output;  ///< empty: `file`
+    std::string scene;   ///< empty: the one that the file names
+    std::string environment;
+    bool progressive = false;
+    double deadline = 0;
 };
 struct QueryOptions {
     JobOptions job;
@@ -128,6 +147,15 @@ struct FetchOptions {
 struct CancelOptions {
     std::uint64_t job = 0;
 };
+/// Keeps the token of a daemon in hosts.toml.
+struct LoginOptions {
+    std::string uri;
+};
+struct AdminOptions {
+    std::string act;     ///< connections | drain | reload | kick | quota
+    std::string target;  ///< of kick: a connection's number or a principal; of quota: a principal
+    std::vector<std::string> quota;  ///< "jobs=8"
+};
 struct LoadTestOptions {
     JobOptions job;
     std::string kind = "closest";
@@ -141,11 +169,13 @@ struct LoadTestOptions {
 
 using CommandOptions =
     std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, UnloadOptions,
-                 VariantsOptions, StatsOptions, RenderOptions, QueryOptions, HeatmapOptions,
-                 ExplainOptions, TopOptions, OpenOptions, JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions>;
+                 VariantsOptions, StatsOptions, RenderOptions, ResumeOptions, QueryOptions, HeatmapOptions,
+                 ExplainOptions, TopOptions, OpenOptions, JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions,
+                 LoginOptions, AdminOptions>;
 
 struct Options {
     std::string server;
+    AccessOptions access;
     bool local = false;  ///< a daemon for this command alone
     bool json = false;
     bool quiet = false;

@@ -6,9 +6,11 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <iostream>
 #include <utility>
 
@@ -30,15 +32,18 @@ std::size_t letters(const std::string& text) {
 }  // namespace
 
 Result<void> check_stdout() {
+    errno = 0;
     std::cout.flush();
     if (std::cout) return {};
+    const int why = errno;  // 0 if an earlier write failed
     // End silently if the reader, such as head, has closed the pipe.
     pollfd out{STDOUT_FILENO, POLLOUT, 0};
     if (::poll(&out, 1, 0) == 1 && (out.revents & POLLERR) != 0) {
         ::signal(SIGPIPE, SIG_DFL);
         ::raise(SIGPIPE);
     }
-    return fail(Exit::failed, "cannot write to stdout");
+    return fail(Exit::failed, "cannot write to stdout" +
+                                  (why == 0 ? "" : std::string(": ") + std::strerror(why)));
 }
 
 void print_json(const Json& value, std::ostream& to) {

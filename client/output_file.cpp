@@ -48,6 +48,7 @@ Result<Destination> destination_of(const std::string& path) {
         // Write a dangling link in place: that creates its target.
         if (::lstat(path.c_str(), &status) == 0) return Destination{path, false, true, {}};
         if (can_write(folder_of(path), W_OK | X_OK)) return Destination{path, false, false, {}};
+        if (errno == ENOENT) return cannot_write(path, "there is no folder " + folder_of(path));
         return cannot_write(path, std::strerror(errno));
     }
     if (S_ISDIR(status.st_mode)) return cannot_write(path, "it is a folder");

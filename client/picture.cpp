@@ -4,17 +4,22 @@
 #include "client/npy.h"
 
 #include <algorithm>
+#include <array>
+#include <cstdio>
 #include <utility>
 
 namespace raynest::client {
 namespace {
 
-/// Appends the bytes of a frame after checking that they are the next ones.
-Result<void> take_piece(const protocol::Frame& frame, ReceivedPicture& picture) {
+/// Appends the bytes of a frame after checking that they are the next ones. Passes a whole picture
+/// on, if a later one will replace it.
+Result<void> take_piece(const protocol::Frame& frame, ReceivedPicture& picture,
+                        const PassConsumer& consume_pass) {
     const auto opened = protocol::open<wire::Picture>(frame);
     if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
     const wire::Picture& piece = *opened->table;
     const protocol::BlockView* data = protocol::find_block(opened->blocks, "data");
+    if (piece.offset() == 0) picture.bytes.clear();
     if (data == nullptr || piece.offset() != picture.bytes.size() ||
         data->bytes.size() > piece.total() - std::min(piece.offset(), piece.total()))
         return fail(Exit::failed, "the daemon sent pieces of a picture that do not fit together");
@@ -22,7 +27,22 @@ Result<void> take_piece(const protocol::Frame& frame, ReceivedPicture& picture) 
     picture.height = piece.height();
     picture.encode = protocol::text(piece.encode());
     picture.bytes.insert(picture.bytes.end(), data->bytes.begin(), data->bytes.end());
-    return {};
+    const bool is_pass = !piece.last() && picture.bytes.size() == piece.total();
+    return is_pass && consume_pass ? consume_pass(picture) : Result<void>{};
+}
+
+/// Returns "tracing", or of a lit picture "16 samples, noise 3.1 %, 14 s left".
+std::string stage_text(const wire::Progress& news) {
+    std::string text(protocol::text(news.stage()));
+    if (news.samples() != 0) text = std::to_string(news.samples()) + " samples";
+    if (news.noise() > 0) {
+        std::array<char, 32> noise{};
+        std::snprintf(noise.data(), noise.size(), ", noise %.2g %%",
+                      100 * static_cast<double>(news.noise()));
+        text += noise.data();
+    }
+    if (news.left_ms() != 0) text += ", " + std::to_string((news.left_ms() + 999) / 1000) + " s left";
+    return text;
 }
 
 }  // namespace
@@ -33,8 +53,9 @@ std::string encoding_of(const std::string& output) {
     return ending == ".npy" ? "raw" : ending.substr(std::min<std::size_t>(1, ending.size()));
 }
 
-Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress) {
-    ReceivedPicture picture;
+Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress,
+                                        ReceivedPicture picture,
+                                        const PassConsumer& consume_pass) {
     while (true) {
         const auto frame = connection.next();
         if (!frame) return tl::unexpected<Failure>(frame.error());
@@ -42,12 +63,12 @@ Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progre
             return tl::unexpected<Failure>(taken.error());
         if (is<wire::Done>(*frame) || is<wire::Detached>(*frame)) return picture;
         if (is<wire::Picture>(*frame)) {
-            if (auto taken = take_piece(*frame, picture); !taken)
+            if (auto taken = take_piece(*frame, picture, consume_pass); !taken)
                 return tl::unexpected<Failure>(taken.error());
         } else if (is<wire::Progress>(*frame)) {
             const auto news = protocol::open<wire::Progress>(*frame);
             if (!news) return tl::unexpected<Failure>(failure(news.error()));
-            progress.update((*news)->done(), (*news)->total(), protocol::text((*news)->stage()));
+            progress.update((*news)->done(), (*news)->total(), stage_text(*news->table));
         }
     }
 }

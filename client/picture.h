@@ -10,6 +10,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -37,8 +38,13 @@ struct ReceivedPicture {
     std::vector<std::byte> bytes;
     Outcome outcome;
 };
-/// Reads the answer of a running Render or Heatmap to its end, or until it is detached.
-Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress);
+/// Takes each whole picture of an answer that refines one, but for the last.
+using PassConsumer = std::function<Result<void>(const ReceivedPicture&)>;
+/// Reads the answer of a running Render or Heatmap to its end, or until it is detached. `picture`
+/// holds what is known already. A later payload replaces an earlier one.
+Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress,
+                                        ReceivedPicture picture = {},
+                                        const PassConsumer& consume_pass = {});
 
 template <class Request>
 Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,

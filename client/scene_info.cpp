@@ -3,6 +3,7 @@
 #include "client/scene_origin.h"
 #include "client/wording.h"
 
+#include <algorithm>
 #include <iomanip>
 #include <iostream>
 #include <sstream>
@@ -173,8 +174,11 @@ void print_scene(const wire::SceneInfo& info) {
     // Leave out triangles for a scene of other primitives.
     if (!records.empty() && info.unique_triangles() == 0) rows.erase(rows.begin() + 1);
     const Json skipped = skipped_json(info);
-    for (const auto& [reason, count] : skipped.items())
-        rows.push_back({"skipped", grouped(count.get<std::uint64_t>()) + " " + reason});
+    for (const auto& [reason, count] : skipped.items()) {
+        std::string words = reason;
+        std::replace(words.begin(), words.end(), '_', ' ');
+        rows.push_back({"skipped", grouped(count.get<std::uint64_t>()) + " " + words});
+    }
     for (const std::string& warning : warnings(info)) rows.push_back({"warning", warning});
     print_table(rows);
 }

@@ -8,7 +8,9 @@
 #include "protocol/text.h"
 
 #include <algorithm>
+#include <array>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <string_view>
 #include <utility>
@@ -55,6 +57,19 @@ constexpr std::size_t head_bytes = 256;
 
 tl::unexpected<Failure> unknown_content(const std::string& source) {
     return fail(Exit::invalid, shown_name(source) + " brought neither a .glb, a .gltf nor a .npy");
+}
+
+/// Says why a source that exists or not is none that can be read, and what to do about it.
+tl::unexpected<Failure> not_a_scene(const std::string& source) {
+    std::error_code ignored;
+    if (std::filesystem::is_directory(source, ignored))
+        return fail(Exit::invalid, source + " is a folder; name the .glb or .gltf file in it");
+    constexpr std::array packed = {".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz"};
+    if (std::ranges::find(packed, extension_of(source)) != packed.end())
+        return fail(Exit::invalid, source + " is packed; unpack it and load what comes out");
+    return fail(Exit::invalid, source +
+                                   " is not a .glb, .gltf or .npy file, nor builtin:NAME; "
+                                   "convert it to .glb, for example with trimesh or Blender");
 }
 
 /// The first bytes of a file, enough for sniff(); nothing where it cannot be read.
@@ -148,10 +163,7 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
     const bool is_named_so = !nameless && is_known(ending);
     const bool is_piped = nameless || is_device(source);
     std::string extension = is_named_so ? ending : is_piped ? "" : sniff(head_of(source));
-    if (extension.empty() && !is_piped)
-        return fail(Exit::invalid, source +
-                                       " is not a .glb, .gltf or .npy file, nor builtin:NAME; "
-                                       "convert it to .glb, for example with trimesh or Blender");
+    if (extension.empty() && !is_piped) return not_a_scene(source);
     Gatherer gatherer(upload);
     const auto check =
         [&](std::span<const std::byte> begin) -> Result<std::optional<std::uint64_t>> {
@@ -162,6 +174,7 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
     };
     auto bytes = read_file(source, gatherer.left(), check);
     if (!bytes) return tl::unexpected<Failure>(bytes.error());
+    if (bytes->size() == 0) return fail(Exit::invalid, shown_name(source) + " is empty");
     if (extension.empty()) return unknown_content(source);
     if (auto fits = check_records(extension == ".npy"); !fits)
         return tl::unexpected<Failure>(fits.error());

@@ -23,6 +23,7 @@ constexpr std::array words = {
     Word{"Wait", "raynest wait"},
     // fields
     Word{"camera", "--camera"},
+    Word{"count", "--count"},
     Word{"deadline_ms", "--deadline"},
     Word{"epoch", "--epoch"},
     Word{"level", "--level"},

@@ -19,7 +19,11 @@ void check_job(Checks& checks, const wire::Job& job) {
         .settings("settings", job.settings(), checks.limits().name_bytes_max, "name_bytes_max")
         .name("traversal", job.traversal())
         .name("worker", job.worker())
-        .name("priority", job.priority());
+        .name("priority", job.priority())
+        .items("hidden_instances", job.hidden_instances())
+        .items("hidden_objects", job.hidden_objects())
+        .items("only_instances", job.only_instances())
+        .items("only_objects", job.only_objects());
 }
 
 void check_camera(Checks& checks, const wire::Camera& camera) {
@@ -131,7 +135,11 @@ Result<void> validate(const wire::Hello& message, const Limits& limits) {
 }
 
 Result<void> validate(const wire::Welcome& message, const Limits& limits) {
-    return Checks(limits).name("server", message.server()).result();
+    return Checks(limits)
+        .name("server", message.server())
+        .name("principal", message.principal())
+        .name("role", message.role())
+        .result();
 }
 
 Result<void> validate(const wire::Error& message, const Limits& limits) {
@@ -162,7 +170,8 @@ Result<void> validate(const wire::Load& message, const Limits& limits) {
         .finite("origin", message.origin_x())
         .finite("origin", message.origin_y())
         .finite("origin", message.origin_z())
-        .texts("masks", message.masks());
+        .texts("masks", message.masks())
+        .names("share", message.share());
     if (message.file_names() != nullptr)
         checks.at_most("files", message.file_names()->size(), limits.upload_files_max,
                        "upload_files_max");
@@ -205,7 +214,7 @@ Result<void> validate(const wire::Loaded& message, const Limits& limits) {
 
 Result<void> validate(const wire::SceneList& message, const Limits& limits) {
     return Checks(limits)
-        .names("names", message.names())
+        .texts("names", message.names())  // another's scene has its owner before its name
         .names("hashes", message.hashes())
         .equally_long("hashes", message.names(), message.hashes())
         .numbers("epochs", message.names(), message.epochs())
@@ -216,6 +225,10 @@ Result<void> validate(const wire::SceneList& message, const Limits& limits) {
         .numbers("age_ms", message.names(), message.age_ms())
         .numbers("idle_ms", message.names(), message.idle_ms())
         .numbers("holders", message.names(), message.holders())
+        .texts("shares", message.shares())
+        .that(message.shares() == nullptr || message.names() == nullptr ||
+                  message.shares()->size() == message.names()->size(),
+              "shares", "lists differ in length")
         .result();
 }
 
@@ -239,6 +252,16 @@ Result<void> validate(const wire::PartList& message, const Limits& limits) {
         .numbers("records", message.names(), message.records())
         .names("alpha_modes", message.alpha_modes())
         .equally_long("alpha_modes", message.names(), message.alpha_modes())
+        .result();
+}
+
+Result<void> validate(const wire::Structure& message, const Limits& limits) {
+    return Checks(limits)
+        .name("scene", message.scene())
+        .needs("scene", message.scene())
+        .name("kind", message.kind())
+        .at_most("count", message.count(), limits.structure_rows_max, "structure_rows_max")
+        .that(message.depth_min() <= message.depth_max(), "depth_min", "is above depth_max")
         .result();
 }
 
@@ -276,6 +299,28 @@ Result<void> validate(const wire::Unloaded& message, const Limits& limits) {
         .result();
 }
 
+Result<void> validate(const wire::Admin& message, const Limits& limits) {
+    return Checks(limits)
+        .name("act", message.act())
+        .needs("act", message.act())
+        .name("principal", message.principal())
+        .settings("quota", message.quota(), limits.name_bytes_max, "name_bytes_max")
+        .result();
+}
+
+Result<void> validate(const wire::AdminReport& message, const Limits& limits) {
+    return Checks(limits)
+        .text("text", message.text())
+        .names("principals", message.principals())
+        .names("roles", message.roles())
+        .names("transports", message.transports())
+        .names("peers", message.peers())
+        .numbers("connections", message.principals(), message.connections())
+        .numbers("age_ms", message.principals(), message.age_ms())
+        .numbers("jobs", message.principals(), message.jobs())
+        .result();
+}
+
 Result<void> validate(const wire::VariantList& message, const Limits& limits) {
     Checks checks(limits);
     if (message.variants() != nullptr)
@@ -288,6 +333,7 @@ Result<void> validate(const wire::Statistics& message, const Limits& limits) {
     return Checks(limits)
         .names("names", message.names())
         .numbers("values", message.names(), message.values())
+        .name("http", message.http())
         .result();
 }
 
@@ -322,8 +368,20 @@ Result<void> validate(const wire::Render& message, const Limits& limits) {
         .name("integrator", message.integrator())
         .name("environment", message.environment())
         .name("tonemap", message.tonemap())
+        .name("exposure", message.exposure())
         .at_least("samples", message.samples(), 1)
         .at_most("samples", message.samples(), limits.samples_max, "samples_max")
+        .at_most("depth", message.depth(), limits.bounces_max, "bounces_max")
+        .finite("ao_distance", static_cast<double>(message.ao_distance()))
+        .that(message.ao_distance() >= 0, "ao_distance", "must not be negative")
+        .finite("sun_azimuth", static_cast<double>(message.sun_azimuth()))
+        .finite("sun_elevation", static_cast<double>(message.sun_elevation()))
+        .finite("noise", static_cast<double>(message.noise()))
+        .that(message.noise() >= 0, "noise", "must not be negative")
+        .at_most("resume_bytes", message.resume_bytes(), limits.upload_bytes_max,
+                 "upload_bytes_max")
+        .at_most("environment_bytes", message.environment_bytes(), limits.upload_bytes_max,
+                 "upload_bytes_max")
         .name("encode", message.encode());
     check_picture(checks, message.width(), message.height());
     return checks.result();

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """The checks can fail: each planted violation is found, and a clean tree passes."""
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -170,7 +171,8 @@ class Lists(Planted):
     FILES = ("protocol/errors.def", "protocol/limits.def", "protocol/requests.def",
              "protocol/generators.def", "protocol/reducers.def", "protocol/workers.def", "engine/queries/fields.def",
              "engine/geometry/counters.def", "engine/packs/words.def",
-             "engine/integrators/palettes.def", "server/diag/metrics.def", "protocol/PROTOCOL.md",
+             "engine/integrators/palettes.def", "engine/integrators/layers.def",
+             "engine/integrators/tonemaps.def", "server/diag/metrics.def", "protocol/PROTOCOL.md",
              "protocol/messages.fbs", "client/python/README.md",
              "client/python/raynest/_lists.py", "client/python/raynest/_limits.py",
              "server/web/lists.js")
@@ -218,6 +220,37 @@ class Lists(Planted):
         code, text = self.lists("--check")
         self.assertEqual(code, 1)
         self.assertIn("does not end", text)
+
+
+class ServerReadme(unittest.TestCase):
+    """server/README.md names functions on the way of a ray and files to edit: all of them exist."""
+
+    ROOT = HERE.parent
+    TEXT = (ROOT / "server/README.md").read_text(encoding="utf-8")
+
+    def rows_below(self, title):
+        return self.TEXT[self.TEXT.index(title):].split("\n\n")[0]
+
+    def test_each_function_is_defined_and_their_number_is_right(self):
+        names = re.findall(r"`([\w:]+)`", self.rows_below("| thread | stage |"))
+        self.assertEqual([len(names)], [int(n) for n in re.findall(r"these (\d+) functions", self.TEXT)])
+        code = "\n".join(path.read_text(encoding="utf-8") for folder in ("server", "protocol", "engine")
+                         for path in (self.ROOT / folder).rglob("*") if path.suffix in (".h", ".cpp"))
+        for name in names:
+            scope, _, function = name.rpartition("::")
+            with self.subTest(name=name):
+                self.assertRegex(code, rf"\b{function}\(")
+                if scope:
+                    self.assertRegex(code, rf"\b(class|struct|namespace)\b.*\b{scope}\b")
+
+    def test_each_file_to_edit_is_there(self):
+        rows = self.rows_below("| to add | edit |")
+        self.assertEqual(len(rows.splitlines()), 14)
+        for row in rows.splitlines()[2:]:
+            names = re.findall(r"`([\w./]*/[\w./]+)`", row)
+            self.assertTrue(0 < len(names) <= 8, row)
+            for name in names:
+                self.assertTrue((self.ROOT / name).exists(), name)
 
 
 if __name__ == "__main__":

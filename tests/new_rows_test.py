@@ -1,18 +1,23 @@
 #!/usr/bin/env python3
-"""A counter, a generator and a request are one row each, and what they do: adds them to a copy of the
+"""A counter, a generator, a request, a material and a light are one row each, and what they do: adds them to a copy of the
 tree, builds that and uses them from the command line, from Python and in the documents.
 
   new_rows_test.py SOURCE_DIR BUILD_DIR CMAKE      of tests/run.sh --long; else skipped
 """
+import array
+import base64
+import json
 import os
 import pathlib
 import re
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
 import time
 import unittest
+import zlib
 
 SOURCE, BUILD, CMAKE = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]), sys.argv[3]
 
@@ -22,6 +27,29 @@ def run(*command, **options):
     if done.returncode:
         raise AssertionError(f"{command} gave {done.returncode}:\n{done.stdout[-5000:]}{done.stderr[-3000:]}")
     return done.stdout
+
+
+def png_mean(path):
+    """Means of R, G, B and A of an 8-bit RGBA picture."""
+    data, at, packed = path.read_bytes(), 8, b""
+    while at < len(data):
+        length, kind = struct.unpack(">I4s", data[at:at + 8])
+        body = data[at + 8:at + 8 + length]
+        if kind == b"IHDR":
+            width, height = struct.unpack(">II", body[:8])
+        if kind == b"IDAT":
+            packed += body
+        at += 12 + length
+    raw, stride, rows = zlib.decompress(packed), 4 * width, [bytes(4 * width)]
+    for y in range(height):
+        kind, line = raw[y * (stride + 1)], bytearray(raw[y * (stride + 1) + 1:(y + 1) * (stride + 1)])
+        for x in range(stride):
+            left, corner = (line[x - 4], rows[-1][x - 4]) if x >= 4 else (0, 0)
+            up = rows[-1][x]
+            paeth = min((left, up, corner), key=lambda p, c=left + up - corner: abs(c - p))
+            line[x] = (line[x] + (0, left, up, (left + up) // 2, paeth)[kind]) & 255
+        rows.append(bytes(line))
+    return [sum(sum(row[c::4]) for row in rows[1:]) / (width * height) for c in range(4)]
 
 
 class Tree:
@@ -112,13 +140,68 @@ Reply<Answer> echo(const Services& services, const Caller& caller,
                   "Reply<Answer> stats(")
 
 
+def add_shading(tree):
+    """A material that glows by its roughness, and a light that shines alike at any distance."""
+    (tree.root / "engine/shading/glow.h").write_text("""\
+#pragma once
+
+#include "engine/shading/unlit.h"
+
+namespace raynest {
+
+struct Glow : Unlit {
+    Glow(const MaterialPoint& point, const Vec3& outgoing) : Unlit(point, outgoing) {
+        colour = Vec3(point.roughness, 0, 0);
+    }
+};
+
+}  // namespace raynest
+""")
+    (tree.root / "engine/shading/even.h").write_text("""\
+#pragma once
+
+#include "engine/shading/point.h"
+
+namespace raynest {
+
+struct EvenLight {
+    static constexpr bool distant = false;
+    static float power(const LightRecord& light) { return brightness(light.intensity); }
+    static LightSample sample(const LightRecord& light, const Vec3& from, const Vec2& u) {
+        LightSample sample = PointLight::sample(light, from, u);
+        sample.radiance = light.intensity;
+        return sample;
+    }
+};
+
+}  // namespace raynest
+""")
+    for name, row in (("MATERIALS", "glow Glow"), ("LIGHTS", "even EvenLight")):
+        path = tree.root / "engine/shading" / name
+        path.write_text(path.read_text() + row + "\n")
+
+
+def lit_scene(material, light):
+    """A square of two metres that faces +z; a light stands far in front of it."""
+    points = array.array("f", [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, -1, 0, 1, 1, 0, -1, 1, 0]).tobytes()
+    return json.dumps({
+        "asset": {"version": "2.0"}, "extensionsUsed": ["KHR_lights_punctual"],
+        "extensions": {"KHR_lights_punctual": {"lights": [light]}},
+        "buffers": [{"byteLength": len(points), "uri": "data:application/octet-stream;base64," +
+                     base64.b64encode(points).decode()}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(points)}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 6, "type": "VEC3"}],
+        "materials": [material], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+        "nodes": [{"mesh": 0}, {"translation": [0, 0, 100], "extensions": {"KHR_lights_punctual": {"light": 0}}}]})
+
+
 class NewRows(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.scratch = pathlib.Path(tempfile.mkdtemp(prefix="raynest-rows-"))
         cls.addClassCleanup(shutil.rmtree, cls.scratch)
         cls.tree = Tree(cls.scratch / "tree")
-        for add in (add_counter, add_generator, add_request):
+        for add in (add_counter, add_generator, add_request, add_shading):
             add(cls.tree)
         run(sys.executable, cls.tree.root / ".ci/lists.py")
         run(sys.executable, cls.tree.root / ".ci/lists.py", "--check")
@@ -176,6 +259,26 @@ class NewRows(unittest.TestCase):
         self.assertEqual(refused.returncode, 2)
         self.assertIn("generator square_on needs scale", refused.stderr)
         self.assertIn("| `square_on` |", self.page())
+
+    def mean_of(self, name, material, light):
+        """Mean red and green of a picture that the square fills."""
+        scene = self.scratch / f"{name}.gltf"
+        scene.write_text(lit_scene(material, light))
+        self.raynest("load", scene, "--name", name)
+        picture = self.scratch / f"{name}.png"
+        self.raynest("render", name, "--integrator", "direct", "--spp", "4", "--size", "8x8", "--look-at",
+                     "0,0,2,0,0,0", "--fov", "40", "--env", "none", "--tonemap", "none", "--exposure", "0",
+                     "-o", picture)
+        return png_mean(picture)
+
+    def test_a_material_and_a_light_of_a_file_are_named_by_extras(self):
+        point = {"type": "point", "intensity": 1}
+        glow = {"pbrMetallicRoughness": {"roughnessFactor": 1}, "extras": {"raynest": {"material": "glow"}}}
+        self.assertEqual([round(x) for x in self.mean_of("glowing", glow, point)][:2], [255, 0])
+        plain = {"pbrMetallicRoughness": {"metallicFactor": 0}}
+        even = {**point, "intensity": 3, "extras": {"raynest": {"light": "even"}}}
+        self.assertLess(self.mean_of("dark", plain, point)[1], 10)
+        self.assertGreater(self.mean_of("even", plain, even)[1], 200)
 
     def test_a_request_is_answered(self):
         told = self.python("print(client.connection.ask('Echo', {'text': 'hello'}, 'Echoed')['text'])\n"

@@ -1,20 +1,34 @@
 // raynest render SCENE -o FILE: a picture, encoded by the daemon, or raw pixels.
 #include "client/commands/deliver.h"
+#include "client/files.h"
+#include "client/film.h"
 #include "client/output_file.h"
 
 #include <iostream>
 #include <utility>
 
 namespace raynest::client {
+namespace {
 
-Result<void> run(Context& context, const RenderOptions& options) {
+/// Returns "out.3.png" of "out.png".
+std::string numbered(const std::string& output, std::size_t number) {
+    const std::size_t dot = output.size() - extension_of(output).size();
+    return output.substr(0, dot) + "." + std::to_string(number) + output.substr(dot);
+}
+
+Result<void> render_one(Context& context, const RenderOptions& options) {
     if (!options.job.detach)
         if (auto writable = check_writable(options.output); !writable) return writable;
     auto request = picture_request<wire::RenderT>(options);
-    request.integrator = options.integrator;
-    request.samples = options.samples;
-    request.seed = options.seed;
-    auto picture = ask_picture(context.connection, context.progress, options, request);
+    FilmFiles files;
+    if (auto filled = fill_film(options, request, files); !filled) return filled;
+    PassConsumer write_pass;
+    if (options.progressive && !is_stdout(options.output))
+        write_pass = [&options](const ReceivedPicture& picture) {
+            return write_picture(options.output, picture);
+        };
+    auto picture =
+        ask_film(context.connection, context.progress, options, request, files, write_pass);
     if (!picture) return tl::unexpected<Failure>(picture.error());
     if (picture->outcome.detached != 0) {
         print_detached(context, picture->outcome);
@@ -23,20 +37,42 @@ Result<void> run(Context& context, const RenderOptions& options) {
     return deliver_render(context, options.output, std::move(*picture));
 }
 
-Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture) {
-    if (picture.encode == "raw") {
-        auto file = npy_file(picture, "|u1", {picture.height, picture.width, 4});
-        if (!file) return tl::unexpected<Failure>(file.error());
-        picture.bytes = std::move(*file);
+}  // namespace
+
+Result<void> run(Context& context, const RenderOptions& options) {
+    if (!options.all_cameras) return render_one(context, options);
+    if (is_stdout(options.output))
+        return fail(Exit::usage, "--cameras all writes several files: name one with -o");
+    wire::InfoT info;
+    info.scene = options.job.scene;
+    const auto described = ask<wire::SceneInfo>(context.connection, info);
+    if (!described) return tl::unexpected<Failure>(described.error());
+    const auto* cameras = (*described)->cameras();
+    if (cameras == nullptr || cameras->size() == 0)
+        return fail(Exit::invalid, "the scene has no cameras: leave --cameras out");
+    for (std::size_t i = 0; i < cameras->size(); ++i) {
+        RenderOptions one = options;
+        one.camera.name = std::to_string(i);
+        one.output = numbered(options.output, i);
+        if (auto done = render_one(context, one); !done) return done;
     }
-    if (auto written = write_file(output, picture.bytes); !written) return written;
+    return {};
+}
+
+Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture) {
+    if (auto written = write_picture(output, picture); !written) return written;
 
     print_notes(picture.outcome);
     if (context.json)
         print_json(picture_json(output, picture), summary_of(output));
     else
         summary_of(output) << picture_text(output, picture) << '\n';
-    return {};
+    if (!picture.outcome.incomplete) return {};
+    return fail(Exit::partial, output + " has " + std::to_string(picture.outcome.samples) +
+                                   " samples per pixel, fewer than it was asked for" +
+                                   (picture.encode == "exr"
+                                        ? "; raynest resume adds the others, once it is done"
+                                        : ""));
 }
 
 }  // namespace raynest::client

@@ -42,13 +42,16 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
     scene.warnings = model->warnings;
     if (auto done = gltf::read_nodes(*model, limits, *rules, scene); !done)
         return gltf::error_of(done);
+    gltf::read_lights(*model, scene);
     if (auto done = gltf::read_materials(*model, limits, scene); !done) return gltf::error_of(done);
     if (model->hidden_instances != 0) scene.skipped["hidden_instances"] = model->hidden_instances;
     for (const char* shape : {"points", "lines"}) {
         if (const auto found = scene.skipped.find(shape); found != scene.skipped.end()) {
             scene.warnings.push_back(
-                fmt::format("{} primitives of {} were left out; only triangles can be hit",
-                            found->second, shape));
+                fmt::format("{} of {} left out; only triangles can be hit",
+                            found->second == 1 ? "1 primitive"
+                                               : fmt::format("{} primitives", found->second),
+                            shape));
         }
     }
     return scene;

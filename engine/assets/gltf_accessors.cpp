@@ -117,7 +117,7 @@ Result<Accessor> check_accessor(const RawAccessor& raw, std::span<const View> vi
     if (!component_of(raw.component_type, out.component)) {
         return refuse(fmt::format("has the unknown component type {}", raw.component_type));
     }
-    if (raw.width == 0) return refuse("has an unknown type");
+    if (raw.width == 0) return refuse("has an unknown type or no valid count");
     if (raw.count > 0xFFFFFFFFU) return refuse("has a count that is negative or above 4294967295");
     if (raw.count == 0) {
         return refuse(fmt::format("has {} elements of {} components", raw.count, raw.width));

@@ -23,5 +23,7 @@ Result<void> convert_meshes(tinygltf::Model& file, Model& model);
 Result<void> convert_skins(tinygltf::Model& file, Model& model);
 Result<void> convert_textures(tinygltf::Model& file, Model& model);
 Result<void> convert_materials(tinygltf::Model& file, Model& model);
+/// Lights, and which node has which: after nodes.
+Result<void> convert_lights(tinygltf::Model& file, Model& model);
 
 }  // namespace raynest::gltf

@@ -93,6 +93,7 @@ private:
             }
         }
         if (auto done = read_colours(deformed, geometry); !done) return error_of(done);
+        if (auto done = read_normals(deformed, geometry); !done) return error_of(done);
         warn_of_texture(geometry);
         return geometry;
     }
@@ -255,6 +256,54 @@ private:
             }
         }
         return {};
+    }
+
+    /// Reads normals and tangents. They matter to shading alone, so those that cannot be read are
+    /// left out. A deformed mesh has other normals than the file says: they are those of its faces,
+    /// weighted by area.
+    Result<void> read_normals(const Deformed& deformed, GeometryDescription& geometry) {
+        const std::uint32_t normal = deformed.primitive.normal;
+        if (normal == no_id || geometry.indices.empty()) return {};
+        if (deformed.mesh.skin != no_id || !deformed.primitive.targets.empty()) {
+            geometry.normals.assign(geometry.positions.size(), Vec3(0));
+            for (std::size_t i = 0; i < geometry.indices.size(); i += 3) {
+                const std::uint32_t* const c = geometry.indices.data() + i;
+                const Vec3& p = geometry.positions[c[0]];
+                const Vec3 face =
+                    glm::cross(geometry.positions[c[1]] - p, geometry.positions[c[2]] - p);
+                for (int k = 0; k < 3; ++k) geometry.normals[c[k]] += face;
+            }
+            return {};
+        }
+        auto values = read_shading(deformed, normal, 3, "NORMAL");
+        if (!values) return error_of(values);
+        for (std::size_t i = 0; i + 2 < values->size(); i += 3)
+            geometry.normals.emplace_back((*values)[i], (*values)[i + 1], (*values)[i + 2]);
+        if (geometry.normals.empty() || deformed.primitive.tangent == no_id) return {};
+        // Tangents are read where a normal texture needs them.
+        if (geometry.material == no_id ||
+            model_.materials[geometry.material].surface.normal.texture == no_id)
+            return {};
+        auto tangents = read_shading(deformed, deformed.primitive.tangent, 4, "TANGENT");
+        if (!tangents) return error_of(tangents);
+        for (std::size_t i = 0; i + 3 < tangents->size(); i += 4)
+            geometry.tangents.emplace_back((*tangents)[i], (*tangents)[i + 1], (*tangents)[i + 2],
+                                           (*tangents)[i + 3]);
+        return {};
+    }
+
+    /// Returns nothing, with a warning, where the accessor does not fit.
+    Result<std::vector<float>> read_shading(const Deformed& deformed, std::uint32_t index,
+                                            std::uint32_t width, const char* name) {
+        const Accessor& accessor = model_.accessors[index];
+        const Accessor& position = model_.accessors[deformed.primitive.position];
+        const bool fits = accessor.fault.empty() && accessor.width == width &&
+                          accessor.scalar_or_vector && is_float_or_quantized(accessor) &&
+                          accessor.count == position.count;
+        if (fits) return deformed.read(accessor, true, name);
+        leave_out(scene_, "normals",
+                  fmt::format("{} has a {} that cannot be read; it is left out", where_, name));
+        return std::vector<float>{};
     }
 
     const Model& model_;

@@ -140,6 +140,10 @@ Result<Parsed> parse(const ImportRequest& request, const Glb& text, const Presca
     auto rewritten = rewrite(text.json, text.binary, upload);
     if (!rewritten) return error_of(rewritten);
     const std::span<const char> json(rewritten->json);
+    // tinygltf calls "{}" too short a text.
+    if (json.size() < std::string_view(R"({"asset":{}})").size())
+        return fail(ErrorCode::scene_invalid,
+                    "the file has no asset.version, so it is no glTF 2.0 scene");
     if (auto done = run_tinygltf(std::as_bytes(json), parsed.file, problem); !done)
         return error_of(done);
     if (!problem.empty()) {
@@ -457,7 +461,7 @@ Result<Model> load_model(const ImportRequest& request, const Glb& text, const Pr
                                 "KHR_mesh_quantization") != file.extensionsUsed.end();
     if (auto done = convert_accessors(*parsed, model); !done) return error_of(done);
     for (const auto convert : {convert_meshes, convert_textures, convert_materials, convert_cameras,
-                               convert_nodes, convert_skins, choose_scene}) {
+                               convert_nodes, convert_lights, convert_skins, choose_scene}) {
         if (auto done = convert(file, model); !done) return error_of(done);
     }
     take_masks(prescan, model);

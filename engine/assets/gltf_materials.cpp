@@ -1,4 +1,4 @@
-// Materials, and the pictures that their base colours need. No other picture is decoded.
+// Materials, and the pictures that they use. No other picture is decoded.
 //
 // A missing or damaged texture does not stop a scene: the material is used without it, and the
 // count and the reason are reported. Lack of memory is an error: otherwise a busy machine would
@@ -8,6 +8,9 @@
 #include "engine/assets/image.h"
 
 #include <fmt/format.h>
+
+#include <array>
+#include <utility>
 
 namespace raynest::gltf {
 namespace {
@@ -68,38 +71,89 @@ private:
     std::vector<std::uint32_t> read_;
 };
 
+enum class Purpose : std::uint8_t { base, colour, data };
+
+/// Adds textures to the scene: each once for what it is used for.
+class TextureReader {
+public:
+    TextureReader(const Model& model, const ImportLimits& limits, SceneDescription& scene)
+        : model_(model),
+          scene_(scene),
+          pictures_(model, limits, scene) {
+        for (auto& list : texture_of_) list.assign(model.textures.size(), not_read);
+    }
+
+    /// Replaces a texture of the model by that of the scene; no_id where it has no picture.
+    Result<void> read(const std::string& material, std::uint32_t& texture, std::uint32_t& texcoord,
+                      Purpose purpose) {
+        if (texture != no_id) {
+            std::uint32_t& known =
+                texture_of_[static_cast<std::size_t>(purpose)][texture];
+            if (known == not_read) {
+                const auto image = pictures_.read(texture);
+                if (!image) return error_of(image);
+                known = no_id;
+                if (*image != no_id) {
+                    known = static_cast<std::uint32_t>(scene_.textures.size());
+                    scene_.textures.push_back(model_.textures[texture]);
+                    scene_.textures.back().image = *image;
+                    scene_.textures.back().linear = purpose == Purpose::data;
+                    scene_.textures.back().alpha = purpose == Purpose::base;
+                }
+            }
+            texture = known;
+            if (texture != no_id && texcoord > 1) {
+                leave_out(scene_, "textures",
+                          fmt::format("material '{}' uses TEXCOORD_{}; only sets 0 and 1 are read; "
+                                      "its texture is left out",
+                                      one_line(material, 60), texcoord));
+                texture = no_id;
+            }
+        }
+        if (texture == no_id) texcoord = 0;
+        return {};
+    }
+    void warn_of_unused() { pictures_.warn_of_unused(); }
+
+private:
+    static constexpr std::uint32_t not_read = no_id - 1;
+    const Model& model_;
+    SceneDescription& scene_;
+    PictureReader pictures_;
+    std::array<std::vector<std::uint32_t>, 3> texture_of_;  ///< by Purpose
+};
+
 }  // namespace
 
 Result<void> read_materials(const Model& model, const ImportLimits& limits,
                             SceneDescription& scene) {
-    PictureReader pictures(model, limits, scene);
-    std::vector<std::uint32_t> texture_of(model.textures.size(), no_id);
-    std::vector<bool> texture_read(model.textures.size(), false);
+    TextureReader textures(model, limits, scene);
     for (const MaterialDescription& from : model.materials) {
         MaterialDescription material = from;
-        if (from.texture != no_id && !texture_read[from.texture]) {
-            texture_read[from.texture] = true;
-            TextureDescription texture = model.textures[from.texture];
-            const auto image = pictures.read(from.texture);
-            if (!image) return error_of(image);
-            texture.image = *image;
-            if (texture.image != no_id) {
-                texture_of[from.texture] = static_cast<std::uint32_t>(scene.textures.size());
-                scene.textures.push_back(texture);
-            }
+        const auto read = [&](std::uint32_t& texture, std::uint32_t& texcoord, Purpose purpose) {
+            return textures.read(from.name, texture, texcoord, purpose);
+        };
+        if (auto done = read(material.texture, material.texcoord, Purpose::base); !done)
+            return done;
+        SurfaceRecord& surface = material.surface;
+        for (const auto& [use, purpose] :
+             {std::pair{&surface.metallic_roughness, Purpose::data},
+              std::pair{&surface.normal, Purpose::data},
+              std::pair{&surface.occlusion, Purpose::data},
+              std::pair{&surface.emission_texture, Purpose::colour},
+              std::pair{&surface.transmission_texture, Purpose::data}}) {
+            if (auto done = read(use->texture, use->texcoord, purpose); !done) return done;
         }
-        material.texture = from.texture == no_id ? no_id : texture_of[from.texture];
-        if (material.texture != no_id && material.texcoord > 1) {
-            leave_out(scene, "textures",
-                      fmt::format("material '{}' uses TEXCOORD_{}; only sets 0 and 1 are read; its "
-                                  "texture is left out",
-                                  one_line(material.name, 60), material.texcoord));
-            material.texture = no_id;
-        }
-        if (material.texture == no_id) material.texcoord = 0;
+        // Without its texture a factor alone would light up or turn to metal what should not.
+        if (from.surface.emission_texture.texture != no_id &&
+            surface.emission_texture.texture == no_id)
+            surface.emission = Vec3(0);
+        if (from.surface.metallic_roughness.texture != no_id &&
+            surface.metallic_roughness.texture == no_id)
+            surface.metallic = 0;
         scene.materials.push_back(std::move(material));
     }
-    pictures.warn_of_unused();
+    textures.warn_of_unused();
     return {};
 }
 

@@ -67,6 +67,18 @@ Result<void> convert_meshes(tinygltf::Model& file, Model& model) {
                   attribute("TEXCOORD_1", to.texcoords[1]), attribute("COLOR_0", to.colour)}) {
                 if (!result) return result;
             }
+            // Shading alone needs these two: a mesh without them is flat.
+            const auto optional = [&](const char* name, std::uint32_t& out) {
+                const auto found = from.attributes.find(name);
+                if (found == from.attributes.end()) return;
+                const auto index = required_index(found->second, model.accessors.size(), "accessor");
+                if (index)
+                    out = *index;
+                else
+                    model.odd.add(where, fmt::format("its {} names no accessor; it has none", name));
+            };
+            optional("NORMAL", to.normal);
+            optional("TANGENT", to.tangent);
             if (auto done = convert_deformation(from, model, to); !done) return done;
             const auto indices = optional_index(from.indices, model.accessors.size(), "accessor");
             const auto material = optional_index(from.material, file.materials.size(), "material");

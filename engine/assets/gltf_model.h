@@ -128,6 +128,8 @@ struct Primitive {
     std::uint32_t position = no_id;
     std::array<std::uint32_t, 2> texcoords{no_id, no_id};
     std::uint32_t colour = no_id;
+    std::uint32_t normal = no_id;
+    std::uint32_t tangent = no_id;
     std::uint32_t material = no_id;
     std::vector<MorphTarget> targets;
     std::vector<JointSet> joint_sets;
@@ -173,6 +175,7 @@ struct Node {
     Matrix local = identity_matrix;
     std::uint32_t mesh = no_id;
     std::uint32_t camera = no_id;
+    std::uint32_t light = no_id;
     std::uint32_t skin = no_id;  ///< set: the mesh is in the scene's space
     std::vector<float> weights;  ///< if empty, the mesh's weights apply
     bool visible = true;  ///< KHR_node_visibility: false hides meshes of the node and below it
@@ -189,18 +192,26 @@ struct Camera {
     std::string fault = {};  ///< what a scene with this camera says of it
 };
 
+/// A light without its place.
+struct Light {
+    std::string name;
+    LightRecord record;
+    std::string fault = {};  ///< why it is left out
+};
+
 struct Model {
     std::vector<Fetched> storage;  ///< buffers and pictures that other members point into
     std::vector<std::vector<unsigned char>> decompressed;  ///< decoded bytes of compressed geometry
     std::vector<View> views;  ///< bufferViews, decompressed where they were compressed
     std::vector<Accessor> accessors;
     std::vector<Mesh> meshes;
-    std::vector<MaterialDescription> materials;  ///< `texture` indexes `textures`
+    std::vector<MaterialDescription> materials;  ///< textures index `textures`
     std::vector<TextureDescription> textures;    ///< `image` indexes `images`, or no_id
     std::vector<Image> images;
     std::vector<Skin> skins;
     std::vector<Node> nodes;
     std::vector<Camera> cameras;
+    std::vector<Light> lights;
     std::vector<std::uint32_t> roots;    ///< root nodes of the chosen scene
     bool quantized = false;              ///< KHR_mesh_quantization is in use
     std::uint64_t hidden_instances = 0;  ///< placements of meshes hidden by visibility
@@ -258,6 +269,9 @@ Result<std::vector<ObjectDescription>> read_meshes(const Model& model,
 /// texture is counted in skipped["textures"] and causes a warning.
 Result<void> read_materials(const Model& model, const ImportLimits& limits,
                             SceneDescription& scene);
+
+/// Reads the lights of the chosen scene.
+void read_lights(const Model& model, SceneDescription& scene);
 
 /// Reads objects, instances and cameras of the chosen scene; `rules` set masks.
 Result<void> read_nodes(const Model& model, const ImportLimits& limits, MaskRules& rules,

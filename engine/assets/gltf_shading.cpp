@@ -1,6 +1,7 @@
 // Converts textures and materials that tinygltf read into those of a Model, checked.
 #include "engine/assets/gltf_convert.h"
 #include "engine/assets/gltf_names.h"
+#include "engine/assets/gltf_values.h"
 
 #include <fmt/format.h>
 
@@ -54,24 +55,6 @@ Result<void> convert_textures(tinygltf::Model& file, Model& model) {
 
 namespace {
 
-/// Returns a member of a JSON object, or null.
-const tinygltf::Value* member(const tinygltf::Value& object, const char* name) {
-    return object.Has(name) ? &object.Get(name) : nullptr;
-}
-
-/// Reads the numbers of an array; false if the member holds something else.
-template <std::size_t count>
-bool read_numbers(const tinygltf::Value* value, std::array<double, count>& numbers) {
-    if (value == nullptr) return true;
-    if (!value->IsArray() || value->ArrayLen() != count) return false;
-    for (std::size_t i = 0; i < count; ++i) {
-        const tinygltf::Value& number = value->Get(static_cast<int>(i));
-        if (!number.IsNumber()) return false;
-        numbers[i] = number.GetNumberAsDouble();
-    }
-    return true;
-}
-
 /// A material's base colour: its factor, and its texture as glTF's textureInfo.
 struct BaseColour {
     std::array<double, 4> factor{1, 1, 1, 1};
@@ -118,14 +101,26 @@ BaseColour specular_glossiness(const tinygltf::Value& extension, const std::stri
     return colour;
 }
 
-/// Reads KHR_texture_transform as two rows of an affine map. The extension's text turns the UVs
-/// counter-clockwise as seen on the image, whose v runs down: u' = c u + s v. (Its GLSL snippet has
-/// the other sign; viewers follow the text and the Khronos test model.)
 void convert_uv_transform(const tinygltf::Value& transform, const std::string& where,
                           MaterialDescription& material, Oddities& odd) {
+    float rows[6];
+    if (read_uv_transform(transform, rows, material.texcoord))
+        std::copy_n(rows, 6, material.uv_transform.begin());
+    else
+        odd.add(where, "KHR_texture_transform has missing or invalid numbers; it is ignored");
+}
+
+}  // namespace
+
+/// The extension's text turns the UVs
+/// counter-clockwise as seen on the image, whose v runs down: u' = c u + s v. (Its GLSL snippet has
+/// the other sign; viewers follow the text and the Khronos test model.)
+bool read_uv_transform(const tinygltf::Value& transform, float (&rows)[6],
+                       std::uint32_t& texcoord) {
     std::array<double, 2> offset{0, 0};
     std::array<double, 2> scale{1, 1};
     double rotation = 0;
+    std::uint32_t set = texcoord;
     bool valid = read_numbers(member(transform, "offset"), offset) &&
                  read_numbers(member(transform, "scale"), scale);
     if (const auto* value = member(transform, "rotation")) {
@@ -134,22 +129,18 @@ void convert_uv_transform(const tinygltf::Value& transform, const std::string& w
     }
     if (const auto* value = member(transform, "texCoord")) {
         valid = valid && value->IsInt() && value->GetNumberAsInt() >= 0;
-        if (valid) material.texcoord = static_cast<std::uint32_t>(value->GetNumberAsInt());
+        if (valid) set = static_cast<std::uint32_t>(value->GetNumberAsInt());
     }
     const double c = std::cos(rotation);
     const double s = std::sin(rotation);
-    const double rows[6] = {c * scale[0],  s * scale[1], offset[0],
-                            -s * scale[0], c * scale[1], offset[1]};
-    for (std::size_t i = 0; i < 6 && valid; ++i) {
-        material.uv_transform[i] = static_cast<float>(rows[i]);
-        valid = std::isfinite(material.uv_transform[i]);
-    }
-    if (valid) return;
-    material.uv_transform = MaterialDescription{}.uv_transform;
-    odd.add(where, "KHR_texture_transform has missing or invalid numbers; it is ignored");
+    const double map[6] = {c * scale[0],  s * scale[1], offset[0],
+                           -s * scale[0], c * scale[1], offset[1]};
+    for (const double x : map) valid = valid && std::isfinite(static_cast<float>(x));
+    if (!valid) return false;
+    for (std::size_t i = 0; i < 6; ++i) rows[i] = static_cast<float>(map[i]);
+    texcoord = set;
+    return true;
 }
-
-}  // namespace
 
 Result<void> convert_materials(tinygltf::Model& file, Model& model) {
     for (const tinygltf::Material& in : file.materials) {
@@ -188,6 +179,7 @@ Result<void> convert_materials(tinygltf::Model& file, Model& model) {
         material.texcoord = static_cast<std::uint32_t>(std::max<std::int64_t>(colour.texcoord, 0));
         if (colour.transform != nullptr)
             convert_uv_transform(*colour.transform, where, material, model.odd);
+        if (auto done = convert_surface(in, where, model, material); !done) return done;
         model.materials.push_back(std::move(material));
     }
     return {};

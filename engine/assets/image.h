@@ -27,12 +27,19 @@ Result<ImageDescription> decode_image(std::span<const std::byte> file, std::uint
 /// Bound for the header and metadata of an encoded file.
 inline constexpr std::uint64_t image_header_bytes_max = 16384;
 
-/// Encodes `rgba`: width * height * 4 bytes of sRGB and straight alpha, row 0 on top.
+/// A line of text in the header of a file.
+struct Attribute {
+    std::string name;
+    std::string value;
+};
+/// Encodes `rgba`: width * height * 4 bytes of sRGB and straight alpha, row 0 on top. Attributes
+/// become text chunks; they take at most image_header_bytes_max / 2 bytes.
 ///
 /// Both encoders fail with scene_unsupported without the image module, with out_of_memory, and with
 /// internal if the spans do not fill the picture or the library fails.
 Result<std::vector<std::byte>> encode_png(std::uint32_t width, std::uint32_t height,
-                                          std::span<const std::uint8_t> rgba);
+                                          std::span<const std::uint8_t> rgba,
+                                          std::span<const Attribute> attributes = {});
 /// Returns the most bytes that encode_png may return. A row has one byte for its filter; deflate
 /// stores incompressible data with 5 bytes per 16 KiB and 12 per chunk of 8 KiB (together 1/560);
 /// the header is added.
@@ -48,11 +55,6 @@ struct Channel {
     std::span<const float> f32;
     std::span<const std::uint32_t> u32;
 };
-/// A line of text in the header of a file.
-struct Attribute {
-    std::string name;
-    std::string value;
-};
 /// Encodes the channels in the order given; lossless, and equal input gives equal bytes. The
 /// attributes take at most image_header_bytes_max / 2 bytes.
 Result<std::vector<std::byte>> encode_exr(std::uint32_t width, std::uint32_t height,
@@ -67,6 +69,34 @@ Result<std::vector<std::byte>> encode_exr(std::uint32_t width, std::uint32_t hei
     return (std::uint64_t{4} * width * height + description) * channels + 16 * blocks +
            image_header_bytes_max;
 }
+
+/// The name and type of a channel of 32 bits.
+struct ChannelType {
+    std::string name;
+    bool is_float = true;  ///< else u32
+    friend bool operator==(const ChannelType&, const ChannelType&) = default;
+};
+/// Decodes an EXR as encode_exr() writes it: returns a plane of words for each of `channels`, in
+/// their order, floats as their bits. The header is checked before a decoder sees the file
+/// (exr_header.h): it must have exactly these channels, and exactly this size.
+///
+/// scene_unsupported: no EXR, or no image module. scene_invalid: another size or other channels,
+/// damaged or cut short. out_of_memory: the file may be valid.
+Result<std::vector<std::vector<std::uint32_t>>> decode_exr(std::span<const std::byte> file,
+                                                           std::uint32_t width,
+                                                           std::uint32_t height,
+                                                           std::span<const ChannelType> channels);
+
+/// Linear colours, row 0 on top.
+struct LightPicture {
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    std::vector<Vec3> rgb;
+};
+/// Decodes an EXR or a Radiance HDR, recognised by magic bytes, with limits and errors as
+/// decode_image() has them. Of an EXR only one part with channels R, G and B, or Y, is taken.
+Result<LightPicture> decode_environment(std::span<const std::byte> file, std::uint32_t side_max,
+                                        std::uint64_t bytes_max);
 
 /// Loads the image module. scene_unsupported, with the remedy, if the build has no OpenImageIO or
 /// it does not load; the functions above then fail alike. out_of_memory if there is no room to load

@@ -10,7 +10,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cstring>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <new>
@@ -28,10 +31,13 @@ void configure_once() {
     static std::once_flag once;
     std::call_once(once, [] {
         oiio::attribute("threads", 1);
-        oiio::attribute("limits:channels", 4);
+        oiio::attribute("limits:channels", 64);  // of a film; decode() allows 4
         oiio::attribute("limits:imagesize_MB", 2048);
     });
 }
+
+/// Rows of a block of an EXR with ZIP compression.
+constexpr std::uint32_t exr_block_rows = 16;
 
 bool starts_with(std::span<const std::byte> file, std::string_view magic, std::size_t at = 0) {
     return file.size() >= at + magic.size() &&
@@ -127,15 +133,17 @@ tl::unexpected<Error> no_memory_to_encode() {
     return fail(ErrorCode::out_of_memory, "no memory left to encode the picture");
 }
 
-/// Opens `output` on a growing buffer, writes one image and closes it.
+/// Opens `output` on a growing buffer, writes one image and closes it. `write` passes the pixels to
+/// the output, false if that fails.
+template <class Write>
 Result<std::vector<std::byte>> write_to_memory(const char* name, const oiio::ImageSpec& spec,
-                                               oiio::TypeDesc type, const void* pixels) {
+                                               const Write& write) {
     std::vector<unsigned char> bytes;
     oiio::Filesystem::IOVecOutput memory(bytes);
     const std::unique_ptr<oiio::ImageOutput> output = oiio::ImageOutput::create(name, &memory);
     if (!output) return encode_failed(name, oiio::geterror());
     output->set_ioproxy(&memory);
-    if (!output->open(name, spec) || !output->write_image(type, pixels) || !output->close()) {
+    if (!output->open(name, spec) || !write(*output) || !output->close()) {
         return encode_failed(name, output->geterror());
     }
     const auto* first = reinterpret_cast<const std::byte*>(bytes.data());
@@ -198,7 +206,8 @@ Result<ImageDescription> decode(std::span<const std::byte> file, std::uint32_t s
 }
 
 Result<std::vector<std::byte>> encode_rgba(std::uint32_t width, std::uint32_t height,
-                                           std::span<const std::uint8_t> rgba) try {
+                                           std::span<const std::uint8_t> rgba,
+                                           std::span<const Attribute> attributes) try {
     if (rgba.size() != std::size_t{width} * height * 4 || rgba.empty()) {
         return fail(ErrorCode::internal, "encode_png: the pixels do not fill the picture");
     }
@@ -209,7 +218,10 @@ Result<std::vector<std::byte>> encode_rgba(std::uint32_t width, std::uint32_t he
     spec["oiio:UnassociatedAlpha"] = 1;
     spec["oiio:ColorSpace"] = "sRGB";
     spec["png:compressionLevel"] = 4;
-    return write_to_memory("memory.png", spec, oiio::TypeDesc::UINT8, rgba.data());
+    for (const Attribute& attribute : attributes) spec[attribute.name] = attribute.value;
+    return write_to_memory("memory.png", spec, [&](oiio::ImageOutput& output) {
+        return output.write_image(oiio::TypeDesc::UINT8, rgba.data());
+    });
 } catch (const std::bad_alloc&) {
     return no_memory_to_encode();
 } catch (const std::exception& error) {
@@ -234,31 +246,150 @@ Result<std::vector<std::byte>> encode_channels(std::uint32_t width, std::uint32_
 
     for (const Attribute& attribute : attributes) spec[attribute.name] = attribute.value;
 
-    // Every channel is 32 bits wide, so floats and counts interleave as plain words.
-    std::vector<std::uint32_t> words(count * channels.size());
-    for (std::size_t c = 0; c < channels.size(); ++c) {
-        const Channel& channel = channels[c];
+    for (const Channel& channel : channels) {
         const bool is_float = !channel.f32.empty();
         if ((is_float ? channel.f32.size() : channel.u32.size()) != count) {
             return fail(ErrorCode::internal, "encode_exr: a channel does not fill the picture");
         }
         spec.channelnames.emplace_back(channel.name);
         spec.channelformats.emplace_back(is_float ? oiio::TypeDesc::FLOAT : oiio::TypeDesc::UINT);
-        for (std::size_t i = 0; i < count; ++i) {
-            words[i * channels.size() + c] =
-                is_float ? std::bit_cast<std::uint32_t>(channel.f32[i]) : channel.u32[i];
-        }
     }
-    return write_to_memory("memory.exr", spec, oiio::TypeDesc::UNKNOWN, words.data());
+    return write_to_memory("memory.exr", spec, [&](oiio::ImageOutput& output) {
+        // Every channel is 32 bits wide, so floats and counts interleave as plain words: a block
+        // of rows at a time, because a film has 20 channels.
+        std::vector<std::uint32_t> words(std::size_t{exr_block_rows} * width * channels.size());
+        for (std::uint32_t row = 0; row < height; row += exr_block_rows) {
+            const std::uint32_t rows = std::min(exr_block_rows, height - row);
+            const std::size_t first = std::size_t{row} * width;
+            for (std::size_t c = 0; c < channels.size(); ++c) {
+                const Channel& channel = channels[c];
+                for (std::size_t i = 0; i < std::size_t{rows} * width; ++i)
+                    words[i * channels.size() + c] =
+                        channel.f32.empty() ? channel.u32[first + i]
+                                            : std::bit_cast<std::uint32_t>(channel.f32[first + i]);
+            }
+            if (!output.write_scanlines(static_cast<int>(row), static_cast<int>(row + rows), 0,
+                                        oiio::TypeDesc::UNKNOWN, words.data()))
+                return false;
+        }
+        return true;
+    });
 } catch (const std::bad_alloc&) {
     return no_memory_to_encode();
 } catch (const std::exception& error) {
     return encode_failed("the EXR picture", error.what());
 }
 
+Result<std::vector<std::vector<std::uint32_t>>> decode_channels(
+    std::span<const std::byte> file, std::uint32_t width, std::uint32_t height,
+    std::span<const ChannelType> channels) try {
+    configure_once();
+    const std::uint64_t count = std::uint64_t{width} * height;
+    oiio::Filesystem::IOMemReader memory(const_cast<std::byte*>(file.data()), file.size());
+    const std::unique_ptr<oiio::ImageInput> input =
+        oiio::ImageInput::create("memory.exr", false, nullptr, &memory);
+    oiio::ImageSpec spec;
+    if (!input || !input->set_ioproxy(&memory) || !input->open("memory.exr", spec))
+        return decode_failed(0, "the EXR's header cannot be read");
+    if (spec.width != static_cast<int>(width) || spec.height != static_cast<int>(height) ||
+        spec.nchannels != static_cast<int>(channels.size()) || spec.tile_width != 0)
+        return fail(ErrorCode::scene_invalid, "the EXR's header is invalid");
+
+    // The library has an order of channels of its own.
+    std::vector<std::size_t> plane_of(channels.size());
+    for (std::size_t c = 0; c < channels.size(); ++c) {
+        const auto named = std::ranges::find(spec.channelnames, channels[c].name);
+        if (named == spec.channelnames.end())
+            return fail(ErrorCode::scene_invalid, "the EXR's header is invalid");
+        plane_of[static_cast<std::size_t>(named - spec.channelnames.begin())] = c;
+    }
+    std::vector<std::vector<std::uint32_t>> planes(channels.size(),
+                                                   std::vector<std::uint32_t>(count));
+    std::vector<std::uint32_t> words(std::size_t{exr_block_rows} * width * channels.size());
+    for (std::uint32_t row = 0; row < height; row += exr_block_rows) {
+        const std::uint32_t rows = std::min(exr_block_rows, height - row);
+        if (!input->read_scanlines(0, 0, static_cast<int>(row), static_cast<int>(row + rows), 0, 0,
+                                   spec.nchannels, oiio::TypeDesc::UNKNOWN, words.data())) {
+            static_cast<void>(input->geterror());
+            return decode_failed(words.size() * 4, "the EXR is damaged or cut short");
+        }
+        for (std::size_t c = 0; c < channels.size(); ++c)
+            for (std::size_t i = 0; i < std::size_t{rows} * width; ++i)
+                planes[plane_of[c]][std::size_t{row} * width + i] = words[i * channels.size() + c];
+    }
+    return planes;
+} catch (const std::bad_alloc&) {
+    return fail(ErrorCode::out_of_memory, no_memory_to_decode);
+} catch (const std::system_error&) {
+    return fail(ErrorCode::out_of_memory, no_memory_to_decode);
+} catch (const std::exception& error) {
+    return fail(ErrorCode::scene_invalid, fmt::format("the EXR was refused: {}", error.what()));
+}
+
+Result<LightPicture> decode_light(std::span<const std::byte> file, std::uint32_t side_max,
+                                  std::uint64_t bytes_max) try {
+    configure_once();
+    const bool is_exr = starts_with(file, "\x76\x2f\x31\x01");
+    if (!is_exr && !starts_with(file, "#?RADIANCE") && !starts_with(file, "#?RGBE"))
+        return fail(ErrorCode::scene_unsupported, "the environment is neither an EXR nor an HDR");
+    const char* const name = is_exr ? "memory.exr" : "memory.hdr";
+    oiio::Filesystem::IOMemReader memory(const_cast<std::byte*>(file.data()), file.size());
+    const std::unique_ptr<oiio::ImageInput> input =
+        oiio::ImageInput::create(name, false, nullptr, &memory);
+    oiio::ImageSpec spec;
+    if (!input || !input->set_ioproxy(&memory) || !input->open(name, spec))
+        return decode_failed(0, "the environment's header cannot be read");
+    if (spec.width <= 0 || spec.height <= 0 || spec.depth > 1 || spec.nchannels < 1)
+        return fail(ErrorCode::scene_invalid, "the environment's header is invalid");
+    LightPicture picture;
+    picture.width = static_cast<std::uint32_t>(spec.width);
+    picture.height = static_cast<std::uint32_t>(spec.height);
+    const std::uint64_t count = std::uint64_t{picture.width} * picture.height;
+    const std::uint64_t needed = count * (sizeof(float) * static_cast<std::uint64_t>(spec.nchannels));
+    if (picture.width > side_max || picture.height > side_max || spec.nchannels > 64 ||
+        needed > bytes_max)
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("the environment is {} x {} pixels of {} channels; at most {} a "
+                                "side and {} MiB decoded are allowed",
+                                picture.width, picture.height, spec.nchannels, side_max,
+                                bytes_max >> 20));
+    std::array<std::size_t, 3> channels{};
+    for (std::size_t c = 0; c < 3; ++c) {
+        constexpr std::array<const char*, 3> colours = {"R", "G", "B"};
+        auto named = std::ranges::find(spec.channelnames, colours[c]);
+        if (named == spec.channelnames.end()) named = std::ranges::find(spec.channelnames, "Y");
+        if (named == spec.channelnames.end())
+            return fail(ErrorCode::scene_invalid, "the environment has no channels R, G and B");
+        channels[c] = static_cast<std::size_t>(named - spec.channelnames.begin());
+    }
+    const auto stride = static_cast<std::size_t>(spec.nchannels);
+    std::vector<float> values(count * stride);
+    if (!input->read_image(0, 0, 0, spec.nchannels, oiio::TypeDesc::FLOAT, values.data())) {
+        static_cast<void>(input->geterror());
+        return decode_failed(needed, "the environment is damaged or cut short");
+    }
+    picture.rgb.resize(count);
+    for (std::size_t i = 0; i < count; ++i)
+        for (std::size_t c = 0; c < 3; ++c) {
+            const float value = values[i * stride + channels[c]];
+            // Light is neither negative nor infinite, whatever a file says.
+            picture.rgb[i][static_cast<int>(c)] =
+                value > 0 ? std::min(value, std::numeric_limits<float>::max()) : 0.0F;
+        }
+    return picture;
+} catch (const std::bad_alloc&) {
+    return fail(ErrorCode::out_of_memory, no_memory_to_decode);
+} catch (const std::system_error&) {
+    return fail(ErrorCode::out_of_memory, no_memory_to_decode);
+} catch (const std::exception& error) {
+    return fail(ErrorCode::scene_invalid,
+                fmt::format("the environment was refused: {}", error.what()));
+}
+
 }  // namespace
 }  // namespace raynest
 
 extern "C" [[gnu::visibility("default")]] raynest::ImageModule raynest_images() noexcept {
-    return {raynest::decode, raynest::encode_rgba, raynest::encode_channels};
+    return {raynest::decode, raynest::encode_rgba, raynest::encode_channels,
+            raynest::decode_channels, raynest::decode_light};
 }

@@ -14,6 +14,8 @@ struct ImageModule {
     decltype(&decode_image) decode;
     decltype(&encode_png) encode_rgba;
     decltype(&encode_exr) encode_channels;
+    decltype(&decode_exr) decode_channels;
+    decltype(&decode_environment) decode_light;
 };
 
 /// Names for load_module().

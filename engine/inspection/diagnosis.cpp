@@ -1,6 +1,7 @@
 #include "engine/inspection/diagnosis.h"
 
 #include "engine/inspection/ranking.h"
+#include "engine/queries/triangle_place.h"
 
 #include <array>
 #include <cstddef>
@@ -44,24 +45,9 @@ std::optional<double> overlapping_instances(const Subject& subject) {
 std::optional<double> thin_triangles(const Subject& subject) {
     const ObjectRecord& object = subject.object();
     if (object.triangle_count == 0 || subject.share() < share_min) return std::nullopt;
-    double area = 0;
-    double boxes = 0;
-    for (std::uint32_t g = 0; g < object.geometry_count; ++g) {
-        const GeometryRecord& geometry = subject.view.geometries[object.first_geometry + g];
-        const auto* positions = subject.view.attribute<Vec3>(geometry.positions);
-        const auto* indices = subject.view.attribute<std::uint32_t>(geometry.indices);
-        for (std::size_t i = 0; i < std::size_t{3} * geometry.triangle_count; i += 3) {
-            const Vec3& a = positions[indices[i]];
-            const Vec3& b = positions[indices[i + 1]];
-            const Vec3& c = positions[indices[i + 2]];
-            Box box;
-            for (const Vec3& corner : {a, b, c}) box.extend(corner);
-            area += static_cast<double>(glm::length(glm::cross(b - a, c - a))) / 2;
-            boxes += static_cast<double>(box.half_area());
-        }
-    }
-    if (!(boxes > 0)) return std::nullopt;
-    return area / boxes;
+    const AreaSums sums = area_sums(subject.view, object);
+    if (!(sums.boxes > 0)) return std::nullopt;
+    return sums.share();
 }
 
 std::optional<double> crowded_leaves(const Subject& subject) {

@@ -1,8 +1,8 @@
 // The paper's first use case: texels with low alpha are holes that the ray passes through.
 #pragma once
 
+#include "engine/intersectors/alpha_test.h"
 #include "engine/intersectors/interface.h"
-#include "engine/intersectors/texture.h"
 
 #include <tuple>
 
@@ -41,13 +41,6 @@ struct AlphaMask {
     }
 
 private:
-    /// Returns the triangle's leaf block; null for the reference's single triangles, whose texture
-    /// coordinates are found by index.
-    RAYNEST_INLINE static const TriangleBlock* block_of(const TriangleLike auto& triangle) {
-        if constexpr (requires { triangle.block; }) return triangle.block;
-        return nullptr;
-    }
-
     /// Returns the least alpha that counts as a hit on a material that is not opaque.
     [[nodiscard]] RAYNEST_FN float least_alpha(const MaterialRecord& material) const {
         return material.alpha_mode == AlphaMode::blend ? 0.5F
@@ -59,21 +52,9 @@ private:
     // inlined in the traversal (measured in batches: 1.05 to 1.1).
     [[nodiscard]] RAYNEST_NOINLINE bool is_solid(const ObjectRecord& object, const Surface& surface,
                                                  const TriangleBlock* block) const {
-        const GeometryRecord& geometry = scene.geometry_of(object, surface.prim);
-        if (geometry.material == no_id) return true;
-        const MaterialRecord& material = scene.materials[geometry.material];
-        if (material.alpha_mode == AlphaMode::opaque) return true;
-        const float least = least_alpha(material);
-        // Skip the texture for most triangles of a leaf: they are wholly inside its outline or
-        // outside it.
-        const Opacity opacity = scene.opacity_of(geometry, surface.prim);
-        if (opacity.is_all_at_least(least)) return true;
-        if (opacity.is_all_below(least)) return false;
-        const Vec2* const corners = block != nullptr && has_texture(geometry, material)
-                                        ? corner_texcoords(scene, object, *block, surface.lane)
-                                        : nullptr;
-        return surface_alpha(scene, geometry, material, surface.prim, surface.u, surface.v,
-                             corners) >= least;
+        return has_alpha_of(
+            scene, object, surface, block,
+            [&](const MaterialRecord& material) RAYNEST_INLINE_LAMBDA { return least_alpha(material); });
     }
 
     const SceneView& scene;

@@ -1,6 +1,7 @@
 #include "engine/queries/columns.h"
 
 #include "engine/geometry/path.h"
+#include "engine/queries/triangle_place.h"
 
 #include <algorithm>
 #include <array>
@@ -289,6 +290,25 @@ void write_column(const Column& column, const ColumnSource& source, std::byte* o
             });
         case Field::flags:
             return always([](Hit h, At) { return h.flags; });
+        case Field::object:
+            return each(no_id, [](Hit h, At) { return h.object; });
+        case Field::mask:
+            return each(no_id, [&](Hit h, At) {
+                const std::uint32_t innermost = ends_of(scene, h.path).innermost;
+                return innermost == no_id ? no_id : scene.instances[innermost].mask;
+            });
+        case Field::box_share:
+            return each(0.0F, [&](Hit h, At) {
+                return geometry_of(source, h) == nullptr
+                           ? 0.0F
+                           : box_share(scene, object_of(source, h), h.triangle);
+            });
+        case Field::tree_depth:
+            return each(no_id, [&](Hit h, At) {
+                return geometry_of(source, h) == nullptr
+                           ? no_id
+                           : tree_depth(scene, object_of(source, h), h.triangle, h.u, h.v);
+            });
         case Field::origin:
             return always([](Hit, At ray) { return ray.origin; });
         case Field::direction:

@@ -2,6 +2,7 @@
 
 #include "engine/geometry/hit.h"
 #include "engine/scene/format.h"
+#include "engine/scene/shading_check.h"
 #include "engine/scene/snapshot.h"
 #include "engine/scene/tree_check.h"
 
@@ -38,7 +39,7 @@ public:
         for (const auto step :
              {&Checker::check_header, &Checker::check_sections, &Checker::make_view,
               &Checker::check_names, &Checker::check_surfaces, &Checker::check_cameras,
-              &Checker::check_objects, &Checker::check_paths}) {
+              &Checker::check_objects, &Checker::check_paths, &Checker::check_lit}) {
             if (auto checked = (this->*step)(); !checked) return tl::unexpected(checked.error());
         }
         return view_;
@@ -178,7 +179,8 @@ private:
             const bool sound =
                 pixels != 0 && texture.width <= texture_side_max &&
                 texture.height <= texture_side_max && is_run(texture.colour, pixels, 4, 4) &&
-                is_run(texture.alpha, pixels, 1, 1) && texture.wrap_s <= Wrap::mirror &&
+                (texture.alpha == no_offset || is_run(texture.alpha, pixels, 1, 1)) &&
+                texture.wrap_s <= Wrap::mirror &&
                 texture.wrap_t <= Wrap::mirror && texture.nearest <= 1 && texture.unused == 0;
             if (!sound) return broken("texture " + std::to_string(i));
         }
@@ -186,7 +188,9 @@ private:
             const MaterialRecord& material = view_.materials[i];
             const Vec4& c = material.base_colour;
             const bool sound =
-                (material.texture == no_id || material.texture < view_.texture_count) &&
+                (material.texture == no_id ||
+                 (material.texture < view_.texture_count &&
+                  view_.textures[material.texture].alpha != no_offset)) &&
                 material.texcoord <= 1 && material.alpha_mode <= AlphaMode::blend &&
                 material.double_sided <= 1 && is_name(material.name) &&
                 std::isfinite(material.cutoff) && std::isfinite(c.x + c.y + c.z + c.w) &&
@@ -197,6 +201,8 @@ private:
         }
         return {};
     }
+
+    Result<void> check_lit() { return check_shading(arena_, view_); }
 
     Result<void> check_cameras() {
         for (std::uint32_t i = 0; i < view_.camera_count; ++i) {

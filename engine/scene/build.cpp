@@ -62,6 +62,7 @@ public:
         content_.build = description_.build;
         add_surfaces(description_, content_);
         add_cameras(description_, content_);
+        add_lights(description_, content_);
         for (const GraphObject& object : graph_.objects) {
             if (auto added = add_object(object); !added) return tl::unexpected(added.error());
         }
@@ -93,7 +94,8 @@ public:
         }
         if (degenerate_triangles_ > triangles_ / 2) {
             warn(std::to_string(degenerate_triangles_) + " of " + std::to_string(triangles_) +
-                 " triangles have no area, and nothing can hit them: most of the scene is missing. "
+                 (degenerate_triangles_ == 1 ? " triangles has" : " triangles have") +
+                 " no area, which nothing can hit: most of the scene is missing. "
                  "Check its units, and whether corners were merged");
         }
         if (content_.skips.size() > scene_skips_max) {
@@ -201,6 +203,8 @@ private:
             record.triangle_count = static_cast<std::uint32_t>(geometry.indices.size() / 3);
             record.vertex_count = static_cast<std::uint32_t>(geometry.positions.size());
             record.material = geometry.material;
+            content_.geometry_shading.push_back({content_.attributes.add(geometry.normals),
+                                                 content_.attributes.add(geometry.tangents)});
             object.triangle_count += record.triangle_count;
             content_.geometries.push_back(record);
         }

@@ -140,6 +140,10 @@ Arena write_arena(const Content& content) {
         content.path_nodes.size(),
         content.path_runs.size(),
         content.instance_numbers.size(),
+        content.surfaces.size(),
+        content.geometry_shading.size(),
+        content.texture_levels.size(),
+        content.lights.size(),
     };
 
     format::Header header{format::magic,      format::version,
@@ -178,6 +182,10 @@ Arena write_arena(const Content& content) {
     copy(Section::path_nodes, content.path_nodes);
     copy(Section::path_runs, content.path_runs);
     copy(Section::instance_numbers, content.instance_numbers);
+    copy(Section::surfaces, content.surfaces);
+    copy(Section::geometry_shading, content.geometry_shading);
+    copy(Section::texture_levels, content.texture_levels);
+    copy(Section::lights, content.lights);
     content.attributes.write(at(Section::attributes));
     return arena;
 }

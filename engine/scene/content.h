@@ -73,6 +73,10 @@ struct Content {
     std::vector<MaterialRecord> materials;
     std::vector<TextureRecord> textures;
     std::vector<CameraRecord> cameras;
+    std::vector<SurfaceRecord> surfaces;          ///< one per material
+    std::vector<GeometryShading> geometry_shading;  ///< one per geometry
+    std::vector<TextureLevels> texture_levels;    ///< one per texture
+    std::vector<LightRecord> lights;
     std::vector<format::SkipRecord> skips;
     std::vector<format::NameOffset> warnings;
     std::vector<format::NameOffset> record_types;
@@ -82,10 +86,13 @@ struct Content {
     NameTable names;
     AttributePlan attributes;
     std::deque<std::vector<std::uint8_t>> opacities;  ///< per geometry; attributes point into them
+    std::deque<std::vector<std::uint8_t>> smaller;    ///< copies of pictures; attributes point into them
 };
 
-/// Adds materials, textures and cameras. An image is stored once, however many textures use it.
+/// Adds materials, textures, lights and cameras. An image is stored once, however many textures use
+/// it, and so are its smaller copies for colours and those for data.
 void add_surfaces(const SceneDescription& description, Content& content);
+void add_lights(const SceneDescription& description, Content& content);
 void add_cameras(const SceneDescription& description, Content& content);
 
 /// Lays out the arena and fills all of it but the trees. Throws std::bad_alloc.

@@ -9,6 +9,7 @@
 #include "engine/geometry/hit.h"
 #include "engine/geometry/views.h"
 #include "engine/math/vec.h"
+#include "engine/shading/records.h"
 
 #include <cstddef>
 #include <cstdint>
@@ -32,6 +33,8 @@ struct TextureDescription {
     Wrap wrap_s = Wrap::repeat;
     Wrap wrap_t = Wrap::repeat;
     bool nearest = false;
+    bool linear = false;  ///< data; else colours in sRGB
+    bool alpha = true;    ///< a material may test its alpha
 };
 
 struct MaterialDescription {
@@ -43,6 +46,7 @@ struct MaterialDescription {
     AlphaMode alpha_mode = AlphaMode::opaque;
     float cutoff = 0.5F;
     bool double_sided = false;
+    SurfaceRecord surface = {};  ///< its textures index those of the scene
 };
 
 struct GeometryDescription {
@@ -50,6 +54,8 @@ struct GeometryDescription {
     std::vector<std::uint32_t> indices;  ///< three per triangle, all below positions.size()
     std::vector<Vec2> texcoords[2];      ///< empty or one per vertex
     std::vector<std::uint8_t> colours;   ///< empty or RGBA per vertex
+    std::vector<Vec3> normals = {};      ///< empty or one per vertex, any length
+    std::vector<Vec4> tangents = {};     ///< empty or one per vertex, with the bitangent's sign
     std::uint32_t material = no_id;
 
     /// Returns the texture coordinates of a triangle's corners, from a set that is not empty.
@@ -76,6 +82,11 @@ struct ObjectDescription {
     std::string record_type;         ///< name of a primitive other than triangle, "" when none
     std::vector<std::byte> records;  ///< record_bounds.size() records of equal size
     std::vector<Box> record_bounds;
+};
+
+struct LightDescription {
+    std::string name;
+    LightRecord light;  ///< in the scene's space; `name` is set by the build
 };
 
 struct CameraDescription {
@@ -111,6 +122,7 @@ struct SceneDescription {
     std::vector<TextureDescription> textures;
     std::vector<ImageDescription> images;
     std::vector<CameraDescription> cameras;
+    std::vector<LightDescription> lights = {};
     /// Reason -> count, e.g. {"singular_instances", 1}; shown by `info` and `load`.
     std::map<std::string, std::uint64_t> skipped;
     std::vector<std::string> warnings;

@@ -2,6 +2,7 @@
 
 #include "engine/bvh/node.h"
 #include "engine/scene/graph.h"
+#include "engine/scene/shading_check.h"
 #include "engine/scene/snapshot.h"
 
 #include <algorithm>
@@ -66,6 +67,17 @@ Result<void> check_surfaces(const SceneDescription& description) {
                 "material '" + material.name +
                 "' names a texture, a texture coordinate set or an alpha mode that does not exist");
         }
+        if (material.texture != no_id && !description.textures[material.texture].alpha)
+            return invalid("material '" + material.name + "' needs a texture with alpha");
+        if (!is_sound(material.surface, description.textures.size()))
+            return invalid("material '" + material.name +
+                           "' has a number that is not finite or out of range, or a texture that "
+                           "does not exist");
+    }
+    for (const LightDescription& light : description.lights) {
+        if (!is_sound(light.light))
+            return invalid("light '" + light.name +
+                           "' has a number that is not finite or out of range");
     }
     for (const CameraDescription& camera : description.cameras) {
         const bool perspective =
@@ -115,7 +127,8 @@ Result<void> check_geometry(const GeometryDescription& geometry, std::size_t mat
     const auto is_per_vertex = [&](std::size_t size) { return size == 0 || size == vertices; };
     if (!is_per_vertex(geometry.texcoords[0].size()) ||
         !is_per_vertex(geometry.texcoords[1].size()) || geometry.colours.size() % 4 != 0 ||
-        !is_per_vertex(geometry.colours.size() / 4)) {
+        !is_per_vertex(geometry.colours.size() / 4) || !is_per_vertex(geometry.normals.size()) ||
+        !is_per_vertex(geometry.tangents.size())) {
         return invalid(where + " has attributes that are not one per vertex");
     }
     if (!is_reference(geometry.material, materials)) {
@@ -199,6 +212,7 @@ Result<void> check_names(const SceneDescription& description) {
     take(description.objects);
     take(description.materials);
     take(description.cameras);
+    take(description.lights);
     for (const ObjectDescription& object : description.objects) {
         take(object.instances);
         longest = std::max(longest, object.record_type.size());
@@ -216,6 +230,8 @@ Result<void> check_names(const SceneDescription& description) {
         return limit("more record types", scene_record_types_max);
     if (description.cameras.size() > scene_cameras_max)
         return limit("more cameras", scene_cameras_max);
+    if (description.lights.size() > scene_lights_max)
+        return limit("more lights", scene_lights_max);
     return {};
 }
 

@@ -9,6 +9,7 @@
 #include "engine/geometry/path.h"
 #include "engine/geometry/triangle.h"
 #include "engine/geometry/views.h"
+#include "engine/shading/records.h"
 
 #include <array>
 #include <cstddef>
@@ -45,6 +46,10 @@ enum class Section : std::uint32_t {
     path_nodes,
     path_runs,
     instance_numbers,
+    surfaces,
+    geometry_shading,
+    texture_levels,
+    lights,
     count_
 };
 inline constexpr std::size_t section_count = static_cast<std::size_t>(Section::count_);
@@ -70,11 +75,17 @@ inline constexpr std::array<std::uint32_t, section_count> element_size{
     sizeof(PathNode),
     sizeof(PathRun),
     sizeof(std::uint32_t),
+    sizeof(SurfaceRecord),
+    sizeof(GeometryShading),
+    sizeof(TextureLevels),
+    sizeof(LightRecord),
 };
 // No record has padding: its bytes are its content, so the digest is well defined.
 static_assert(sizeof(ObjectRecord) == 120 && sizeof(InstanceInfo) == 56);
 static_assert(sizeof(GeometryRecord) == 64 && sizeof(MaterialRecord) == 64);
 static_assert(sizeof(TextureRecord) == 40 && sizeof(CameraRecord) == 64);
+static_assert(sizeof(SurfaceRecord) == 224 && sizeof(GeometryShading) == 16);
+static_assert(sizeof(TextureLevels) == 16 && sizeof(LightRecord) == 56);
 static_assert(sizeof(SkipRecord) == 16 && sizeof(PathNode) == 20 && sizeof(PathRun) == 16);
 
 struct SectionEntry {
@@ -85,7 +96,7 @@ struct SectionEntry {
 };
 
 inline constexpr std::array<char, 8> magic{'R', 'N', 'S', 'C', 'E', 'N', 'E', '\0'};
-inline constexpr std::uint32_t version = 7;
+inline constexpr std::uint32_t version = 8;
 inline constexpr std::uint32_t byte_order = 0x01020304;
 inline constexpr std::uint64_t alignment = 64;
 

@@ -77,6 +77,12 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
     const std::byte* const base = arena.data();
     snapshot->view_ = *view;
     snapshot->paths_ = format::path_table(base);
+    ShadingView& shading = snapshot->shading_;
+    shading.surfaces = format::section<SurfaceRecord>(base, Section::surfaces);
+    shading.geometries = format::section<GeometryShading>(base, Section::geometry_shading);
+    shading.levels = format::section<TextureLevels>(base, Section::texture_levels);
+    shading.lights = format::section<LightRecord>(base, Section::lights);
+    shading.light_count = static_cast<std::uint32_t>(format::section_size(base, Section::lights));
 
     SceneStatistics& s = snapshot->statistics_;
     for (std::uint32_t i = 0; i < view->object_count; ++i) {
@@ -127,6 +133,7 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
     if (!digest) return tl::unexpected(digest.error());
     snapshot->digest_ = std::move(*digest);
     snapshot->arena_ = std::move(arena);
+    shading.scene = &snapshot->view_;
     return snapshot;
 }
 

@@ -11,6 +11,7 @@
 #include "engine/result.h"
 #include "engine/scene/description.h"
 #include "engine/scene/tree_statistics.h"
+#include "engine/shading/records.h"
 
 #include <cstddef>
 #include <cstdint>
@@ -42,6 +43,7 @@ inline constexpr std::uint32_t scene_warnings_max = 1024;
 inline constexpr std::uint32_t scene_skips_max = 1024;  ///< reasons
 inline constexpr std::uint32_t scene_record_types_max = 256;
 inline constexpr std::uint32_t scene_cameras_max = 65536;
+inline constexpr std::uint32_t scene_lights_max = 65536;
 
 /// The memory of a snapshot.
 using Arena = Pages;
@@ -106,6 +108,8 @@ public:
     static Result<std::shared_ptr<const Snapshot>> open(BuiltArena built);
 
     [[nodiscard]] const SceneView& view() const { return view_; }
+    /// The same scene with materials, normals and lights, for integrators.
+    [[nodiscard]] const ShadingView& shading() const { return shading_; }
     [[nodiscard]] const PathTable& paths() const { return paths_; }
     [[nodiscard]] const SceneStatistics& statistics() const { return statistics_; }
     [[nodiscard]] std::span<const std::byte> bytes() const {
@@ -131,6 +135,7 @@ private:
     Snapshot() = default;
     Arena arena_;
     SceneView view_;
+    ShadingView shading_;
     PathTable paths_;
     WorldPoint origin_{};
     Box bounds_;

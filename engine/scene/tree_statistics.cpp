@@ -13,13 +13,12 @@ class Measurer {
 public:
     explicit Measurer(const SceneView& scene) : scene_(scene) {}
 
-    TreeStatistics measure() {
-        TreeStatistics all;
+    std::vector<TreeStatistics> measure() {
+        std::vector<TreeStatistics> all;
         for (std::uint32_t i = 0; i < scene_.object_count; ++i) {  // children come first
             cost_.push_back(cost_of(scene_.objects[i]));
-            all.height = std::max(all.height, height_of(scene_.objects[i]));
+            all.push_back({cost_.back(), height_of(scene_.objects[i])});
         }
-        all.sah_cost = cost_[scene_.root];
         return all;
     }
 
@@ -82,8 +81,15 @@ private:
 
 }  // namespace
 
-TreeStatistics measure_trees(const SceneView& scene) {
+std::vector<TreeStatistics> measure_each_tree(const SceneView& scene) {
     return Measurer(scene).measure();
+}
+
+TreeStatistics measure_trees(const SceneView& scene) {
+    const std::vector<TreeStatistics> each = measure_each_tree(scene);
+    TreeStatistics all{each[scene.root].sah_cost, 0};
+    for (const TreeStatistics& tree : each) all.height = std::max(all.height, tree.height);
+    return all;
 }
 
 }  // namespace raynest

@@ -5,6 +5,7 @@
 #include "engine/geometry/views.h"
 
 #include <cstdint>
+#include <vector>
 
 namespace raynest {
 
@@ -17,5 +18,7 @@ struct TreeStatistics {
 
 /// Measures the trees of a checked scene, in linear time.
 TreeStatistics measure_trees(const SceneView& scene);
+/// The same for each object's tree, with the trees of its instances in the cost.
+std::vector<TreeStatistics> measure_each_tree(const SceneView& scene);
 
 }  // namespace raynest

@@ -62,7 +62,7 @@ Reply<void> choose_backends(const Backends& backends, std::uint64_t rays, Plan& 
 }
 
 protocol::Error unavailable_error(const Backend& backend, const Unavailable& why) {
-    return {why.code, backend.title() + ": " + why.reason + "; use `worker` auto or cpu",
+    return {why.code, backend.title() + ": " + why.reason + "; use auto or cpu as `worker`",
             why.retry_after_ms};
 }
 

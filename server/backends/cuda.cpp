@@ -53,6 +53,7 @@ public:
     }
     [[nodiscard]] std::optional<Unavailable> unavailable_reason(const Plan& plan) override {
         if (plan.untraced) return Unavailable{"kind null traces nothing"};
+        if (plan.selected) return Unavailable{"hidden instances are the CPU's"};
         if (plan.counters != counters_none)
             return Unavailable{"counters are defined by the CPU's traversal"};
         if (plan.traversal != traversal_auto)

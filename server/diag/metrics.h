@@ -3,16 +3,38 @@
 
 #include <array>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <string_view>
 
 namespace raynest::server {
 
+/// Durations by upper bounds; thread-safe.
+class DurationHistogram {
+public:
+    static constexpr std::array<double, 8> bounds_s = {0.001, 0.01, 0.05, 0.25, 1, 5, 30, 120};
+
+    void add(double seconds) {
+        std::size_t bin = 0;
+        while (bin < bounds_s.size() && seconds > bounds_s[bin]) ++bin;
+        ++counts_[bin];
+        sum_us_ += static_cast<std::uint64_t>(seconds * 1e6);
+    }
+    /// Number of durations in a bin; the last bin is above all bounds.
+    [[nodiscard]] std::uint64_t count(std::size_t bin) const { return counts_[bin]; }
+    [[nodiscard]] double sum_s() const { return static_cast<double>(sum_us_.load()) * 1e-6; }
+
+private:
+    std::array<std::atomic<std::uint64_t>, bounds_s.size() + 1> counts_{};
+    std::atomic<std::uint64_t> sum_us_{0};
+};
+
 /// The counters; they only grow. Thread-safe.
 struct Metrics {
     using Counter = std::atomic<std::uint64_t>;
-#define RAYNEST_METRIC(name, text) Counter name{0};
+#define RAYNEST_METRIC(name, ...) Counter name{0};
 #include "server/diag/metrics.def"
+    DurationHistogram job_seconds;  ///< from a job's start to its end
 };
 
 struct MetricInfo {
@@ -21,7 +43,7 @@ struct MetricInfo {
 };
 
 inline constexpr std::array metric_table = {
-#define RAYNEST_METRIC(name, text) MetricInfo{#name, &Metrics::name},
+#define RAYNEST_METRIC(name, ...) MetricInfo{#name, &Metrics::name},
 #include "server/diag/metrics.def"
 };
 

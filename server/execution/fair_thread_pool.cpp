@@ -183,6 +183,18 @@ std::size_t FairThreadPool::held() const {
                                     std::ranges::count_if(spares_, is_held));
 }
 
+std::chrono::nanoseconds FairThreadPool::longest_task() {
+    const std::lock_guard lock(mutex_);
+    const Clock::time_point now = Clock::now();
+    std::chrono::nanoseconds longest{0};
+    const auto look = [&](const WorkerThread& worker) {
+        if (worker.since < now) longest = std::max(longest, now - worker.since);
+    };
+    std::ranges::for_each(regulars_, look);
+    std::ranges::for_each(spares_, look);
+    return longest;
+}
+
 void FairThreadPool::watch() {
     std::unique_lock lock(mutex_);
     for (std::uint64_t seen = submitted_; !stopping_;) {

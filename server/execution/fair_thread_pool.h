@@ -65,6 +65,8 @@ public:
     static constexpr std::chrono::milliseconds patience{250};
 
     [[nodiscard]] std::size_t threads() const { return regulars_.size(); }
+    /// Returns for how long the longest of the running tasks has run; 0 if none runs.
+    [[nodiscard]] std::chrono::nanoseconds longest_task();
 
 private:
     struct Waiting {

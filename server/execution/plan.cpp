@@ -1,10 +1,12 @@
 #include "server/execution/plan.h"
 
 #include "engine/geometry/triangle.h"
+#include "protocol/text.h"
 #include "server/handlers/scene_info.h"
 
 #include <algorithm>
 #include <limits>
+#include <span>
 #include <utility>
 
 namespace raynest::server {
@@ -40,6 +42,34 @@ Reply<Settings> read_settings(const Variant& variant, const protocol::StringList
     return std::move(*settings);
 }
 
+/// Returns the view of the scene that a job asks for; null if it hides nothing.
+Reply<std::shared_ptr<const Plan::Selected>> select_instances(const Services& services,
+                                                              const SceneView& scene,
+                                                              const wire::Job& job) {
+    const auto list = [](const flatbuffers::Vector<std::uint32_t>* ids) {
+        return ids == nullptr ? std::span<const std::uint32_t>()
+                              : std::span(ids->data(), ids->size());
+    };
+    const InstanceSelection selection{list(job.hidden_instances()), list(job.hidden_objects()),
+                                      list(job.only_instances()), list(job.only_objects())};
+    if (selection.is_everything()) return nullptr;
+    const std::uint64_t most = services.limits.hidden_instances_max;
+    if (scene.instance_count > most)
+        return refuse(Code::limit_exceeded,
+                      "the scene has more instances than hidden_instances_max = " +
+                          std::to_string(most) + "; use masks (load --mask) to hide some of them");
+    const std::uint64_t bytes = std::uint64_t{scene.instance_count} * sizeof(InstanceRecord);
+    auto lease = services.budget.reserve(bytes);
+    if (!lease)
+        return refuse(Code::resource_exhausted,
+                      "hiding instances takes " + protocol::bytes_text(bytes) +
+                          ", more than is free of raynestd's --memory; hide none");
+    auto instances = SelectedInstances::select(scene, selection);
+    if (!instances) return refuse(Code::invalid_field, std::move(instances.error().message));
+    return std::shared_ptr<const Plan::Selected>(
+        new Plan::Selected{{scene, std::move(*instances)}, std::move(*lease)});
+}
+
 RecordNormal record_normal(std::uint32_t type, const void* registry) {
     const PackPrimitive* primitive = static_cast<const Registry*>(registry)->find_primitive(type);
     return primitive == nullptr ? nullptr : primitive->normal;
@@ -47,8 +77,17 @@ RecordNormal record_normal(std::uint32_t type, const void* registry) {
 
 }  // namespace
 
+namespace {
+
+bool has_blended_materials(const SceneView& scene) {
+    return std::any_of(scene.materials, scene.materials + scene.material_count,
+                       [](const MaterialRecord& m) { return m.alpha_mode == AlphaMode::blend; });
+}
+
+}  // namespace
+
 Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
-                      Query query, CounterMode counters) {
+                      Query query, CounterMode counters, bool lit) {
     using protocol::text;
     using protocol::word;
     const auto priority = parse_priority(word(job.priority(), "normal"));
@@ -60,13 +99,19 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     auto scene = services.scenes.find(text(job.scene()), job.epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
     plan.scene = std::move(*scene);
-    const auto variant =
-        services.registry.choose(word(job.intersector(), "auto"), plan.scene.snapshot().view());
+    std::string_view intersector = word(job.intersector(), "auto");
+    if (lit && intersector == "auto" && has_blended_materials(plan.scene.snapshot().view()) &&
+        services.registry.find("alpha_blend") != nullptr)
+        intersector = "alpha_blend";
+    const auto variant = services.registry.choose(intersector, plan.scene.snapshot().view());
     if (!variant) return refuse(variant.error());
     plan.variant = *variant;
     auto settings = read_settings(*plan.variant, job.settings());
     if (!settings) return tl::unexpected(settings.error());
     plan.settings = std::move(*settings);
+    auto selected = select_instances(services, plan.scene.snapshot().view(), job);
+    if (!selected) return tl::unexpected(selected.error());
+    plan.selected = std::move(*selected);
 
     plan.traversal = *traversal;
     plan.mask = job.mask();
@@ -105,7 +150,7 @@ Reply<Plan> Plan::observed(Plan plan) {
 
 TraceCall Plan::call() const {
     TraceCall call{};
-    call.scene = &scene.snapshot().view();
+    call.scene = selected ? &selected->instances.view() : &scene.snapshot().view();
     call.params = settings.params.empty() ? nullptr : settings.params.data();
     call.hits_max = hits_max;
     call.mask = mask;
@@ -116,8 +161,8 @@ TraceCall Plan::call() const {
 bool Plan::same_call(const Plan& other) const {
     return scene.held == other.scene.held && variant == other.variant &&
            settings.params == other.settings.params && settings.flags == other.settings.flags &&
-           query == other.query && traversal == other.traversal &&
-           mask == other.mask && hits_max == other.hits_max;
+           query == other.query && traversal == other.traversal && mask == other.mask &&
+           selected == other.selected && hits_max == other.hits_max;
 }
 
 std::uint64_t Plan::hit_rays_max() const {

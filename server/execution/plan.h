@@ -4,9 +4,11 @@
 
 #include "engine/packs/kernel_selector.h"
 #include "engine/queries/columns.h"
+#include "engine/scene/selected_instances.h"
 #include "server/backends/backends.h"
 #include "server/handlers/handler.h"
 
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -24,6 +26,12 @@ struct Plan {
     bool untraced = false;   ///< kind null: every answer is the canonical miss
     bool reads_rays = true;  ///< columns or reducers read the rays besides the hits
     std::uint32_t mask = 0xFFFFFFFFU;
+    /// The view in which instances are hidden, with its memory; null: none are.
+    struct Selected {
+        SelectedInstances instances;
+        Budget::Lease lease;
+    };
+    std::shared_ptr<const Selected> selected;
     std::uint32_t hits_max = 1;   ///< maximum hits per ray
     std::uint64_t hits_room = 0;  ///< kind all: maximum hit records per call of the kernel
     Priority priority = Priority::normal;
@@ -61,9 +69,9 @@ struct Plan {
 inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
 
 /// Makes the plan of a job; an error names the wrong word. Counters force the single traversal
-/// on the CPU, and a note to the user says so.
+/// on the CPU, and a note to the user says so. A lit picture blends where no intersector is named.
 Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
-                      Query query, CounterMode counters = counters_none);
+                      Query query, CounterMode counters = counters_none, bool lit = false);
 
 /// Returns the submission of a job with this plan; the caller adds the job itself.
 [[nodiscard]] JobSubmission accept(const Plan& plan, const char* kind, std::uint64_t rays);

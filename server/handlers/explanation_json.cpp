@@ -141,6 +141,8 @@ private:
             case outcome_refused:
                 return refusal_text(entry.refusal);
             case outcome_masked: {
+                if ((view_.instances[entry.place].mask & plan_.mask) != 0)
+                    return "hidden by the request";
                 std::array<char, 64> text{};
                 std::snprintf(text.data(), text.size(), "mask %X has no bit of the ray's %X",
                               view_.instances[entry.place].mask, plan_.mask);

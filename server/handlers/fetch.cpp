@@ -1,4 +1,5 @@
-// FETCH: sends the answer of a detached job, frame by frame, under the credit of the caller.
+// FETCH: sends the answer of a detached job, frame by frame, under the credit of the caller. A job
+// that still refines a picture has a latest one, which is sent with a DONE that says so.
 #include "server/handlers/handler.h"
 
 #include <algorithm>
@@ -11,7 +12,7 @@ namespace {
 
 constexpr std::uint32_t retry_ms = 250;
 
-protocol::Buffer copy(const protocol::Buffer& from) {
+protocol::Buffer copy_bytes(const protocol::Buffer& from) {
     protocol::Buffer to(from.size());
     if (from.size() != 0) std::memcpy(to.data(), from.data(), from.size());
     return to;
@@ -21,22 +22,26 @@ class FetchJob final : public Job {
 public:
     FetchJob(const Caller& caller, DetachedJobs::Pointer source)
         : id_(caller.request_id),
-          source_(std::move(source)) {}
+          source_(std::move(source)),
+          preview_(source_->ended() ? nullptr : source_->preview()) {}
 
+    Frames greeting() override {
+        Frames frames;
+        // The answer of a running job begins with STARTED, and grows.
+        if (preview_ != nullptr) frames.push_back(copy(source_->answer().front()));
+        return frames;
+    }
     std::optional<Task> next() override {
         // Run one task at a time, so that frames leave in the order of the answer.
-        if (running_ || next_ == source_->answer().size()) return std::nullopt;
+        if (running_ || next_ == frames().size()) return std::nullopt;
         running_ = true;
-        const protocol::Frame& frame = source_->answer()[next_++];
+        const protocol::Frame& frame = frames()[next_++];
         Task task;
         task.reply_bytes_max = frame.header.bulk_bytes;
-        task.run = [id = id_, &frame](const Stop&) {
-            Frames frames(1);
-            frames[0].header = frame.header;
-            frames[0].header.request_id = id;
-            frames[0].control = copy(frame.control);
-            frames[0].bulk = copy(frame.bulk);
-            return Reply<Frames>(std::move(frames));
+        task.run = [this, &frame](const Stop&) {
+            Frames copies;
+            copies.push_back(copy(frame));
+            return Reply<Frames>(std::move(copies));
         };
         return task;
     }
@@ -44,19 +49,43 @@ public:
         running_ = false;
         return {};
     }
-    [[nodiscard]] bool finished() const override { return next_ == source_->answer().size(); }
-    /// Returns nothing: the kept answer ends with its own DONE.
+    [[nodiscard]] bool finished() const override { return next_ == frames().size(); }
+    /// Returns nothing for a job that has ended: the kept answer ends with its own DONE.
     Frames farewell() override {
-        source_->set_fetched();
-        return {};
+        if (preview_ == nullptr) {
+            source_->set_fetched();
+            return {};
+        }
+        wire::DoneT done;
+        done.incomplete = true;
+        if (const auto picture = protocol::open<wire::Picture>(frames().front()))
+            done.samples = (*picture)->samples();
+        done.notes.push_back("job " + std::to_string(source_->record().number) +
+                             " goes on: this is its picture so far");
+        Frames frames;
+        frames.push_back(*protocol::encode(id_, done));
+        return frames;
     }
     [[nodiscard]] std::optional<Progress> progress() const override {
-        return Progress{next_, source_->answer().size(), "fetching"};
+        return Progress{next_, frames().size(), "fetching"};
     }
 
 private:
+    [[nodiscard]] const std::vector<protocol::Frame>& frames() const {
+        return preview_ != nullptr ? *preview_ : source_->answer();
+    }
+    [[nodiscard]] protocol::Frame copy(const protocol::Frame& frame) const {
+        protocol::Frame twin;
+        twin.header = frame.header;
+        twin.header.request_id = id_;
+        twin.control = copy_bytes(frame.control);
+        twin.bulk = copy_bytes(frame.bulk);
+        return twin;
+    }
+
     const std::uint64_t id_;
     const DetachedJobs::Pointer source_;
+    const std::shared_ptr<const std::vector<protocol::Frame>> preview_;
     std::size_t next_ = 0;
     bool running_ = false;
 };
@@ -69,12 +98,12 @@ Reply<Answer> fetch(const Services& services, const Caller& caller,
     if (!source) return tl::unexpected(source.error());
     const DetachedJob& job = **source;
     const std::string name = "job " + std::to_string(message->job());
-    if (!job.ended())
+    if (!job.ended() && job.preview() == nullptr)
         return tl::unexpected(
             protocol::Error{Code::busy, name + " is not done yet; see `Wait`", retry_ms});
     if (job.error()) return tl::unexpected(*job.error());
     JobSubmission accepted;
-    for (const protocol::Frame& frame : job.answer()) {
+    for (const protocol::Frame& frame : job.ended() ? job.answer() : *job.preview()) {
         // Refuse larger frames: a client may return credit only after half a window.
         if (frame.header.bulk_bytes > caller.window_bytes / 2)
             return refuse(Code::invalid_field,

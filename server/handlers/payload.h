@@ -18,6 +18,8 @@ struct Payload {
     std::uint32_t width = 0;
     std::uint32_t height = 0;
     std::vector<std::byte> bytes;
+    std::uint32_t samples = 0;  ///< per pixel, of a film
+    bool last = true;           ///< false: a later payload replaces this one
 };
 
 /// Returns the payload of a JSON document about a picture of this size.
@@ -32,7 +34,11 @@ public:
     PayloadSender(const protocol::Limits& limits, const Caller& caller, std::string encode);
 
     /// Sets the payload. May be called by the task that made it.
-    void set(Payload payload) { payload_ = std::move(payload); }
+    /// Replaces an earlier payload, which must have been sent.
+    void set(Payload payload) {
+        payload_ = std::move(payload);
+        sent_ = 0;
+    }
     /// Returns the next task, or nothing while one runs: pieces leave in order.
     std::optional<Task> next();
     /// Called when a task has ended.

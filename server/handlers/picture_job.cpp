@@ -98,12 +98,16 @@ std::string smaller_picture(std::string_view encode) {
 }
 
 PictureJob::PictureJob(const Services& services, const Caller& caller, PictureRequest request)
-    : ChunkedJob(services, caller, std::move(request.plan), request.pixels(), false),
-      request_(std::move(request)),
-      sensor_(camera_sensor(request_.camera, {}, {request_.width, request_.height})),
-      payload_(services.limits, caller, request_.encode) {
+    : PictureJob(services, caller, std::move(request), request.pixels()) {
     queue_.add(0, request_.pixels());
 }
+
+PictureJob::PictureJob(const Services& services, const Caller& caller, PictureRequest request,
+                       std::uint64_t total)
+    : ChunkedJob(services, caller, std::move(request.plan), total, false),
+      request_(std::move(request)),
+      sensor_(camera_sensor(request_.camera, {}, {request_.width, request_.height})),
+      payload_(services.limits, caller, request_.encode) {}
 
 Frames PictureJob::greeting() {
     wire::StartedT message = started(plan_, services_.limits);
@@ -122,8 +126,8 @@ std::optional<Task> PictureJob::next() {
             }
             return std::nullopt;
         case Stage::encoding:
-            if (!encode_started_) return encode_task();
-            return std::nullopt;
+            if (std::exchange(encode_started_, true)) return std::nullopt;
+            return encode_task();
         case Stage::sending:
             return payload_.next();
     }
@@ -244,7 +248,6 @@ Traced<Frames> PictureJob::trace(const Chunk& chunk, const Stop& stop, TraceBuff
 }
 
 Task PictureJob::encode_task() {
-    encode_started_ = true;
     Task task;
     task.run = [this](const Stop& stop) -> Reply<Frames> {
         // Check before encoding, which cannot be interrupted: a large PNG takes a second.

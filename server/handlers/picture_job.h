@@ -70,12 +70,19 @@ public:
     [[nodiscard]] std::optional<Progress> progress() const override;
 
 protected:
+    /// For a job that deals out its work itself, in `total` units of its own.
+    PictureJob(const Services& services, const Caller& caller, PictureRequest request,
+               std::uint64_t total);
+
     /// Returns the plans for the integrator's rays.
     [[nodiscard]] virtual CastPlans plans() const = 0;
     /// Traces pixels and stores their values. Returns nothing if the caster failed. Any thread.
-    virtual std::optional<CameraHits> trace_pixels(const PixelRange& pixels,
-                                                   const ColumnSource& scene, RayCaster& caster,
-                                                   const PixelArrays& arrays) = 0;
+    virtual std::optional<CameraHits> trace_pixels(const PixelRange& /*pixels*/,
+                                                   const ColumnSource& /*scene*/,
+                                                   RayCaster& /*caster*/,
+                                                   const PixelArrays& /*arrays*/) {
+        return std::nullopt;
+    }
     /// Traces the pixels of a chunk once more, by plans of its own, after trace_pixels(). Returns the
     /// number of rays. Any thread.
     virtual Traced<std::uint64_t> trace_again(const PixelRange& /*pixels*/, std::size_t /*backend*/,
@@ -112,6 +119,11 @@ protected:
     }
 
     [[nodiscard]] const PictureRequest& request() const { return request_; }
+    [[nodiscard]] const Sensor& sensor() const { return sensor_; }
+    [[nodiscard]] PayloadSender& payload() { return payload_; }
+    [[nodiscard]] const PayloadSender& payload() const { return payload_; }
+    /// Returns a task that encodes the payload.
+    Task encode_task();
 
 private:
     enum class Stage { tracing, encoding, sending };
@@ -120,7 +132,6 @@ private:
     Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override;
     /// Returns a note for a user whose camera sees nothing or only backs of surfaces; else empty.
     [[nodiscard]] std::string hint() const;
-    Task encode_task();
 
     const PictureRequest request_;
     const Sensor sensor_;

@@ -258,6 +258,8 @@ Reply<std::unique_ptr<QueryJob>> columns_job(const Services& services, const Cal
 Reply<Answer> query(const Services& services, const Caller& caller,
                     const protocol::Opened<wire::Query>& message) {
     const std::string_view reduce = protocol::text(message->reduce());
+    if (const auto known = check_reduce(*message.table); !known)
+        return tl::unexpected(known.error());
     const auto kind = kind_of(protocol::word(message->kind(), default_kind(reduce)));
     if (!kind) return tl::unexpected(kind.error());
     auto columns = Columns::choose(protocol::strings(message->fields()), kind->query);

@@ -242,10 +242,9 @@ std::string_view default_kind(std::string_view reduce) {
     return reducer != nullptr ? reducer->kind : "closest";
 }
 
-Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller,
-                                            Plan plan, RaySource source,
-                                            const protocol::Opened<wire::Query>& message) {
-    const std::string_view reduce = protocol::text(message->reduce());
+Reply<void> check_reduce(const wire::Query& query) {
+    const std::string_view reduce = protocol::text(query.reduce());
+    if (reduce.empty()) return {};
     if (find_reducer(reduce) == nullptr) {
         std::string known;
         for (const Reducer& each : reducers)
@@ -253,8 +252,15 @@ Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Call
         return refuse(Code::invalid_field,
                       "unknown reduce '" + std::string(reduce) + "': use one of " + known);
     }
-    if (message->fields() != nullptr && message->fields()->size() != 0)
+    if (query.fields() != nullptr && query.fields()->size() != 0)
         return refuse_use(reduce, "has columns of its own; name no fields");
+    return {};
+}
+
+Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller,
+                                            Plan plan, RaySource source,
+                                            const protocol::Opened<wire::Query>& message) {
+    const std::string_view reduce = protocol::text(message->reduce());
     if (plan.untraced)
         return refuse_use(reduce, "needs rays that are traced; kind null traces none");
     if (reduce == fraction_name) {

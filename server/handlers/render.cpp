@@ -1,6 +1,7 @@
 // RENDER: a picture from a camera.
 #include "engine/assets/image.h"
 #include "engine/integrators/picture.h"
+#include "server/handlers/film_job.h"
 #include "server/handlers/handler.h"
 #include "server/handlers/picture_job.h"
 
@@ -82,14 +83,49 @@ private:
     const std::unique_ptr<Vec4[]> pixels_;
 };
 
+/// A picture of samples, by one of the integrators of engine/integrators/LIST.
+Reply<Answer> render_film(const Services& services, const Caller& caller,
+                          const wire::Render& message, std::string integrator) {
+    auto options = film_options(message, std::move(integrator));
+    if (!options) return tl::unexpected(options.error());
+    auto plan = make_plan(services, caller, *message.job(), query_closest, counters_none, true);
+    if (!plan) return tl::unexpected(plan.error());
+    auto any = Plan::with(*plan, query_any, counters_none);
+    if (!any) return tl::unexpected(any.error());
+    const ImageSize size{message.width(), message.height()};
+    const std::uint64_t rays = size.pixels() * options->samples;
+    const Plan* others[] = {&*any};
+    if (auto chosen = choose_backends(services.backends, rays, *plan, others); !chosen)
+        return tl::unexpected(chosen.error());
+    any->worker = plan->worker;
+    const std::string_view encode = protocol::word(message.encode(), "png");
+    auto request =
+        make_request(services, caller, std::move(*plan), message.camera(), size.width, size.height,
+                     encode, film_job_bytes(size, encode, *options));
+    if (!request) return tl::unexpected(request.error());
+    JobSubmission accepted = accept(request->plan, "render", rays);
+    accepted.detail = options->integrator;
+    accepted.advice = smaller_picture(request->encode);
+    accepted.input_bytes = options->resume_bytes + options->environment_bytes;
+    accepted.answer_bytes =
+        payload_answer_bytes(caller, film_payload_bytes_max(size, request->encode));
+    // A detached job keeps its latest picture while it makes the next one.
+    accepted.result_bytes = 3 * accepted.answer_bytes;
+    accepted.job = std::make_unique<FilmJob>(services, caller, std::move(*request),
+                                             std::move(*any), std::move(*options));
+    return Answer{std::move(accepted)};
+}
+
 }  // namespace
 
 Reply<Answer> render(const Services& services, const Caller& caller,
                      const protocol::Opened<wire::Render>& message) {
     const std::string_view integrator = protocol::word(message->integrator(), "primary");
     if (integrator != "primary")
-        return refuse(Code::unsupported, "this daemon has no integrator '" +
-                                             std::string(integrator) + "'; use primary");
+        return render_film(services, caller, *message.table, std::string(integrator));
+    if (message->resume_bytes() != 0 || message->environment_bytes() != 0)
+        return refuse(Code::invalid_field,
+                      "primary takes no files: nothing lights it, and it has no samples to continue");
     auto plan = make_plan(services, caller, *message->job(), query_closest);
     if (!plan) return tl::unexpected(plan.error());
     const std::uint64_t pixels = std::uint64_t{message->width()} * message->height();

@@ -65,16 +65,41 @@ void DetachedJob::send(protocol::Frame frame) {
         }
         room_.merge(std::move(*more));
     }
+    if (is<wire::Picture>(frame)) {
+        const auto picture = protocol::open<wire::Picture>(frame);
+        if (picture && !(*picture)->last()) {
+            const std::uint64_t offset = (*picture)->offset();
+            const std::uint64_t end = offset + picture->blocks.at(0).bytes.size();
+            return keep_preview(std::move(frame), offset == 0, end == (*picture)->total());
+        }
+    }
     const bool done = is<wire::Done>(frame);
     answer_.push_back(std::move(frame));
     if (done) end(std::nullopt);
+}
+
+void DetachedJob::keep_preview(protocol::Frame frame, bool begins, bool ends) {
+    const auto release = [this](const std::vector<protocol::Frame>& frames) {
+        for (const protocol::Frame& one : frames) answer_bytes_ -= one.header.frame_bytes();
+    };
+    if (begins) {
+        release(arriving_);
+        arriving_.clear();
+    }
+    arriving_.push_back(std::move(frame));
+    if (!ends) return;
+    if (preview_ != nullptr) release(*preview_);
+    preview_ = std::make_shared<const std::vector<protocol::Frame>>(std::exchange(arriving_, {}));
 }
 
 void DetachedJob::end(std::optional<protocol::Error> error) {
     ended_ = Clock::now();
     error_ = std::move(error);
     if (error_) answer_.clear();
-    if (error_) answer_bytes_ = 0;
+    arriving_.clear();
+    preview_.reset();
+    answer_bytes_ = 0;
+    for (const protocol::Frame& frame : answer_) answer_bytes_ += frame.header.frame_bytes();
     // Return the memory that was reserved for the worst case or for an answer that failed.
     room_.shrink(std::min(room_.bytes(), base_bytes + answer_bytes_));
 }

@@ -34,6 +34,10 @@ public:
     [[nodiscard]] const JobRecord& record() const { return record_; }
     /// The frames that an attached client would receive, from Started to Done, without Progress.
     [[nodiscard]] const std::vector<protocol::Frame>& answer() const { return answer_; }
+    /// The latest whole picture of a running job that refines one, as its frames; null: none yet.
+    [[nodiscard]] const std::shared_ptr<const std::vector<protocol::Frame>>& preview() const {
+        return preview_;
+    }
     /// Bytes of the answer; while the job runs, the bytes reserved for it.
     [[nodiscard]] std::uint64_t bytes() const { return room_.bytes(); }
     [[nodiscard]] bool ended() const { return ended_ != Clock::time_point::max(); }
@@ -54,6 +58,8 @@ private:
     void send(protocol::Frame frame) override;
     [[nodiscard]] std::uint64_t backlog() const override { return 0; }
     void end(std::optional<protocol::Error> error);
+    /// Keeps a frame of a picture that a later one replaces.
+    void keep_preview(protocol::Frame frame, bool begins, bool ends);
 
     const JobContext& context_;
     JobRecord record_;
@@ -62,6 +68,8 @@ private:
     std::shared_ptr<Runner> runner_;
     Sink* feeder_ = nullptr;
     std::vector<protocol::Frame> answer_;
+    std::vector<protocol::Frame> arriving_;  ///< of a preview that is not yet whole
+    std::shared_ptr<const std::vector<protocol::Frame>> preview_;
     std::uint64_t answer_bytes_ = 0;
     std::optional<protocol::Error> error_;
     Clock::time_point ended_ = Clock::time_point::max();

@@ -2,6 +2,7 @@
 
 #include "protocol/control.h"
 #include "protocol/text.h"
+#include "server/diag/refusals.h"
 #include "server/jobs/job_log.h"
 
 #include <algorithm>
@@ -321,16 +322,26 @@ void Runner::finish(const ActivePointer& active) {
     if (!active->tasks.empty()) return;
     jobs_.remove(active);
     ++context_.metrics.jobs_ended;
-    if (const JobRecord* record = context_.admission.find(active->slot.number()))
+    if (const JobRecord* record = context_.admission.find(active->slot.number())) {
         log_job(*record, Clock::now(), active->error);
-    context_.admission.record(Clock::now() - active->started);
+        if (active->error && record->kind == "load") ++context_.metrics.scenes_refused;
+    }
+    const std::chrono::duration<double> took = Clock::now() - active->started;
+    context_.admission.record(took);
+    context_.metrics.job_seconds.add(took.count());
+    if (!active->error) ++context_.metrics.jobs_done;
     if (sink_ != nullptr && !active->error)
         guarded(*active, [&] {
             for (protocol::Frame& frame : active->job->farewell()) sink_->send(std::move(frame));
         });
     if (active->error) {
-        const bool cancelled = active->error->code == Code::cancelled;
-        ++(cancelled ? context_.metrics.jobs_cancelled : context_.metrics.jobs_failed);
+        const Code code = active->error->code;
+        ++(code == Code::cancelled ? context_.metrics.jobs_cancelled
+                                   : context_.metrics.jobs_failed);
+        if (code == Code::deadline)
+            ++context_.metrics.deadlines_passed;
+        else if (code != Code::cancelled)
+            ++refusals_of(context_.metrics, code);
     }
     if (sink_ != nullptr && active->error)
         sink_->send(protocol::encode_error(active->id, *active->error, false));
@@ -362,6 +373,9 @@ void Runner::tick(Clock::time_point now) {
                 message.done = progress->done;
                 message.total = progress->total;
                 message.stage = progress->stage;
+                message.samples = progress->samples;
+                message.noise = progress->noise;
+                message.left_ms = progress->left_ms;
                 sink_->send(*protocol::encode(active->id, message));
             }
             // Pump: the job may have waited for something other than its client.

@@ -14,6 +14,8 @@
 namespace raynest::server {
 namespace {
 
+/// Media type of Prometheus' text format.
+constexpr std::string_view exposition_type = "text/plain; version=0.0.4; charset=utf-8";
 /// Letters of a foreign header that an answer repeats.
 constexpr std::size_t quoted_bytes_max = 100;
 
@@ -135,7 +137,7 @@ HttpReply HttpSite::answer(const HttpRequest& request) const {
     if (!is_own_host(request.hosts.front())) {
         const std::string host = protocol::clean_text(request.hosts.front(), quoted_bytes_max);
         return refuse_foreign(
-            421, "the host " + quoted(host) +
+            421, "the host " + quoted(std::string_view(host)) +
                      " is not one of this daemon; open http://127.0.0.1:" + std::to_string(port_) +
                      "/, or start it with --http-host " + std::string(split_host(host).name));
     }
@@ -156,7 +158,17 @@ HttpReply HttpSite::route(const HttpRequest& request) const {
     if (request.upgrades) return refuse(404, "the WebSocket is /v1/stream");
     if (path == "/healthz") return {.text = "ok\n"};
     if (path == "/readyz") return ready();
+    if (path == "/metrics" && metrics_) return metrics(request);
     return file(path, request.if_none_match);
+}
+
+HttpReply HttpSite::metrics(const HttpRequest& request) const {
+    constexpr std::string_view scheme = "Bearer ";
+    std::string_view token = request.authorization;
+    token.remove_prefix(token.starts_with(scheme) ? scheme.size() : token.size());
+    if (may_see_metrics_ && !may_see_metrics_(token))
+        return refuse(401, "/metrics takes a token here: Authorization: Bearer TOKEN");
+    return {.type = exposition_type, .text = metrics_()};
 }
 
 HttpReply HttpSite::stream(const HttpRequest& request) const {

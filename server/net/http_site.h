@@ -1,6 +1,7 @@
 // The daemon's answers over HTTP, without sockets.
 //
-//   HttpRequest ──► allowed Host? ──► route: a file of server/web, /healthz, /readyz, /v1/stream
+//   HttpRequest ──► allowed Host? ──► route: a file of server/web, /healthz, /readyz, /metrics,
+//                                        │                 /v1/stream
 //                                        │
 //                                        └─► HttpReply, which http.cpp writes
 //
@@ -26,6 +27,7 @@ struct HttpRequest {
     std::string_view if_none_match;
     bool upgrades = false;  ///< asks for a WebSocket
     bool has_body = false;
+    std::string_view authorization = {};  ///< "Bearer TOKEN"
 };
 
 struct HttpReply {
@@ -50,6 +52,12 @@ public:
     void set_port(std::uint16_t port) { port_ = port; }
     /// Sets the answer of /readyz: an empty text if requests are served, else why not.
     void set_unready(std::function<std::string()> unready) { unready_ = std::move(unready); }
+    /// Sets the answer of /metrics.
+    void set_metrics(std::function<std::string()> metrics) { metrics_ = std::move(metrics); }
+    /// Shows /metrics only to those whose bearer token `may_see` accepts.
+    void guard_metrics(std::function<bool(std::string_view token)> may_see) {
+        may_see_metrics_ = std::move(may_see);
+    }
     /// Refuses new WebSockets, because the daemon ends.
     void drain() { draining_ = true; }
 
@@ -60,10 +68,13 @@ private:
     [[nodiscard]] HttpReply route(const HttpRequest& request) const;
     [[nodiscard]] HttpReply stream(const HttpRequest& request) const;
     [[nodiscard]] HttpReply ready() const;
+    [[nodiscard]] HttpReply metrics(const HttpRequest& request) const;
 
     const std::vector<std::string> names_;
     std::uint16_t port_ = 0;
     std::function<std::string()> unready_;
+    std::function<std::string()> metrics_;
+    std::function<bool(std::string_view)> may_see_metrics_;  ///< empty: everybody may
     bool draining_ = false;
 };
 

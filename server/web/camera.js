@@ -95,15 +95,20 @@ export function ray(camera, x, y, width, height) {
            direction: sub(add(scale(right, px * tangent), scale(up, py * tangent)), back) };
 }
 
-/** Returns [x, y, depth] in pixels of a point of the scene; depth is not positive behind the eye. */
-export function project(camera, point, width, height) {
-  const { right, up, back } = basis(camera);
-  const v = sub(point, camera.eye);
-  const depth = -dot(v, back);
-  const half = camera.projection === "orthographic"
-    ? halfHeight(camera) : depth * Math.tan((camera.fov * Math.PI) / 360);
-  return [width / 2 + (dot(v, right) / half) * (height / 2), height / 2 - (dot(v, up) / half) * (height / 2), depth];
+/** Returns a function of points of the scene to [x, y, depth]: pixels, and a depth not positive behind the eye. */
+export function projector(camera, width, height) {
+  const { right, up, back } = basis(camera), { eye } = camera;
+  const flat = camera.projection === "orthographic" ? halfHeight(camera) : 0;
+  const tangent = Math.tan((camera.fov * Math.PI) / 360);
+  return (point) => {
+    const v = sub(point, eye), depth = -dot(v, back);
+    const half = flat || depth * tangent;
+    return [width / 2 + (dot(v, right) / half) * (height / 2), height / 2 - (dot(v, up) / half) * (height / 2), depth];
+  };
 }
+
+/** The same for one point. */
+export const project = (camera, point, width, height) => projector(camera, width, height)(point);
 
 /** Returns the camera whose 2x2 rays are given as columns `origin` and `direction`. */
 export function cameraOfRays({ origin, direction }, target) {
@@ -122,6 +127,12 @@ export function cameraOfRays({ origin, direction }, target) {
   const level = Math.abs(dot(cross(axis, ahead), up)) < 1e-4 && dot(axis, up) > 0.1;
   return rounded({ eye, at: add(eye, scale(ahead, reach)), up: level ? axis : up, fov,
                    projection: orthographic ? "orthographic" : "perspective" });
+}
+
+/** Returns the Camera table of a perspective camera. */
+export function cameraTable({ eye, at, up, fov }) {
+  const vec = ([x, y, z]) => ({ x, y, z });
+  return { look_at: true, eye: vec(eye), at: vec(at), up: vec(up), fov_degrees: fov };
 }
 
 /** Returns the generator that makes this camera's rays in the daemon. */

@@ -11,7 +11,7 @@ export class Hover extends EventTarget {
   constructor(app) {
     super();
     this.#app = app;
-    app.store.on(["scene", "camera", "intersector", "settings", "mask"], () => this.unpin());
+    app.store.on(["scene", "camera", "intersector", "settings", "mask", "hidden", "isolated"], () => this.unpin());
   }
 
   at(x, y) {

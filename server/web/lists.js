@@ -13,6 +13,7 @@ export const MESSAGES = {
   Variants: 14,
   Stats: 15,
   Parts: 16,
+  Structure: 17,
   Query: 24,
   QueryRays: 25,
   Render: 26,
@@ -23,6 +24,7 @@ export const MESSAGES = {
   Wait: 33,
   Fetch: 34,
   CancelJob: 35,
+  Admin: 48,
   Credit: 64,
   Welcome: 129,
   Pong: 130,
@@ -44,6 +46,7 @@ export const MESSAGES = {
   JobList: 160,
   JobInfo: 161,
   Detached: 162,
+  AdminReport: 176,
 };
 
 export const COLUMNS = {
@@ -62,6 +65,10 @@ export const COLUMNS = {
   flags: ["u8", 1],
   origin: ["f32", 3],
   direction: ["f32", 3],
+  object: ["u32", 1],
+  mask: ["u32", 1],
+  box_share: ["f32", 1],
+  tree_depth: ["u32", 1],
   nodes: ["u32", 1],
   boxes: ["u32", 1],
   leaves: ["u32", 1],

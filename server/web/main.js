@@ -13,11 +13,13 @@ import { buildPanels } from "./panels.js";
 import { Picture } from "./picture.js";
 import { Daemon } from "./raynest.js";
 import { keepView, keptView } from "./settings.js";
+import { Selection } from "./selection.js";
 import { Store } from "./store.js";
 import { Surface } from "./surface.js";
 import { startTheme } from "./theme.js";
 import { fromFragment, toFragment } from "./url.js";
-import { viewOptions } from "./views.js";
+import { viewOf, viewOptions } from "./views.js";
+import { visibility } from "./visibility.js";
 
 const PIXELS_MAX = 1280 * 800;
 const frame = byId("frame"), canvas = byId("picture");
@@ -27,9 +29,12 @@ const model = new Model(daemon);
 const picture = new Picture(daemon, store, tracedSize);
 const legend = new Legend(store, byId("legend"));
 const area = Object.assign(new EventTarget(), { rectangle: null });
-const app = { daemon, store, model, picture, legend, area, canvas, frame, failed, showCamera };
+const app = { daemon, store, model, picture, legend, area, canvas, frame, failed, inform, showCamera };
 app.hover = new Hover(app);
 app.overlay = new Overlay(app, byId("overlay"));
+app.selection = new Selection(app);
+app.actions = visibility(app);
+app.hover.addEventListener("found", () => { if (app.hover.pinned) app.selection.chooseHit(app.hover.pinned); });
 let surface = null;
 try {
   surface = new Surface(canvas);
@@ -104,7 +109,8 @@ steer(frame, store, {
 });
 
 function keepRay(pixel) {
-  store.set({ panel: store.values.panel === "explain" ? "explain" : "ray" });
+  // Tables stay, and mark the row; the other panels give way to the ray's.
+  if (!["ranking", "objects"].includes(store.values.panel)) store.set({ panel: "ray" });
   app.hover.pin(...pixel);
 }
 frame.addEventListener("keydown", (event) => {
@@ -162,7 +168,7 @@ async function chooseCamera(name) {
 }
 
 byId("scene").onchange = async ({ target }) => {
-  store.set({ scene: target.value, camera: null, level: "", hidden: [], isolated: [] });
+  store.set({ scene: target.value, camera: null, level: "", hidden: [], isolated: [], compare: "" });
   try { await chooseScene(null); } catch (error) { failed(error); }
 };
 byId("camera").onchange = async ({ target }) => {
@@ -173,7 +179,14 @@ fillSelect(byId("view"), viewOptions(), store.values.view);
 byId("view").onchange = ({ target }) => store.set({ view: target.value, range: "p99" });
 byId("level").onchange = ({ target }) => store.set({ level: target.value });
 store.on(["cameraName"], ({ cameraName }) => { byId("camera").value = cameraName; });
-store.on(["view"], ({ view }) => { byId("view").value = view; });
+store.on(["level"], ({ level }) => { byId("level").value = level; });
+function showView({ view }) {
+  byId("view").value = view;
+  // Only counters have levels.
+  byId("level-field").hidden = !viewOf(view).counter || Number(model.info?.levels ?? 1) < 2;
+}
+store.on(["view"], showView);
+model.addEventListener("change", () => showView(store.values));
 
 // ---- the daemon -------------------------------------------------------------------------------
 
@@ -205,10 +218,7 @@ function inform(text) {
 
 // ---- tools and shortcuts ----------------------------------------------------------------------
 
-const world = () => {
-  const { origin_x = 0, origin_y = 0, origin_z = 0 } = model.info ?? {};
-  return inWorld(store.values, [origin_x, origin_y, origin_z].map(Number));
-};
+const world = () => inWorld(store.values, model.origin);
 const texts = () => [asCommand(world(), tracedSize()), asPython(world(), tracedSize())];
 
 async function copy(text, what) {
@@ -223,18 +233,23 @@ const ready = (run) => () => { if (picture.image) run(); };
 const switchTheme = startTheme(() => legend.draw());
 const frameScene = ready(() => showCamera(frameBox(store.values.camera, model.box.low, model.box.high)));
 const show = ready(() => showDialog("This view again", element("div", {}, element("h2", {}, "Command"), element("pre", { tabIndex: 0, id: "command" }, texts()[0]),
-  element("h2", {}, "Python"), element("pre", { tabIndex: 0, id: "python" }, texts()[1])),
+  element("h2", {}, "Python"), element("pre", { tabIndex: 0, id: "python" }, texts()[1]),
+  store.values.hidden.length + store.values.isolated.length ? element("p", { className: "hint" }, "Hidden and isolated instances are part of the link, not of the command.") : null),
   ...[["Copy as command", () => copy(texts()[0], "Command")], ["Copy as Python", () => copy(texts()[1], "Python")], ["Copy link", () => copy(location.href, "Link")],
       ["PNG", () => downloadPng(app)], ["Report", () => downloadReport(app, texts())]]
     .map(([text, onclick]) => element("button", { type: "button", onclick }, text))));
 const actions = [
   { key: "0", text: "Show the whole scene", run: frameScene },
+  { key: "F", text: "Focus: look at what is selected", run: ready(app.actions.focus) },
+  { key: "H", text: "Hide what is selected", run: ready(app.actions.hide) },
+  { key: "I", text: "Isolate what is selected", run: ready(app.actions.isolate) },
+  { key: "J", text: "Show all again", run: app.actions.showAll },
   { key: "L", text: "Logarithmic scale", run: () => store.set({ log: !store.values.log }) },
   { key: "P", text: "Perspective or orthographic", run: ready(() => showCamera({ ...store.values.camera,
       projection: store.values.camera.projection === "orthographic" ? "perspective" : "orthographic" })) },
   { key: "C", text: "This view as command, Python, link, PNG or report", run: show },
   { key: "T", text: "Light or dark", run: switchTheme },
-  { key: "Escape", text: "Let go of the kept ray and rectangle", run: () => { app.hover.unpin(); area.rectangle = null; area.dispatchEvent(new Event("change")); draw(); } },
+  { key: "Escape", text: "Let go of the kept ray, selection and rectangle", run: () => { app.hover.unpin(); app.selection.choose(null); area.rectangle = null; area.dispatchEvent(new Event("change")); draw(); } },
 ];
 const help = startKeys(actions);
 for (const [id, text, title, run] of [["share", "Share", "Copy as command, Python or link; PNG; report (C)", show],

@@ -1,9 +1,15 @@
 // What the daemon says of its scenes and intersectors.
+import { askDocument } from "./documents.js";
+import { facts } from "./views.js";
+
+const OBJECTS_MAX = 4096;
 
 export class Model extends EventTarget {
   scenes = [];
   variants = [];
   info = null;
+  objects = [];    // rows of Structure's document `objects`; at most OBJECTS_MAX
+  materials = [];  // {index, name, alpha, triangles}
 
   constructor(daemon) {
     super();
@@ -23,6 +29,14 @@ export class Model extends EventTarget {
   async choose(scene) {
     this.info = await this.daemon.ask("Info", { scene, hold: true });
     this.#changed();
+    const [objects, parts] = await Promise.all([
+      askDocument(this.daemon, "Structure", { scene, kind: "objects", count: OBJECTS_MAX }),
+      this.daemon.askPages("Parts", { scene, kind: "materials" }, ["names", "triangles", "alpha_modes"])]);
+    if (this.info.name !== objects.scene) return this.info;
+    facts.objects = this.objects = objects.rows;
+    facts.materials = this.materials = parts.names.map((name, index) =>
+      ({ index, name, alpha: parts.alpha_modes[index], triangles: Number(parts.triangles[index]) }));
+    this.#changed();
     return this.info;
   }
 
@@ -30,6 +44,12 @@ export class Model extends EventTarget {
   resolve(intersector) {
     if (intersector !== "auto") return intersector;
     return (this.info?.mask_materials ?? 0) + (this.info?.blend_materials ?? 0) > 0 ? "alpha_mask" : "opaque";
+  }
+
+  /** The world's point that places of the page are relative to. */
+  get origin() {
+    const { origin_x = 0, origin_y = 0, origin_z = 0 } = this.info ?? {};
+    return [origin_x, origin_y, origin_z].map(Number);
   }
 
   get box() {

@@ -1,5 +1,5 @@
 // Lines over the picture: the chosen rectangle, and boxes of the scene as wireframes.
-import { project, sub, dot, basis, add, scale } from "./camera.js";
+import { add, basis, dot, projector, scale, sub } from "./camera.js";
 
 const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 
@@ -15,6 +15,8 @@ export class Overlay {
   #app;
   #canvas;
   #layers = new Map();
+  #mask = null;
+  #asked = false;
 
   constructor(app, canvas) {
     this.#app = app;
@@ -28,7 +30,24 @@ export class Overlay {
     this.draw();
   }
 
+  /** Dims the pixels outside of {width, height, inside} and draws its outline; null: nothing is dimmed. */
+  mask(marked) {
+    if (!marked && !this.#mask) return;
+    this.#mask = marked && maskCanvas(marked);
+    this.draw();
+  }
+
+  /** Draws with the next frame of the browser. */
   draw() {
+    if (this.#asked) return;
+    this.#asked = true;
+    requestAnimationFrame(() => {
+      this.#asked = false;
+      this.#paint();
+    });
+  }
+
+  #paint() {
     const { canvas: picture, area, store } = this.#app;
     const canvas = this.#canvas, dpr = globalThis.devicePixelRatio || 1;
     const [width, height] = [picture.clientWidth, picture.clientHeight];
@@ -36,11 +55,14 @@ export class Overlay {
     canvas.style.height = picture.style.height;
     if (canvas.width !== Math.round(width * dpr)) canvas.width = Math.round(width * dpr);
     if (canvas.height !== Math.round(height * dpr)) canvas.height = Math.round(height * dpr);
-    const context = canvas.getContext("2d");
+    // Thousands of thin lines are drawn faster without the GPU.
+    const context = canvas.getContext("2d", { willReadFrequently: true });
     context.setTransform(dpr, 0, 0, dpr, 0, 0);
     context.clearRect(0, 0, width, height);
     const { camera } = store.values;
-    if (camera) for (const box of [...this.#layers.values()].flat()) drawBox(context, camera, box, width, height);
+    context.imageSmoothingEnabled = false;
+    if (this.#mask) context.drawImage(this.#mask, 0, 0, width, height);
+    if (camera) drawBoxes(context, camera, [...this.#layers.values()].flat(), width, height);
     if (!area.rectangle) return;
     const zoom = width / picture.width;
     const [[x0, y0], [x1, y1]] = area.rectangle;
@@ -54,14 +76,34 @@ export class Overlay {
   }
 }
 
-function drawBox(context, camera, box, width, height) {
-  const points = corners(box);
+function maskCanvas({ width, height, inside }) {
+  const canvas = new OffscreenCanvas(width, height), context = canvas.getContext("2d");
+  const pixels = context.createImageData(width, height);
+  for (let i = 0; i < inside.length; ++i) {
+    const x = i % width;
+    const edge = inside[i] && ((x > 0 && !inside[i - 1]) || (x < width - 1 && !inside[i + 1]) || !(inside[i - width] ?? 1) || !(inside[i + width] ?? 1));
+    if (edge) pixels.data.set([255, 255, 255, 255], 4 * i);
+    else if (!inside[i]) pixels.data[4 * i + 3] = 130;
+  }
+  context.putImageData(pixels, 0, 0);
+  return canvas;
+}
+
+function drawBoxes(context, camera, boxes, width, height) {
+  const view = { see: projector(camera, width, height), near: camera.projection === "orthographic" ? -Infinity : 1e-4, width, height };
   const { back } = basis(camera);
-  const near = camera.projection === "orthographic" ? -Infinity : 1e-4;
-  const depth = (p) => -dot(sub(p, camera.eye), back);
-  context.strokeStyle = box.colour ?? "#ffffff";
-  context.lineWidth = box.width ?? 1.2;
-  context.beginPath();
+  view.depth = (p) => -dot(sub(p, camera.eye), back);
+  for (const box of boxes) {
+    context.strokeStyle = box.colour ?? "#ffffff";
+    context.lineWidth = box.width ?? 1.2;
+    context.beginPath();
+    addBox(context, view, box);
+    context.stroke();
+  }
+}
+
+function addBox(context, { see, near, depth, width, height }, box) {
+  const points = corners(box);
   for (const [a, b] of EDGES) {
     let [p, q] = [points[a], points[b]];
     const [dp, dq] = [depth(p), depth(q)];
@@ -69,9 +111,25 @@ function drawBox(context, camera, box, width, height) {
     // Cut the edge where it passes behind the eye.
     if (dp < near) p = add(p, scale(sub(q, p), (near - dp) / (dq - dp)));
     if (dq < near) q = add(q, scale(sub(p, q), (near - dq) / (dp - dq)));
-    const [x0, y0] = project(camera, p, width, height), [x1, y1] = project(camera, q, width, height);
-    context.moveTo(x0, y0);
-    context.lineTo(x1, y1);
+    const line = clipped(see(p), see(q), width, height);
+    if (!line) continue;
+    context.moveTo(...line[0]);
+    context.lineTo(...line[1]);
   }
-  context.stroke();
+}
+
+/** Returns the part of a line inside the canvas, or null. Lines of millions of pixels take seconds to draw. */
+function clipped([x0, y0], [x1, y1], width, height) {
+  let from = 0, to = 1;
+  for (const [start, by, most] of [[x0, x1 - x0, width], [y0, y1 - y0, height]]) {
+    if (by === 0) {
+      if (start < 0 || start > most) return null;
+      continue;
+    }
+    const [a, b] = [-start / by, (most - start) / by];
+    from = Math.max(from, Math.min(a, b));
+    to = Math.min(to, Math.max(a, b));
+  }
+  const at = (t) => [x0 + t * (x1 - x0), y0 + t * (y1 - y0)];
+  return from < to ? [at(from), at(to)] : null;
 }

@@ -5,8 +5,9 @@ import { setupPanel } from "./setup.js";
 import { rayPanel } from "./ray.js";
 import { areaPanel } from "./area.js";
 import { objectsPanel } from "./objects.js";
+import { rankingPanel } from "./ranking.js";
 
-const PANELS = [setupPanel, rayPanel, areaPanel, objectsPanel];
+const PANELS = [setupPanel, rayPanel, rankingPanel, objectsPanel, areaPanel];
 
 export function buildPanels(app, tabs, place) {
   const made = PANELS.map((panel) => {

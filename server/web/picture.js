@@ -28,7 +28,7 @@ export class Picture extends EventTarget {
     this.#store = store;
     this.#size = size;
     store.on(["camera"], () => this.moved());
-    store.on(["scene", "view", "level", "compare", "intersector", "settings", "mask", "kind"], () => this.restart());
+    store.on(["scene", "view", "level", "compare", "intersector", "settings", "mask", "kind", "hidden", "isolated"], () => this.restart());
   }
 
   /** True if the fine picture of what the page shows now is complete. */
@@ -138,8 +138,8 @@ export class Picture extends EventTarget {
 }
 
 /** What a picture depends on. */
-const wantedOf = ({ scene, camera, view, level, compare, intersector, settings, mask, kind }) =>
-  ({ scene, camera, view, level, compare, intersector, settings, mask, kind });
+const wantedOf = ({ scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated }) =>
+  ({ scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated });
 
 const pause = (ms, signal) => new Promise((resolve, reject) => {
   const timer = setTimeout(resolve, ms);

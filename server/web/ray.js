@@ -2,9 +2,10 @@
 import { pixelGenerator } from "./camera.js";
 import { element, pairs } from "./dom.js";
 import { COUNTERS } from "./lists.js";
+import { explanation } from "./explain.js";
 import { jobOf } from "./requests.js";
 
-const FIELDS = ["t", "prim", "geom", "path", "inst", "uid", "uv", "ng", "front", "position", "material", "flags", "origin", "direction"];
+const FIELDS = ["t", "prim", "geom", "path", "inst", "uid", "uv", "ng", "front", "position", "material", "flags", "object", "mask", "box_share", "tree_depth", "origin", "direction"];
 const MISS = 0xffffffffffffffffn;
 
 export const rayPanel = { id: "ray", title: "Ray", build };
@@ -40,7 +41,8 @@ export function recordRows({ x, y, hit, columns, path }, origin = [0, 0, 0]) {
   if (hit) {
     rows.push(["Instance path", path.name || "(the root)"], ["Path id", String(columns.path[0])], ["t", String(Number(columns.t[0].toPrecision(7)))],
       ["Primitive", number(columns.prim[0])], ["Geometry", number(columns.geom[0])], ["Material", number(columns.material[0])],
-      ["Instance", number(columns.inst[0])], ["uid", number(columns.uid[0])], ["u, v", vector(columns.uv)],
+      ["Instance", number(columns.inst[0])], ["uid", number(columns.uid[0])], ["Object", number(columns.object[0])],
+      ["Mask", columns.mask[0].toString(16)], ["Box share", String(Number(columns.box_share[0].toPrecision(4)))], ["Tree depth", number(columns.tree_depth[0])], ["u, v", vector(columns.uv)],
       ["Normal", vector(columns.ng)], ["Side", columns.front[0] ? "front" : "back"],
       ["Position", vector(columns.position.map((v, i) => v + origin[i]))]);
   }
@@ -49,15 +51,16 @@ export function recordRows({ x, y, hit, columns, path }, origin = [0, 0, 0]) {
 
 export const counterRows = (columns) => Object.keys(COUNTERS).filter((name) => columns[name]).map((name) => [name, String(columns[name][0])]);
 
-function build({ hover, model }, place) {
+function build(app, place) {
+  const { hover, model } = app;
   const record = element("div", { id: "record" }), counters = element("div", { id: "counters" });
   const hint = element("p", { className: "hint" }, "Point at the picture to see what its ray hits; click to keep it.");
   place.append(hint, element("h2", {}, "Hit record"), record, element("h2", {}, "Work"), counters);
+  explanation(app, place);
   const show = () => {
     const found = hover.pinned ?? hover.found;
     if (!found) return;
-    const { origin_x = 0, origin_y = 0, origin_z = 0 } = model.info ?? {};
-    record.replaceChildren(pairs(recordRows(found, [origin_x, origin_y, origin_z].map(Number))));
+    record.replaceChildren(pairs(recordRows(found, model.origin)));
     counters.replaceChildren(pairs(counterRows(found.columns)));
     hint.textContent = hover.pinned ? "This ray is kept. Press Escape to follow the pointer again." : "Click to keep this ray.";
   };

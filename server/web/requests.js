@@ -1,15 +1,20 @@
 // What the page asks the daemon for, from what it shows: used by pictures, hovering and "copy as command".
-import { generator } from "./camera.js";
+import { cameraTable, generator } from "./camera.js";
 import { viewOf } from "./views.js";
 
 /** Returns the Job table; `other` is one of the settings of "difference with". */
 export function jobOf(state, other = "") {
   const [kind, ...rest] = other.split(":");
   const value = rest.join(":");
-  const job = { scene: state.scene, intersector: state.intersector, mask: parseInt(state.mask, 16),
+  const chosen = (list, letter) => list.filter((id) => id[0] === letter).map((id) => Number(id.slice(1)));
+  const shown = { hidden_instances: chosen(state.hidden, "i"), hidden_objects: chosen(state.hidden, "o"),
+                  only_instances: chosen(state.isolated, "i"), only_objects: chosen(state.isolated, "o") };
+  for (const name of Object.keys(shown)) if (shown[name].length === 0) delete shown[name];
+  const job = { ...shown, scene: state.scene, intersector: state.intersector, mask: parseInt(state.mask, 16),
                 settings: Object.entries(state.settings).map(([name, text]) => `${name}=${text}`) };
   if (kind === "intersector") return { ...job, intersector: value, settings: [] };
-  if (kind === "scene") return { ...job, scene: value };
+  // Numbers of instances and objects mean others in another scene.
+  if (kind === "scene") return { ...job, scene: value, ...Object.fromEntries(Object.keys(shown).map((name) => [name, undefined])) };
   if (kind === "mask") return { ...job, mask: parseInt(value, 16) || 0 };
   if (kind === "set") return { ...job, settings: [...job.settings.filter((text) => text.split("=")[0] !== value.split("=")[0]), value] };
   return job;
@@ -22,10 +27,9 @@ export const compares = (state) => state.compare !== "" && Boolean(viewOf(state.
 export function pictureRequests(state, width, height) {
   const view = viewOf(state.view);
   const { camera } = state;
-  const vec = ([x, y, z]) => ({ x, y, z });
   if (view.render && camera.projection !== "orthographic") {
     return [{ type: "Render", message: { job: jobOf(state), width, height, integrator: "primary",
-      camera: { look_at: true, eye: vec(camera.eye), at: vec(camera.at), up: vec(camera.up), fov_degrees: camera.fov } } }];
+      camera: cameraTable(camera) } }];
   }
   // The normal shades the surface behind a heat map; kind `any` has none.
   const needed = view.fields(state);

@@ -1,12 +1,12 @@
-// What the page shows, as one object of plain values. Whoever changes it says only what becomes different;
-// whoever depends on a part of it is called when that part has changed.
+// What the page shows, as one object of plain values. set() names only the values that become different;
+// listeners of a part are called when that part has changed.
 
 export const DEFAULTS = {
   scene: "", camera: null, cameraName: "",
   view: "total", level: "", compare: "",
   intersector: "auto", settings: {}, mask: "ffffffff", kind: "closest",
   palette: "turbo", range: "p99", log: false, opacity: 1, size: "fit",
-  control: "orbit", upAxis: "y", panel: "setup", hidden: [], isolated: [],
+  control: "orbit", upAxis: "y", panel: "setup", hidden: [], isolated: [], boxes: "",
 };
 
 const same = (a, b) => a === b || JSON.stringify(a) === JSON.stringify(b);

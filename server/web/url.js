@@ -4,7 +4,7 @@ import { DEFAULTS } from "./store.js";
 import { rounded } from "./camera.js";
 
 const TEXTS = ["scene", "view", "level", "compare", "intersector", "mask", "kind", "palette", "size", "control",
-               "upAxis", "panel", "cameraName"];
+               "upAxis", "panel", "cameraName", "boxes"];
 const TEXT_MAX = 300;
 const clean = (text) => text.slice(0, TEXT_MAX).replace(/[\p{Cc}]/gu, "");
 const numbers = (text, count) => {
@@ -50,8 +50,8 @@ export function fromFragment(fragment) {
   const opacity = Number(parts.get("opacity") ?? NaN);
   if (opacity >= 0 && opacity < 1) state.opacity = opacity;
   for (const key of ["hidden", "isolated"]) {
-    const ids = (parts.get(key) ?? "").split(",").filter((id) => /^\d{1,20}$/.test(id));
-    if (ids.length) state[key] = ids.slice(0, 64);
+    const ids = (parts.get(key) ?? "").split(",").filter((id) => /^[io]\d{1,9}$/.test(id));
+    if (ids.length) state[key] = ids.slice(0, 256);
   }
   return state;
 }

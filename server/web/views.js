@@ -20,6 +20,12 @@ const ids = (id, label, field, none = NONE) => ({
     ? BACKGROUND : idColour(Number(BigInt.asUintN(32, BigInt(columns[field][i])))),
 });
 
+/** Values of what was hit, for the palette. */
+const structure = (id, label, field, value) => ({ id, label, group: "Structure", fields: () => [field, "t"],
+  value: (columns, i) => columns.t[i] === Infinity ? NaN : value(columns, i) });
+
+const OPACITIES = { OPAQUE: [86, 130, 170], MASK: [240, 150, 50], BLEND: [200, 90, 200] };
+
 export const VIEWS = [
   ...counters,
   { id: "picture", group: "Picture", label: "Picture (base colour)", render: true, fields: () => ["ng"],
@@ -37,7 +43,19 @@ export const VIEWS = [
   ids("material", "One colour per material", "material"),
   ids("geom", "One colour per geometry", "geom"),
   ids("prim", "One colour per primitive", "prim"),
+  ids("object", "One colour per object", "object"),
+  structure("box_share", "Triangle's share of its box", "box_share", (columns, i) => columns.box_share[i]),
+  structure("tree_depth", "Tree depth of the triangle", "tree_depth", (columns, i) => columns.tree_depth[i] === NONE ? NaN : columns.tree_depth[i]),
+  structure("object_instances", "Instances of the object", "object", (columns, i) => Number(facts.objects[columns.object[i]]?.placements ?? NaN)),
+  structure("object_triangles", "Triangles of the object", "object", (columns, i) => facts.objects[columns.object[i]]?.triangles ?? NaN),
+  structure("object_depth", "Depth of the object's tree", "object", (columns, i) => facts.objects[columns.object[i]]?.height ?? NaN),
+  ids("mask", "Mask of the instance", "mask", null),
+  { id: "opacity", group: "Structure", label: "Opacity (opaque, masked, blended)", fields: () => ["t", "material"],
+    colour: ({ t, material }, i) => t[i] === Infinity ? BACKGROUND : OPACITIES[facts.materials[material[i]]?.alpha] ?? OPACITIES.OPAQUE },
 ];
+
+/** Facts about objects and materials that views of structure need, by their numbers; model.js fills them. */
+export const facts = { objects: [], materials: [] };
 
 export const viewOf = (id) => VIEWS.find((view) => view.id === id) ?? VIEWS.find((view) => view.id === "total");
 

@@ -7,6 +7,7 @@ import os
 import pathlib
 import re
 import signal
+import socket
 import stat
 import subprocess
 import sys
@@ -71,12 +72,12 @@ class Administration(unittest.TestCase):
         self.assertFalse(ready.exists())
         self.assertEqual(list(self.folder.iterdir()), [])
 
-    def test_a_hangup_is_logged_and_ignored(self):
+    def test_a_hangup_reads_files_again_and_goes_on(self):
         daemon = self.daemon()
         client = Client(self.raynest, daemon.uri)
         daemon.process.send_signal(signal.SIGHUP)
-        until(lambda: self.lines(daemon, "hangup_ignored"))
-        self.assertEqual(self.lines(daemon, "hangup_ignored")[0]["level"], "info")
+        until(lambda: self.lines(daemon, "reloaded"))
+        self.assertEqual(self.lines(daemon, "reloaded")[0]["level"], "info")
         self.assertEqual(client.run("scenes").returncode, 0)
 
     def test_a_pack_folder_without_packs_is_warned_of(self):
@@ -116,6 +117,23 @@ class Administration(unittest.TestCase):
             self.assertEqual(done.returncode, 1, command)
             self.assertIn("cannot write to stdout", done.stderr)
 
+    def raynestd_says(self, *arguments):
+        done = subprocess.run([self.raynestd, *map(str, arguments)], capture_output=True, check=False,
+                              text=True, timeout=PATIENCE)
+        return done.returncode, done.stdout + done.stderr
+
+    def test_a_configuration_that_cannot_be_read_says_why(self):
+        for file, why in ((self.folder, "it is a folder"),
+                          (self.folder / "nowhere", "No such file or directory")):
+            self.assertEqual(self.raynestd_says("--config", file),
+                             (2, f"raynestd: --config: cannot read {file}: {why}; see raynestd --help\n"))
+
+    def test_help_has_words_and_no_names_of_checks(self):
+        code, text = self.raynestd_says("--help")
+        self.assertEqual(code, 0)
+        self.assertIn("Compute threads, 1 to 1024", text)
+        self.assertNotRegex(text, r"UINT:UINT|in \[1 - |OR \(FILE\)|TEXT:\{|:DIR")
+
     def test_options_of_a_unix_socket_that_is_not_there_are_warned_of(self):
         daemon = self.daemon("--socket-mode", "0660")
         self.assertEqual(self.lines(daemon, "socket_access_unused")[0]["level"], "warning")
@@ -151,6 +169,22 @@ class Administration(unittest.TestCase):
         self.assertEqual(daemon.process.wait(PATIENCE), 3)
         self.assertFalse(ready.exists())
         busy.communicate(timeout=PATIENCE)
+
+    def test_the_service_manager_is_told_how_the_daemon_is(self):
+        path = self.folder / "notify"
+        manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.addCleanup(manager.close)
+        manager.bind(str(path))
+        manager.settimeout(PATIENCE)
+        daemon = Daemon(self.raynestd, under=("env", f"NOTIFY_SOCKET={path}", "WATCHDOG_USEC=200000"))
+        self.assertEqual(manager.recv(100), b"READY=1")
+        for _ in range(3):
+            self.assertEqual(manager.recv(100), b"WATCHDOG=1")
+        daemon.process.send_signal(signal.SIGHUP)
+        until(lambda: manager.recv(100) == b"RELOADING=1")
+        until(lambda: manager.recv(100) == b"READY=1")
+        daemon.stop()
+        until(lambda: manager.recv(100) == b"STOPPING=1")
 
     def test_who_may_not_open_the_socket_reads_how_to(self):
         path = self.folder / "socket"

@@ -25,19 +25,30 @@ def unpacked(data, size):
     return bytes(plain)
 
 
-def read_exr(data):
-    """Returns (width, height, {channel: values, row by row from the top})."""
+def read_header(data):
+    """Returns ({attribute: (type, bytes)}, where the header ends)."""
     if struct.unpack_from("<II", data) != (20000630, 2):
         raise ValueError("not a plain OpenEXR file")
     header, at = {}, 8
     while data[at]:
         end = data.index(0, at)
         name, at = data[at:end].decode(), end + 1
-        at = data.index(0, at) + 1  # skip its type
+        end = data.index(0, at)
+        kind, at = data[at:end].decode(), end + 1
         size, = struct.unpack_from("<I", data, at)
-        header[name], at = data[at + 4:at + 4 + size], at + 4 + size
-    at += 1
+        header[name], at = (kind, data[at + 4:at + 4 + size]), at + 4 + size
+    return header, at + 1
 
+
+def read_texts(data):
+    """Returns the header's texts by name."""
+    return {name: value.decode() for name, (kind, value) in read_header(data)[0].items() if kind == "string"}
+
+
+def read_exr(data):
+    """Returns (width, height, {channel: values, row by row from the top})."""
+    attributes, at = read_header(data)
+    header = {name: value for name, (_, value) in attributes.items()}
     left, top, right, bottom = struct.unpack("<4i", header["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
     channels, rest = [], header["channels"]

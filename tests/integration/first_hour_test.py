@@ -104,6 +104,38 @@ class FirstHour(DaemonTest):
         self.says(5, ("raynest scenes", "raynest load"), "info", "nowhere")
         self.says(5, "leave --epoch out", "query", "hills", "--ray", "0,9,0,0,-1,0", "--epoch", "7")
 
+    def test_a_source_that_is_no_scene_says_what_it_is(self):
+        (self.out / "folder").mkdir()
+        for name, content in (("scan.glb.xz", b"\xfd7zXZ"), ("empty.glb", b""), ("empty.gltf", b""),
+                              ("empty.npy", b""), ("braces.gltf", b"{}")):
+            (self.out / name).write_bytes(content)
+        self.says(5, ("folder is a folder", "name the .glb"), "load", self.out / "folder")
+        self.says(5, ("is packed", "unpack it"), "load", self.out / "scan.glb.xz")
+        self.says(5, "empty.glb is empty", "load", self.out / "empty.glb")
+        self.says(5, "empty.gltf is empty", "load", self.out / "empty.gltf")
+        self.says(5, "/dev/null is empty", "load", "/dev/null", "--name", "x")
+        self.says(5, "empty.npy is empty", "query", "hills", "--rays", self.out / "empty.npy")
+        self.says(5, "no asset.version", "load", self.out / "braces.gltf")
+        self.says(5, ("there is no built-in scene ''", "builtin:forest"), "load", "builtin:")
+
+    def test_what_a_query_lacks_or_has_twice_is_said_in_words(self):
+        self.says(2, "one of --ray, --rays, --generate is required", "query", "hills")
+        self.says(2, "belongs to --kind multi and --kind all", "query", "hills", "--ray",
+                  "0,9,0,0,-1,0", "--max-hits", "3")
+        self.says(2, "reduce visible_pixels has columns of its own", "query", "hills", "--ray",
+                  "0,9,0,0,-1,0", "--reduce", "visible_pixels", "--kind", "any", "--fields", "t")
+        self.says(0, "ray 0 is not valid and counts as a miss:", "query", "hills", "--ray",
+                  "0,9,0,0,0,0")
+
+    def test_an_output_that_cannot_be_written_says_why(self):
+        self.says(1, f"there is no folder {self.out}/nowhere/", "render", "hills", "-o",
+                  self.out / "nowhere/a.png", "--size", "8x8")
+        with open("/dev/full", "wb") as full:
+            done = subprocess.run([self.raynest, "scenes"], stdout=full, stderr=subprocess.PIPE, check=False,
+                                  env=dict(os.environ, RAYNEST_SERVER=self.daemon.uri), timeout=PATIENCE)
+        self.assertEqual((done.returncode, done.stderr),
+                         (1, b"raynest: cannot write to stdout: No space left on device\n"))
+
     def test_only_who_asked_for_an_exr_is_told_to_take_a_png(self):
         small = Daemon(self.raynestd, "--memory", "200M")
         self.addCleanup(small.stop)

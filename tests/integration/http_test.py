@@ -4,6 +4,7 @@
   http_test.py RAYNESTD RAYNEST
 """
 import pathlib
+import random
 import re
 import socket
 import subprocess
@@ -146,6 +147,39 @@ class Http(DaemonTest):
                         b"GET / HTTP/1.1\r\nContent-Length: -1\r\n\r\n",
                         b"GET / HTTP/1.1\r\nHost: a\r\n\tb\0: c\r\n\r\n"):
             self.refused(split(raw(self.http, request)), 400)
+
+    def test_damaged_requests_and_frames(self):
+        """Good bytes, damaged with a fixed seed: whatever comes back, the daemon lives."""
+        random_ = random.Random(26)
+        masked = lambda text: bytes([0x81, 0x80 | len(text)]) + bytes(4) + text
+        upgrade = upgrade_request(self.http)
+        hello = masked(b'Hello 0 {"client":"fuzz"}')
+        seeds = [b"GET / HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n" % self.port, upgrade, upgrade + hello,
+                 upgrade + hello + masked(b'Info 3 {"scene":"forest"}') + masked(b'Ping 4 {"payload":7}'),
+                 upgrade + hello + bytes([0x82, 0xa0]) + bytes(4) + b"RYN1" + bytes(28)]
+        for _ in range(150):
+            data = bytearray(random_.choice(seeds))
+            for _ in range(random_.randint(1, 6)):
+                at = random_.randrange(len(data))
+                kind = random_.randrange(4)
+                if kind == 0:
+                    data[at] = random_.randrange(256)
+                elif kind == 1:
+                    del data[at:at + random_.randint(1, 20)]
+                elif kind == 2:
+                    data[at:at] = data[max(0, at - 30):at]
+                else:
+                    data[at:at] = bytes(random_.randrange(256) for _ in range(random_.randint(1, 8)))
+                data = data or bytearray(b"x")
+            with socket.create_connection(place_of(self.http), timeout=PATIENCE) as connection:
+                connection.sendall(data)
+                connection.shutdown(socket.SHUT_WR)
+                try:
+                    while connection.recv(65536):
+                        pass
+                except ConnectionError:
+                    pass
+        self.assertEqual(get(self.http, "/healthz")[0], 200)
 
     def test_a_connection_is_used_again(self):
         with socket.create_connection(place_of(self.http), timeout=PATIENCE) as connection:

@@ -3,6 +3,7 @@
 
   examples_test.py RAYNESTD RAYNEST FLATC
 """
+import datetime
 import os
 import pathlib
 import re
@@ -17,6 +18,7 @@ from daemon import Daemon, DaemonTest, PATIENCE, closed_port
 
 CLIENT = pathlib.Path(__file__).resolve().parents[2] / "client" / "python"
 sys.path.insert(0, str(CLIENT / "examples"))
+import sun_hours
 import visibility
 
 SECONDS_MAX = 4 * PATIENCE  # of a whole program
@@ -95,6 +97,34 @@ class Examples(DaemonTest):
         np.testing.assert_array_equal(np.load(self.out / "sees.dat"),
                                       [[1, 1, 0], [1, 1, 0], [0, 0, 1]])
 
+    def test_the_sun_stands_where_an_almanac_has_it(self):
+        utc, berlin = datetime.timezone.utc, (52.5, 13.4)
+        # Highest at midsummer's noon: 90 - 52.5 + 23.44 degrees, in the south.
+        noon = sun_hours.sun_direction(datetime.datetime(2026, 6, 21, 11, 8, tzinfo=utc), berlin)
+        self.assertAlmostEqual(np.degrees(np.arcsin(noon[1])), 60.94, delta=0.02)
+        self.assertGreater(noon[2], 0.4)
+        self.assertAlmostEqual(noon[0], 0, delta=0.005)
+        # At the equinox it rises due east.
+        rise = sun_hours.sun_direction(datetime.datetime(2026, 3, 20, 5, 13, tzinfo=utc), berlin)
+        np.testing.assert_allclose(rise, [1, 0, 0], atol=0.02)
+        self.assertLess(sun_hours.sun_direction(datetime.datetime(2026, 6, 21, 23, tzinfo=utc), berlin)[1], 0)
+
+    def test_hours_of_sun_are_those_of_the_open_sky_less_what_a_wall_hides(self):
+        day, place = datetime.date(2026, 6, 21), (0, 0)
+        times = sun_hours.day_times(day, 10, place)
+        with raynest.connect(self.daemon.uri) as client:
+            # A wall along x = 1 that is endless for these points hides the morning: the sun is in the east.
+            wall = client.mesh([[1, -1e5, -1e5], [1, 1e5, -1e5], [1, 1e5, 1e5], [1, -1e5, 1e5]],
+                               [[0, 1, 2], [0, 2, 3]])
+            hours = sun_hours.sun_hours(wall, [[0, 0, 0], [2, 0, 0], [0, 0, 0]],
+                                        [[0, 1, 0], [0, 1, 0], [0, -1, 0]], times, place)
+        np.testing.assert_allclose(hours, [6, 6, 0], atol=0.34)
+        said = self.example("sun_hours.py", FOREST, "--grid", 8, "--minutes", 60, "-o", "sun.npy")
+        hours = np.load(self.out / "sun.npy")
+        self.assertIn(f"{hours.min():.1f} to {hours.max():.1f} hours", said)
+        self.assertTrue((hours >= 0).all() and 3 < hours.max() < 17)
+        self.example("sun_hours.py", FOREST, "--place", "north", code=2)
+
     def test_the_benchmark_compares_equal_answers(self):
         said = self.example("bench.py", FOREST, "--rays", 50000, "--rounds", 1, "--raynest",
                             self.raynest)
@@ -103,7 +133,7 @@ class Examples(DaemonTest):
         self.assertGreater(min(ratios), 0)
 
     def test_help_starts_with_an_example(self):
-        for name in ("lidar.py", "visibility.py", "bench.py"):
+        for name in ("lidar.py", "visibility.py", "sun_hours.py", "bench.py"):
             said = self.example(name, "--help")
             self.assertTrue(said.startswith(f"usage: {name} builtin:forest "), said)
 
@@ -119,7 +149,7 @@ class Examples(DaemonTest):
     def test_commands_of_the_readme_run_as_printed(self):
         text = (CLIENT / "README.md").read_text(encoding="utf-8").split("## Examples\n")[1]
         commands = re.findall(r"^\$ (.*)$", text, re.MULTILINE)
-        self.assertEqual(sum("examples/" in command for command in commands), 3)
+        self.assertEqual(sum("examples/" in command for command in commands), 4)
         # As at the root of a source tree that was built, where python3 is the one that runs this.
         root = self.out / "root"
         (root / "build/bin").mkdir(parents=True)
@@ -137,7 +167,7 @@ class Examples(DaemonTest):
                               timeout=SECONDS_MAX, check=False)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("times raynest query", done.stdout)
-        for made in ("sweep.ply", "sees.npy"):
+        for made in ("sweep.ply", "sees.npy", "sun.npy"):
             self.assertGreater((root / made).stat().st_size, 1000, made)
 
     def test_pieces_of_the_readme_print_what_it_says(self):

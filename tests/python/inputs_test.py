@@ -56,6 +56,23 @@ class Inputs(WithDaemon):
         with self.assertRaisesRegex(raynest.UsageError, r"shape \(3,\)"):
             self.woods.trace([1, 2, 3])
 
+    def test_lines_of_sight_may_be_a_table(self):
+        eyes = np.array([[8, 50, -8], [8, 60, -8], [0, 55, 0]], float)
+        ends = np.array([[8, 0, -8], [8, 70, -8]], float)
+        table = self.woods.occluded(eyes[:, None], ends[None])
+        self.assertEqual(table.shape, (3, 2))
+        for i, eye in enumerate(eyes):
+            self.assertEqual(table[i].tolist(), self.woods.occluded(eye, ends).tolist())
+        self.assertEqual(table[0].tolist(), [True, False])
+        self.assertEqual(self.woods.occluded(eyes[:0, None], ends[None]).shape, (0, 2))
+        for a, b in ((eyes[:, None], eyes[:, None, :2]), (eyes[:, None], ends[:, None])):
+            with self.assertRaisesRegex(raynest.UsageError, "do not fit together"):
+                self.woods.occluded(a, b)
+
+    def test_a_single_invalid_ray_is_told_as_one(self):
+        with self.assertWarnsRegex(raynest.RayWarning, "ray 1 is not valid and counts as a miss"):
+            self.woods.trace([DOWN, [8, 50, -8, 0, 0, 0]])
+
     def test_a_mesh_must_say_which_triangles_it_has(self):
         points = np.eye(3)
         corners = [[0, 1, 2], [2, 1, 0]]
@@ -134,6 +151,17 @@ class Inputs(WithDaemon):
         (self.out / "linked.gltf").write_text(json.dumps(scene))
         with self.assertWarnsRegex(raynest.SceneWarning, "the picture leaf.png: link leaves the folder"):
             self.client.load(self.out / "linked.gltf")
+
+    def test_a_source_that_is_no_scene_says_what_it_is(self):
+        (self.out / "folder").mkdir()
+        (self.out / "scan.glb.xz").write_bytes(b"\xfd7zXZ")
+        (self.out / "empty.glb").write_bytes(b"")
+        for source, says in (("folder", "is a folder; name the .glb"),
+                             ("scan.glb.xz", "is packed; unpack it"), ("empty.glb", "is empty")):
+            with self.assertRaisesRegex(raynest.InvalidError, says):
+                self.client.load(self.out / source)
+        with self.assertRaisesRegex(raynest.InvalidError, "/dev/null is empty"):
+            self.client.load("/dev/null", "x")
 
     def test_a_pipe_without_an_end_is_refused(self):
         with mock.patch.object(_files, "PIPED_BYTES_MAX", 1000):

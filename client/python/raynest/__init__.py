@@ -17,6 +17,8 @@ from .client import Client, connect
 from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError,
                      InvalidError, NotAllowedError, ProtocolError, RayWarning, SceneWarning,
                      UsageError)
+from ._film import Layers
+from ._render import read_layers
 from .images import Heatmap, Image
 from .job import Job
 from .scene import Scene
@@ -25,5 +27,6 @@ if sys.byteorder != "little":
     raise ImportError("raynest: columns travel as they lie in memory: little endian machines only")
 
 __all__ = ["BusyError", "CancelledError", "Client", "ConnectError", "DeadlineError", "Error",
-           "FailedError", "Heatmap", "Image", "InvalidError", "Job", "NotAllowedError", "ProtocolError", "RayWarning",
-           "Scene", "SceneWarning", "UsageError", "connect", "generators", "__version__"]
+           "FailedError", "Heatmap", "Image", "InvalidError", "Job", "Layers", "NotAllowedError", "ProtocolError", "RayWarning",
+           "Scene", "SceneWarning", "UsageError", "connect", "generators",
+           "read_layers", "__version__"]

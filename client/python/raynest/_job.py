@@ -50,8 +50,8 @@ class Outcome(dict[str, Any]):
         if not self.get("invalid"):
             self.pop("first_invalid", None)
         if not self.get("samples"):
-            self.pop("samples", None)
-            self.pop("dropped", None)
+            for key in ("samples", "dropped", "incomplete"):
+                self.pop(key, None)
         if name == "Started":
             self["origin"] = origin_of(self)
             del self["hidden"]
@@ -69,9 +69,11 @@ class Outcome(dict[str, Any]):
             first = f"ray {self['first_invalid']}"
             if self.rays_per_point:
                 first += f", of point {self['first_invalid'] // self.rays_per_point}"
-            warn(f"{self['invalid']} of {self['rays']} rays are not valid and count as misses, the "
-                 f"first is {first}: something in it is not finite, its "
-                 "direction is zero, or tmin is negative or beyond tmax", RayWarning)
+            told = (f"{first} is not valid and counts as a miss" if self["invalid"] == 1 else
+                    f"{self['invalid']} of {self['rays']} rays are not valid and count as misses, "
+                    f"the first is {first}")
+            warn(f"{told}: something in it is not finite, its direction is zero, or tmin is "
+                 "negative or beyond tmax", RayWarning)
         if self.get("truncated"):
             warn(f"{self['truncated']} of {self['rays']} rays have more hits than max_hits, of "
                  "which the nearest were kept; raise it", RayWarning)

@@ -41,6 +41,10 @@ OF_HITS: dict[str, tuple[str, int]] = {
     'front': ('u8', 1),
     'position': ('f32', 3),
     'material': ('u32', 1),
+    'object': ('u32', 1),
+    'mask': ('u32', 1),
+    'box_share': ('f32', 1),
+    'tree_depth': ('u32', 1),
 }
 
 OF_RAYS: dict[str, tuple[str, int]] = {

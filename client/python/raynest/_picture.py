@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import contextlib
-from typing import Any, Optional, Sequence, Union
+from typing import Any, Callable, Iterator, Optional, Sequence, Union
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from .images import Image, with_view
 
 # Maximum bytes of an encoded pixel: an EXR of four floats. Legend and header come on top.
 ENCODED_PIXEL_BYTES_MAX = 16
+# The same of a lit picture's EXR, of 20 channels of four bytes.
+LIT_PIXEL_BYTES_MAX = 80
 # The same of an EXR with a channel of four bytes for every counter of every level.
 HEAT_PIXEL_BYTES_MAX = 2048
 LEGEND_BYTES_MAX = 4 << 20
@@ -47,7 +49,8 @@ def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]], fo
 class Picture:
     """A "render", "heatmap" or "json" document, whose pieces come in order. `shape` is its width, height and encode;
     when a job is fetched, the first piece says them. SceneMoved ends it if the scene's origin is not
-    `origin`, where that was subtracted from the camera's place."""
+    `origin`, where that was subtracted from the camera's place. A payload that is not the last one
+    is replaced by a later one."""
 
     def __init__(self, kind: str, shape: Optional[Message] = None,
                  origin: Optional[Array] = None) -> None:
@@ -57,12 +60,23 @@ class Picture:
         self._shape = shape
         self._payload: Optional[Array] = None
         self._received = 0
+        self._last = False
+        self._part = (0, 0)
 
     def receive(self, connection: Connection, request: str, message: Message, progress: Progress,
-                seconds: float = 0.0) -> Any:
+                seconds: float = 0.0, feed: Callable[[], object] = lambda: None) -> Any:
         """Raw pixels as an array (height, width, 4) of u8, of a heat map (height, width) of u32, of a
         difference i32; bytes of a picture file otherwise."""
-        frames = connection.exchange(request, message, seconds, self._place)
+        for _ in self.passes(connection, request, message, progress, seconds, feed):
+            pass
+        return self.result()
+
+    def passes(self, connection: Connection, request: str, message: Message, progress: Progress,
+               seconds: float = 0.0,
+               feed: Callable[[], object] = lambda: None) -> Iterator[None]:
+        """Yields after each payload that a later one replaces; result() is that one. Reads the
+        answer to its end."""
+        frames = connection.exchange(request, message, seconds, self._place, feed)
         with connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:
                 self.outcome.take(kind, news)
@@ -71,31 +85,55 @@ class Picture:
                     raise SceneMoved(np.array(self.outcome["origin"]))
                 if kind == "Progress" and progress:
                     progress(news["done"], news["total"], news["stage"])
-        if self._shape is None or self._payload is None or self._received != len(self._payload):
+                if kind == "Picture" and not self._last and self._is_whole() \
+                        and self._part == self._size():
+                    yield
+        if not self._is_whole():
             raise ProtocolError("the daemon ended a picture before its last piece")
+
+    def result(self) -> Any:
+        """The latest whole payload."""
+        assert self._shape is not None and self._payload is not None
         if self._shape["encode"] != "raw":
             return self._payload.tobytes()
-        size = (self._shape["height"], self._shape["width"])
+        width, height = self._size()
         if self._kind == "render":
-            return self._payload.reshape(*size, 4).view(Image)
+            return self._payload.reshape(height, width, 4).view(Image)
         differs = self.outcome.get("range_low", 0) < 0
-        return with_view(self._payload.view(np.int32 if differs else np.uint32).reshape(size), None)
+        return with_view(self._payload.view(np.int32 if differs else np.uint32).reshape(height, width), None)
+
+    def _size(self) -> tuple[int, int]:
+        assert self._shape is not None
+        return self._shape["width"], self._shape["height"]
+
+    def _is_whole(self) -> bool:
+        return self._payload is not None and self._received == len(self._payload)
+
+    def _begin(self, name: str, message: Message, total: int) -> None:
+        """Makes room for a payload: of the whole picture, or of a part that came before it."""
+        if self._shape is None:
+            self._shape = {key: message.get(key, 0) for key in ("width", "height", "encode")}
+        self._last = bool(message.get("last", 1))
+        self._part = self._size()
+        raw = self._shape["encode"] == "raw"
+        if raw and not self._last:
+            self._part = message["width"], message["height"]
+        pixels = self._part[0] * self._part[1]
+        encoded = {"heatmap": HEAT_PIXEL_BYTES_MAX, "render": LIT_PIXEL_BYTES_MAX}.get(
+            self._kind, ENCODED_PIXEL_BYTES_MAX)
+        most = 4 * pixels if raw else encoded * pixels + LEGEND_BYTES_MAX
+        if self._kind == "json":
+            most = DOCUMENT_BYTES_MAX
+        if (name != "Picture" or pixels > _limits.picture_pixels_max or total > most
+                or (raw and total != most)):
+            raise ProtocolError(f"the daemon sent a picture of {total} bytes")
+        self._payload = np.empty(total, np.uint8)
+        self._received = 0
 
     def _place(self, name: str, message: Message, blocks: Sequence[Block]) -> Sequence[Array]:
-        total = message.get("total", 0)
-        if self._payload is None:
-            if self._shape is None:
-                self._shape = {key: message.get(key, 0) for key in ("width", "height", "encode")}
-            pixels = self._shape["width"] * self._shape["height"]
-            raw = self._shape["encode"] == "raw"
-            encoded = HEAT_PIXEL_BYTES_MAX if self._kind == "heatmap" else ENCODED_PIXEL_BYTES_MAX
-            most = 4 * pixels if raw else encoded * pixels + LEGEND_BYTES_MAX
-            if self._kind == "json":
-                most = DOCUMENT_BYTES_MAX
-            if (name != "Picture" or pixels > _limits.picture_pixels_max or total > most
-                    or (raw and total != most)):
-                raise ProtocolError(f"the daemon sent a picture of {total} bytes")
-            self._payload = np.empty(total, np.uint8)
+        if self._payload is None or (self._is_whole() and not self._last):
+            self._begin(name, message, message.get("total", 0))
+        assert self._payload is not None
         block = blocks[0]
         end = self._received + block.bytes
         if (len(blocks) > 1 or (block.name, block.dtype, block.width) != ("data", DTYPES[0], 1)

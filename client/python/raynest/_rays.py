@@ -145,6 +145,21 @@ def segments(a: Any, b: Any, margin: Optional[float], margin_distance: Optional[
     return Rays(np.column_stack([start, ends, ways, 1 - ends]), origin=origin)
 
 
+def flat_pairs(first: Any, second: Any) -> tuple[Array, Array, tuple[int, ...]]:
+    """Returns both, and the shape of the answer. Points of more than two dimensions are broadcast
+    and become (N, 3)."""
+    a, b = numbers("points", first), numbers("points", second)
+    if max(a.ndim, b.ndim) <= 2:
+        return a, b, (-1,)
+    try:
+        a, b = np.broadcast_arrays(a, b, subok=True)
+    except ValueError:
+        raise UsageError(f"shapes {a.shape} and {b.shape} do not fit together") from None
+    if a.shape[-1] != 3:
+        raise UsageError(f"points must be (..., 3), not {a.shape}")
+    return a.reshape(-1, 3), b.reshape(-1, 3), a.shape[:-1]
+
+
 def pair(first: Any, second: Any) -> tuple[Array, Array]:
     """Returns both as (N, 3). One of them may be a single (3,), which is used for all rows of the
     other; [] has no rows."""

@@ -17,13 +17,17 @@ import numpy as np
 from . import _limits, errors
 from ._connection import Connection
 from ._control import Message
-from ._files import (head_of, is_nameless, is_pipe, read_file, read_file_beneath, sendable)
+from ._files import (STANDARD, head_of, is_nameless, is_pipe, read_file, read_file_beneath,
+                     sendable)
 from ._frame import Array, padding
 from ._gltf import file_names
 from ._hash import upload_checksum
 
 # Bytes of a file per frame: headers do not matter at this size, and it fits any frame limit.
 PIECE_BYTES = 1 << 20
+
+# Endings of packed files, which are not unpacked here.
+_PACKED = (".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz")
 
 
 class File(NamedTuple):
@@ -60,12 +64,11 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
         extension = _sniff(head_of(source))
         name += extension
         if not extension:
-            raise errors.InvalidError(f"{source} is not a .glb, .gltf or .npy file, nor builtin:NAME; "
-                                      "read it with trimesh and pass its vertices and faces to "
-                                      "mesh(), or convert it to .glb", "FILE_INVALID")
+            raise errors.InvalidError(f"{source} {_not_a_scene(source)}", "FILE_INVALID")
         data = read_file(source, _limits.upload_bytes_max)
     if nameless:
         stem, folder, name = "", ".", "stdin" + extension
+    _refuse_empty(source, data)
     records = extension.lower() == ".npy"
     _check_records(source, records, primitive, instances)
     main = File(sendable(name), data)
@@ -89,6 +92,16 @@ def _check_records(source: str, records: bool, primitive: str, instances: str) -
                                 "primitive='sphere'")
 
 
+def _not_a_scene(source: str) -> str:
+    """Says why a source is none that can be read, and what to do about it."""
+    if os.path.isdir(source):
+        return "is a folder; name the .glb or .gltf file in it"
+    if os.path.splitext(source)[1].lower() in _PACKED:
+        return "is packed; unpack it and load what comes out"
+    return ("is not a .glb, .gltf or .npy file, nor builtin:NAME; read it with trimesh and pass its "
+            "vertices and faces to mesh(), or convert it to .glb")
+
+
 def _sniff(data: bytes) -> str:
     """Returns the file ending that fits the first bytes; "" if none does."""
     for start, extension in ((b"glTF", ".glb"), (b"\x93NUMPY", ".npy")):
@@ -97,7 +110,14 @@ def _sniff(data: bytes) -> str:
     return ".gltf" if data.lstrip(b" \t\r\n")[:1] == b"{" else ""
 
 
+def _refuse_empty(source: str, data: bytes) -> None:
+    if not data:
+        raise errors.InvalidError(f"{'stdin' if source in STANDARD else source} is empty",
+                                  "FILE_INVALID")
+
+
 def _sniffed(source: str, data: bytes) -> str:
+    _refuse_empty(source, data)
     extension = _sniff(data)
     if not extension:
         raise errors.InvalidError(f"{source} brought neither a .glb, a .gltf nor a .npy",

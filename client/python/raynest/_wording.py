@@ -9,7 +9,8 @@ WORDS = {
     "Jobs": "Client.jobs()", "Load": "Client.load()", "Scenes": "Client.scenes()",
     "Unload": "Scene.unload()", "Variants": "Client.variants()", "Wait": "Job.wait()",
     # fields
-    "camera": "camera=", "deadline_ms": "deadline=", "epoch": "epoch=", "level": "level=", "look_at": "look_at=",
+    "camera": "camera=", "count": "count=", "deadline_ms": "deadline=", "epoch": "epoch=",
+    "level": "level=", "look_at": "look_at=",
     "mask": "mask=", "name": "name=", "origin": "origin=", "primitive": "primitive=",
     "replace": "replace=True",
     "samples": "spp=", "size": "size=", "top": "top=", "traversal": "traversal=", "worker": "worker="}

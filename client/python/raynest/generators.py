@@ -239,6 +239,8 @@ def _pose(value: Any) -> Array:
     pose = numbers("pose", value).astype(np.float64)
     if pose.shape == (4, 4) and (pose[3] == (0, 0, 0, 1)).all():
         pose = pose[:3]
+    if pose.shape == (4, 4):
+        raise UsageError(f"a pose whose last row is {pose[3].tolist()}: it must be 0 0 0 1")
     if pose.shape != (3, 4):
         raise UsageError(f"a pose of shape {pose.shape}: it must be (3, 4), or (4, 4) with a last "
                          "row of 0 0 0 1")

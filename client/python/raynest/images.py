@@ -40,7 +40,7 @@ class Image(_Pixels):
 
 
 class Heatmap(_Pixels):
-    """What the ray of each pixel costs: (height, width) of u32, of a difference i32. In all else an
+    """The cost of each pixel's ray: (height, width) of u32, of a difference i32. In all else an
     array of numpy; parts of it are counts alone, without the view that they are of."""
 
     _view: Optional[HeatView]
@@ -55,7 +55,7 @@ class Heatmap(_Pixels):
 
     @property
     def outcome(self) -> dict[str, Any]:
-        """What was traced: scene, epoch, intersector, camera, rays, ..., and `heat`, the statistics."""
+        """The outcome: scene, epoch, intersector, camera, rays, ..., and `heat`, the statistics."""
         return self._whole().outcome
 
     def png(self, **options: Any) -> bytes:
@@ -64,7 +64,7 @@ class Heatmap(_Pixels):
         return self._whole().png(options)
 
     def top(self, count: int = 10, *, level: int = 0) -> dict[str, Any]:
-        """What the rays of this view spend their work on, ranked: Scene.blame()."""
+        """Ranks what the rays of this view spend their work on: Scene.blame()."""
         view = self._whole()
         answer: dict[str, Any] = view.ask("blame", top=count, level=level)
         return answer

@@ -21,7 +21,8 @@ from ._job import JobOptions, Progress, SceneMoved, job_message, origin_of, othe
 from ._picture import Picture, camera_message, size_message
 from ._precision import ray_warning
 from ._query import Query
-from ._rays import Rays, Source, segments, vector
+from ._rays import Rays, Source, flat_pairs, segments, vector
+from ._render import Renders
 from ._words import path_info, scene_info
 from .errors import InvalidError, RayWarning, UsageError, warn
 from .generators import Generator as RayGenerator, one_sample
@@ -29,7 +30,7 @@ from .images import HeatView, with_view
 from .job import Job
 
 
-class Scene:
+class Scene(Renders):
     """A scene, made by Client.load(), mesh() or scene(). Rays, cameras and positions are in the
     world: the scene's origin is subtracted before they are sent and added to answers, in float64."""
 
@@ -204,16 +205,18 @@ class Scene:
     def occluded(self, a: Any, b: Any, *, margin: Optional[float] = None,
                  margin_distance: Optional[float] = None, origin: Any = None,
                  progress: Progress = None, **job: Unpack[JobOptions]) -> Array:
-        """Returns, as (N,) bool, whether anything lies between points a and b. Both are (N, 3), or
-        one is (3,). Both ends of each segment are left out, so that points on a surface do not hide
+        """Returns, as bool, whether anything lies between points a and b: (N, 3) each, or any two
+        shapes (..., 3) that broadcast, so that a[:, None], b[None] asks for all pairs. Both ends of each segment are left out, so that points on a surface do not hide
         themselves: a share `margin` (1e-4), or `margin_distance` in the scene's units, metres in
         glTF. The answer is False for a segment no longer than both margins, and for one with an end
         that is masked or not finite; a RayWarning counts the latter."""
+        a, b, shape = flat_pairs(a, b)
+
         def ask(shift: Array, expected: bool) -> Any:
             source = self._source(segments(a, b, margin, margin_distance, shift), None, shift)
             return self._trace(source, shift, expected, "any", ("hit",), None, job, "", progress,
                                False)
-        return np.asarray(self._at(origin, ask)["hit"] != 0)
+        return np.asarray(self._at(origin, ask)["hit"] != 0).reshape(shape)
 
     def _learn(self, info: dict[str, Any]) -> None:
         """Takes the scene's place from its info."""
@@ -286,22 +289,6 @@ class Scene:
             "reduce": reduce}, source, origin, expected)
 
     # ---- pictures -------------------------------------------------------------------------------
-
-    @none_is_default
-    def render(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
-               fov: float = 0.0, size: tuple[int, int] = (960, 540), integrator: str = "primary",
-               spp: int = 1, seed: int = 0, encode: str = "raw", progress: Progress = None,
-               detach: bool = False, samples: Optional[int] = None,
-               **job: Unpack[JobOptions]) -> Any:
-        """Renders a picture: (height, width, 4) of u8, sRGB and alpha, row 0 on top, an Image, which
-        also has png(). With `encode` "png" or "exr" returns the bytes of such a file; with `detach` a Job whose fetch() does.
-
-        `camera` is a camera of the scene, by name or index, by default the first; or `look_at` is
-        (eye, at) or (eye, at, up). `fov` is vertical, in degrees. `spp`, or `samples`, is the number
-        of rays per pixel.
-        """
-        return self._picture("Render", camera, look_at, fov, size, progress, detach, job, {
-            "integrator": integrator, "samples": spp if samples is None else samples, "seed": seed, "encode": encode})
 
     @none_is_default
     def heatmap(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,

@@ -291,5 +291,17 @@ TEST_CASE("one principal may use at most half of the spare threads") {
     CHECK(light.begun() == 2);
 }
 
+TEST_CASE("the longest running task is told, and none once it has ended") {
+    FairThreadPool workers(2);
+    CHECK(workers.longest_task() == std::chrono::nanoseconds(0));
+    {
+        const Hold stuck(workers, "stuck", 1);
+        while (stuck.begun() < 1) std::this_thread::yield();
+        CHECK(test::eventually(
+            [&] { return workers.longest_task() >= std::chrono::milliseconds(50); }));
+    }
+    CHECK(test::eventually([&] { return workers.longest_task() == std::chrono::nanoseconds(0); }));
+}
+
 }  // namespace
 }  // namespace raynest::server

@@ -4,6 +4,7 @@
 #include "engine/geometry/triangle.h"
 #include "engine/intersectors/texture.h"
 #include "engine/scene/format.h"
+#include "engine/shading/texture_lookup.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <doctest/doctest.h>
@@ -38,12 +39,20 @@ std::shared_ptr<const Snapshot> rich_scene() {
     }
     many.texcoords[0].resize(many.positions.size());
     many.colours.resize(4 * many.positions.size());
+    many.normals.resize(many.positions.size());
+    many.tangents.resize(many.positions.size());
     many.material = 0;
     scene.materials.resize(2);
     scene.materials[0].texture = 0;
     scene.materials[0].alpha_mode = AlphaMode::mask;
     scene.images = {{3, 2, std::vector<std::uint8_t>(24, 100)}};
-    scene.textures = {{0, Wrap::repeat, Wrap::clamp, true}};
+    scene.textures = {{0, Wrap::repeat, Wrap::clamp, true},
+                      {0, Wrap::repeat, Wrap::clamp, false, true, false}};
+    scene.materials[0].surface.normal.texture = 1;
+    scene.materials[1].surface.emission_texture.texture = 0;
+    scene.materials[1].surface.emission = Vec3(1);
+    scene.lights.resize(1);
+    scene.lights[0].name = "lamp";
     scene.cameras = {{"eye", test::translation(0, 0, 5), 0.7F, 1}};
     scene.skipped = {{"points", 1}};
     scene.warnings = {"a warning"};
@@ -150,7 +159,19 @@ private:
                 return false;
             }
         }
-        return geometry.material == no_id || geometry.material < view_.material_count;
+        const ShadingView& shading = scene_.shading();
+        const GeometryShading& more = shading.geometries[&geometry - view_.geometries];
+        for (int i = 0; i < 3; ++i) {
+            if (more.normals != no_offset &&
+                !inside(view_.attribute<Vec3>(more.normals) + corner[i], 12))
+                return false;
+            if (more.tangents != no_offset &&
+                !inside(view_.attribute<Vec4>(more.tangents) + corner[i], 16))
+                return false;
+        }
+        return geometry.material == no_id ||
+               (geometry.material < view_.material_count &&
+                inside(shading.surfaces + geometry.material, sizeof(SurfaceRecord)));
     }
 
     bool texcoords(const ObjectRecord& object, const TriangleBlock& block, int lane) const {
@@ -164,11 +185,30 @@ private:
             const TextureRecord& t = view_.textures[i];
             const std::size_t pixels = std::size_t{t.width} * t.height;
             if (!inside(view_.attribute<std::byte>(t.colour), 4 * pixels) ||
-                !inside(view_.attribute<std::byte>(t.alpha), pixels)) {
+                (t.alpha != no_offset &&
+                 !inside(view_.attribute<std::byte>(t.alpha), pixels))) {
                 return false;
             }
+            for (std::uint32_t level = 1; level < scene_.shading().levels[i].count; ++level) {
+                const TexturePlane plane = texture_plane(scene_.shading(), i, level);
+                if (!inside(plane.rgba, std::size_t{4} * plane.width * plane.height)) return false;
+            }
         }
-        return true;
+        const auto named = [&](std::uint32_t texture) {
+            return texture == no_id || texture < view_.texture_count;
+        };
+        for (std::uint32_t i = 0; i < view_.material_count; ++i) {
+            const SurfaceRecord& s = scene_.shading().surfaces[i];
+            if (view_.materials[i].texture != no_id &&
+                view_.textures[view_.materials[i].texture].alpha == no_offset)
+                return false;
+            if (!named(s.metallic_roughness.texture) || !named(s.normal.texture) ||
+                !named(s.occlusion.texture) || !named(s.emission_texture.texture) ||
+                !named(s.transmission_texture.texture))
+                return false;
+        }
+        return inside(scene_.shading().lights,
+                      scene_.shading().light_count * sizeof(LightRecord));
     }
 
     bool reads_path(std::uint64_t path) const {

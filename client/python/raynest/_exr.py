@@ -1,0 +1,88 @@
+"""Reads the EXR files of a daemon as arrays: one part, scan lines, ZIP, 32 bits per value.
+
+The layout: https://openexr.com/en/latest/OpenEXRFileLayout.html
+"""
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+
+from ._frame import Array
+from .errors import ProtocolError
+
+MAGIC = 20000630
+LINES = 16  # of a block
+ZIP = 3
+DTYPES = {0: np.dtype("<u4"), 2: np.dtype("<f4")}
+
+
+def read_exr(data: bytes, pixels_max: int) -> tuple[dict[str, Array], dict[str, str]]:
+    """Returns (channels by name, each (height, width), and the texts of the header)."""
+    try:
+        return _read(memoryview(data), pixels_max)
+    except (struct.error, zlib.error, ValueError, IndexError, KeyError) as error:
+        raise ProtocolError(f"the daemon sent an EXR that cannot be read: {error}") from None
+
+
+def _word(data: memoryview, at: int) -> tuple[str, int]:
+    end = bytes(data[at:at + 256]).index(0)
+    return bytes(data[at:at + end]).decode(), at + end + 1
+
+
+def _read(data: memoryview, pixels_max: int) -> tuple[dict[str, Array], dict[str, str]]:
+    if struct.unpack_from("<I", data)[0] != MAGIC or struct.unpack_from("<I", data, 4)[0] & 0xFF != 2:
+        raise ValueError("it is none")
+    header: dict[str, memoryview] = {}
+    texts: dict[str, str] = {}
+    at = 8
+    while data[at]:
+        name, at = _word(data, at)
+        kind, at = _word(data, at)
+        size, = struct.unpack_from("<I", data, at)
+        header[name], at = data[at + 4:at + 4 + size], at + 4 + size
+        if kind == "string":
+            texts[name] = bytes(header[name]).decode(errors="replace")
+    at += 1
+    left, top, right, bottom = struct.unpack("<4i", header["dataWindow"])
+    width, height = right - left + 1, bottom - top + 1
+    if header["compression"][0] != ZIP or min(width, height) < 1 or width * height > pixels_max:
+        raise ValueError("its size or compression is another")
+    names: list[tuple[str, np.dtype[np.generic]]] = []
+    rest, place = header["channels"], 0
+    while rest[place]:
+        name, place = _word(rest, place)
+        names.append((name, DTYPES[struct.unpack_from("<I", rest, place)[0]]))
+        place += 16
+    planes = {name: np.empty((height, width), dtype) for name, dtype in names}
+    for number, offset in enumerate(struct.unpack_from(f"<{-(-height // LINES)}Q", data, at)):
+        first, packed = struct.unpack_from("<iI", data, offset)
+        rows = min(LINES, height - number * LINES)
+        if first != top + number * LINES or packed > len(data) - offset - 8:
+            raise ValueError("a block is elsewhere")
+        block = _unpacked(data[offset + 8:offset + 8 + packed], rows * width * 4 * len(names))
+        # Line by line, and in each line channel by channel.
+        lines = block.reshape(rows, len(names), 4 * width)
+        for index, (name, dtype) in enumerate(names):
+            planes[name][number * LINES:number * LINES + rows] = \
+                np.ascontiguousarray(lines[:, index]).view(dtype)
+    return planes, texts
+
+
+def _unpacked(data: memoryview, size: int) -> Array:
+    """Decompresses a block. Before compression its bytes were split into even and odd ones, and each
+    replaced by its difference from the previous one."""
+    if len(data) == size:
+        return np.frombuffer(data, np.uint8)
+    inflater = zlib.decompressobj()
+    deltas = np.frombuffer(inflater.decompress(data, size), np.uint8)
+    if len(deltas) != size:
+        raise ValueError("a block has another size")
+    steps = deltas - np.uint8(128)
+    steps[0] = deltas[0]
+    values = np.cumsum(steps, dtype=np.uint8)
+    plain = np.empty(size, np.uint8)
+    half = (size + 1) // 2
+    plain[0::2], plain[1::2] = values[:half], values[half:]
+    return plain

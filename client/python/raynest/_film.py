@@ -1,0 +1,116 @@
+"""Lit pictures: the fields of their requests, and their layers as arrays."""
+from __future__ import annotations
+
+import os
+from typing import Any, Optional, Union
+
+import numpy as np
+
+from . import _limits
+from ._arguments import numbers, real, whole
+from ._connection import Connection
+from ._control import Message
+from ._exr import read_exr
+from ._files import read_file
+from ._frame import Array, padding
+from ._job import Outcome
+from ._upload import PIECE_BYTES
+from .errors import InvalidError, RayWarning, UsageError, warn
+
+ENVIRONMENT_BYTES_MAX = 512 << 20
+LIT_SAMPLES = 16
+# Layers of several channels, by the name under which they are returned.
+GROUPS = {"rgba": ("R", "G", "B", "A"), "albedo": ("albedo.R", "albedo.G", "albedo.B"),
+          "N": ("N.X", "N.Y", "N.Z"), "P": ("P.X", "P.Y", "P.Z")}
+
+Environment = Union[str, bytes, os.PathLike[str]]
+
+
+class Layers(dict[str, Array]):
+    """The layers of a lit picture, row 0 on top: rgba (height, width, 4), linear and premultiplied;
+    albedo, N and P (height, width, 3); Z, instance, mesh, material, samples, variance and dropped
+    (height, width). P is in the world, in float64 where the scene has an origin. `last` says whether
+    no better picture follows, `outcome` what ran, `texts` what the file's header says."""
+
+    last = True
+    outcome: Outcome
+    texts: dict[str, str]
+
+
+def is_lit(integrator: str) -> bool:
+    return integrator != "primary"
+
+
+def film_message(integrator: str, spp: int, seed: int, fields: dict[str, Any]) -> Message:
+    """The fields of a Render beside those of all pictures."""
+    samples = spp or (LIT_SAMPLES if is_lit(integrator) else 1)
+    message: Message = {"integrator": integrator, "seed": seed,
+                        "samples": whole("spp", samples, _limits.samples_max)}
+    if not is_lit(integrator):
+        given = sorted(name for name, value in fields.items() if value)
+        if given:
+            raise UsageError(f"{', '.join(given)}: only of a lit picture; pass integrator='path'")
+        return message
+    message["depth"] = whole("depth", fields["depth"], _limits.bounces_max, 0)
+    for name in ("ao_distance", "noise"):
+        message[name] = real(name, fields[name])
+    message["tonemap"] = fields["tonemap"]
+    exposure = fields["exposure"]
+    message["exposure"] = exposure if isinstance(exposure, str) else repr(float(exposure))
+    if fields["sun"] is not None:
+        azimuth, elevation = numbers("sun", fields["sun"]).astype(np.float64).reshape(2).tolist()
+        message.update(sun=True, sun_azimuth=azimuth, sun_elevation=elevation)
+    return message
+
+
+class EnvironmentFile:
+    """The environment of a request: a word, or a file that is sent with it."""
+
+    def __init__(self, environment: Optional[Environment]) -> None:
+        self._data = np.empty(0, np.uint8)
+        self._offset = 0
+        self.message: Message = {}
+        if environment is None or environment in ("", "auto", "sky", "none"):
+            self.message = {"environment": environment or ""}
+            return
+        data = environment if isinstance(environment, bytes) else \
+            read_file(os.fspath(environment), ENVIRONMENT_BYTES_MAX)
+        if not data:
+            raise InvalidError("the environment is empty", "FILE_INVALID")
+        self._data = np.frombuffer(data, np.uint8)
+        self.message = {"environment": "picture", "environment_bytes": len(data)}
+
+    def feed(self, connection: Connection) -> None:
+        """Queues as much of the file as credit allows."""
+        most = min(PIECE_BYTES, connection.daemon.bulk_bytes_max)
+        while self._offset < len(self._data):
+            piece = self._data[self._offset:self._offset + most]
+            if connection.credit < len(piece) + padding(len(piece)):
+                return
+            connection.queue("Upload", {"file": 1, "offset": self._offset}, "data", piece)
+            self._offset += len(piece)
+
+    def again(self) -> None:
+        """For another request."""
+        self._offset = 0
+
+
+def layers_of(file: bytes, outcome: Outcome, last: bool) -> Layers:
+    channels, texts = read_exr(file, _limits.picture_pixels_max)
+    layers = Layers()
+    for name, members in GROUPS.items():
+        if all(member in channels for member in members):
+            layers[name] = np.stack([channels.pop(member) for member in members], -1)
+    layers.update(channels)
+    origin = np.array(outcome.get("origin", (0, 0, 0)))
+    if "P" in layers and origin.any():
+        layers["P"] = np.where((layers["Z"] < 1e10)[..., None], layers["P"] + origin, 0)
+    layers.last, layers.outcome, layers.texts = last, outcome, texts
+    return layers
+
+
+def warn_if_incomplete(outcome: Outcome) -> None:
+    if outcome.get("incomplete"):
+        warn(f"the deadline passed: the picture has {outcome.get('samples', 0)} samples per pixel, "
+             "fewer than it was asked for", RayWarning)
+

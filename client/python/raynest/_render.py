@@ -1,0 +1,164 @@
+"""The part of Scene that makes pictures."""
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any, Callable, Iterator, Optional, Sequence, Union
+
+from . import client as clients  # which imports this module: its names are there later
+from ._arguments import Unpack, none_is_default
+from ._control import Message
+from ._film import (Environment, EnvironmentFile, Layers, film_message, is_lit, layers_of,
+                    warn_if_incomplete)
+from ._frame import Array
+from ._job import JobOptions, Outcome, Progress, SceneMoved, job_message
+from ._picture import Picture, camera_message, size_message
+from .errors import InvalidError, UsageError
+from .job import Job
+
+# Time for encoding and sending a picture that its deadline ended.
+GRACE_SECONDS = 600.0
+
+
+class Renders:
+    """Pictures of a scene."""
+
+    name: str
+    _client: clients.Client
+    if TYPE_CHECKING:
+        _at: Callable[[Any, Callable[[Array, bool], Any]], Any]
+        _look_up: Callable[[JobOptions], None]
+
+    @none_is_default
+    def render(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
+               fov: float = 0.0, size: tuple[int, int] = (960, 540), integrator: str = "primary",
+               spp: int = 0, seed: int = 0, encode: str = "", progress: Progress = None,
+               detach: bool = False, samples: Optional[int] = None,
+               depth: int = 0, ao_distance: float = 0.0, environment: Environment = "",
+               sun: Optional[Sequence[float]] = None, noise: float = 0.0, tonemap: str = "",
+               exposure: Union[str, float] = "", **job: Unpack[JobOptions]) -> Any:
+        """Renders a picture. `integrator` "primary" gives base colours: (height, width, 4) of u8, sRGB
+        and alpha, row 0 on top, an Image, which also has png(). "ao", "direct" and "path" give a lit
+        picture as Layers: a dict of arrays, rgba linear. `encode` "raw" gives an Image of either, "png"
+        and "exr" the bytes of such a file, and with `detach` the answer is a Job whose fetch() does,
+        for which "layers" is "exr".
+
+        `camera` is a camera of the scene, by name or index, by default the first; or `look_at` is
+        (eye, at) or (eye, at, up). `fov` is vertical, in degrees. `spp`, or `samples`, is the number
+        of samples per pixel, 16 by default. `environment` is "sky", "none", "auto" (the scene's lights,
+        or else sky), or an EXR or HDR file, or its bytes; `sun` is (azimuth from the north (-Z)
+        eastwards, elevation) in degrees. `noise` ends parts of the picture whose relative error is
+        below it. `tonemap` (agx, aces, reinhard, none) and `exposure` (stops, or "auto") are for
+        Images and png. A `deadline` gives a lit picture with the samples made by then, and a warning.
+        """
+        film = _Film(self, camera, look_at, fov, size, encode, detach, job, {
+            "integrator": integrator, "spp": spp if samples is None else samples, "seed": seed,
+            "depth": depth, "ao_distance": ao_distance, "environment": environment, "sun": sun,
+            "noise": noise, "tonemap": tonemap, "exposure": exposure})
+        if detach:
+            self._look_up(job)
+        answer = self._at(None, lambda origin, _: film.ask(origin, progress))
+        if not detach:
+            self._client.outcome.warn_of_view()
+            warn_if_incomplete(self._client.outcome)
+        return answer
+
+    @none_is_default
+    def render_stream(self, *, camera: Union[str, int] = "",
+                      look_at: Optional[Sequence[Any]] = None, fov: float = 0.0,
+                      size: tuple[int, int] = (960, 540), integrator: str = "path", spp: int = 0,
+                      seed: int = 0, encode: str = "", progress: Progress = None, depth: int = 0,
+                      ao_distance: float = 0.0, environment: Environment = "",
+                      sun: Optional[Sequence[float]] = None, noise: float = 0.0,
+                      tonemap: str = "", exposure: Union[str, float] = "",
+                      **job: Unpack[JobOptions]) -> Iterator[Any]:
+        """Yields a lit picture again and again while it is refined: with 1, 2, 4, ... and at last `spp`
+        samples per pixel. Arguments and pictures are those of render(). While it is open, the
+        connection takes no other request; leaving the loop cancels the job."""
+        film = _Film(self, camera, look_at, fov, size, encode, False, job, {
+            "integrator": integrator, "spp": spp, "seed": seed, "depth": depth,
+            "ao_distance": ao_distance, "environment": environment, "sun": sun, "noise": noise,
+            "tonemap": tonemap, "exposure": exposure})
+        if not is_lit(integrator):
+            raise UsageError("primary has one sample per pixel, which nothing refines: use render()")
+        yield from self._at(None, lambda origin, _: film.stream(origin, progress))
+        warn_if_incomplete(self._client.outcome)
+
+
+class _Film:
+    """A request for a picture."""
+
+    def __init__(self, scene: Renders, camera: Union[str, int], look_at: Optional[Sequence[Any]],
+                 fov: float, size: tuple[int, int], encode: str, detach: bool, job: JobOptions,
+                 fields: dict[str, Any]) -> None:
+        integrator = fields.pop("integrator")
+        self._lit = is_lit(integrator)
+        self._scene, self._view, self._job = scene, (camera, look_at, fov), job
+        self._detach = detach
+        encode = encode or ("layers" if self._lit else "raw")
+        if encode == "layers" and not self._lit:
+            raise UsageError("primary has no layers: pass encode='raw', 'png' or 'exr'")
+        self._layers = encode == "layers"
+        self._shape: Message = {**size_message(size), "encode": "exr" if self._layers else encode}
+        self._file = EnvironmentFile(fields.pop("environment"))
+        if self._file.message["environment"] and not self._lit:
+            raise UsageError("environment: only of a lit picture; pass integrator='path'")
+        self._fields = film_message(integrator, fields.pop("spp"), fields.pop("seed"), fields)
+
+    def _message(self, origin: Array) -> tuple[Message, float]:
+        """The request, and the seconds after which a daemon without an answer counts as lost."""
+        options = job_message(self._scene.name, self._job)
+        camera, look_at, fov = self._view
+        message: Message = {"job": {**options, "detach": self._detach}, **self._shape,
+                            "camera": camera_message(camera, look_at, fov, origin),
+                            **self._fields, **self._file.message}
+        deadline = options["deadline_ms"]
+        if not self._lit or not deadline:
+            return message, deadline / 1000
+        message["job"]["deadline_ms"] = 0
+        message["best_by_ms"] = deadline
+        return message, deadline / 1000 + GRACE_SECONDS
+
+    def ask(self, origin: Array, progress: Progress) -> Any:
+        message, seconds = self._message(origin)
+        client = self._scene._client
+        self._file.again()
+
+        def feed() -> None:
+            self._file.feed(client.connection)
+        if self._detach:
+            return Job(client, client.connection.ask("Render", message, "Detached", feed)["job"])
+        picture = self._picture(origin)
+        result = picture.receive(client.connection, "Render", message, progress, seconds, feed)
+        client.outcome = picture.outcome
+        return self._shown(result, picture, True)
+
+    def stream(self, origin: Array, progress: Progress) -> Iterator[Any]:
+        message, seconds = self._message(origin)
+        client = self._scene._client
+        picture = self._picture(origin)
+        passes = picture.passes(client.connection, "Render", {**message, "progressive": True},
+                                progress, seconds, lambda: self._file.feed(client.connection))
+        try:
+            with contextlib.closing(passes):  # type: ignore[type-var]
+                for _ in passes:
+                    yield self._shown(picture.result(), picture, False)
+        except SceneMoved:
+            raise InvalidError(f"the scene '{self._scene.name}' was replaced by one with another "
+                               "origin; ask again", "SCENE_UNKNOWN") from None
+        client.outcome = picture.outcome
+        yield self._shown(picture.result(), picture, True)
+
+    def _picture(self, origin: Array) -> Picture:
+        return Picture("render", self._shape, None if self._view[1] is None else origin)
+
+    def _shown(self, result: Any, picture: Picture, last: bool) -> Any:
+        if not self._layers:
+            return result
+        return layers_of(result, picture.outcome, last)
+
+
+def read_layers(file: bytes) -> Layers:
+    """The layers of a lit picture's EXR, such as a detached job's; P is relative to the scene's
+    origin."""
+    return layers_of(file, Outcome(), True)
+

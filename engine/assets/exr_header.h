@@ -1,0 +1,31 @@
+// The header of an EXR from outside, checked before a decoder sees the file.
+#pragma once
+
+#include "engine/assets/image.h"
+#include "engine/result.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace raynest {
+
+/// The header of a file as encode_exr() writes it: one part, whole scan lines, ZIP.
+struct ExrHeader {
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    std::vector<ChannelType> channels;  ///< in the order of the file
+    std::vector<Attribute> attributes;  ///< those of type string
+};
+
+/// Limits on what a header may hold.
+inline constexpr std::size_t exr_attributes_max = 128;
+inline constexpr std::size_t exr_attribute_bytes_max = 16384;
+
+/// Fails with scene_invalid, saying what is wrong: another kind of EXR, a window that does not
+/// begin at 0, lengths beyond the file or the limits above.
+Result<ExrHeader> read_exr_header(std::span<const std::byte> file);
+
+}  // namespace raynest

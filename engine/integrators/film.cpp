@@ -1,0 +1,99 @@
+#include "engine/integrators/film.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace raynest {
+namespace {
+
+bool is_finite(const FilmSample& sample) {
+    const auto finite = [](const Vec3& v) {
+        return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
+    };
+    return finite(sample.radiance) && std::isfinite(sample.alpha) && finite(sample.albedo) &&
+           finite(sample.normal);
+}
+
+constexpr std::array<FilmLayerInfo, film_layers> layers = {{
+#define f32 true
+#define u32 false
+#define RAYNEST_LAYER(id, name, type, text) {#name, type, text},
+#include "engine/integrators/layers.def"
+#undef f32
+#undef u32
+}};
+
+}  // namespace
+
+std::span<const FilmLayerInfo, film_layers> film_layer_table() {
+    return layers;
+}
+
+Film::Film(ImageSize size)
+    : size_(size),
+      words_(std::make_unique<std::uint32_t[]>(film_layers * size.pixels())) {
+    std::ranges::fill(floats(FilmLayer::z), film_depth_miss);
+    for (const FilmLayer ids : {FilmLayer::instance, FilmLayer::mesh, FilmLayer::material})
+        std::ranges::fill(words(ids), no_id);
+}
+
+void Film::add(std::uint64_t pixel, std::uint32_t first, std::span<const FilmSample> samples) {
+    const auto at = [&](FilmLayer layer) -> float& { return floats(layer)[pixel]; };
+    const auto update = [&](FilmLayer layer, float value, float count) {
+        float& mean = at(layer);
+        mean += (value - mean) / count;
+    };
+    if (first == 0 && !samples.empty()) {
+        const FilmSample& sample = samples.front();
+        const bool hit = sample.mesh != no_id;
+        at(FilmLayer::z) = hit ? sample.depth : film_depth_miss;
+        at(FilmLayer::p_x) = hit ? sample.position.x : 0;
+        at(FilmLayer::p_y) = hit ? sample.position.y : 0;
+        at(FilmLayer::p_z) = hit ? sample.position.z : 0;
+        words(FilmLayer::instance)[pixel] = sample.instance;
+        words(FilmLayer::mesh)[pixel] = sample.mesh;
+        words(FilmLayer::material)[pixel] = sample.material;
+    }
+    std::uint32_t& taken = words(FilmLayer::samples)[pixel];
+    for (const FilmSample& sample : samples) {
+        if (!is_finite(sample)) {
+            ++words(FilmLayer::dropped)[pixel];
+            continue;
+        }
+        const auto count = static_cast<float>(++taken);
+        const float value = luminance(sample.radiance);
+        const float before = value - luminance(Vec3(colour(pixel)));
+        update(FilmLayer::r, sample.radiance.x, count);
+        update(FilmLayer::g, sample.radiance.y, count);
+        update(FilmLayer::b, sample.radiance.z, count);
+        update(FilmLayer::a, sample.alpha, count);
+        update(FilmLayer::albedo_r, sample.albedo.x, count);
+        update(FilmLayer::albedo_g, sample.albedo.y, count);
+        update(FilmLayer::albedo_b, sample.albedo.z, count);
+        update(FilmLayer::n_x, sample.normal.x, count);
+        update(FilmLayer::n_y, sample.normal.y, count);
+        update(FilmLayer::n_z, sample.normal.z, count);
+        // Welford, with the variance itself as state: the file holds nothing else.
+        const float after = value - luminance(Vec3(colour(pixel)));
+        update(FilmLayer::variance, std::max(before * after, 0.0F), count);
+    }
+}
+
+Vec4 Film::colour(std::uint64_t pixel) const {
+    return {floats(FilmLayer::r)[pixel], floats(FilmLayer::g)[pixel], floats(FilmLayer::b)[pixel],
+            floats(FilmLayer::a)[pixel]};
+}
+
+float Film::error(std::uint64_t pixel) const {
+    const std::uint32_t count = words(FilmLayer::samples)[pixel];
+    if (count < 2) return 0;
+    return std::sqrt(floats(FilmLayer::variance)[pixel] / static_cast<float>(count - 1));
+}
+
+std::uint64_t Film::dropped() const {
+    std::uint64_t sum = 0;
+    for (const std::uint32_t count : words(FilmLayer::dropped)) sum += count;
+    return sum;
+}
+
+}  // namespace raynest

@@ -1,0 +1,116 @@
+#include "engine/integrators/integrator.h"
+
+#include "engine/geometry/tile_order.h"
+#include "integrator_headers.inc"
+
+#include <array>
+#include <cmath>
+#include <numbers>
+
+namespace raynest {
+namespace {
+
+template <class Type>
+constexpr bool is_lit() {
+    if constexpr (requires { Type::lit; })
+        return Type::lit;
+    else
+        return true;
+}
+
+constexpr std::array integrators = {
+#define RAYNEST_INTEGRATOR(name, Type) IntegratorInfo{#name, Type::text, is_lit<Type>()},
+#include "integrator_rows.inc"
+#undef RAYNEST_INTEGRATOR
+};
+
+}  // namespace
+
+std::span<const IntegratorInfo> integrator_table() {
+    return integrators;
+}
+
+Result<std::unique_ptr<const Integrator>> make_integrator(std::string_view name,
+                                                          const IntegratorScene& scene,
+                                                          const IntegratorSettings& settings) {
+#define RAYNEST_INTEGRATOR(id, Type) \
+    if (name == #id) return std::make_unique<const Type>(scene, settings);
+#include "integrator_rows.inc"
+#undef RAYNEST_INTEGRATOR
+    std::string known;
+    for (const IntegratorInfo& one : integrators) known.append(" ").append(one.name);
+    return fail(ErrorCode::param_invalid,
+                "unknown integrator '" + std::string(name) + "': use one of" + known);
+}
+
+bool add_samples(const Integrator& integrator, const SampleRange& range, RayCaster& caster,
+                 Wavefront& arrays, Film& film) {
+    arrays.samples.assign(range.samples(), FilmSample{});
+    if (!integrator.render(range, caster, arrays, arrays.samples)) return false;
+    const ImageSize size = ray_grid(range.camera);
+    const std::span<const FilmSample> samples(arrays.samples);
+    for_each_in_tiles(range.first_pixel, range.pixel_count, size.width, size.height,
+                      [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {
+                          film.add(y * size.width + x, range.first_sample,
+                                   samples.subspan(i * range.sample_count, range.sample_count));
+                      });
+    return true;
+}
+
+bool cast_camera_rays(const SampleRange& range, RayCaster& caster, Wavefront& arrays) {
+    const ImageSize size = ray_grid(range.camera);
+    arrays.pixels.resize(range.pixel_count);
+    arrays.rays.resize(range.samples());
+    arrays.hits.resize(range.samples());
+    const auto make = [&](const auto& sensor) {
+        for_each_in_tiles(
+            range.first_pixel, range.pixel_count, size.width, size.height,
+            [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {
+                arrays.pixels[i] = y * size.width + x;
+                for (std::uint32_t s = 0; s < range.sample_count; ++s) {
+                    Ray& ray = arrays.rays[i * range.sample_count + s];
+                    if constexpr (requires { sensor.ray_at(0.5, 0.5); }) {
+                        const Vec2 at =
+                            Sampler(range.seed, arrays.pixels[i], range.first_sample + s)
+                                .pair(pixel_dimension);
+                        ray = sensor.ray_at(static_cast<double>(x) + static_cast<double>(at.x),
+                                            static_cast<double>(y) + static_cast<double>(at.y));
+                    } else {
+                        ray = sensor.ray(x, y);
+                    }
+                }
+            });
+    };
+    std::visit(make, range.camera);
+    return caster.closest(std::span<const Ray>(arrays.rays), arrays.hits);
+}
+
+void describe_first_hit(const ColumnSource& scene, const Ray& ray, const HitRecord& hit,
+                        FilmSample& sample) {
+    if (hit.hit == 0) return;
+    sample.alpha = 1;
+    const Vec3 normal = world_normal(scene, ray, hit);
+    sample.normal = glm::dot(normal, ray.direction) > 0 ? -normal : normal;
+    sample.depth = hit.t;
+    sample.position = point_along(ray.origin, ray.direction, hit.t);
+    sample.instance = static_cast<std::uint32_t>(hit.path);
+    sample.mesh = hit.object;
+    const ObjectRecord& object = scene.scene->objects[hit.object];
+    if (object.triangle_count != 0)
+        sample.material = scene.scene->geometry_of(object, hit.triangle).material;
+}
+
+Vec3 cosine_direction(const Vec3& normal, const Vec2& random) {
+    // A frame without branches (Duff et al., "Building an orthonormal basis, revisited", 2017).
+    const float sign = std::copysign(1.0F, normal.z);
+    const float a = -1 / (sign + normal.z);
+    const float b = normal.x * normal.y * a;
+    const Vec3 x(1 + sign * normal.x * normal.x * a, sign * b, -sign * normal.x);
+    const Vec3 y(b, sign + normal.y * normal.y * a, -normal.y);
+    const float radius = std::sqrt(random.x);
+    const float angle = 2 * std::numbers::pi_v<float> * random.y;
+    return radius * std::cos(angle) * x + radius * std::sin(angle) * y +
+           std::sqrt(1 - random.x) * normal;
+}
+
+}  // namespace raynest

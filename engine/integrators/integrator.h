@@ -1,0 +1,147 @@
+// Integrators: how light arrives at a camera. Each is a class in a header of its own and a line of
+// LIST; nothing else names it.
+//
+//     class Ao final : public Integrator {
+//     public:
+//         static constexpr std::string_view text = "...";      // what it shows, for users
+//         static constexpr bool lit = false;                   // 1 is white; left out: true
+//         Ao(const IntegratorScene& scene, const IntegratorSettings& settings);
+//         bool render(...) const override;
+//     };
+//
+// An integrator works in wavefronts: arrays of rays, cast by a RayCaster. It sees no worker, no
+// intersector and no chunk. A sample depends on the scene, the settings, the seed, its pixel and
+// its number alone, so that a picture has the same bytes however it was cut into calls; the film
+// adds samples in the order of their numbers (film.h).
+#pragma once
+
+#include "engine/geometry/box.h"
+#include "engine/integrators/film.h"
+#include "engine/integrators/generators.h"
+#include "engine/integrators/ray_caster.h"
+#include "engine/math/sampler.h"
+#include "engine/queries/columns.h"
+#include "engine/result.h"
+#include "engine/shading/records.h"
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest {
+
+/// A picture of the surroundings, all around: linear RGB, row 0 on top, azimuths and elevations as
+/// the generator Equirectangular has them.
+struct EnvironmentPicture {
+    ImageSize size;
+    std::vector<Vec3> pixels;
+};
+
+struct IntegratorSettings {
+    std::uint32_t depth = 8;  ///< bounces, at most
+    float ao_distance = 0;    ///< as far as occluders count; 0: a tenth of the scene's diagonal
+    enum class Environment : std::uint8_t {
+        automatic,  ///< the scene's lights, or else sky
+        sky,
+        none,
+        picture
+    } environment = Environment::automatic;
+    std::shared_ptr<const EnvironmentPicture> picture = nullptr;  ///< of Environment::picture
+    bool sun = false;                                             ///< the two angles count
+    float sun_azimuth = 0;    ///< degrees from the north (-Z), eastwards
+    float sun_elevation = 0;  ///< degrees above the horizon
+};
+
+/// The scene of a job; all it points to outlives the integrator.
+struct IntegratorScene {
+    ColumnSource source;  ///< without rays and hits
+    Box bounds;           ///< of the scene
+    const ShadingView* shading = nullptr;  ///< null: base colours are all that is known
+    [[nodiscard]] const SceneView& view() const { return *source.scene; }
+};
+
+/// Samples to make: `sample_count` of each of `pixel_count` pixels.
+struct SampleRange {
+    const Sensor& camera;
+    std::uint64_t first_pixel = 0;  ///< in tile order (geometry/tile_order.h)
+    std::uint64_t pixel_count = 0;
+    std::uint32_t first_sample = 0;
+    std::uint32_t sample_count = 1;
+    std::uint64_t seed = 0;
+
+    /// Sample s of pixel p is number p * sample_count + s of all arrays.
+    [[nodiscard]] std::uint64_t samples() const { return pixel_count * sample_count; }
+};
+
+/// Arrays to work in, kept between calls for their memory. Integrators size them as they need;
+/// nothing in them survives a call.
+struct Wavefront {
+    std::vector<std::uint64_t> pixels;  ///< index of each pixel of the range, row by row
+    std::vector<Ray> rays;
+    std::vector<HitRecord> hits;
+    std::vector<Ray> shadow_rays;
+    std::vector<std::uint8_t> occluded;
+    std::vector<FilmSample> samples;
+};
+
+class Integrator {
+public:
+    Integrator() = default;
+    Integrator(const Integrator&) = delete;
+    Integrator& operator=(const Integrator&) = delete;
+    virtual ~Integrator() = default;
+
+    /// Makes all samples of a range: out[i] for number i, default-constructed before the call.
+    /// False where the caster had no answers. Any thread.
+    [[nodiscard]] virtual bool render(const SampleRange& range, RayCaster& caster,
+                                      Wavefront& arrays, std::span<FilmSample> out) const = 0;
+    /// Lines for the user, e.g. that a scene without lights got the sky.
+    [[nodiscard]] virtual std::vector<std::string> notes() const { return {}; }
+    /// Rays of one sample at most, roughly: chunks with more are cut smaller.
+    [[nodiscard]] virtual std::uint32_t rays_per_sample() const { return 2; }
+};
+
+/// An integrator of the list; may take long where it has to look at all lights. Fails with
+/// param_invalid, naming the setting.
+Result<std::unique_ptr<const Integrator>> make_integrator(std::string_view name,
+                                                          const IntegratorScene& scene,
+                                                          const IntegratorSettings& settings);
+
+struct IntegratorInfo {
+    std::string_view name;
+    std::string_view text;
+    /// False if 1 means white, so that no exposure suits it better: a type says so with a member
+    /// `lit`.
+    bool lit = true;
+};
+[[nodiscard]] std::span<const IntegratorInfo> integrator_table();
+
+/// Makes the samples of a range and adds them to a film of the camera's size. False where the
+/// caster had no answers: then the film is as before.
+[[nodiscard]] bool add_samples(const Integrator& integrator, const SampleRange& range,
+                               RayCaster& caster, Wavefront& arrays, Film& film);
+
+// ---- parts that integrators share -------------------------------------------------------------
+
+/// Fills arrays.pixels and arrays.rays with the camera rays of a range, each through a random point
+/// of its pixel, and arrays.hits with what they meet. False where the caster had no answers.
+[[nodiscard]] bool cast_camera_rays(const SampleRange& range, RayCaster& caster, Wavefront& arrays);
+
+/// The random numbers of number i of the range; arrays.pixels must be set.
+[[nodiscard]] inline Sampler sampler_of(const SampleRange& range, const Wavefront& arrays,
+                                        std::size_t i) {
+    return {range.seed, arrays.pixels[i / range.sample_count],
+            range.first_sample + static_cast<std::uint32_t>(i % range.sample_count)};
+}
+
+/// Writes what the first hit alone says: alpha, normal, depth, position and ids.
+void describe_first_hit(const ColumnSource& scene, const Ray& ray, const HitRecord& hit,
+                        FilmSample& sample);
+
+/// A direction around a unit normal, cosine-weighted, from two numbers in [0, 1).
+[[nodiscard]] Vec3 cosine_direction(const Vec3& normal, const Vec2& random);
+
+}  // namespace raynest

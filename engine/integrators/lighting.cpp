@@ -1,0 +1,271 @@
+#include "engine/integrators/lighting.h"
+
+#include "engine/integrators/surface_point.h"
+#include "engine/shading/lights.h"
+#include "engine/shading/shading_point.h"
+#include "engine/shading/texture_lookup.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace raynest {
+namespace {
+
+/// Where the sun stands when nobody says: a morning from the south-east.
+constexpr float default_azimuth = 135;
+constexpr float default_elevation = 40;
+
+/// Mean brightness of what a material emits; its texture counts by its smallest copy.
+float mean_brightness(const ShadingView& view, const SurfaceRecord& surface) {
+    const float factor = brightness(surface.emission);
+    const TextureUse& use = surface.emission_texture;
+    if (!(factor > 0) || use.texture == no_id || view.levels == nullptr) return factor;
+    const std::uint32_t last = view.levels[use.texture].count - 1;
+    const TexturePlane plane = texture_plane(view, use.texture, last);
+    const std::size_t count = std::size_t{plane.width} * plane.height;
+    double sum = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+        const std::uint8_t* p = plane.rgba + 4 * i;
+        const auto& linear = srgb_to_linear();
+        sum += static_cast<double>(
+            brightness(surface.emission * Vec3(linear[p[0]], linear[p[1]], linear[p[2]])));
+    }
+    return static_cast<float>(sum / static_cast<double>(count));
+}
+
+glm::dmat4x3 placed(const glm::dmat4x3& outer, const ColumnTransform& to_object) {
+    const std::array<float, 12>& m = to_object.m;
+    const glm::dmat3 inverse =
+        glm::inverse(glm::dmat3(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8]));
+    const glm::dvec3 shift = -(inverse * glm::dvec3(m[9], m[10], m[11]));
+    const glm::dmat3 linear(outer[0], outer[1], outer[2]);
+    const glm::dmat3 both = linear * inverse;
+    return {both[0], both[1], both[2], linear * shift + outer[3]};
+}
+
+}  // namespace
+
+Lighting::Lighting(const IntegratorScene& scene, const IntegratorSettings& settings)
+    : source_(scene.source),
+      view_(scene.shading != nullptr ? *scene.shading : ShadingView{scene.source.scene}) {
+    for (std::uint32_t i = 0; i < view_.light_count; ++i) {
+        const LightRecord& light = view_.lights[i];
+        with_light(light.kind, [&](auto type) {
+            if (!(brightness(light.intensity) > 0)) return;
+            (type.distant ? far_lights_ : near_lights_).push_back(i);
+            if (!type.distant) weights_.push_back(type.power(light));
+        });
+    }
+    find_triangles();
+    for (const EmittingTriangle& t : triangles_) {
+        const std::uint32_t material =
+            view_.scene->geometry_of(view_.scene->objects[t.object], t.triangle).material;
+        const float area = 0.5F * glm::length(glm::cross(t.edge1, t.edge2));
+        weights_.push_back(2.0F * pi * area * material_brightness_[material]);
+    }
+    near_ = AliasTable(weights_);
+    add_far(settings, !near_.empty() || !far_lights_.empty());
+}
+
+void Lighting::add_far(const IntegratorSettings& settings, bool scene_has_lights) {
+    using Kind = IntegratorSettings::Environment;
+    const bool asked = settings.environment == Kind::sky ||
+                       (settings.environment == Kind::automatic && settings.sun);
+    const bool automatic = settings.environment == Kind::automatic && !scene_has_lights;
+    if (automatic && !settings.sun)
+        notes_.emplace_back(
+            "the scene has no lights: it is lit by a clear sky; --env and --sun choose another");
+    if (settings.environment == Kind::picture && settings.picture != nullptr) {
+        const EnvironmentPicture& picture = *settings.picture;
+        sky_.environment = Environment(picture.size.width, picture.size.height, picture.pixels);
+    }
+    if (asked || automatic || settings.sun) {
+        Sky sky = make_sky(settings.sun ? settings.sun_azimuth : default_azimuth,
+                           settings.sun ? settings.sun_elevation : default_elevation);
+        sky_.sun = sky.sun;
+        if (asked || automatic) sky_.environment = std::move(sky.environment);
+    }
+    has_sun_ = !is_black(sky_.sun.radiance);
+    if (empty())
+        notes_.emplace_back("nothing gives light: add lights, or ask for --env sky");
+}
+
+void Lighting::find_triangles() {
+    const SceneView& scene = *view_.scene;
+    if (view_.surfaces == nullptr) return;
+    material_brightness_.resize(scene.material_count);
+    for (std::uint32_t i = 0; i < scene.material_count; ++i)
+        material_brightness_[i] = mean_brightness(view_, view_.surfaces[i]);
+    // Children stand before their parents.
+    emits_.resize(scene.object_count);
+    std::vector<std::uint64_t> counts(scene.object_count);
+    for (std::uint32_t i = 0; i < scene.object_count; ++i) {
+        const ObjectRecord& object = scene.objects[i];
+        for (std::uint32_t g = 0; g < object.geometry_count; ++g) {
+            const GeometryRecord& geometry = scene.geometries[object.first_geometry + g];
+            if (geometry.material != no_id && material_brightness_[geometry.material] > 0)
+                counts[i] += geometry.triangle_count;
+        }
+        for (std::uint32_t k = 0; k < object.instance_count; ++k) {
+            counts[i] += counts[scene.instances[object.first_instance + k].object];
+            counts[i] = std::min(counts[i], std::uint64_t{1} << 40);
+        }
+        emits_[i] = counts[i] != 0;
+    }
+    const std::uint64_t all = counts[scene.root];
+    if (all > emitting_triangles_max) {
+        notes_.push_back(std::to_string(all) + " triangles emit light; with more than " +
+                         std::to_string(emitting_triangles_max) +
+                         " they are met by chance alone, and pictures have more noise");
+        std::ranges::fill(material_brightness_, 0.0F);
+        return;
+    }
+    if (all != 0) visit(scene.root, 0, glm::dmat4x3(1));
+}
+
+void Lighting::visit(std::uint32_t index, std::uint64_t path, const glm::dmat4x3& to_world) {
+    const SceneView& scene = *view_.scene;
+    const ObjectRecord& object = scene.objects[index];
+    if (object.triangle_count != 0) add_triangles(index, path, to_world);
+    for (std::uint32_t i = 0; i < object.instance_count; ++i) {
+        const InstanceRecord& instance = scene.instances[object.first_instance + i];
+        if (!emits_[instance.object]) continue;
+        visit(instance.object, path + instance.path_base, placed(to_world, instance.to_object));
+    }
+}
+
+void Lighting::add_triangles(std::uint32_t index, std::uint64_t path,
+                             const glm::dmat4x3& to_world) {
+    const SceneView& scene = *view_.scene;
+    const ObjectRecord& object = scene.objects[index];
+    for (std::uint32_t g = 0; g < object.geometry_count; ++g) {
+        const GeometryRecord& geometry = scene.geometries[object.first_geometry + g];
+        if (geometry.material == no_id || !(material_brightness_[geometry.material] > 0)) continue;
+        const auto* corners = scene.attribute<std::uint32_t>(geometry.indices);
+        const auto* positions = scene.attribute<Vec3>(geometry.positions);
+        for (std::uint32_t i = 0; i < geometry.triangle_count; ++i) {
+            const auto world = [&](std::uint32_t corner) {
+                return to_world * glm::dvec4(positions[corners[3 * i + corner]], 1);
+            };
+            const glm::dvec3 v0 = world(0);
+            EmittingTriangle t{Vec3(v0), Vec3(world(1) - v0), Vec3(world(2) - v0), 0, index,
+                               geometry.first_triangle + i};
+            const Vec3 normal = glm::cross(t.edge1, t.edge2);
+            if (!(glm::dot(normal, normal) > 0) || !std::isfinite(glm::dot(normal, normal)))
+                continue;
+            HitRecord middle;
+            middle.u = middle.v = 1.0F / 3;
+            middle.path = path;
+            middle.object = index;
+            middle.triangle = t.triangle;
+            middle.hit = 1;
+            t.lift = static_cast<float>(surface_point(source_, Ray{}, middle).lift);
+            triangles_.push_back(t);
+        }
+    }
+}
+
+LightSample Lighting::sample(const Vec3& from, float choice, const Vec2& u) const {
+    const float share = near_share();
+    if (choice < share) {
+        LightSample sample = sample_near(from, choice / share, u);
+        sample.density *= share;
+        return sample;
+    }
+    if (far_count() == 0) return {};
+    LightSample sample =
+        sample_far(from, std::min((choice - share) / (1.0F - share), one_below), u);
+    sample.density *= 1.0F - share;
+    return sample;
+}
+
+LightSample Lighting::sample_near(const Vec3& from, float choice, const Vec2& u) const {
+    const std::uint32_t drawn = near_.draw(choice);
+    const float probability = weights_[drawn] / near_.total();
+    LightSample sample;
+    if (drawn < near_lights_.size()) {
+        const LightRecord& light = view_.lights[near_lights_[drawn]];
+        sample = with_light(light.kind, [&](auto type) { return type.sample(light, from, u); });
+    } else {
+        sample = sample_triangle_light(triangles_[drawn - near_lights_.size()], from, u);
+    }
+    sample.density *= probability;
+    return sample;
+}
+
+LightSample Lighting::sample_triangle_light(const EmittingTriangle& t, const Vec3& from,
+                                            const Vec2& u) const {
+    LightSample sample;
+    const Vec2 b = sample_triangle(u);
+    const glm::dvec3 at = glm::dvec3(t.corner) + static_cast<double>(b.x) * glm::dvec3(t.edge1) +
+                          static_cast<double>(b.y) * glm::dvec3(t.edge2);
+    const Vec3 cross = glm::cross(t.edge1, t.edge2);
+    const float twice_area = glm::length(cross);
+    const Vec3 normal = cross / twice_area;
+    const Vec3 way(at - glm::dvec3(from));
+    const float distance2 = glm::dot(way, way);
+    if (!(distance2 > 0)) return sample;
+    sample.distance = std::sqrt(distance2);
+    sample.direction = way / sample.distance;
+    const float cosine = glm::dot(sample.direction, normal);
+    if (!(std::abs(cosine) > 1e-6F)) return sample;
+    sample.density = distance2 / (std::abs(cosine) * 0.5F * twice_area);
+    sample.radiance =
+        triangle_emission(view_, view_.scene->objects[t.object], t.triangle, b.x, b.y);
+    sample.can_be_met = true;
+    sample.end =
+        at - static_cast<double>(std::copysign(t.lift, cosine)) * glm::dvec3(normal);
+    sample.ends = true;
+    return sample;
+}
+
+LightSample Lighting::sample_far(const Vec3& from, float choice, const Vec2& u) const {
+    const auto count = static_cast<float>(far_count());
+    auto drawn = std::min(static_cast<std::size_t>(choice * count), far_count() - 1);
+    LightSample sample;
+    if (drawn < far_lights_.size()) {
+        const LightRecord& light = view_.lights[far_lights_[drawn]];
+        sample = with_light(light.kind, [&](auto type) { return type.sample(light, from, u); });
+        sample.density /= count;
+        return sample;
+    }
+    drawn -= far_lights_.size();
+    float density = 0;
+    if (has_sun_ && drawn == 0) {
+        sample.direction = sky_.sun.sample(u);
+    } else {
+        sample.direction = sky_.environment.sample(u, density);
+        if (!(density > 0)) return {};
+    }
+    // Sun and sky overlap: the density is that of drawing the direction by either.
+    sample.radiance = far_radiance(sample.direction);
+    sample.density = far_density(sample.direction) / (1.0F - near_share());
+    sample.can_be_met = true;
+    return sample;
+}
+
+Vec3 Lighting::far_radiance(const Vec3& direction) const {
+    Vec3 sum = sky_.environment.radiance(direction);
+    if (has_sun_ && sky_.sun.contains(direction)) sum += sky_.sun.radiance;
+    return sum;
+}
+
+float Lighting::far_density(const Vec3& direction) const {
+    if (far_count() == 0) return 0;
+    float sum = sky_.environment.density(direction);
+    if (has_sun_ && sky_.sun.contains(direction)) sum += sky_.sun.density();
+    return sum * (1.0F - near_share()) / static_cast<float>(far_count());
+}
+
+float Lighting::triangle_density(const HitRecord& hit, float distance, float cosine) const {
+    if (triangles_.empty() || !(cosine > 0)) return 0;
+    const SceneView& scene = *view_.scene;
+    const std::uint32_t material =
+        scene.geometry_of(scene.objects[hit.object], hit.triangle).material;
+    if (material == no_id) return 0;
+    // The area cancels: a triangle is drawn in proportion to it.
+    const float per_area = 2.0F * pi * material_brightness_[material] / near_.total();
+    return near_share() * per_area * distance * distance / cosine;
+}
+
+}  // namespace raynest

@@ -1,0 +1,77 @@
+#include "engine/integrators/surface_point.h"
+
+#include <limits>
+
+namespace raynest {
+namespace {
+
+using Point = glm::dvec3;
+
+constexpr double eps = std::numeric_limits<float>::epsilon();
+
+}  // namespace
+
+SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const HitRecord& hit,
+                           const Placement& placement) {
+    const SceneView& scene = *source.scene;
+    SurfacePoint point;
+    const ObjectRecord& object = scene.objects[hit.object];
+    const Point origin(ray.origin);
+    Point error;
+    Point normal(0);  // of the object, unit length
+    Point world(0);   // the same in the world, where its length is how the levels stretch it
+    double extent = 0;
+    if (object.triangle_count != 0) {
+        const GeometryRecord& geometry = scene.geometry_of(object, hit.triangle);
+        const auto* corner = scene.attribute<std::uint32_t>(geometry.indices) +
+                             std::size_t{3} * (hit.triangle - geometry.first_triangle);
+        const auto* vertices = scene.attribute<Vec3>(geometry.positions);
+        const Point v0(vertices[corner[0]]);
+        const Point e1 = Point(vertices[corner[1]]) - v0;
+        const Point e2 = Point(vertices[corner[2]]) - v0;
+        extent = glm::length(e1) + glm::length(e2);
+        normal = glm::cross(e1, e2);
+        const double length = glm::length(normal);
+        if (length > 0) normal /= length;
+        world = placement.normal(normal);
+        point.position = placement.point(v0 + static_cast<double>(hit.u) * e1 +
+                                         static_cast<double>(hit.v) * e2);
+        error = 2 * eps * glm::abs(point.position);
+        const double stretch = glm::length(world);
+        if (stretch > 0) point.normal = Vec3(world / stretch);
+    } else {
+        const Point along = static_cast<double>(hit.t) * Point(ray.direction);
+        point.position = origin + along;
+        error = 8 * eps * (glm::abs(origin) + glm::abs(along) + glm::abs(point.position));
+        point.normal = world_normal(source, ray, hit);
+    }
+
+    // Follow the ray's origin down, as kernels do in float: each level rounds three products and
+    // three sums, and stretches the errors from above.
+    Point p = point.position;
+    for (const Placement::Level& level : placement.levels) {
+        error = level.magnitude(error) +
+                4 * eps * (level.magnitude(glm::abs(p)) + glm::abs(level.shift));
+        p = level.point(p);
+    }
+    error += 4 * eps * Point(extent);
+
+    // A world normal times `lift` must clear the error along the object's normal.
+    if (object.triangle_count == 0) {
+        // Without vertices: as long as the largest error, brought back to the world.
+        const double scale = glm::length(placement.to_object * Point(point.normal));
+        point.lift = 2 * glm::length(error) / (scale > 0 ? scale : 1);
+        return point;
+    }
+    const double stretch = glm::length(world);
+    point.lift = stretch > 0 ? 2 * glm::dot(glm::abs(normal), error) / stretch : 0;
+    return point;
+}
+
+SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const HitRecord& hit) {
+    Placement placement;
+    placement.set(*source.scene, hit.path);
+    return surface_point(source, ray, hit, placement);
+}
+
+}  // namespace raynest

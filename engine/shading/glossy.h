@@ -1,0 +1,45 @@
+// The glossy lobe of metal and varnish: GGX with Schlick's Fresnel term, and the light of its further
+// bounces as a lobe of its own, which is reciprocal and keeps the energy (Kulla and Conty, "Revisiting
+// Physically Based Shading at Imageworks", 2017).
+#pragma once
+
+#include "engine/shading/albedo_tables.h"
+#include "engine/shading/ggx.h"
+
+namespace raynest {
+
+/// How much of a lobe's light comes back after more than one bounce, relative to what the first one
+/// leaves; f0 is the reflectance along the normal.
+inline Vec3 further_bounces(const Vec3& f0, float full_mean) {
+    const Vec3 mean = f0 + (Vec3(1) - f0) * (1.0F / 21.0F);
+    return mean * mean * full_mean / (Vec3(1) - mean * (1.0F - full_mean));
+}
+
+/// The first bounce. `f0` may be a sum of lobes: the Fresnel term is linear in it.
+struct GlossyLobe {
+    Vec3 outgoing;
+    float alpha;
+    Vec3 f0;
+    float f90 = 1;  ///< the weight of the lobes: reflectance at grazing angles
+
+    [[nodiscard]] Vec3 evaluate(const Vec3& i) const {
+        if (i.z <= 0 || outgoing.z <= 0) return Vec3(0);
+        const Vec3 h = glm::normalize(outgoing + i);
+        const Vec3 fresnel = f0 + (Vec3(f90) - f0) * schlick_weight(glm::dot(outgoing, h));
+        return fresnel *
+               (ggx_density(h, alpha) * ggx_masking(outgoing, i, alpha) / (4.0F * outgoing.z));
+    }
+    [[nodiscard]] float density(const Vec3& i) const {
+        if (i.z <= 0 || outgoing.z <= 0) return 0;
+        const Vec3 h = glm::normalize(outgoing + i);
+        const float seen = glm::dot(outgoing, h);
+        return seen > 0 ? ggx_visible_density(outgoing, h, alpha) / (4.0F * seen) : 0.0F;
+    }
+    [[nodiscard]] Vec3 sample(const Vec2& u) const {
+        const Vec3 h = sample_ggx(outgoing, alpha, u);
+        const Vec3 i = 2.0F * glm::dot(outgoing, h) * h - outgoing;
+        return i.z > 0 ? i : Vec3(0);
+    }
+};
+
+}  // namespace raynest

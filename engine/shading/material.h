@@ -1,0 +1,46 @@
+// A material is a type that tells how light scatters at a point of a surface. Directions are unit
+// vectors in the point's frame: +z is the shading normal, on the side that the ray came from.
+//
+//     struct Standard {
+//         explicit Standard(const MaterialPoint& point, const Vec3& outgoing);
+//         Vec3 emitted() const;                        // radiance towards `outgoing`
+//         bool scatters() const;                       // false: the three below are not called
+//         Vec3 evaluate(const Vec3& incoming) const;   // BSDF x |cosine of incoming|
+//         float density(const Vec3& incoming) const;   // of sample(), per solid angle
+//         Vec3 sample(float choice, const Vec2& u) const;  // a direction; zero where there is none
+//     };
+//
+// A new material is one header and one line in MATERIALS. Its values come from the same members of
+// glTF; `extras.raynest.material` in a glTF material names it.
+#pragma once
+
+#include "engine/math/vec.h"
+
+#include <concepts>
+
+namespace raynest {
+
+/// What textures and factors say of a material at a point.
+struct MaterialPoint {
+    Vec3 base_colour{1};
+    Vec3 emission{0};
+    float metallic = 0;
+    float roughness = 1;
+    float ior = 1.5F;
+    float transmission = 0;
+    bool solid = false;  ///< light is refracted at the surface; else it is a sheet
+    bool inside = false;  ///< the ray came from within a solid
+};
+
+template <class M>
+concept MaterialLike = requires(const M& m, const MaterialPoint& point, const Vec3& v, float x,
+                                const Vec2& u) {
+    M(point, v);
+    { m.emitted() } -> std::same_as<Vec3>;
+    { m.scatters() } -> std::same_as<bool>;
+    { m.evaluate(v) } -> std::same_as<Vec3>;
+    { m.density(v) } -> std::same_as<float>;
+    { m.sample(x, u) } -> std::same_as<Vec3>;
+};
+
+}  // namespace raynest

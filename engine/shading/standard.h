@@ -1,0 +1,119 @@
+// glTF's metallic-roughness material, with transmission: a mixture of metal, of a varnished diffuse
+// base, and of glass.
+//
+// The diffuse base gets the light that the varnish lets through, by the same tables, so that a white
+// material reflects all light at any roughness, and is reciprocal.
+#pragma once
+
+#include "engine/shading/glass.h"
+#include "engine/shading/glossy.h"
+#include "engine/shading/material.h"
+
+namespace raynest {
+
+class Standard {
+public:
+    Standard(const MaterialPoint& point, const Vec3& outgoing)
+        : emission_(point.emission),
+          roughness_(std::clamp(point.roughness, roughness_min, 1.0F)),
+          glass_{outgoing, roughness_, 1, false, Vec3(0), 1, 1} {
+        const float metal = std::clamp(point.metallic, 0.0F, 1.0F);
+        const float clear = (1.0F - metal) * std::clamp(point.transmission, 0.0F, 1.0F);
+        const float varnish = 1.0F - metal - clear;
+        const float root = (point.ior - 1.0F) / (point.ior + 1.0F);
+        const Vec3 f0(root * root);
+
+        const AlbedoTables& tables = albedo_tables();
+        rows_ = AlbedoRows(tables, roughness_);
+        seen_ = rows_.at(outgoing.z);
+        full_mean_ = tables.full_mean.at(roughness_);
+        const float edge_mean = tables.edge_mean.at(roughness_);
+
+        varnish_f0_ = f0;
+        varnish_more_ = further_bounces(f0, full_mean_);
+        const Vec3 mean =
+            f0 * (full_mean_ - edge_mean) + edge_mean + varnish_more_ * (1.0F - full_mean_);
+        base_ = varnish * point.base_colour / (pi * (Vec3(1) - mean));
+        base_seen_ = Vec3(1) - varnish_albedo(seen_);
+        more_ = (metal * further_bounces(point.base_colour, full_mean_) + varnish * varnish_more_) /
+                (pi * std::max(1.0F - full_mean_, 1e-6F));
+
+        glossy_ = {outgoing, ggx_alpha(roughness_), metal * point.base_colour + varnish * f0,
+                   metal + varnish};
+        if (clear > 0) {
+            const float eta = point.inside ? 1.0F / point.ior : point.ior;
+            // A border between equal media bends nothing; a little keeps the half vector defined.
+            glass_ = {outgoing, roughness_, std::abs(eta - 1) < 1e-3F ? 1.001F : eta, point.solid,
+                      point.base_colour};
+        }
+        choose(clear, varnish * point.base_colour);
+    }
+
+    [[nodiscard]] Vec3 emitted() const { return emission_; }
+    [[nodiscard]] bool scatters() const { return glossy_.outgoing.z > 0; }
+
+    [[nodiscard]] Vec3 evaluate(const Vec3& i) const {
+        Vec3 sum(0);
+        if (i.z > 0) {
+            const OneBounce lit = rows_.at(i.z);
+            const Vec3 base = base_ * base_seen_ * (Vec3(1) - varnish_albedo(lit));
+            sum = glossy_.evaluate(i) +
+                  (base + more_ * ((1.0F - seen_.full) * (1.0F - lit.full))) * i.z;
+        }
+        if (clear_ > 0) sum += clear_ * glass_.evaluate(i);
+        return sum;
+    }
+    [[nodiscard]] float density(const Vec3& i) const {
+        float sum = 0;
+        if (i.z > 0) sum = glossy_share_ * glossy_.density(i) + broad_share_ * i.z * (1.0F / pi);
+        if (glass_share_ > 0) sum += glass_share_ * glass_.density(i);
+        return sum;
+    }
+    [[nodiscard]] Vec3 sample(float choice, const Vec2& u) const {
+        if (choice < glossy_share_) return glossy_.sample(u);
+        choice -= glossy_share_;
+        if (choice < broad_share_ || glass_share_ <= 0) return sample_cosine(u);
+        return glass_.sample(std::min((choice - broad_share_) / glass_share_, one_below), u);
+    }
+
+private:
+    /// What the varnish reflects in all, for a direction with these table entries.
+    [[nodiscard]] Vec3 varnish_albedo(const OneBounce& b) const {
+        return varnish_f0_ * (b.full - b.edge) + b.edge + varnish_more_ * (1.0F - b.full);
+    }
+
+    /// Shares of the strategies, by what each part reflects of white light.
+    void choose(float clear, const Vec3& base) {
+        const Vec3 glossy = glossy_.f0 * (seen_.full - seen_.edge) + glossy_.f90 * seen_.edge;
+        const Vec3 broad = base * base_seen_ + more_ * (pi * (1.0F - seen_.full) * (1.0F - full_mean_));
+        // Where a surface absorbs all, any direction is as good.
+        float a = largest(glossy);
+        float b = largest(broad);
+        const float sum = a + b + clear;
+        clear_ = clear;
+        if (!(sum > 0)) {
+            broad_share_ = 1;
+            return;
+        }
+        // At least a tenth each, so that no lobe is sampled by chance alone.
+        if (glossy_.f90 > 0) a = std::max(a, 0.1F * sum);
+        if (b > 0) b = std::max(b, 0.1F * sum);
+        const float total = a + b + clear;
+        glossy_share_ = a / total;
+        broad_share_ = b / total;
+        glass_share_ = clear / total;
+    }
+
+    Vec3 emission_;
+    float roughness_;
+    AlbedoRows rows_;
+    OneBounce seen_;
+    float full_mean_ = 1;
+    Vec3 varnish_f0_{0}, varnish_more_{0};
+    Vec3 base_{0}, base_seen_{0}, more_{0};
+    GlossyLobe glossy_{};
+    GlassLobe glass_;
+    float clear_ = 0, glossy_share_ = 0, broad_share_ = 0, glass_share_ = 0;
+};
+
+}  // namespace raynest

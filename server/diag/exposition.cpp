@@ -1,0 +1,133 @@
+#include "server/diag/exposition.h"
+
+#include "server/jobs/admission.h"
+#include "server/jobs/peers.h"
+
+#include <prometheus/metric_family.h>
+#include <prometheus/text_serializer.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <sstream>
+#include <string_view>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+using prometheus::ClientMetric;
+using prometheus::MetricFamily;
+using prometheus::MetricType;
+
+/// Families in the order of their first values.
+class Families {
+public:
+    void add(const char* name, MetricType type, std::string_view labels, std::string_view help,
+             double value) {
+        ClientMetric metric;
+        if (const auto equals = labels.find('='); equals != std::string_view::npos)
+            metric.label.push_back(
+                {std::string(labels.substr(0, equals)), std::string(labels.substr(equals + 1))});
+        (type == MetricType::Counter ? metric.counter.value : metric.gauge.value) = value;
+        family(name, type, help).metric.push_back(std::move(metric));
+    }
+    MetricFamily& family(std::string_view name, MetricType type, std::string_view help) {
+        const auto known = std::ranges::find(families_, name, &MetricFamily::name);
+        if (known != families_.end()) return *known;
+        MetricFamily made;
+        made.name = name;
+        made.help = description(name).empty() ? help : description(name);
+        made.type = type;
+        families_.push_back(std::move(made));
+        return families_.back();
+    }
+    [[nodiscard]] std::string text() const {
+        std::ostringstream out;
+        prometheus::TextSerializer().Serialize(out, families_);
+        return out.str();
+    }
+
+private:
+    static std::string_view description(std::string_view name) {
+#define RAYNEST_FAMILY(family, text) \
+    if (name == #family) return text;
+#include "server/diag/metrics.def"
+        return {};
+    }
+    std::vector<MetricFamily> families_;
+};
+
+void add_build(const Services& services, Families& families) {
+    ClientMetric build;
+    build.label = {{"version", RAYNEST_VERSION},
+                   {"isa", services.registry.variants().front().target}};
+    build.gauge.value = 1;
+    families.family("raynest_build_info", MetricType::Gauge, "the version that runs")
+        .metric.push_back(std::move(build));
+}
+
+void add_durations(const DurationHistogram& durations, Families& families) {
+    ClientMetric metric;
+    std::uint64_t sum = 0;
+    for (std::size_t bin = 0; bin <= DurationHistogram::bounds_s.size(); ++bin) {
+        sum += durations.count(bin);
+        metric.histogram.bucket.push_back({sum, bin < DurationHistogram::bounds_s.size()
+                                                    ? DurationHistogram::bounds_s[bin]
+                                                    : std::numeric_limits<double>::infinity()});
+    }
+    metric.histogram.sample_count = sum;
+    metric.histogram.sample_sum = durations.sum_s();
+    families
+        .family("raynest_request_duration_seconds", MetricType::Histogram,
+                "time from the start of a job to its end")
+        .metric.push_back(std::move(metric));
+}
+
+/// The names that Prometheus' client libraries give to these.
+void add_process(Families& families) {
+    rusage used{};
+    if (getrusage(RUSAGE_SELF, &used) == 0) {
+        const auto seconds = [](const timeval& time) {
+            return static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_usec);
+        };
+        families.add("process_cpu_seconds_total", MetricType::Counter, "",
+                     "user and system CPU time", seconds(used.ru_utime) + seconds(used.ru_stime));
+    }
+    std::ifstream statm("/proc/self/statm");
+    std::uint64_t pages = 0;
+    std::uint64_t resident = 0;
+    if (statm >> pages >> resident)
+        families.add("process_resident_memory_bytes", MetricType::Gauge, "", "resident memory",
+                     static_cast<double>(resident) * static_cast<double>(sysconf(_SC_PAGESIZE)));
+    std::error_code error;
+    const std::filesystem::directory_iterator open("/proc/self/fd", error);
+    if (!error)
+        families.add("process_open_fds", MetricType::Gauge, "", "open file descriptors",
+                     static_cast<double>(std::distance(begin(open), end(open))));
+    rlimit limit{};
+    if (getrlimit(RLIMIT_NOFILE, &limit) == 0)
+        families.add("process_max_fds", MetricType::Gauge, "", "open file descriptors, at most",
+                     static_cast<double>(limit.rlim_cur));
+}
+
+}  // namespace
+
+std::string exposition(const Services& services) {
+    Families families;
+    add_build(services, families);
+#define RAYNEST_METRIC(name, family, labels, text)           \
+    families.add(#family, MetricType::Counter, labels, text, \
+                 static_cast<double>(services.metrics.name.load()));
+#define RAYNEST_GAUGE(name, value, family, labels, text) \
+    families.add(#family, MetricType::Gauge, labels, text, static_cast<double>(value));
+#include "server/diag/metrics.def"
+    add_durations(services.metrics.job_seconds, families);
+    add_process(families);
+    return families.text();
+}
+
+}  // namespace raynest::server

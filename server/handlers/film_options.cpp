@@ -1,0 +1,262 @@
+#include "server/handlers/film_options.h"
+
+#include "engine/assets/exr_header.h"
+#include "protocol/control.h"
+#include "protocol/text.h"
+#include "server/handlers/film_tiles.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <thread>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+/// Bounds for the arrays of the threads that make samples.
+constexpr std::uint64_t wavefront_bytes = 8ULL << 20;
+/// Largest file with a picture of the surroundings.
+constexpr std::uint64_t environment_bytes_max = 512ULL << 20;
+
+template <class Number>
+std::string number_text(Number value) {
+    std::array<char, 64> digits{};
+    return {digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr};
+}
+
+/// Attributes that may differ between a file and the request that continues it.
+bool may_differ(std::string_view name) {
+    constexpr std::array<std::string_view, 4> names = {"raynest:spp", "raynest:scene",
+                                                       "raynest:epoch", "Software"};
+    return std::ranges::find(names, name) != names.end();
+}
+
+const std::string* find(std::span<const Attribute> attributes, std::string_view name) {
+    const auto found = std::ranges::find(attributes, name, &Attribute::name);
+    return found == attributes.end() ? nullptr : &found->value;
+}
+
+Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
+    using Environment = IntegratorSettings::Environment;
+    constexpr std::array<std::pair<std::string_view, Environment>, 4> environments = {
+        {{"auto", Environment::automatic},
+         {"sky", Environment::sky},
+         {"none", Environment::none},
+         {"picture", Environment::picture}}};
+    IntegratorSettings settings;
+    if (message.depth() != 0) settings.depth = message.depth();
+    settings.ao_distance = message.ao_distance();
+    const std::string_view word = protocol::word(message.environment(), "auto");
+    const auto* const chosen = std::ranges::find(
+        environments, word, &std::pair<std::string_view, Environment>::first);
+    if (chosen == environments.end())
+        return refuse(Code::invalid_field, "unknown environment '" + std::string(word) +
+                                               "': use one of auto, sky, none, picture");
+    settings.environment = chosen->second;
+    if ((settings.environment == Environment::picture) != (message.environment_bytes() != 0))
+        return refuse(Code::invalid_field,
+                      "environment `picture` comes with a file, and only that: say its size in "
+                      "environment_bytes");
+    if (message.environment_bytes() > environment_bytes_max)
+        return refuse(Code::limit_exceeded,
+                      "the environment's file has " +
+                          protocol::bytes_text(message.environment_bytes()) + ", at most " +
+                          protocol::bytes_text(environment_bytes_max) + " are taken");
+    settings.sun = message.sun();
+    settings.sun_azimuth = message.sun_azimuth();
+    settings.sun_elevation = message.sun_elevation();
+    if (settings.sun && std::abs(settings.sun_elevation) > 90)
+        return refuse(Code::invalid_field, "sun_elevation must lie between -90 and 90 degrees");
+    return settings;
+}
+
+/// Chooses the passes of a job.
+void set_passes(const wire::Render& message, FilmOptions& options) {
+    const bool detached = message.job()->detach();
+    if (options.progressive || options.best_by_ms != 0 || detached) {
+        options.passes = refinement_passes(options.samples);
+        return;
+    }
+    options.streams_tiles = protocol::word(message.encode(), "png") == "raw";
+    // Tiles are shown with the exposure of a first look at the whole picture.
+    if (options.streams_tiles && !options.look.exposure && options.samples > 1)
+        options.passes.push_back(1);
+    options.passes.push_back(options.samples);
+}
+
+/// What of a request shapes its samples, as text that a client can turn back into the request.
+std::vector<Attribute> request_attributes(const wire::Render& message,
+                                          const FilmOptions& options) {
+    std::string asked = "first";
+    float fov = 0;
+    if (const wire::Camera* camera = message.camera(); camera != nullptr) {
+        if (const auto name = protocol::text(camera->name()); !name.empty())
+            asked = "name " + std::string(name);
+        fov = camera->fov_degrees();
+        const wire::Vec3 up = camera->up() != nullptr ? *camera->up() : wire::Vec3(0, 1, 0);
+        if (camera->look_at() && camera->eye() != nullptr && camera->at() != nullptr) {
+            asked = "lookat";
+            for (const wire::Vec3& v : {*camera->eye(), *camera->at(), up})
+                for (const float x : {v.x(), v.y(), v.z()})
+                    asked.append(" ").append(number_text(x));
+        }
+    }
+    std::string set;
+    for (const std::string& setting : protocol::strings(message.job()->settings()))
+        set.append(set.empty() ? "" : " ").append(setting);
+    const IntegratorSettings& settings = options.settings;
+    return {{"raynest:version", RAYNEST_VERSION},
+            {"raynest:integrator", options.integrator},
+            {"raynest:width", number_text(message.width())},
+            {"raynest:height", number_text(message.height())},
+            {"raynest:spp", number_text(options.samples)},
+            {"raynest:seed", number_text(options.seed)},
+            {"raynest:depth", number_text(settings.depth)},
+            {"raynest:ao_distance", number_text(settings.ao_distance)},
+            {"raynest:environment", std::string(protocol::word(message.environment(), "auto"))},
+            {"raynest:sun", settings.sun ? number_text(settings.sun_azimuth) + "," +
+                                               number_text(settings.sun_elevation)
+                                         : std::string("auto")},
+            {"raynest:noise", number_text(options.noise)},
+            {"raynest:set", set.empty() ? std::string("none") : set},
+            {"raynest:camera_asked", asked},
+            {"raynest:fov", number_text(fov)}};
+}
+
+}  // namespace
+
+Reply<FilmOptions> film_options(const wire::Render& message, std::string integrator) {
+    const auto table = integrator_table();
+    const auto info = std::ranges::find(table, integrator, &IntegratorInfo::name);
+    if (info == table.end()) {
+        std::string known = "primary";
+        for (const IntegratorInfo& one : table) known.append(", ").append(one.name);
+        return refuse(Code::invalid_field,
+                      "unknown integrator '" + integrator + "': use one of " + known);
+    }
+    FilmOptions options;
+    auto settings = integrator_settings(message);
+    if (!settings) return tl::unexpected(settings.error());
+    options.settings = std::move(*settings);
+    std::string_view tonemap = protocol::word(message.tonemap(), "auto");
+    if (tonemap == "auto") tonemap = info->lit ? "agx" : "none";
+    const auto map = parse_tonemap(tonemap);
+    if (!map) return refuse(Code::invalid_field, map.error().message);
+    const auto exposure =
+        parse_exposure(protocol::word(message.exposure(), info->lit ? "auto" : "0"));
+    if (!exposure) return refuse(Code::invalid_field, exposure.error().message);
+    options.look = {*map, *exposure};
+    options.integrator = std::move(integrator);
+    options.samples = message.samples();
+    options.seed = message.seed();
+    options.best_by_ms = message.best_by_ms();
+    options.progressive = message.progressive();
+    options.noise = message.noise();
+    options.resume_bytes = message.resume_bytes();
+    const std::uint64_t most = exr_bytes_max(message.width(), message.height(), film_layers);
+    if (options.resume_bytes > most)
+        return refuse(Code::invalid_field,
+                      "the EXR to continue has " + protocol::bytes_text(options.resume_bytes) +
+                          ", but one of this size has at most " + protocol::bytes_text(most));
+    options.environment_bytes = message.environment_bytes();
+    set_passes(message, options);
+    options.attributes = request_attributes(message, options);
+    return options;
+}
+
+std::uint64_t film_job_bytes(ImageSize size, std::string_view encode, const FilmOptions& options) {
+    const std::uint64_t film = Film::bytes(size);
+    // An encoded file is at most as large as its input, and exists up to three times while it
+    // grows or is copied.
+    const std::uint64_t file = encode == "exr"   ? 3 * film
+                               : encode == "png" ? 5 * 4 * size.pixels()
+                                                 : 2 * 4 * size.pixels();
+    const std::uint64_t read = options.resume_bytes == 0 ? 0 : film + options.resume_bytes;
+    const std::uint64_t surroundings =
+        options.environment_bytes == 0
+            ? 0
+            : options.environment_bytes + 2 * environment_room(options.environment_bytes);
+    const std::uint64_t threads = std::max(1U, std::thread::hardware_concurrency());
+    return image_header_bytes_max + film + std::max(file, read) + surroundings +
+           wavefront_bytes * (threads + 1);
+}
+
+std::uint64_t environment_room(std::uint64_t file_bytes) {
+    // A small file may be compressed well.
+    constexpr std::uint64_t least = 64ULL << 20;
+    return std::max(least, 16 * file_bytes);
+}
+
+std::uint64_t film_payload_bytes_max(ImageSize size, std::string_view encode) {
+    if (encode == "png") return png_bytes_max(size.width, size.height);
+    if (encode == "exr") return exr_bytes_max(size.width, size.height, film_layers);
+    return 4 * size.pixels();
+}
+
+Reply<Payload> encode_film(const Film& film, std::string_view encode, const Look& look,
+                           std::vector<Attribute> attributes) {
+    const ImageSize size = film.size();
+    Payload payload{size.width, size.height, {}};
+    if (encode == "exr") {
+        std::array<Channel, film_layers> channels;
+        for (std::size_t i = 0; i < film_layers; ++i) {
+            const FilmLayerInfo& layer = film_layer_table()[i];
+            const auto id = static_cast<FilmLayer>(i);
+            channels[i].name = layer.name;
+            if (layer.is_float)
+                channels[i].f32 = film.floats(id);
+            else
+                channels[i].u32 = film.words(id);
+        }
+        auto file = encode_exr(size.width, size.height, channels, attributes);
+        if (!file) return refuse(file.error());
+        payload.bytes = std::move(*file);
+        return payload;
+    }
+    const float stops = look.exposure ? *look.exposure : auto_exposure(film);
+    const Picture picture =
+        show(film, {0, 0, size.width, size.height}, look.tonemap, stops);
+    if (encode == "png") {
+        attributes.push_back({"raynest:exposure", number_text(stops)});
+        auto file = encode_png(picture.width, picture.height, picture.rgba, attributes);
+        if (!file) return refuse(file.error());
+        payload.bytes = std::move(*file);
+        return payload;
+    }
+    payload.bytes.resize(picture.rgba.size());
+    std::memcpy(payload.bytes.data(), picture.rgba.data(), picture.rgba.size());
+    return payload;
+}
+
+Reply<void> read_film(std::span<const std::byte> file, std::span<const Attribute> attributes,
+                      Film& film) {
+    const auto header = read_exr_header(file);
+    if (!header) return refuse(Code::invalid_field, header.error().message);
+    for (const Attribute& wanted : attributes) {
+        if (may_differ(wanted.name)) continue;
+        const std::string* const found = find(header->attributes, wanted.name);
+        if (found == nullptr)
+            return refuse(Code::invalid_field, "the EXR to continue has no attribute " +
+                                                   wanted.name + ": it is no lit picture of "
+                                                                 "RayNest's");
+        if (*found != wanted.value)
+            return refuse(Code::invalid_field,
+                          "the EXR to continue was made with " + wanted.name.substr(8) + " '" +
+                              protocol::clean_text(*found, 256) + "', the request has '" +
+                              wanted.value + "'");
+    }
+    std::array<ChannelType, film_layers> types;
+    for (std::size_t i = 0; i < film_layers; ++i)
+        types[i] = {std::string(film_layer_table()[i].name), film_layer_table()[i].is_float};
+    const auto planes = decode_exr(file, film.size().width, film.size().height, types);
+    if (!planes && planes.error().code == ErrorCode::out_of_memory) return refuse(planes.error());
+    if (!planes) return refuse(Code::invalid_field, planes.error().message);
+    for (std::size_t i = 0; i < film_layers; ++i)
+        std::ranges::copy((*planes)[i], film.words(static_cast<FilmLayer>(i)).begin());
+    return {};
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,57 @@
+// The words of a RENDER request for a lit picture, checked, and how a film is written as a file.
+#pragma once
+
+#include "engine/assets/image.h"
+#include "engine/integrators/integrator.h"
+#include "engine/integrators/tonemap.h"
+#include "protocol/wire.h"
+#include "server/errors.h"
+#include "server/handlers/payload.h"
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::server {
+
+struct FilmOptions {
+    std::string integrator;
+    IntegratorSettings settings;
+    std::uint32_t samples = 1;
+    std::uint64_t seed = 0;
+    Look look;
+    std::uint32_t best_by_ms = 0;
+    bool progressive = false;
+    float noise = 0;
+    std::uint64_t resume_bytes = 0;
+    std::uint64_t environment_bytes = 0;
+    /// Samples of each tile at the end of each pass.
+    std::vector<std::uint32_t> passes;
+    bool streams_tiles = false;  ///< the tiles of the last pass are sent as they are finished
+    std::vector<Attribute> attributes;  ///< what of this belongs in a file's header
+};
+
+/// Fails with INVALID_FIELD or INVALID_PARAM, naming the choices.
+Reply<FilmOptions> film_options(const wire::Render& message, std::string integrator);
+
+/// Bytes of memory that a film of this encoding takes while it is made and encoded.
+[[nodiscard]] std::uint64_t film_job_bytes(ImageSize size, std::string_view encode,
+                                           const FilmOptions& options);
+/// Bytes of a picture of the surroundings, decoded, at most.
+[[nodiscard]] std::uint64_t environment_room(std::uint64_t file_bytes);
+/// Returns the maximum bytes of a film's payload.
+[[nodiscard]] std::uint64_t film_payload_bytes_max(ImageSize size, std::string_view encode);
+
+/// Encodes a film as png, exr or raw rows of RGBA.
+Reply<Payload> encode_film(const Film& film, std::string_view encode, const Look& look,
+                           std::vector<Attribute> attributes);
+
+/// Fills a film from an EXR that encode_film() made. `attributes` are those that the request would
+/// write: the file must have the same, except for the number of samples and the names of its scene
+/// and camera. Fails with INVALID_FIELD, saying what differs, or with the decoder's error.
+Reply<void> read_film(std::span<const std::byte> file, std::span<const Attribute> attributes,
+                      Film& film);
+
+}  // namespace raynest::server

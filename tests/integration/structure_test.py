@@ -1,0 +1,157 @@
+#!/usr/bin/env python3
+"""How a scene is built, for tables and wireframes; hidden instances; columns that tell of the structure.
+
+  structure_test.py RAYNESTD RAYNEST
+"""
+import json
+import sys
+
+import numpy
+
+from daemon import DaemonTest, run_tests
+from websocket import greeted
+
+PICTURE, CHUNK = 155, 153
+CAMERA = {"kind": "camera", "settings": ["size=96x64", "lookat=0.5,2,13,0,3,0,0,1,0", "fov=50"]}
+TYPES = {"u8": "u1", "u32": "<u4", "u64": "<u8", "f32": "<f4", 0: "u1", 1: "<u4", 2: "<u8", 3: "<f4"}
+
+
+class Structure(DaemonTest):
+    arguments = ("--http", "127.0.0.1:0")
+
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.client.json("load", "builtin:forest?trees=30", "--name", "forest")
+        cls.client.json("load", "builtin:flake?depth=3", "--name", "flake")
+
+    def setUp(self):
+        self.ws = greeted(self.daemon.http)
+        self.addCleanup(self.ws.close)
+
+    def ask(self, kind, scene="forest", **fields):
+        frames = self.ws.ask("Structure", 1, {"scene": scene, "kind": kind, **fields})
+        if frames[-1][0] == "Error":
+            return frames[-1][2]
+        text = b"".join(data[:frame["blocks"][0]["bytes"]] for _, _, frame, data in frames[:-1])
+        return json.loads(text)
+
+    def columns(self, fields, **job):
+        frames = self.ws.ask("Query", 2, {"job": {"scene": "forest", **job}, "fields": fields, "generator": CAMERA})
+        if frames[-1][0] == "Error":
+            return frames[-1][2]
+        found = {}
+        for _, _, chunk, data in sorted(frames[1:-1], key=lambda frame: frame[2]["first_ray"]):
+            for block in chunk["blocks"]:
+                part = numpy.frombuffer(data[block["offset"]:block["offset"] + block["bytes"]], TYPES[block["dtype"]])
+                found[block["name"]] = numpy.concatenate([found.get(block["name"], part[:0]), part])
+        return found
+
+    def test_objects_add_up(self):
+        for scene in ("forest", "flake"):
+            info = self.client.json("info", scene)
+            document = self.ask("objects", scene)
+            rows = document["rows"]
+            self.assertEqual((document["total"], document["hash"]), (len(rows), info["hash"]))
+            self.assertEqual(sum(row["triangles"] for row in rows), info["unique_triangles"])
+            self.assertEqual(sum(row["triangles"] * row["placements"] for row in rows), info["instanced_triangles"])
+            self.assertEqual(sum(row["nodes"] for row in rows), info["nodes"])
+            self.assertEqual(max(row["height"] for row in rows), info["tree_height"])
+            self.assertEqual(max(row["levels"] for row in rows), info["levels"])
+            self.assertAlmostEqual(rows[-1]["sah_cost"], info["sah_cost"], delta=1e-4 * info["sah_cost"])
+            self.assertLess(sum(row["bytes"] for row in rows), 1.05 * info["bytes"])
+            for row in rows:
+                self.assertTrue(0 <= row["box_share"] <= 1)
+        self.assertEqual([row["object"] for row in self.ask("objects", first=1, count=2)["rows"]], [1, 2])
+        self.assertEqual(self.ask("objects", first=10**6)["rows"], [])
+
+    def test_placements_have_their_paths(self):
+        document = self.ask("placements", count=20)
+        self.assertEqual(document["total"], self.client.json("info", "forest")["instances"])
+        self.assertEqual([row["path"] for row in document["rows"]], list(range(20)))
+        for row in document["rows"][::6]:
+            self.assertEqual(row["name"], self.client.json("path", "forest", str(row["path"]))["name"])
+        last = self.ask("placements", first=document["total"] - 1)["rows"]
+        self.assertEqual(len(last), 1)
+
+    def test_boxes_contain_what_is_hit(self):
+        levels = self.client.json("info", "forest")["levels"]
+        found = self.columns(["t", "path", "position", "tree_depth"])
+        hit = int(numpy.flatnonzero(numpy.isfinite(found["t"]))[7])
+        path, point = int(found["path"][hit]), found["position"].reshape(-1, 3)[hit]
+        innermost = self.ask("placements", first=path, count=1)["rows"][0]["depth"]
+        document = self.ask("boxes", level=innermost, depth_max=40, one=True, first=path, count=16384)
+        self.assertEqual(len(document["trees"]), 1)
+        tree = document["trees"][0]
+        matrix = numpy.array(tree["to_world"]).reshape(3, 4)
+        inner = numpy.linalg.solve(matrix[:, :3], point - matrix[:, 3])
+        boxes = numpy.array(tree["boxes"])
+        room = 1e-3 * numpy.abs(boxes[:, 2:]).max()
+        inside = ((boxes[:, 2:5] <= inner + room) & (boxes[:, 5:8] >= inner - room)).all(axis=1)
+        self.assertTrue(inside[0], "the tree's own box")
+        leaves = inside & (boxes[:, 1] == 1)
+        self.assertIn(int(found["tree_depth"][hit]), boxes[leaves, 0].astype(int))
+        # A range of depths, a bound, and levels.
+        some = self.ask("boxes", level=0, depth_min=1, depth_max=2)["trees"][0]["boxes"]
+        self.assertEqual({box[0] for box in some}, {1, 2})
+        cut = self.ask("boxes", level=levels - 1, depth_max=40, count=10)
+        self.assertEqual((sum(len(tree["boxes"]) for tree in cut["trees"]), cut["complete"]), (10, False))
+
+    def test_columns_of_the_structure(self):
+        found = self.columns(["t", "object", "mask", "box_share", "tree_depth", "material", "prim"])
+        hits = numpy.isfinite(found["t"])
+        self.assertTrue(hits.any() and not hits.all())
+        rows = self.ask("objects")["rows"]
+        self.assertTrue((found["object"][~hits] == 0xffffffff).all() and (found["tree_depth"][~hits] == 0xffffffff).all())
+        self.assertTrue((found["mask"] == 0xffffffff).all())
+        heights = numpy.array([row["height"] for row in rows])
+        depth = found["tree_depth"][hits]
+        self.assertLess((depth == 0xffffffff).mean(), 0.001, "nearly every triangle is found in its tree")
+        known = depth != 0xffffffff
+        self.assertTrue((depth[known] <= heights[found["object"][hits]][known]).all())
+        share = found["box_share"][hits]
+        self.assertTrue(((share >= 0) & (share <= 1.0001)).all() and share.max() > 0.1)
+
+    def test_hidden_instances_are_not_entered(self):
+        fields = ["t", "inst", "object", "instances", "boxes"]
+        whole = self.columns(fields)
+        hits = numpy.isfinite(whole["t"])
+        chosen = int(numpy.bincount(whole["inst"][hits & (whole["inst"] != 0xffffffff)]).argmax())
+        without = self.columns(fields, hidden_instances=[chosen])
+        self.assertFalse((without["inst"] == chosen).any())
+        self.assertTrue((without["t"] >= whole["t"]).all())
+        other = whole["inst"] != chosen
+        self.assertTrue((without["t"][other] == whole["t"][other]).all())
+        self.assertLess(without["instances"].sum(), whole["instances"].sum())
+        alone = self.columns(fields, only_instances=[chosen])
+        seen = numpy.isfinite(alone["t"])
+        self.assertTrue(set(alone["inst"][seen]) <= {chosen, 0xffffffff} and (alone["inst"][seen] == chosen).any())
+        # Objects likewise, wherever they are placed.
+        thing = int(whole["object"][numpy.flatnonzero(whole["inst"] == chosen)[0]])
+        self.assertFalse((self.columns(fields, hidden_objects=[thing])["object"] == thing).any())
+        only = self.columns(fields, only_objects=[thing])
+        self.assertTrue((only["object"] == thing).any())
+        # The scene is as it was.
+        self.assertTrue((self.columns(fields)["t"] == whole["t"]).all())
+        frames = self.ws.ask("Explain", 3, {"job": {"scene": "forest", "hidden_instances": [chosen]},
+                                            "camera": {"look_at": True, "eye": {"x": .5, "y": 2, "z": 13},
+                                                       "at": {"x": 0, "y": 3, "z": 0}, "fov_degrees": 50},
+                                            "width": 96, "height": 64, "pixel_x": 48, "pixel_y": 32})
+        self.assertEqual(frames[-1][0], "Done")
+
+    def test_mistakes(self):
+        for fields, says in (({"kind": "colours"}, "objects, placements, boxes"), ({"kind": "boxes", "level": 77}, "level 77"),
+                             ({"kind": "boxes", "depth_min": 3}, "depth_min"), ({"kind": "objects", "count": 99999}, "structure_rows_max"),
+                             ({"kind": "objects", "scene": "nothing"}, "nothing"), ({"kind": "objects", "scene": ""}, "scene")):
+            error = self.ask(**{"kind": "objects", **fields})
+            self.assertIn(error["name"], ("INVALID_FIELD", "LIMIT_EXCEEDED", "SCENE_UNKNOWN"))
+            self.assertIn(says, error["message"])
+        for job, says in (({"hidden_instances": [10**6]}, "outermost instance 1000000"), ({"only_objects": [99999]}, "object 99999"),
+                          ({"hidden_instances": list(range(600))}, "list_items_max")):
+            self.assertIn(says, self.columns(["t"], **job)["message"])
+        self.assertEqual(self.ws.ask("Ping", 0)[0][0], "Pong")
+
+
+if __name__ == "__main__":
+    Structure.raynestd, Structure.raynest = sys.argv.pop(1), sys.argv.pop(1)
+    run_tests()

@@ -1,0 +1,109 @@
+#!/usr/bin/env python3
+"""Lit pictures in Python: layers as arrays, refined ones, files of surroundings, deadlines.
+
+  films_test.py RAYNESTD RAYNEST FLATC
+"""
+import warnings
+
+import numpy as np
+
+import raynest
+from raynest._exr import read_exr
+from with_daemon import WithDaemon, main
+
+VIEW = {"size": (90, 50), "look_at": ([0, 6, 18], [0, 4, 0])}
+HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([128, 0, 0, 129]) * 8
+
+
+class Films(WithDaemon):
+    def test_a_lit_picture_is_arrays_by_layer(self):
+        layers = self.woods.render(integrator="path", spp=4, seed=2, **VIEW)
+        self.assertIsInstance(layers, raynest.Layers)
+        shapes = {name: (array.shape, array.dtype.str) for name, array in layers.items()}
+        one = ((50, 90), "<f4")
+        three = ((50, 90, 3), "<f4")
+        ids = ((50, 90), "<u4")
+        self.assertEqual(shapes, {"rgba": ((50, 90, 4), "<f4"), "albedo": three, "N": three, "P": three,
+                                  "Z": one, "variance": one, "instance": ids, "mesh": ids,
+                                  "material": ids, "samples": ids, "dropped": ids})
+        self.assertTrue((layers["samples"] == 4).all())
+        self.assertTrue(layers.last)
+        self.assertEqual(layers.texts["raynest:seed"], "2")
+        self.assertEqual(self.client.outcome["samples"], 4)
+        hit = layers["mesh"] != 0xFFFFFFFF
+        self.assertTrue(hit.any())
+        # Positions lie on the rays: as far from the eye as depth, along the view axis, says.
+        away = layers["P"][hit] - np.array([0, 6, 18], np.float32)
+        axis = np.array([0, -2, -18]) / np.hypot(2, 18)
+        np.testing.assert_allclose(away @ axis, layers["Z"][hit], rtol=1e-4)
+
+    def test_the_arrays_are_those_of_the_file(self):
+        words = {"integrator": "ao", "spp": 3, **VIEW}
+        layers = self.woods.render(**words)
+        file = self.woods.render(encode="exr", **words)
+        again = raynest.read_layers(file)
+        self.assertEqual(set(again), set(layers))
+        for name, array in layers.items():
+            np.testing.assert_array_equal(again[name], array)
+        picture = self.woods.render(encode="raw", **words)
+        self.assertIsInstance(picture, raynest.Image)
+        self.assertEqual(picture.shape, (50, 90, 4))
+        job = self.woods.render(detach=True, **words)
+        job.wait()
+        self.assertEqual(job.fetch(), file)
+
+    def test_a_stream_refines_to_the_same_picture(self):
+        words = {"integrator": "path", "spp": 10, **VIEW}
+        frames = list(self.woods.render_stream(**words))
+        self.assertEqual([int(frame["samples"].max()) for frame in frames], [1, 2, 4, 8, 10])
+        self.assertEqual([frame.last for frame in frames], [False] * 4 + [True])
+        whole = self.woods.render(**words)
+        for name, array in whole.items():
+            np.testing.assert_array_equal(frames[-1][name], array)
+        images = list(self.woods.render_stream(encode="raw", **words))
+        self.assertEqual([image.shape for image in images], [(50, 90, 4)] * 5)
+        # Leaving the loop cancels the job, and the connection goes on.
+        for _ in self.woods.render_stream(integrator="path", spp=65536, size=(256, 256)):
+            break
+        self.assertGreater(self.client.ping(), 0)
+
+    def test_surroundings_are_a_word_bytes_or_a_file(self):
+        words = {"integrator": "path", "spp": 2, **VIEW}
+        red = self.woods.render(environment=HDR, **words)["rgba"]
+        self.assertGreater(red[..., 0].max(), 0)
+        self.assertEqual(red[..., 1].max(), 0)
+        (self.out / "red.hdr").write_bytes(HDR)
+        np.testing.assert_array_equal(self.woods.render(environment=self.out / "red.hdr", **words)["rgba"], red)
+        dark = self.woods.render(environment="none", **words)["rgba"]
+        self.assertEqual(dark[..., :3].max(), 0)
+        with self.assertRaises(raynest.UsageError):
+            self.woods.render(environment=b"nothing", **words)
+
+    def test_a_deadline_gives_what_there_is_and_a_warning(self):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            layers = self.woods.render(integrator="path", spp=65536, size=(200, 100), deadline=1)
+        self.assertTrue(any("fewer" in str(one.message) for one in caught))
+        self.assertLess(layers["samples"].max(), 65536)
+        self.assertTrue(self.client.outcome["incomplete"])
+
+    def test_mistakes_are_told(self):
+        for words in ({"integrator": "ao", "spp": -1}, {"integrator": "path", "depth": 5000},
+                      {"depth": 3}, {"environment": "sky"}, {"encode": "layers"},
+                      {"integrator": "path", "sun": (1, 2, 3)}, {"integrator": "magic"}):
+            with self.subTest(words=words), self.assertRaises((raynest.UsageError, raynest.InvalidError, ValueError)):
+                self.woods.render(**VIEW, **words)
+        with self.assertRaises(raynest.UsageError):
+            next(iter(self.woods.render_stream(integrator="primary", **VIEW)))
+
+    def test_a_broken_exr_is_a_protocol_error(self):
+        file = self.woods.render(integrator="ao", spp=1, encode="exr", **VIEW)
+        for size in (0, 3, 8, 100, 500, len(file) - 5):
+            with self.assertRaises(raynest.ProtocolError):
+                read_exr(file[:size], 1 << 20)
+        with self.assertRaises(raynest.ProtocolError):
+            read_exr(file, 100)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+// EXR files that come back: decoded exactly, and refused when they are not as they were written.
+#include "engine/assets/exr_header.h"
+#include "tests/unit/engine/assets/samples.h"
+
+#include <doctest/doctest.h>
+
+#include <bit>
+#include <random>
+#include <string>
+#include <vector>
+
+using namespace raynest;
+
+namespace {
+
+constexpr std::uint32_t width = 37;
+constexpr std::uint32_t height = 35;
+
+struct File {
+    File() {
+        std::mt19937 random(1);
+        for (std::uint32_t i = 0; i < width * height; ++i) {
+            depth.push_back(static_cast<float>(random()) / 1e6F - 500);
+            ids.push_back(static_cast<std::uint32_t>(random()));
+        }
+        const Channel channels[] = {{"Z", depth, {}}, {"R", depth, {}}, {"mesh", {}, ids}};
+        const Attribute attributes[] = {{"raynest:seed", "7"}, {"raynest:scene", "forest"}};
+        auto encoded = encode_exr(width, height, channels, attributes);
+        REQUIRE(encoded);
+        bytes = std::move(*encoded);
+    }
+    [[nodiscard]] auto decode() const { return decode_exr(bytes, width, height, types); }
+
+    std::vector<float> depth;
+    std::vector<std::uint32_t> ids;
+    std::vector<std::byte> bytes;
+    const std::vector<ChannelType> types = {{"R", true}, {"mesh", false}, {"Z", true}};
+};
+
+}  // namespace
+
+TEST_CASE("an EXR comes back bit for bit, with its text" * doctest::test_suite("images")) {
+    if (!test::have_images()) return;
+    const File file;
+    const auto header = read_exr_header(file.bytes);
+    REQUIRE(header);
+    CHECK(header->width == width);
+    CHECK(header->height == height);
+    const auto has = [&](const char* name, const char* value) {
+        for (const Attribute& one : header->attributes)
+            if (one.name == name) return one.value == value;
+        return false;
+    };
+    CHECK(has("raynest:seed", "7"));
+    CHECK(has("raynest:scene", "forest"));
+    const auto planes = file.decode();
+    REQUIRE(planes);
+    REQUIRE(planes->size() == 3);
+    CHECK((*planes)[1] == file.ids);
+    for (std::size_t i = 0; i < file.depth.size(); ++i) {
+        CHECK((*planes)[0][i] == std::bit_cast<std::uint32_t>(file.depth[i]));
+        CHECK((*planes)[2][i] == std::bit_cast<std::uint32_t>(file.depth[i]));
+    }
+}
+
+TEST_CASE("an EXR of another size, with other channels or cut short is refused" *
+          doctest::test_suite("images")) {
+    if (!test::have_images()) return;
+    File file;
+    CHECK_FALSE(decode_exr(file.bytes, width, height + 1, file.types));
+    CHECK_FALSE(decode_exr(file.bytes, 1, 1, file.types));
+    const std::vector<ChannelType> more = {{"R"}, {"mesh", false}, {"Z"}, {"A"}};
+    CHECK_FALSE(decode_exr(file.bytes, width, height, more));
+    const std::vector<ChannelType> other = {{"R"}, {"mesh", true}, {"Z"}};
+    CHECK_FALSE(decode_exr(file.bytes, width, height, other));
+    const std::vector<std::byte> whole = file.bytes;
+    for (std::size_t size = 0; size < whole.size(); size += size < 600 ? 1 : 97) {
+        file.bytes.assign(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+        CHECK_FALSE(file.decode());
+    }
+    CHECK(decode_exr(std::vector<std::byte>(100), 1, 1, file.types).error().code ==
+          ErrorCode::scene_unsupported);
+}
+
+TEST_CASE("an EXR with broken bytes is refused or decoded, and nothing else" *
+          doctest::test_suite("images")) {
+    if (!test::have_images()) return;
+    File file;
+    const std::vector<std::byte> whole = file.bytes;
+    std::mt19937 random(2);
+    for (int i = 0; i < 3000; ++i) {
+        file.bytes = whole;
+        // Half of the time in the header and the table of blocks.
+        const std::size_t most = i % 2 == 0 ? 700 : whole.size();
+        for (unsigned n = 0; n <= random() % 4; ++n)
+            file.bytes[random() % std::min(most, whole.size())] = static_cast<std::byte>(random());
+        const auto planes = file.decode();
+        if (planes) CHECK(planes->size() == 3);
+    }
+}

@@ -1,0 +1,148 @@
+#include "engine/integrators/integrator.h"
+
+#include "engine/integrators/surface_point.h"
+#include "tests/unit/engine/integrators/kernel_caster.h"
+#include "tests/unit/engine/small_scenes.h"
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <cstring>
+#include <vector>
+
+using namespace raynest;
+
+namespace {
+
+/// A scene, a camera that frames it, and an integrator.
+struct Studio {
+    explicit Studio(const SceneDescription& description, IntegratorSettings settings = {})
+        : scene(test::build_scene(description)),
+          camera(camera_sensor(*choose_camera(*scene, {}), {}, {33, 21})),
+          caster(scene->view()) {
+        source.scene = &scene->view();
+        auto made = make_integrator("ao", {source, scene->bounds()}, settings);
+        REQUIRE(made);
+        integrator = std::move(*made);
+    }
+    void add(Film& film, std::uint64_t first_pixel, std::uint64_t pixels, std::uint32_t first,
+             std::uint32_t samples, std::uint64_t seed = 1) {
+        REQUIRE(add_samples(*integrator, {camera, first_pixel, pixels, first, samples, seed},
+                            caster, arrays, film));
+    }
+    std::shared_ptr<const Snapshot> scene;
+    Sensor camera;
+    ColumnSource source;
+    std::unique_ptr<const Integrator> integrator;
+    test::KernelCaster caster;
+    Wavefront arrays;
+};
+
+constexpr std::uint64_t pixel_count = 33 * 21;
+
+bool same_bytes(const Film& a, const Film& b) {
+    for (std::size_t i = 0; i < film_layers; ++i) {
+        const auto left = a.words(static_cast<FilmLayer>(i));
+        const auto right = b.words(static_cast<FilmLayer>(i));
+        if (std::memcmp(left.data(), right.data(), left.size_bytes()) != 0) return false;
+    }
+    return true;
+}
+
+/// Nested placements, turned and scaled, `far` away from the origin.
+SceneDescription far_tree(float far) {
+    SceneDescription scene = test::tree_scene();
+    for (InstanceDescription& instance : scene.objects[2].instances) {
+        instance.transform.m[3] += far;
+        instance.transform.m[11] -= far / 3;
+    }
+    scene.objects[1].instances[0].transform = test::rotation(0.7F);
+    scene.objects[1].instances[0].transform.m[7] = 2;
+    return scene;
+}
+
+}  // namespace
+
+TEST_CASE("a picture has the same bytes in passes, in chunks and at once") {
+    Studio studio(test::tree_scene());
+    Film at_once({33, 21});
+    studio.add(at_once, 0, pixel_count, 0, 8);
+    Film passes({33, 21});
+    for (std::uint32_t s = 0; s < 8; s += 2) studio.add(passes, 0, pixel_count, s, 2);
+    CHECK(same_bytes(at_once, passes));
+    Film chunks({33, 21});
+    for (std::uint64_t first = 0; first < pixel_count; first += 100)
+        studio.add(chunks, first, std::min<std::uint64_t>(100, pixel_count - first), 0, 8);
+    CHECK(same_bytes(at_once, chunks));
+    Film other({33, 21});
+    studio.add(other, 0, pixel_count, 0, 8, 2);
+    CHECK_FALSE(same_bytes(at_once, other));
+}
+
+TEST_CASE("open surfaces are white, and a film shows what its camera rays met") {
+    SceneDescription one;
+    one.objects.resize(1);
+    one.objects[0].geometries = {test::unit_square(0)};
+    one.materials.resize(1);
+    Studio studio(one);
+    Film film({33, 21});
+    studio.add(film, 0, pixel_count, 0, 4);
+    std::size_t hits = 0;
+    for (std::uint64_t i = 0; i < pixel_count; ++i) {
+        const Vec4 colour = film.colour(i);
+        CHECK(colour.x == doctest::Approx(colour.w));  // premultiplied white
+        if (film.words(FilmLayer::mesh)[i] == no_id) {
+            CHECK(film.floats(FilmLayer::z)[i] == film_depth_miss);
+            continue;
+        }
+        ++hits;
+        CHECK(film.words(FilmLayer::instance)[i] == 0);
+        CHECK(film.words(FilmLayer::material)[i] == 0);
+        CHECK(std::abs(film.floats(FilmLayer::p_z)[i]) < 1e-5F);
+        CHECK(film.floats(FilmLayer::n_z)[i] >= 0.2F);
+    }
+    CHECK(hits > 20);
+}
+
+TEST_CASE("a ray that leaves a surface by its lift does not meet it again, near and far") {
+    for (const float far : {0.0F, 1000.0F, 1e6F}) {
+        CAPTURE(far);
+        Studio studio(far_tree(far));
+        SampleRange range{studio.camera, 0, pixel_count, 0, 16, 1};
+        REQUIRE(cast_camera_rays(range, studio.caster, studio.arrays));
+        std::vector<Ray> lifted;
+        std::vector<Ray> resting;
+        std::vector<std::uint64_t> paths;
+        for (std::size_t i = 0; i < studio.arrays.hits.size(); ++i) {
+            const HitRecord& hit = studio.arrays.hits[i];
+            if (hit.hit == 0) continue;
+            const SurfacePoint point = surface_point(studio.source, studio.arrays.rays[i], hit);
+            const Vec2 random = sampler_of(range, studio.arrays, i).pair(1);
+            for (const Vec3& side : {point.normal, -point.normal}) {
+                const Vec3 direction = cosine_direction(side, random);
+                lifted.push_back({point.origin(direction), 0, direction});
+                resting.push_back({Vec3(point.position), 0, direction});
+                paths.push_back(hit.path << 32 | hit.triangle / 2);
+            }
+        }
+        REQUIRE(lifted.size() > 1000);
+        const auto again = [&](const std::vector<Ray>& rays) {
+            std::vector<HitRecord> hits(rays.size());
+            REQUIRE(studio.caster.closest(rays, hits));
+            std::size_t count = 0;
+            for (std::size_t i = 0; i < hits.size(); ++i)
+                if (hits[i].hit != 0 && (hits[i].path << 32 | hits[i].triangle / 2) == paths[i])
+                    ++count;
+            return count;
+        };
+        CHECK(again(lifted) == 0);
+        if (far > 0) CHECK(again(resting) > 0);
+    }
+}
+
+TEST_CASE("an unknown integrator is refused with the names there are") {
+    Studio studio(test::tree_scene());
+    const auto none = make_integrator("aoo", {studio.source, studio.scene->bounds()}, {});
+    REQUIRE(!none);
+    CHECK(none.error().message.find("ao") != std::string::npos);
+}
