@@ -1,5 +1,5 @@
 // The panels beside the picture, as tabs. To add one, import it and add it to PANELS; a panel is
-// {id, title, build(app, place)}, and is built when it is first shown.
+// {id, title, eager, build(app, place)}, and is built when it is first shown, or at once where it is eager.
 import { element } from "./dom.js";
 import { setupPanel } from "./setup.js";
 import { rayPanel } from "./ray.js";
