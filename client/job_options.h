@@ -16,7 +16,7 @@ inline void declare(CLI::App& app, TopOptions& top) {
     app.add_flag("--once", top.once, "print one look at a second of the daemon's work, and end");
 }
 inline void declare(CLI::App& app, OpenOptions& open) {
-    app.add_option("SCENE", open.scene,
+    app.add_option("SCENE", open.source,
                    "name of a loaded scene (the first one); or FILE.glb, builtin:NAME and so on, "
                    "which is loaded as by raynest load");
 }

@@ -133,7 +133,7 @@ struct TopOptions {
     bool once = false;  ///< one look, and the end
 };
 struct OpenOptions {
-    std::string scene;  ///< a name or a source, or empty
+    std::string source;  ///< a scene's name, or a source that is loaded to stay; or empty
 };
 struct JobsOptions {};
 struct WaitOptions {

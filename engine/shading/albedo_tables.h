@@ -51,6 +51,42 @@ struct AlbedoTables {
 
 [[nodiscard]] const AlbedoTables& albedo_tables();
 
+/// AlbedoTables::full and ::edge at one angle.
+struct OneBounce {
+    float full = 1, edge = 0;
+};
+
+/// The two rows of both tables between which a roughness falls: a surface needs them for two angles.
+class AlbedoRows {
+public:
+    AlbedoRows() = default;
+    AlbedoRows(const AlbedoTables& tables, float roughness) {
+        const float y = std::clamp(roughness, 0.0F, 1.0F) * (AlbedoTable::roughnesses - 1);
+        const auto row = std::min(static_cast<std::size_t>(y), AlbedoTable::roughnesses - 2);
+        full_ = &tables.full.values[row * AlbedoTable::angles];
+        edge_ = &tables.edge.values[row * AlbedoTable::angles];
+        part_ = y - static_cast<float>(row);
+    }
+    [[nodiscard]] OneBounce at(float cosine) const {
+        const float x = std::sqrt(std::clamp(cosine, 0.0F, 1.0F)) * (AlbedoTable::angles - 1);
+        const auto column = std::min(static_cast<std::size_t>(x), AlbedoTable::angles - 2);
+        const float part = x - static_cast<float>(column);
+        const auto value = [&](const float* v) {
+            v += column;
+            const float low = v[0] + part * (v[1] - v[0]);
+            const float high = v[AlbedoTable::angles] +
+                               part * (v[AlbedoTable::angles + 1] - v[AlbedoTable::angles]);
+            return low + part_ * (high - low);
+        };
+        return {value(full_), value(edge_)};
+    }
+
+private:
+    const float* full_ = nullptr;
+    const float* edge_ = nullptr;
+    float part_ = 0;
+};
+
 /// The same for a rough border between two transparent media, reflected and transmitted light
 /// together, exact Fresnel: by index beyond over index on this side.
 [[nodiscard]] float glass_albedo(float cosine, float roughness, float eta);

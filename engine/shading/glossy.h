@@ -24,8 +24,7 @@ struct GlossyLobe {
 
     [[nodiscard]] Vec3 evaluate(const Vec3& i) const {
         if (i.z <= 0 || outgoing.z <= 0) return Vec3(0);
-        const Vec3 sum = outgoing + i;
-        const Vec3 h = glm::normalize(sum);
+        const Vec3 h = glm::normalize(outgoing + i);
         const Vec3 fresnel = f0 + (Vec3(f90) - f0) * schlick_weight(glm::dot(outgoing, h));
         return fresnel *
                (ggx_density(h, alpha) * ggx_masking(outgoing, i, alpha) / (4.0F * outgoing.z));

@@ -24,8 +24,8 @@ public:
         const Vec3 f0(root * root);
 
         const AlbedoTables& tables = albedo_tables();
-        full_ = tables.full.at(outgoing.z, roughness_);
-        edge_ = tables.edge.at(outgoing.z, roughness_);
+        rows_ = AlbedoRows(tables, roughness_);
+        seen_ = rows_.at(outgoing.z);
         full_mean_ = tables.full_mean.at(roughness_);
         const float edge_mean = tables.edge_mean.at(roughness_);
 
@@ -34,7 +34,7 @@ public:
         const Vec3 mean =
             f0 * (full_mean_ - edge_mean) + edge_mean + varnish_more_ * (1.0F - full_mean_);
         base_ = varnish * point.base_colour / (pi * (Vec3(1) - mean));
-        base_seen_ = Vec3(1) - varnish_albedo(full_, edge_);
+        base_seen_ = Vec3(1) - varnish_albedo(seen_);
         more_ = (metal * further_bounces(point.base_colour, full_mean_) + varnish * varnish_more_) /
                 (pi * std::max(1.0F - full_mean_, 1e-6F));
 
@@ -55,11 +55,10 @@ public:
     [[nodiscard]] Vec3 evaluate(const Vec3& i) const {
         Vec3 sum(0);
         if (i.z > 0) {
-            const AlbedoTables& tables = albedo_tables();
-            const float full = tables.full.at(i.z, roughness_);
-            const float edge = tables.edge.at(i.z, roughness_);
-            const Vec3 base = base_ * base_seen_ * (Vec3(1) - varnish_albedo(full, edge));
-            sum = glossy_.evaluate(i) + (base + more_ * ((1.0F - full_) * (1.0F - full))) * i.z;
+            const OneBounce lit = rows_.at(i.z);
+            const Vec3 base = base_ * base_seen_ * (Vec3(1) - varnish_albedo(lit));
+            sum = glossy_.evaluate(i) +
+                  (base + more_ * ((1.0F - seen_.full) * (1.0F - lit.full))) * i.z;
         }
         if (clear_ > 0) sum += clear_ * glass_.evaluate(i);
         return sum;
@@ -79,14 +78,14 @@ public:
 
 private:
     /// What the varnish reflects in all, for a direction with these table entries.
-    [[nodiscard]] Vec3 varnish_albedo(float full, float edge) const {
-        return varnish_f0_ * (full - edge) + edge + varnish_more_ * (1.0F - full);
+    [[nodiscard]] Vec3 varnish_albedo(const OneBounce& b) const {
+        return varnish_f0_ * (b.full - b.edge) + b.edge + varnish_more_ * (1.0F - b.full);
     }
 
     /// Shares of the strategies, by what each part reflects of white light.
     void choose(float clear, const Vec3& base) {
-        const Vec3 glossy = glossy_.f0 * (full_ - edge_) + glossy_.f90 * edge_;
-        const Vec3 broad = base * base_seen_ + more_ * (pi * (1.0F - full_) * (1.0F - full_mean_));
+        const Vec3 glossy = glossy_.f0 * (seen_.full - seen_.edge) + glossy_.f90 * seen_.edge;
+        const Vec3 broad = base * base_seen_ + more_ * (pi * (1.0F - seen_.full) * (1.0F - full_mean_));
         // Where a surface absorbs all, any direction is as good.
         float a = largest(glossy);
         float b = largest(broad);
@@ -107,7 +106,9 @@ private:
 
     Vec3 emission_;
     float roughness_;
-    float full_ = 1, edge_ = 0, full_mean_ = 1;
+    AlbedoRows rows_;
+    OneBounce seen_;
+    float full_mean_ = 1;
     Vec3 varnish_f0_{0}, varnish_more_{0};
     Vec3 base_{0}, base_seen_{0}, more_{0};
     GlossyLobe glossy_{};
