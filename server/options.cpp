@@ -317,7 +317,9 @@ bool is_in_environment(const std::string& option) {
 }
 
 std::vector<CLI::ConfigItem> from_toml(const std::string& name, std::istream& file) {
-    const std::string content{std::istreambuf_iterator<char>(file), {}};
+    std::ostringstream text;
+    text << file.rdbuf();
+    const std::string content = std::move(text).str();
     const auto refuse = [&](std::size_t line, const std::string& fault) {
         throw CLI::ConfigError(name + ", line " + std::to_string(line) + ": " + fault);
     };

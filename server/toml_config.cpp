@@ -38,7 +38,8 @@ tl::expected<std::vector<ConfigKey>, ConfigFault> read_toml(const std::string& c
         const toml::array* list = node.as_array();
         const std::size_t count = list == nullptr ? 1 : list->size();
         for (std::size_t i = 0; i < count; ++i) {
-            auto text = to_text(list == nullptr ? node : *list->get(i));
+            const toml::node* value = list == nullptr ? &node : list->get(i);
+            auto text = value == nullptr ? std::nullopt : to_text(*value);
             if (!text) return refuse("is neither a string, a number nor true, nor a list of them");
             read.values.push_back(std::move(*text));
         }

@@ -96,11 +96,13 @@ std::vector<Attribute> request_attributes(const wire::Render& message,
         if (const auto name = protocol::text(camera->name()); !name.empty())
             asked = "name " + std::string(name);
         fov = camera->fov_degrees();
-        const wire::Vec3 up = camera->up() != nullptr ? *camera->up() : wire::Vec3(0, 1, 0);
-        if (camera->look_at() && camera->eye() != nullptr && camera->at() != nullptr) {
+        const auto* eye = camera->eye();
+        const auto* at = camera->at();
+        if (camera->look_at() && eye != nullptr && at != nullptr) {
             asked = "lookat";
-            for (const wire::Vec3& v : {*camera->eye(), *camera->at(), up})
-                for (const float x : {v.x(), v.y(), v.z()})
+            const wire::Vec3 upwards(0, 1, 0);
+            for (const wire::Vec3* v : {eye, at, camera->up() != nullptr ? camera->up() : &upwards})
+                for (const float x : {v->x(), v->y(), v->z()})
                     asked.append(" ").append(number_text(x));
         }
     }
