@@ -87,7 +87,7 @@ void set_passes(const wire::Render& message, FilmOptions& options) {
     options.passes.push_back(options.samples);
 }
 
-/// What of a request shapes its samples, as text that a client can turn back into the request.
+/// The parts of a request that shape its samples, as text that a client can turn back into the request.
 std::vector<Attribute> request_attributes(const wire::Render& message,
                                           const FilmOptions& options) {
     std::string asked = "first";
