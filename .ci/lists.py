@@ -28,6 +28,7 @@ class Lists:
         self.errors = self.rows("protocol/errors.def", "ERROR")
         self.limits = self.rows("protocol/limits.def", "LIMIT")
         self.requests = self.rows("protocol/requests.def", "REQUEST")
+        self.roles = self.rows("protocol/roles.def", "ROLE")
         self.parts = self.rows("protocol/requests.def", "PART")
         self.answers = self.rows("protocol/requests.def", "ANSWER")
         self.generators = self.rows("protocol/generators.def", "GENERATOR")
@@ -150,6 +151,9 @@ TABLES = {
         (f"`{name}`", text) for name, *_, text in lists.kinds + lists.untraced]),
     "traversals": lambda lists: table(("traversal", ""), [
         (f"`{word}`", text) for _, word, text in lists.traversals]),
+    "roles": lambda lists: table(("role", "may", "requests that need it"), [
+        (f"`{role}`", text, code(row[1] for row in lists.requests if row[4] == role))
+        for role, text in lists.roles]),
     "workers": lambda lists: table(("worker", ""), [(f"`{name}`", text) for name, text in lists.workers]),
     "reducers": lambda lists: table(("reduce", "columns", ""), [
         (f"`{name}`", columns, text) for name, _, _, columns, text in lists.reducers]),

@@ -1,6 +1,7 @@
 #include "client/connection.h"
 
 #include "client/interrupt.h"
+#include "client/tls.h"
 #include "protocol/keep_alive.h"
 
 #include <boost/asio/buffer.hpp>
@@ -44,6 +45,7 @@ constexpr const char* cut_short =
     " within an answer: the daemon ended, or this reader paused and gave way to another client";
 /// Buffer for headers and control parts.
 constexpr std::size_t staging_bytes = 4 << 10;
+constexpr std::size_t tls_record_bytes = 16 << 10;
 
 bool is_port(const std::string& text) {
     std::uint16_t port = 0;
@@ -52,7 +54,7 @@ bool is_port(const std::string& text) {
     return read.ec == std::errc{} && read.ptr == end && port != 0;
 }
 
-/// tcp://HOST:PORT -> {HOST, PORT}
+/// tcp://HOST:PORT or tls://HOST:PORT -> {HOST, PORT}
 std::optional<std::pair<std::string, std::string>> split_authority(const std::string& uri) {
     const std::string authority = uri.substr(6);
     const std::size_t colon = authority.rfind(':');
@@ -98,9 +100,10 @@ std::string start_hint(const std::string& uri, const error_code& error) {
     if (is_unix && std::filesystem::exists(status) && !std::filesystem::is_socket(status))
         return "it is no socket: name the PATH that a daemon was given with --listen unix:PATH";
     if (uri == default_uri) return "start a daemon with: raynestd &";
-    const std::string host = uri.starts_with("tcp://") ? uri.substr(6, uri.rfind(':') - 6) : "";
+    const std::string host = is_unix ? "" : uri.substr(6, uri.rfind(':') - 6);
     const bool here = is_unix || host == "localhost" || host == "[::1]" || host.starts_with("127.");
-    return here ? "start a daemon with: raynestd --listen " + uri + " &"
+    return here && !uri.starts_with("tls://")
+                ? "start a daemon with: raynestd --listen " + uri + " &"
                 : "is raynestd running there?";
 }
 
@@ -120,6 +123,45 @@ Failure unanswered(const Failure& why) {
 struct Connection::Socket {
     asio::io_context io;
     asio::generic::stream_protocol::socket stream{io};
+    std::unique_ptr<TlsStream> tls;  ///< null: not encrypted
+
+    /// Writes a part of the buffers; would_block if none fits now.
+    template <std::size_t n>
+    std::size_t write_some(const std::array<asio::const_buffer, n>& parts, error_code& error) {
+        if (!tls) return stream.write_some(parts, error);
+        // Small parts share a record; OpenSSL encrypts into a buffer of its own in any case.
+        std::array<std::byte, tls_record_bytes> record;
+        const std::size_t size = asio::buffer_copy(asio::buffer(record), parts);
+        const auto moved = tls->write(std::span(record).first(size));
+        error = error_of(moved.state);
+        return moved.bytes;
+    }
+    /// Fills the buffers in order with what is there; would_block if nothing is.
+    std::size_t read_some(const std::array<asio::mutable_buffer, 2>& parts, error_code& error) {
+        if (!tls) return stream.receive(parts, 0, error);
+        std::size_t bytes = 0;
+        for (const asio::mutable_buffer& part : parts) {
+            const auto moved = tls->read({static_cast<std::byte*>(part.data()), part.size()});
+            bytes += moved.bytes;
+            // The next call repeats an error.
+            error = bytes == 0 ? error_of(moved.state) : error_code();
+            if (moved.state != TlsStream::State::ready) break;
+        }
+        return bytes;
+    }
+    static error_code error_of(TlsStream::State state) {
+        switch (state) {
+            case TlsStream::State::ready:
+                return {};
+            case TlsStream::State::wait:
+                return asio::error::would_block;
+            case TlsStream::State::ended:
+                return asio::error::eof;
+            case TlsStream::State::broken:
+                return asio::error::connection_reset;
+        }
+        return {};
+    }
 
     /// Connects to the first endpoint that answers; each gets a share of the time until `end`.
     template <class Endpoints>
@@ -162,23 +204,26 @@ Connection::Connection(std::unique_ptr<Socket> socket)
 Connection::~Connection() = default;
 
 Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
-                                                     const std::string& token) {
+                                                     const Access& access) {
     const Clock::time_point end = Clock::now() + greeting_time;
     auto socket = std::make_unique<Socket>();
     error_code error;
+    const bool is_tls = uri.starts_with("tls://");
+    std::string host;
     try {
-        if (uri.rfind("tcp://", 0) == 0) {
+        if (is_tls || uri.starts_with("tcp://")) {
             const auto authority = split_authority(uri);
             if (!authority)
-                return fail(Exit::usage,
-                            "'" + uri + "' is not tcp://HOST:PORT with a port from 1 to 65535");
+                return fail(Exit::usage, "'" + uri + "' is not " + uri.substr(0, 6) +
+                                             "HOST:PORT with a port from 1 to 65535");
+            host = authority->first;
             error = socket->connect_tcp(authority->first, authority->second, end);
         } else if (uri.rfind("unix:", 0) == 0 && uri != "unix:") {
             const std::array endpoints = {asio::local::stream_protocol::endpoint(uri.substr(5))};
             error = socket->connect(endpoints, end);
         } else {
             return fail(Exit::usage,
-                        "'" + uri + "' is no server: use tcp://HOST:PORT or unix:PATH" +
+                        "'" + uri + "' is no server: use tcp://HOST:PORT, tls://HOST:PORT or unix:PATH" +
                             (uri.starts_with('/') ? "; did you mean unix:" + uri + "?" : ""));
         }
     } catch (const boost::system::system_error& thrown) {  // a path too long for a socket
@@ -192,9 +237,20 @@ Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
 
     std::unique_ptr<Connection> connection(new Connection(std::move(socket)));
     connection->patience_ = end - Clock::now();
-    if (auto greeted = connection->greet(token); !greeted)
+    if (is_tls)
+        if (auto encrypted = connection->encrypt(host, access.tls); !encrypted)
+            return tl::unexpected<Failure>(unanswered(encrypted.error()));
+    if (auto greeted = connection->greet(access.token); !greeted)
         return tl::unexpected<Failure>(unanswered(greeted.error()));
     return connection;
+}
+
+Result<void> Connection::encrypt(const std::string& host, const TlsOptions& options) {
+    auto stream = TlsStream::open(socket_->stream.native_handle(), host, options,
+                                  [this](short events) { return wait(events); });
+    if (!stream) return tl::unexpected<Failure>(stream.error());
+    socket_->tls = std::move(*stream);
+    return {};
 }
 
 Result<void> Connection::greet(const std::string& token) {
@@ -210,7 +266,9 @@ Result<void> Connection::greet(const std::string& token) {
     const auto welcome = protocol::open<wire::Welcome>(*frame);
     if (!welcome) return tl::unexpected<Failure>(failure(welcome.error()));
     daemon_ = {std::string(protocol::text((*welcome)->server())), (*welcome)->window_bytes(),
-               (*welcome)->frame_bytes_max(), (*welcome)->chunk_rays_max()};
+               (*welcome)->frame_bytes_max(), (*welcome)->chunk_rays_max(),
+               std::string(protocol::text((*welcome)->principal())),
+               std::string(protocol::text((*welcome)->role()))};
     // A daemon may be configured to accept less than this client could send, never more.
     daemon_.chunk_rays_max = std::min(daemon_.chunk_rays_max, limits_.chunk_rays_max);
     daemon_.frame_bytes_max = std::min(daemon_.frame_bytes_max, limits_.frame_bytes_max);
@@ -221,7 +279,7 @@ Result<void> Connection::greet(const std::string& token) {
 }
 
 int Connection::socket() const {
-    return socket_->stream.native_handle();
+    return socket_->tls ? -1 : socket_->stream.native_handle();
 }
 
 void Connection::begin(std::chrono::milliseconds deadline) {
@@ -244,7 +302,7 @@ Result<void> Connection::send(protocol::Result<Frame> frame, std::span<const std
     const std::size_t frame_bytes = asio::buffer_size(parts);
     for (std::size_t left = frame_bytes; left != 0;) {
         error_code error;
-        std::size_t count = socket_->stream.write_some(parts, error);
+        std::size_t count = socket_->write_some(parts, error);
         left -= count;
         for (asio::const_buffer& part : parts) {
             const std::size_t taken = std::min(count, part.size());
@@ -291,7 +349,8 @@ tl::unexpected<Failure> Connection::leave(const Failure& why, bool within_frame)
                 frame->control.size());
     error_code error;
     // If CANCEL cannot be sent at once, close the connection: that cancels the request too.
-    if (within_frame || socket_->stream.write_some(asio::buffer(bytes), error) != bytes.size())
+    const std::array<asio::const_buffer, 1> parts = {asio::buffer(bytes)};
+    if (within_frame || socket_->write_some(parts, error) != bytes.size())
         socket_->stream.shutdown(socket_->stream.shutdown_both, error);
     return tl::unexpected<Failure>(why);
 }
@@ -341,8 +400,10 @@ Result<Frame> Connection::read_frame() {
         const std::array<asio::mutable_buffer, 2> parts = {
             asio::buffer(room.data(), room.size()), asio::buffer(staging_.get(), staging_bytes)};
         error_code error;
-        const std::size_t count = socket_->stream.receive(parts, 0, error);
+        const std::size_t count = socket_->read_some(parts, error);
         if (error == asio::error::interrupted || error == asio::error::would_block) continue;
+        if (error && socket_->tls && socket_->tls->why_broken().exit == Exit::not_allowed)
+            return tl::unexpected<Failure>(socket_->tls->why_broken());
         if (error)
             return fail(Exit::failed,
                         (error == asio::error::eof ? "the daemon closed the connection"
@@ -363,6 +424,7 @@ Result<void> Connection::wait(short events) {
         if (patience_ < Clock::duration::zero())
             return fail(Exit::deadline, "no answer from the daemon within the deadline; " +
                                             failure({protocol::Code::deadline, "", 0}).message);
+        if (events == POLLIN && socket_->tls && socket_->tls->has_bytes()) return {};
         pollfd waiting{socket_->stream.native_handle(), events, 0};
         const Clock::time_point begin = Clock::now();
         const int ready = ::poll(&waiting, 1, look_ms);

@@ -3,9 +3,10 @@
 // One request runs at a time. The connection counts both credits: the bytes that the client may
 // send, and the bytes that it has received and must grant again. Ctrl-C (interrupt.h) cancels the
 // request at the daemon and ends the wait. Only connection.cpp and the load test's echo include
-// Boost.Asio.
+// Boost.Asio; tls.h encrypts.
 #pragma once
 
+#include "client/access.h"
 #include "client/failure.h"
 #include "protocol/control.h"
 
@@ -27,20 +28,26 @@ struct Daemon {
     std::uint64_t window_bytes = 0;
     std::uint64_t frame_bytes_max = 0;
     std::uint64_t chunk_rays_max = 0;
+    std::string principal;  ///< the name under which the daemon knows this client
+    std::string role;       ///< viewer, user or admin; empty: an older daemon
 };
 
 class Connection {
 public:
-    /// Connects to tcp://HOST:PORT, tcp://[IPV6]:PORT or unix:PATH, and greets; `token` may be
-    /// empty. Fails after 5 s with exit code 3, and with 4 if the daemon refuses the token.
+    /// Connects to tls://HOST:PORT, tcp://HOST:PORT, with [IPV6] as a host, or to unix:PATH, and
+    /// greets. Fails after 5 s with exit code 3, and with 4 if the daemon refuses this client.
+    static Result<std::unique_ptr<Connection>> open(const std::string& uri, const Access& access);
     static Result<std::unique_ptr<Connection>> open(const std::string& uri,
-                                                    const std::string& token);
+                                                    const std::string& token) {
+        return open(uri, Access{token, {}});
+    }
     ~Connection();
     Connection(const Connection&) = delete;
     Connection& operator=(const Connection&) = delete;
 
     [[nodiscard]] const Daemon& daemon() const { return daemon_; }
-    /// Returns the greeted socket, for code that writes frames itself; the connection keeps it.
+    /// Returns the greeted socket, for code that writes frames itself; the connection keeps it. -1 if
+    /// it is encrypted.
     [[nodiscard]] int socket() const;
 
     /// Begins a request; frames of earlier ones are skipped from now on. Some time after the
@@ -83,6 +90,7 @@ private:
     Result<void> send(protocol::Result<protocol::Frame> frame,
                       std::span<const std::byte> bulk = {});
     Result<void> grant(std::uint64_t bytes);
+    Result<void> encrypt(const std::string& host, const TlsOptions& options);
     /// Returns the ERROR that a closing daemon has usually sent, else a failure with `reason`.
     Result<void> last_words(const std::string& reason);
     Result<protocol::Frame> read_frame();

@@ -4,6 +4,7 @@
 #include "client/local_daemon.h"
 #include "client/output.h"
 #include "client/scene_source.h"
+#include "client/ssh_tunnel.h"
 
 #include <cstdlib>
 #include <exception>
@@ -52,15 +53,32 @@ Result<void> connect_and_run(Options options) {
         local.emplace(std::move(*started));
         options.server = local->uri();
     }
-    const char* token = std::getenv("RAYNEST_TOKEN");
-    const auto connect = [&] {
-        return Connection::open(options.server, token != nullptr ? token : "");
-    };
+    const auto* login = std::get_if<LoginOptions>(&options.command);
+    if (login != nullptr) options.server = login->uri;
+    auto access = options.local ? Result<Access>() : find_access(options.server, options.access);
+    if (!access) return tl::unexpected<Failure>(access.error());
+    if (!access->tls.verify)
+        std::cerr << "raynest: --tls-verify off: whoever answers at " << options.server
+                  << " is trusted\n";
+    if (login != nullptr) {
+        auto token = ask_token(options.server);
+        if (!token) return tl::unexpected<Failure>(token.error());
+        access->token = std::move(*token);
+        if (auto secret = check_secrecy(options.server, access->token); !secret) return secret;
+    }
+    std::optional<SshTunnel> tunnel;
+    std::string uri = options.server;
+    if (uri.starts_with("ssh://")) {
+        auto opened = SshTunnel::open(uri);
+        if (!opened) return tl::unexpected<Failure>(opened.error());
+        uri = tunnel.emplace(std::move(*opened)).uri();
+    }
+    const auto connect = [&] { return Connection::open(uri, *access); };
     Progress progress(Progress::style_for_stderr(options.quiet || options.json));
     const auto connection = connect();
     if (!connection) return tl::unexpected<Failure>(connection.error());
     if (local) local->hide();
-    Context context{**connection, progress, options.json, connect};
+    Context context{**connection, progress, options.json, connect, options.server, *access};
     return std::visit(
         [&](auto& command) -> Result<void> {
             if (auto loaded = load_first(context, command); !loaded) return loaded;

@@ -30,7 +30,8 @@ inline void add_render(CLI::App& app, RenderOptions& render) {
     add_whole(app, "--spp,--samples", render.samples, 1U,
               static_cast<std::uint32_t>(limits.samples_max),
               "samples per pixel (16; primary has 1)");
-    add_whole(app, "--seed", render.seed, std::uint64_t{0}, any_whole, "of the random numbers (0)");
+    add_whole(app, "--seed", render.seed, std::uint64_t{0}, any_whole,
+              "seed of the random numbers (0)");
     add_whole(app, "--depth", render.depth, 1U, static_cast<std::uint32_t>(limits.bounces_max),
               "of path: bounces at most (8)");
     add_number(app, "--ao-distance", render.ao_distance, 1e-9F, 1e15F,

@@ -3,6 +3,8 @@
 #include "client/connection.h"
 #include "client/difference.h"
 #include "client/generator.h"
+#include "client/job_options.h"
+#include "client/network_options.h"
 #include "client/option_film.h"
 #include "client/option_parts.h"
 #include "client/scene_source.h"
@@ -44,6 +46,7 @@ void declare(CLI::App& app, LoadOptions& load) {
     app.add_option("--name", load.name,
                    "name of the scene (the file's stem; forest for builtin:forest?trees=5)");
     app.add_flag("--replace", load.replace, "put it in the place of the scene of that name, as a new epoch");
+    add_share(app, load);
     app.add_option("--build", load.build, "medium | fast | high: more time for the build makes faster trees");
     app.add_option_function<std::vector<std::string>>(
            "--set-mask",
@@ -243,33 +246,6 @@ void declare(CLI::App& app, ExplainOptions& explain) {
     });
 }
 
-void add_job_number(CLI::App& app, std::uint64_t& job) {
-    add_whole(app, "ID", job, std::uint64_t{1}, any_whole, "number of a job (see: raynest jobs)")
-        ->required();
-}
-
-void declare(CLI::App& app, TopOptions& top) {
-    app.add_flag("--once", top.once, "print one look at a second of the daemon's work, and end");
-}
-void declare(CLI::App& app, OpenOptions& open) {
-    app.add_option("SCENE", open.scene,
-                   "name of a loaded scene (the first one); or FILE.glb, builtin:NAME and so on, "
-                   "which is loaded as by raynest load");
-}
-void declare(CLI::App&, JobsOptions&) {}
-void declare(CLI::App& app, WaitOptions& wait) {
-    add_job_number(app, wait.job);
-    add_deadline(app, wait.deadline, "stop waiting after this many seconds; the job goes on");
-}
-void declare(CLI::App& app, FetchOptions& fetch) {
-    add_job_number(app, fetch.job);
-    add_output(app, fetch.output, {".png", ".exr", ".npy", ".npz"},
-               "file of the kind that the job makes (a query without it: a table on stdout)");
-}
-void declare(CLI::App& app, CancelOptions& cancel) {
-    add_job_number(app, cancel.job);
-}
-
 void declare(CLI::App& app, LoadTestOptions& load_test) {
     add_job(app, load_test.job);
     add_kind(app, load_test.kind, load_test.max_hits, load_test.fields);
@@ -327,6 +303,9 @@ public:
         add<CancelOptions>("cancel", "cancel 17", "end a job and drop its answer");
         add<LoadTestOptions>("load-test", "load-test forest --clients 8 --rays 64 --seconds 10",
                              "measure round trips and throughput, beside bare sockets");
+        add<LoginOptions>("login", "login tls://gpu.example.org:31060",
+                          "keep the token of a daemon for later commands");
+        add<AdminOptions>("admin", "admin connections", "administer the daemon");
     }
     /// Returns the help of the chosen subcommand, or of the program; it begins with an example.
     [[nodiscard]] std::string help() const {
@@ -407,6 +386,8 @@ Result<void> check_local(const Options& options) {
             if (job != nullptr && job->detach)
                 return fail(Exit::usage,
                             "--local ends its daemon with the command: leave --detach out");
+            if (std::is_same_v<Command, LoginOptions>)
+                return fail(Exit::usage, "login names a daemon itself: leave --local out");
             if (std::is_same_v<Command, LoadTestOptions> || std::is_same_v<Command, TopOptions> ||
                 std::is_same_v<Command, OpenOptions>)
                 return fail(Exit::usage, "--local ends its daemon with the command, and this one "
@@ -444,8 +425,10 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     app.require_subcommand(1);
     app.set_version_flag("--version", "raynest " RAYNEST_VERSION);
     app.add_option("--server", options.server,
-                   "tcp://HOST:PORT or unix:PATH (" + std::string(default_uri) + ")")
+                   "tcp://HOST:PORT, tls://HOST:PORT, unix:PATH or ssh://HOST (" + std::string(default_uri) +
+                       ")")
         ->envname("RAYNEST_SERVER");
+    add_access(app, options.access);
     app.add_flag("--local", options.local,
                  "start a raynestd for this command alone, with no scene but those it loads");
     app.add_flag("--json", options.json, "print answers and errors as JSON");

@@ -1,6 +1,7 @@
 // The options of the command line as plain structs; only options.cpp uses CLI11.
 #pragma once
 
+#include "client/access.h"
 #include "client/fail_if.h"
 #include "client/failure.h"
 
@@ -44,6 +45,7 @@ struct LoadOptions {
     std::string source, name, build, primitive, instances;
     WorldPoint origin{};
     std::vector<std::string> masks;  ///< "GLOB=HEX"
+    std::vector<std::string> share;  ///< principals, or "public"
     bool replace = false;
 };
 struct ScenesOptions {};
@@ -131,7 +133,7 @@ struct TopOptions {
     bool once = false;  ///< one look, and the end
 };
 struct OpenOptions {
-    std::string scene;  ///< a name or a source, or empty
+    std::string source;  ///< a scene's name, or a source that is loaded to stay; or empty
 };
 struct JobsOptions {};
 struct WaitOptions {
@@ -144,6 +146,15 @@ struct FetchOptions {
 };
 struct CancelOptions {
     std::uint64_t job = 0;
+};
+/// Keeps the token of a daemon in hosts.toml.
+struct LoginOptions {
+    std::string uri;
+};
+struct AdminOptions {
+    std::string act;     ///< connections | drain | reload | kick | quota
+    std::string target;  ///< of kick: a connection's number or a principal; of quota: a principal
+    std::vector<std::string> quota;  ///< "jobs=8"
 };
 struct LoadTestOptions {
     JobOptions job;
@@ -159,10 +170,12 @@ struct LoadTestOptions {
 using CommandOptions =
     std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, UnloadOptions,
                  VariantsOptions, StatsOptions, RenderOptions, ResumeOptions, QueryOptions, HeatmapOptions,
-                 ExplainOptions, TopOptions, OpenOptions, JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions>;
+                 ExplainOptions, TopOptions, OpenOptions, JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions,
+                 LoginOptions, AdminOptions>;
 
 struct Options {
     std::string server;
+    AccessOptions access;
     bool local = false;  ///< a daemon for this command alone
     bool json = false;
     bool quiet = false;

@@ -11,6 +11,7 @@ namespace raynest::client {
 
 struct ListedScene {
     std::string name, hash, owner;
+    std::string share;  ///< "", "public", or principals joined by commas
     std::uint64_t epoch = 0, triangles = 0, bytes = 0;
     double age_seconds = 0;   ///< since the load
     double idle_seconds = 0;  ///< since a request last used it

@@ -214,7 +214,7 @@ Result<void> validate(const wire::Loaded& message, const Limits& limits) {
 
 Result<void> validate(const wire::SceneList& message, const Limits& limits) {
     return Checks(limits)
-        .names("names", message.names())
+        .texts("names", message.names())  // another's scene has its owner before its name
         .names("hashes", message.hashes())
         .equally_long("hashes", message.names(), message.hashes())
         .numbers("epochs", message.names(), message.epochs())
@@ -296,6 +296,28 @@ Result<void> validate(const wire::Unloaded& message, const Limits& limits) {
         .name("name", message.name())
         .names("names", message.names())
         .names("holders", message.holders())
+        .result();
+}
+
+Result<void> validate(const wire::Admin& message, const Limits& limits) {
+    return Checks(limits)
+        .name("act", message.act())
+        .needs("act", message.act())
+        .name("principal", message.principal())
+        .settings("quota", message.quota(), limits.name_bytes_max, "name_bytes_max")
+        .result();
+}
+
+Result<void> validate(const wire::AdminReport& message, const Limits& limits) {
+    return Checks(limits)
+        .text("text", message.text())
+        .names("principals", message.principals())
+        .names("roles", message.roles())
+        .names("transports", message.transports())
+        .names("peers", message.peers())
+        .numbers("connections", message.principals(), message.connections())
+        .numbers("age_ms", message.principals(), message.age_ms())
+        .numbers("jobs", message.principals(), message.jobs())
         .result();
 }
 

@@ -1,5 +1,7 @@
 #include "server/access.h"
 
+#include "server/store/scene_store.h"
+
 #include <string>
 
 namespace raynest::server::access {
@@ -16,8 +18,15 @@ std::string scene(std::string_view name) {
 
 }  // namespace
 
-Reply<void> use_job(std::uint64_t number, std::string_view owner, std::string_view principal) {
-    return allow(owner == principal, "job " + std::to_string(number),
+Reply<void> send_request(std::string_view request, Role needed, Role callers) {
+    return allow(callers >= needed, request,
+                 "needs the role " + std::string(role_name(needed)) + ", and yours is " +
+                     std::string(role_name(callers)) + "; ask the daemon's administrator");
+}
+
+Reply<void> use_job(std::uint64_t number, std::string_view owner, const ConnectionId& caller) {
+    return allow(owner == caller.principal || caller.role == Role::admin,
+                 "job " + std::to_string(number),
                  "belongs to " + std::string(owner) +
                      "; only its owner may wait for it, fetch it or cancel it");
 }
@@ -25,11 +34,6 @@ Reply<void> use_job(std::uint64_t number, std::string_view owner, std::string_vi
 Reply<void> unload_scene(std::string_view name, std::string_view owner, bool is_callers) {
     return allow(is_callers, scene(name),
                  "belongs to " + std::string(owner) + "; only its owner may unload it");
-}
-
-Reply<void> replace_scene(std::string_view name, bool is_only_callers) {
-    return allow(is_only_callers, scene(name),
-                 "is held by others too; give this one another `name`");
 }
 
 }  // namespace raynest::server::access

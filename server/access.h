@@ -3,22 +3,26 @@
 #pragma once
 
 #include "server/errors.h"
+#include "server/security/role.h"
 
 #include <cstdint>
 #include <string_view>
 
+namespace raynest::server {
+struct ConnectionId;
+}
+
 namespace raynest::server::access {
 
-/// Allows the principal that started the job, on any connection.
-[[nodiscard]] Reply<void> use_job(std::uint64_t number, std::string_view owner,
-                                  std::string_view principal);
+/// Allows callers whose role is at least the one of the request table.
+[[nodiscard]] Reply<void> send_request(std::string_view request, Role needed, Role callers);
 
-/// Allows callers that loaded the scene or hold it.
+/// Allows the principal that started the job, on any connection, and administrators.
+[[nodiscard]] Reply<void> use_job(std::uint64_t number, std::string_view owner,
+                                  const ConnectionId& caller);
+
+/// Allows owners, holders and administrators. Ask only about a scene that the caller may see.
 [[nodiscard]] Reply<void> unload_scene(std::string_view name, std::string_view owner,
                                        bool is_callers);
-
-/// Allows a replacement only if no other principal has loaded the scene by this name: others would
-/// find different content under it.
-[[nodiscard]] Reply<void> replace_scene(std::string_view name, bool is_only_callers);
 
 }  // namespace raynest::server::access

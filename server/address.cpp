@@ -36,17 +36,9 @@ constexpr std::string_view malformed_tcp =
     "is not an address; write tcp://HOST:PORT, e.g. tcp://127.0.0.1:31060";
 constexpr std::string_view malformed_http =
     "is not an address; write HOST:PORT, e.g. 127.0.0.1:31061, or off";
-constexpr std::string_view beyond_loopback_tcp =
-    "is not loopback, and without a token whoever can connect may do everything; listen on "
-    "127.0.0.1, [::1] or unix:PATH and forward the port, e.g. by ssh -L";
-constexpr std::string_view beyond_loopback_http =
-    "is not loopback, and the page has neither encryption nor a password; keep 127.0.0.1 and "
-    "forward "
-    "the port: ssh -L 31061:127.0.0.1:31061 HOST";
-
 /// Parses HOST:PORT, the part `rest` of `uri`.
 Result<Address> parse_tcp(std::string_view uri, std::string_view scheme, std::string_view rest,
-                          std::string_view malformed, std::string_view beyond_loopback) {
+                          std::string_view malformed) {
     const auto colon = rest.rfind(':');
     if (colon == std::string_view::npos) return refused(uri, malformed);
     std::string_view host = rest.substr(0, colon);
@@ -62,7 +54,6 @@ Result<Address> parse_tcp(std::string_view uri, std::string_view scheme, std::st
         return refused(uri, malformed);
     if (!is_numeric(address.host))
         return refused(uri, "names a host; an IP address or localhost is needed");
-    if (!is_loopback(address.host)) return refused(uri, beyond_loopback);
     return Address{address};
 }
 
@@ -82,12 +73,17 @@ Result<Address> parse_address(std::string_view uri) {
     std::string_view rest = uri.substr(std::min(uri.size(), name.size() + 1));
     if (scheme != nullptr && scheme->place == Scheme::Place::path) return parse_path(uri, rest);
     if (scheme != nullptr && rest.substr(0, 2) == "//")
-        return parse_tcp(uri, name, rest.substr(2), malformed_tcp, beyond_loopback_tcp);
-    return refused(uri, "is not an address; write tcp://HOST:PORT or unix:PATH");
+        return parse_tcp(uri, name, rest.substr(2), malformed_tcp);
+    return refused(uri, "is not an address; write tcp://HOST:PORT, tls://HOST:PORT or unix:PATH");
 }
 
 Result<Address> parse_http_address(std::string_view text) {
-    return parse_tcp(text, "http", text, malformed_http, beyond_loopback_http);
+    return parse_tcp(text, "http", text, malformed_http);
+}
+
+bool is_beyond_loopback(const Address& address) {
+    const auto* tcp = std::get_if<TcpAddress>(&address);
+    return tcp != nullptr && !is_loopback(tcp->host);
 }
 
 std::string scheme_of(const Address& address) {

@@ -1,5 +1,5 @@
-// Addresses to listen on, tcp://HOST:PORT, unix:PATH or HOST:PORT for HTTP, checked before a socket
-// is made.
+// Addresses to listen on, tcp://HOST:PORT, tls://HOST:PORT, unix:PATH or HOST:PORT for HTTP, checked
+// before a socket is made.
 #pragma once
 
 #include "engine/result.h"
@@ -28,14 +28,17 @@ struct SocketAccess {
     std::optional<unsigned> group;  ///< group id; empty: the daemon's own group
 };
 
-/// Parses a URI; "localhost" means 127.0.0.1. Refuses addresses other than loopback: clients are
-/// not authenticated, so anybody who can connect may do everything.
+/// Parses a URI; "localhost" means 127.0.0.1. An address beyond loopback needs more, see
+/// options.cpp.
 [[nodiscard]] Result<Address> parse_address(std::string_view uri);
 
 /// Parses HOST:PORT as parse_address() parses what follows tcp://.
 [[nodiscard]] Result<Address> parse_http_address(std::string_view text);
 
-/// Returns the address's name in the list of transports (net/transports.h): "tcp" or "unix".
+/// True if other machines may reach the address.
+[[nodiscard]] bool is_beyond_loopback(const Address& address);
+
+/// Returns the address's name in the list of transports (net/transports.h): tcp, tls or unix.
 [[nodiscard]] std::string scheme_of(const Address& address);
 
 /// Returns a URI that parse_address() reads, e.g. "tcp://[::1]:31060".

@@ -1,5 +1,6 @@
 #include "server/conversation.h"
 
+#include "server/access.h"
 #include "server/diag/refusals.h"
 #include "server/log.h"
 
@@ -104,9 +105,19 @@ void Conversation::greet(protocol::Frame frame) {
             {Code::invalid_field,
              "window_bytes must be 0 or at least " + std::to_string(window_bytes_min), 0});
     Reply<Principal> principal = authenticate_(*(*hello).table);
-    if (!principal) return close_with_error(principal.error());
-    caller_.principal = std::move(principal->id);
+    if (!principal) {
+        if (principal.error().code == Code::not_allowed) ++services_.metrics.logins_refused;
+        return close_with_error(principal.error());
+    }
+    caller_.principal = principal->id;
+    caller_.role = principal->role;
+    caller_.shares_machine = principal->credential.empty();
     caller_.window_bytes = window == 0 ? services_.limits.window_bytes : window;
+    if (principal->quota != Quota{}) {
+        services_.admission.quotas().set(principal->id, principal->quota);
+        services_.scenes.quotas().set(principal->id, principal->quota);
+    }
+    identity_ = std::move(*principal);
     runner_->set_principal(caller_.principal);
     runner_->set_window(caller_.window_bytes);
     greeted_ = true;
@@ -118,6 +129,8 @@ void Conversation::greet(protocol::Frame frame) {
     welcome.frame_bytes_max = services_.limits.frame_bytes_max;
     welcome.chunk_rays_max = static_cast<std::uint32_t>(services_.limits.chunk_rays_max);
     welcome.jobs_max = static_cast<std::uint32_t>(services_.limits.jobs_max);
+    welcome.principal = caller_.principal;
+    welcome.role = role_name(caller_.role);
     sink_.send(*protocol::encode(frame.header.request_id, welcome));
     log(LogLevel::debug, "greeted",
         {{"principal", caller_.principal},
@@ -158,6 +171,15 @@ void Conversation::start(const Request& request, const protocol::Frame& frame) {
                                            : "the request id " + std::to_string(id) +
                                                  " is in use by a request under way",
                                    0});
+    const std::string name = protocol::message_name(frame.header.type);
+    if (const auto allowed = access::send_request(name, request.role, caller_.role); !allowed) {
+        ++services_.metrics.requests_refused;
+        log(LogLevel::info, "request_refused",
+            {{"principal", caller_.principal},
+             {"role", std::string(role_name(caller_.role))},
+             {"request", name}});
+        return refuse_request(id, allowed.error());
+    }
     caller_.request_id = id;
     Reply<Answer> answer = request.answer(services_, caller_, frame);
     if (!answer) return refuse_request(id, answer.error());

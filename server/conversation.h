@@ -44,6 +44,10 @@ public:
     void drain();
 
     [[nodiscard]] const std::string& principal() const { return caller_.principal; }
+    /// The client, once it is greeted.
+    [[nodiscard]] const Principal& identity() const { return identity_; }
+    /// The connection's number, which appears in lists and logs.
+    [[nodiscard]] std::uint64_t number() const { return caller_.connection; }
     [[nodiscard]] bool greeted() const { return greeted_; }
     /// True once the last frame was sent: flush, then close.
     [[nodiscard]] bool closing() const { return closing_; }
@@ -84,6 +88,7 @@ private:
     Sink& sink_;
     const Authenticate authenticate_;
     Caller caller_;
+    Principal identity_;
     std::shared_ptr<Runner> runner_;
     /// Detached jobs that still wait for data of this connection, by request id.
     std::map<std::uint64_t, DetachedJobs::Pointer> feeding_;

@@ -11,6 +11,7 @@
 #include "server/jobs/detached.h"
 #include "server/jobs/runner.h"
 #include "server/log.h"
+#include "server/notify.h"
 #include "server/net/asio.h"
 #include "server/net/connections.h"
 #include "server/net/http.h"
@@ -46,6 +47,8 @@ constexpr unsigned imports_max = 2;
 constexpr std::chrono::milliseconds drain_look{20};
 /// Interval of the search for connections whose client's machine or network is gone.
 constexpr std::chrono::seconds lost_look{5};
+/// Interval of looking at the token file: a revoked token ends its connections within a second.
+constexpr std::chrono::milliseconds tokens_look{300};
 /// Time for clients to receive the error after a drain took too long.
 constexpr std::chrono::milliseconds last_words_time{1000};
 constexpr int exit_forced = 3;
@@ -54,7 +57,7 @@ constexpr std::chrono::milliseconds stuck_grace{5000};
 /// Minimum number of file descriptors: the program's own files, an import, and a few clients.
 constexpr rlim_t descriptors_min = 16;
 
-class Daemon {
+class Daemon final : public Administration {
 public:
     Daemon(const Options& options, std::shared_ptr<const Registry> registry);
 
@@ -66,13 +69,23 @@ public:
     /// Serves until drained. Fails when the ready file cannot be written.
     Result<void> run();
 
+    [[nodiscard]] std::vector<ConnectionRow> connections(std::uint64_t after) const override {
+        return connections_.rows(after);
+    }
+    void drain() override;
+    std::string reload() override;
+    std::size_t kick(std::uint64_t connection, const std::string& principal) override;
+    void set_quota(const std::string& principal, const Quota& quota) override;
+
 private:
     void serve_health();
     void await_signal();
-    void drain();
     void look_drained();
     void look_after_detached();
     void look_for_lost();
+    void look_at_tokens();
+    void end_revoked();
+    void feed_watchdog(std::chrono::microseconds interval);
     void remove_own_files();
     [[noreturn]] void end_at_once();
 
@@ -99,6 +112,9 @@ private:
     asio::steady_timer drain_timer_;
     asio::steady_timer detached_timer_;
     asio::steady_timer lost_timer_;
+    asio::steady_timer tokens_timer_;
+    asio::steady_timer watchdog_timer_;
+    Credentials credentials_;
     Connections connections_;
     std::vector<std::unique_ptr<Listener>> listeners_;
     HttpSite site_;
@@ -141,7 +157,9 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
                 peers_,
                 backends_,
                 trace_buffers_,
-                blocking_},
+                blocking_,
+                {},
+                this},
       context_{compute_,
                admission_,
                metrics_,
@@ -159,11 +177,20 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       drain_timer_(io_),
       detached_timer_(io_),
       lost_timer_(io_),
-      connections_(io_, services_, context_),
+      tokens_timer_(io_),
+      watchdog_timer_(io_),
+      credentials_(options.security),
+      connections_(io_, services_, context_,
+                   [this](const PeerIdentity& peer, const wire::Hello& hello,
+                          const protocol::Limits&) {
+                       return credentials_.authentication().identify(
+                           peer, protocol::text(hello.token()), Clock::now(), WallClock::now());
+                   }),
       site_(options.http.hosts),
       http_(io_, site_, connections_, services_) {}
 
 Result<void> Daemon::listen() {
+    if (const auto loaded = credentials_.load(); !loaded) return loaded;
     for (const std::string& uri : options_.listen) {
         const auto address = parse_address(uri);
         if (!address) return tl::unexpected(address.error());
@@ -171,7 +198,8 @@ Result<void> Daemon::listen() {
         auto listener =
             Listener::open(io_, *address, "--listen", options_.socket,
                            [this, make](Socket socket, Listener::Descriptors descriptors) {
-                               connections_.accept(make(std::move(socket)), descriptors);
+                               connections_.accept(make(std::move(socket), {credentials_.tls()}),
+                                                   descriptors);
                            });
         if (!listener) return tl::unexpected(listener.error());
         listeners_.push_back(std::move(*listener));
@@ -199,6 +227,12 @@ Result<void> Daemon::listen_http() {
 
 void Daemon::serve_health() {
     site_.set_metrics([this] { return exposition(services_); });
+    // Where nobody is let in without a token, metrics are not shown without one either.
+    if (!options_.security.anonymous)
+        site_.guard_metrics([this](std::string_view token) {
+            const auto& tokens = credentials_.authentication().tokens();
+            return tokens.find_token(token, WallClock::now()) != nullptr;
+        });
     site_.set_unready([this]() -> std::string {
         if (!serving_) return "the daemon is starting";
         const auto most = std::chrono::milliseconds(limits_.chunk_ms_max) + stuck_grace;
@@ -235,12 +269,15 @@ Result<void> Daemon::run() {
     }
     await_signal();
     look_for_lost();
+    look_at_tokens();
     serving_ = true;
     if (!options_.ready_file.empty()) {
         // Fail without the file: programs that wait for it would wait for ever.
         if (const auto written = write_ready_file(options_.ready_file, uris, http_uri()); !written)
             return tl::unexpected(written.error());
     }
+    notify("READY=1");
+    if (const auto interval = watchdog_interval()) feed_watchdog(*interval);
     for (;;) {
         try {
             io_.run();
@@ -269,7 +306,7 @@ void Daemon::await_signal() {
     signals_.async_wait([this](const SystemError& error, int signal) {
         if (error) return;
         if (signal == SIGHUP) {
-            log(LogLevel::info, "hangup_ignored");
+            (void)reload();
             return await_signal();
         }
         const bool draining = drain_deadline_ != Clock::time_point::max();
@@ -283,7 +320,9 @@ void Daemon::await_signal() {
 }
 
 void Daemon::drain() {
+    if (drain_deadline_ != Clock::time_point::max()) return;
     log(LogLevel::info, "draining", {{"connections", std::to_string(connections_.size())}});
+    notify("STOPPING=1");
     drain_deadline_ = Clock::now() + std::chrono::milliseconds(limits_.drain_ms_max);
     for (const auto& listener : listeners_) listener->close();
     // Stop detached jobs: no client could fetch their answers any more.
@@ -333,6 +372,56 @@ void Daemon::look_for_lost() {
         trace_buffers_.trim();
         look_for_lost();
     });
+}
+
+void Daemon::look_at_tokens() {
+    if (options_.security.tokens.empty()) return;
+    tokens_timer_.expires_after(tokens_look);
+    tokens_timer_.async_wait([this](const SystemError& error) {
+        if (error) return;
+        if (credentials_.look_at_tokens(WallClock::now())) end_revoked();
+        look_at_tokens();
+    });
+}
+
+// The io thread proves that it still handles events; jobs run on other threads.
+void Daemon::feed_watchdog(std::chrono::microseconds interval) {
+    notify("WATCHDOG=1");
+    watchdog_timer_.expires_after(interval);
+    watchdog_timer_.async_wait([this, interval](const SystemError& error) {
+        if (!error) feed_watchdog(interval);
+    });
+}
+
+void Daemon::end_revoked() {
+    const auto now = WallClock::now();
+    connections_.close_unless(
+        [&](const Principal& principal) {
+            return credentials_.authentication().still_valid(principal, now);
+        },
+        {Code::not_allowed, "the token of this connection was revoked, has expired or has changed",
+         0});
+}
+
+std::string Daemon::reload() {
+    notify("RELOADING=1");
+    const bool good = credentials_.reload();
+    end_revoked();
+    notify("READY=1");
+    const std::string result =
+        good ? "certificates and tokens were read again" : "some files were unusable; see the log";
+    log(good ? LogLevel::info : LogLevel::error, "reloaded", {{"result", result}});
+    return result;
+}
+
+std::size_t Daemon::kick(std::uint64_t connection, const std::string& principal) {
+    return connections_.kick(connection, principal,
+                             {Code::not_allowed, "an administrator has ended this connection", 0});
+}
+
+void Daemon::set_quota(const std::string& principal, const Quota& quota) {
+    admission_.quotas().set(principal, quota);
+    scenes_.quotas().set(principal, quota);
 }
 
 /// Raises the limit of file descriptors to the maximum that the system grants. Fails if that is

@@ -13,7 +13,8 @@ inline constexpr std::string_view import_child_flag = "--import-child";
 
 /// Runs until SIGTERM or SIGINT. Returns the exit code: 0 after a drain; 1 with a line on stderr if
 /// packs, an address or the state folder cannot be used. A second signal, or a drain longer than
-/// drain_ms_max, ends the process with code 3. SIGHUP is logged and ignored.
+/// drain_ms_max, ends the process with code 3. SIGHUP reads
+/// certificates and tokens again.
 int run_daemon(const Options& options);
 
 }  // namespace raynest::server

@@ -1,7 +1,8 @@
 // raynestd: one program for three kinds of process: the daemon, the short-lived import of one
-// scene, and the device worker.
+// scene, and the device worker; and for the subcommands of commands.h.
 #include "engine/assets/import.h"
 #include "server/backends/cuda/worker_process.h"
+#include "server/commands.h"
 #include "server/daemon.h"
 #include "server/log.h"
 #include "server/options.h"
@@ -32,6 +33,7 @@ void keep_frames_in_heap() {
 int run(int argc, const char* const* argv) {
     if (argc >= 3 && argv[1] == import_child_flag) return run_import_child(argc, argv);
     if (argc == 3 && argv[1] == device::worker_flag) return device::run_worker_process(argv[2]);
+    if (const auto code = run_command(argc, argv)) return *code;
     const ParsedOptions parsed = parse_options(argc, argv);
     if (!parsed.options) return parsed.exit_code;
     keep_frames_in_heap();

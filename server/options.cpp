@@ -3,12 +3,14 @@
 #include "engine/packs/registry.h"
 #include "server/address.h"
 #include "server/net/http_site.h"
+#include "server/socket_access.h"
+#include "server/toml_config.h"
 
 #include <CLI/CLI.hpp>
-#include <grp.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cerrno>
 #include <charconv>
 #include <cmath>
@@ -17,6 +19,7 @@
 #include <filesystem>
 #include <iomanip>
 #include <iostream>
+#include <iterator>
 #include <memory>
 #include <optional>
 #include <set>
@@ -58,6 +61,7 @@ struct Words {
     std::string cuda = "auto";
     std::string socket_mode;
     std::string socket_group;
+    std::string anonymous = "user";
 };
 
 /// Returns the spelling of an option: principal_jobs_max -> principal-jobs-max.
@@ -67,34 +71,13 @@ std::string hyphened(std::string_view name) {
     return text;
 }
 
-/// Parses an octal mode; nothing if it is invalid or the owner could not read and write.
-std::optional<unsigned> to_mode(const std::string& text) {
-    unsigned mode = 0;
-    const char* last = text.data() + text.size();
-    const auto [end, error] = std::from_chars(text.data(), last, mode, 8);
-    if (error != std::errc{} || end != last || mode > 0777 || (mode & 0600U) != 0600)
-        return std::nullopt;
-    return mode;
-}
-
-std::string mode_fault(const std::string& text) {
-    return to_mode(text) ? "" : "'" + text + "' is not a mode of 0600 to 0777, such as 0660";
-}
-
-/// Returns the id of a group given by name or number.
-std::optional<unsigned> to_group(const std::string& text) {
-    unsigned number = 0;
-    const char* last = text.data() + text.size();
-    const auto [end, error] = std::from_chars(text.data(), last, number);
-    // Reject -1: chown() would keep the group, and the wider mode would apply to that one.
-    if (error == std::errc{} && end == last && number != static_cast<gid_t>(-1)) return number;
-    // getgrnam() is safe here: no other thread has started yet.
-    const group* known = getgrnam(text.c_str());  // NOLINT(concurrency-mt-unsafe)
-    return known == nullptr ? std::nullopt : std::optional<unsigned>(known->gr_gid);
-}
-
-std::string group_fault(const std::string& text) {
-    return to_group(text) ? "" : "there is no group '" + text + "'";
+/// Returns the environment variable of an option: log-level -> RAYNEST_LOG_LEVEL. --cuda has none:
+/// the build has a variable of that name.
+std::string variable_of(const std::string& option) {
+    if (option == "cuda") return "";
+    std::string name = "RAYNEST_";
+    for (const char c : option) name += c == '-' ? '_' : static_cast<char>(std::toupper(c));
+    return name;
 }
 
 SocketAccess to_socket_access(const Words& words) {
@@ -159,6 +142,25 @@ private:
     const CLI::App& app_;
 };
 
+void declare_security(CLI::App& app, SecurityOptions& security, Words& words) {
+    app.add_option("--tls-cert", security.tls.certificate,
+                   "PEM file of the certificate of tls:// and its chain; SIGHUP reads it again");
+    app.add_option("--tls-key", security.tls.key, "PEM file of its key, mode 0600");
+    app.add_option("--client-ca", security.tls.client_ca,
+                   "PEM file of the CAs of client certificates; a certificate's subject is the "
+                   "principal");
+    app.add_option("--tokens", security.tokens,
+                   "Token file, written by raynestd token add; tls:// then asks for a token or a "
+                   "certificate; watched");
+    app.add_option("--anonymous", words.anonymous,
+                   "Role of clients without a token on loopback and Unix sockets: off, viewer or "
+                   "user")
+        ->check(CLI::IsMember({"off", "viewer", "user"}))
+        ->capture_default_str();
+    app.add_flag("--insecure", security.insecure,
+                 "Allow tcp:// beyond loopback, without encryption");
+}
+
 /// Leaves the names of the checks out of the help, such as "UINT in [1 - 1024]": the texts say in
 /// words what is allowed.
 void hide_checks(CLI::App& app) {
@@ -173,7 +175,7 @@ void hide_checks(CLI::App& app) {
 void declare(CLI::App& app, Options& options, Words& words) {
     app.add_option(
            "--listen", options.listen,
-           "tcp://HOST:PORT or unix:PATH, repeatable; loopback only; port 0 picks a free one")
+           "tcp://HOST:PORT, tls://HOST:PORT or unix:PATH, repeatable; port 0 picks a free one")
         ->check(CLI::Validator(address_fault, ""))
         ->default_str(options.listen.front());
     app.add_option("--socket-mode", words.socket_mode,
@@ -191,6 +193,7 @@ void declare(CLI::App& app, Options& options, Words& words) {
                    "Host name besides loopback under which the page may be opened, NAME or "
                    "NAME:PORT, repeatable")
         ->check(CLI::Validator(http_host_fault, ""));
+    declare_security(app, options.security, words);
     app.add_option("--state", options.state, "Folder that this daemon alone may use; locked");
     app.add_option("--scene-root", options.scene_root,
                    "Folder in which root:PATH is looked up; links must end inside")
@@ -207,7 +210,6 @@ void declare(CLI::App& app, Options& options, Words& words) {
     std::vector<std::string> targets = {"auto"};
     targets.insert(targets.end(), cpu_targets().begin(), cpu_targets().end());
     app.add_option("--target", options.target, "Kernel pack: " + CLI::detail::join(targets, ", "))
-        ->envname("RAYNEST_TARGET")
         ->check(CLI::IsMember(targets))
         ->capture_default_str();
     app.add_option("--cuda", words.cuda,
@@ -220,6 +222,8 @@ void declare(CLI::App& app, Options& options, Words& words) {
     app.add_option("--log-level", words.log_level, "error, warn, info or debug")
         ->check(CLI::IsMember({"error", "warn", "info", "debug"}))
         ->capture_default_str();
+    for (CLI::Option* option : app.get_options())
+        if (option->get_configurable()) option->envname(variable_of(option->get_single_name()));
     for (const protocol::LimitInfo& limit : protocol::limit_table())
         if (limit.policy)
             app.add_option("--" + hyphened(limit.name), options.limits.*limit.value,
@@ -227,7 +231,8 @@ void declare(CLI::App& app, Options& options, Words& words) {
                 ->check(CLI::Range(std::uint64_t{1}, limit_max))
                 ->group("Limits")
                 ->capture_default_str();
-    app.set_config("--config", "", "Read options from a file as --print-config writes it")
+    app.set_config("--config", "",
+                   "Read options from a file: .toml, or else as --print-config writes it")
         ->configurable(false);
     app.config_formatter(std::make_shared<ConfigLines>(app));
     hide_checks(app);
@@ -305,7 +310,34 @@ std::string config_fault(const CLI::ConfigItem& item, const std::vector<std::str
     }
 }
 
+/// True if the environment sets the option: it wins over the configuration file.
+bool is_in_environment(const std::string& option) {
+    // getenv() is safe here: no other thread has started yet.
+    return std::getenv(variable_of(option).c_str()) != nullptr;  // NOLINT(concurrency-mt-unsafe)
+}
+
+std::vector<CLI::ConfigItem> from_toml(const std::string& name, std::istream& file) {
+    std::ostringstream text;
+    text << file.rdbuf();
+    const std::string content = std::move(text).str();
+    const auto refuse = [&](std::size_t line, const std::string& fault) {
+        throw CLI::ConfigError(name + ", line " + std::to_string(line) + ": " + fault);
+    };
+    std::vector<CLI::ConfigItem> items;
+    const auto keys = read_toml(content);
+    if (!keys) refuse(keys.error().line, keys.error().why);
+    for (const ConfigKey& key : *keys) {
+        const CLI::ConfigItem item{{}, key.name, key.values};
+        if (const std::string fault = config_fault(item, {}); !fault.empty())
+            refuse(key.line, fault);
+        if (!is_in_environment(key.name)) items.push_back(item);
+    }
+    return items;
+}
+
 std::vector<CLI::ConfigItem> ConfigLines::from_config(std::istream& file) const {
+    if (const std::string name = app_.get_config_ptr()->results().back(); name.ends_with(".toml"))
+        return from_toml(name, file);
     constexpr std::string_view byte_order_mark = "\xEF\xBB\xBF";
     std::vector<CLI::ConfigItem> read;
     std::string line;
@@ -325,6 +357,7 @@ std::vector<CLI::ConfigItem> ConfigLines::from_config(std::istream& file) const 
         // Merge items of the same name: CLI11 would use only the first.
         same->inputs.insert(same->inputs.end(), (*item)->inputs.begin(), (*item)->inputs.end());
     }
+    std::erase_if(read, [](const auto& item) { return is_in_environment(item.name); });
     return read;
 }
 
@@ -368,16 +401,15 @@ void refuse_repeated(const std::vector<std::string>& listen) {
             throw CLI::ValidationError("--listen", "'" + uri + "' is given twice");
 }
 
-/// Replaces --target in an error text if its value came from the environment variable.
+/// Replaces an option in an error text by its environment variable if its value came from there.
 std::string blamed(std::string what, int argc, const char* const* argv) {
-    constexpr std::string_view option = "--target";
+    if (!what.starts_with("--")) return what;
+    const std::string option = what.substr(0, what.find_first_of(": ="));
     const bool given = std::any_of(argv, argv + argc, [&](const char* argument) {
         return std::string_view(argument).starts_with(option);
     });
-    // getenv() is safe here: no other thread has started yet.
-    const char* variable = getenv("RAYNEST_TARGET");  // NOLINT(concurrency-mt-unsafe)
-    if (variable != nullptr && !given && what.starts_with(option))
-        what.replace(0, option.size(), "RAYNEST_TARGET");
+    if (!given && is_in_environment(option.substr(2)))
+        what.replace(0, option.size(), variable_of(option.substr(2)));
     return what;
 }
 
@@ -399,23 +431,32 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
     CLI::App app(
         "Example:\n"
         "  raynestd --listen tcp://127.0.0.1:0 --ready-file /tmp/raynest.json\n\n"
-        "raynestd traces rays through instanced scenes for clients.",
+        "raynestd traces rays through instanced scenes for clients. raynestd tls --help makes\n"
+        "certificates, raynestd token --help gives access.",
         "raynestd");
     app.footer(
         "\nExit codes: 0 stopped, 1 cannot start, 2 usage, 3 stopped before its jobs had ended.");
     bool print = false;
+    bool check = false;
     try {
         declare(app, options, words);
         app.add_flag("--print-config", print, "Print all options and limits, then exit")
+            ->configurable(false);
+        app.add_flag("--check-config", check, "Check the configuration, then exit")
             ->configurable(false);
         app.set_version_flag("--version", "raynestd " RAYNEST_VERSION);
         refuse_old_spelling(app, argc, argv);
         app.parse(argc, argv);
         refuse_repeated(options.listen);
+        options.security.anonymous = parse_role(words.anonymous);
+        if (const std::string fault = listen_fault(options); !fault.empty())
+            throw CLI::ValidationError(fault);
         options.http.given = app.count("--http") != 0;
         options.socket = to_socket_access(words);
         options.log_level = to_log_level(words.log_level);
         options.cuda_pack = to_cuda_pack(words.cuda);
+        if (check) std::cout << "the configuration is valid\n";
+        if (check) return printed();
         if (!print) return {options, 0};
         print_config(app);
         return printed();

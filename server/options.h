@@ -1,12 +1,13 @@
 // The options of the daemon, from its command line and configuration file.
 //
-// Precedence: flag, then environment (RAYNEST_TARGET only), then --config FILE, then the defaults
-// below. Only options.cpp includes CLI11.
+// Precedence: flag, then environment (--log-level is RAYNEST_LOG_LEVEL), then --config FILE, then the
+// defaults below. Only options.cpp and commands.cpp include CLI11.
 #pragma once
 
 #include "protocol/limits.h"
 #include "server/address.h"
 #include "server/log.h"
+#include "server/security/credentials.h"
 
 #include <cstdint>
 #include <filesystem>
@@ -35,6 +36,7 @@ struct Options {
     std::filesystem::path cuda_pack;  ///< kernel pack of the CUDA worker; empty: no worker
     std::filesystem::path ready_file;
     SocketAccess socket;  ///< access to every unix:PATH
+    SecurityOptions security;
     LogLevel log_level = LogLevel::info;
     protocol::Limits limits;
 };
@@ -46,6 +48,10 @@ struct ParsedOptions {
     std::optional<Options> options;
     int exit_code = 0;
 };
+
+/// Returns what the addresses lack in security: beyond loopback, TLS and somebody to let in, or
+/// --insecure. Empty if nothing.
+[[nodiscard]] std::string listen_fault(const Options& options);
 
 /// Parses the command line. May print to stdout and stderr; does not throw or exit.
 [[nodiscard]] ParsedOptions parse_options(int argc, const char* const* argv);

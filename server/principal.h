@@ -1,7 +1,7 @@
 // Principals own scenes and jobs; quotas and fair shares are counted per principal.
 //
 //   Transport ──PeerIdentity──┐
-//                             ├─► authenticate() ─► Principal {id, quota}
+//                             ├─► Authentication::identify() ─► Principal {id, quota, role}
 //   Hello (its token) ────────┘
 //
 // Until a peer has sent Hello, it counts under the name from its transport.
@@ -9,8 +9,10 @@
 
 #include "protocol/limits.h"
 #include "server/errors.h"
+#include "server/security/role.h"
 
 #include <cstdint>
+#include <functional>
 #include <string>
 
 namespace raynest::wire {
@@ -21,28 +23,42 @@ namespace raynest::server {
 
 /// The identity of a peer, as known from its transport.
 struct PeerIdentity {
+    /// `own_user` is the daemon's own user, or root, on a Unix socket.
+    enum class Place { own_user, other_user, loopback, remote };
+
     std::string name;  ///< "uid:1000", "127.0.0.1"
+    Place place = Place::loopback;
+    std::string transport = "tcp";  ///< tcp, tls, unix or http
+    std::string subject = {};       ///< subject of a verified client certificate; empty: none
 };
 
-/// Quotas that may differ between principals. The quotas of jobs, scenes and results are the same
-/// for all: the principal_* limits.
+/// Quotas that may differ between principals; 0: the limit principal_*_max.
 struct Quota {
     std::uint64_t connections = 0;
+    std::uint64_t jobs = 0;
+    std::uint64_t rays = 0;
+    std::uint64_t scene_bytes = 0;
+
+    bool operator==(const Quota&) const = default;
 };
 
-/// The user that a connection belongs to: a uid or an address.
+/// The user that a connection belongs to: a token's name, a certificate's subject, a uid or an
+/// address.
 struct Principal {
     std::string id;
     Quota quota;
+    Role role = Role::user;
+    /// Names the row of the token file that let the peer in; empty: none did.
+    std::string credential = {};
 };
 
-/// Identifies the principal of a peer by the name from its transport. Ignores Hello's token, which
-/// is reserved.
+/// Identifies the principal of a peer by the name from its transport, without a token. Peers
+/// beyond loopback are refused.
 [[nodiscard]] Reply<Principal> authenticate(const PeerIdentity& peer, const wire::Hello& hello,
                                             const protocol::Limits& limits);
 
-/// The type of authenticate(), which tests replace.
-using Authenticator = Reply<Principal> (*)(const PeerIdentity&, const wire::Hello&,
-                                           const protocol::Limits&);
+/// The type of authenticate(), which the daemon and tests replace.
+using Authenticator = std::function<Reply<Principal>(const PeerIdentity&, const wire::Hello&,
+                                                     const protocol::Limits&)>;
 
 }  // namespace raynest::server

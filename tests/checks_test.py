@@ -245,7 +245,7 @@ class ServerReadme(unittest.TestCase):
 
     def test_each_file_to_edit_is_there(self):
         rows = self.rows_below("| to add | edit |")
-        self.assertEqual(len(rows.splitlines()), 12)
+        self.assertEqual(len(rows.splitlines()), 14)
         for row in rows.splitlines()[2:]:
             names = re.findall(r"`([\w./]*/[\w./]+)`", row)
             self.assertTrue(0 < len(names) <= 8, row)

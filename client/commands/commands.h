@@ -19,6 +19,8 @@ struct Context {
     bool json = false;
     /// Opens another connection to the same daemon.
     std::function<Result<std::unique_ptr<Connection>>()> connect;
+    const std::string& uri;
+    const Access& access;
 };
 
 Result<void> run(Context& context, const LoadOptions& options);
@@ -40,5 +42,10 @@ Result<void> run(Context& context, const WaitOptions& options);
 Result<void> run(Context& context, const FetchOptions& options);
 Result<void> run(Context& context, const CancelOptions& options);
 Result<void> run(Context& context, const LoadTestOptions& options);
+Result<void> run(Context& context, const LoginOptions& options);
+Result<void> run(Context& context, const AdminOptions& options);
+
+/// Asks for the token of `raynest login` on the terminal, without showing it, or reads it from stdin.
+Result<std::string> ask_token(const std::string& uri);
 
 }  // namespace raynest::client

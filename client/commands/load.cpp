@@ -19,6 +19,7 @@ wire::LoadT load_message(const LoadOptions& options, const Upload& upload) {
     load.origin_y = options.origin[1];
     load.origin_z = options.origin[2];
     load.masks = options.masks;
+    load.share = options.share;
     return load;
 }
 

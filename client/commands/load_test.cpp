@@ -164,6 +164,8 @@ std::string verdict(const Side& daemon, const Side& echo, double ratio, double r
 }  // namespace
 
 Result<void> run(Context& context, const LoadTestOptions& options) {
+    if (context.connection.socket() < 0)
+        return fail(Exit::usage, "load-test writes to bare sockets: use tcp:// or unix:");
     wire::InfoT question;
     question.scene = options.job.scene;
     const auto info = ask<wire::SceneInfo>(context.connection, question);

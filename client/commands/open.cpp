@@ -80,7 +80,7 @@ Result<void> run(Context& context, const OpenOptions& options) {
         return fail(Exit::failed, "the daemon names '" + address + "', which is no http address");
     const std::string place =
         address.substr(scheme.size(), address.find('/', scheme.size()) - scheme.size());
-    std::string scene = options.scene;
+    std::string scene = options.source;
     if (is_source(scene)) {
         auto name = load_to_stay(context, scene);
         if (!name) return tl::unexpected<Failure>(name.error());

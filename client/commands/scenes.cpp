@@ -16,7 +16,8 @@ Result<void> run(Context& context, const ScenesOptions&) {
     if (!scenes) return tl::unexpected<Failure>(scenes.error());
     Json list = Json::array();
     std::vector<std::vector<std::string>> rows = {{"SCENE", "EPOCH", "TRIANGLES", "MEMORY", "OWNER",
-                                                   "AGE", "UNUSED", "OPEN", "HASH (FIRST 16)"}};
+                                                   "SHARED WITH", "AGE", "UNUSED", "OPEN",
+                                                   "HASH (FIRST 16)"}};
     for (const ListedScene& scene : *scenes) {
         list.push_back(Json{{"name", scene.name},
                             {"hash", scene.hash},
@@ -24,11 +25,13 @@ Result<void> run(Context& context, const ScenesOptions&) {
                             {"instanced_triangles", scene.triangles},
                             {"bytes", scene.bytes},
                             {"owner", scene.owner},
+                            {"share", scene.share},
                             {"age_seconds", scene.age_seconds},
                             {"idle_seconds", scene.idle_seconds},
                             {"holders", scene.holders}});
         rows.push_back({scene.name, std::to_string(scene.epoch), grouped(scene.triangles),
-                        bytes_text(scene.bytes), scene.owner, age_text(scene.age_seconds),
+                        bytes_text(scene.bytes), scene.owner,
+                        scene.share.empty() ? "-" : scene.share, age_text(scene.age_seconds),
                         age_text(scene.idle_seconds), std::to_string(scene.holders),
                         scene.hash.substr(0, short_hash_digits)});
     }

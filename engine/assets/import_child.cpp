@@ -3,10 +3,12 @@
 // Parsers of foreign formats are a common target of attacks. So they run where a crash, a hang or a
 // memory bomb becomes an error message: with limits on address space, processor time, files and
 // output, a watchdog in the parent, no inherited descriptors but the two memory files of
-// import_wire.h, no privileges to gain, and death together with the parent.
+// import_wire.h, no privileges to gain, no file, socket or program to open (sandbox.h), and death
+// together with the parent.
 #include "engine/assets/child_process.h"
 #include "engine/assets/import.h"
 #include "engine/assets/import_wire.h"
+#include "engine/assets/sandbox.h"
 
 #include <fmt/format.h>
 #include <sys/prctl.h>
@@ -139,6 +141,8 @@ int import_child_main(const Registry& registry) {
     if (!message) return 2;
     if (!bind_to_parent(message->parent)) return 2;
     confine(message->limits);
+    // Sanitizers read files and make calls of their own.
+    if (limits_address_space) enter_sandbox();
     const auto result = import_arena(message->request, message->limits, registry);
     return wire::write_result(wire::result_fd, result) ? 0 : 3;
 }

@@ -75,7 +75,7 @@ Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
 
 /// Chooses the passes of a job.
 void set_passes(const wire::Render& message, FilmOptions& options) {
-    const bool detached = message.job()->detach();
+    const bool detached = protocol::present(message.job()).detach();
     if (options.progressive || options.best_by_ms != 0 || detached) {
         options.passes = refinement_passes(options.samples);
         return;
@@ -87,7 +87,7 @@ void set_passes(const wire::Render& message, FilmOptions& options) {
     options.passes.push_back(options.samples);
 }
 
-/// What of a request shapes its samples, as text that a client can turn back into the request.
+/// The parts of a request that shape its samples, as text that a client can turn back into the request.
 std::vector<Attribute> request_attributes(const wire::Render& message,
                                           const FilmOptions& options) {
     std::string asked = "first";
@@ -96,16 +96,18 @@ std::vector<Attribute> request_attributes(const wire::Render& message,
         if (const auto name = protocol::text(camera->name()); !name.empty())
             asked = "name " + std::string(name);
         fov = camera->fov_degrees();
-        const wire::Vec3 up = camera->up() != nullptr ? *camera->up() : wire::Vec3(0, 1, 0);
-        if (camera->look_at() && camera->eye() != nullptr && camera->at() != nullptr) {
+        const auto* eye = camera->eye();
+        const auto* at = camera->at();
+        if (camera->look_at() && eye != nullptr && at != nullptr) {
             asked = "lookat";
-            for (const wire::Vec3& v : {*camera->eye(), *camera->at(), up})
-                for (const float x : {v.x(), v.y(), v.z()})
+            const wire::Vec3 upwards(0, 1, 0);
+            for (const wire::Vec3* v : {eye, at, camera->up() != nullptr ? camera->up() : &upwards})
+                for (const float x : {v->x(), v->y(), v->z()})
                     asked.append(" ").append(number_text(x));
         }
     }
     std::string set;
-    for (const std::string& setting : protocol::strings(message.job()->settings()))
+    for (const std::string& setting : protocol::strings(protocol::present(message.job()).settings()))
         set.append(set.empty() ? "" : " ").append(setting);
     const IntegratorSettings& settings = options.settings;
     return {{"raynest:version", RAYNEST_VERSION},

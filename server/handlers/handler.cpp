@@ -17,10 +17,10 @@ using Typed = Reply<Answer> (*)(const Services&, const Caller&, const protocol::
 /// Refuses another principal's job; an unknown job is left to the handler.
 Reply<void> check_own_job(const Services& services, const Caller& caller, std::uint64_t number) {
     if (const JobRecord* running = services.admission.find(number))
-        return access::use_job(number, running->principal, caller.principal);
+        return access::use_job(number, running->principal, caller);
     const auto kept = services.detached.all().find(number);
     if (kept == services.detached.all().end()) return {};
-    return access::use_job(number, kept->second->record().principal, caller.principal);
+    return access::use_job(number, kept->second->record().principal, caller);
 }
 
 template <class Table, Typed<Table> handle, Needs needs>
@@ -47,16 +47,19 @@ std::uint64_t one_chunk_of_rays(const protocol::Limits& limits) {
 constexpr bool before_hello = true;
 constexpr bool after_hello = false;
 
-template <class Table, Typed<Table> handle, Needs needs = Needs::nothing>
-constexpr Request request{protocol::message_of<Table>, after_hello, no_bulk,
+// A request has no default role: a row without one does not compile.
+template <class Table, Typed<Table> handle, Needs needs, Role role>
+constexpr Request request{protocol::message_of<Table>, role, after_hello, no_bulk,
                           verified<Table, handle, needs>, nullptr};
 
+// Any role may send the parts of a request: without the request itself they do nothing.
+
 template <class Table, void (Conversation::*act)(protocol::Frame), bool hello = after_hello>
-constexpr Request message{protocol::message_of<Table>, hello, no_bulk, nullptr, act};
+constexpr Request message{protocol::message_of<Table>, Role::viewer, hello, no_bulk, nullptr, act};
 
 template <class Table, std::uint64_t (*bulk)(const protocol::Limits&),
           void (Conversation::*act)(protocol::Frame)>
-constexpr Request data{protocol::message_of<Table>, after_hello, bulk, nullptr, act};
+constexpr Request data{protocol::message_of<Table>, Role::viewer, after_hello, bulk, nullptr, act};
 
 }  // namespace
 
@@ -69,8 +72,8 @@ struct RequestTable {
         message<wire::Credit, &Conversation::credit>,
         data<wire::Upload, one_window, &Conversation::feed>,
         data<wire::QueryRays, one_chunk_of_rays, &Conversation::feed>,
-#define RAYNEST_REQUEST(number, Name, handler, needs, ...) \
-    request<wire::Name, handler, Needs::needs>,
+#define RAYNEST_REQUEST(number, Name, handler, needs, role, ...) \
+    request<wire::Name, handler, Needs::needs, Role::role>,
 #include "protocol/requests.def"
     };
 };

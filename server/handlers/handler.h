@@ -22,6 +22,7 @@
 
 namespace raynest::server {
 
+class Administration;
 class TraceBufferPool;
 
 /// The parts of the daemon that handlers may use. One per daemon; outlives all jobs.
@@ -41,12 +42,14 @@ struct Services {
     TraceBufferPool& trace_buffers;
     FairThreadPool& blocking;  ///< for tasks that wait for processes and disks
     std::string page = {};     ///< address of the daemon's page, http://HOST:PORT; empty: none
+    Administration* administration = nullptr;  ///< null in tests without a whole daemon
 };
 
 /// A request and its connection.
 struct Caller : ConnectionId {
     std::uint64_t request_id = 0;
     std::uint64_t window_bytes = 0;  ///< credit that the client grants to each request at its start
+    bool shares_machine = true;      ///< false: a token or certificate let it in
 };
 
 using Answer = std::variant<Frames, JobSubmission>;
@@ -65,6 +68,7 @@ enum class Needs { nothing, own_job };
 /// A message that a client may send: a row of the table in handler.cpp.
 struct Request {
     wire::Message type;
+    Role role;          ///< the least role of its sender; checked in one place, Conversation::start
     bool before_hello;  ///< true: allowed only before Hello is answered; false: only after
     /// Returns the maximum bytes of the bulk part; 0: the message has none.
     std::uint64_t (*bulk_bytes_max)(const protocol::Limits&);

@@ -143,8 +143,9 @@ public:
     Reply<void> ended() override {
         order_.files.clear();
         order_.lease = {};
-        reused_ = services_.scenes.holds(snapshot_->digest());
-        if (!reused_)
+        // Another's copy saves memory, and is not told.
+        reused_ = services_.scenes.shows(snapshot_->digest(), order_.caller);
+        if (!services_.scenes.holds(snapshot_->digest()))
             services_.peers.make_memory(snapshot_->bytes().size(), order_.caller.principal);
         auto scene = services_.scenes.publish(order_.name, std::move(snapshot_), order_.publication,
                                               order_.caller);
@@ -303,7 +304,8 @@ Reply<Answer> load(const Services& services, const Caller& caller,
     order.name = protocol::word(message->name(), default_name(order.source));
     order.primitive = protocol::text(message->primitive());
     order.caller = caller;
-    order.publication = {message->replace(), message->temporary()};
+    order.publication = {message->replace(), message->temporary(),
+                         protocol::strings(message->share())};
     order.origin = {message->origin_x(), message->origin_y(), message->origin_z()};
     order.masks = protocol::strings(message->masks());
     if (const auto rules = MaskRules::parse(order.masks); !rules)
@@ -314,6 +316,10 @@ Reply<Answer> load(const Services& services, const Caller& caller,
         return refuse(Code::invalid_field, "the scene needs a name of 1.." +
                                                std::to_string(services.limits.name_bytes_max) +
                                                " bytes; pass another `name`");
+    if (order.name.find('/') != std::string::npos)
+        return refuse(Code::invalid_field, "the name '" + order.name +
+                                               "' has a '/', which stands after an owner's name; "
+                                               "pass another `name`");
     // Check the quota before the upload.
     if (const auto quota = services.scenes.check_quota(order.name, caller, 0); !quota)
         return tl::unexpected(quota.error());

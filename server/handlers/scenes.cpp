@@ -32,7 +32,8 @@ Reply<Answer> scenes(const Services& services, const Caller& caller,
     for (std::size_t i = first; i < last; ++i) {
         const SceneStore::Listed& listed = all[i];
         const Snapshot& snapshot = listed.scene.snapshot();
-        text_bytes += listed.scene.name.size() + snapshot.digest().size() + listed.owner.size();
+        text_bytes += listed.scene.name.size() + snapshot.digest().size() + listed.owner.size() +
+                      listed.share.size();
         if (text_bytes > page_text_bytes && i != first) break;
         list.names.push_back(listed.scene.name);
         list.hashes.push_back(snapshot.digest());
@@ -40,6 +41,7 @@ Reply<Answer> scenes(const Services& services, const Caller& caller,
         list.instanced_triangles.push_back(snapshot.statistics().instanced_triangles);
         list.bytes.push_back(snapshot.statistics().bytes);
         list.owners.push_back(listed.owner);
+        list.shares.push_back(listed.share);
         list.age_ms.push_back(milliseconds(listed.age));
         list.idle_ms.push_back(milliseconds(listed.idle));
         list.holders.push_back(static_cast<std::uint32_t>(listed.holders));

@@ -3,7 +3,17 @@
 #include "server/jobs/admission.h"
 #include "server/jobs/peers.h"
 
+#include <string_view>
+
 namespace raynest::server {
+namespace {
+
+/// True for gauges that would tell a client whether another has loaded the same scene.
+constexpr bool tells_of_scenes(std::string_view gauge) {
+    return gauge.starts_with("scene") || gauge == "memory_used_bytes";
+}
+
+}  // namespace
 
 Reply<Answer> stats(const Services& services, const Caller& caller,
                     const protocol::Opened<wire::Stats>& /*message*/) {
@@ -14,7 +24,9 @@ Reply<Answer> stats(const Services& services, const Caller& caller,
     };
     for (const MetricInfo& metric : metric_table)
         add(metric.name, services.metrics.*metric.counter);
-#define RAYNEST_GAUGE(name, value, ...) add(#name, value);
+    const bool sees_scenes = caller.shares_machine || caller.role == Role::admin;
+#define RAYNEST_GAUGE(name, value, ...) \
+    if (sees_scenes || !tells_of_scenes(#name)) add(#name, value);
 #include "server/diag/metrics.def"
     statistics.http = services.page;
     return answer_with(caller, statistics, services);

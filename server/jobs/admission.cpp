@@ -8,22 +8,23 @@ Reply<Admission::Slot> Admission::enter(JobRecord&& record) {
     const std::string& principal = record.principal;
     const auto known = uses_.find(principal);
     const Use use = known == uses_.end() ? Use{} : known->second;
-    if (use.jobs >= limits_.principal_jobs_max)
+    const Quota quota = quotas_.of(principal);
+    if (use.jobs >= quota.jobs)
         return refuse(Code::quota, principal + " has " + std::to_string(use.jobs) +
                                        " requests in flight, the limit is --principal-jobs-max " +
-                                       std::to_string(limits_.principal_jobs_max) +
+                                       std::to_string(quota.jobs) +
                                        "; wait for one of them");
-    if (record.rays > limits_.principal_rays_max)
+    if (record.rays > quota.rays)
         return refuse(Code::limit_exceeded, "a request of " + std::to_string(record.rays) +
                                                 " rays, the limit is --principal-rays-max " +
-                                                std::to_string(limits_.principal_rays_max) +
+                                                std::to_string(quota.rays) +
                                                 ": ask for less");
-    if (use.rays > limits_.principal_rays_max - record.rays)
+    if (use.rays > quota.rays - record.rays)
         return refuse(
             Code::quota,
             principal + " has " + std::to_string(use.rays) + " rays in flight and asks for " +
                 std::to_string(record.rays) + " more, the limit is --principal-rays-max " +
-                std::to_string(limits_.principal_rays_max) + "; wait for your other requests");
+                std::to_string(quota.rays) + "; wait for your other requests");
     if (active() >= limits_.total_jobs_max)
         return tl::unexpected(
             protocol::Error{Code::busy,
@@ -41,7 +42,7 @@ Reply<Admission::Slot> Admission::enter(JobRecord&& record) {
 
 std::optional<Peers::Whose> Admission::blocking_limit(const std::string& principal) const {
     const auto known = uses_.find(principal);
-    if (known != uses_.end() && known->second.jobs >= limits_.principal_jobs_max)
+    if (known != uses_.end() && known->second.jobs >= quotas_.of(principal).jobs)
         return Peers::Whose::own;
     if (active() >= limits_.total_jobs_max) return Peers::Whose::everybodys;
     return std::nullopt;

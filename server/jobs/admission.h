@@ -8,6 +8,7 @@
 #include "protocol/limits.h"
 #include "server/jobs/job.h"
 #include "server/jobs/peers.h"
+#include "server/security/quotas.h"
 
 #include <chrono>
 #include <cstddef>
@@ -65,7 +66,7 @@ public:
     };
 
     /// Limits: total_jobs_max of the daemon; principal_jobs_max, principal_rays_max of a principal.
-    explicit Admission(const protocol::Limits& limits) : limits_(limits) {}
+    explicit Admission(const protocol::Limits& limits) : limits_(limits), quotas_(limits) {}
     Admission(const Admission&) = delete;
 
     /// Gives a job a place and a number. Fails with QUOTA if the principal has too much in flight,
@@ -74,6 +75,9 @@ public:
 
     /// Returns whose job must end before the principal can start one more; nothing if none must.
     [[nodiscard]] std::optional<Peers::Whose> blocking_limit(const std::string& principal) const;
+
+    /// The quotas of principals that have others than the limits.
+    [[nodiscard]] Quotas& quotas() { return quotas_; }
 
     /// Adds the duration of a job to the moving mean behind retry_after_ms().
     void record(std::chrono::duration<double> took) { mean_ += 0.1 * (took.count() - mean_); }
@@ -95,6 +99,7 @@ private:
     void leave(std::uint64_t number);
 
     const protocol::Limits limits_;
+    Quotas quotas_;
     std::map<std::uint64_t, JobRecord> jobs_;
     std::map<std::string, Use> uses_;  ///< by principal, for those with jobs in flight
     std::uint64_t last_number_ = 0;

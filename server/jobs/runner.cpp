@@ -1,8 +1,8 @@
 #include "server/jobs/runner.h"
 
-#include "server/diag/refusals.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
+#include "server/diag/refusals.h"
 #include "server/jobs/job_log.h"
 
 #include <algorithm>

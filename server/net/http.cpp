@@ -56,6 +56,7 @@ PageResponse to_response(const HttpReply& reply, unsigned version, bool only_hea
     response.set(http::field::cache_control, reply.etag.empty() ? "no-store" : "no-cache");
     if (!reply.etag.empty()) response.set(http::field::etag, reply.etag);
     if (reply.status == 405) response.set(http::field::allow, "GET, HEAD");
+    if (reply.status == 401) response.set(http::field::www_authenticate, "Bearer");
     if (reply.status == 426) response.set(http::field::upgrade, "websocket");
     if (reply.status == 304) return response;
     const std::string_view body = reply.body();
@@ -87,12 +88,17 @@ std::optional<HttpReply> unreadable_request(const SystemError& error,
 
 // ---- WebSocket ----------------------------------------------------------------------------------
 
+PeerIdentity over_http(PeerIdentity peer) {
+    peer.transport = "http";
+    return peer;
+}
+
 /// A WebSocket that carries frames as websocket_messages.h says: each message is one frame.
 class WebSocketTransport final : public Transport {
 public:
     WebSocketTransport(Socket socket, PageRequest request, const protocol::Limits& limits)
         : limits_(limits),
-          peer_(identity_of(socket)),
+          peer_(over_http(identity_of(socket))),
           request_(std::move(request)),
           stream_(std::move(socket)) {
         stream_.auto_fragment(false);
@@ -408,7 +414,8 @@ asio::awaitable<void> HttpConnection::serve() {
                                 values(request, http::field::origin),
                                 view(request[http::field::if_none_match]),
                                 websocket::is_upgrade(request),
-                                !parser.is_done()};
+                                !parser.is_done(),
+                                view(request[http::field::authorization])};
         const HttpReply reply = server_.site_.answer(asked);
         count(reply);
         if (reply.status == 101) {

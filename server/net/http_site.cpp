@@ -158,8 +158,17 @@ HttpReply HttpSite::route(const HttpRequest& request) const {
     if (request.upgrades) return refuse(404, "the WebSocket is /v1/stream");
     if (path == "/healthz") return {.text = "ok\n"};
     if (path == "/readyz") return ready();
-    if (path == "/metrics" && metrics_) return {.type = exposition_type, .text = metrics_()};
+    if (path == "/metrics" && metrics_) return metrics(request);
     return file(path, request.if_none_match);
+}
+
+HttpReply HttpSite::metrics(const HttpRequest& request) const {
+    constexpr std::string_view scheme = "Bearer ";
+    std::string_view token = request.authorization;
+    token.remove_prefix(token.starts_with(scheme) ? scheme.size() : token.size());
+    if (may_see_metrics_ && !may_see_metrics_(token))
+        return refuse(401, "/metrics takes a token here: Authorization: Bearer TOKEN");
+    return {.type = exposition_type, .text = metrics_()};
 }
 
 HttpReply HttpSite::stream(const HttpRequest& request) const {

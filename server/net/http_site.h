@@ -27,6 +27,7 @@ struct HttpRequest {
     std::string_view if_none_match;
     bool upgrades = false;  ///< asks for a WebSocket
     bool has_body = false;
+    std::string_view authorization = {};  ///< "Bearer TOKEN"
 };
 
 struct HttpReply {
@@ -53,6 +54,10 @@ public:
     void set_unready(std::function<std::string()> unready) { unready_ = std::move(unready); }
     /// Sets the answer of /metrics.
     void set_metrics(std::function<std::string()> metrics) { metrics_ = std::move(metrics); }
+    /// Shows /metrics only to those whose bearer token `may_see` accepts.
+    void guard_metrics(std::function<bool(std::string_view token)> may_see) {
+        may_see_metrics_ = std::move(may_see);
+    }
     /// Refuses new WebSockets, because the daemon ends.
     void drain() { draining_ = true; }
 
@@ -63,11 +68,13 @@ private:
     [[nodiscard]] HttpReply route(const HttpRequest& request) const;
     [[nodiscard]] HttpReply stream(const HttpRequest& request) const;
     [[nodiscard]] HttpReply ready() const;
+    [[nodiscard]] HttpReply metrics(const HttpRequest& request) const;
 
     const std::vector<std::string> names_;
     std::uint16_t port_ = 0;
     std::function<std::string()> unready_;
     std::function<std::string()> metrics_;
+    std::function<bool(std::string_view)> may_see_metrics_;  ///< empty: everybody may
     bool draining_ = false;
 };
 

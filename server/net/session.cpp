@@ -124,6 +124,18 @@ void Session::stop_if_lost() {
         drop(services_.metrics.peers_lost, "its machine or network does not answer");
 }
 
+ConnectionRow Session::row() const {
+    const auto age = std::chrono::duration_cast<milliseconds>(Clock::now() - accepted_);
+    const bool greeted = conversation_.greeted();
+    return {number(),
+            principal(),
+            greeted ? std::string(role_name(identity().role)) : "",
+            peer().transport,
+            peer().name,
+            static_cast<std::uint64_t>(age.count()),
+            static_cast<std::uint32_t>(conversation_.jobs())};
+}
+
 std::uint64_t Session::holds(Resource resource) const {
     switch (resource) {
         case Resource::connections:
@@ -170,6 +182,7 @@ asio::awaitable<void> Session::wait(asio::steady_timer& timer) {
 asio::awaitable<void> Session::read_frames() {
     SystemError error;
     co_await transport_->open(error);
+    if (error && open_ && peer().transport == "tls") ++services_.metrics.handshakes_failed;
     opened_ = true;
     wake_.cancel();
     while (open_ && !error && !conversation_.closing()) {

@@ -13,6 +13,7 @@
 #pragma once
 
 #include "protocol/frame.h"
+#include "server/administration.h"
 #include "server/conversation.h"
 #include "server/net/asio.h"
 #include "server/net/transport.h"
@@ -52,6 +53,10 @@ public:
     void stop_if_lost();
 
     [[nodiscard]] const PeerIdentity& peer() const { return transport_->peer(); }
+    [[nodiscard]] std::uint64_t number() const { return conversation_.number(); }
+    [[nodiscard]] ConnectionRow row() const;
+    /// The client, once it is greeted.
+    [[nodiscard]] const Principal& identity() const { return conversation_.identity(); }
 
     [[nodiscard]] const std::string& principal() const override {
         return conversation_.principal();
@@ -108,6 +113,7 @@ private:
     Conversation conversation_;
     Clock::time_point greeting_deadline_;
     Clock::time_point close_deadline_;  ///< set once the conversation is closing
+    const Clock::time_point accepted_ = Clock::now();
     Clock::time_point moved_;           ///< when a whole frame was last sent or received
     bool open_ = true;
     bool opened_ = false;   ///< the transport is ready for frames

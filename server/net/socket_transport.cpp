@@ -5,6 +5,7 @@
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <sys/socket.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstdint>
@@ -27,6 +28,7 @@ constexpr int probes_max = 3;
 }  // namespace
 
 PeerIdentity identity_of(Socket& socket) {
+    using Place = PeerIdentity::Place;
     ucred peer{};
     socklen_t size = sizeof peer;
     sockaddr_storage address{};
@@ -35,14 +37,20 @@ PeerIdentity identity_of(Socket& socket) {
     if (getsockname(socket.native_handle(), generic, &address_size) == 0 &&
         address.ss_family == AF_UNIX &&
         getsockopt(socket.native_handle(), SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0)
-        return {"uid:" + std::to_string(peer.uid)};
+        return {"uid:" + std::to_string(peer.uid),
+                peer.uid == 0 || peer.uid == geteuid() ? Place::own_user : Place::other_user,
+                "unix"};
     SystemError error;
     const auto endpoint = socket.remote_endpoint(error);
     asio::ip::tcp::endpoint tcp;
-    if (error || endpoint.size() > tcp.capacity()) return {"unknown"};
+    if (error || endpoint.size() > tcp.capacity()) return {"unknown", Place::remote};
     std::copy_n(reinterpret_cast<const char*>(endpoint.data()), endpoint.size(),
                 reinterpret_cast<char*>(tcp.data()));
-    return {tcp.address().is_loopback() ? "127.0.0.1" : tcp.address().to_string()};
+    auto ip = tcp.address();
+    if (ip.is_v6() && ip.to_v6().is_v4_mapped())
+        ip = asio::ip::make_address_v4(asio::ip::v4_mapped, ip.to_v6());
+    if (ip.is_loopback()) return {"127.0.0.1"};
+    return {ip.to_string(), Place::remote};
 }
 
 bool peer_is_lost(int descriptor) {

@@ -1,7 +1,8 @@
 // The interface of transports: a stream of bytes in both directions.
 //
 //   Session ──► Transport ◄── SocketTransport (TCP, Unix)      a new transport is one file, and one
-//                         ◄── WebSocketTransport (http.cpp)    row of the list in transports.cpp
+//                         ◄── TlsTransport                     row of the list in transports.cpp
+//                         ◄── WebSocketTransport (http.cpp)
 //                         ◄── tests: MemoryTransport
 //
 // Io thread only.
@@ -29,7 +30,7 @@ public:
     Transport(const Transport&) = delete;
     virtual ~Transport() = default;
 
-    /// The peer's identity, known before it sends anything.
+    /// The peer's identity, known before it sends anything; a certificate's subject after open().
     [[nodiscard]] virtual const PeerIdentity& peer() const = 0;
 
     /// Does the transport's own handshake before the first frame, such as TLS or the upgrade to

@@ -1,6 +1,7 @@
 #include "server/net/transports.h"
 
 #include "server/net/socket_transport.h"
+#include "server/net/tls_transport.h"
 
 #include <algorithm>
 #include <array>
@@ -9,15 +10,19 @@
 namespace raynest::server {
 namespace {
 
-template <class Made>
-std::unique_ptr<Transport> make(Socket socket) {
-    return std::make_unique<Made>(std::move(socket));
+std::unique_ptr<Transport> make_plain(Socket socket, const TransportParts& /*parts*/) {
+    return std::make_unique<SocketTransport>(std::move(socket));
+}
+
+std::unique_ptr<Transport> make_tls(Socket socket, const TransportParts& parts) {
+    return std::make_unique<TlsTransport>(std::move(socket), *parts.tls);
 }
 
 /// THE LIST of transports.
 constexpr std::array schemes = {
-    Scheme{"tcp", Scheme::Place::host_and_port, make<SocketTransport>},
-    Scheme{"unix", Scheme::Place::path, make<SocketTransport>},
+    Scheme{"tcp", Scheme::Place::host_and_port, false, make_plain},
+    Scheme{"tls", Scheme::Place::host_and_port, true, make_tls},
+    Scheme{"unix", Scheme::Place::path, false, make_plain},
 };
 
 }  // namespace

@@ -16,12 +16,17 @@ std::string counted(std::size_t count, const char* thing) {
     return std::to_string(count) + " " + thing + (count == 1 ? "" : "s");
 }
 
-}  // namespace
-
-const std::string& SceneStore::Entry::owner() const {
-    if (charged_to(loader) || (owners.empty() && holders.empty())) return loader;
-    return owners.empty() ? holders.begin()->first : *owners.begin();
+/// The one error for a name that the caller cannot use, whatever the reason.
+tl::unexpected<protocol::Error> unknown(std::string_view name) {
+    if (name.find_first_of(":.") != std::string_view::npos)
+        return refuse(Code::scene_unknown,
+                      "no scene is called '" + std::string(name) +
+                          "'; if that is a source, `Load` it first and ask by the scene's name");
+    return refuse(Code::scene_unknown,
+                  "scene '" + std::string(name) + "' is not loaded; see `Scenes`, or `Load` it");
 }
+
+}  // namespace
 
 bool SceneStore::Entry::held_by(const ConnectionId& caller) const {
     const auto found = holders.find(caller.principal);
@@ -32,8 +37,21 @@ bool SceneStore::Entry::temporary_of(const ConnectionId& caller) const {
     return held_by(caller) && holders.at(caller.principal).at(caller.connection);
 }
 
+bool SceneStore::Entry::visible_to(const ConnectionId& caller) const {
+    return owner == caller.principal || caller.role == Role::admin || share.contains("public") ||
+           share.contains(caller.principal) || held_by(caller);
+}
+
 bool SceneStore::Entry::charged_to(const std::string& principal) const {
-    return owners.contains(principal) || holders.contains(principal);
+    return (kept && owner == principal) || holders.contains(principal);
+}
+
+std::string SceneStore::Entry::name_for(const ConnectionId& caller) const {
+    return owner == caller.principal ? scene.name : owner + "/" + scene.name;
+}
+
+NamedScene SceneStore::Entry::scene_for(const ConnectionId& caller) const {
+    return {name_for(caller), scene.epoch, scene.held};
 }
 
 std::size_t SceneStore::Entry::connections() const {
@@ -48,30 +66,56 @@ bool SceneStore::Entry::release(const ConnectionId& caller) noexcept {
         found->second.erase(caller.connection);
         if (found->second.empty()) holders.erase(found);
     }
-    return owners.empty() && holders.empty();
-}
-
-bool SceneStore::Entry::only_of(const std::string& principal) const {
-    if (owners.empty()) return holders.size() == 1 && holders.contains(principal);
-    return owners.size() == 1 && owners.contains(principal);
+    return !kept && holders.empty();
 }
 
 template <class AnyEntries>
 auto SceneStore::resolve(AnyEntries& entries, std::string_view name, const ConnectionId& caller) {
+    // The order of preference: own scenes before others', held ones before listed ones. A name
+    // without owner means another's scene only if there is one of it.
+    enum Rank { none, shared, held, own, own_and_held };
     auto found = entries.end();
-    const auto [first, last] = entries.equal_range(name);
-    for (auto entry = first; entry != last; ++entry) {
-        if (entry->second.held_by(caller)) return entry;
-        if (entry->second.listed) found = entry;
+    Rank best = none;
+    std::size_t shared_count = 0;
+    for (auto at = entries.begin(); at != entries.end(); ++at) {
+        const Entry& entry = at->second;
+        const std::string& bare = at->first;
+        const bool is_bare = bare == name;
+        const bool is_qualified = name.size() == entry.owner.size() + 1 + bare.size() &&
+                                  name.starts_with(entry.owner) && name.ends_with(bare) &&
+                                  name[entry.owner.size()] == '/';
+        const bool holds = entry.held_by(caller);
+        if (!(is_bare || is_qualified) || !entry.visible_to(caller) || !(entry.listed || holds))
+            continue;
+        const bool is_own = entry.owner == caller.principal;
+        const Rank rank = is_own ? (holds ? own_and_held : Rank::own)
+                          : holds || is_qualified ? held
+                                                  : shared;
+        if (rank == shared) ++shared_count;
+        if (rank > best || (rank == best && rank == held && holds)) {
+            best = rank;
+            found = at;
+        }
     }
-    return found;
+    return best == shared && shared_count > 1 ? entries.end() : found;
 }
 
-SceneStore::Entries::iterator SceneStore::listed(std::string_view name) {
-    const auto [first, last] = entries_.equal_range(name);
-    const auto found =
-        std::find_if(first, last, [](const auto& entry) { return entry.second.listed; });
-    return found == last ? entries_.end() : found;
+template <class AnyEntries>
+auto SceneStore::own(AnyEntries& entries, std::string_view name, const ConnectionId& caller) {
+    const auto [first, last] = entries.equal_range(name);
+    const auto found = std::find_if(first, last, [&](const auto& entry) {
+        return entry.second.listed && entry.second.owner == caller.principal;
+    });
+    return found == last ? entries.end() : found;
+}
+
+bool SceneStore::found_by(const Entry& entry, const ConnectionId& caller) const {
+    if (!entry.visible_to(caller)) return false;
+    if (entry.held_by(caller)) return true;
+    const auto [first, last] = entries_.equal_range(entry.scene.name);
+    return entry.listed && std::none_of(first, last, [&](const auto& other) {
+               return other.second.owner == entry.owner && other.second.held_by(caller);
+           });
 }
 
 void SceneStore::disconnect(const ConnectionId& caller) noexcept {
@@ -105,7 +149,7 @@ std::string SceneStore::remedy(const std::string& principal, std::string_view op
     if (entries_.empty()) return larger;
     std::vector<const Entry*> candidates;
     for (const auto& [name, entry] : entries_)
-        if (entry.owners.contains(principal)) candidates.push_back(&entry);
+        if (entry.kept && entry.owner == principal) candidates.push_back(&entry);
     if (candidates.empty())
         return "unload a scene, close the connections that hold scenes without a name, or " +
                larger;
@@ -122,6 +166,7 @@ std::string SceneStore::remedy(const std::string& principal, std::string_view op
 Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& caller,
                                     std::uint64_t bytes) const {
     const std::string& principal = caller.principal;
+    const std::uint64_t bytes_max = quotas_.of(principal).scene_bytes;
     std::uint64_t scenes = 0;
     std::uint64_t held = 0;
     for (const auto& [name, entry] : entries_) {
@@ -134,19 +179,19 @@ Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& ca
                                        ", the limit is --principal-scenes-max " +
                                        std::to_string(limits_.principal_scenes_max) + "; " +
                                        remedy(principal, "--principal-scenes-max"));
-    if (bytes > limits_.principal_scene_bytes_max ||
-        held > limits_.principal_scene_bytes_max - bytes)
+    if (bytes > bytes_max ||
+        held > bytes_max - bytes)
         return refuse(Code::quota, principal + " holds " + protocol::bytes_text(held) +
                                        " of scenes, " + protocol::bytes_text(bytes) +
                                        " more are over --principal-scene-bytes-max " +
-                                       std::to_string(limits_.principal_scene_bytes_max) + "; " +
+                                       std::to_string(bytes_max) + "; " +
                                        remedy(principal, "--principal-scene-bytes-max"));
     return {};
 }
 
 Reply<void> SceneStore::check_quota(std::string_view name, const ConnectionId& caller,
                                     std::uint64_t bytes) const {
-    const auto known = resolve(entries_, name, caller);
+    const auto known = own(entries_, name, caller);
     return check_quota(known == entries_.end() ? nullptr : &known->second, caller, bytes);
 }
 
@@ -155,7 +200,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
                                       const ConnectionId& caller) {
     std::erase_if(by_digest_, [](const auto& known) { return known.second.expired(); });
 
-    const auto found = listed(name);
+    const auto found = own(entries_, name, caller);
     const bool taken = found != entries_.end();
     if (const auto quota = check_quota(name, caller, snapshot->bytes().size()); !quota)
         return tl::unexpected(quota.error());
@@ -164,11 +209,6 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         return refuse(Code::name_taken, "another scene is called '" + name +
                                             "'; give this one another `name`, or put it in the "
                                             "other's place with `replace`");
-    if (taken && !equal)
-        if (const auto allowed =
-                access::replace_scene(name, found->second.only_of(caller.principal));
-            !allowed)
-            return tl::unexpected(allowed.error());
 
     // Complete the entry before it enters the table, so that a lack of memory changes nothing.
     Entry entry = taken ? found->second : Entry();
@@ -179,10 +219,11 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         entry.scene.name = name;
         entry.scene.held = std::move(*held);
         ++entry.scene.epoch;
-        entry.loader = caller.principal;
+        entry.owner = caller.principal;
         entry.loaded = entry.used;
     }
-    if (!how.temporary) entry.owners.insert(caller.principal);
+    if (!how.share.empty()) entry.share = {how.share.begin(), how.share.end()};
+    if (!how.temporary) entry.kept = true;
     const bool temporary = how.temporary && (!entry.held_by(caller) || entry.temporary_of(caller));
     entry.holders[caller.principal].insert_or_assign(caller.connection, temporary);
     NamedScene scene = entry.scene;
@@ -194,7 +235,8 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     // means the new scene.
     const auto [first, last] = entries_.equal_range(name);
     const auto before = std::find_if(first, last, [&](const auto& known) {
-        return !known.second.listed && known.second.held_by(caller);
+        return !known.second.listed && known.second.owner == caller.principal &&
+               known.second.held_by(caller);
     });
     if (before != last && before->second.release(caller)) entries_.erase(before);
     return scene;
@@ -205,23 +247,32 @@ bool SceneStore::holds(const std::string& hash) const {
     return known != by_digest_.end() && !known->second.expired();
 }
 
+bool SceneStore::shows(const std::string& hash, const ConnectionId& caller) const {
+    return std::ranges::any_of(entries_, [&](const auto& entry) {
+        return entry.second.visible_to(caller) && entry.second.scene.snapshot().digest() == hash;
+    });
+}
+
 Reply<NamedScene> SceneStore::find(std::string_view name, std::uint64_t epoch,
                                    const ConnectionId& caller) const {
     const auto found = resolve(entries_, name, caller);
-    if (found == entries_.end() && name.find_first_of(":.") != std::string_view::npos)
-        return refuse(Code::scene_unknown,
-                      "no scene is called '" + std::string(name) +
-                          "'; if that is a source, `Load` it first and ask by the scene's name");
-    if (found == entries_.end())
-        return refuse(Code::scene_unknown, "scene '" + std::string(name) +
-                                               "' is not loaded; see `Scenes`, or `Load` it");
+    if (found == entries_.end()) {
+        std::string several;
+        const auto [first, last] = entries_.equal_range(name);
+        for (auto at = first; at != last; ++at)
+            if (found_by(at->second, caller))
+                several += (several.empty() ? "" : ", ") + at->second.name_for(caller);
+        if (several.empty()) return unknown(name);
+        return refuse(Code::scene_unknown, "several owners share a scene '" + std::string(name) +
+                                               "'; name one of " + several);
+    }
     const NamedScene& scene = found->second.scene;
     if (epoch != 0 && epoch != scene.epoch)
         return refuse(Code::scene_unknown, "scene '" + scene.name + "' is at epoch " +
                                                std::to_string(scene.epoch) + ", not " +
                                                std::to_string(epoch) + "; leave `epoch` out");
     found->second.used = now_();
-    return scene;
+    return found->second.scene_for(caller);
 }
 
 Reply<NamedScene> SceneStore::open(std::string_view name, const ConnectionId& caller) {
@@ -242,19 +293,16 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
         return refuse(Code::scene_unknown,
                       "scene '" + std::string(name) + "' is not loaded; see `Scenes`");
     Entry& entry = found->second;
-    const bool temporary_of_mine = entry.owners.empty() && entry.holders.contains(caller.principal);
-    const bool mine =
-        entry.owners.contains(caller.principal) || entry.held_by(caller) || temporary_of_mine;
-    if (const auto allowed = access::unload_scene(name, entry.owner(), mine); !allowed)
+    const bool may_drop_name = entry.owner == caller.principal || caller.role == Role::admin;
+    if (const auto allowed = access::unload_scene(name, entry.owner,
+                                                  may_drop_name || entry.held_by(caller));
+        !allowed)
         return tl::unexpected(allowed.error());
 
-    if (!entry.temporary_of(caller)) {
-        entry.owners.erase(caller.principal);
-        entry.listed = !entry.owners.empty();
-    }
+    if (may_drop_name && !entry.temporary_of(caller)) entry.kept = entry.listed = false;
     const bool last = entry.release(caller);
     std::vector<std::string> holders;
-    for (const std::string& owner : entry.owners) holders.push_back(owner + " (by its name)");
+    if (entry.kept) holders.push_back(entry.owner + " (by its name)");
     for (const auto& [principal, connections] : entry.holders)
         holders.push_back(principal + " (" + counted(connections.size(), "connection") + ")");
     if (last) entries_.erase(found);
@@ -268,10 +316,9 @@ std::vector<SceneStore::Unloaded> SceneStore::unload_idle(Clock::duration idle, 
     for (const auto& [name, entry] : entries_) {
         if (names.size() == most) break;
         const bool mine =
-            entry.held_by(caller) || (entry.listed && entry.owners.contains(caller.principal));
-        // Skip a scene that is hidden by another of that name which the caller holds.
-        if (mine && now - entry.used >= idle && &resolve(entries_, name, caller)->second == &entry)
-            names.push_back(name);
+            entry.held_by(caller) || (entry.listed && entry.kept && entry.owner == caller.principal);
+        if (mine && now - entry.used >= idle && found_by(entry, caller))
+            names.push_back(entry.name_for(caller));
     }
     std::vector<Unloaded> unloaded;
     for (const std::string& name : names)
@@ -283,13 +330,13 @@ std::vector<SceneStore::Listed> SceneStore::list(const ConnectionId& caller) con
     const Clock::time_point now = now_();
     std::vector<Listed> scenes;
     scenes.reserve(entries_.size());
-    for (auto entry = entries_.begin(); entry != entries_.end();
-         entry = entries_.upper_bound(entry->first)) {
-        const auto meant = resolve(entries_, entry->first, caller);
-        if (meant == entries_.end()) continue;
-        const Entry& known = meant->second;
-        scenes.push_back({known.scene, known.owner(), now - known.loaded, now - known.used,
-                          known.connections()});
+    for (const auto& [name, known] : entries_) {
+        if (!found_by(known, caller)) continue;
+        std::string share;
+        for (const std::string& principal : known.share)
+            share += (share.empty() ? "" : ",") + principal;
+        scenes.push_back({known.scene_for(caller), known.owner, std::move(share),
+                          now - known.loaded, now - known.used, known.connections()});
     }
     return scenes;
 }

@@ -1,16 +1,21 @@
-// The scenes that the daemon holds, by name.
+// The scenes that the daemon holds, by owner and name.
+//
+// A name belongs to the principal that loaded the scene: two owners may each have `car`. Other
+// principals see a scene only if it is shared with them, as OWNER/car, or as car where that means
+// one scene only. A scene that a caller may not see is, for it, one that does not exist.
 //
 // A scene is immutable; jobs keep the one they started with. A scene stays while it has references:
-// one for each principal that loaded it (unless as temporary), and one for each open connection
-// that loaded or opened it. Unloading drops the references of the caller's principal and
-// connection. When no principal is left, the name is free for others; connections that still hold
-// the scene can go on using the name. Replacing a name's content publishes a new epoch for all
-// holders. The last reference frees the memory.
+// its name, unless it was loaded as temporary, and one for each open connection that loaded or
+// opened it. Unloading drops the name and the reference of the caller's connection. The name is
+// then free; connections that still hold the scene can go on using it. Replacing a name's content
+// publishes a new epoch for all holders. The last reference frees the memory.
 #pragma once
 
 #include "engine/scene/snapshot.h"
 #include "protocol/limits.h"
 #include "server/errors.h"
+#include "server/security/quotas.h"
+#include "server/security/role.h"
 #include "server/store/budget.h"
 
 #include <chrono>
@@ -33,22 +38,25 @@ struct HeldScene {
 
 /// The scene of a name at one epoch.
 struct NamedScene {
-    std::string name;
+    std::string name;         ///< as its caller finds it: "car", or "OWNER/car" of another owner
     std::uint64_t epoch = 0;  ///< 1 for the first content of a name
     std::shared_ptr<const HeldScene> held;
     [[nodiscard]] const Snapshot& snapshot() const { return *held->snapshot; }
 };
 
-/// An open connection: its principal, and its number among all connections.
+/// An open connection: its principal, its number among all connections, and its role.
 struct ConnectionId {
     std::string principal;
     std::uint64_t connection = 0;  ///< from SceneStore::connect(); never reused
+    Role role = Role::user;
 };
 
 /// How a load publishes its scene.
 struct Publication {
     bool replace = false;    ///< true: replace different content of that name
     bool temporary = false;  ///< true: drop the scene when its last connection closes
+    /// Principals that may use the scene too, or "public". Empty: as before, and at first nobody.
+    std::vector<std::string> share = {};
 };
 
 /// The table of scenes. Io thread only.
@@ -61,7 +69,11 @@ public:
     explicit SceneStore(Budget& budget, const protocol::Limits& limits = {}, Now now = Clock::now)
         : budget_(budget),
           limits_(limits),
+          quotas_(limits),
           now_(std::move(now)) {}
+
+    /// The quotas of principals that have others than the limits.
+    [[nodiscard]] Quotas& quotas() { return quotas_; }
 
     /// Returns the number of a new connection.
     [[nodiscard]] std::uint64_t connect() { return ++last_connection_; }
@@ -73,19 +85,22 @@ public:
     [[nodiscard]] Reply<void> check_quota(std::string_view name, const ConnectionId& caller,
                                           std::uint64_t bytes) const;
 
-    /// Publishes a snapshot under a name, and gives the caller's principal and connection a
-    /// reference to it. Equal content under the same name keeps its epoch. Different content fails
-    /// with NAME_TAKEN unless `how.replace`, and with NOT_ALLOWED if other principals use the name
-    /// too. Fails with QUOTA beyond the principal's quota, and with RESOURCE_EXHAUSTED if the
-    /// budget has no room. Equal content under two names is stored once.
+    /// Publishes a snapshot under a name of the caller's, and gives its connection a reference to it.
+    /// Equal content under the same name keeps its epoch. Different content fails with NAME_TAKEN
+    /// unless `how.replace`. Fails with QUOTA beyond the principal's quota, and with
+    /// RESOURCE_EXHAUSTED if the budget has no room. Equal content under two names is stored once,
+    /// whoever owns them.
     Reply<NamedScene> publish(const std::string& name, std::shared_ptr<const Snapshot> snapshot,
                               Publication how, const ConnectionId& caller);
 
     /// True if this content is stored under any name or used by a running job.
     [[nodiscard]] bool holds(const std::string& hash) const;
+    /// True if the caller may see a scene of this content.
+    [[nodiscard]] bool shows(const std::string& hash, const ConnectionId& caller) const;
 
-    /// Returns the scene of that name which the caller holds, or else the listed one. `epoch` must
-    /// be 0 or the current epoch. Fails with SCENE_UNKNOWN and a remedy.
+    /// Returns the scene that the caller means by a name: its own, one that it holds, or one that is
+    /// shared with it. `epoch` must be 0 or the current epoch. Fails with SCENE_UNKNOWN and a
+    /// remedy, in the same words and time for a scene of another owner as for none.
     [[nodiscard]] Reply<NamedScene> find(std::string_view name, std::uint64_t epoch,
                                          const ConnectionId& caller) const;
 
@@ -97,9 +112,10 @@ public:
         std::string name;
         std::vector<std::string> holders;  ///< remaining holders, as unload() returns them
     };
-    /// Drops the references of the caller's principal and connection; only that of the connection
-    /// if it loaded the scene as temporary. Returns the remaining holders, one text per principal:
-    /// "uid:1000 (2 connections)". Fails with NOT_ALLOWED if only others hold the scene.
+    /// Drops the reference of the caller's connection and, for its owner and administrators, the name;
+    /// only the connection's if it loaded the scene as temporary. Returns the remaining holders, one
+    /// text per principal: "uid:1000 (2 connections)". Fails with NOT_ALLOWED for a shared scene
+    /// that the caller does not hold.
     Reply<std::vector<std::string>> unload(std::string_view name, const ConnectionId& caller);
 
     /// Unloads at most `most` scenes that the caller's principal or connection holds and that no
@@ -109,8 +125,8 @@ public:
 
     struct Listed {
         NamedScene scene;
-        std::string
-            owner;  ///< the loader, or another owner or holder once the loader has dropped it
+        std::string owner;
+        std::string share;  ///< "", "public", or principals joined by ','
         Clock::duration age{};
         Clock::duration idle{};   ///< time since a request last used the scene
         std::size_t holders = 0;  ///< number of open connections that loaded or opened the scene
@@ -135,34 +151,41 @@ public:
 private:
     struct Entry {
         NamedScene scene;
-        std::string loader;  ///< the principal that loaded this content
+        std::string owner;  ///< the principal that loaded it
         Clock::time_point loaded;
         mutable Clock::time_point used;
-        bool listed = true;            ///< true: all clients find the scene by its name
-        std::set<std::string> owners;  ///< principals that loaded the scene, not as temporary
+        bool listed = true;   ///< true: callers find the scene by its name
+        bool kept = false;    ///< true: the name is a reference; false: only connections hold it
+        std::set<std::string> share;  ///< principals, or "public"
         /// Connections of each principal; the value is true if it loaded the scene as temporary.
         std::map<std::string, std::map<std::uint64_t, bool>> holders;
 
-        /// Returns the loader or, once it has dropped the scene, another owner, else a holder.
-        [[nodiscard]] const std::string& owner() const;
         [[nodiscard]] bool held_by(const ConnectionId& caller) const;
         [[nodiscard]] bool temporary_of(const ConnectionId& caller) const;
+        [[nodiscard]] bool visible_to(const ConnectionId& caller) const;
         /// True if the scene counts towards the quotas of this principal.
         [[nodiscard]] bool charged_to(const std::string& principal) const;
-        /// True if this principal may replace the scene's content: it is the only owner or, without
-        /// owners, the only holder. Connections of other principals get the new content too.
-        [[nodiscard]] bool only_of(const std::string& principal) const;
+        /// Returns the name by which the caller finds the scene.
+        [[nodiscard]] std::string name_for(const ConnectionId& caller) const;
+        [[nodiscard]] NamedScene scene_for(const ConnectionId& caller) const;
         [[nodiscard]] std::size_t connections() const;
         /// Drops the reference of the caller's connection; true if no reference is left.
         bool release(const ConnectionId& caller) noexcept;
     };
-    /// Scenes by name. Of one name, at most one is listed, and a connection holds at most one.
+    /// Scenes by name without owner. Of one owner and name, at most one is listed, and a connection
+    /// holds at most one.
     using Entries = std::multimap<std::string, Entry, std::less<>>;
 
-    /// Returns the entry that the caller finds by this name, or the end. `entries` may be const.
+    /// Returns the entry that the caller means by this name, or the end. Looks at every entry, so
+    /// that the time does not tell whether there is one that the caller may not see. `entries` may
+    /// be const.
     template <class AnyEntries>
     static auto resolve(AnyEntries& entries, std::string_view name, const ConnectionId& caller);
-    [[nodiscard]] Entries::iterator listed(std::string_view name);
+    /// Returns the caller's own listed entry of this name, or the end.
+    template <class AnyEntries>
+    static auto own(AnyEntries& entries, std::string_view name, const ConnectionId& caller);
+    /// True if the caller finds this entry by its name: none that it holds hides it.
+    [[nodiscard]] bool found_by(const Entry& entry, const ConnectionId& caller) const;
     Reply<void> check_quota(const Entry* changed, const ConnectionId& caller,
                             std::uint64_t bytes) const;
     Reply<std::shared_ptr<const HeldScene>> hold(std::shared_ptr<const Snapshot> snapshot,
@@ -170,6 +193,7 @@ private:
 
     Budget& budget_;
     const protocol::Limits limits_;
+    Quotas quotas_;
     const Now now_;
     Entries entries_;
     std::map<std::string, std::weak_ptr<const HeldScene>> by_digest_;

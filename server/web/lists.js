@@ -24,6 +24,7 @@ export const MESSAGES = {
   Wait: 33,
   Fetch: 34,
   CancelJob: 35,
+  Admin: 48,
   Credit: 64,
   Welcome: 129,
   Pong: 130,
@@ -45,6 +46,7 @@ export const MESSAGES = {
   JobList: 160,
   JobInfo: 161,
   Detached: 162,
+  AdminReport: 176,
 };
 
 export const COLUMNS = {

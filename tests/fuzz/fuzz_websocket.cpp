@@ -1,5 +1,6 @@
 // Reads WebSocket messages as frames, text and binary, and runs the checks behind them. Writing the
 // frame of a message and reading that again must give the same frame.
+#include "protocol/limits.h"
 #include "server/net/websocket_messages.h"
 #include "tests/fuzz/target.h"
 #include "tests/golden/examples.h"
@@ -25,7 +26,8 @@ server::Read<protocol::Frame> read(std::string_view message, bool is_text) {
     if (message.size() < protocol::header_bytes) return tl::unexpected(unreadable);
     const auto* bytes = reinterpret_cast<const std::byte*>(message.data());
     const auto header = protocol::read_header(
-        std::span<const std::byte, protocol::header_bytes>(bytes, protocol::header_bytes));
+        std::span<const std::byte, protocol::header_bytes>(bytes, protocol::header_bytes),
+        protocol::Limits{});
     if (!header || message.size() < protocol::header_bytes + header->control_bytes)
         return tl::unexpected(unreadable);
     return converter().read_binary(*header,

@@ -402,6 +402,24 @@ void add_jobs(Collection& all) {
     all.add(12, detached);
 }
 
+void add_administration(Collection& all) {
+    wire::AdminT admin;
+    admin.act = "quota";
+    admin.principal = "alice";
+    admin.quota = {"jobs=8"};
+    all.add(13, admin);
+    wire::AdminReportT report;
+    report.text = "1 connection";
+    report.connections = {7};
+    report.principals = {"alice"};
+    report.roles = {"user"};
+    report.transports = {"tls"};
+    report.peers = {"192.0.2.7"};
+    report.age_ms = {1500};
+    report.jobs = {2};
+    all.add(13, report);
+}
+
 /// Calls `use` with the table that a type of the header names.
 template <class Use>
 void visit(std::uint16_t type, Use use) {
@@ -429,6 +447,7 @@ std::vector<Example> examples() {
     add_scene_answers(all);
     add_work_answers(all);
     add_jobs(all);
+    add_administration(all);
     return all.take();
 }
 

@@ -7,6 +7,7 @@ import os
 import pathlib
 import re
 import signal
+import socket
 import stat
 import subprocess
 import sys
@@ -71,12 +72,12 @@ class Administration(unittest.TestCase):
         self.assertFalse(ready.exists())
         self.assertEqual(list(self.folder.iterdir()), [])
 
-    def test_a_hangup_is_logged_and_ignored(self):
+    def test_a_hangup_reads_files_again_and_goes_on(self):
         daemon = self.daemon()
         client = Client(self.raynest, daemon.uri)
         daemon.process.send_signal(signal.SIGHUP)
-        until(lambda: self.lines(daemon, "hangup_ignored"))
-        self.assertEqual(self.lines(daemon, "hangup_ignored")[0]["level"], "info")
+        until(lambda: self.lines(daemon, "reloaded"))
+        self.assertEqual(self.lines(daemon, "reloaded")[0]["level"], "info")
         self.assertEqual(client.run("scenes").returncode, 0)
 
     def test_a_pack_folder_without_packs_is_warned_of(self):
@@ -168,6 +169,22 @@ class Administration(unittest.TestCase):
         self.assertEqual(daemon.process.wait(PATIENCE), 3)
         self.assertFalse(ready.exists())
         busy.communicate(timeout=PATIENCE)
+
+    def test_the_service_manager_is_told_how_the_daemon_is(self):
+        path = self.folder / "notify"
+        manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.addCleanup(manager.close)
+        manager.bind(str(path))
+        manager.settimeout(PATIENCE)
+        daemon = Daemon(self.raynestd, under=("env", f"NOTIFY_SOCKET={path}", "WATCHDOG_USEC=200000"))
+        self.assertEqual(manager.recv(100), b"READY=1")
+        for _ in range(3):
+            self.assertEqual(manager.recv(100), b"WATCHDOG=1")
+        daemon.process.send_signal(signal.SIGHUP)
+        until(lambda: manager.recv(100) == b"RELOADING=1")
+        until(lambda: manager.recv(100) == b"READY=1")
+        daemon.stop()
+        until(lambda: manager.recv(100) == b"STOPPING=1")
 
     def test_who_may_not_open_the_socket_reads_how_to(self):
         path = self.folder / "socket"

@@ -75,7 +75,8 @@ class Daemon:
         try:
             until(lambda: ready.exists() or not self.alive())
             content = json.loads(ready.read_text())
-            self.uri = content["listen"][0]
+            self.listen = content["listen"]
+            self.uri = self.listen[0]
             self.http = content["http"]
         except Exception as error:
             self.process.kill()

@@ -194,7 +194,7 @@ class Detach(DaemonTest):
 
         def traced():
             """Returns the chunks done by the single job and by the crowd, at one moment."""
-            done = {job["job"]: job["done"] for job in crowd.json("jobs")["jobs"]}
+            done = {job["job"]: job["done"] for job in single.json("jobs")["jobs"]}
             single = done.pop(mine)
             return single, sum(done.values())
         before = traced()

@@ -1,22 +1,30 @@
-"""Connects to tcp://HOST:PORT, tcp://[IPV6]:PORT or unix:PATH."""
+"""Connects to tls://HOST:PORT, tcp://HOST:PORT, with [IPV6] as a host, or to unix:PATH."""
 from __future__ import annotations
 
 import pathlib
 import re
 import socket
+from typing import Union
 
 from . import errors
+from ._access import Access
+from ._tls import TlsSocket
 
 DEFAULT_URI = "tcp://127.0.0.1:31060"
 
-_TCP = re.compile(r"tcp://(\[[^]]+\]|[^:]+):(\d{1,5})")
+_TCP = re.compile(r"(?:tcp|tls)://(\[[^]]+\]|[^:]+):(\d{1,5})")
 
 
-def connect(uri: str, seconds_max: float) -> socket.socket:
+def connect(uri: str, seconds_max: float, access: Access) -> Union[socket.socket, TlsSocket]:
     """Returns a connected, non-blocking socket."""
+    opened: Union[socket.socket, TlsSocket]
     try:
         opened = _connect_unix(uri[5:], seconds_max) if re.match("unix:.", uri) else \
             _connect_tcp(uri, seconds_max)
+        if uri.startswith("tls://"):
+            opened = _encrypt(opened, uri, access)
+    except errors.Error:
+        raise
     except OSError as error:
         kind = errors.NotAllowedError if isinstance(error, PermissionError) else errors.ConnectError
         raise kind(f"cannot connect to {uri}: {error.strerror or error}; "
@@ -37,6 +45,14 @@ def _start_hint(uri: str, error: OSError) -> str:
     if uri.startswith(("unix:", "tcp://127.", "tcp://localhost:", "tcp://[::1]:")):
         return f"start a daemon with: raynestd --listen {uri} &"
     return "is raynestd running there?"
+
+
+def _encrypt(plain: socket.socket, uri: str, access: Access) -> TlsSocket:
+    try:
+        return TlsSocket(plain, uri[6:].rpartition(":")[0].strip("[]"), access)
+    except BaseException:
+        plain.close()
+        raise
 
 
 def _connect_unix(path: str, seconds_max: float) -> socket.socket:
@@ -62,7 +78,8 @@ def _connect_tcp(uri: str, seconds_max: float) -> socket.socket:
     address = _TCP.fullmatch(uri)
     if address is None:
         hint = f"; did you mean unix:{uri}?" if uri.startswith("/") else ""
-        raise errors.UsageError(f"{uri!r} is no server: use tcp://HOST:PORT or unix:PATH{hint}")
+        raise errors.UsageError(f"{uri!r} is no server: use tcp://HOST:PORT, tls://HOST:PORT or "
+                                f"unix:PATH{hint}")
     host, port = address[1].strip("[]"), int(address[2])
     if not 1 <= port <= 65535:
         raise errors.UsageError(f"{uri!r} needs a port from 1 to 65535")

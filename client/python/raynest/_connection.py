@@ -24,7 +24,8 @@ from typing import Callable, Generator, NamedTuple, NoReturn, Optional, Sequence
 import numpy as np
 
 from . import _limits, errors
-from ._address import DEFAULT_URI, connect
+from ._access import Access
+from ._address import connect
 from ._control import Message, decode, encode
 from ._frame import (HEADER, Array, Block, Header, describe, padding, read_blocks, read_header,
                      write_header)
@@ -56,6 +57,8 @@ class Daemon(NamedTuple):
     window_bytes: int
     chunk_rays_max: int
     bulk_bytes_max: int  # of one frame: credit for so much always comes back
+    principal: str       # the name under which the daemon knows this client
+    role: str            # viewer, user or admin
 
 
 def anywhere(_name: str, _message: Message, blocks: Sequence[Block]) -> Sequence[Array]:
@@ -67,8 +70,8 @@ def _bytes_of(array: Array) -> memoryview:
 
 
 class Connection:
-    def __init__(self, uri: Optional[str], token: Optional[str], window_bytes: int) -> None:
-        self.uri = uri or os.environ.get("RAYNEST_SERVER") or DEFAULT_URI
+    def __init__(self, uri: str, access: Access, window_bytes: int) -> None:
+        self.uri = uri
         self._window_bytes = window_bytes
         self._process = os.getpid()
         self._turn = threading.Lock()
@@ -80,12 +83,12 @@ class Connection:
         self._scrap = bytearray(64 << 10)
         self._id = 0                        # 0: about the connection itself
         self._begin(GREETING_SECONDS)
-        self._socket = connect(self.uri, GREETING_SECONDS)
+        self._socket = connect(self.uri, GREETING_SECONDS, access)
+        self._pending = getattr(self._socket, "pending", lambda: 0)  # only TLS decrypts ahead
         self._poll = select.poll()
         self._poll.register(self._socket)
         try:
-            self.daemon = self._greet(token if token is not None
-                                      else os.environ.get("RAYNEST_TOKEN", ""))
+            self.daemon = self._greet(access.token)
         except BaseException:
             self.close()
             raise
@@ -234,7 +237,7 @@ class Connection:
         frame = min(welcome["frame_bytes_max"], _limits.frame_bytes_max)
         daemon = Daemon(welcome["server"], welcome["version"], window,
                         min(welcome["chunk_rays_max"], _limits.chunk_rays_max),
-                        min(window, frame) // 2 & -64)
+                        min(window, frame) // 2 & -64, welcome["principal"], welcome["role"])
         if daemon.chunk_rays_max == 0 or daemon.bulk_bytes_max == 0:
             raise errors.FailedError("the daemon takes no data: its limits are too small")
         return daemon
@@ -317,6 +320,8 @@ class Connection:
     def _wait_for_frame(self) -> bool:
         self.interrupts.check()
         self._look_around()
+        if self._pending():
+            return True
         self._poll.modify(self._socket, select.POLLIN | (select.POLLOUT if self._outbox else 0))
         return any(events & ~select.POLLOUT for _, events in self._poll.poll(TICK_MS))
 
@@ -419,6 +424,8 @@ class Connection:
                 count = self._socket.recvmsg_into(views[first:first + BUFFERS_MAX])[0]
             except BlockingIOError:
                 count = -1
+            except errors.Error:
+                raise
             except OSError as error:
                 self._check_open()
                 raise errors.FailedError(f"the connection broke: {error.strerror}"

@@ -5,11 +5,13 @@ import contextlib
 import os
 import time
 from types import TracebackType
-from typing import Any, Iterator, Optional, Union
+from typing import Any, Iterator, Optional, Sequence, Union
 
 import numpy as np
 
 from . import _limits
+from ._access import Access, find_access
+from ._address import DEFAULT_URI
 from ._arguments import Masks, mask_rules, milliseconds, none_is_default
 from ._connection import Connection
 from ._control import Message
@@ -20,6 +22,7 @@ from ._hash import upload_checksum
 from ._job import Outcome, Progress
 from ._precision import rounding_warning
 from ._rays import vector
+from ._ssh import SshTunnel
 from ._upload import File, Sender, Upload, gather
 from ._words import scene_info, variant_info
 from .errors import InvalidError, ProtocolError, SceneWarning, UsageError, warn
@@ -28,35 +31,54 @@ from .scene import Scene, scene_info
 
 
 @none_is_default
-def connect(uri: Optional[str] = None, *, token: Optional[str] = None,
+def connect(uri: Optional[str] = None, *, token: Optional[str] = None, ca: Optional[str] = None,
+            cert: Optional[str] = None, key: Optional[str] = None, verify: bool = True,
             window_bytes: int = _limits.window_bytes) -> Client:
-    """Connects to the daemon at tcp://HOST:PORT or unix:PATH; by default at RAYNEST_SERVER, else at
-    tcp://127.0.0.1:31060. `token`, by default RAYNEST_TOKEN, is reserved: this version's daemon
-    needs none. The daemon sends at most `window_bytes` ahead; 0 is the default."""
+    """Connects to the daemon at tls://HOST:PORT, tcp://HOST:PORT, unix:PATH or ssh://HOST, over your
+    own ssh to /run/raynest/socket there; by default at RAYNEST_SERVER, else at tcp://127.0.0.1:31060. The daemon sends at most `window_bytes` ahead; 0 is
+    the default.
+
+    `token` is by default RAYNEST_TOKEN, else the one that `raynest login` keeps for this daemon; do
+    not write it into programs. `ca` is the file of the CA to trust with tls://, by default RAYNEST_CA,
+    else the system's store; `cert` and `key` are files of a client certificate. `verify=False`
+    accepts any certificate, and warns.
+    """
     if not isinstance(uri, (str, type(None))):
         raise TypeError(f"uri of {uri!r}: it must be a text, as 'tcp://127.0.0.1:31060' or "
                         "'unix:PATH'")
-    return Client(uri, token, window_bytes or _limits.window_bytes)
+    uri = uri or os.environ.get("RAYNEST_SERVER") or DEFAULT_URI
+    access = find_access(uri, token, ca, cert, key, verify)
+    return Client(uri, access, window_bytes or _limits.window_bytes)
 
 
 class Client:
     """A connection, which runs one request at a time: threads take turns. For concurrent requests,
     open several. As a context manager it closes itself."""
 
-    def __init__(self, uri: Optional[str], token: Optional[str], window_bytes: int) -> None:
-        self.connection = Connection(uri, token, window_bytes)
+    def __init__(self, uri: str, access: Access, window_bytes: int) -> None:
+        self._uri = uri
+        self._tunnel = SshTunnel(uri) if uri.startswith("ssh://") else None
+        try:
+            self.connection = Connection(self._tunnel.uri if self._tunnel else uri, access,
+                                         window_bytes)
+        except BaseException:
+            if self._tunnel:
+                self._tunnel.close()
+            raise
         self.handles = Handles()
         self.outcome = Outcome()
         """The outcome of the last trace, stream or picture: what ran, and its statistics."""
 
     @property
     def uri(self) -> str:
-        return self.connection.uri
+        return self._uri
 
     def close(self) -> None:
         """Ends the connection. Scenes that have a name stay in the daemon; meshes without one go,
         unless another connection holds them."""
         self.connection.close()
+        if self._tunnel:
+            self._tunnel.close()
 
     def __enter__(self) -> Client:
         return self
@@ -75,7 +97,7 @@ class Client:
     def load(self, source: Union[str, os.PathLike[str]], name: Optional[str] = None, *,
              origin: Any = None, replace: bool = False, build: str = "medium", primitive: str = "",
              instances: Union[str, os.PathLike[str]] = "", masks: Masks = (),
-             progress: Progress = None) -> Scene:
+             share: Union[str, Sequence[str]] = (), progress: Progress = None) -> Scene:
         """Uploads a .glb or .gltf with the files that it names, or a .npy of `primitive` records; or
         loads "builtin:forest?trees=9" or "root:PATH", which the daemon has. A pipe, or "-" for
         stdin, may bring any of these files; it then needs a `name`.
@@ -91,6 +113,8 @@ class Client:
         `masks` sets what trace(mask=) sees: {"stand-*": 0x1} gives placements whose path matches,
         or lies below a match, this mask instead of 0xFFFFFFFF. "*" stands for any text. If several
         patterns match, from a dict or a list of pairs, the last one wins.
+
+        A scene is its owner's alone. `share` names principals that may use it too, or is "public".
         """
         upload = gather(path_text("source", source), primitive, path_text("instances", instances))
         if name is not None:
@@ -98,7 +122,8 @@ class Client:
         elif upload.files and not upload.scene_name:
             raise UsageError(f"a scene of {source} has no name of its own: pass name=")
         message = {**upload.message(), **_origin_message(origin), "replace": replace,
-                   "build": build, "primitive": primitive, "masks": mask_rules(masks)}
+                   "build": build, "primitive": primitive, "masks": mask_rules(masks),
+                   "share": [share] if isinstance(share, str) else list(share)}
         return self._load(upload, message, progress)[0]
 
     @none_is_default
@@ -158,14 +183,15 @@ class Client:
 
     def scenes(self) -> list[dict[str, Any]]:
         """Lists the loaded scenes: name, hash, epoch, instanced_triangles, bytes, owner,
-        age_seconds, idle_seconds (since a request last used it) and holders (the open connections
-        that loaded or opened it)."""
+        age_seconds, idle_seconds (since a request last used it), holders (the open connections
+        that loaded or opened it) and share ("", "public" or principals joined by commas)."""
         columns = {"name": "names", "hash": "hashes", "epoch": "epochs",
                    "instanced_triangles": "instanced_triangles", "bytes": "bytes",
                    "owner": "owners", "age_seconds": "age_ms", "idle_seconds": "idle_ms",
-                   "holders": "holders"}
+                   "holders": "holders", "share": "shares"}
         scenes = [dict(zip(columns, row)) for page in self.pages("Scenes", "SceneList", "names")
-                  for row in zip(*(page[plural] for plural in columns.values()))]
+                  for row in zip(*(page[plural] or [""] * len(page["names"])
+                                   for plural in columns.values()))]
         for scene in scenes:
             scene["age_seconds"] /= 1000
             scene["idle_seconds"] /= 1000

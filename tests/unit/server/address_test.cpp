@@ -8,7 +8,7 @@ namespace raynest::server {
 namespace {
 
 TEST_CASE("an address that parses is written back as it was") {
-    for (const char* uri : {"tcp://127.0.0.1:31060", "tcp://127.9.8.7:0", "tcp://[::1]:65535",
+    for (const char* uri : {"tcp://127.0.0.1:31060", "tcp://127.9.8.7:0", "tls://[::1]:65535",
                             "unix:/run/raynest/socket", "unix:relative"}) {
         const auto address = parse_address(uri);
         REQUIRE_MESSAGE(address, uri);
@@ -17,13 +17,12 @@ TEST_CASE("an address that parses is written back as it was") {
     CHECK(to_uri(*parse_address("tcp://localhost:1")) == "tcp://127.0.0.1:1");
 }
 
-TEST_CASE("only loopback may be listened on") {
+TEST_CASE("addresses that other machines may reach are told apart") {
     for (const char* uri :
-         {"tcp://0.0.0.0:1", "tcp://10.0.0.1:1", "tcp://[::]:1", "tcp://[2001:db8::1]:1"}) {
-        const auto address = parse_address(uri);
-        REQUIRE_FALSE(address);
-        CHECK(address.error().message.find("loopback") != std::string::npos);
-    }
+         {"tcp://0.0.0.0:1", "tls://10.0.0.1:1", "tcp://[::]:1", "tls://[2001:db8::1]:1"})
+        CHECK_MESSAGE(is_beyond_loopback(*parse_address(uri)), uri);
+    for (const char* uri : {"tcp://127.0.0.1:1", "tls://127.9.8.7:1", "tcp://[::1]:1", "unix:x"})
+        CHECK_FALSE_MESSAGE(is_beyond_loopback(*parse_address(uri)), uri);
 }
 
 TEST_CASE("a host's name is refused with what is needed in its place") {

@@ -55,6 +55,12 @@ TEST_CASE("a usage error is exit code 2") {
                                                       {"--memory", "-1"},
                                                       {"--target", "v5"},
                                                       {"--listen", "tcp://0.0.0.0:1"},
+                                                      {"--listen", "tls://127.0.0.1:1"},
+                                                      {"--listen", "tls://0.0.0.0:1", "--tls-cert",
+                                                       "c", "--tls-key", "k"},
+                                                      {"--tls-cert", "c"},
+                                                      {"--client-ca", "c"},
+                                                      {"--anonymous", "admin"},
                                                       {"--http", "127.0.0.1"},
                                                       {"--http", "http://127.0.0.1:1"},
                                                       {"--http", "0.0.0.0:31061"},
@@ -94,6 +100,23 @@ bool mentions(const std::string& text, const std::string& part) {
     return text.find(part) != std::string::npos;
 }
 
+TEST_CASE("beyond loopback a listener is encrypted and asks who comes") {
+    const auto with_tls = [](std::vector<const char*> more) {
+        std::vector<const char*> all = {"--listen", "tls://0.0.0.0:1", "--tls-cert", "c",
+                                        "--tls-key", "k"};
+        all.insert(all.end(), more.begin(), more.end());
+        return parse(all);
+    };
+    CHECK(with_tls({"--tokens", "t"}).options);
+    CHECK(with_tls({"--client-ca", "t"}).options);
+    CHECK_FALSE(with_tls({"--insecure"}).options);
+    CHECK(parse({"--listen", "tcp://0.0.0.0:1", "--insecure"}).options);
+    CHECK(parse({"--listen", "tls://127.0.0.1:1", "--tls-cert", "c", "--tls-key", "k"}).options);
+    CHECK(mentions(complaint({"--listen", "tcp://0.0.0.0:1"}), "--insecure"));
+    CHECK(parse({}).options->security.anonymous == Role::user);
+    CHECK_FALSE(parse({"--anonymous", "off"}).options->security.anonymous);
+}
+
 TEST_CASE("limits are spelled with hyphens, and the old spelling names the new one") {
     CHECK(parse({"--principal-jobs-max", "5"}).options->limits.principal_jobs_max == 5);
     for (const auto& arguments : {std::vector<const char*>{"--principal_jobs_max", "5"},
@@ -119,7 +142,10 @@ TEST_CASE("a socket is opened to a group by its name or number") {
 /// A configuration file in a folder of its own, and the text on stderr when it is parsed.
 class ConfigFile {
 public:
-    explicit ConfigFile(const std::string& text) { std::ofstream(path_) << text; }
+    explicit ConfigFile(const std::string& text, const char* name = "raynestd.conf")
+        : path_(folder_.path() / name) {
+        std::ofstream(path_) << text;
+    }
     [[nodiscard]] const std::string& path() const { return path_; }
     ParsedOptions read() {
         std::ostringstream said;
@@ -133,7 +159,7 @@ public:
 
 private:
     test::TemporaryFolder folder_;
-    std::string path_ = folder_.path() / "raynestd.conf";
+    std::string path_;
     std::string complaint_;
 };
 
@@ -165,6 +191,62 @@ TEST_CASE("a fault of a configuration file names its file, its line and its key"
              {file.path(), std::string(wrong.line), std::string(wrong.key)})
             CHECK_MESSAGE(file.complaint().find(word) != std::string::npos, file.complaint());
     }
+}
+
+TEST_CASE("a configuration file in TOML is read, and a fault names file, line and key") {
+    ConfigFile file("# mine\nthreads = 3\nmemory = \"2G\"\nlisten = [\"unix:/tmp/a\", 'unix:/tmp/b']\n"
+                    "tokens = \"t\"\ninsecure = true\n",
+                    "raynestd.toml");
+    const auto parsed = file.read();
+    REQUIRE_MESSAGE(parsed.options, file.complaint());
+    CHECK(parsed.options->threads == 3);
+    CHECK(parsed.options->memory == 2ULL << 30);
+    CHECK(parsed.options->listen == std::vector<std::string>{"unix:/tmp/a", "unix:/tmp/b"});
+    CHECK(parsed.options->security.tokens == "t");
+    CHECK(parsed.options->security.insecure);
+    struct Case {
+        const char* text;
+        const char* line;
+        const char* fault;
+    };
+    for (const Case& wrong : {Case{"threads = 2\nthrads = 3\n", "line 2", "no option 'thrads'"},
+                              Case{"\n\nthreads = \"many\"\n", "line 3", "threads"},
+                              Case{"threads = 1\nthreads = 2\n", "line 2", "threads"},
+                              Case{"threads = [1, 2]\n", "line 1", "takes one value"},
+                              Case{"[net]\nthreads = 1\n", "line 1", "is a section"},
+                              Case{"state = [[1]]\n", "line 1", "'state' is neither a string"},
+                              Case{"state = [ ]\n", "line 1", "'state' has no value"},
+                              Case{"threads = \n", "line 1", "value"}}) {
+        ConfigFile bad(wrong.text, "raynestd.toml");
+        CHECK_FALSE(bad.read().options);
+        for (const char* word : {wrong.line, wrong.fault})
+            CHECK_MESSAGE(mentions(bad.complaint(), word), bad.complaint());
+        CHECK(mentions(bad.complaint(), bad.path()));
+    }
+}
+
+TEST_CASE("the environment wins over the file, and the command line over both") {
+    ConfigFile file("threads = 3\nlog-level = \"error\"\n", "raynestd.toml");
+    setenv("RAYNEST_THREADS", "4", 1);
+    CHECK(file.read().options->threads == 4);
+    CHECK(file.read().options->log_level == LogLevel::error);
+    CHECK(parse({"--config", file.path().c_str(), "--threads", "5"}).options->threads == 5);
+    setenv("RAYNEST_THREADS", "many", 1);
+    CHECK(mentions(complaint({}), "RAYNEST_THREADS"));
+    unsetenv("RAYNEST_THREADS");
+}
+
+TEST_CASE("a configuration is checked without a daemon") {
+    ConfigFile good("threads = 3\n", "raynestd.toml");
+    std::ostringstream said;
+    std::streambuf* const before = std::cout.rdbuf(said.rdbuf());
+    const auto checked = parse({"--config", good.path().c_str(), "--check-config"});
+    std::cout.rdbuf(before);
+    CHECK_FALSE(checked.options);
+    CHECK(checked.exit_code == 0);
+    CHECK(mentions(said.str(), "is valid"));
+    ConfigFile bad("listen = \"tcp://0.0.0.0:1\"\n", "raynestd.toml");
+    CHECK(mentions(complaint({"--config", bad.path().c_str(), "--check-config"}), "--insecure"));
 }
 
 TEST_CASE("a value in quotes is taken as it is, and a comment ends where it must") {

@@ -35,6 +35,8 @@ struct Store {
     const ConnectionId b{"me", scenes.connect()};
     const ConnectionId stranger{"you", scenes.connect()};
 
+    const Publication shared{.share = {"public"}};
+
     [[nodiscard]] Names names(const ConnectionId& caller) const {
         Names names;
         for (const auto& listed : scenes.list(caller)) names.push_back(listed.scene.name);
@@ -45,7 +47,7 @@ struct Store {
 TEST_CASE("unloading takes nothing from another connection, and its name works on there") {
     Store store;
     SceneStore& scenes = store.scenes;
-    REQUIRE(scenes.publish("town", square(1), {}, store.a));
+    REQUIRE(scenes.publish("town", square(1), store.shared, store.a));
     REQUIRE(scenes.open("town", store.b));
     REQUIRE(scenes.open("town", store.stranger));
     const auto holders = scenes.unload("town", store.a);
@@ -97,7 +99,7 @@ TEST_CASE("a name keeps its scene when all connections are gone") {
 TEST_CASE("a temporary scene goes with its connections") {
     Store store;
     SceneStore& scenes = store.scenes;
-    const Publication temporary{.temporary = true};
+    const Publication temporary{.temporary = true, .share = {"public"}};
     REQUIRE(scenes.publish("mesh", square(1), temporary, store.a));
     REQUIRE(scenes.publish("mesh", square(1), temporary, store.b));
     CHECK(scenes.find("mesh", 0, store.stranger));
@@ -124,13 +126,11 @@ TEST_CASE("unloading a temporary scene keeps what others hold by that name") {
     CHECK_FALSE(scenes.find("mesh", 0, store.b));
 }
 
-TEST_CASE("another principal may open and close, but not unload or replace") {
+TEST_CASE("another principal may open and close a shared scene, but not unload it") {
     Store store;
     SceneStore& scenes = store.scenes;
-    REQUIRE(scenes.publish("town", square(1), {}, store.a));
+    REQUIRE(scenes.publish("town", square(1), store.shared, store.a));
     CHECK(scenes.unload("town", store.stranger).error().code == Code::not_allowed);
-    CHECK(scenes.publish("town", square(2), {.replace = true}, store.stranger).error().code ==
-          Code::not_allowed);
     REQUIRE(scenes.open("town", store.stranger));
     CHECK(*scenes.unload("town", store.stranger) == Names{"me (by its name)", "me (1 connection)"});
     CHECK(scenes.find("town", 0, store.stranger));
@@ -155,7 +155,7 @@ TEST_CASE("scenes unused for long, or all scenes, are unloaded at once") {
     SceneStore& scenes = store.scenes;
     REQUIRE(scenes.publish("old", square(1), {}, store.a));
     REQUIRE(scenes.publish("used", square(2), {}, store.a));
-    REQUIRE(scenes.publish("theirs", square(3), {}, store.stranger));
+    REQUIRE(scenes.publish("theirs", square(3), store.shared, store.stranger));
     store.now += std::chrono::minutes(50);
     REQUIRE(scenes.find("used", 0, store.b));
     REQUIRE(scenes.publish("new", square(4), {}, store.b));
@@ -186,7 +186,7 @@ TEST_CASE("scenes unused for long, or all scenes, are unloaded at once") {
     const auto unlisted = scenes.unlisted();
     CHECK(unlisted.scenes == 2);
     CHECK(unlisted.bytes == square(1)->bytes().size() + square(2)->bytes().size());
-    CHECK(store.names(store.b) == Names{"theirs"});
+    CHECK(store.names(store.b) == Names{"you/theirs"});
 }
 
 TEST_CASE("quotas count opened scenes too, and name the least recently used one") {
@@ -206,7 +206,7 @@ TEST_CASE("quotas count opened scenes too, and name the least recently used one"
     CHECK(full.error().message.find("least recently used: 'two', 'three', 'four'") !=
           std::string::npos);
     CHECK(full.error().message.find("raynest unload") != std::string::npos);
-    REQUIRE(scenes.publish("theirs", square(2), {}, store.stranger));
+    REQUIRE(scenes.publish("theirs", square(2), store.shared, store.stranger));
     CHECK(scenes.open("theirs", store.a).error().code == Code::quota);
     CHECK(scenes.open("one", store.b));
 }

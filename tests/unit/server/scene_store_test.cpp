@@ -63,37 +63,83 @@ TEST_CASE("equal content is held once, and memory returns with the last holder")
     CHECK(budget.used() == 0);
 }
 
-TEST_CASE("a scene stays until its last owner unloads it") {
+TEST_CASE("two owners each have a scene of one name") {
     Budget budget(1 << 30);
     SceneStore store(budget);
-    REQUIRE(store.publish("a", square(1), {}, of("me")));
-    REQUIRE(store.publish("a", square(1), {}, of("you", 2)));
-    CHECK(store.list(of("me")).at(0).owner == "me");
-    CHECK(store.unload("a", of("stranger", 3)).error().code == Code::not_allowed);
-    const auto mine = store.unload("a", of("me"));
-    REQUIRE(mine);
-    CHECK(*mine == std::vector<std::string>{"you (by its name)", "you (1 connection)"});
-    CHECK(store.find("a", 0, of("me")));
-    // The error and the list name who still owns it, not who loaded it.
-    CHECK(store.unload("a", of("me")).error().message.find("belongs to you;") != std::string::npos);
-    CHECK(store.list(of("me")).at(0).owner == "you");
-    CHECK(store.unload("a", of("you", 2))->empty());
-    CHECK(store.find("a", 0, of("you", 2)).error().code == Code::scene_unknown);
-    CHECK(store.unload("a", of("you", 2)).error().code == Code::scene_unknown);
+    const std::uint64_t epoch = store.publish("car", square(1), {}, of("me"))->epoch;
+    REQUIRE(store.publish("car", square(2), {}, of("you", 2)));
+    CHECK(store.find("car", 0, of("me"))->snapshot().bounds().upper.x == 1);
+    CHECK(store.find("car", 0, of("you", 2))->snapshot().bounds().upper.x == 2);
+    CHECK(store.find("me/car", 0, of("me"))->name == "car");
+    // Each replaces and unloads its own.
+    CHECK(store.publish("car", square(3), {.replace = true}, of("you", 2))->epoch == epoch + 1);
+    CHECK(store.unload("car", of("you", 2))->empty());
+    CHECK(store.find("car", 0, of("me"))->epoch == epoch);
+    CHECK_FALSE(store.find("car", 0, of("you", 2)));
 }
 
-TEST_CASE("scenes that others hold too are not replaced") {
+TEST_CASE("a private scene is for others like one that does not exist") {
     Budget budget(1 << 30);
     SceneStore store(budget);
-    REQUIRE(store.publish("a", square(1), {}, of("me")));
-    CHECK(store.publish("a", square(2), {.replace = true}, of("you")).error().code ==
-          Code::not_allowed);
-    REQUIRE(store.publish("a", square(1), {}, of("you")));
-    CHECK(store.publish("a", square(2), {.replace = true}, of("me")).error().code ==
-          Code::not_allowed);
-    CHECK(store.find("a", 0, of("me"))->epoch == 1);
-    REQUIRE(store.unload("a", of("me")));
-    CHECK(store.publish("a", square(2), {.replace = true}, of("you"))->epoch == 2);
+    const auto mine = store.publish("car", square(1), {}, of("me"));
+    REQUIRE(mine);
+    const ConnectionId other = of("you", 2);
+    for (const char* name : {"car", "me/car"}) {
+        const auto hidden = store.find(name, 0, other);
+        const auto unknown = store.find(std::string(name) == "car" ? "cab" : "me/cab", 0, other);
+        REQUIRE_FALSE(hidden);
+        CHECK(hidden.error().code == unknown.error().code);
+        std::string text = unknown.error().message;
+        text.replace(text.find("cab"), 3, "car");
+        CHECK(hidden.error().message == text);
+        CHECK(store.unload(name, other).error().code == Code::scene_unknown);
+        CHECK(store.open(name, other).error().code == Code::scene_unknown);
+    }
+    CHECK(store.list(other).empty());
+    CHECK_FALSE(store.shows(mine->snapshot().digest(), other));
+    // Equal content of another owner takes no memory, and is told to nobody.
+    const std::uint64_t used = budget.used();
+    REQUIRE(store.publish("van", square(1), {}, other));
+    CHECK(budget.used() == used);
+    CHECK(store.shows(mine->snapshot().digest(), other));
+}
+
+TEST_CASE("a shared scene is found by those whom it is shared with") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    const ConnectionId you = of("you", 2), them = of("them", 3);
+    REQUIRE(store.publish("car", square(1), {.share = {"you"}}, of("me")));
+    CHECK(store.find("me/car", 0, you)->name == "me/car");
+    CHECK(store.find("car", 0, you)->name == "me/car");
+    CHECK_FALSE(store.find("me/car", 0, them));
+    CHECK(store.list(you).at(0).share == "you");
+    CHECK(store.unload("me/car", you).error().code == Code::not_allowed);
+
+    // A name without owner means neither of two shared scenes; one's own comes first.
+    REQUIRE(store.publish("car", square(2), {.share = {"public"}}, them));
+    const auto several = store.find("car", 0, you);
+    REQUIRE_FALSE(several);
+    CHECK(several.error().message.find("me/car") != std::string::npos);
+    CHECK(several.error().message.find("them/car") != std::string::npos);
+    REQUIRE(store.publish("car", square(3), {}, you));
+    CHECK(store.find("car", 0, you)->name == "car");
+    // A load without `share` leaves it as it was; another list replaces it.
+    REQUIRE(store.publish("car", square(1), {}, of("me")));
+    CHECK(store.find("me/car", 0, you));
+    REQUIRE(store.publish("car", square(1), {.share = {"nobody"}}, of("me")));
+    CHECK_FALSE(store.find("me/car", 0, you));
+}
+
+TEST_CASE("an administrator sees and unloads every scene") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    REQUIRE(store.publish("car", square(1), {}, of("me")));
+    const ConnectionId root{"root", 9, Role::admin};
+    CHECK(store.find("car", 0, root)->name == "me/car");
+    CHECK(store.list(root).size() == 1);
+    CHECK(*store.unload("me/car", root) == std::vector<std::string>{"me (1 connection)"});
+    store.disconnect(of("me"));
+    CHECK(budget.used() == 0);
 }
 
 TEST_CASE("a scene beyond the budget is refused, and the name stays as it was") {

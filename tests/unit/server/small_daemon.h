@@ -26,7 +26,10 @@ public:
         SceneDescription forest = tree_scene();
         forest.cameras.resize(1);
         forest.cameras[0].name = "overview";
-        scenes.publish("forest", build_scene(forest), {}, {"owner", scenes.connect()}).value();
+        scenes
+            .publish("forest", build_scene(forest), {.share = {"public"}},
+                     {"owner", scenes.connect()})
+            .value();
     }
 
     void send(protocol::Frame frame) override { sent.push_back(std::move(frame)); }
@@ -97,10 +100,11 @@ public:
 /// A conversation of one client of that daemon.
 class Client final : public server::Conversation {
 public:
-    explicit Client(SmallDaemon& daemon, std::string principal = "me")
+    explicit Client(SmallDaemon& daemon, std::string principal = "me",
+                    server::Role role = server::Role::user)
         : Conversation(daemon.services, daemon.engine, daemon, "nobody",
-                       [principal](const wire::Hello&) -> server::Reply<server::Principal> {
-                           return server::Principal{principal, {}};
+                       [principal, role](const wire::Hello&) -> server::Reply<server::Principal> {
+                           return server::Principal{principal, {}, role};
                        }) {}
 };
 

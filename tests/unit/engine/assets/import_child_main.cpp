@@ -2,11 +2,15 @@
 // crashed, hung or hijacked child would.
 #include "engine/assets/import.h"
 #include "engine/assets/import_wire.h"
+#include "engine/assets/sandbox.h"
 
+#include <fcntl.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <csignal>
 #include <cstdlib>
 #include <string_view>
@@ -30,6 +34,19 @@ int report_limits() {
            (limit_of(RLIMIT_AS) != RLIM_INFINITY ? 32 : 0);
 }
 
+/// Returns what the sandbox still allows as the exit code, one bit each.
+int report_sandbox() {
+    raynest::enter_sandbox();
+    const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
+    const int secret = ::open("/etc/passwd", O_RDONLY);
+    const int created = ::open("/tmp/raynest-sandbox", O_WRONLY | O_CREAT, 0600);
+    char* const words[] = {const_cast<char*>("true"), nullptr};
+    const bool runs = ::execv("/usr/bin/true", words) == 0 || errno != EPERM;
+    const int library = ::open("/usr/lib", O_RDONLY | O_DIRECTORY);
+    return (socket >= 0 ? 1 : 0) | (runs ? 2 : 0) | (secret >= 0 ? 4 : 0) |
+           (created >= 0 ? 8 : 0) | (library < 0 ? 16 : 0);
+}
+
 }  // namespace
 
 int main(int count, char** words) {
@@ -40,6 +57,7 @@ int main(int count, char** words) {
     }
     if (mode == "--hang") ::pause();
     if (mode == "--fail") return 7;
+    if (mode == "--sandbox") return 100 + report_sandbox();
     if (mode == "--junk") {
         for (int i = 0; i < 64; ++i) {
             if (::write(4, "this is no snapshot", 19) != 19) return 1;

@@ -120,6 +120,11 @@ TEST_CASE("the child drops its privileges before it reads a file") {
     CHECK(refusal("--report-limits").find(fmt::format("exit code {}", all)) != std::string::npos);
 }
 
+TEST_CASE("the child opens no socket or file and starts no program, but finds its libraries") {
+    if (test::sanitized) return;
+    CHECK(refusal("--sandbox").find("exit code 100") != std::string::npos);
+}
+
 TEST_CASE("a limit on memory ends in an error that names it") {
     if (!limits_bite()) return;
     CHECK(does_not_fit(256ULL << 20));

@@ -1,0 +1,60 @@
+// raynest login URI: keeps a token that the daemon accepts in hosts.toml.
+#include "client/commands/commands.h"
+#include "client/output.h"
+
+#include <termios.h>
+#include <unistd.h>
+
+#include <iostream>
+#include <string>
+
+namespace raynest::client {
+namespace {
+
+/// Hides what is typed while it lives.
+class Hidden {
+public:
+    Hidden() : is_terminal_(::tcgetattr(STDIN_FILENO, &before_) == 0) {
+        if (!is_terminal_) return;
+        termios hidden = before_;
+        hidden.c_lflag &= ~static_cast<tcflag_t>(ECHO);
+        (void)::tcsetattr(STDIN_FILENO, TCSAFLUSH, &hidden);
+    }
+    ~Hidden() {
+        if (!is_terminal_) return;
+        (void)::tcsetattr(STDIN_FILENO, TCSAFLUSH, &before_);
+        std::cerr << '\n';
+    }
+    Hidden(const Hidden&) = delete;
+    [[nodiscard]] bool is_terminal() const { return is_terminal_; }
+
+private:
+    termios before_{};
+    const bool is_terminal_;
+};
+
+}  // namespace
+
+Result<std::string> ask_token(const std::string& uri) {
+    const Hidden hidden;
+    if (hidden.is_terminal()) std::cerr << "Token for " << uri << ": " << std::flush;
+    std::string token;
+    std::getline(std::cin, token);
+    while (!token.empty() && (token.back() == '\r' || token.back() == ' ')) token.pop_back();
+    if (token.empty())
+        return fail(Exit::usage, "no token came; it is the last line of: raynestd token add NAME");
+    return token;
+}
+
+Result<void> run(Context& context, const LoginOptions& options) {
+    if (auto saved = save_host(options.uri, context.access); !saved) return saved;
+    const Daemon& daemon = context.connection.daemon();
+    if (context.json)
+        print_json(Json{{"principal", daemon.principal}, {"role", daemon.role}});
+    else
+        std::cout << "logged in to " << options.uri << " as " << daemon.principal << " ("
+                  << daemon.role << "); kept in " << hosts_file() << '\n';
+    return {};
+}
+
+}  // namespace raynest::client

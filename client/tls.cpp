@@ -1,0 +1,194 @@
+#include "client/tls.h"
+
+#include <arpa/inet.h>
+#include <openssl/err.h>
+#include <openssl/ssl.h>
+#include <openssl/x509v3.h>
+#include <poll.h>
+
+#include <algorithm>
+
+namespace raynest::client {
+namespace {
+
+template <auto release>
+struct Release {
+    template <class T>
+    void operator()(T* owned) const {
+        release(owned);
+    }
+};
+using Context = std::unique_ptr<SSL_CTX, Release<SSL_CTX_free>>;
+
+/// Returns the first error of OpenSSL in this thread as words, and clears them all.
+std::string error_text() {
+    const unsigned long code = ERR_get_error();
+    ERR_clear_error();
+    const char* reason = code == 0 ? nullptr : ERR_reason_error_string(code);
+    return reason == nullptr ? "the connection ended" : reason;
+}
+
+Result<Context> make_context(const TlsOptions& options) {
+    Context context(SSL_CTX_new(TLS_client_method()));
+    if (!context) return fail(Exit::failed, error_text());
+    SSL_CTX_set_min_proto_version(context.get(), TLS1_2_VERSION);
+    SSL_CTX_set_options(context.get(), SSL_OP_NO_COMPRESSION | SSL_OP_NO_RENEGOTIATION);
+    SSL_CTX_set_mode(context.get(),
+                     SSL_MODE_ENABLE_PARTIAL_WRITE | SSL_MODE_ACCEPT_MOVING_WRITE_BUFFER);
+    const bool trusts =
+        options.ca.empty()
+            ? SSL_CTX_set_default_verify_paths(context.get()) == 1
+            : SSL_CTX_load_verify_file(context.get(), options.ca.c_str()) == 1;
+    if (!trusts)
+        return fail(Exit::usage, options.ca + ": no CA certificate in PEM form (" + error_text() +
+                                     "); it is the ca.pem of: raynestd tls init DIR");
+    SSL_CTX_set_verify(context.get(), options.verify ? SSL_VERIFY_PEER : SSL_VERIFY_NONE, nullptr);
+    if (options.certificate.empty()) return context;
+    if (SSL_CTX_use_certificate_chain_file(context.get(), options.certificate.c_str()) != 1)
+        return fail(Exit::usage,
+                    options.certificate + ": no certificate in PEM form (" + error_text() + ")");
+    if (SSL_CTX_use_PrivateKey_file(context.get(), options.key.c_str(), SSL_FILETYPE_PEM) != 1)
+        return fail(Exit::usage, options.key + ": no key that fits " + options.certificate + " (" +
+                                     error_text() + ")");
+    return context;
+}
+
+bool expect_host(SSL* tls, const std::string& host) {
+    in6_addr storage{};
+    const bool is_address = inet_pton(AF_INET, host.c_str(), &storage) == 1 ||
+                            inet_pton(AF_INET6, host.c_str(), &storage) == 1;
+    if (is_address)
+        return X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param(tls), host.c_str()) == 1;
+    return SSL_set1_host(tls, host.c_str()) == 1 && SSL_set_tlsext_host_name(tls, host.c_str()) == 1;
+}
+
+/// True for alerts by which a daemon refuses this client's certificate.
+bool refuses_certificate(int reason) {
+    switch (reason) {
+        case SSL_R_SSLV3_ALERT_BAD_CERTIFICATE:
+        case SSL_R_SSLV3_ALERT_CERTIFICATE_EXPIRED:
+        case SSL_R_SSLV3_ALERT_CERTIFICATE_REVOKED:
+        case SSL_R_SSLV3_ALERT_CERTIFICATE_UNKNOWN:
+        case SSL_R_SSLV3_ALERT_UNSUPPORTED_CERTIFICATE:
+        case SSL_R_TLSV1_ALERT_UNKNOWN_CA:
+        case SSL_R_TLSV1_ALERT_ACCESS_DENIED:
+        case SSL_R_TLSV13_ALERT_CERTIFICATE_REQUIRED:
+            return true;
+        default:
+            return false;
+    }
+}
+
+/// Says why the stream broke, from OpenSSL's errors of this thread.
+Failure broken() {
+    const int reason = ERR_GET_REASON(ERR_peek_error());
+    if (refuses_certificate(reason))
+        return failure(Exit::not_allowed,
+                       "the daemon refuses this client's certificate (" + error_text() +
+                           "); give --cert and --key of a CA that its --client-ca names");
+    return failure(Exit::failed, "the connection broke: " + error_text());
+}
+
+/// Explains a handshake that failed.
+Failure unverified(const SSL* tls, const std::string& host) {
+    const long verdict = SSL_get_verify_result(tls);
+    const std::string why = X509_verify_cert_error_string(verdict);
+    if (verdict == X509_V_ERR_HOSTNAME_MISMATCH || verdict == X509_V_ERR_IP_ADDRESS_MISMATCH)
+        return failure(Exit::cannot_connect,
+                       "the daemon's certificate is not for " + host +
+                           "; connect by a name that it has, or make one with: raynestd tls init "
+                           "DIR --host " + host);
+    if (verdict == X509_V_ERR_CERT_HAS_EXPIRED)
+        return failure(Exit::cannot_connect,
+                       "the daemon's certificate has expired; on its machine: raynestd tls renew "
+                       "DIR, then SIGHUP");
+    if (verdict != X509_V_OK)
+        return failure(Exit::cannot_connect,
+                       "no CA known here has signed the daemon's certificate (" + why +
+                           "); pass --ca FILE or set RAYNEST_CA to its ca.pem");
+    const int reason = ERR_GET_REASON(ERR_peek_error());
+    if (reason == SSL_R_WRONG_VERSION_NUMBER || reason == SSL_R_HTTP_REQUEST ||
+        reason == SSL_R_UNSUPPORTED_PROTOCOL || reason == SSL_R_RECORD_LAYER_FAILURE)
+        return failure(Exit::cannot_connect, "what listens there does not speak TLS (" +
+                                                 error_text() + "); is it tcp:// in place of tls://?");
+    Failure why_not = broken();
+    if (why_not.exit == Exit::failed) {
+        why_not = failure(Exit::cannot_connect, "no RayNest daemon answers on TLS; " + why_not.message);
+    }
+    return why_not;
+}
+
+}  // namespace
+
+struct TlsStream::Parts {
+    Context context;
+    std::unique_ptr<SSL, Release<SSL_free>> tls;
+};
+
+TlsStream::TlsStream(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+
+TlsStream::~TlsStream() = default;
+
+Result<std::unique_ptr<TlsStream>> TlsStream::open(int socket, const std::string& host,
+                                                   const TlsOptions& options, const Wait& wait) {
+    auto context = make_context(options);
+    if (!context) return tl::unexpected<Failure>(context.error());
+    auto parts = std::make_unique<Parts>();
+    parts->context = std::move(*context);
+    parts->tls.reset(SSL_new(parts->context.get()));
+    SSL* tls = parts->tls.get();
+    if (tls == nullptr || SSL_set_fd(tls, socket) != 1 || !expect_host(tls, host))
+        return fail(Exit::failed, "cannot begin TLS with " + host + ": " + error_text());
+    SSL_set_connect_state(tls);
+    while (true) {
+        ERR_clear_error();
+        const int result = SSL_do_handshake(tls);
+        if (result == 1) break;
+        const int need = SSL_get_error(tls, result);
+        if (need != SSL_ERROR_WANT_READ && need != SSL_ERROR_WANT_WRITE)
+            return tl::unexpected<Failure>(unverified(tls, host));
+        if (auto ready = wait(need == SSL_ERROR_WANT_READ ? POLLIN : POLLOUT); !ready)
+            return tl::unexpected<Failure>(ready.error());
+    }
+    return std::unique_ptr<TlsStream>(new TlsStream(std::move(parts)));
+}
+
+TlsStream::State TlsStream::state_of(int result) {
+    if (result > 0) return State::ready;
+    switch (SSL_get_error(parts_->tls.get(), result)) {
+        case SSL_ERROR_WANT_READ:
+        case SSL_ERROR_WANT_WRITE:
+            return State::wait;
+        case SSL_ERROR_ZERO_RETURN:
+            return State::ended;
+        default:
+            failure_ = broken();
+            return State::broken;
+    }
+}
+
+TlsStream::Moved TlsStream::read(std::span<std::byte> buffer) {
+    Moved moved;
+    while (moved.bytes < buffer.size() && moved.state == State::ready) {
+        ERR_clear_error();
+        std::size_t count = 0;
+        moved.state = state_of(SSL_read_ex(parts_->tls.get(), buffer.data() + moved.bytes,
+                                           buffer.size() - moved.bytes, &count));
+        moved.bytes += count;
+    }
+    return moved;
+}
+
+TlsStream::Moved TlsStream::write(std::span<const std::byte> bytes) {
+    ERR_clear_error();
+    Moved moved;
+    moved.state = state_of(
+        SSL_write_ex(parts_->tls.get(), bytes.data(), bytes.size(), &moved.bytes));
+    return moved;
+}
+
+bool TlsStream::has_bytes() const {
+    return SSL_pending(parts_->tls.get()) > 0;
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,292 @@
+#include "server/commands.h"
+
+#include "server/security/certificates.h"
+#include "server/security/secret_file.h"
+#include "server/security/tokens.h"
+
+#include <CLI/CLI.hpp>
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cstdlib>
+#include <cstring>
+#include <ctime>
+#include <filesystem>
+#include <functional>
+#include <iomanip>
+#include <iostream>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+int failed(const std::string& why) {
+    std::cerr << "raynestd: " << why << '\n';
+    return 1;
+}
+
+int done() {
+    return std::cout.flush() ? 0 : failed("cannot write to stdout");
+}
+
+/// Returns the token file of root, or else of this user.
+fs::path default_tokens() {
+    if (geteuid() == 0) return "/etc/raynest/tokens";
+    // getenv() is safe here: no other thread has started yet.
+    const char* config = std::getenv("XDG_CONFIG_HOME");  // NOLINT(concurrency-mt-unsafe)
+    if (config != nullptr && config[0] == '/') return fs::path(config) / "raynest" / "tokens";
+    const char* home = std::getenv("HOME");  // NOLINT(concurrency-mt-unsafe)
+    return fs::path(home == nullptr ? "." : home) / ".config" / "raynest" / "tokens";
+}
+
+/// Parses "90s", "15m", "12h" or "30d"; nothing if it is invalid.
+std::optional<std::chrono::seconds> parse_period(const std::string& text) {
+    constexpr std::string_view units = "smhd";
+    constexpr std::array<long, 4> lengths = {1, 60, 3600, 86400};
+    constexpr long count_max = 1'000'000;
+    long count = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), count);
+    const std::size_t unit = text.empty() ? units.npos : units.find(text.back());
+    if (error != std::errc{} || end != text.data() + text.size() - 1 || unit == units.npos ||
+        count < 1 || count > count_max)
+        return std::nullopt;
+    return std::chrono::seconds(count * lengths[unit]);
+}
+
+// ---- tls ----------------------------------------------------------------------------------------
+
+int tls_init(const fs::path& folder, const std::vector<std::string>& hosts) {
+    std::vector<std::string> names = own_names();
+    for (const std::string& host : hosts)
+        if (std::find(names.begin(), names.end(), host) == names.end()) names.push_back(host);
+    if (const auto made = make_certificates(folder, names); !made)
+        return failed(made.error().message);
+    using Files = CertificateFiles;
+    const auto path = [&](const char* name) { return (folder / name).string(); };
+    std::cout << "certificate of";
+    for (const std::string& name : names) std::cout << ' ' << name;
+    std::cout << "\n\nServe:   raynestd --listen tls://0.0.0.0:31060 --tls-cert "
+              << path(Files::server) << " --tls-key " << path(Files::server_key)
+              << " --tokens FILE\nClients: raynest --ca " << path(Files::ca)
+              << " --server tls://HOST:31060 scenes\nGive clients " << Files::ca
+              << " alone. Keep " << Files::ca_key
+              << " off the network; `raynestd tls renew " << folder.string()
+              << "` needs it within 397 days.\n";
+    return done();
+}
+
+int tls_renew(const fs::path& folder) {
+    if (const auto renewed = renew_certificates(folder); !renewed)
+        return failed(renewed.error().message);
+    std::cout << "renewed for 397 days; a running daemon reads them after: kill -HUP PID\n";
+    return done();
+}
+
+// ---- token --------------------------------------------------------------------------------------
+
+/// Reads the file, lets `edit` change the rows, and writes it. Two commands at a time take turns.
+int edit_tokens(const fs::path& file, const std::function<std::string(TokenTable&)>& edit) {
+    std::error_code error;
+    const fs::path folder = fs::absolute(file, error).parent_path();
+    if (fs::create_directories(folder, error))
+        fs::permissions(folder, fs::perms::owner_all, error);
+    const int held = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (held < 0 || ::flock(held, LOCK_EX) != 0)
+        return failed(folder.string() + ": " + std::strerror(errno));
+    auto table = TokenTable::read(file, true);
+    if (!table) return failed(table.error().message);
+    if (const std::string why = edit(*table); !why.empty()) return failed(why);
+    const auto written = write_file_atomically(file, table->to_text());
+    ::close(held);
+    return written ? 0 : failed(written.error().message);
+}
+
+struct TokenWords {
+    std::string name, subject, role = "user", expires, quota;
+    fs::path file = default_tokens();
+};
+
+int token_add(const TokenWords& words) {
+    TokenRow row;
+    row.role = *parse_role(words.role);
+    row.quota = *parse_quota(words.quota);
+    if (!words.expires.empty()) row.expires = WallClock::now() + *parse_period(words.expires);
+    std::string token;
+    if (words.subject.empty()) {
+        row.name = words.name;
+        token = new_token();
+        row.hash = hash_token(token);
+    } else {
+        row.kind = TokenRow::Kind::certificate;
+        row.name = words.subject;
+    }
+    const int code = edit_tokens(words.file, [&](TokenTable& table) -> std::string {
+        const TokenRow* known = table.find_name(row.name);
+        if (known != nullptr && known->kind != TokenRow::Kind::shut_out)
+            return "'" + row.name + "' exists in " + words.file.string() +
+                   "; revoke it first, or choose another name";
+        table.put(row);
+        return "";
+    });
+    if (code != 0) return code;
+    std::cout << row.name << " may connect as " << role_name(row.role) << " ("
+              << words.file.string() << ")\n";
+    if (!token.empty())
+        std::cout << "This token is shown only now; keep it secret:\n" << token << '\n';
+    return done();
+}
+
+std::string date_of(WallClock::time_point time) {
+    const std::time_t seconds = WallClock::to_time_t(time);
+    std::tm parts{};
+    gmtime_r(&seconds, &parts);
+    std::ostringstream text;
+    text << std::put_time(&parts, "%Y-%m-%dT%H:%M:%SZ");
+    return text.str();
+}
+
+int token_list(const TokenWords& words) {
+    const auto table = TokenTable::read(words.file);
+    if (!table) return failed(table.error().message);
+    const auto now = WallClock::now();
+    std::cout << "NAME\tROLE\tEXPIRES\tQUOTA\n";
+    for (const TokenRow& row : table->rows()) {
+        const std::string quota = to_text(row.quota);
+        const bool is_shut_out = row.kind == TokenRow::Kind::shut_out;
+        std::cout << row.name << '\t' << (is_shut_out ? "none" : role_name(row.role)) << '\t'
+                  << (row.expires ? date_of(*row.expires) : "never")
+                  << (row.expires && *row.expires <= now ? " (expired)" : "") << '\t'
+                  << (quota.empty() ? "-" : quota) << '\n';
+    }
+    return done();
+}
+
+int token_revoke(const TokenWords& words) {
+    const std::string name = words.subject.empty() ? words.name : words.subject;
+    const int code = edit_tokens(words.file, [&](TokenTable& table) -> std::string {
+        const bool was_there = table.erase(name);
+        // A certificate is let in by its CA: without a row it would have the role user.
+        if (!words.subject.empty()) table.put({TokenRow::Kind::shut_out, name, Role::viewer, {}, {}, {}});
+        return was_there || !words.subject.empty()
+                   ? ""
+                   : "there is no '" + name + "' in " + words.file.string();
+    });
+    if (code != 0) return code;
+    std::cout << name << " is revoked; a running daemon ends its connections within a second\n";
+    return done();
+}
+
+// ---- command line -------------------------------------------------------------------------------
+
+/// Adds a check with a message of its own. `good` tells whether a text is valid.
+template <class Good>
+void check(CLI::Option* option, Good good, const char* wanted) {
+    option->check(CLI::Validator(
+        [good, wanted](const std::string& text) {
+            return good(text) ? std::string() : "'" + text + "' is not " + wanted;
+        },
+        ""));
+}
+
+bool is_host(const std::string& text) {
+    return !text.empty() && text.size() <= 253 && std::all_of(text.begin(), text.end(), [](char c) {
+        return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '.' || c == '-' ||
+               c == ':' || c == '*';
+    });
+}
+
+void declare_tls(CLI::App& app, std::function<int()>& action) {
+    CLI::App* tls = app.add_subcommand("tls", "Make and renew certificates");
+    tls->require_subcommand(1);
+    const auto folder = std::make_shared<fs::path>();
+    const auto hosts = std::make_shared<std::vector<std::string>>();
+    CLI::App* init = tls->add_subcommand(
+        "init", "Make a private CA, a server certificate and a client certificate in DIR");
+    init->add_option("DIR", *folder, "Folder; nothing in it is overwritten")->required();
+    check(init->add_option("--host", *hosts,
+                           "Host name or IP address besides those of this host, repeatable"),
+          is_host, "a host name or an IP address");
+    init->callback([&action, folder, hosts] {
+        action = [folder, hosts] { return tls_init(*folder, *hosts); };
+    });
+    CLI::App* renew =
+        tls->add_subcommand("renew", "Sign the certificates of DIR anew, for the same names");
+    renew->add_option("DIR", *folder, "Folder that `tls init` has made")->required();
+    renew->callback([&action, folder] { action = [folder] { return tls_renew(*folder); }; });
+}
+
+void declare_token(CLI::App& app, std::function<int()>& action) {
+    CLI::App* token = app.add_subcommand("token", "Give and take access");
+    token->require_subcommand(1);
+    const auto words = std::make_shared<TokenWords>();
+    const auto add_file = [&](CLI::App* command) {
+        command->add_option("--tokens", words->file, "Token file")->capture_default_str();
+    };
+    const auto add_name = [&](CLI::App* command) {
+        CLI::Option* name = command->add_option("NAME", words->name, "Name of the principal");
+        check(name, is_token_name,
+              "a name of 1 to 64 letters, digits and -._ that begins with a letter");
+        CLI::Option* subject =
+            command->add_option("--cert", words->subject,
+                                "Subject of a client certificate in place of NAME, such as "
+                                "\"CN=robot,O=Lab\"");
+        name->excludes(subject);
+        command->parse_complete_callback([name, subject] {
+            if (name->count() + subject->count() == 0) throw CLI::RequiredError("NAME or --cert");
+        });
+    };
+    CLI::App* add = token->add_subcommand(
+        "add", "Make a token and print it, alone on the last line; or admit a certificate");
+    add_name(add);
+    add_file(add);
+    check(add->add_option("--role", words->role, "viewer, user or admin")->capture_default_str(),
+          [](const std::string& text) { return parse_role(text).has_value(); },
+          "a role: viewer, user or admin");
+    check(add->add_option("--expires", words->expires, "Time until it expires: 90s, 12h, 30d"),
+          [](const std::string& text) { return parse_period(text).has_value(); },
+          "a time such as 90s, 12h or 30d");
+    check(add->add_option("--quota", words->quota,
+                          "connections=N,jobs=N,rays=N,scene_bytes=N; any of them"),
+          [](const std::string& text) { return parse_quota(text).has_value(); },
+          "a quota such as jobs=8,rays=1000000");
+    add->callback([&action, words] { action = [words] { return token_add(*words); }; });
+    CLI::App* list = token->add_subcommand("list", "List names, roles and expiry");
+    add_file(list);
+    list->callback([&action, words] { action = [words] { return token_list(*words); }; });
+    CLI::App* revoke =
+        token->add_subcommand("revoke", "Take access away; ends the connections of a daemon");
+    add_name(revoke);
+    add_file(revoke);
+    revoke->callback([&action, words] { action = [words] { return token_revoke(*words); }; });
+}
+
+}  // namespace
+
+std::optional<int> run_command(int argc, const char* const* argv) {
+    const std::string_view word = argc > 1 ? argv[1] : "";
+    if (word != "tls" && word != "token") return std::nullopt;
+    CLI::App app("", "raynestd");
+    std::function<int()> action;
+    declare_tls(app, action);
+    declare_token(app, action);
+    try {
+        app.parse(argc, argv);
+        return action();
+    } catch (const CLI::Success& answered) {
+        app.exit(answered);
+        return done();
+    } catch (const CLI::Error& error) {
+        std::cerr << "raynestd: " << error.what() << "; see raynestd " << word << " --help\n";
+        return 2;
+    }
+}
+
+}  // namespace raynest::server

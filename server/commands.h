@@ -1,0 +1,13 @@
+// The subcommands of raynestd that start no daemon: `tls` makes certificates, `token` edits the
+// token file.
+#pragma once
+
+#include <optional>
+
+namespace raynest::server {
+
+/// Runs `raynestd tls ...` or `raynestd token ...` and returns its exit code: 0, 1 after a failure
+/// or 2 after a usage error, with one line on stderr. Returns nothing for another command line.
+[[nodiscard]] std::optional<int> run_command(int argc, const char* const* argv);
+
+}  // namespace raynest::server

@@ -1,0 +1,126 @@
+#include "server/security/authentication.h"
+
+#include "server/log.h"
+
+#include <algorithm>
+
+namespace raynest::server {
+namespace {
+
+using std::chrono::milliseconds;
+
+/// Wrong tokens from one address before it must wait.
+constexpr unsigned free_failures = 5;
+constexpr milliseconds wait_min{250};
+constexpr milliseconds wait_max{30'000};
+/// Addresses that are remembered; the one whose last failure is oldest is forgotten first.
+constexpr std::size_t addresses_max = 4096;
+
+constexpr const char* token_remedy =
+    "set RAYNEST_TOKEN, pass --token-file FILE, or run: raynest login URI";
+
+/// Identifies a row and its content, without its secret.
+std::string credential_of(const TokenRow& row) {
+    TokenTable table;
+    table.put(row);
+    return table.to_text();
+}
+
+Principal principal_of(const TokenRow& row) {
+    return {row.name, row.quota, row.role, credential_of(row)};
+}
+
+void audit(const char* event, const PeerIdentity& peer, const std::string& principal,
+           const char* reason) {
+    log(LogLevel::info, event,
+        {{"peer", peer.name},
+         {"transport", peer.transport},
+         {"principal", principal},
+         {"reason", reason}});
+}
+
+}  // namespace
+
+milliseconds LoginFailures::wait_of(const std::string& address, Time now) const {
+    const auto found = addresses_.find(address);
+    if (found == addresses_.end() || found->second.failures < free_failures) return {};
+    const unsigned doublings = std::min(found->second.failures - free_failures, 16U);
+    const milliseconds wait = std::min(wait_min * (1U << doublings), wait_max);
+    const auto left = std::chrono::ceil<milliseconds>(found->second.last + wait - now);
+    return std::max(left, milliseconds(0));
+}
+
+void LoginFailures::failed(const std::string& address, Time now) {
+    if (addresses_.size() >= addresses_max && !addresses_.contains(address))
+        addresses_.erase(std::ranges::min_element(
+            addresses_, {}, [](const auto& entry) { return entry.second.last; }));
+    Entry& entry = addresses_[address];
+    ++entry.failures;
+    entry.last = now;
+}
+
+Reply<Principal> Authentication::identify(const PeerIdentity& peer, std::string_view token,
+                                          std::chrono::steady_clock::time_point now,
+                                          WallClock::time_point wall) {
+    if (!token.empty() && policy_.tokens) return by_token(peer, token, now, wall);
+    if (!peer.subject.empty()) return by_certificate(peer, wall);
+    return anonymous(peer);
+}
+
+Reply<Principal> Authentication::by_token(const PeerIdentity& peer, std::string_view token,
+                                          std::chrono::steady_clock::time_point now,
+                                          WallClock::time_point wall) {
+    if (const milliseconds wait = failures_.wait_of(peer.name, now); wait.count() != 0)
+        return tl::unexpected(protocol::Error{
+            Code::busy, "too many wrong tokens came from " + peer.name,
+            static_cast<std::uint32_t>(wait.count())});
+    const TokenRow* row = tokens_.find_token(token, wall);
+    if (row == nullptr) {
+        failures_.failed(peer.name, now);
+        audit("login_refused", peer, "", "unknown, expired or revoked token");
+        return refuse(Code::not_allowed,
+                      "the token is unknown here, has expired or was revoked; ask for a new one "
+                      "(raynestd token add NAME)");
+    }
+    failures_.succeeded(peer.name);
+    audit("login", peer, row->name, "token");
+    return principal_of(*row);
+}
+
+Reply<Principal> Authentication::by_certificate(const PeerIdentity& peer,
+                                                WallClock::time_point wall) const {
+    const TokenRow* row = tokens_.find_name(peer.subject);
+    const bool has_ended = row != nullptr && (row->kind != TokenRow::Kind::certificate ||
+                                              (row->expires && wall >= *row->expires));
+    audit(has_ended ? "login_refused" : "login", peer, peer.subject, "certificate");
+    if (has_ended)
+        return refuse(Code::not_allowed, "the access of the certificate " + peer.subject +
+                                             " has expired or was revoked");
+    if (row != nullptr) return principal_of(*row);
+    return Principal{peer.subject, {}, Role::user, ""};
+}
+
+Reply<Principal> Authentication::anonymous(const PeerIdentity& peer) const {
+    using Place = PeerIdentity::Place;
+    if (peer.place == Place::own_user) return Principal{peer.name, {}, Role::admin, ""};
+    const bool asks = (peer.transport == "tls" && (policy_.tokens || policy_.certificates)) ||
+                      (peer.place == Place::remote && policy_.tokens);
+    if (asks || !policy_.anonymous) {
+        audit("login_refused", peer, "", "no token");
+        const bool only_certificates = policy_.certificates && !policy_.tokens;
+        return refuse(Code::not_allowed,
+                      only_certificates
+                          ? "this daemon asks for a client certificate: pass --cert FILE and --key FILE"
+                          : std::string("this daemon asks for a token: ") + token_remedy);
+    }
+    return Principal{peer.name, {}, *policy_.anonymous, ""};
+}
+
+bool Authentication::still_valid(const Principal& principal, WallClock::time_point wall) const {
+    if (principal.credential.empty()) return true;
+    const TokenRow* row = tokens_.find_name(principal.id);
+    return row != nullptr && credential_of(*row) == principal.credential &&
+           (!row->expires || wall < *row->expires);
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,76 @@
+// Decides who a peer is, from its transport and its Hello.
+//
+//   a token                     the principal and role of its row in the token file
+//   a client certificate        its subject; the role of its row, else user; none if it was revoked
+//   a Unix socket               uid:N; admin for the daemon's own user and root, else --anonymous
+//   plain loopback              127.0.0.1; --anonymous
+//   plain TCP beyond loopback   its address; --anonymous, but a token where there is a token file
+//   TLS                         as plain TCP where neither --tokens nor --client-ca is given
+#pragma once
+
+#include "server/principal.h"
+#include "server/security/tokens.h"
+
+#include <chrono>
+#include <map>
+#include <optional>
+#include <string>
+
+namespace raynest::server {
+
+/// Says who may connect without a token, and what others must show.
+struct AccessPolicy {
+    std::optional<Role> anonymous = Role::user;  ///< empty: nobody
+    bool tokens = false;                         ///< --tokens is given
+    bool certificates = false;                   ///< --client-ca is given
+};
+
+/// Counts wrong tokens per address. After a few, the address must wait, twice as long each time.
+class LoginFailures {
+public:
+    using Time = std::chrono::steady_clock::time_point;
+    /// Returns how long the address must wait; zero if it may try.
+    [[nodiscard]] std::chrono::milliseconds wait_of(const std::string& address, Time now) const;
+    void failed(const std::string& address, Time now);
+    void succeeded(const std::string& address) { addresses_.erase(address); }
+
+private:
+    struct Entry {
+        unsigned failures = 0;
+        Time last;
+    };
+    std::map<std::string, Entry> addresses_;
+};
+
+/// Io thread only.
+class Authentication {
+public:
+    explicit Authentication(const AccessPolicy& policy = {}) : policy_(policy) {}
+
+    /// Replaces the rows; open connections are checked with still_valid().
+    void set_tokens(TokenTable tokens) { tokens_ = std::move(tokens); }
+    [[nodiscard]] const TokenTable& tokens() const { return tokens_; }
+
+    /// Identifies a peer. Fails with NOT_ALLOWED and the remedy, or with BUSY after several wrong
+    /// tokens from its address.
+    [[nodiscard]] Reply<Principal> identify(const PeerIdentity& peer, std::string_view token,
+                                            std::chrono::steady_clock::time_point now,
+                                            WallClock::time_point wall);
+
+    /// False if the row that let this principal in was revoked, has expired or has changed.
+    [[nodiscard]] bool still_valid(const Principal& principal, WallClock::time_point wall) const;
+
+private:
+    [[nodiscard]] Reply<Principal> by_token(const PeerIdentity& peer, std::string_view token,
+                                            std::chrono::steady_clock::time_point now,
+                                            WallClock::time_point wall);
+    [[nodiscard]] Reply<Principal> by_certificate(const PeerIdentity& peer,
+                                                  WallClock::time_point wall) const;
+    [[nodiscard]] Reply<Principal> anonymous(const PeerIdentity& peer) const;
+
+    const AccessPolicy policy_;
+    TokenTable tokens_;
+    LoginFailures failures_;
+};
+
+}  // namespace raynest::server

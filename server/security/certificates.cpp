@@ -1,0 +1,294 @@
+#include "server/security/certificates.h"
+
+#include "server/security/secret_file.h"
+#include "server/security/tls_context.h"
+
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <openssl/bio.h>
+#include <openssl/ec.h>
+#include <openssl/pem.h>
+#include <openssl/rand.h>
+#include <openssl/x509v3.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <memory>
+#include <set>
+
+namespace raynest::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+template <auto release>
+struct Release {
+    template <class T>
+    void operator()(T* owned) const {
+        release(owned);
+    }
+};
+using Key = std::unique_ptr<EVP_PKEY, Release<EVP_PKEY_free>>;
+using Certificate = std::unique_ptr<X509, Release<X509_free>>;
+using Memory = std::unique_ptr<BIO, Release<BIO_free>>;
+
+constexpr long ca_days = 3650;
+/// Browsers refuse certificates of more than 398 days.
+constexpr long days = 397;
+/// Clocks of clients may be behind.
+constexpr long early_seconds = 3600;
+
+tl::unexpected<Error> failed(const std::string& what) {
+    return fail(ErrorCode::internal, what + ": " + tls_error_text());
+}
+
+bool is_address(const std::string& name) {
+    in6_addr storage{};
+    return inet_pton(AF_INET, name.c_str(), &storage) == 1 ||
+           inet_pton(AF_INET6, name.c_str(), &storage) == 1;
+}
+
+std::string alternative_names(const std::vector<std::string>& names) {
+    std::string text;
+    for (const std::string& name : names)
+        text.append(text.empty() ? "" : ",").append(is_address(name) ? "IP:" : "DNS:").append(name);
+    return text;
+}
+
+/// The CA that signs; itself for its own certificate.
+struct Issuer {
+    X509* certificate;
+    EVP_PKEY* key;
+};
+
+bool add_extension(X509* certificate, const Issuer& issuer, int kind, const std::string& value) {
+    X509V3_CTX context;
+    X509V3_set_ctx_nodb(&context);
+    X509V3_set_ctx(&context, issuer.certificate, certificate, nullptr, nullptr, 0);
+    const std::unique_ptr<X509_EXTENSION, Release<X509_EXTENSION_free>> made(
+        X509V3_EXT_conf_nid(nullptr, &context, kind, value.c_str()));
+    return made != nullptr && X509_add_ext(certificate, made.get(), -1) == 1;
+}
+
+bool set_serial(X509* certificate) {
+    std::array<unsigned char, 16> random{};
+    if (RAND_bytes(random.data(), static_cast<int>(random.size())) != 1) return false;
+    random[0] &= 0x7F;
+    const std::unique_ptr<BIGNUM, Release<BN_free>> number(
+        BN_bin2bn(random.data(), static_cast<int>(random.size()), nullptr));
+    return BN_to_ASN1_INTEGER(number.get(), X509_get_serialNumber(certificate)) != nullptr;
+}
+
+struct Extension {
+    int kind;
+    std::string value;
+};
+
+/// Makes a certificate. Without `issuer` it signs itself.
+Result<Certificate> sign(EVP_PKEY* key, const std::string& common_name, long valid_days,
+                         const std::vector<Extension>& extensions, const Issuer* issuer) {
+    Certificate made(X509_new());
+    X509* certificate = made.get();
+    const Issuer self{certificate, key};
+    const Issuer& by = issuer == nullptr ? self : *issuer;
+    X509_NAME* name = X509_get_subject_name(certificate);
+    bool good = X509_set_version(certificate, X509_VERSION_3) == 1 && set_serial(certificate) &&
+                X509_gmtime_adj(X509_getm_notBefore(certificate), -early_seconds) != nullptr &&
+                X509_gmtime_adj(X509_getm_notAfter(certificate), valid_days * 24 * 3600) !=
+                    nullptr &&
+                X509_set_pubkey(certificate, key) == 1 &&
+                X509_NAME_add_entry_by_txt(
+                    name, "CN", MBSTRING_UTF8,
+                    reinterpret_cast<const unsigned char*>(common_name.c_str()), -1, -1, 0) == 1 &&
+                X509_set_issuer_name(certificate, X509_get_subject_name(by.certificate)) == 1;
+    for (const auto& [kind, value] : extensions)
+        good = good && add_extension(certificate, by, kind, value);
+    good = good && add_extension(certificate, by, NID_subject_key_identifier, "hash") &&
+           add_extension(certificate, by, NID_authority_key_identifier, "keyid:always") &&
+           X509_sign(certificate, by.key, EVP_sha256()) > 0;
+    if (!good) return failed("cannot make the certificate of " + common_name);
+    return made;
+}
+
+std::string text_of(const Memory& memory) {
+    char* bytes = nullptr;
+    const long size = BIO_get_mem_data(memory.get(), &bytes);
+    return {bytes, static_cast<std::size_t>(std::max(size, 0L))};
+}
+
+std::string to_pem(X509* certificate) {
+    const Memory memory(BIO_new(BIO_s_mem()));
+    PEM_write_bio_X509(memory.get(), certificate);
+    return text_of(memory);
+}
+
+std::string to_pem(EVP_PKEY* key) {
+    const Memory memory(BIO_new(BIO_s_mem()));
+    PEM_write_bio_PrivateKey(memory.get(), key, nullptr, nullptr, 0, nullptr, nullptr);
+    return text_of(memory);
+}
+
+Result<Certificate> read_certificate(const fs::path& file) {
+    const Memory opened(BIO_new_file(file.c_str(), "r"));
+    Certificate read(opened ? PEM_read_bio_X509(opened.get(), nullptr, nullptr, nullptr) : nullptr);
+    if (!read) return failed(file.string() + ": no certificate");
+    return read;
+}
+
+Result<Key> read_key(const fs::path& file) {
+    if (const auto secret = check_secret_file(file); !secret) return tl::unexpected(secret.error());
+    const Memory opened(BIO_new_file(file.c_str(), "r"));
+    Key read(opened ? PEM_read_bio_PrivateKey(opened.get(), nullptr, nullptr, nullptr) : nullptr);
+    if (!read) return failed(file.string() + ": no key");
+    return read;
+}
+
+const std::string ca_uses = "critical,keyCertSign,cRLSign";
+const std::string end_uses = "critical,digitalSignature";
+
+std::vector<Extension> server_extensions(const std::string& names) {
+    return {{NID_basic_constraints, "critical,CA:FALSE"},
+            {NID_key_usage, end_uses},
+            {NID_ext_key_usage, "serverAuth"},
+            {NID_subject_alt_name, names}};
+}
+
+std::vector<Extension> client_extensions() {
+    return {{NID_basic_constraints, "critical,CA:FALSE"},
+            {NID_key_usage, end_uses},
+            {NID_ext_key_usage, "clientAuth"}};
+}
+
+/// Returns the subjectAltName of a certificate as alternative_names() writes it.
+std::string names_of(X509* certificate) {
+    const std::unique_ptr<GENERAL_NAMES, Release<GENERAL_NAMES_free>> names(
+        static_cast<GENERAL_NAMES*>(
+            X509_get_ext_d2i(certificate, NID_subject_alt_name, nullptr, nullptr)));
+    std::vector<std::string> found;
+    for (int i = 0; i < sk_GENERAL_NAME_num(names.get()); ++i) {
+        const GENERAL_NAME* name = sk_GENERAL_NAME_value(names.get(), i);
+        if (name->type == GEN_DNS) {
+            const auto* bytes = ASN1_STRING_get0_data(name->d.dNSName);
+            found.emplace_back(reinterpret_cast<const char*>(bytes),
+                               static_cast<std::size_t>(ASN1_STRING_length(name->d.dNSName)));
+        } else if (name->type == GEN_IPADD) {
+            std::array<char, INET6_ADDRSTRLEN> text{};
+            const bool v4 = ASN1_STRING_length(name->d.iPAddress) == 4;
+            if (inet_ntop(v4 ? AF_INET : AF_INET6, ASN1_STRING_get0_data(name->d.iPAddress),
+                          text.data(), text.size()) != nullptr)
+                found.emplace_back(text.data());
+        }
+    }
+    return alternative_names(found);
+}
+
+struct Written {
+    const char* name;
+    std::string content;
+};
+
+Result<void> write_new(const fs::path& folder, const std::vector<Written>& files) {
+    std::error_code error;
+    for (const Written& file : files)
+        if (fs::exists(fs::symlink_status(folder / file.name, error)))
+            return fail(ErrorCode::io_failed, (folder / file.name).string() +
+                                                  " exists, and is not overwritten; give another "
+                                                  "DIR, or renew it: raynestd tls renew " +
+                                                  folder.string());
+    for (const Written& file : files)
+        if (auto written = write_file_atomically(folder / file.name, file.content); !written)
+            return written;
+    return {};
+}
+
+}  // namespace
+
+std::vector<std::string> own_names() {
+    std::set<std::string> names;
+    std::array<char, 256> host{};
+    if (gethostname(host.data(), host.size() - 1) == 0 && host[0] != '\0') {
+        names.insert(host.data());
+        addrinfo hints{};
+        hints.ai_flags = AI_CANONNAME;
+        addrinfo* found = nullptr;
+        if (getaddrinfo(host.data(), nullptr, &hints, &found) == 0) {
+            if (found != nullptr && found->ai_canonname != nullptr)
+                names.insert(found->ai_canonname);
+            freeaddrinfo(found);
+        }
+    }
+    ifaddrs* interfaces = nullptr;
+    if (getifaddrs(&interfaces) == 0) {
+        for (const ifaddrs* at = interfaces; at != nullptr; at = at->ifa_next) {
+            std::array<char, INET6_ADDRSTRLEN> text{};
+            const int family = at->ifa_addr == nullptr ? AF_UNSPEC : at->ifa_addr->sa_family;
+            const auto* v4 = reinterpret_cast<const sockaddr_in*>(at->ifa_addr);
+            const auto* v6 = reinterpret_cast<const sockaddr_in6*>(at->ifa_addr);
+            const bool usable = family == AF_INET || (family == AF_INET6 &&
+                                                      !IN6_IS_ADDR_LINKLOCAL(&v6->sin6_addr));
+            const void* bytes = family == AF_INET ? static_cast<const void*>(&v4->sin_addr)
+                                                  : static_cast<const void*>(&v6->sin6_addr);
+            if (usable && inet_ntop(family, bytes, text.data(), text.size()) != nullptr)
+                names.insert(text.data());
+        }
+        freeifaddrs(interfaces);
+    }
+    for (const char* loopback : {"localhost", "127.0.0.1", "::1"}) names.insert(loopback);
+    return {names.begin(), names.end()};
+}
+
+Result<void> make_certificates(const fs::path& folder, const std::vector<std::string>& names) {
+    const Key ca_key(EVP_EC_gen("P-256")), server_key(EVP_EC_gen("P-256")),
+        client_key(EVP_EC_gen("P-256"));
+    if (!ca_key || !server_key || !client_key) return failed("cannot make a key");
+    const auto ca = sign(ca_key.get(), "RayNest private CA", ca_days,
+                         {{NID_basic_constraints, "critical,CA:TRUE,pathlen:0"},
+                          {NID_key_usage, ca_uses}},
+                         nullptr);
+    if (!ca) return tl::unexpected(ca.error());
+    const Issuer issuer{ca->get(), ca_key.get()};
+    const auto server = sign(server_key.get(), "raynestd", days,
+                             server_extensions(alternative_names(names)), &issuer);
+    if (!server) return tl::unexpected(server.error());
+    const auto client = sign(client_key.get(), "raynest-client", days, client_extensions(), &issuer);
+    if (!client) return tl::unexpected(client.error());
+
+    std::error_code error;
+    if (fs::create_directories(folder, error))
+        fs::permissions(folder, fs::perms::owner_all, error);
+    using Files = CertificateFiles;
+    return write_new(folder, {{Files::ca, to_pem(ca->get())},
+                              {Files::ca_key, to_pem(ca_key.get())},
+                              {Files::server, to_pem(server->get())},
+                              {Files::server_key, to_pem(server_key.get())},
+                              {Files::client, to_pem(client->get())},
+                              {Files::client_key, to_pem(client_key.get())}});
+}
+
+Result<void> renew_certificates(const fs::path& folder) {
+    using Files = CertificateFiles;
+    const auto ca = read_certificate(folder / Files::ca);
+    if (!ca) return tl::unexpected(ca.error());
+    const auto ca_key = read_key(folder / Files::ca_key);
+    if (!ca_key) return tl::unexpected(ca_key.error());
+    const Issuer issuer{ca->get(), ca_key->get()};
+    const auto renew = [&](const char* file, const char* key_file,
+                           const std::string& common_name, bool is_server) -> Result<void> {
+        const auto old = read_certificate(folder / file);
+        if (!old) return tl::unexpected(old.error());
+        const auto key = read_key(folder / key_file);
+        if (!key) return tl::unexpected(key.error());
+        const auto made = sign(
+            key->get(), common_name, days,
+            is_server ? server_extensions(names_of(old->get())) : client_extensions(), &issuer);
+        if (!made) return tl::unexpected(made.error());
+        return write_file_atomically(folder / file, to_pem(made->get()));
+    };
+    if (auto done = renew(Files::server, Files::server_key, "raynestd", true); !done) return done;
+    return renew(Files::client, Files::client_key, "raynest-client", false);
+}
+
+}  // namespace raynest::server

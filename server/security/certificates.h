@@ -1,0 +1,34 @@
+// Makes a private CA and the certificates that it signs: `raynestd tls init` and `tls renew`.
+#pragma once
+
+#include "engine/result.h"
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace raynest::server {
+
+/// The files that make_certificates() writes into its folder.
+struct CertificateFiles {
+    static constexpr const char* ca = "ca.pem";
+    static constexpr const char* ca_key = "ca-key.pem";
+    static constexpr const char* server = "cert.pem";
+    static constexpr const char* server_key = "key.pem";
+    static constexpr const char* client = "client-cert.pem";
+    static constexpr const char* client_key = "client-key.pem";
+};
+
+/// Returns the names and addresses under which other machines may know this host, those of loopback
+/// included.
+[[nodiscard]] std::vector<std::string> own_names();
+
+/// Writes a CA, and a server and a client certificate that it signs. `names` are the host names and
+/// IP addresses of the server certificate. Overwrites nothing: fails if one of the files exists.
+[[nodiscard]] Result<void> make_certificates(const std::filesystem::path& folder,
+                                             const std::vector<std::string>& names);
+
+/// Signs the server and the client certificate of the folder anew, for the same names and keys.
+[[nodiscard]] Result<void> renew_certificates(const std::filesystem::path& folder);
+
+}  // namespace raynest::server

@@ -1,0 +1,49 @@
+// The certificate and key of the daemon's TLS listeners. Only server/security and
+// server/net/tls_transport.cpp include OpenSSL.
+#pragma once
+
+#include "engine/result.h"
+
+#include <openssl/ssl.h>
+
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+namespace raynest::server {
+
+/// The files of a TLS listener.
+struct TlsFiles {
+    std::filesystem::path certificate;  ///< PEM: the certificate, then those up to its CA
+    std::filesystem::path key;          ///< PEM; others must not be able to read it
+    std::filesystem::path client_ca;    ///< PEM: CAs of client certificates; empty: none count
+};
+
+/// State that connections share: certificate, key and allowed versions. Immutable; a connection keeps
+/// the one that it began with.
+class TlsContext {
+public:
+    /// Reads the files. Fails with the name of the file and the remedy: unreadable, readable by
+    /// others, expired, or a key that does not fit its certificate.
+    static Result<std::shared_ptr<const TlsContext>> load(const TlsFiles& files);
+
+    /// OpenSSL's context, which it counts references of.
+    [[nodiscard]] SSL_CTX* get() const { return context_.get(); }
+    /// The end of the certificate's time.
+    [[nodiscard]] std::chrono::system_clock::time_point expires() const { return expires_; }
+
+private:
+    struct Free {
+        void operator()(SSL_CTX* context) const { SSL_CTX_free(context); }
+    };
+    TlsContext() = default;
+
+    std::unique_ptr<SSL_CTX, Free> context_;
+    std::chrono::system_clock::time_point expires_;
+};
+
+/// Returns the first error of OpenSSL in this thread as words, and clears them all.
+[[nodiscard]] std::string tls_error_text();
+
+}  // namespace raynest::server

@@ -1,0 +1,72 @@
+"""A daemon with TLS and tokens, and commands that know its CA, for the tests in this folder."""
+import os
+import pathlib
+import subprocess
+
+from daemon import PATIENCE, Client, Daemon
+
+
+def command(program, *arguments):
+    """Runs a command that must succeed, and returns its output."""
+    done = subprocess.run([program, *map(str, arguments)], stdin=subprocess.DEVNULL, text=True,
+                          capture_output=True, timeout=PATIENCE)
+    if done.returncode != 0:
+        raise AssertionError(f"{arguments}: {done.returncode}: {done.stderr}")
+    return done.stdout
+
+
+class Certificates:
+    """A folder as `raynestd tls init` makes it."""
+
+    def __init__(self, raynestd, folder, *hosts):
+        self.folder = pathlib.Path(folder)
+        names = [word for host in hosts for word in ("--host", host)]
+        self.said = command(raynestd, "tls", "init", self.folder, *names)
+        self.ca = self.folder / "ca.pem"
+        self.server = ("--tls-cert", self.folder / "cert.pem", "--tls-key", self.folder / "key.pem")
+        self.client = ("--cert", self.folder / "client-cert.pem", "--key",
+                       self.folder / "client-key.pem")
+
+
+class Tokens:
+    def __init__(self, raynestd, file):
+        self.raynestd = raynestd
+        self.file = pathlib.Path(file)
+
+    def add(self, name, *arguments):
+        """Returns the new token."""
+        said = command(self.raynestd, "token", "add", name, *arguments, "--tokens", self.file)
+        return said.splitlines()[-1]
+
+    def revoke(self, name):
+        command(self.raynestd, "token", "revoke", name, "--tokens", self.file)
+
+
+class SecureClient(Client):
+    """Runs `raynest` with a CA and a token, and knows no others."""
+
+    def __init__(self, program, uri, ca=None, token=None, home="/nonexistent"):
+        super().__init__(program, uri)
+        self.environment = {"RAYNEST_SERVER": uri, "HOME": str(home), "XDG_CONFIG_HOME": ""}
+        if ca:
+            self.environment["RAYNEST_CA"] = str(ca)
+        if token:
+            self.environment["RAYNEST_TOKEN"] = token
+
+    def start(self, *arguments, **options):
+        inherited = {name: value for name, value in os.environ.items()
+                     if not name.startswith("RAYNEST_") or name == "RAYNEST_BUILTIN_PACKS"}
+        options.setdefault("stdin", subprocess.DEVNULL)
+        return subprocess.Popen([self.program, *map(str, arguments)],
+                                env=inherited | self.environment, stdout=subprocess.PIPE,
+                                stderr=subprocess.PIPE, text=True, errors="replace", **options)
+
+
+class SecureDaemon(Daemon):
+    """Listens on TLS too; `tls` is that address."""
+
+    def __init__(self, raynestd, certificates, *arguments, host="127.0.0.1", under=()):
+        super().__init__(raynestd, "--listen", f"tls://{host}:0", *certificates.server,
+                         *arguments, under=under)
+        self.tls = next(uri for uri in self.listen if uri.startswith("tls://"))
+        self.port = int(self.tls.rsplit(":", 1)[1])

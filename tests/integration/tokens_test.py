@@ -1,0 +1,376 @@
+#!/usr/bin/env python3
+"""Tests tokens, roles, shared scenes and administration from the command line.
+
+  tokens_test.py RAYNESTD RAYNEST
+"""
+import os
+import pathlib
+import stat
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+import urllib.error
+import urllib.request
+
+from daemon import LONG, PATIENCE, until
+from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens, command
+
+RAY = "0,50,0,0,-1,0"
+
+
+class TokensTest(unittest.TestCase):
+    raynestd = raynest = None
+
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory(prefix="raynest test ")
+        cls.addClassCleanup(cls.folder.cleanup)
+        cls.out = pathlib.Path(cls.folder.name)
+        cls.certificates = Certificates(cls.raynestd, cls.out / "tls")
+        cls.tokens = Tokens(cls.raynestd, cls.out / "tokens")
+        cls.secrets = {name: cls.tokens.add(name, "--role", role)
+                       for name, role in (("alice", "user"), ("bob", "user"), ("vera", "viewer"),
+                                          ("root", "admin"))}
+        cls.socket = f"unix:{cls.out}/socket"
+        cls.daemon = SecureDaemon(cls.raynestd, cls.certificates, "--tokens", cls.tokens.file,
+                                  "--listen", cls.socket, "--log-level", "debug")
+        cls.addClassCleanup(cls.daemon.stop)
+
+    def client(self, name=None, daemon=None, **options):
+        return SecureClient(self.raynest, (daemon or self.daemon).tls, self.certificates.ca,
+                            self.secrets.get(name, name), **options)
+
+    def says(self, done, code, *texts):
+        self.assertEqual(done.returncode, code, done.stderr)
+        for text in texts:
+            self.assertIn(text, done.stdout + done.stderr)
+        return done
+
+    # ---- the token file
+
+    def test_a_token_is_shown_once_and_kept_as_a_hash(self):
+        self.assertEqual(stat.S_IMODE(self.tokens.file.stat().st_mode), 0o600)
+        content = self.tokens.file.read_text()
+        for name, secret in self.secrets.items():
+            self.assertRegex(secret, "^rnt_[0-9a-f]{64}$")
+            self.assertNotIn(secret, content)
+            self.assertIn(name, content)
+        listed = command(self.raynestd, "token", "list", "--tokens", self.tokens.file)
+        self.assertIn("vera\tviewer\tnever", listed)
+        for arguments, code in ((("add", "alice"), 1), (("add", "no/name"), 2), (("add",), 2),
+                                (("add", "x", "--role", "king"), 2), (("revoke", "nobody"), 1),
+                                (("add", "x", "--expires", "soon"), 2),
+                                (("add", "x", "--quota", "jobs=many"), 2)):
+            done = subprocess.run([self.raynestd, "token", *arguments, "--tokens", self.tokens.file],
+                                  text=True, capture_output=True, timeout=PATIENCE)
+            self.assertEqual(done.returncode, code, arguments)
+            self.assertEqual(done.stderr.count("\n"), 1)
+        self.assertEqual(self.tokens.file.read_text(), content)
+
+    def test_a_token_file_that_others_can_read_is_refused(self):
+        tokens = Tokens(self.raynestd, self.out / "open")
+        secret = tokens.add("alice")
+        tokens.file.chmod(0o640)
+        done = subprocess.run([self.raynestd, "--listen", "tcp://127.0.0.1:0", "--http", "off",
+                               "--cuda", "off", "--tokens", tokens.file], text=True,
+                              capture_output=True, timeout=PATIENCE)
+        self.says(done, 1, "other users may read", "chmod 600")
+        given = self.out / "given"
+        given.write_text(secret)
+        given.chmod(0o644)
+        self.says(self.client().run("--token-file", given, "scenes"), 2, "chmod 600")
+        given.chmod(0o600)
+        self.says(self.client().run("--token-file", given, "scenes"), 4, "is unknown here")
+
+    def test_a_token_is_needed_whole_and_of_this_daemon(self):
+        foreign = Tokens(self.raynestd, self.out / "foreign").add("alice")
+        self.says(self.client().run("scenes"), 4, "asks for a token", "RAYNEST_TOKEN")
+        for wrong in (self.secrets["alice"][:36], foreign, "rnt_", "x" * 200):
+            self.says(self.client(wrong).run("scenes"), 4, "is unknown here")
+        self.says(self.client("alice").run("scenes"), 0)  # which also forgets the failures
+        self.says(self.client("two words").run("scenes"), 2, "holds no token")
+
+    def test_wrong_tokens_have_to_wait(self):
+        daemon = SecureDaemon(self.raynestd, self.certificates, "--tokens", self.tokens.file)
+        self.addCleanup(daemon.stop)
+        codes = [self.client("wrong", daemon).run("scenes").returncode for _ in range(5)]
+        self.assertEqual(codes, [4] * 5)
+        self.says(self.client("alice", daemon).run("scenes"), 6, "too many wrong tokens", "try again")
+        until(lambda: self.client("alice", daemon).run("scenes").returncode == 0)
+
+    def test_an_expired_token_ends_its_connections(self):
+        secret = self.tokens.add("guest", "--expires", "3s")
+        self.addCleanup(self.tokens.revoke, "guest")
+        until(lambda: self.client(secret).run("scenes").returncode == 0)
+        until(lambda: self.client(secret).run("scenes").returncode == 4)
+        self.says(self.client("alice").run("scenes"), 0)
+
+    def test_a_revoked_token_ends_its_connections_within_a_second(self):
+        secret = self.tokens.add("mallory")
+        client = self.client(secret)
+        until(lambda: client.run("load", "builtin:terrain?size=64", "--name", "hills").returncode == 0)
+        busy = client.start("render", "hills", "--size", "4096x4096", "--traversal", "reference",
+                            "-o", self.out / "never.png")
+        self.addCleanup(busy.communicate)
+        self.addCleanup(busy.kill)
+        until(lambda: any(row["principal"] == "mallory"
+                          for row in self.client("root").json("admin", "connections")["connections"]))
+        begun = time.monotonic()
+        self.tokens.revoke("mallory")
+        until(lambda: busy.poll() is not None)
+        # Twice the second: this machine is shared.
+        self.assertLess(time.monotonic() - begun, 2)
+        self.assertEqual(busy.returncode, 4, busy.stderr.read())
+        self.says(client.run("scenes"), 4, "was revoked")
+
+    def test_no_token_reaches_the_log(self):
+        for name in self.secrets:
+            self.client(name).run("scenes")
+        self.client("wrongsecretword").run("scenes")
+        log = self.daemon.log()
+        self.assertIn("login_refused", log)
+        self.assertIn("principal=alice", log)
+        for secret in (*self.secrets.values(), "wrongsecretword", "rnt_"):
+            self.assertNotIn(secret, log)
+        self.client("alice").run("scenes")
+
+    # ---- where clients find their token
+
+    def test_login_keeps_a_token_for_later_commands(self):
+        home = self.out / "home"
+        home.mkdir()
+        client = self.client(home=home)
+        login = client.start("login", self.daemon.tls, stdin=subprocess.PIPE)
+        said, errors = login.communicate(self.secrets["alice"] + "\n", timeout=PATIENCE)
+        self.assertEqual(login.returncode, 0, errors)
+        self.assertIn("as alice (user)", said)
+        kept = home / ".config" / "raynest" / "hosts.toml"
+        self.assertEqual(stat.S_IMODE(kept.stat().st_mode), 0o600)
+        self.says(client.run("scenes"), 0)
+        # It keeps the CA too, and a wrong token is not kept.
+        bare = SecureClient(self.raynest, self.daemon.tls, home=home)
+        self.says(bare.run("scenes"), 0)
+        before = kept.read_text()
+        wrong = client.start("login", self.daemon.tls, stdin=subprocess.PIPE)
+        wrong.communicate("nothing\n", timeout=PATIENCE)
+        self.assertEqual(wrong.returncode, 4)
+        self.assertEqual(kept.read_text(), before)
+        kept.chmod(0o644)
+        self.says(bare.run("scenes"), 2, "chmod 600")
+        self.client("alice").run("scenes")
+
+    def test_a_token_is_not_sent_where_others_can_read_it(self):
+        client = SecureClient(self.raynest, "tcp://192.0.2.1:31060", None, self.secrets["alice"])
+        self.says(client.run("scenes"), 2, "is not sent to", "use tls://")
+
+    # ---- roles and scenes
+
+    def test_viewers_ask_and_users_load(self):
+        self.says(self.client("bob").run("load", "builtin:terrain?size=8", "--name", "shown",
+                                         "--share", "public"), 0)
+        vera = self.client("vera")
+        self.says(vera.run("query", "bob/shown", "--ray", RAY), 0)
+        self.says(vera.run("load", "builtin:terrain?size=8"), 4, "needs the role user")
+        self.says(vera.run("unload", "bob/shown"), 4, "needs the role user")
+        for name in ("vera", "bob"):
+            self.says(self.client(name).run("admin", "connections"), 4, "needs the role admin")
+        self.says(self.client("bob").run("unload", "shown"), 0)
+
+    def test_two_teams_do_not_see_each_others_scenes(self):
+        alice, bob, vera = (self.client(name) for name in ("alice", "bob", "vera"))
+        for client, size in ((alice, 8), (bob, 16)):
+            self.says(client.run("load", f"builtin:terrain?size={size}", "--name", "car"), 0)
+        triangles = [client.json("info", "car")["unique_triangles"] for client in (alice, bob)]
+        self.assertNotEqual(*triangles)
+        unknown = self.says(bob.run("info", "alice/cab"), 5).stderr
+        hidden = self.says(bob.run("info", "alice/car"), 5).stderr
+        self.assertEqual(hidden, unknown.replace("cab", "car"))
+        self.assertEqual([scene["name"] for scene in bob.json("scenes")["scenes"]], ["car"])
+        # Shared with bob alone.
+        self.says(alice.run("load", "builtin:terrain?size=8", "--name", "car", "--share", "bob"), 0)
+        self.says(bob.run("query", "alice/car", "--ray", RAY), 0)
+        self.says(vera.run("query", "alice/car", "--ray", RAY), 5)
+        names = {scene["name"]: scene["share"] for scene in bob.json("scenes")["scenes"]}
+        self.assertEqual(names, {"car": "", "alice/car": "bob"})
+        self.says(bob.run("unload", "alice/car"), 4, "only its owner may unload it")
+        # Equal content of another owner is not told of.
+        loaded = bob.json("load", "builtin:terrain?size=8", "--name", "copy")
+        self.assertTrue(loaded["reused"])  # bob may see alice's
+        loaded = self.client("root").json("load", "builtin:terrain?size=16", "--name", "mine")
+        self.assertTrue(loaded["reused"])  # an administrator sees all
+        self.assertNotIn("memory_used_bytes", bob.json("stats"))
+        self.assertIn("memory_used_bytes", self.client("root").json("stats"))
+        for client in (alice, bob, self.client("root")):
+            self.says(client.run("unload", "--all"), 0)
+
+    def test_jobs_of_others_are_not_listed(self):
+        alice = self.client("alice")
+        self.says(alice.run("load", "builtin:terrain?size=64", "--name", "secret"), 0)
+        number = alice.json("render", "secret", "--size", "64x64", "--detach")["job"]
+        self.assertIn(number, [job["job"] for job in alice.json("jobs")["jobs"]])
+        self.assertEqual(self.client("bob").json("jobs")["jobs"], [])
+        self.assertIn(number, [job["job"] for job in self.client("root").json("jobs")["jobs"]])
+        self.says(self.client("bob").run("wait", number), 4)
+        self.says(alice.run("unload", "secret"), 0)
+
+    def test_a_private_scene_answers_as_late_as_an_unknown_one(self):
+        sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client" / "python"))
+        try:
+            import raynest
+        except ImportError as error:
+            self.skipTest(f"no numpy: {error}")
+        self.says(self.client("alice").run("load", "builtin:terrain?size=8", "--name", "vault"), 0)
+        rounds = 10_000 if LONG else 500
+        with raynest.connect(self.daemon.tls, token=self.secrets["bob"],
+                             ca=str(self.certificates.ca)) as bob:
+            times = {"alice/vault": [], "alice/vaulu": []}
+            for i in range(2 * rounds):
+                name = list(times)[i % 2]
+                begun = time.perf_counter()
+                try:
+                    bob.connection.ask("Info", {"scene": name}, "SceneInfo")
+                    self.fail(name)
+                except raynest.errors.InvalidError:
+                    times[name].append(time.perf_counter() - begun)
+        private, unknown = (statistics.median(each) for each in times.values())
+        print(f"private {private * 1e6:.1f} us, unknown {unknown * 1e6:.1f} us, ratio "
+              f"{private / unknown:.4f}", file=sys.stderr)
+        if LONG:
+            self.assertLess(abs(private / unknown - 1), 0.02)
+        self.says(self.client("alice").run("unload", "vault"), 0)
+
+    # ---- administration
+
+    def test_an_administrator_lists_and_ends_connections(self):
+        idle = SecureClient(self.raynest, self.daemon.tls, self.certificates.ca, self.secrets["bob"])
+        self.says(idle.run("load", "builtin:terrain?size=64", "--name", "busy"), 0)
+        busy = idle.start("render", "busy", "--size", "4096x4096", "--traversal", "reference", "-o",
+                          self.out / "never.png")
+        self.addCleanup(busy.communicate)
+        self.addCleanup(busy.kill)
+        root = self.client("root")
+
+        def rows():
+            return [row for row in root.json("admin", "connections")["connections"]
+                    if row["principal"] == "bob" and row["jobs"]]
+        row = until(rows)[0]
+        self.assertEqual((row["role"], row["transport"], row["peer"]), ("user", "tls", "127.0.0.1"))
+        self.says(root.run("admin", "kick", row["connection"]), 0, "1 connections ended")
+        self.assertEqual(busy.wait(PATIENCE), 4)
+        self.says(root.run("admin", "kick", "nobody"), 0, "0 connections ended")
+        self.says(root.run("admin", "quota", "bob", "jobs=lots"), 2, "not a quota")
+        self.says(idle.run("unload", "busy"), 0)
+
+    def test_quotas_come_from_the_token_and_from_administrators(self):
+        secret = self.tokens.add("small", "--quota", "rays=100")
+        self.addCleanup(self.tokens.revoke, "small")
+        client = self.client(secret)
+        until(lambda: client.run("load", "builtin:terrain?size=8", "--name", "few").returncode == 0)
+        many = ("query", "few", "--generate", "equirectangular", "size=64x32", "-o",
+                self.out / "few.npz")
+        self.says(client.run(*many), 5, "2048 rays")
+        self.says(self.client("root").run("admin", "quota", "small", "rays=1000000"), 0)
+        # The token's own quota counts again for a new connection.
+        self.says(client.run(*many), 5, "2048 rays")
+        self.says(client.run("unload", "few"), 0)
+
+    def test_the_daemons_own_user_administers_over_the_unix_socket(self):
+        local = SecureClient(self.raynest, self.socket)
+        told = local.json("admin", "connections")["connections"]
+        self.assertTrue(any(row["transport"] == "unix" and row["role"] == "admin" for row in told))
+        self.says(local.run("admin", "reload"), 0, "were read again")
+        loopback = SecureClient(self.raynest, self.daemon.uri)
+        self.says(loopback.run("admin", "connections"), 4, "needs the role admin")
+        for wrong in (("kick",), ("quota", "bob"), ("reload", "x"), ("dance",)):
+            self.says(local.run("admin", *wrong), 2)
+
+    def test_ssh_reaches_the_unix_socket_of_another_machine(self):
+        # An ssh of the test's own: it forwards as `ssh -L LOCAL:REMOTE` does.
+        program = self.out / "bin" / "ssh"
+        program.parent.mkdir()
+        program.write_text(f"""#!{sys.executable}
+import socket, sys, threading
+assert sys.argv[-2:] == ["--", "me@gpu"] and sys.argv[sys.argv.index("-p") + 1] == "2222"
+here, there = sys.argv[sys.argv.index("-L") + 1].split(":")
+def copy(source, target):
+    while data := source.recv(65536):
+        target.sendall(data)
+    target.shutdown(socket.SHUT_WR)
+server = socket.socket(socket.AF_UNIX)
+server.bind(here)
+server.listen()
+while True:
+    near, far = server.accept()[0], socket.socket(socket.AF_UNIX)
+    far.connect(there)
+    for pair in ((near, far), (far, near)):
+        threading.Thread(target=copy, args=pair, daemon=True).start()
+""")
+        program.chmod(0o755)
+        path = self.socket.removeprefix("unix:")
+        client = SecureClient(self.raynest, "tcp://127.0.0.1:1")
+        client.environment["PATH"] = f"{program.parent}:{os.environ['PATH']}"
+        self.says(client.run("--server", f"ssh://me@gpu:2222{path}", "admin", "connections"), 0,
+                  "unix")
+        self.says(client.run("--server", f"ssh://-oProxyCommand=x{path}", "scenes"), 2,
+                  "is not ssh://")
+        client.environment["PATH"] = str(self.out)
+        self.says(client.run("--server", f"ssh://gpu{path}", "scenes"), 3, "cannot start ssh")
+
+    def test_anonymous_clients_get_the_role_of_the_option(self):
+        for word, code in (("off", 4), ("viewer", 4), ("user", 0)):
+            daemon = SecureDaemon(self.raynestd, self.certificates, "--anonymous", word)
+            done = SecureClient(self.raynest, daemon.uri).run("load", "builtin:terrain?size=8")
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertIn({"off": "asks for a token", "viewer": "needs the role user",
+                           "user": ""}[word], done.stderr)
+            daemon.stop()
+
+    def test_metrics_take_a_token_where_nobody_is_let_in_without_one(self):
+        daemon = SecureDaemon(self.raynestd, self.certificates, "--anonymous", "off", "--tokens",
+                              self.tokens.file, "--http", "127.0.0.1:0")
+        self.addCleanup(daemon.stop)
+
+        def status(path, token=None):
+            headers = {"Authorization": f"Bearer {token}"} if token else {}
+            try:
+                request = urllib.request.Request(daemon.http + path, headers=headers)
+                with urllib.request.urlopen(request, timeout=PATIENCE) as reply:
+                    return reply.status
+            except urllib.error.HTTPError as error:
+                return error.code
+        self.assertEqual(status("/metrics"), 401)
+        self.assertEqual(status("/metrics", "rnt_1"), 401)
+        self.assertEqual(status("/metrics", self.secrets["vera"]), 200)
+        self.assertEqual([status(path) for path in ("/healthz", "/readyz")], [200, 200])
+
+    def test_a_drain_ends_the_daemon(self):
+        daemon = SecureDaemon(self.raynestd, self.certificates, "--tokens", self.tokens.file)
+        self.says(self.client("root", daemon).run("admin", "drain"), 0)
+        self.assertEqual(daemon.process.wait(PATIENCE), 0)
+        daemon.folder.cleanup()
+
+    def test_an_administrator_finds_a_place_in_a_full_daemon(self):
+        daemon = SecureDaemon(self.raynestd, self.certificates, "--connections-max", "2",
+                              "--give-way-ms", "600000", "--listen", f"unix:{self.out}/reserved")
+        self.addCleanup(daemon.stop)
+        client = SecureClient(self.raynest, daemon.uri)
+        self.says(client.run("load", "builtin:terrain?size=64", "--name", "busy"), 0)
+        crowd = [client.start("render", "busy", "--size", "4096x4096", "--traversal", "reference",
+                              "-o", self.out / f"{i}.png") for i in range(2)]
+        for busy in crowd:
+            self.addCleanup(busy.communicate)
+            self.addCleanup(busy.kill)
+        until(lambda: client.run("scenes").returncode == 6)
+        local = SecureClient(self.raynest, f"unix:{self.out}/reserved")
+        self.assertEqual(len(local.json("admin", "connections")["connections"]), 3)
+        self.says(local.run("admin", "kick", "127.0.0.1"), 0, "2 connections ended")
+
+
+if __name__ == "__main__":
+    TokensTest.raynestd, TokensTest.raynest = sys.argv[1:3]
+    del sys.argv[1:]
+    os.umask(0o022)
+    unittest.main()

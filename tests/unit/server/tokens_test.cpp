@@ -1,0 +1,81 @@
+#include "server/security/tokens.h"
+
+#include "server/security/secret_file.h"
+#include "tests/temporary_folder.h"
+
+#include <doctest/doctest.h>
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <string>
+
+namespace raynest::server {
+namespace {
+
+using namespace std::chrono_literals;
+
+TEST_CASE("a token has 256 random bits, and its hash is SHA-256") {
+    const std::string token = new_token();
+    CHECK(token.size() == 4 + 64);
+    CHECK(token.starts_with("rnt_"));
+    CHECK(token != new_token());
+    TokenTable table;
+    table.put({TokenRow::Kind::token, "a", Role::user, hash_token("abc"), {}, {}});
+    CHECK(table.to_text().find("ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad") !=
+          std::string::npos);
+}
+
+TEST_CASE("a table is read as it was written") {
+    TokenTable table;
+    table.put({TokenRow::Kind::token, "alice", Role::user, hash_token("x"),
+               WallClock::time_point(1700000000s), {.jobs = 8, .scene_bytes = 1ULL << 33}});
+    table.put({TokenRow::Kind::certificate, "CN=a robot,O=Lab 7", Role::admin, {}, {}, {}});
+    const auto read = TokenTable::parse("# comment\n\n" + table.to_text());
+    REQUIRE(read);
+    CHECK(read->rows() == table.rows());
+}
+
+TEST_CASE("an invalid row is named by its line") {
+    const std::string hash(64, 'a');
+    for (const auto& [row, why] : {
+             std::pair<std::string, const char*>{"token user never - " + hash, "six fields"},
+             {"tokens user never - " + hash + " a", "neither token nor cert"},
+             {"token root never - " + hash + " a", "not a role"},
+             {"token user soon - " + hash + " a", "neither a Unix time"},
+             {"token user never jobs=0 " + hash + " a", "not a quota"},
+             {"token user never - " + hash.substr(1) + " a", "64 hex digits"},
+             {"token user never - " + hash + " 127.0.0.1", "not a name"},
+             {"token user never - " + hash + " a\x1b", "printable"}}) {
+        const auto read = TokenTable::parse("# one\n" + row + "\n");
+        REQUIRE_FALSE_MESSAGE(read, row);
+        CHECK(read.error().message.starts_with("line 2: "));
+        CHECK_MESSAGE(read.error().message.find(why) != std::string::npos, read.error().message);
+    }
+    const std::string twice = "token user never - " + hash + " a\n";
+    CHECK(TokenTable::parse(twice + twice).error().message.starts_with("line 2: "));
+}
+
+TEST_CASE("a file that others can read is refused") {
+    const test::TemporaryFolder folder;
+    const std::filesystem::path file = folder.path() / "tokens";
+    REQUIRE(write_file_atomically(file, TokenTable().to_text()));
+    CHECK(TokenTable::read(file));
+    for (const mode_t mode : {0640U, 0604U, 0620U}) {
+        REQUIRE(chmod(file.c_str(), mode) == 0);
+        const auto read = TokenTable::read(file);
+        REQUIRE_FALSE(read);
+        CHECK(read.error().message.find("chmod 600") != std::string::npos);
+    }
+    CHECK_FALSE(TokenTable::read(folder.path() / "none"));
+    CHECK(TokenTable::read(folder.path() / "none", true)->rows().empty());
+}
+
+TEST_CASE("quotas are read and written") {
+    CHECK(parse_quota("")->jobs == 0);
+    CHECK(to_text(*parse_quota("rays=1,jobs=2")) == "jobs=2,rays=1");
+    for (const char* wrong : {"jobs", "jobs=", "jobs=-1", "jobs=1.5", "job=1", "jobs=1;rays=2"})
+        CHECK_FALSE_MESSAGE(parse_quota(wrong), wrong);
+}
+
+}  // namespace
+}  // namespace raynest::server
