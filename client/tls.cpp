@@ -53,13 +53,23 @@ Result<Context> make_context(const TlsOptions& options) {
     return context;
 }
 
+/// OpenSSL says this of bytes that are no TLS record, from 3.2 on.
+bool is_record_layer_failure([[maybe_unused]] int reason) {
+#ifdef SSL_R_RECORD_LAYER_FAILURE
+    return reason == SSL_R_RECORD_LAYER_FAILURE;
+#else
+    return false;
+#endif
+}
+
 bool expect_host(SSL* tls, const std::string& host) {
     in6_addr storage{};
     const bool is_address = inet_pton(AF_INET, host.c_str(), &storage) == 1 ||
                             inet_pton(AF_INET6, host.c_str(), &storage) == 1;
-    if (is_address)
-        return X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param(tls), host.c_str()) == 1;
-    return SSL_set1_host(tls, host.c_str()) == 1 && SSL_set_tlsext_host_name(tls, host.c_str()) == 1;
+    if (is_address) return X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param(tls), host.c_str()) == 1;
+    return SSL_set1_host(tls, host.c_str()) == 1 &&
+           SSL_ctrl(tls, SSL_CTRL_SET_TLSEXT_HOSTNAME, TLSEXT_NAMETYPE_host_name,
+                    const_cast<char*>(host.c_str())) == 1;
 }
 
 /// True for alerts by which a daemon refuses this client's certificate.
@@ -108,7 +118,7 @@ Failure unverified(const SSL* tls, const std::string& host) {
                            "); pass --ca FILE or set RAYNEST_CA to its ca.pem");
     const int reason = ERR_GET_REASON(ERR_peek_error());
     if (reason == SSL_R_WRONG_VERSION_NUMBER || reason == SSL_R_HTTP_REQUEST ||
-        reason == SSL_R_UNSUPPORTED_PROTOCOL || reason == SSL_R_RECORD_LAYER_FAILURE)
+        reason == SSL_R_UNSUPPORTED_PROTOCOL || is_record_layer_failure(reason))
         return failure(Exit::cannot_connect, "what listens there does not speak TLS (" +
                                                  error_text() + "); is it tcp:// in place of tls://?");
     Failure why_not = broken();
