@@ -59,7 +59,10 @@ bool expect_host(SSL* tls, const std::string& host) {
                             inet_pton(AF_INET6, host.c_str(), &storage) == 1;
     if (is_address)
         return X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param(tls), host.c_str()) == 1;
-    return SSL_set1_host(tls, host.c_str()) == 1 && SSL_set_tlsext_host_name(tls, host.c_str()) == 1;
+    // SSL_set_tlsext_host_name() spelt out: the macro has an old-style cast.
+    return SSL_set1_host(tls, host.c_str()) == 1 &&
+           SSL_ctrl(tls, SSL_CTRL_SET_TLSEXT_HOSTNAME, TLSEXT_NAMETYPE_host_name,
+                    const_cast<char*>(host.c_str())) == 1;
 }
 
 /// True for alerts by which a daemon refuses this client's certificate.
@@ -108,7 +111,7 @@ Failure unverified(const SSL* tls, const std::string& host) {
                            "); pass --ca FILE or set RAYNEST_CA to its ca.pem");
     const int reason = ERR_GET_REASON(ERR_peek_error());
     if (reason == SSL_R_WRONG_VERSION_NUMBER || reason == SSL_R_HTTP_REQUEST ||
-        reason == SSL_R_UNSUPPORTED_PROTOCOL || reason == SSL_R_RECORD_LAYER_FAILURE)
+        reason == SSL_R_UNSUPPORTED_PROTOCOL)
         return failure(Exit::cannot_connect, "what listens there does not speak TLS (" +
                                                  error_text() + "); is it tcp:// in place of tls://?");
     Failure why_not = broken();
