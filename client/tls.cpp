@@ -18,7 +18,7 @@ struct Release {
         release(owned);
     }
 };
-using Context = std::unique_ptr<SSL_CTX, Release<SSL_CTX_free>>;
+using Settings = std::unique_ptr<SSL_CTX, Release<SSL_CTX_free>>;
 
 /// Returns the first error of OpenSSL in this thread as words, and clears them all.
 std::string error_text() {
@@ -28,8 +28,8 @@ std::string error_text() {
     return reason == nullptr ? "the connection ended" : reason;
 }
 
-Result<Context> make_context(const TlsOptions& options) {
-    Context context(SSL_CTX_new(TLS_client_method()));
+Result<Settings> make_context(const TlsOptions& options) {
+    Settings context(SSL_CTX_new(TLS_client_method()));
     if (!context) return fail(Exit::failed, error_text());
     SSL_CTX_set_min_proto_version(context.get(), TLS1_2_VERSION);
     SSL_CTX_set_options(context.get(), SSL_OP_NO_COMPRESSION | SSL_OP_NO_RENEGOTIATION);
@@ -59,7 +59,7 @@ bool expect_host(SSL* tls, const std::string& host) {
                             inet_pton(AF_INET6, host.c_str(), &storage) == 1;
     if (is_address)
         return X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param(tls), host.c_str()) == 1;
-    // SSL_set_tlsext_host_name() spelt out: the macro has an old-style cast.
+    // OpenSSL's macro for the name of the server casts in the old style.
     return SSL_set1_host(tls, host.c_str()) == 1 &&
            SSL_ctrl(tls, SSL_CTRL_SET_TLSEXT_HOSTNAME, TLSEXT_NAMETYPE_host_name,
                     const_cast<char*>(host.c_str())) == 1;
@@ -124,7 +124,7 @@ Failure unverified(const SSL* tls, const std::string& host) {
 }  // namespace
 
 struct TlsStream::Parts {
-    Context context;
+    Settings context;
     std::unique_ptr<SSL, Release<SSL_free>> tls;
 };
 
