@@ -18,7 +18,7 @@ struct Release {
         release(owned);
     }
 };
-using Context = std::unique_ptr<SSL_CTX, Release<SSL_CTX_free>>;
+using Settings = std::unique_ptr<SSL_CTX, Release<SSL_CTX_free>>;
 
 /// Returns the first error of OpenSSL in this thread as words, and clears them all.
 std::string error_text() {
@@ -28,8 +28,8 @@ std::string error_text() {
     return reason == nullptr ? "the connection ended" : reason;
 }
 
-Result<Context> make_context(const TlsOptions& options) {
-    Context context(SSL_CTX_new(TLS_client_method()));
+Result<Settings> make_context(const TlsOptions& options) {
+    Settings context(SSL_CTX_new(TLS_client_method()));
     if (!context) return fail(Exit::failed, error_text());
     SSL_CTX_set_min_proto_version(context.get(), TLS1_2_VERSION);
     SSL_CTX_set_options(context.get(), SSL_OP_NO_COMPRESSION | SSL_OP_NO_RENEGOTIATION);
@@ -59,7 +59,10 @@ bool expect_host(SSL* tls, const std::string& host) {
                             inet_pton(AF_INET6, host.c_str(), &storage) == 1;
     if (is_address)
         return X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param(tls), host.c_str()) == 1;
-    return SSL_set1_host(tls, host.c_str()) == 1 && SSL_set_tlsext_host_name(tls, host.c_str()) == 1;
+    // OpenSSL's macro for the name of the server casts in the old style.
+    return SSL_set1_host(tls, host.c_str()) == 1 &&
+           SSL_ctrl(tls, SSL_CTRL_SET_TLSEXT_HOSTNAME, TLSEXT_NAMETYPE_host_name,
+                    const_cast<char*>(host.c_str())) == 1;
 }
 
 /// True for alerts by which a daemon refuses this client's certificate.
@@ -108,7 +111,7 @@ Failure unverified(const SSL* tls, const std::string& host) {
                            "); pass --ca FILE or set RAYNEST_CA to its ca.pem");
     const int reason = ERR_GET_REASON(ERR_peek_error());
     if (reason == SSL_R_WRONG_VERSION_NUMBER || reason == SSL_R_HTTP_REQUEST ||
-        reason == SSL_R_UNSUPPORTED_PROTOCOL || reason == SSL_R_RECORD_LAYER_FAILURE)
+        reason == SSL_R_UNSUPPORTED_PROTOCOL)
         return failure(Exit::cannot_connect, "what listens there does not speak TLS (" +
                                                  error_text() + "); is it tcp:// in place of tls://?");
     Failure why_not = broken();
@@ -121,7 +124,7 @@ Failure unverified(const SSL* tls, const std::string& host) {
 }  // namespace
 
 struct TlsStream::Parts {
-    Context context;
+    Settings context;
     std::unique_ptr<SSL, Release<SSL_free>> tls;
 };
 

@@ -169,7 +169,7 @@ class Lists(Planted):
     """lists.py finds stale files; tested in a copy of the files that it reads and writes."""
 
     FILES = ("protocol/errors.def", "protocol/limits.def", "protocol/requests.def",
-             "protocol/generators.def", "protocol/reducers.def", "protocol/workers.def", "engine/queries/fields.def",
+             "protocol/generators.def", "protocol/reducers.def", "protocol/roles.def", "protocol/workers.def", "engine/queries/fields.def",
              "engine/geometry/counters.def", "engine/packs/words.def",
              "engine/integrators/palettes.def", "engine/integrators/layers.def",
              "engine/integrators/tonemaps.def", "server/diag/metrics.def", "protocol/PROTOCOL.md",

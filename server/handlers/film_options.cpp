@@ -58,7 +58,7 @@ Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
     settings.environment = chosen->second;
     if ((settings.environment == Environment::picture) != (message.environment_bytes() != 0))
         return refuse(Code::invalid_field,
-                      "environment `picture` comes with a file, and only that: say its size in "
+                      "environment picture comes with a file, and only that: say its size in "
                       "environment_bytes");
     if (message.environment_bytes() > environment_bytes_max)
         return refuse(Code::limit_exceeded,
