@@ -1,4 +1,4 @@
-// What a client shows a daemon, and what it asks of it: token, certificates, and the CA to trust.
+// The credentials of a client and its demands on a daemon: token, certificates, and the CA to trust.
 #pragma once
 
 #include "client/failure.h"

@@ -54,7 +54,7 @@ HEAVY = {
     "boost/asio": {"server/net": 2, "client": 2},
     "boost/beast": {"server/net": 1},
     "flatbuffers/": {"protocol": 1, "server/net": 1},
-    "CLI/": {"server": 2, "client": 1},
+    "CLI/": {"server": 2, "client": 1},  # the daemon, and its commands for TLS and tokens
     "toml++/": {"server": 1, "client": 1},
     "openssl/": {"engine/scene": 1, "server/security": 4, "server/net": 1, "client": 1},
     "seccomp.h": {"engine/assets": 1},

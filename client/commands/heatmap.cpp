@@ -75,19 +75,20 @@ void print_statistics(const wire::HeatStatisticsT& heat, std::ostream& to) {
 }
 
 Json statistics_json(const wire::HeatStatisticsT& heat) {
-    return Json{{"metric", heat.metric},
-                {"difference", is_difference(heat)},
-                {"min", value_of(heat, heat.min)},
-                {"mean", heat.mean},
-                {"p50", value_of(heat, heat.p50)},
-                {"p90", value_of(heat, heat.p90)},
-                {"p99", value_of(heat, heat.p99)},
-                {"max", value_of(heat, heat.max)},
-                {"clipped", heat.clipped},
-                {"below", heat.below},
-                {"count", heat.count},
-                {"range_low", heat.range_low},
-                {"range_high", heat.range_high}};
+    Json json{{"metric", heat.metric},
+              {"min", value_of(heat, heat.min)},
+              {"mean", heat.mean},
+              {"p50", value_of(heat, heat.p50)},
+              {"p90", value_of(heat, heat.p90)},
+              {"p99", value_of(heat, heat.p99)},
+              {"max", value_of(heat, heat.max)},
+              {"clipped", heat.clipped},
+              {"below", heat.below},
+              {"count", heat.count},
+              {"range_low", heat.range_low},
+              {"range_high", heat.range_high}};
+    if (is_difference(heat)) json["difference"] = true;
+    return json;
 }
 
 /// Replaces the answer's document by the file that it holds.

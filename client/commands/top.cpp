@@ -24,14 +24,16 @@ constexpr std::chrono::milliseconds period{1000};
 constexpr std::chrono::milliseconds nap{50};
 
 /// Counters whose names hold one of these count what the daemon refused or cut off.
-constexpr std::array<std::string_view, 9> refusal_words = {
-    "refus", "gave_way", "timeout", "cut_off", "foreign", "bad_", "fault", "kill", "failed"};
+constexpr std::array<std::string_view, 10> refusal_words = {
+    "refus", "gave_way", "timeout", "cut_off",  "foreign",
+    "bad_",  "fault",    "kill",    "deadline", "failed"};
 
 /// The daemon's counters at one moment.
 struct Sample {
     Clock::time_point at;
     std::vector<std::string> names;  ///< in the daemon's order
     std::map<std::string, double> values;
+    [[nodiscard]] bool has(const std::string& name) const { return values.contains(name); }
     [[nodiscard]] double value(const std::string& name) const {
         const auto found = values.find(name);
         return found == values.end() ? 0 : found->second;
@@ -116,8 +118,12 @@ void print_look(const Look& look, const std::string& daemon) {
     };
     std::cout << daemon << ": " << look.running << (look.running == 1 ? " job" : " jobs")
               << ", queue " << look.waiting << ", " << rate_text(look.rate("rays"))
-              << "rays/s, memory " << bytes("memory_used_bytes") << " of "
-              << bytes("memory_limit_bytes") << "\n\n";
+              << "rays/s";
+    // The daemon tells some of its clients nothing of the memory that others use.
+    if (look.now.has("memory_used_bytes"))
+        std::cout << ", memory " << bytes("memory_used_bytes") << " of "
+                  << bytes("memory_limit_bytes");
+    std::cout << "\n\n";
     if (look.running != 0) {
         print_table(look.job_rows);
         std::cout << '\n';
@@ -158,12 +164,15 @@ Json look_json(const Look& look) {
     Json refused = Json::object();
     for (const std::string& name : look.now.names)
         if (is_refusal(name)) refused[name] = look.now.value(name);
+    const auto known = [&](const char* name) {
+        return look.now.has(name) ? Json(look.now.value(name)) : Json(nullptr);
+    };
     return Json{{"seconds", look.seconds},
                 {"jobs_running", look.running},
                 {"queue", look.waiting},
                 {"rays_per_second", look.rate("rays")},
-                {"memory_used_bytes", look.now.value("memory_used_bytes")},
-                {"memory_limit_bytes", look.now.value("memory_limit_bytes")},
+                {"memory_used_bytes", known("memory_used_bytes")},
+                {"memory_limit_bytes", known("memory_limit_bytes")},
                 {"jobs", look.jobs},
                 {"scenes", scenes},
                 {"refused", refused}};

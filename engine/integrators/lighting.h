@@ -26,7 +26,7 @@ public:
 
     /// A direction in which the point may see a light; black where there is none.
     [[nodiscard]] LightSample sample(const Vec3& from, float choice, const Vec2& u) const;
-    /// What comes from infinity, against `direction`.
+    /// Light that comes from infinity, against `direction`.
     [[nodiscard]] Vec3 far_radiance(const Vec3& direction) const;
     /// The density with which sample() gives a direction to infinity.
     [[nodiscard]] float far_density(const Vec3& direction) const;

@@ -31,7 +31,7 @@ Cone cone_of(const Sensor& sensor) {
     return {};
 }
 
-/// What describe_first_hit() says, but the normal.
+/// The fields of describe_first_hit(), but the normal.
 void describe_ids(const SceneView& scene, const Ray& ray, const HitRecord& hit,
                   FilmSample& sample) {
     sample.alpha = 1;
@@ -44,7 +44,7 @@ void describe_ids(const SceneView& scene, const Ray& ray, const HitRecord& hit,
         sample.material = scene.geometry_of(object, hit.triangle).material;
 }
 
-/// What is left of light after a way through a solid (Beer's law).
+/// Share of light that is left after a way through a solid (Beer's law).
 Vec3 absorbed(const SurfaceRecord& surface, float distance) {
     if (!(surface.attenuation_distance > 0)) return Vec3(1);
     const float part = distance / surface.attenuation_distance;
@@ -63,7 +63,7 @@ struct Path::State {
     float covered = 0;  ///< FilmSample::alpha
 };
 
-/// What a vertex adds to the wavefront: a ray that goes on, and one to a light.
+/// Rays that a vertex adds to the wavefront: a ray that goes on, and one to a light.
 struct Path::Step {
     Ray next, shadow;
     Vec3 light{0};  ///< what arrives if the shadow ray meets nothing

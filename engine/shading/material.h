@@ -20,7 +20,7 @@
 
 namespace raynest {
 
-/// What textures and factors say of a material at a point.
+/// A material at a point, by its textures and factors.
 struct MaterialPoint {
     Vec3 base_colour{1};
     Vec3 emission{0};

@@ -1,4 +1,4 @@
-// What shading reads of a scene beside the views of the kernels: records in the arena, each with the
+// Data that shading reads beside the views of the kernels: records in the arena, each with the
 // index of the material, geometry or texture that it belongs to. Kernels never read them.
 #pragma once
 

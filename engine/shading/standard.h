@@ -77,7 +77,7 @@ public:
     }
 
 private:
-    /// What the varnish reflects in all, for a direction with these table entries.
+    /// Share that the varnish reflects in all, for a direction with these table entries.
     [[nodiscard]] Vec3 varnish_albedo(const OneBounce& b) const {
         return varnish_f0_ * (b.full - b.edge) + b.edge + varnish_more_ * (1.0F - b.full);
     }

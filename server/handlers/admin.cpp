@@ -38,7 +38,7 @@ Reply<void> set_quota(Administration& daemon, const wire::Admin& message,
                                                "' is not a quota; write jobs=N, rays=N, "
                                                "scene_bytes=N or connections=N");
     if (principal.empty())
-        return refuse(Code::invalid_field, "`principal` is missing: whose quota is it?");
+        return refuse(Code::invalid_field, "the quota needs a principal");
     daemon.set_quota(principal, *quota);
     report.text = principal + " has " + to_text(*quota) + " until the daemon ends";
     return {};
@@ -60,7 +60,7 @@ Reply<Answer> admin(const Services& services, const Caller& caller,
         list_connections(daemon, message->after(), report);
     } else if (act == "kick") {
         if (message->connection() == 0 && principal.empty())
-            return refuse(Code::invalid_field, "name a `connection` or a `principal`");
+            return refuse(Code::invalid_field, "name a connection or a principal");
         const std::size_t count = daemon.kick(message->connection(), principal);
         report.text = std::to_string(count) + " connections ended";
     } else if (act == "quota") {

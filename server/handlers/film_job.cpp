@@ -318,7 +318,7 @@ Traced<Frames> FilmJob::trace(const Chunk& chunk, const Stop& stop, TraceBuffers
                           run.samples, options_.seed};
         for (std::uint64_t i = 0; i < run.count; ++i)
             range.pixel_count += tiles_.pixels(run.tile + i);
-        // What was added before a failure stays: the counts of tiles say what is left to do.
+        // Samples that were added before a failure stay: the counts of tiles say what is left to do.
         if (!add_samples(*integrator_, range, counting, *wavefront, film_))
             return tl::unexpected(caster.failure());
         for (std::uint64_t one = run.tile; one < run.tile + run.count; ++one) {

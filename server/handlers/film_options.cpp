@@ -58,7 +58,7 @@ Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
     settings.environment = chosen->second;
     if ((settings.environment == Environment::picture) != (message.environment_bytes() != 0))
         return refuse(Code::invalid_field,
-                      "environment `picture` comes with a file, and only that: say its size in "
+                      "environment picture comes with a file, and only that: say its size in "
                       "environment_bytes");
     if (message.environment_bytes() > environment_bytes_max)
         return refuse(Code::limit_exceeded,
@@ -75,7 +75,7 @@ Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
 
 /// Chooses the passes of a job.
 void set_passes(const wire::Render& message, FilmOptions& options) {
-    const bool detached = message.job()->detach();
+    const bool detached = protocol::present(message.job()).detach();
     if (options.progressive || options.best_by_ms != 0 || detached) {
         options.passes = refinement_passes(options.samples);
         return;
@@ -87,7 +87,7 @@ void set_passes(const wire::Render& message, FilmOptions& options) {
     options.passes.push_back(options.samples);
 }
 
-/// What of a request shapes its samples, as text that a client can turn back into the request.
+/// The parts of a request that shape its samples, as text that a client can turn back into the request.
 std::vector<Attribute> request_attributes(const wire::Render& message,
                                           const FilmOptions& options) {
     std::string asked = "first";
@@ -107,7 +107,7 @@ std::vector<Attribute> request_attributes(const wire::Render& message,
         }
     }
     std::string set;
-    for (const std::string& setting : protocol::strings(message.job()->settings()))
+    for (const std::string& setting : protocol::strings(protocol::present(message.job()).settings()))
         set.append(set.empty() ? "" : " ").append(setting);
     const IntegratorSettings& settings = options.settings;
     return {{"raynest:version", RAYNEST_VERSION},

@@ -351,9 +351,10 @@ std::uint32_t levels_of(const Plan& plan) {
 /// Returns a line that says what is subtracted from what.
 std::string difference_note(const Plan& plan, const Plan& other) {
     const auto words = [](const Plan& of) {
-        const std::string settings = settings_text(of);
-        return "'" + of.scene.name + "' with " + of.variant->name +
-               (settings.empty() ? "" : " " + settings);
+        std::string text = "'" + of.scene.name + "' with " + of.variant->name;
+        const std::string settings = settings_text(of, false);
+        if (!settings.empty()) text.append(" ").append(settings);
+        return text;
     };
     return "the difference is the cost of " + words(plan) + " less that of " + words(other);
 }

@@ -77,14 +77,15 @@ Reply<PictureRequest> make_document_request(const Services& services, const Call
                         advice);
 }
 
-std::string settings_text(const Plan& plan) {
+std::string settings_text(const Plan& plan, bool all) {
     std::string text;
     for (std::size_t i = 0; i < plan.settings.params.size(); ++i) {
+        if (!all && plan.settings.params[i] == plan.variant->params()[i].initial) continue;
         std::array<char, 64> digits{};
         const char* const end =
             std::to_chars(digits.data(), digits.data() + digits.size(), plan.settings.params[i])
                 .ptr;
-        text.append(i == 0 ? "" : " ")
+        text.append(text.empty() ? "" : " ")
             .append(plan.variant->params()[i].name)
             .append("=")
             .append(std::string_view(digits.data(), static_cast<std::size_t>(end - digits.data())));

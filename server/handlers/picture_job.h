@@ -37,8 +37,9 @@ struct PictureRequest {
 /// Returns advice for the user on how to make a picture smaller.
 [[nodiscard]] std::string smaller_picture(std::string_view encode);
 
-/// Returns the parameters of a plan's intersector as name=value, joined by blanks.
-[[nodiscard]] std::string settings_text(const Plan& plan);
+/// Returns the parameters of a plan's intersector as name=value, joined by blanks: all of them, or
+/// those that differ from their initial value.
+[[nodiscard]] std::string settings_text(const Plan& plan, bool all = true);
 
 /// Checks the word of a file's encoding: png, exr or raw.
 Reply<std::string> check_encode(std::string_view word);

@@ -1,5 +1,6 @@
 #include "server/net/tls_transport.h"
 
+#include "protocol/control.h"
 #include "protocol/frame.h"
 #include "protocol/keep_alive.h"
 #include "protocol/validate.h"

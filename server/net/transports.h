@@ -9,7 +9,7 @@
 
 namespace raynest::server {
 
-/// What transports share. A reload replaces `tls`; open connections keep theirs.
+/// Settings that transports share. A reload replaces `tls`; open connections keep theirs.
 struct TransportParts {
     std::shared_ptr<const TlsContext> tls;  ///< null: no listener needs it
 };

@@ -18,7 +18,7 @@
 
 namespace raynest::server {
 
-/// Who may connect without a token, and what is asked for otherwise.
+/// Says who may connect without a token, and what others must show.
 struct AccessPolicy {
     std::optional<Role> anonymous = Role::user;  ///< empty: nobody
     bool tokens = false;                         ///< --tokens is given

@@ -1,4 +1,4 @@
-// What each principal may have: the limits principal_*_max, or less or more by its token's row or an
+// The quotas of each principal: the limits principal_*_max, or less or more by its token's row or an
 // administrator.
 #pragma once
 

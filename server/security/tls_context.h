@@ -20,7 +20,7 @@ struct TlsFiles {
     std::filesystem::path client_ca;    ///< PEM: CAs of client certificates; empty: none count
 };
 
-/// What connections share: certificate, key and allowed versions. Immutable; a connection keeps
+/// State that connections share: certificate, key and allowed versions. Immutable; a connection keeps
 /// the one that it began with.
 class TlsContext {
 public:

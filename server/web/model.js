@@ -1,4 +1,4 @@
-// What the daemon says of its scenes and intersectors.
+// The daemon's scenes and intersectors, as it describes them.
 import { askDocument } from "./documents.js";
 import { facts } from "./views.js";
 

@@ -1,5 +1,5 @@
 // The panels beside the picture, as tabs. To add one, import it and add it to PANELS; a panel is
-// {id, title, build(app, place)}, and is built when it is first shown.
+// {id, title, eager, build(app, place)}, and is built when it is first shown, or at once where it is eager.
 import { element } from "./dom.js";
 import { setupPanel } from "./setup.js";
 import { rayPanel } from "./ray.js";
@@ -14,7 +14,8 @@ export function buildPanels(app, tabs, place) {
     const tab = element("button", { type: "button", role: "tab", id: `tab-${panel.id}`, "aria-controls": `panel-${panel.id}`,
       onclick: () => app.store.set({ panel: panel.id }) }, panel.title);
     const body = element("div", { role: "tabpanel", id: `panel-${panel.id}`, "aria-labelledby": tab.id, tabIndex: 0 });
-    return { panel, tab, body, built: false };
+    if (panel.eager) panel.build(app, body);
+    return { panel, tab, body, built: Boolean(panel.eager) };
   });
   tabs.append(...made.map(({ tab }) => tab));
   place.append(...made.map(({ body }) => body));

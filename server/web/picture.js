@@ -137,7 +137,7 @@ export class Picture extends EventTarget {
   }
 }
 
-/** What a picture depends on. */
+/** The state that a picture depends on. */
 const wantedOf = ({ scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated }) =>
   ({ scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated });
 

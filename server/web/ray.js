@@ -8,7 +8,8 @@ import { jobOf } from "./requests.js";
 const FIELDS = ["t", "prim", "geom", "path", "inst", "uid", "uv", "ng", "front", "position", "material", "flags", "object", "mask", "box_share", "tree_depth", "origin", "direction"];
 const MISS = 0xffffffffffffffffn;
 
-export const rayPanel = { id: "ray", title: "Ray", build };
+// Eager: a click explains its ray whichever panel is shown.
+export const rayPanel = { id: "ray", title: "Ray", eager: true, build };
 
 /** Asks for everything about one pixel's ray: {x, y, hit, columns, path}. */
 export async function askPixel({ daemon, store, model, picture }, x, y, signal) {

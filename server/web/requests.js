@@ -1,4 +1,4 @@
-// What the page asks the daemon for, from what it shows: used by pictures, hovering and "copy as command".
+// The requests of the page, made from what it shows: used by pictures, hovering and "copy as command".
 import { cameraTable, generator } from "./camera.js";
 import { viewOf } from "./views.js";
 

@@ -1,4 +1,4 @@
-// What is selected, in tables and picture alike: placements by their paths, an object, or a material. The
+// The selection, in tables and picture alike: placements by their paths, an object, or a material. The
 // pixels that show it stay bright, the others are dimmed.
 import { cameraTable, generator } from "./camera.js";
 import { askDocument, latest } from "./documents.js";
@@ -80,7 +80,7 @@ export class Selection extends EventTarget {
 
   #mark() {
     const { overlay, picture, store } = this.#app;
-    // What is isolated stands out without dimming the rest.
+    // Isolated placements stand out without dimming the rest.
     if (!this.chosen || !picture.image?.complete || store.values.isolated.length) return overlay?.mask(null);
     return this.#run(async (signal) => {
       const { width, height } = picture.image;

@@ -1,4 +1,4 @@
-// What the page shows, as one object of plain values. set() names only the values that become different;
+// The state of the page, as one object of plain values. set() names only the values that become different;
 // listeners of a part are called when that part has changed.
 
 export const DEFAULTS = {

@@ -1,4 +1,4 @@
-// What can be seen. A view names the columns that it needs and turns them into values, which a palette
+// The views of a picture. A view names the columns that it needs and turns them into values, which a palette
 // colours, or into colours. To add one, add an entry.
 import { COUNTERS } from "./lists.js";
 import { idColour } from "./palette.js";

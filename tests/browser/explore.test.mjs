@@ -1,4 +1,4 @@
-// What is slow, and why: a ray's traversal, the ranking, the tables and their links with the picture, hidden
+// Finding what is slow, and why: a ray's traversal, the ranking, the tables and their links with the picture, hidden
 // instances, colours by structure, and boxes of trees.
 import assert from "node:assert/strict";
 import { browserTest, daemonWith, fine, until, windowPoint } from "./harness.mjs";

@@ -1,4 +1,4 @@
-// What every browser test needs: a daemon with scenes, a Chromium, and a page that is open.
+// The setting of every browser test: a daemon with scenes, a Chromium, and a page that is open.
 //
 //   node picture.test.mjs RAYNESTD RAYNEST MODULES
 //

@@ -58,8 +58,12 @@ browserTest("names from a scene are text", async ({ open, errors }) => {
   await fine(page);
   await page.mouse.move(...await windowPoint(page, 160, 95));
   await page.waitForFunction(() => document.querySelector("#record")?.textContent.includes("onerror"));
-  await page.click("#tab-objects");
-  await page.waitForFunction(() => document.querySelector("#panel-objects")?.textContent.includes("onerror"));
+  await page.mouse.click(...await windowPoint(page, 160, 95));
+  await page.waitForFunction(() => document.querySelector("#explain-tree")?.textContent.includes("onerror"));
+  for (const tab of ["objects", "ranking"]) {
+    await page.click(`#tab-${tab}`);
+    await page.waitForFunction((panel) => document.querySelector(`#panel-${panel}`)?.textContent.includes("onerror"), tab);
+  }
   assert.equal(await page.locator("img").count(), 0);
   assert.notEqual(await page.title(), "broken");
   // A hostile link, too.

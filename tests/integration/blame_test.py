@@ -84,7 +84,7 @@ class Rankings(DaemonTest):
         self.refused("hills", "--top", "4", "--level", "1", says="level 1")
         self.refused("woods", "--top", "0", says="--top")
         self.refused("woods", "--level", "1", "-o", self.out / "h.npy", says="--top")
-        self.refused("woods", says="--output or --top")
+        self.refused("woods", says="--output, --top or --fail-if")
         self.refused("woods", "--top", "4", "--camera", "no such", says="no such")
         self.refused("nowhere", "--top", "4", code=5, says="nowhere")
         self.refused("woods", "--top", "4", "--size", "16384x16384", says="size")

@@ -83,6 +83,7 @@ def signed_statistics(heat: dict[str, Any]) -> dict[str, Any]:
     """Differences, whose range alone begins below zero, travel as the u32 of the same bits."""
     if heat["range_low"] >= 0:
         return heat
+    heat = {**heat, "difference": True}
     return {key: value - 2**32 if key in ("min", "p50", "p90", "p99", "max") and value >= 2**31 else value
             for key, value in heat.items()}
 

@@ -67,8 +67,9 @@ class Picture:
                 seconds: float = 0.0, feed: Callable[[], object] = lambda: None) -> Any:
         """Raw pixels as an array (height, width, 4) of u8, of a heat map (height, width) of u32, of a
         difference i32; bytes of a picture file otherwise."""
-        for _ in self.passes(connection, request, message, progress, seconds, feed):
-            pass
+        with connection.interrupts:
+            for _ in self.passes(connection, request, message, progress, seconds, feed):
+                pass
         return self.result()
 
     def passes(self, connection: Connection, request: str, message: Message, progress: Progress,
@@ -77,7 +78,7 @@ class Picture:
         """Yields after each payload that a later one replaces; result() is that one. Reads the
         answer to its end."""
         frames = connection.exchange(request, message, seconds, self._place, feed)
-        with connection.interrupts, contextlib.closing(frames):
+        with contextlib.closing(frames):
             for kind, news in frames:
                 self.outcome.take(kind, news)
                 if kind == "Started" and self._origin is not None \

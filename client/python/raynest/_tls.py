@@ -18,7 +18,7 @@ RECORD_BYTES = 16 << 10
 # Alerts by which a daemon refuses this client's certificate.
 _REFUSALS = ("BAD_CERTIFICATE", "CERTIFICATE_EXPIRED", "CERTIFICATE_REVOKED", "CERTIFICATE_UNKNOWN",
              "UNSUPPORTED_CERTIFICATE", "UNKNOWN_CA", "ACCESS_DENIED", "CERTIFICATE_REQUIRED")
-# What OpenSSL says of bytes that are not TLS.
+# OpenSSL's reasons for bytes that are not TLS.
 _NOT_TLS = ("WRONG_VERSION_NUMBER", "HTTP_REQUEST", "UNSUPPORTED_PROTOCOL", "RECORD_LAYER_FAILURE")
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What TLS costs: ratios over plain TCP, taken in turns within one run.
+"""Measures the cost of TLS: ratios over plain TCP, taken in turns within one run.
 
   tls.py RAYNESTD RAYNEST [--rays N] [--rounds N] [--idle N]      one JSON object
 

@@ -20,7 +20,8 @@ void add(Film& film, FilmTiles& tiles, std::uint64_t tile, std::uint32_t count, 
         for (std::uint32_t x = at.x; x < at.x + at.width; ++x) {
             std::vector<FilmSample> samples(count);
             for (std::uint32_t s = 0; s < count; ++s)
-                samples[s].radiance = Vec3(1 + (s % 2 == 0 ? spread : -spread));
+                samples[s].radiance =
+                    Vec3(1 + ((tiles.taken(tile) + s) % 2 == 0 ? spread : -spread));
             film.add(std::uint64_t{y} * film.size().width + x, tiles.taken(tile), samples);
         }
     tiles.add(tile, count, film);

@@ -57,8 +57,8 @@ TEST_CASE("a welcome says who the client is, and in which role") {
     client.receive(*protocol::encode(0, wire::HelloT{}));
     const auto welcome = protocol::open<wire::Welcome>(daemon.sent.at(0), daemon.limits);
     REQUIRE(welcome);
-    CHECK((*welcome)->principal()->str() == "alice");
-    CHECK((*welcome)->role()->str() == "viewer");
+    CHECK(protocol::text((*welcome)->principal()) == "alice");
+    CHECK(protocol::text((*welcome)->role()) == "viewer");
 }
 
 }  // namespace

@@ -115,7 +115,7 @@ TEST_CASE("a shared scene is found by those whom it is shared with") {
     CHECK(store.list(you).at(0).share == "you");
     CHECK(store.unload("me/car", you).error().code == Code::not_allowed);
 
-    // Of two shared scenes a name without owner means neither; one's own comes first.
+    // A name without owner means neither of two shared scenes; one's own comes first.
     REQUIRE(store.publish("car", square(2), {.share = {"public"}}, them));
     const auto several = store.find("car", 0, you);
     REQUIRE_FALSE(several);

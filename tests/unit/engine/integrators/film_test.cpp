@@ -103,7 +103,7 @@ TEST_CASE("samples that are not finite are counted and dropped") {
 }
 
 TEST_CASE("a sampler's points are spread evenly, and differ by seed, pixel and dimension") {
-    // Of 256 points of a pair, one lies in each cell of 16 x 16.
+    // Each cell of 16 x 16 holds one of the 256 points of a pair.
     for (const std::uint32_t dimension : {0U, 1U, 9U}) {
         std::array<int, 256> cells{};
         for (std::uint32_t i = 0; i < 256; ++i) {

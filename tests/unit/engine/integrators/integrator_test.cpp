@@ -108,7 +108,7 @@ TEST_CASE("a ray that leaves a surface by its lift does not meet it again, near 
     for (const float far : {0.0F, 1000.0F, 1e6F}) {
         CAPTURE(far);
         Studio studio(far_tree(far));
-        SampleRange range{studio.camera, 0, pixel_count, 0, 16, 1};
+        SampleRange range{studio.camera, 0, pixel_count, 0, 512, 1};
         REQUIRE(cast_camera_rays(range, studio.caster, studio.arrays));
         std::vector<Ray> lifted;
         std::vector<Ray> resting;

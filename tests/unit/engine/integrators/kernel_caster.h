@@ -47,9 +47,11 @@ private:
         TraceCall call{};
         call.scene = &scene_;
         call.mask = ~0U;
+        call.hits_max = 1;
         call.rays = all.data();
         call.ray_count = static_cast<std::uint32_t>(all.size());
         call.hits = hits.data();
+        call.hits_max = 1;
         REQUIRE((*function)(&call) == trace_ok);
     }
     const SceneView& scene_;
