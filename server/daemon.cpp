@@ -72,7 +72,10 @@ public:
     [[nodiscard]] std::vector<ConnectionRow> connections(std::uint64_t after) const override {
         return connections_.rows(after);
     }
-    void drain() override;
+    /// Begins after the administrator has its answer.
+    void drain() override {
+        asio::post(io_, [this] { begin_to_drain(); });
+    }
     std::string reload() override;
     std::size_t kick(std::uint64_t connection, const std::string& principal) override;
     void set_quota(const std::string& principal, const Quota& quota) override;
@@ -80,6 +83,7 @@ public:
 private:
     void serve_health();
     void await_signal();
+    void begin_to_drain();
     void look_drained();
     void look_after_detached();
     void look_for_lost();
@@ -314,12 +318,12 @@ void Daemon::await_signal() {
             log(LogLevel::warn, "stopping_at_once");
             end_at_once();
         }
-        drain();
+        begin_to_drain();
         await_signal();
     });
 }
 
-void Daemon::drain() {
+void Daemon::begin_to_drain() {
     if (drain_deadline_ != Clock::time_point::max()) return;
     log(LogLevel::info, "draining", {{"connections", std::to_string(connections_.size())}});
     notify("STOPPING=1");
