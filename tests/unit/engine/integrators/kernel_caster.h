@@ -51,7 +51,6 @@ private:
         call.rays = all.data();
         call.ray_count = static_cast<std::uint32_t>(all.size());
         call.hits = hits.data();
-        call.hits_max = 1;
         REQUIRE((*function)(&call) == trace_ok);
     }
     const SceneView& scene_;
