@@ -1,6 +1,6 @@
 // Pictures: their pixels, palette, legend and histogram, and that changing those asks the daemon for nothing.
 import assert from "node:assert/strict";
-import { browserTest, daemonWith, fine, pixel, windowPoint } from "./harness.mjs";
+import { browserTest, daemonWith, fine, pixel, until, windowPoint } from "./harness.mjs";
 import { runCommand } from "./images.mjs";
 
 const SQUARES = { camera: "0,0,4,0,0,0,0,1,0,45", size: "320x180" };
@@ -75,7 +75,7 @@ browserTest("palette, range, scale and opacity send nothing", async ({ open }) =
   for (const change of [() => page.selectOption("#palette", "gray"), () => page.click("#log"), () => page.click("#range-auto"),
                         () => page.fill("#opacity", "0.5"), () => page.fill("#range-high", "100").then(() => page.press("#range-high", "Enter"))]) {
     await change();
-    await page.waitForTimeout(100);
+    await until(async () => !seen.has(String(await pixel(page, 160, 90))), "the change is seen");
     seen.add(String(await pixel(page, 160, 90)));
   }
   assert.equal(seen.size, 6, "every change is seen");

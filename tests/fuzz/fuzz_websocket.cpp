@@ -22,7 +22,7 @@ server::MessageConverter& converter() {
 /// As http.cpp does: a text message, or a binary one with its header.
 server::Read<protocol::Frame> read(std::string_view message, bool is_text) {
     if (is_text) return converter().read_text(message);
-    const server::Unreadable unreadable{0, 0, {protocol::Code::bad_frame, "", 0}, true};
+    const server::Unreadable unreadable{0, 0, {protocol::Code::bad_frame, "no frame", 0}, true};
     if (message.size() < protocol::header_bytes) return tl::unexpected(unreadable);
     const auto* bytes = reinterpret_cast<const std::byte*>(message.data());
     const auto header = protocol::read_header(
