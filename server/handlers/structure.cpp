@@ -34,7 +34,7 @@ public:
         if (std::exchange(started_, true)) return std::nullopt;
         Task task;
         task.run = [this](const Stop& stop) -> Reply<Frames> {
-            payload_.set(json_payload(0, 0, structure_json(scene_, request_, limits_, stop)));
+            payload_.set(json_payload(1, 1, structure_json(scene_, request_, limits_, stop)));
             return Frames{};
         };
         return task;

@@ -10,7 +10,7 @@ import unittest
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "integration"))
-from daemon import PATIENCE, Client, Daemon, device_workers, until  # noqa: E402
+from daemon import PATIENCE, Client, Daemon, device_workers, second_principal, until  # noqa: E402
 from npy import npy  # noqa: E402
 
 RAYS = 70_000  # rays of a query: more than the 65,536 from which auto uses a GPU
@@ -69,7 +69,7 @@ class CudaTest(unittest.TestCase):
                             under=("env", f"RAYNEST_FAKE_CUDA={cls.fault}", *words))
         cls.client = Client(raynest, cls.daemon.uri)
         for source, name in cls.scenes:
-            cls.client.json("load", source, "--name", name)
+            cls.client.json("load", source, "--name", name, "--share", "public")
         cls.rays = cls.out / "rays.npy"
         write_rays(cls.rays)
 

@@ -5,11 +5,10 @@
 """
 import signal
 import sys
-import tempfile
 import time
 import unittest
 
-from cuda_daemon import FRAME, PATIENCE, PROGRAMS, RAYS, Client, CudaTest, until, write_rays
+from cuda_daemon import FRAME, PATIENCE, PROGRAMS, RAYS, Client, CudaTest, second_principal, until, write_rays
 
 SLOTS = 4  # calls in flight
 TASKS = SLOTS + 1  # tasks of one job on the device
@@ -29,11 +28,11 @@ class HeldTest(CudaTest):
 
     def begin(self, client, *arguments):
         """Starts a client whose job waits for the GPU."""
-        jobs = len(self.client.json("jobs")["jobs"])
+        jobs = len(client.json("jobs")["jobs"])
         process = client.start(*arguments)
         self.addCleanup(process.communicate)
         self.addCleanup(process.kill)
-        until(lambda: len(self.client.json("jobs")["jobs"]) > jobs)
+        until(lambda: len(client.json("jobs")["jobs"]) > jobs)
         return process
 
     def render(self, size, *options):
@@ -43,12 +42,10 @@ class HeldTest(CudaTest):
 class Waiting(HeldTest):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(folder.cleanup)
-        socket = f"unix:{folder.name}/socket"
-        cls.arguments = (*CudaTest.arguments, "--cuda-rays-max", str(FRAME), "--listen", socket)
+        options, token = second_principal(PROGRAMS[0], cls.addClassCleanup)
+        cls.arguments = (*CudaTest.arguments, "--cuda-rays-max", str(FRAME), *options)
         super().setUpClass()
-        cls.other = Client(PROGRAMS[1], socket)  # another principal
+        cls.other = Client(PROGRAMS[1], cls.daemon.uri, token)
 
     def end_early(self, process, code):
         """Checks that a job ends after its started calls; the rest of its 64 calls is never

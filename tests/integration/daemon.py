@@ -115,12 +115,13 @@ class Daemon:
 class Client:
     """Runs `raynest` against one daemon."""
 
-    def __init__(self, program, uri):
+    def __init__(self, program, uri, token=None):
         self.program = program
         self.uri = uri
+        self.environment = {"RAYNEST_SERVER": uri, **({"RAYNEST_TOKEN": token} if token else {})}
 
     def start(self, *arguments, **options):
-        environment = dict(os.environ, RAYNEST_SERVER=self.uri)
+        environment = dict(os.environ, **self.environment)
         return subprocess.Popen([self.program, *map(str, arguments)], env=environment,
                                 stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                                 stderr=subprocess.PIPE, text=True, errors="replace", **options)
@@ -141,6 +142,17 @@ class Client:
         if done.returncode != 0:
             raise AssertionError(f"{arguments}: {done.returncode}: {done.stderr}")
         return json.loads(done.stdout)
+
+
+def second_principal(raynestd, cleanup):
+    """Returns a daemon's options and a token: clients with it belong to `bob`, others to their
+    address. `cleanup` is addCleanup() or addClassCleanup() of a test."""
+    folder = tempfile.TemporaryDirectory(prefix="raynest tokens ")
+    cleanup(folder.cleanup)
+    options = ("--tokens", f"{folder.name}/tokens")
+    added = subprocess.run([raynestd, "token", "add", "bob", "--role", "user", *options],
+                           capture_output=True, text=True, check=True)
+    return options, added.stdout.splitlines()[-1]
 
 
 def run_tests():

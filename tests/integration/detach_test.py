@@ -8,7 +8,7 @@ import struct
 import sys
 import unittest
 
-from daemon import Client, Daemon, DaemonTest, PATIENCE, until
+from daemon import Client, Daemon, DaemonTest, PATIENCE, second_principal, until
 from npy import npy
 
 DOWN = "0.3,1000,0.4,0,-1,0"
@@ -20,8 +20,9 @@ ENDLESS = ("--traversal", "reference", "--size", "4096x4096")
 class Detach(DaemonTest):
     @classmethod
     def setUpClass(cls):
+        cls.arguments, token = second_principal(cls.raynestd, cls.addClassCleanup)
         super().setUpClass()
-        cls.other = Client(cls.raynest, cls.socket)  # another principal: a user, not an address
+        cls.other = Client(cls.raynest, cls.daemon.uri, token)
         cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
         cls.client.json("load", "builtin:terrain?size=64", "--name", "hills")
 
@@ -119,9 +120,11 @@ class Detach(DaemonTest):
     def test_jobs_belong_to_who_asked(self):
         job = self.detach("render", "woods", "--size", "64x64")
         self.client.json("wait", job)
-        for words in (("wait", job), ("fetch", job, "-o", self.out / "stolen.png"),
-                      ("cancel", job)):
-            self.expect(4, *words, client=self.other, says="only its owner may")
+        for command in ("wait", "cancel"):
+            self.expect(4, command, job, client=self.other, says="only its owner may")
+        self.expect(5, "fetch", job, "-o", self.out / "stolen.png", client=self.other,
+                    says=f"there is no job {job}")
+        self.assertEqual(self.other.json("jobs")["jobs"], [])
         self.assertIn(job, self.listed())
         self.expect(5, "wait", "999999", says="raynest jobs")
 
@@ -182,21 +185,21 @@ class Detach(DaemonTest):
                           if job["total"] == 8192 * 8192])
 
     def test_one_job_gets_its_share_beside_many_of_another_principal(self):
-        socket = self.out / "fair"
-        daemon = Daemon(self.raynestd, "--listen", f"unix:{socket}", "--threads", "2")
+        options, token = second_principal(self.raynestd, self.addCleanup)
+        daemon = Daemon(self.raynestd, "--threads", "2", *options)
         self.addCleanup(daemon.stop)
-        crowd, single = Client(self.raynest, daemon.uri), Client(self.raynest, f"unix:{socket}")
-        crowd.json("load", "builtin:terrain?size=8", "--name", "hills")
+        crowd, single = Client(self.raynest, daemon.uri), Client(self.raynest, daemon.uri, token)
+        crowd.json("load", "builtin:terrain?size=8", "--name", "hills", "--share", "public")
         words = ("render", "hills", "--traversal", "reference", "--detach", "--size")
-        mine = single.json(*words, "4096x4096")["job"]
+        single.json(*words, "4096x4096")
         for _ in range(50):  # all of them fit into one answer to `jobs`
             crowd.json(*words, "512x512")
 
         def traced():
-            """Returns the chunks done by the single job and by the crowd, at one moment."""
-            done = {job["job"]: job["done"] for job in single.json("jobs")["jobs"]}
-            single = done.pop(mine)
-            return single, sum(done.values())
+            """Returns the rays done by the single job and by the crowd, one after the other: a
+            principal sees its own jobs alone."""
+            alone, = (job["done"] for job in single.json("jobs")["jobs"])
+            return alone, sum(job["done"] for job in crowd.json("jobs")["jobs"])
         before = traced()
 
         def sixteen_chunks_later():

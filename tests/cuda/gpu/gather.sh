@@ -9,7 +9,7 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../.." && pwd)
 build=${RAYNEST_BUILD:-$root/build}
 bytes_max=$((64 * 1000 * 1000))
-rays=32768
+rays=24576
 
 fail() { printf 'error: %s\n' "$1" >&2; exit 1; }
 
@@ -42,10 +42,10 @@ arena() {
     "$build/bin/raynest-bench-arena" "$source" "$out/scenes/$name.arena" --count "$rays" "${kinds[@]}"
 }
 arena forest builtin:forest primary diffuse
-arena trees 'gen:forest1?scale=0.01' primary diffuse
-"$build/bin/raynest-bench-arena" 'gen:forest1?scale=0.01' "$out/scenes/trees-flat.arena" --levels 1
-arena cards 'gen:cards?scale=0.05' primary diffuse
-arena terrain 'gen:terrain?scale=0.02' primary diffuse
+arena trees 'gen:forest1?scale=0.005' primary diffuse
+"$build/bin/raynest-bench-arena" 'gen:forest1?scale=0.005' "$out/scenes/trees-flat.arena" --levels 1
+arena cards 'gen:cards?scale=0.03' primary diffuse
+arena terrain 'gen:terrain?scale=0.01' primary diffuse
 arena flake 'builtin:flake?depth=5' primary
 
 total=$(du --summarize --bytes "$out" | cut -f1)

@@ -23,6 +23,7 @@ import served  # noqa: E402
 
 BUILD, FAKE = "", ""
 BYTES_MAX = 64_000_000
+VARIANTS = 4  # rows of engine/intersectors/LIST
 
 
 def start(*command, **environment):
@@ -79,7 +80,7 @@ class Gathered(unittest.TestCase):
         asked = {(row["scene"], row["variant"], row["query"]) for row in rows if row["what"] == "check"}
         scenes = {arena.stem for arena in (self.out / "scenes").glob("*.arena")}
         self.assertEqual(scenes, {"forest", "trees", "trees-flat", "cards", "terrain", "flake"})
-        self.assertEqual(len(asked), len(scenes) * 3 * 3)
+        self.assertEqual(len(asked), len(scenes) * VARIANTS * 3)
         verdict = rows[-1]
         self.assertTrue(verdict["passed"])
         self.assertEqual((verdict["differing"], verdict["failures"]), (0, []))
@@ -97,7 +98,7 @@ class Gathered(unittest.TestCase):
         code, rows, said = self.drive_fake("--count", "1024", "daemon")
         self.assertEqual((code, said), (0, ""))
         compared = [row for row in rows if row["what"] == "daemon"]
-        self.assertEqual(len(compared), len(served.SCENES) * 3 * (3 * 3 + 1))
+        self.assertEqual(len(compared), len(served.SCENES) * VARIANTS * (3 * 3 + 1))
         self.assertEqual({row["count"] for row in compared}, {1024})
         self.assertTrue(all(row["hitting"] > 0 for row in compared), compared)
         verdict = rows[-1]
@@ -106,7 +107,7 @@ class Gathered(unittest.TestCase):
 
     def test_a_wrong_answer_of_a_daemon_is_seen(self):
         fault = self.out.parent / "wrong"
-        fault.write_text("cudaMemcpyAsync garbage 20")  # after those of the probe
+        fault.write_text("cudaMemcpyAsync garbage 27")  # after those of the probe
         code, rows, _ = self.drive_fake("--count", "1024", "daemon", RAYNEST_FAKE_CUDA=str(fault))
         self.assertEqual(code, 1)
         self.assertFalse(fault.exists(), "no call met the fault")
@@ -151,7 +152,7 @@ class Gathered(unittest.TestCase):
             if row["variant"] == "opaque":
                 self.assertEqual(row["kernel_over_opaque"], 1)
         goals = rows[-1]["goals"]
-        self.assertEqual([goal["of"] for goal in goals], [len(times) // 3, len(times) // 3, len(times), len(times)])
+        self.assertEqual([goal["of"] for goal in goals], [len(times) // VARIANTS, len(times) // VARIANTS, len(times), len(times)])
         # Times frames of the daemon and larger chunks, each with one, two and four in flight.
         self.assertEqual({way for row in times for way in row["pinned_mrays"]},
                          {f"{slots} x {rays}" for slots in (1, 2, 4) for rays in (1 << 14, 1 << 17)})
@@ -194,7 +195,7 @@ class Gathered(unittest.TestCase):
         looked = [(row["tool"], row["scene"], row["rays"]) for row in rows if row["what"] == "sanitize"]
         self.assertEqual(looked, list(itertools.product(("memcheck", "initcheck"), ("trees", "flake"),
                                                         ("random", "camera"))))
-        self.assertEqual({row["kernels"] for row in rows if row["what"] == "sanitize"}, {9})
+        self.assertEqual({row["kernels"] for row in rows if row["what"] == "sanitize"}, {3 * VARIANTS})
 
     def test_an_unknown_stage_is_refused(self):
         code, _, said = self.drive_fake("profile")
