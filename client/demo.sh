@@ -95,13 +95,14 @@ printf '==> pictures\n'
 draw opaque.png 'mask ignored' render --intersector opaque
 draw alpha_mask.png 'alpha mask' render --intersector alpha_mask
 draw procedural_mask.png 'procedural mask' render --intersector procedural_mask
+draw path.png 'lit by sun and sky, 8 samples per pixel' render --integrator path --spp 8
 draw heat.png 'heat map: boxes and triangles tested per pixel, alpha mask' \
     heatmap --intersector alpha_mask
 printf '==> one ray\n'
 ask_one_ray
 
 printf '\nThe pictures:\n'
-printf '  %s\n' "$pictures"/{opaque,alpha_mask,procedural_mask,heat}.png
+printf '  %s\n' "$pictures"/{opaque,alpha_mask,procedural_mask,path,heat}.png
 if ((open)); then
     printf '\nThe page, until Ctrl-C:\n'
     "$raynest" open "$scene"

@@ -50,17 +50,17 @@ class Demo(unittest.TestCase):
         self.assertEqual(self.daemons(), [])
         self.assertEqual(list((self.folder / "tmp").iterdir()), [])
 
-    def test_four_different_pictures(self):
+    def test_five_different_pictures(self):
         demo = self.start("builtin:forest?trees=40")
         output, _ = demo.communicate(timeout=SECONDS_MAX)
         self.assertEqual(demo.returncode, 0, output)
         pictures = {path.name: path.read_bytes() for path in (self.folder / "pictures").iterdir()}
-        self.assertEqual(sorted(pictures), ["alpha_mask.png", "heat.png", "opaque.png",
+        self.assertEqual(sorted(pictures), ["alpha_mask.png", "heat.png", "opaque.png", "path.png",
                                             "procedural_mask.png"])
         for name, data in pictures.items():
             self.assertEqual(data[:8], b"\x89PNG\r\n\x1a\n", name)
             self.assertIn(str(self.folder / "pictures" / name), output)
-        self.assertEqual(len(set(pictures.values())), 4)
+        self.assertEqual(len(set(pictures.values())), 5)
         self.assertRegex(output, r"[\d.]+ Mrays/s")
         self.assertRegex(output, r"path \d+ is \S+/\S+", "a hit through nested instances")
         self.assert_nothing_left()

@@ -37,7 +37,7 @@ SERVED_RAYS = 1 << 17  # per request of daemon's 90: 1.1 * 10^7
 TIMED_RAYS = 1 << 20  # enough to fill a GPU several times
 SMALL_SCENES, SMALL_COUNT = ("trees", "flake"), 2048  # triangles with masks; spheres
 
-MASKS = "procedural_mask", "alpha_mask"
+MASKS = "procedural_mask", "alpha_mask", "alpha_blend"
 # The goals for the rows of time: variants, field, bound, and whether values must be below or above
 # it.
 GOALS = [(MASKS[:1], "kernel_over_opaque", "at most", 1.1), (MASKS[1:], "kernel_over_opaque", "at most", 1.3),
