@@ -35,7 +35,10 @@ export class Image {
     }
   }
 
-  /** Makes the pixels [first, end) of the columns; `other` are those of a difference's second query. */
+  /**
+   * Makes the pixels [first, end) of the columns. `other` are those of a difference's second query,
+   * which is subtracted: as in `raynest heatmap --diff`, red costs more than the other, blue less.
+   */
   fill(columns, first, end, other = null) {
     const { view, state } = this;
     this.columns = columns;
@@ -44,7 +47,7 @@ export class Image {
     for (let i = first; i < end; ++i) {
       if (view.value) {
         const value = view.value(columns, i, field);
-        this.values[i] = other ? view.value(other, i, field) - value : value;
+        this.values[i] = other ? value - view.value(other, i, field) : value;
         continue;
       }
       const colour = view.colour(columns, i);

@@ -76,7 +76,7 @@ export class Legend {
     this.#canvas.height = HEIGHT * dpr;
     this.#canvas.hidden = this.controls.hidden = !image;
     if (!image) return;
-    this.#title.textContent = image.diverging ? `${image.view.label}: difference` : image.view.label;
+    this.#title.textContent = image.diverging ? `${image.view.label}: more (red) or less (blue) than the other` : image.view.label;
     for (const control of this.controls.children) {
       control.hidden = !byValue && control !== this.#title && !control.querySelector?.("#opacity");
     }

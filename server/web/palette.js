@@ -3,13 +3,11 @@
 import { PALETTES } from "./lists.js";
 
 export const STEPS = 256;
-// A difference is blue where the other setting costs less, red where it costs more.
-const DIVERGING = [0x053061, 0x2166ac, 0x4393c3, 0x92c5de, 0xf7f7f7, 0xf4a582, 0xd6604d, 0xb2182b, 0x67001f];
 export const PALETTE_NAMES = Object.keys(PALETTES);
 
 /** Returns 256 colours as RGBA bytes. */
 export function paletteBytes(name) {
-  const anchors = name === "diverging" ? DIVERGING : PALETTES[name] ?? PALETTES.turbo;
+  const anchors = PALETTES[name] ?? PALETTES.turbo;
   const bytes = new Uint8Array(4 * STEPS);
   for (let i = 0; i < STEPS; ++i) {
     const scaled = i * (anchors.length - 1);
