@@ -162,6 +162,10 @@ class Model {
 public:
     void greeted(std::uint64_t window) { window_ = window; }
     void granted(std::uint64_t id, std::uint64_t bytes) { requests_[id].credit += bytes; }
+    /// Begins a request whose answer has no Started.
+    void begun(std::uint64_t id) {
+        if (!requests_[id].running) requests_[id] = {true, window_, 0};
+    }
 
     void check(const protocol::Frame& frame, const server::Runner& runner) {
         fuzz::require(golden::open_any(frame).has_value());
@@ -284,6 +288,7 @@ private:
         const bool greeted = conversation_.greeted();
         const auto credit = protocol::open<wire::Credit>(frame);
         if (credit) model_.granted(frame.header.request_id, (*credit)->bytes());
+        if (protocol::open<wire::Structure>(frame)) model_.begun(frame.header.request_id);
         const auto hello = protocol::open<wire::Hello>(frame);
         const std::uint64_t window = hello ? (*hello)->window_bytes() : 0;
         const auto admitted = conversation_.admit(frame.header);
