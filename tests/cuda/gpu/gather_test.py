@@ -152,7 +152,7 @@ class Gathered(unittest.TestCase):
             if row["variant"] == "opaque":
                 self.assertEqual(row["kernel_over_opaque"], 1)
         goals = rows[-1]["goals"]
-        self.assertEqual([goal["of"] for goal in goals], [len(times) // VARIANTS, len(times) // VARIANTS, len(times), len(times)])
+        self.assertEqual([goal["of"] for goal in goals], [len(times) // VARIANTS, 2 * len(times) // VARIANTS, len(times), len(times)])
         # Times frames of the daemon and larger chunks, each with one, two and four in flight.
         self.assertEqual({way for row in times for way in row["pinned_mrays"]},
                          {f"{slots} x {rays}" for slots in (1, 2, 4) for rays in (1 << 14, 1 << 17)})
