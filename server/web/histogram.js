@@ -7,19 +7,22 @@ const finite = (values) => values.filter(Number.isFinite).sort();
 export function statistics(values) {
   const sorted = finite(values);  // a typed array: sort() is numeric
   const count = sorted.length;
-  if (count === 0) return { count, min: 0, mean: 0, p50: 0, p90: 0, p99: 0, max: 0 };
+  if (count === 0) return { count, min: 0, mean: 0, p50: 0, p90: 0, p99: 0, max: 0, p99Size: 0 };
   let sum = 0;
   for (const value of sorted) sum += value;
   const rank = (percent) => sorted[Math.max(Math.ceil((count * percent) / 100), 1) - 1];
+  // Values without their signs: those of a difference lie on both sides of 0.
+  const sizes = sorted[0] < 0 ? sorted.map(Math.abs).sort() : sorted;
   return { count, min: sorted[0], mean: sum / count, p50: rank(50), p90: rank(90), p99: rank(99),
-           max: sorted[count - 1] };
+           max: sorted[count - 1], p99Size: sizes[Math.max(Math.ceil((count * 99) / 100), 1) - 1] };
 }
 
 /** Returns the range that a setting stands for: p99, auto or [low, high]. */
 export function rangeOf(setting, stats, diverging) {
   if (Array.isArray(setting)) return { low: setting[0], high: setting[1] };
   if (diverging) {
-    const most = Math.max(Math.abs(stats.min), Math.abs(stats.max), 1e-9);
+    const largest = setting === "auto" ? Math.max(Math.abs(stats.min), Math.abs(stats.max)) : stats.p99Size;
+    const most = Math.max(largest, 1e-9);
     return { low: -most, high: most };
   }
   const high = setting === "auto" ? stats.max : stats.p99;

@@ -98,7 +98,7 @@ function difference({ store, model }) {
   model.addEventListener("change", () => show(store.values));
   show(store.values);
   return element("div", {}, field("Compare", select), field("or a parameter", setting),
-    element("p", { className: "hint" }, "Red pixels cost more with the other setting, blue ones less. Views of cost and depth show it."));
+    element("p", { className: "hint" }, "Red pixels cost more than with the other setting, blue ones less. Views of cost and depth show it."));
 }
 
 function cameraFields({ store, showCamera }) {
