@@ -1,19 +1,21 @@
 #!/usr/bin/env python3
 """/metrics counts who is not allowed and whose connection the daemon ends for somebody else.
-A client that is lost (cause="lost") is left out: loopback answers for it, and 20 s must pass.
 
   metrics_kills_test.py RAYNESTD RAYNEST
 """
+import ctypes
 import socket
+import struct
 import subprocess
 import sys
 import unittest
 
 from connections_test import ERROR, HELLO, WELCOME, read_frame
-from daemon import Client, Daemon, PATIENCE, run_tests, second_principal, until
+from daemon import Client, Daemon, LONG, PATIENCE, run_tests, second_principal, until
 from metrics_test import scrape
 from websocket import greeted, place_of
 
+SO_ATTACH_FILTER = 26  # Python has no name for it
 ENDED = "raynest_connections_ended_total{{cause=\"{}\"}}".format
 REJECTED = "raynest_rejected_total{{reason=\"{}\"}}".format
 
@@ -126,6 +128,21 @@ class Kills(unittest.TestCase):
         self.paused_reader(daemon, bob)
         subprocess.run([self.raynestd, "token", "revoke", "bob", *options], capture_output=True, check=True)
         self.rises(daemon, "raynest_slow_consumer_disconnects_total")
+
+    @unittest.skipUnless(LONG, "a client counts as lost after 20 s (tests/run.sh --long)")
+    def test_a_client_that_is_gone_is_found(self):
+        """A socket filter drops all that the daemon sends, as a network that has gone does."""
+        daemon, client = self.start()
+        client.json("load", "builtin:forest?trees=400", "--name", "forest")
+        gone = greeted(daemon.http)
+        self.addCleanup(gone.close)
+        # The daemon alone sends from now on: what the client sent would acknowledge frames.
+        gone.say("Heatmap", 1, {"job": {"scene": "forest"}, "width": 2048, "height": 2048, "encode": "raw"})
+        self.assertEqual(gone.hear()[0], "Started")
+        drop_all = ctypes.create_string_buffer(struct.pack("HBBI", 6, 0, 0, 0))  # BPF: return 0
+        gone.socket.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER,
+                               struct.pack("HL", 1, ctypes.addressof(drop_all)))
+        until(lambda: scrape(daemon.http)[ENDED("lost")] > 0, daemon.log, patience=PATIENCE + 45)
 
 
 if __name__ == "__main__":
