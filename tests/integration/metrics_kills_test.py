@@ -1,0 +1,151 @@
+#!/usr/bin/env python3
+"""/metrics counts who is not allowed and whose connection the daemon ends for somebody else.
+
+  metrics_kills_test.py RAYNESTD RAYNEST
+"""
+import ctypes
+import socket
+import struct
+import subprocess
+import sys
+import unittest
+
+from connections_test import ERROR, HELLO, WELCOME, read_frame
+from daemon import Client, Daemon, LONG, PATIENCE, run_tests, second_principal, until
+from metrics_test import scrape
+from websocket import greeted, place_of
+
+SO_ATTACH_FILTER = 26  # Python has no name for it
+ENDED = "raynest_connections_ended_total{{cause=\"{}\"}}".format
+REJECTED = "raynest_rejected_total{{reason=\"{}\"}}".format
+
+
+class Kills(unittest.TestCase):
+    raynestd = None
+    raynest = None
+
+    def start(self, *arguments, token=None):
+        """Starts a daemon with a page, and returns it and a client."""
+        daemon = Daemon(self.raynestd, "--http", "127.0.0.1:0", *arguments)
+        self.addCleanup(daemon.stop)
+        return daemon, Client(self.raynest, daemon.uri, token)
+
+    def connect(self, daemon):
+        connection = socket.create_connection(place_of(daemon.uri.replace("tcp", "http")), timeout=PATIENCE)
+        self.addCleanup(connection.close)
+        connection.sendall(HELLO)
+        return connection
+
+    def rises(self, daemon, name, cause=lambda: None):
+        """Repeats `cause` until a value of /metrics, 0 so far, rises."""
+        self.assertEqual(scrape(daemon.http)[name], 0, name)
+        until(lambda: cause() or scrape(daemon.http)[name] > 0, lambda: f"{name} stays 0: {daemon.log()}")
+
+    def test_things_of_another_principal(self):
+        options, token = second_principal(self.raynestd, self.addCleanup)
+        daemon, bob = self.start(*options, token=token)
+        bob.json("load", "builtin:terrain?size=8", "--name", "hills", "--share", "public")
+        stranger = Client(self.raynest, daemon.uri)
+        self.rises(daemon, REJECTED("not_allowed"),
+                   lambda: self.assertEqual(stranger.run("unload", "hills").returncode, 4))
+
+    def test_a_token_that_is_wrong(self):
+        options, token = second_principal(self.raynestd, self.addCleanup)
+        daemon, wrong = self.start(*options, token=token[:-4] + "AAAA")
+        self.rises(daemon, "raynest_logins_refused_total",
+                   lambda: self.assertNotEqual(wrong.run("scenes").returncode, 0))
+
+    def test_requests_that_a_viewer_may_not_send(self):
+        daemon, viewer = self.start("--anonymous", "viewer")
+        self.rises(daemon, "raynest_requests_refused_total",
+                   lambda: self.assertEqual(viewer.run("load", "builtin:terrain?size=8").returncode, 4))
+        self.assertGreater(scrape(daemon.http)[REJECTED("not_allowed")], 0)
+
+    def test_a_connection_gives_way_to_a_newcomer(self):
+        daemon, _ = self.start("--give-way-ms", "50", "--connections-max", "3")
+        crowd = [self.connect(daemon) for _ in range(3)]
+        self.assertEqual({read_frame(guest) for guest in crowd}, {WELCOME})
+        self.rises(daemon, ENDED("gave_way_connections"), lambda: read_frame(self.connect(daemon)) and None)
+
+    def test_a_newcomer_is_refused_where_nobody_pauses(self):
+        daemon, _ = self.start("--give-way-ms", "600000", "--connections-max", "1")
+        self.assertEqual(read_frame(self.connect(daemon)), WELCOME)
+        self.rises(daemon, "raynest_connections_total{result=\"rejected_limit\"}",
+                   lambda: self.assertEqual(read_frame(self.connect(daemon)), ERROR))
+
+    def test_a_connection_without_hello_gives_way_to_another(self):
+        daemon, _ = self.start("--greeting-connections-max", "1")
+        place = place_of(daemon.uri.replace("tcp", "http"))
+
+        def two_silent():
+            for _ in range(2):
+                self.addCleanup(socket.create_connection(place, timeout=PATIENCE).close)
+        self.rises(daemon, ENDED("gave_way_greeting"), two_silent)
+
+    def test_one_that_pauses_gives_way_to_the_end_of_the_daemon(self):
+        daemon, client = self.start("--give-way-ms", "500")
+        self.paused_reader(daemon, client)
+        # This query keeps the daemon while it drains: its ray does not come, but its client moves frames.
+        lively = greeted(daemon.http)
+        self.addCleanup(lively.close)
+        lively.say("Query", 1, {"job": {"scene": "hills"}, "fields": ["t"], "ray_count": 1})
+        self.assertEqual(lively.hear()[0], "Started")
+        daemon.process.terminate()
+        self.rises(daemon, ENDED("gave_way_draining"), lambda: lively.say("Ping", 0))
+        lively.close()
+        self.assertEqual(daemon.process.wait(timeout=PATIENCE), 0)
+
+    def test_a_job_gives_way_to_that_of_a_newcomer(self):
+        daemon, client = self.start("--give-way-ms", "50", "--total-jobs-max", "1")
+        client.json("load", "builtin:terrain?size=8", "--name", "hills")
+        paused = greeted(daemon.http)
+        self.addCleanup(paused.close)
+        # The ray of this query does not come.
+        paused.say("Query", 1, {"job": {"scene": "hills"}, "fields": ["t"], "ray_count": 1})
+        self.assertEqual(paused.hear()[0], "Started")
+        self.rises(daemon, ENDED("gave_way_jobs"),
+                   lambda: client.run("query", "hills", "--ray", "0,9,0,0,-1,0") and None)
+
+    def paused_reader(self, daemon, client):
+        """Starts a query whose answers nobody reads; the daemon has more of them than its sockets take."""
+        client.json("load", "builtin:terrain?size=8", "--name", "hills")
+        for _ in range(2):
+            paused = client.start("query", "hills", "--generate", "equirectangular", "size=2000x1000",
+                                  "--fields", "t,path,position,ng,uv")
+            self.addCleanup(paused.communicate)
+            self.addCleanup(paused.kill)
+        until(lambda: scrape(daemon.http)["raynest_memory_used_bytes"] > 16 << 20)
+
+    def test_readers_that_pause_give_way_to_a_load(self):
+        daemon, client = self.start("--memory", "48M", "--give-way-ms", "200")
+        self.paused_reader(daemon, client)
+        self.rises(daemon, ENDED("gave_way_memory"), lambda: client.run("load", "builtin:terrain") and None)
+
+    def test_a_closing_client_that_does_not_read_is_cut_off(self):
+        """A client whose token is revoked hears of it, and has 5 s to read that, which this test waits for."""
+        options, token = second_principal(self.raynestd, self.addCleanup)
+        daemon, bob = self.start(*options, token=token)
+        self.paused_reader(daemon, bob)
+        subprocess.run([self.raynestd, "token", "revoke", "bob", *options], capture_output=True, check=True)
+        self.rises(daemon, "raynest_slow_consumer_disconnects_total")
+
+    @unittest.skipUnless(LONG, "a client counts as lost after 20 s (tests/run.sh --long)")
+    def test_a_client_that_is_gone_is_found(self):
+        """A socket filter drops all that the daemon sends, as a network that has gone does."""
+        daemon, client = self.start()
+        client.json("load", "builtin:forest?trees=400", "--name", "forest")
+        gone = greeted(daemon.http)
+        self.addCleanup(gone.close)
+        # The daemon alone sends from now on: what the client sent would acknowledge frames.
+        gone.say("Heatmap", 1, {"job": {"scene": "forest"}, "width": 2048, "height": 2048, "encode": "raw"})
+        self.assertEqual(gone.hear()[0], "Started")
+        drop_all = ctypes.create_string_buffer(struct.pack("HBBI", 6, 0, 0, 0))  # BPF: return 0
+        gone.socket.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER,
+                               struct.pack("HL", 1, ctypes.addressof(drop_all)))
+        until(lambda: scrape(daemon.http)[ENDED("lost")] > 0, daemon.log, patience=PATIENCE + 45)
+
+
+if __name__ == "__main__":
+    Kills.raynestd, Kills.raynest = sys.argv[1:3]
+    del sys.argv[1:3]
+    run_tests()
