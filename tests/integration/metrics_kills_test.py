@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """/metrics counts who is not allowed and whose connection the daemon ends for somebody else.
+A closing client that is cut off (peers_cut_off) is left out: the kernel's buffers may take all its answers.
 
   metrics_kills_test.py RAYNESTD RAYNEST
 """
 import ctypes
 import socket
 import struct
-import subprocess
 import sys
 import unittest
 
@@ -120,14 +120,6 @@ class Kills(unittest.TestCase):
         daemon, client = self.start("--memory", "48M", "--give-way-ms", "200")
         self.paused_reader(daemon, client)
         self.rises(daemon, ENDED("gave_way_memory"), lambda: client.run("load", "builtin:terrain") and None)
-
-    def test_a_closing_client_that_does_not_read_is_cut_off(self):
-        """A client whose token is revoked hears of it, and has 5 s to read that, which this test waits for."""
-        options, token = second_principal(self.raynestd, self.addCleanup)
-        daemon, bob = self.start(*options, token=token)
-        self.paused_reader(daemon, bob)
-        subprocess.run([self.raynestd, "token", "revoke", "bob", *options], capture_output=True, check=True)
-        self.rises(daemon, "raynest_slow_consumer_disconnects_total")
 
     @unittest.skipUnless(LONG, "a client counts as lost after 20 s (tests/run.sh --long)")
     def test_a_client_that_is_gone_is_found(self):
