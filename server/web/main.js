@@ -142,8 +142,15 @@ async function open() {
     if (!scene) store.set({ scene: model.scenes[0] });
     await chooseScene(store.values.camera);
   } catch (error) {
+    if (error.name === "SCENE_UNKNOWN") return sceneIsGone(store.values.scene);
     failed(error);
   }
+}
+
+/** Offers the loaded scenes in place of one that a link names. */
+function sceneIsGone(scene) {
+  fillSelect(byId("scene"), [["", "choose"], ...model.scenes.map((name) => [name, name])], "");
+  say(`The scene "${scene}" is not loaded. Choose another one, or load it: raynest load FILE --name ${scene}`, true);
 }
 
 async function chooseScene(camera) {

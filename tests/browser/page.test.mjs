@@ -159,3 +159,11 @@ browserTest("the keyboard alone is enough", async ({ open }) => {
   await page.keyboard.press("Escape");
   await until(async () => !await page.locator("dialog[open]").count());
 });
+
+browserTest("a link to a scene that is not loaded offers the others", async ({ open }) => {
+  const page = await open(daemon, { scene: "nosuch" });
+  await until(async () => /"nosuch" is not loaded/.test(await page.textContent("#message")), "the page says so");
+  await page.selectOption("#scene", "forest");
+  await fine(page);
+  assert.equal(await page.textContent("#message"), "");
+});
