@@ -26,10 +26,9 @@ public:
 
     /// A direction in which the point may see a light; black where there is none.
     [[nodiscard]] LightSample sample(const Vec3& from, float choice, const Vec2& u) const;
-    /// Light that comes from infinity, against `direction`.
-    [[nodiscard]] Vec3 far_radiance(const Vec3& direction) const;
-    /// The density with which sample() gives a direction to infinity.
-    [[nodiscard]] float far_density(const Vec3& direction) const;
+    /// Light that comes from infinity, against `direction`, and the density with which sample()
+    /// gives the direction.
+    [[nodiscard]] Environment::View far(const Vec3& direction) const;
     /// The density with which sample() gives the direction in which a ray met a triangle that emits.
     [[nodiscard]] float triangle_density(const HitRecord& hit, float distance, float cosine) const;
 
@@ -56,6 +55,8 @@ private:
     }
     [[nodiscard]] LightSample sample_near(const Vec3& from, float choice, const Vec2& u) const;
     [[nodiscard]] LightSample sample_far(const Vec3& from, float choice, const Vec2& u) const;
+    /// What the surroundings show, with the sun before them.
+    [[nodiscard]] Environment::View with_sun(Environment::View view, const Vec3& direction) const;
     [[nodiscard]] LightSample sample_triangle_light(const EmittingTriangle& triangle,
                                                     const Vec3& from, const Vec2& u) const;
 

@@ -138,11 +138,10 @@ bool Path::render(const SampleRange& range, RayCaster& caster, Wavefront& arrays
 void Path::leave(const Ray& ray, std::uint32_t bounce, State& state) const {
     if (lighting_.empty()) return;
     const Vec3 direction = glm::normalize(ray.direction);
-    const Vec3 radiance = lighting_.far_radiance(direction);
-    if (is_black(radiance)) return;
-    const float weight =
-        state.density > 0 ? power_heuristic(state.density, lighting_.far_density(direction)) : 1.0F;
-    state.radiance += state.throughput * radiance * weight;
+    const Environment::View far = lighting_.far(direction);
+    if (is_black(far.radiance)) return;
+    const float weight = state.density > 0 ? power_heuristic(state.density, far.density) : 1.0F;
+    state.radiance += state.throughput * far.radiance * weight;
     if (bounce == 0) state.covered = 1;
 }
 

@@ -4,22 +4,33 @@
 #include <cmath>
 
 namespace raynest {
-namespace {
 
-/// Returns the entry of ascending sums in which u * total falls, and the rest in [0, 1).
-std::size_t find_interval(std::span<const float> sums, float u, float& rest) {
-    const float at = u * sums.back();
-    const auto next = std::upper_bound(sums.begin(), sums.end(), at);
-    std::size_t i = std::min(static_cast<std::size_t>(next - sums.begin()), sums.size() - 1);
+void Environment::Guide::add(std::span<const float> sums) {
+    const std::size_t count = runs(sums.size());
+    std::size_t i = 0;
+    for (std::size_t run = 0; run < count; ++run) {
+        const float at = static_cast<float>(run) / static_cast<float>(count) * sums.back();
+        while (i + 1 < sums.size() && sums[i] <= at) ++i;
+        first.push_back(static_cast<std::uint32_t>(i));
+    }
+}
+
+std::size_t Environment::Guide::find(std::span<const float> sums, std::size_t at, float u,
+                                     float& rest) const {
+    const std::size_t count = runs(sums.size());
+    const auto run = std::min(static_cast<std::size_t>(u * static_cast<float>(count)), count - 1);
+    const float value = u * sums.back();
+    std::size_t i = first[at + run];
+    // Rounding may have begun one run too late.
+    while (i > 0 && sums[i - 1] > value) --i;
+    while (i + 1 < sums.size() && sums[i] <= value) ++i;
     // Skip entries without weight at the end.
     while (i > 0 && !(sums[i] > sums[i - 1])) --i;
     const float before = i == 0 ? 0.0F : sums[i - 1];
     const float weight = sums[i] - before;
-    rest = weight > 0 ? std::clamp((at - before) / weight, 0.0F, one_below) : 0.5F;
+    rest = weight > 0 ? std::clamp((value - before) / weight, 0.0F, one_below) : 0.5F;
     return i;
 }
-
-}  // namespace
 
 Environment::Environment(std::uint32_t width, std::uint32_t height, std::span<const Vec3> pixels)
     : width_(width),
@@ -50,6 +61,17 @@ Environment::Environment(std::uint32_t width, std::uint32_t height, std::span<co
         sum += row;
         rows_[y] = static_cast<float>(sum);
     }
+    row_guide_.add(rows_);
+    row_densities_.resize(height);
+    for (std::size_t y = 0; y < height; ++y) {
+        const std::span<const float> columns(columns_.data() + y * width, width);
+        column_guide_.add(columns);
+        const float in_row = rows_[y] - (y == 0 ? 0.0F : rows_[y - 1]);
+        if (columns.back() > 0 && rows_.back() > 0)
+            row_densities_[y] = in_row / rows_.back() / columns.back() *
+                                static_cast<float>(width) * static_cast<float>(height) /
+                                (2.0F * pi * pi);
+    }
 }
 
 const Vec3& Environment::pixel(int column, int row) const {
@@ -59,16 +81,7 @@ const Vec3& Environment::pixel(int column, int row) const {
     return pixels_[static_cast<std::size_t>(y) * width_ + static_cast<std::size_t>(x)];
 }
 
-Vec2 Environment::place_of(const Vec3& d) const {
-    const float u = 0.5F + std::atan2(d.x, -d.z) / (2.0F * pi);
-    const float v = std::acos(std::clamp(d.y, -1.0F, 1.0F)) / pi;
-    return {std::clamp(u, 0.0F, one_below) * static_cast<float>(width_),
-            std::clamp(v, 0.0F, one_below) * static_cast<float>(height_)};
-}
-
-Vec3 Environment::radiance(const Vec3& direction) const {
-    if (empty()) return Vec3(0);
-    const Vec2 at = place_of(direction);
+Vec3 Environment::radiance_at(const Vec2& at) const {
     const float left = std::floor(at.x - 0.5F);
     const float top = std::floor(at.y - 0.5F);
     const float across = at.x - 0.5F - left;
@@ -79,36 +92,37 @@ Vec3 Environment::radiance(const Vec3& direction) const {
            (pixel(x, y + 1) * (1 - across) + pixel(x + 1, y + 1) * across) * down;
 }
 
-Vec3 Environment::sample(const Vec2& u, float& density) const {
-    density = 0;
-    if (empty() || !(rows_.back() > 0)) return Vec3(0, 1, 0);
-    float down = 0, across = 0;
-    const std::size_t y = find_interval(rows_, u.y, down);
-    const std::span<const float> row(columns_.data() + y * width_, width_);
-    if (!(row.back() > 0)) return Vec3(0, 1, 0);
-    const std::size_t x = find_interval(row, u.x, across);
-    const float azimuth =
-        2.0F * pi * ((static_cast<float>(x) + across) / static_cast<float>(width_) - 0.5F);
-    const float polar = pi * (static_cast<float>(y) + down) / static_cast<float>(height_);
-    const float sine = std::sin(polar);
-    const Vec3 direction(sine * std::sin(azimuth), std::cos(polar), -sine * std::cos(azimuth));
-    density = this->density(direction);
-    return direction;
+float Environment::density_at(std::size_t column, std::size_t row, float sine) const {
+    const float* sums = columns_.data() + row * width_;
+    const float weight = sums[column] - (column == 0 ? 0.0F : sums[column - 1]);
+    return row_densities_[row] * weight / std::max(sine, 1e-6F);
 }
 
-float Environment::density(const Vec3& direction) const {
-    if (empty() || !(rows_.back() > 0)) return 0;
-    const Vec2 at = place_of(direction);
-    const auto x = static_cast<std::size_t>(at.x);
-    const auto y = static_cast<std::size_t>(at.y);
-    const float* row = columns_.data() + y * width_;
-    const float in_row = rows_[y] - (y == 0 ? 0.0F : rows_[y - 1]);
-    const float weight = row[x] - (x == 0 ? 0.0F : row[x - 1]);
-    if (!(row[width_ - 1] > 0) || !(in_row > 0)) return 0;
-    const float share = in_row / rows_.back() * (weight / row[width_ - 1]);
-    const float sine = std::sqrt(std::max(1.0F - direction.y * direction.y, 1e-12F));
-    return share * static_cast<float>(width_) * static_cast<float>(height_) /
-           (2.0F * pi * pi * sine);
+Environment::View Environment::view(const Vec3& d) const {
+    if (empty()) return {};
+    const float u = 0.5F + arc_tangent(d.x, -d.z) * (0.5F / pi);
+    const float v = arc_cosine(d.y) * (1.0F / pi);
+    const Vec2 at(std::clamp(u, 0.0F, one_below) * static_cast<float>(width_),
+                  std::clamp(v, 0.0F, one_below) * static_cast<float>(height_));
+    const float sine = std::sqrt(std::max(1.0F - d.y * d.y, 0.0F));
+    return {radiance_at(at),
+            density_at(static_cast<std::size_t>(at.x), static_cast<std::size_t>(at.y), sine)};
+}
+
+Vec3 Environment::sample(const Vec2& u, View& view) const {
+    view = {};
+    if (empty() || !(rows_.back() > 0)) return Vec3(0, 1, 0);
+    float down = 0, across = 0;
+    const std::size_t y = row_guide_.find(rows_, 0, u.y, down);
+    const std::span<const float> row(columns_.data() + y * width_, width_);
+    if (!(row.back() > 0)) return Vec3(0, 1, 0);
+    const std::size_t x = column_guide_.find(row, y * Guide::runs(width_), u.x, across);
+    const Vec2 at(static_cast<float>(x) + across, static_cast<float>(y) + down);
+    // A turn behind the picture's middle lies its left edge.
+    const Vec2 azimuth = circle(std::min(at.x / static_cast<float>(width_), 1.0F));
+    const Vec2 polar = circle(0.5F * std::min(at.y / static_cast<float>(height_), 1.0F));
+    view = {radiance_at(at), density_at(x, y, polar.y)};
+    return {-polar.y * azimuth.y, polar.x, polar.y * azimuth.x};
 }
 
 Vec3 Environment::irradiance_up() const {

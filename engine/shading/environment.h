@@ -16,22 +16,53 @@ public:
     /// Row 0 on top; values that are negative or not finite count 0.
     Environment(std::uint32_t width, std::uint32_t height, std::span<const Vec3> pixels);
 
+    /// What a direction shows.
+    struct View {
+        Vec3 radiance{0};
+        float density = 0;  ///< of sample(), per solid angle
+    };
     [[nodiscard]] bool empty() const { return pixels_.empty(); }
-    [[nodiscard]] Vec3 radiance(const Vec3& direction) const;
-    /// A direction with its density per solid angle; 0 where the picture is black.
-    [[nodiscard]] Vec3 sample(const Vec2& u, float& density) const;
-    [[nodiscard]] float density(const Vec3& direction) const;
+    [[nodiscard]] View view(const Vec3& direction) const;
+    [[nodiscard]] Vec3 radiance(const Vec3& direction) const { return view(direction).radiance; }
+    [[nodiscard]] float density(const Vec3& direction) const { return view(direction).density; }
+    /// Draws a direction, and says what it shows; density 0 where the picture is black.
+    [[nodiscard]] Vec3 sample(const Vec2& u, View& view) const;
+    [[nodiscard]] Vec3 sample(const Vec2& u, float& density) const {
+        View view;
+        const Vec3 direction = sample(u, view);
+        density = view.density;
+        return direction;
+    }
     /// The irradiance of a surface that faces up.
     [[nodiscard]] Vec3 irradiance_up() const;
 
 private:
-    [[nodiscard]] Vec2 place_of(const Vec3& direction) const;
+    /// Where a search for an entry of ascending sums begins: for each run of `step` entries, the
+    /// entry at its share of the total.
+    struct Guide {
+        static constexpr std::size_t step = 4;
+        std::vector<std::uint32_t> first;
+
+        void add(std::span<const float> sums);
+        [[nodiscard]] static std::size_t runs(std::size_t entries) {
+            return (entries + step - 1) / step;
+        }
+        /// The entry in which u * total falls, and the rest in [0, 1).
+        [[nodiscard]] std::size_t find(std::span<const float> sums, std::size_t at, float u,
+                                       float& rest) const;
+    };
     [[nodiscard]] const Vec3& pixel(int column, int row) const;
+    /// `at` in pixels.
+    [[nodiscard]] Vec3 radiance_at(const Vec2& at) const;
+    [[nodiscard]] float density_at(std::size_t column, std::size_t row, float sine) const;
 
     std::uint32_t width_ = 0, height_ = 0;
     std::vector<Vec3> pixels_;
     std::vector<float> rows_;     ///< sums of weights up to and with each row
     std::vector<float> columns_;  ///< of each row the same for its columns
+    /// Density of a pixel of each row, times the sine of its angle from the pole, per weight.
+    std::vector<float> row_densities_;
+    Guide row_guide_, column_guide_;  ///< column_guide_: row after row
 };
 
 }  // namespace raynest

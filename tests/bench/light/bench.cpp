@@ -26,6 +26,7 @@ namespace {
 
 struct Options {
     std::string scene = "builtin:forest";
+    std::string camera;
     std::string intersector = "auto";
     std::string integrator = "path";
     std::vector<std::string> targets;  ///< empty: all that run here, and the baseline
@@ -167,7 +168,7 @@ public:
         : options_(options),
           registry_(must(Registry::load({{}, "auto"}))),
           workload_(must(load_workload(options.scene, *registry_))),
-          sensor_(camera_sensor(must(choose_camera(*workload_.scene, {})), {},
+          sensor_(camera_sensor(must(choose_camera(*workload_.scene, {.name = options.camera})), {},
                                 {options.width, options.height})) {
         std::vector<std::string> targets = options.targets;
         if (targets.empty()) {
@@ -204,7 +205,10 @@ private:
         IntegratorSettings settings;
         settings.depth = options_.depth;
         side.integrator = must(make_integrator(options_.integrator, scene, settings));
-        const Variant* variant = must(side.registry->choose(options_.intersector, view));
+        // A lit picture blends where no intersector is named, as at a daemon.
+        const bool blends = options_.intersector == "auto" && view.masked_materials != 0;
+        const Variant* variant =
+            must(side.registry->choose(blends ? "alpha_blend" : options_.intersector, view));
         side.caster = std::make_unique<TimedCaster>(view, *variant, traversal_auto);
         const bool stream =
             variant->code->trace[precision_watertight][traversal_stream][query_closest][0] !=
@@ -308,6 +312,7 @@ int main(int argc, char** argv) {
     CLI::App app{"What a path-traced picture costs beside its rays.\n"
                  "Example: raynest-bench-light --scene builtin:forest"};
     app.add_option("--scene", options.scene, "gen:..., builtin:... or a .glb");
+    app.add_option("--camera", options.camera, "name or number");
     app.add_option("--intersector", options.intersector, "");
     app.add_option("--integrator", options.integrator, "");
     app.add_option("--target", options.targets, "baseline, v2, v3, v4")->delimiter(',');
