@@ -78,6 +78,14 @@ struct SampleRange {
     [[nodiscard]] std::uint64_t samples() const { return pixel_count * sample_count; }
 };
 
+/// More memory of one integrator.
+struct IntegratorMemory {
+    IntegratorMemory() = default;
+    IntegratorMemory(const IntegratorMemory&) = delete;
+    IntegratorMemory& operator=(const IntegratorMemory&) = delete;
+    virtual ~IntegratorMemory() = default;
+};
+
 /// Arrays to work in, kept between calls for their memory. Integrators size them as they need;
 /// nothing in them survives a call.
 struct Wavefront {
@@ -87,6 +95,7 @@ struct Wavefront {
     std::vector<Ray> shadow_rays;
     std::vector<std::uint8_t> occluded;
     std::vector<FilmSample> samples;
+    std::unique_ptr<IntegratorMemory> memory;  ///< of the integrator that last used it
 };
 
 class Integrator {

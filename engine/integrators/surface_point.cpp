@@ -39,6 +39,7 @@ SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const Hit
         error = 2 * eps * glm::abs(point.position);
         const double stretch = glm::length(world);
         if (stretch > 0) point.normal = Vec3(world / stretch);
+        point.twice_area = stretch * length * placement.volume;
     } else {
         const Point along = static_cast<double>(hit.t) * Point(ray.direction);
         point.position = origin + along;
