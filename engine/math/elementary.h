@@ -50,7 +50,7 @@ namespace raynest {
     return std::copysign(a, y);
 }
 
-/// Arc cosine of x, clamped to [-1, 1]; within 4e-7.
+/// Arc cosine of x, clamped to [-1, 1]; within 5e-7.
 [[nodiscard]] inline float arc_cosine(float x) {
     const float a = std::min(std::abs(x), 1.0F);
     // Abramowitz and Stegun, 4.4.46.

@@ -5,42 +5,42 @@
 
 namespace raynest {
 
-void Environment::Guide::add(std::span<const float> sums) {
-    const std::size_t count = runs(sums.size());
+void Environment::Guide::add(const float* sums, std::size_t count, std::size_t stride) {
+    const float total = sums[(count - 1) * stride];
     std::size_t i = 0;
-    for (std::size_t run = 0; run < count; ++run) {
-        const float at = static_cast<float>(run) / static_cast<float>(count) * sums.back();
-        while (i + 1 < sums.size() && sums[i] <= at) ++i;
-        first.push_back(static_cast<std::uint32_t>(i));
+    for (std::size_t share = 0; share < count; ++share) {
+        const float at = static_cast<float>(share) / static_cast<float>(count) * total;
+        while (i + 1 < count && sums[i * stride] <= at) ++i;
+        first_.push_back(static_cast<std::uint16_t>(i));
     }
 }
 
-std::size_t Environment::Guide::find(std::span<const float> sums, std::size_t at, float u,
-                                     float& rest) const {
-    const std::size_t count = runs(sums.size());
-    const auto run = std::min(static_cast<std::size_t>(u * static_cast<float>(count)), count - 1);
-    const float value = u * sums.back();
-    std::size_t i = first[at + run];
-    // Rounding may have begun one run too late.
-    while (i > 0 && sums[i - 1] > value) --i;
-    while (i + 1 < sums.size() && sums[i] <= value) ++i;
+std::size_t Environment::Guide::find(const float* sums, std::size_t count, std::size_t stride,
+                                     std::size_t list, float u, float& rest) const {
+    const auto share = std::min(static_cast<std::size_t>(u * static_cast<float>(count)), count - 1);
+    const float value = u * sums[(count - 1) * stride];
+    std::size_t i = first_[list * count + share];
+    // Rounding may have begun one share too late.
+    while (i > 0 && sums[(i - 1) * stride] > value) --i;
+    while (i + 1 < count && sums[i * stride] <= value) ++i;
     // Skip entries without weight at the end.
-    while (i > 0 && !(sums[i] > sums[i - 1])) --i;
-    const float before = i == 0 ? 0.0F : sums[i - 1];
-    const float weight = sums[i] - before;
+    while (i > 0 && !(sums[i * stride] > sums[(i - 1) * stride])) --i;
+    const float before = i == 0 ? 0.0F : sums[(i - 1) * stride];
+    const float weight = sums[i * stride] - before;
     rest = weight > 0 ? std::clamp((value - before) / weight, 0.0F, one_below) : 0.5F;
     return i;
 }
 
 Environment::Environment(std::uint32_t width, std::uint32_t height, std::span<const Vec3> pixels)
     : width_(width),
-      height_(height),
-      pixels_(pixels.begin(), pixels.end()) {
-    for (Vec3& p : pixels_)
+      height_(height) {
+    texels_.reserve(pixels.size());
+    for (const Vec3& pixel : pixels) {
+        Vec4& p = texels_.emplace_back(pixel, 0);
         for (int c = 0; c < 3; ++c)
             if (!(p[c] > 0) || !std::isfinite(p[c])) p[c] = 0;
+    }
     rows_.resize(height);
-    columns_.resize(std::size_t{width} * height);
     double sum = 0;
     for (std::uint32_t y = 0; y < height; ++y) {
         // The solid angle of a pixel, and the mean over all that interpolation mixes into it.
@@ -50,35 +50,34 @@ Environment::Environment(std::uint32_t width, std::uint32_t height, std::span<co
             double weight = 0;
             for (int dy = -1; dy <= 1; ++dy) {
                 for (int dx = -1; dx <= 1; ++dx) {
-                    const Vec3& p = pixel(static_cast<int>(x) + dx, static_cast<int>(y) + dy);
+                    const Vec3 p(texel(static_cast<int>(x) + dx, static_cast<int>(y) + dy));
                     weight += (dx == 0 ? 0.75 : 0.125) * (dy == 0 ? 0.75 : 0.125) *
                               static_cast<double>(brightness(p));
                 }
             }
             row += weight * sine;
-            columns_[std::size_t{y} * width + x] = static_cast<float>(row);
+            texels_[std::size_t{y} * width + x].w = static_cast<float>(row);
         }
         sum += row;
         rows_[y] = static_cast<float>(sum);
     }
-    row_guide_.add(rows_);
+    row_guide_.add(rows_.data(), height, 1);
     row_densities_.resize(height);
     for (std::size_t y = 0; y < height; ++y) {
-        const std::span<const float> columns(columns_.data() + y * width, width);
-        column_guide_.add(columns);
+        column_guide_.add(&texels_[y * width].w, width, 4);
         const float in_row = rows_[y] - (y == 0 ? 0.0F : rows_[y - 1]);
-        if (columns.back() > 0 && rows_.back() > 0)
-            row_densities_[y] = in_row / rows_.back() / columns.back() *
-                                static_cast<float>(width) * static_cast<float>(height) /
-                                (2.0F * pi * pi);
+        const float in_columns = texels_[(y + 1) * width - 1].w;
+        if (in_columns > 0 && rows_.back() > 0)
+            row_densities_[y] = in_row / rows_.back() / in_columns * static_cast<float>(width) *
+                                static_cast<float>(height) / (2.0F * pi * pi);
     }
 }
 
-const Vec3& Environment::pixel(int column, int row) const {
+const Vec4& Environment::texel(int column, int row) const {
     const int w = static_cast<int>(width_);
     const int x = column < 0 ? column + w : column >= w ? column - w : column;
     const int y = std::clamp(row, 0, static_cast<int>(height_) - 1);
-    return pixels_[static_cast<std::size_t>(y) * width_ + static_cast<std::size_t>(x)];
+    return texels_[static_cast<std::size_t>(y) * width_ + static_cast<std::size_t>(x)];
 }
 
 Vec3 Environment::radiance_at(const Vec2& at) const {
@@ -88,13 +87,14 @@ Vec3 Environment::radiance_at(const Vec2& at) const {
     const float down = at.y - 0.5F - top;
     const int x = static_cast<int>(left);
     const int y = static_cast<int>(top);
-    return (pixel(x, y) * (1 - across) + pixel(x + 1, y) * across) * (1 - down) +
-           (pixel(x, y + 1) * (1 - across) + pixel(x + 1, y + 1) * across) * down;
+    const Vec4 upper = texel(x, y) * (1 - across) + texel(x + 1, y) * across;
+    const Vec4 lower = texel(x, y + 1) * (1 - across) + texel(x + 1, y + 1) * across;
+    return Vec3(upper * (1 - down) + lower * down);
 }
 
 float Environment::density_at(std::size_t column, std::size_t row, float sine) const {
-    const float* sums = columns_.data() + row * width_;
-    const float weight = sums[column] - (column == 0 ? 0.0F : sums[column - 1]);
+    const Vec4* texels = texels_.data() + row * width_;
+    const float weight = texels[column].w - (column == 0 ? 0.0F : texels[column - 1].w);
     return row_densities_[row] * weight / std::max(sine, 1e-6F);
 }
 
@@ -113,10 +113,10 @@ Vec3 Environment::sample(const Vec2& u, View& view) const {
     view = {};
     if (empty() || !(rows_.back() > 0)) return Vec3(0, 1, 0);
     float down = 0, across = 0;
-    const std::size_t y = row_guide_.find(rows_, 0, u.y, down);
-    const std::span<const float> row(columns_.data() + y * width_, width_);
-    if (!(row.back() > 0)) return Vec3(0, 1, 0);
-    const std::size_t x = column_guide_.find(row, y * Guide::runs(width_), u.x, across);
+    const std::size_t y = row_guide_.find(rows_.data(), height_, 1, 0, u.y, down);
+    if (!(row_densities_[y] > 0)) return Vec3(0, 1, 0);
+    const std::size_t x =
+        column_guide_.find(&texels_[y * width_].w, width_, 4, y, u.x, across);
     const Vec2 at(static_cast<float>(x) + across, static_cast<float>(y) + down);
     // A turn behind the picture's middle lies its left edge.
     const Vec2 azimuth = circle(std::min(at.x / static_cast<float>(width_), 1.0F));
@@ -130,7 +130,7 @@ Vec3 Environment::irradiance_up() const {
     for (std::uint32_t y = 0; y < height_ / 2; ++y) {
         const double polar = std::numbers::pi * (y + 0.5) / height_;
         for (std::uint32_t x = 0; x < width_; ++x)
-            sum += glm::dvec3(pixels_[std::size_t{y} * width_ + x]) *
+            sum += glm::dvec3(texels_[std::size_t{y} * width_ + x]) *
                    (std::sin(polar) * std::cos(polar));
     }
     return Vec3(sum * (2 * std::numbers::pi * std::numbers::pi / width_ / height_));

@@ -13,7 +13,7 @@ namespace raynest {
 class Environment {
 public:
     Environment() = default;
-    /// Row 0 on top; values that are negative or not finite count 0.
+    /// Row 0 on top, at most 65,535 pixels a side; values that are negative or not finite count 0.
     Environment(std::uint32_t width, std::uint32_t height, std::span<const Vec3> pixels);
 
     /// What a direction shows.
@@ -21,7 +21,7 @@ public:
         Vec3 radiance{0};
         float density = 0;  ///< of sample(), per solid angle
     };
-    [[nodiscard]] bool empty() const { return pixels_.empty(); }
+    [[nodiscard]] bool empty() const { return texels_.empty(); }
     [[nodiscard]] View view(const Vec3& direction) const;
     [[nodiscard]] Vec3 radiance(const Vec3& direction) const { return view(direction).radiance; }
     [[nodiscard]] float density(const Vec3& direction) const { return view(direction).density; }
@@ -37,32 +37,32 @@ public:
     [[nodiscard]] Vec3 irradiance_up() const;
 
 private:
-    /// Where a search for an entry of ascending sums begins: for each run of `step` entries, the
-    /// entry at its share of the total.
-    struct Guide {
-        static constexpr std::size_t step = 4;
-        std::vector<std::uint32_t> first;
+    /// Where a search for an entry of ascending sums begins: for each of as many shares of the total
+    /// as there are entries, the entry there.
+    class Guide {
+    public:
+        /// Appends those of one more list of sums, `stride` floats apart.
+        void add(const float* sums, std::size_t count, std::size_t stride);
+        /// The entry in which u * total falls, and the rest in [0, 1). `list`: number of the list.
+        [[nodiscard]] std::size_t find(const float* sums, std::size_t count, std::size_t stride,
+                                       std::size_t list, float u, float& rest) const;
 
-        void add(std::span<const float> sums);
-        [[nodiscard]] static std::size_t runs(std::size_t entries) {
-            return (entries + step - 1) / step;
-        }
-        /// The entry in which u * total falls, and the rest in [0, 1).
-        [[nodiscard]] std::size_t find(std::span<const float> sums, std::size_t at, float u,
-                                       float& rest) const;
+    private:
+        std::vector<std::uint16_t> first_;
     };
-    [[nodiscard]] const Vec3& pixel(int column, int row) const;
+    [[nodiscard]] const Vec4& texel(int column, int row) const;
     /// `at` in pixels.
     [[nodiscard]] Vec3 radiance_at(const Vec2& at) const;
     [[nodiscard]] float density_at(std::size_t column, std::size_t row, float sine) const;
 
     std::uint32_t width_ = 0, height_ = 0;
-    std::vector<Vec3> pixels_;
-    std::vector<float> rows_;     ///< sums of weights up to and with each row
-    std::vector<float> columns_;  ///< of each row the same for its columns
+    /// Radiance, and the sum of weights of its row up to and with it: what one sample reads lies
+    /// together.
+    std::vector<Vec4> texels_;
+    std::vector<float> rows_;  ///< sums of weights up to and with each row
     /// Density of a pixel of each row, times the sine of its angle from the pole, per weight.
     std::vector<float> row_densities_;
-    Guide row_guide_, column_guide_;  ///< column_guide_: row after row
+    Guide row_guide_, column_guide_;
 };
 
 }  // namespace raynest
