@@ -16,6 +16,10 @@ namespace {
 /// Dimensions of random numbers that one vertex takes.
 enum Dimension : std::uint32_t { light_point, choices, scattered, roulette, dimensions_per_vertex };
 
+Vec2 draw(const Sampler& sampler, std::uint32_t bounce, Dimension dimension) {
+    return sampler.pair(sampler_dimensions + bounce * dimensions_per_vertex + dimension);
+}
+
 /// Vertices that no path ends before.
 constexpr std::uint32_t roulette_from = 3;
 constexpr float roulette_most = 0.95F;
@@ -73,6 +77,7 @@ struct Path::Vertex {
     float distance;
     SurfacePoint place;
     UnfinishedPoint point;
+    Vec2 choice, light_point;  ///< random numbers, if it draws a light
 
     Ray next, shadow;
     Vec3 light{0};  ///< what arrives if the shadow ray meets nothing
@@ -135,6 +140,7 @@ bool Path::render(const SampleRange& range, RayCaster& caster, Wavefront& arrays
         arrays.shadow_rays.clear();
         memory.light.clear();
         memory.lit.clear();
+        const bool lights = bounce < depth_ && !lighting_.empty();
         std::size_t going = 0;
         for (std::size_t next = 0; next < active.size();) {
             std::size_t count = 0;
@@ -151,7 +157,17 @@ bool Path::render(const SampleRange& range, RayCaster& caster, Wavefront& arrays
                 vertex.film = bounce == 0 ? &out[i] : nullptr;
                 locate(arrays.rays[next], arrays.hits[next], bounce, memory, states[i], vertex);
             }
+            if (lights)
+                for (Vertex& vertex : std::span(memory.vertices).first(count)) {
+                    const Sampler sampler = sampler_of(range, arrays, vertex.path);
+                    vertex.choice = draw(sampler, bounce, choices);
+                    vertex.light_point = draw(sampler, bounce, light_point);
+                    lighting_.fetch_guide(vertex.choice.x, vertex.light_point);
+                }
             memory.batch.run();
+            if (lights)
+                for (const Vertex& vertex : std::span(memory.vertices).first(count))
+                    lighting_.fetch_texels(vertex.choice.x, vertex.light_point);
             for (std::size_t k = 0; k < count; ++k) {
                 Vertex& vertex = memory.vertices[k];
                 const std::uint32_t i = vertex.path;
@@ -230,9 +246,6 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
     const float distance = step.distance;
     if (point.material.inside) state.throughput *= absorbed(*point.surface, distance);
 
-    const auto draw = [&](Dimension dimension) {
-        return sampler.pair(sampler_dimensions + bounce * dimensions_per_vertex + dimension);
-    };
     const Vec3 outgoing = point.frame.to_local(step.point.viewer);
     with_material(point.kind, point.material, outgoing, [&](const auto& material) {
         const Vec3 emitted = material.emitted();
@@ -249,10 +262,11 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
         const auto agrees = [&](const Vec3& world, const Vec3& local) {
             return (glm::dot(world, point.normal) > 0) == (local.z > 0);
         };
-        const Vec2 choice = draw(choices);
-        if (!lighting_.empty()) {
+        const bool lights = !lighting_.empty();
+        const Vec2 choice = lights ? step.choice : draw(sampler, bounce, choices);
+        if (lights) {
             const LightSample light =
-                lighting_.sample(Vec3(place.position), choice.x, draw(light_point));
+                lighting_.sample(Vec3(place.position), choice.x, step.light_point);
             const Vec3 incoming = point.frame.to_local(light.direction);
             if (light.density > 0 && !is_black(light.radiance) &&
                 agrees(light.direction, incoming)) {
@@ -268,7 +282,7 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
             }
         }
 
-        const Vec3 incoming = material.sample(choice.y, draw(scattered));
+        const Vec3 incoming = material.sample(choice.y, draw(sampler, bounce, scattered));
         if (incoming == Vec3(0)) return;
         const Vec3 direction = glm::normalize(point.frame.to_world(incoming));
         const auto [value, density] = scatter(material, incoming);
@@ -278,7 +292,7 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
         if (!(carried > 0)) return;
         if (bounce + 1 >= roulette_from) {
             const float survival = std::min(carried, roulette_most);
-            if (draw(roulette).x >= survival) return;
+            if (draw(sampler, bounce, roulette).x >= survival) return;
             state.throughput /= survival;
         }
         state.density = density;

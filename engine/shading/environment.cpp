@@ -17,9 +17,8 @@ void Environment::Guide::add(const float* sums, std::size_t count, std::size_t s
 
 std::size_t Environment::Guide::find(const float* sums, std::size_t count, std::size_t stride,
                                      std::size_t list, float u, float& rest) const {
-    const auto share = std::min(static_cast<std::size_t>(u * static_cast<float>(count)), count - 1);
     const float value = u * sums[(count - 1) * stride];
-    std::size_t i = first_[list * count + share];
+    std::size_t i = first(count, list, u);
     // Rounding may have begun one share too late.
     while (i > 0 && sums[(i - 1) * stride] > value) --i;
     while (i + 1 < count && sums[i * stride] <= value) ++i;
@@ -123,6 +122,25 @@ Vec3 Environment::sample(const Vec2& u, View& view) const {
     const Vec2 polar = circle(0.5F * std::min(at.y / static_cast<float>(height_), 1.0F));
     view = {radiance_at(at), density_at(x, y, polar.y)};
     return {-polar.y * azimuth.y, polar.x, polar.y * azimuth.x};
+}
+
+void Environment::fetch_guide(const Vec2& u) const {
+    if (empty()) return;
+    float down = 0;
+    const std::size_t y = row_guide_.find(rows_.data(), height_, 1, 0, u.y, down);
+    __builtin_prefetch(&column_guide_.first(width_, y, u.x));
+    __builtin_prefetch(&texels_[(y + 1) * width_ - 1]);
+}
+
+void Environment::fetch_texels(const Vec2& u) const {
+    if (empty()) return;
+    float down = 0;
+    const std::size_t y = row_guide_.find(rows_.data(), height_, 1, 0, u.y, down);
+    const std::size_t x = column_guide_.first(width_, y, u.x);
+    const std::size_t other = down < 0.5F ? std::max<std::size_t>(y, 1) - 1
+                                          : std::min<std::size_t>(y + 1, height_ - 1);
+    __builtin_prefetch(&texels_[y * width_ + x]);
+    __builtin_prefetch(&texels_[other * width_ + x]);
 }
 
 Vec3 Environment::irradiance_up() const {

@@ -33,6 +33,10 @@ public:
         density = view.density;
         return direction;
     }
+    /// Fetches what sample(u) reads, in two steps with other work between them: a picture is larger
+    /// than the nearest caches, and the second step depends on what the first one brings.
+    void fetch_guide(const Vec2& u) const;
+    void fetch_texels(const Vec2& u) const;
     /// The irradiance of a surface that faces up.
     [[nodiscard]] Vec3 irradiance_up() const;
 
@@ -46,6 +50,11 @@ private:
         /// The entry in which u * total falls, and the rest in [0, 1). `list`: number of the list.
         [[nodiscard]] std::size_t find(const float* sums, std::size_t count, std::size_t stride,
                                        std::size_t list, float u, float& rest) const;
+        /// Where find() begins.
+        [[nodiscard]] const std::uint16_t& first(std::size_t count, std::size_t list, float u) const {
+            const auto share = static_cast<std::size_t>(u * static_cast<float>(count));
+            return first_[list * count + std::min(share, count - 1)];
+        }
 
     private:
         std::vector<std::uint16_t> first_;
