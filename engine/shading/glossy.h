@@ -22,17 +22,19 @@ struct GlossyLobe {
     float alpha;
     Vec3 f0;
     float f90 = 1;  ///< the weight of the lobes: reflectance at grazing angles
+    float outer = 1.0F + ggx_lambda(outgoing, alpha);
+    float sharpness = 1.0F / (alpha * alpha);
 
+    /// As ggx_density() and ggx_masking() say, with the divisions of all directions done once.
     [[nodiscard]] Scattered scatter(const Vec3& i) const {
         if (i.z <= 0 || outgoing.z <= 0) return {};
         const Vec3 h = glm::normalize(outgoing + i);
         const float seen = glm::dot(outgoing, h);
-        const float facets = ggx_density(h, alpha);
-        const float outer = 1.0F + ggx_lambda(outgoing, alpha);
+        const float sum = (h.x * h.x + h.y * h.y) * sharpness + h.z * h.z;
+        const float facets = sharpness / (4.0F * pi * outgoing.z * sum * sum);
         const Vec3 fresnel = f0 + (Vec3(f90) - f0) * schlick_weight(seen);
-        const float masking = 1.0F / (outer + ggx_lambda(i, alpha));
-        return {fresnel * (facets * masking / (4.0F * outgoing.z)),
-                seen > 0 ? facets / (4.0F * outgoing.z * outer) : 0.0F};
+        return {fresnel * (facets / (outer + ggx_lambda(i, alpha))),
+                seen > 0 ? facets / outer : 0.0F};
     }
     [[nodiscard]] Vec3 sample(const Vec2& u) const {
         const Vec3 h = sample_ggx(outgoing, alpha, u);

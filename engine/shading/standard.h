@@ -112,7 +112,7 @@ private:
     float full_mean_ = 1;
     Vec3 varnish_f0_{0}, varnish_more_{0};
     Vec3 base_{0}, base_seen_{0}, more_{0};
-    GlossyLobe glossy_{};
+    GlossyLobe glossy_{Vec3(0), 1, Vec3(0)};
     GlassLobe glass_;
     float clear_ = 0, glossy_share_ = 0, broad_share_ = 0, glass_share_ = 0;
 };
