@@ -109,7 +109,7 @@ protected:
             if (!frame) return tl::unexpected(TraceFailure(frame.error()));
             frames.push_back(std::move(*frame));
         }
-        answered(chunk.first, count);
+        answered(chunk, count);
         if (plan_.query == query_all) give_back_behind(chunk, count);
         return frames;
     }
@@ -164,7 +164,7 @@ private:
     Reply<Frames> answer_rows(const Chunk& chunk, const TracedRays& traced) {
         auto frame = encode(chunk.first, traced);
         if (!frame) return tl::unexpected(frame.error());
-        answered(chunk.first, chunk.count);
+        answered(chunk, chunk.count);
         Frames frames;
         frames.push_back(std::move(*frame));
         return frames;
