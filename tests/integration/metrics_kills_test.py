@@ -191,12 +191,14 @@ class Kills(unittest.TestCase):
             self.rises(daemon, "raynest_handshakes_failed_total", nonsense)
 
     def test_http_connections_that_are_too_many_or_too_slow(self):
-        daemon, _ = self.start("--http-connections-max", "2", "--http-ms-max", "1000")
+        daemon, _ = self.start("--http-connections-max", "2", "--http-ms-max", "1500")
 
         def three_begin():
-            begun = [socket.create_connection(place_of(daemon.http), timeout=PATIENCE) for _ in range(3)]
-            for connection in begun:
-                connection.sendall(b"GET / HTTP/1.1\r\n")
+            begun = []
+            for _ in range(3):
+                begun.append(socket.create_connection(place_of(daemon.http), timeout=PATIENCE))
+                begun[-1].sendall(b"GET / HTTP/1.1\r\n")
+                time.sleep(0.1)  # until the daemon has read it: one that waits for its first byte gives way
             for connection in begun:
                 # A connection that is closed before its request is whole may be reset.
                 with contextlib.suppress(ConnectionResetError):
