@@ -45,7 +45,7 @@ class Lists:
         self.layers = self.rows("engine/integrators/layers.def", "LAYER")
         self.tonemaps = self.rows("engine/integrators/tonemaps.def", "TONEMAP")
         self.palettes = self.rows("engine/integrators/palettes.def", "PALETTE")
-        self.metrics = self.rows("server/diag/metrics.def", "METRIC|GAUGE")
+        self.metrics = self.rows("server/diag/metrics.def", "METRIC|SPLIT|GAUGE")
 
     def rows(self, file, macro):
         text = (self.root / file).read_text(encoding="utf-8")
