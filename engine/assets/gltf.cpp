@@ -4,11 +4,14 @@
 #include "engine/assets/gltf_model.h"
 #include "engine/assets/gltf_precision.h"
 #include "engine/assets/gltf_prescan.h"
+#include "engine/assets/image.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cctype>
+#include <optional>
+#include <thread>
 
 namespace raynest {
 
@@ -20,6 +23,15 @@ bool has_extension(std::string_view source, std::string_view extension) {
     });
 }
 
+namespace {
+
+bool contains(std::span<const std::byte> text, std::string_view word) {
+    return std::string_view(reinterpret_cast<const char*>(text.data()), text.size()).find(word) !=
+           std::string_view::npos;
+}
+
+}  // namespace
+
 Result<SceneDescription> describe_gltf(const ImportRequest& request, const ImportLimits& limits) {
     const std::span<const std::byte> main = request.files.front().bytes;
     const bool is_glb = gltf::starts_as_glb(main) || has_extension(request.source, ".glb");
@@ -29,6 +41,9 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
         if (!glb) return gltf::error_of(glb);
         text = *glb;
     }
+    // To load the image module takes about as long as to read the rest of a small scene.
+    std::optional<std::jthread> loading;
+    if (contains(text.json, "\"images\"")) loading.emplace([] { (void)images_available(); });
     const auto prescan = gltf::prescan_json(text.json, limits);
     if (!prescan) return gltf::error_of(prescan);
     auto model = gltf::load_model(request, text, *prescan);
@@ -43,15 +58,15 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
     if (auto done = gltf::read_nodes(*model, limits, *rules, scene); !done)
         return gltf::error_of(done);
     gltf::read_lights(*model, scene);
+    loading.reset();
     if (auto done = gltf::read_materials(*model, limits, scene); !done) return gltf::error_of(done);
     if (model->hidden_instances != 0) scene.skipped["hidden_instances"] = model->hidden_instances;
     for (const char* shape : {"points", "lines"}) {
         if (const auto found = scene.skipped.find(shape); found != scene.skipped.end()) {
-            scene.warnings.push_back(
-                fmt::format("{} of {} left out; only triangles can be hit",
-                            found->second == 1 ? "1 primitive"
-                                               : fmt::format("{} primitives", found->second),
-                            shape));
+            scene.warnings.push_back(fmt::format(
+                "{} of {} left out; only triangles can be hit",
+                found->second == 1 ? "1 primitive" : fmt::format("{} primitives", found->second),
+                shape));
         }
     }
     return scene;

@@ -86,24 +86,7 @@ Result<void> convert_lights(tinygltf::Model& file, Model& model) {
 
 void read_lights(const Model& model, SceneDescription& scene) {
     if (model.lights.empty()) return;
-    struct Entry {
-        std::uint32_t node;
-        Matrix to_scene;
-    };
-    std::vector<Entry> found;
-    std::vector<Entry> stack;
-    for (const std::uint32_t root : model.roots) stack.push_back({root, model.nodes[root].local});
-    while (!stack.empty()) {
-        const Entry entry = stack.back();
-        stack.pop_back();
-        const Node& node = model.nodes[entry.node];
-        if (node.light != no_id) found.push_back(entry);
-        for (const std::uint32_t child : node.children)
-            stack.push_back({child, multiply(entry.to_scene, model.nodes[child].local)});
-    }
-    std::sort(found.begin(), found.end(),
-              [](const Entry& a, const Entry& b) { return a.node < b.node; });
-    for (const Entry& entry : found) {
+    for (const PlacedNode& entry : nodes_with(model, &Node::light)) {
         const Node& node = model.nodes[entry.node];
         const Light& light = model.lights[node.light];
         const std::string& name = node.name.empty() ? light.name : node.name;

@@ -252,8 +252,9 @@ Result<void> convert_accessors(Parsed& parsed, Model& model) {
     }
     if (misaligned != 0) {
         model.warnings.push_back(
-            fmt::format("{} accessors are not aligned as glTF requires; they are read byte by byte",
-                        misaligned));
+            fmt::format("{} not aligned as glTF requires; read byte by byte",
+                        misaligned == 1 ? "1 accessor is"
+                                        : fmt::format("{} accessors are", misaligned)));
     }
 
     // Pictures inside buffers point into them; the bytes of the others are appended to the buffers.

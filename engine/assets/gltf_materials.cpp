@@ -8,8 +8,12 @@
 #include "engine/assets/image.h"
 
 #include <fmt/format.h>
+#include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <array>
+#include <atomic>
+#include <optional>
 #include <utility>
 
 namespace raynest::gltf {
@@ -18,6 +22,9 @@ namespace {
 /// Limit for all pictures of a file together, as a multiple of the limit for one.
 constexpr std::uint64_t images_per_file = 4;
 
+/// A larger picture is decoded alone, so that few threads hold little more than one thread would.
+constexpr std::uint64_t decoded_beside_others_max = 64U << 20;
+
 class PictureReader {
 public:
     PictureReader(const Model& model, const ImportLimits& limits, SceneDescription& scene)
@@ -25,7 +32,29 @@ public:
           limits_(limits),
           scene_(scene),
           bytes_left_(limits.image_bytes_max * images_per_file),
-          read_(model.images.size(), not_read) {}
+          read_(model.images.size(), not_read),
+          decoded_(model.images.size()) {}
+
+    /// Decodes the pictures of textures on all threads. A picture that fails here is decoded again
+    /// by `read`, in the order of the file, which alone decides what is reported.
+    void decode(const std::vector<bool>& texture_is_used) {
+        std::vector<bool> wanted(read_.size());
+        for (std::size_t i = 0; i < texture_is_used.size(); ++i) {
+            const std::uint32_t image = model_.textures[i].image;
+            if (texture_is_used[i] && image != no_id)
+                wanted[image] = model_.images[image].fault.empty();
+        }
+        std::atomic<std::uint64_t> bytes{0};
+        tbb::parallel_for(std::size_t{0}, wanted.size(), [&](std::size_t i) {
+            if (!wanted[i] || bytes >= bytes_left_) return;
+            auto picture =
+                decode_image(model_.images[i].bytes, limits_.image_side_max,
+                             std::min(limits_.image_bytes_max, decoded_beside_others_max));
+            if (!picture) return;
+            bytes += picture->rgba.size();
+            decoded_[i] = std::move(*picture);
+        });
+    }
 
     /// Returns the index of a texture's decoded picture in the scene, or no_id if there is none.
     Result<std::uint32_t> read(std::uint32_t texture) {
@@ -36,8 +65,12 @@ public:
         const Image& from = model_.images[image];
         const std::string name = label("texture", image, from.name);
         if (!from.fault.empty()) return read_[image] = missing(name + ' ' + from.fault);
-        auto picture = decode_image(from.bytes, limits_.image_side_max,
-                                    std::min(limits_.image_bytes_max, bytes_left_));
+        std::optional<ImageDescription>& known = decoded_[image];
+        auto picture = known && known->rgba.size() <= bytes_left_
+                           ? Result<ImageDescription>(std::move(*known))
+                           : decode_image(from.bytes, limits_.image_side_max,
+                                          std::min(limits_.image_bytes_max, bytes_left_));
+        known.reset();
         if (!picture && picture.error().code == ErrorCode::out_of_memory)
             return blame(name + ':', picture.error());
         if (!picture) return read_[image] = missing(name + ": " + picture.error().message);
@@ -69,6 +102,7 @@ private:
     SceneDescription& scene_;
     std::uint64_t bytes_left_;
     std::vector<std::uint32_t> read_;
+    std::vector<std::optional<ImageDescription>> decoded_;  ///< per picture, until it is read
 };
 
 enum class Purpose : std::uint8_t { base, colour, data };
@@ -81,14 +115,24 @@ public:
           scene_(scene),
           pictures_(model, limits, scene) {
         for (auto& list : texture_of_) list.assign(model.textures.size(), not_read);
+        std::vector<bool> used(model.textures.size());
+        for (const MaterialDescription& material : model.materials) {
+            const SurfaceRecord& surface = material.surface;
+            for (const std::uint32_t texture :
+                 {material.texture, surface.metallic_roughness.texture, surface.normal.texture,
+                  surface.occlusion.texture, surface.emission_texture.texture,
+                  surface.transmission_texture.texture}) {
+                if (texture != no_id) used[texture] = true;
+            }
+        }
+        pictures_.decode(used);
     }
 
     /// Replaces a texture of the model by that of the scene; no_id where it has no picture.
     Result<void> read(const std::string& material, std::uint32_t& texture, std::uint32_t& texcoord,
                       Purpose purpose) {
         if (texture != no_id) {
-            std::uint32_t& known =
-                texture_of_[static_cast<std::size_t>(purpose)][texture];
+            std::uint32_t& known = texture_of_[static_cast<std::size_t>(purpose)][texture];
             if (known == not_read) {
                 const auto image = pictures_.read(texture);
                 if (!image) return error_of(image);

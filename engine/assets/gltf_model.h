@@ -235,6 +235,15 @@ Result<std::uint32_t> required_index(std::int64_t value, std::size_t size, std::
 /// node, is placed once, with a warning. Removes the meshes of hidden nodes.
 Result<void> set_roots(Model& model, const std::vector<int>* listed);
 
+/// A node of the chosen scene, and the map from its space to the scene's.
+struct PlacedNode {
+    std::uint32_t node;
+    Matrix to_scene;
+};
+/// Returns the nodes of the chosen scene that have a camera or a light (`what` is its member of
+/// Node), in node order.
+std::vector<PlacedNode> nodes_with(const Model& model, std::uint32_t Node::*what);
+
 /// Returns a node's transform from `matrix` (16, column-major) or TRS, as the file states them.
 /// Checks the count of numbers and that they are finite as floats; normalises the rotation. `where`
 /// starts an error's message.

@@ -240,26 +240,8 @@ void name_paths(const Model& model, const std::vector<std::uint32_t>& order,
 
 /// Reads camera nodes in node order, in the scene's space.
 void read_cameras(const Model& model, SceneDescription& scene) {
-    struct Entry {
-        std::uint32_t node;
-        Matrix to_scene;
-    };
-    std::vector<Entry> found;
-    std::vector<Entry> stack;
-    for (const std::uint32_t root : model.roots) stack.push_back({root, model.nodes[root].local});
-    while (!stack.empty()) {
-        const Entry entry = stack.back();
-        stack.pop_back();
-        const Node& node = model.nodes[entry.node];
-        if (node.camera != no_id) found.push_back(entry);
-        for (const std::uint32_t child : node.children) {
-            stack.push_back({child, multiply(entry.to_scene, model.nodes[child].local)});
-        }
-    }
     Oddities odd;  // named by the numbers that --camera takes
-    std::sort(found.begin(), found.end(),
-              [](const Entry& a, const Entry& b) { return a.node < b.node; });
-    for (const Entry& entry : found) {
+    for (const PlacedNode& entry : nodes_with(model, &Node::camera)) {
         const Node& node = model.nodes[entry.node];
         const std::optional<Transform> pose = camera_pose(entry.to_scene);
         const Camera& camera = model.cameras[node.camera];

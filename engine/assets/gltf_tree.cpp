@@ -118,4 +118,21 @@ Result<void> set_roots(Model& model, const std::vector<int>* listed) {
     return {};
 }
 
+std::vector<PlacedNode> nodes_with(const Model& model, std::uint32_t Node::*what) {
+    std::vector<PlacedNode> found;
+    std::vector<PlacedNode> stack;
+    for (const std::uint32_t root : model.roots) stack.push_back({root, model.nodes[root].local});
+    while (!stack.empty()) {
+        const PlacedNode entry = stack.back();
+        stack.pop_back();
+        const Node& node = model.nodes[entry.node];
+        if (node.*what != no_id) found.push_back(entry);
+        for (const std::uint32_t child : node.children)
+            stack.push_back({child, multiply(entry.to_scene, model.nodes[child].local)});
+    }
+    std::sort(found.begin(), found.end(),
+              [](const PlacedNode& a, const PlacedNode& b) { return a.node < b.node; });
+    return found;
+}
+
 }  // namespace raynest::gltf

@@ -9,39 +9,35 @@
 namespace raynest {
 namespace {
 
-/// Linear light in 16 bits, and back: a table of the middle of each step is exact to a byte.
+/// Linear light in 16 bits, and back.
 struct Light {
     std::array<std::uint16_t, 256> of_byte{};
-    std::array<std::uint8_t, 4096> byte_of{};  ///< by the square root of light, in 4096 steps
+    std::array<std::uint8_t, 65536> byte_of{};
 
     Light() {
+        const auto linear = [](double s) {
+            return 65535 * (s <= 0.04045 ? s / 12.92 : std::pow((s + 0.055) / 1.055, 2.4));
+        };
+        for (std::size_t i = 0; i < of_byte.size(); ++i)
+            of_byte[i] = static_cast<std::uint16_t>(linear(static_cast<double>(i) / 255) + 0.5);
+        auto* next = byte_of.begin();
         for (std::size_t i = 0; i < of_byte.size(); ++i) {
-            const double s = static_cast<double>(i) / 255;
-            const double linear =
-                s <= 0.04045 ? s / 12.92 : std::pow((s + 0.055) / 1.055, 2.4);
-            of_byte[i] = static_cast<std::uint16_t>(linear * 65535 + 0.5);
+            const double end =
+                i == 255 ? 65536 : std::ceil(linear((static_cast<double>(i) + 0.5) / 255));
+            auto* const last = byte_of.begin() + static_cast<std::ptrdiff_t>(end);
+            std::fill(next, last, static_cast<std::uint8_t>(i));
+            next = last;
         }
-        for (std::size_t i = 0; i < byte_of.size(); ++i) {
-            const double root = (static_cast<double>(i) + 0.5) / static_cast<double>(byte_of.size());
-            const double linear = root * root;
-            const double s =
-                linear <= 0.0031308 ? linear * 12.92 : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
-            byte_of[i] = static_cast<std::uint8_t>(std::clamp(s, 0.0, 1.0) * 255 + 0.5);
-        }
-    }
-    [[nodiscard]] std::uint8_t to_byte(double linear) const {
-        const double root = std::sqrt(std::clamp(linear / 65535, 0.0, 1.0));
-        return byte_of[std::min(static_cast<std::size_t>(root * 4096), std::size_t{4095})];
     }
 };
 
 /// The pixels of a side that pixel i of the next level stands for: two, or three at an odd end.
 struct Covered {
     std::uint32_t first, last;
-    Covered(std::uint32_t i, std::uint32_t from, std::uint32_t to)
-        : first(std::min(2 * i, from - 1)),
-          last(i + 1 == to ? from - 1 : std::min(2 * i + 1, from - 1)) {}
 };
+Covered covered(std::uint32_t i, std::uint32_t from, std::uint32_t to) {
+    return {std::min(2 * i, from - 1), i + 1 == to ? from - 1 : std::min(2 * i + 1, from - 1)};
+}
 
 }  // namespace
 
@@ -50,6 +46,54 @@ std::uint32_t level_count(std::uint32_t width, std::uint32_t height) {
     for (std::uint32_t side = std::max(width, height); side > 1; side /= 2) ++count;
     return count;
 }
+
+namespace {
+
+/// The mean of the pixels of a level, `width` wide, that rows and columns name. Always inlined:
+/// where the caller knows the counts, nothing is left to loop over.
+template <bool linear>
+[[gnu::always_inline]] inline void write_mean(const Light& light, const std::uint8_t* from,
+                                              std::uint32_t width, const Covered& rows,
+                                              const Covered& columns, std::uint8_t* out) {
+    std::array<std::uint32_t, 3> weighted{}, plain{};  // at most 9 * 255 * 65535
+    std::uint32_t alpha = 0;
+    for (std::uint32_t row = rows.first; row <= rows.last; ++row) {
+        const std::uint8_t* p = from + 4 * (std::size_t{row} * width + columns.first);
+        for (std::uint32_t column = columns.first; column <= columns.last; ++column, p += 4) {
+            for (std::size_t c = 0; c < 3; ++c) {
+                const std::uint32_t value = linear ? p[c] : light.of_byte[p[c]];
+                plain[c] += value;
+                if (!linear) weighted[c] += value * p[3];
+            }
+            alpha += p[3];
+        }
+    }
+    const std::uint32_t count = (rows.last - rows.first + 1) * (columns.last - columns.first + 1);
+    const bool all_or_none = alpha == 0 || alpha == 255 * count;
+    const auto mean = [count](std::uint32_t sum) { return (sum + count / 2) / count; };
+    for (std::size_t c = 0; c < 3; ++c) {
+        const std::uint32_t value =
+            linear || all_or_none ? mean(plain[c]) : (weighted[c] + alpha / 2) / alpha;
+        out[c] = linear ? static_cast<std::uint8_t>(value) : light.byte_of[value];
+    }
+    out[3] = static_cast<std::uint8_t>(mean(alpha));
+}
+
+template <bool linear>
+void write_row(const Light& light, const std::uint8_t* from, std::uint32_t w, const Covered& rows,
+               std::uint32_t width, std::uint8_t* out) {
+    const bool pairs = w == 2 * width && rows.last == rows.first + 1;
+    if (pairs) {
+        for (std::uint32_t x = 0; x < width; ++x, out += 4)
+            write_mean<linear>(light, from + 4 * (std::size_t{rows.first} * w + 2 * x), w, {0, 1},
+                               {0, 1}, out);
+        return;
+    }
+    for (std::uint32_t x = 0; x < width; ++x, out += 4)
+        write_mean<linear>(light, from, w, rows, covered(x, w, width), out);
+}
+
+}  // namespace
 
 std::vector<std::uint8_t> smaller_levels(const ImageDescription& image, bool linear) {
     static const Light light;
@@ -66,36 +110,9 @@ std::vector<std::uint8_t> smaller_levels(const ImageDescription& image, bool lin
         const std::uint32_t width = std::max(w / 2, 1U);
         const std::uint32_t height = std::max(h / 2, 1U);
         tbb::parallel_for(std::uint32_t{0}, height, [&](std::uint32_t y) {
-            const Covered rows(y, h, height);
-            for (std::uint32_t x = 0; x < width; ++x) {
-                const Covered columns(x, w, width);
-                std::array<std::uint64_t, 3> weighted{}, plain{};
-                std::uint64_t alpha = 0;
-                std::uint64_t count = 0;
-                for (std::uint32_t row = rows.first; row <= rows.last; ++row) {
-                    for (std::uint32_t column = columns.first; column <= columns.last; ++column) {
-                        const std::uint8_t* p = from + 4 * (std::size_t{row} * w + column);
-                        for (std::size_t c = 0; c < 3; ++c) {
-                            const std::uint64_t value = linear ? p[c] : light.of_byte[p[c]];
-                            plain[c] += value;
-                            weighted[c] += value * p[3];
-                        }
-                        alpha += p[3];
-                        ++count;
-                    }
-                }
-                std::uint8_t* out = to + 4 * (std::size_t{y} * width + x);
-                for (std::size_t c = 0; c < 3; ++c) {
-                    if (linear) {
-                        out[c] = static_cast<std::uint8_t>((plain[c] + count / 2) / count);
-                        continue;
-                    }
-                    out[c] = light.to_byte(
-                        alpha != 0 ? static_cast<double>(weighted[c]) / static_cast<double>(alpha)
-                                   : static_cast<double>(plain[c]) / static_cast<double>(count));
-                }
-                out[3] = static_cast<std::uint8_t>((alpha + count / 2) / count);
-            }
+            std::uint8_t* out = to + 4 * std::size_t{y} * width;
+            (linear ? write_row<true> : write_row<false>)(light, from, w, covered(y, h, height),
+                                                          width, out);
         });
         from = to;
         to += std::size_t{4} * width * height;

@@ -163,7 +163,9 @@ std::vector<Script> scripts() {
 
 std::uint64_t seeds() {
     const char* wanted = std::getenv("RAYNEST_CHAOS_SEEDS");
-    return wanted != nullptr ? std::stoull(wanted) : sanitized ? 10 : 100;
+    if (wanted != nullptr) return std::stoull(wanted);
+    if (sanitized) return 10;
+    return std::getenv("RAYNEST_LONG") != nullptr ? 100 : 30;
 }
 
 /// The state that must return once the clients are gone.

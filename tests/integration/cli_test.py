@@ -209,7 +209,7 @@ class Cli(DaemonTest):
         self.expect(2, "render", "hills", "-o", self.out / "x.png", "--camera", "unheard",
                     says="unheard")
         self.expect(5, "render", "hills", "-o", self.out / "x.png", "--worker", "cuda",
-                    says="--worker")
+                    says="use auto or cpu as --worker")
         self.expect(5, "load", "builtin:unheard_of", says="unheard_of")
         self.expect(5, "load", "root:x.glb", says="--scene-root")
         self.assertEqual(self.client.run("query", "hills").returncode, 2)

@@ -142,6 +142,10 @@ TEST_CASE("an accessor without a bufferView is all zeros, up to a limit on memor
         CHECK_FALSE(describe(zeros(count, "6"), "scene.gltf").has_value());
         CHECK_FALSE(describe(zeros("3", count), "scene.gltf").has_value());
     }
+    GlbWriter writer;
+    const auto triangle_mesh = writer.glb(one_triangle_mesh(writer) + R"(,"nodes":[{"mesh":0}])");
+    CHECK(contains(refusal(edited(triangle_mesh, {{R"("count":3)", R"("count":-3)"}})),
+                   "which has an unknown type or no valid count"));
 }
 
 TEST_CASE("sparse indices are read") {
@@ -194,7 +198,7 @@ TEST_CASE("accessors that are not aligned are read bytewise, with one warning") 
         {{R"("componentType":5121,"count":37,"type":"SCALAR")",
           R"("byteOffset":1,"componentType":5126,"count":3,"type":"VEC3")"}}));
     CHECK(scene.objects[0].geometries[0].positions == triangle);
-    CHECK(contains(warning(scene), "1 accessors are not aligned"));
+    CHECK(contains(warning(scene), "1 accessor is not aligned"));
 }
 
 TEST_CASE("a byteStride of 0 means packed, another one is kept") {
@@ -232,7 +236,7 @@ TEST_CASE("a byteStride that is not a multiple of 4 is read, with a warning") {
             edited(packed, {{length, length.substr(0, length.size() - 1) + R"(,"byteStride":)" +
                                          std::to_string(stride) + "}"}}));
         CHECK(scene.objects[0].geometries[0].positions == triangle);
-        if (stride % 4 != 0) CHECK(contains(warning(scene), "1 accessors are not aligned"));
+        if (stride % 4 != 0) CHECK(contains(warning(scene), "1 accessor is not aligned"));
     }
 }
 

@@ -329,6 +329,17 @@ TEST_CASE("a thousand omissions are counted, and a few of them warned about") {
     CHECK(scene.warnings.back() == "more textures are left out");
 }
 
+TEST_CASE("a missing picture that no material uses is counted apart") {
+    GlbWriter writer;
+    const std::string mesh = one_triangle_mesh(writer);
+    const auto scene = must_describe(writer.glb(
+        mesh + R"(,"nodes":[{"mesh":0}],"images":[{"uri":"gone.png","name":"moss"}])"));
+    CHECK(scene.skipped.at("unused_pictures") == 1);
+    CHECK(scene.skipped.count("textures") == 0);
+    REQUIRE(scene.warnings.size() == 1);
+    CHECK(scene.warnings[0].starts_with("unused picture 0 ('moss')"));
+}
+
 TEST_CASE("a hit's geometry is the primitive's index in its mesh, whatever precedes it") {
     GlbWriter writer;
     const std::string position =

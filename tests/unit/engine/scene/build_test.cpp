@@ -143,6 +143,11 @@ TEST_CASE("a singular instance is left out and counted with all that it places")
     CHECK(scene->view().objects[scene->view().root].instance_count == 3);
     REQUIRE(s.warnings.size() == 1);
     CHECK(s.warnings[0].starts_with("3 placements are left out"));
+
+    description.objects[2].instances[1].transform = Transform{};
+    description.objects[2].instances[2].transform = scaling(1, 0, 1);
+    CHECK(build_scene(description)->statistics().warnings.at(0).starts_with(
+        "1 placement is left out"));
 }
 
 TEST_CASE("a scene of which most triangles have no area says so before all else") {
@@ -161,6 +166,8 @@ TEST_CASE("a scene of which most triangles have no area says so before all else"
     CHECK(scene->statistics().degenerate_triangles == 3);
     REQUIRE(scene->statistics().warnings.size() == 2);
     CHECK(scene->statistics().warnings[0].starts_with("3 of 5 triangles have no area"));
+    square.indices = {1, 1, 1};
+    CHECK(built()->statistics().warnings[0].starts_with("1 of 1 triangles has no area"));
 }
 
 TEST_CASE("what only a singular instance reaches is not stored") {
