@@ -177,9 +177,9 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
         }
         if (bounce >= depth_ || !material.scatters()) return;
 
-        // A direction must be on the same side of the surface and of its shading normal.
-        const auto agrees = [&](const Vec3& world, const Vec3& local) {
-            return (glm::dot(world, point.normal) > 0) == (local.z > 0);
+        // Reflected light leaves on the viewer's side, also where it grazes the triangle from below.
+        const auto origin = [&](const Vec3& world, const Vec3& local) {
+            return place.origin(local.z > 0 ? point.normal : world, point.shift(world, local));
         };
         const Vec2 choice = draw(choices);
         if (!lighting_.empty()) {
@@ -187,14 +187,14 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
                 lighting_.sample(Vec3(place.position), choice.x, draw(light_point));
             const Vec3 incoming = point.frame.to_local(light.direction);
             if (light.density > 0 && !is_black(light.radiance) &&
-                agrees(light.direction, incoming)) {
+                point.scatters(light.direction, incoming)) {
                 const Vec3 scattered_light = material.evaluate(incoming);
                 const float weight =
                     light.can_be_met ? power_heuristic(light.density, material.density(incoming))
                                      : 1.0F;
                 step.light = state.throughput * scattered_light * light.radiance *
                              (weight / light.density);
-                step.shadow.origin = place.origin(light.direction);
+                step.shadow.origin = origin(light.direction, incoming);
                 step.shadow.direction =
                     light.ends ? Vec3(light.end - glm::dvec3(step.shadow.origin)) : light.direction;
                 step.shadow.tmax = light.ends ? 1.0F : std::numeric_limits<float>::infinity();
@@ -205,7 +205,7 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
         if (incoming == Vec3(0)) return;
         const Vec3 direction = glm::normalize(point.frame.to_world(incoming));
         const float density = material.density(incoming);
-        if (!(density > 0) || !agrees(direction, incoming)) return;
+        if (!(density > 0) || !point.scatters(direction, incoming)) return;
         state.throughput *= material.evaluate(incoming) / density;
         const float carried = largest(state.throughput);
         if (!(carried > 0)) return;
@@ -216,7 +216,7 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
         }
         state.density = density;
         state.spread = std::max(state.spread, std::min(0.125F / std::sqrt(density), 0.25F));
-        step.next.origin = place.origin(direction);
+        step.next.origin = origin(direction, incoming);
         step.next.direction = direction;
         step.goes_on = true;
     });

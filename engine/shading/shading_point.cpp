@@ -3,6 +3,7 @@
 #include "engine/shading/types.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace raynest {
@@ -130,6 +131,28 @@ Vec3 mapped_normal(const ShadingView& view, const GeometryRecord& geometry,
     return glm::normalize(local.x * tangent + local.y * bitangent + local.z * n);
 }
 
+/// The way from a hit to the smooth surface: the mean of its distances to the planes at the
+/// vertices, where it lies below them (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II,
+/// 2021).
+Vec3 to_smooth(const Corners& corners, const Vec3* positions, const Vec3* normals,
+               const Placement& placement, const ShadingPoint& point) {
+    const Vec3 hit = corners.mean(positions);
+    const std::array weights = {1.0F - corners.u - corners.v, corners.u, corners.v};
+    Vec3 way(0);
+    for (std::size_t i = 0; i < 3; ++i) {
+        const Vec3& at = positions[corners.index[i]];
+        const Vec3 n = point.front ? normals[corners.index[i]] : -normals[corners.index[i]];
+        const float square = glm::dot(n, n);
+        // Rounding bends a flat triangle by less.
+        const float depth = -glm::dot(hit - at, n);
+        if (depth * depth > 1e-8F * square * glm::dot(hit - at, hit - at))
+            way += weights[i] * std::max(depth, 0.0F) / square * n;
+    }
+    const Vec3 world(placement.to_world * glm::dvec3(way));
+    return glm::dot(world, point.normal) > 0 && std::isfinite(glm::dot(world, world)) ? world
+                                                                                     : Vec3(0);
+}
+
 /// Turns a shading normal so far that the viewer sees its front: light would leak otherwise.
 Vec3 turned_to(const Vec3& n, const Vec3& viewer) {
     constexpr float least = 0.02F;
@@ -191,6 +214,9 @@ ShadingPoint shading_point(const ShadingView& view, const Ray& ray, const HitRec
         const glm::dvec3 world = placement.normal(glm::dvec3(mean));
         const double length = glm::length(world);
         if (length > 0 && std::isfinite(length)) n = Vec3(world / length);
+        point.smooth = point.front ? n : -n;
+        point.to_smooth = to_smooth(corners, positions, scene.attribute<Vec3>(shading.normals),
+                                    placement, point);
     }
     if (point.surface != nullptr) {
         const SurfaceRecord& surface = *point.surface;
@@ -211,10 +237,6 @@ ShadingPoint shading_point(const ShadingView& view, const Ray& ray, const HitRec
             material.emission *= Vec3(lookup.value(surface.emission_texture, false));
         if (is_used(geometry, surface.transmission_texture) && material.transmission > 0)
             material.transmission *= lookup.value(surface.transmission_texture, true).x;
-        if (is_used(geometry, surface.occlusion)) {
-            const float open = lookup.value(surface.occlusion, true).x;
-            point.occlusion = 1.0F + surface.occlusion_strength * (open - 1.0F);
-        }
         if (is_used(geometry, surface.normal))
             n = mapped_normal(view, geometry, shading, surface, lookup, placement, n);
     }

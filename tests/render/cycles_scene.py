@@ -315,7 +315,7 @@ def set_world(scene, path):
     picture.image = bpy.data.images.load(path)
     # Azimuth 0, the middle of the picture, is -Z in the file and +Y here; Blender has -X in the middle.
     turn, place = nodes.new("ShaderNodeMapping"), nodes.new("ShaderNodeTexCoord")
-    turn.inputs["Rotation"].default_value = (0, 0, math.pi / 2)
+    turn.inputs["Rotation"].default_value = (0, 0, -math.pi / 2)
     links.new(place.outputs["Generated"], turn.inputs["Vector"])
     links.new(turn.outputs["Vector"], picture.inputs["Vector"])
     links.new(picture.outputs[0], background.inputs[0])

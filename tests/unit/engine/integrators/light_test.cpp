@@ -232,6 +232,60 @@ TEST_CASE("blended surfaces let light pass in proportion to their alpha") {
     check_near(stage.measure("direct", lit_by(none), {0, 3, 0}, 1.9), 0.7 * 0.7);
 }
 
+TEST_CASE("a bulge of few triangles has the shadow of the smooth surface") {
+    // A ball of 8 x 16 facets; one of them stands across the border of the shadow.
+    GeometryDescription ball;
+    constexpr std::uint32_t rows = 8, columns = 16;
+    for (std::uint32_t r = 0; r <= rows; ++r) {
+        for (std::uint32_t c = 0; c <= columns; ++c) {
+            const double polar = std::numbers::pi * r / rows, around = tau * (c + 0.5) / columns;
+            ball.positions.push_back(
+                Vec3(glm::dvec3(std::sin(polar) * std::cos(around), std::cos(polar),
+                                -std::sin(polar) * std::sin(around))));
+        }
+    }
+    for (std::uint32_t r = 0; r < rows; ++r) {
+        for (std::uint32_t c = 0; c < columns; ++c) {
+            const std::uint32_t i = r * (columns + 1) + c;
+            for (const std::uint32_t corner :
+                 {i, i + columns + 1, i + 1, i + 1, i + columns + 1, i + columns + 2})
+                ball.indices.push_back(corner);
+        }
+    }
+    const GeometryDescription facets = ball;
+    ball.normals = ball.positions;
+    LightDescription sun;
+    sun.light.kind = *light_kind("directional");
+    sun.light.direction = glm::normalize(Vec3(-1, 0.05F, 0));
+    sun.light.intensity = Vec3(static_cast<float>(std::numbers::pi));
+    const auto lit = [&](const GeometryDescription& geometry, double azimuth) {
+        SceneDescription scene = scene_of({geometry}, {diffuse(0.5F)});
+        scene.lights = {sun};
+        Stage stage(scene);
+        return stage.measure("direct", lit_by(none),
+                             {0.85 * std::cos(azimuth), 2, -0.85 * std::sin(azimuth)}, 1e-3, 64);
+    };
+    const double turn = tau / 360;
+    // The facet turns away from the light. Its smooth surface does so beyond 88 degrees only.
+    CHECK(lit(facets, 83 * turn).value == 0);
+    for (const double azimuth : {80 * turn, 83 * turn}) {
+        CAPTURE(azimuth);
+        // The vertices' normals, as the triangles mix them.
+        const double part = (azimuth / turn - 78.75) / 22.5;
+        const double sine = 0.85 / 0.9808;
+        const double along = sine * ((1 - part) * std::cos(78.75 * turn) + part * std::cos(101.25 * turn));
+        const double seen = (along - 0.05 * std::sqrt(1 - sine * sine)) / std::sqrt(1 + 0.05 * 0.05);
+        CHECK(lit(ball, azimuth).value == doctest::Approx(0.5 * seen).epsilon(0.25));
+    }
+    CHECK(lit(ball, 95 * turn).value == 0);
+    CHECK(lit(ball, 100 * turn).value == 0);
+    // Flat and hollow surfaces are as before.
+    GeometryDescription flat = rectangle({0, 0, 0}, {0, 0, 5}, {5, 0, 0}, 0);
+    const Mean bare = lit(flat, 0.3);
+    flat.normals.assign(4, Vec3(0, 1, 0));
+    CHECK(lit(flat, 0.3).value == bare.value);
+}
+
 TEST_CASE("Beer's law: glass takes its colour from the way through it") {
     // A slab one metre thick above a lamp; rays pass straight down.
     SceneDescription scene = scene_of({rectangle({0, 0, 0}, {0, 0, 5}, {5, 0, 0}, 0),
