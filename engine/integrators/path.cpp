@@ -17,17 +17,21 @@ enum Dimension : std::uint32_t { light_point, choices, scattered, roulette, dime
 constexpr std::uint32_t roulette_from = 3;
 constexpr float roulette_most = 0.95F;
 
+/// The cone of a camera ray as a share of its pixel. The samples of a pixel average textures by
+/// themselves; a cone of the whole pixel would blur them a second time.
+constexpr float cone_share = 0.25F;
+
 /// How the cone of a camera ray widens: its width at the start, and per unit of t.
 struct Cone {
     float width = 0, spread = 0;
 };
 Cone cone_of(const Sensor& sensor) {
     if (const auto* pinhole = std::get_if<Pinhole>(&sensor))
-        return {0, static_cast<float>(pinhole->step_y)};
+        return {0, cone_share * static_cast<float>(pinhole->step_y)};
     if (const auto* parallel = std::get_if<Orthographic>(&sensor))
-        return {static_cast<float>(parallel->height / parallel->size.height), 0};
+        return {cone_share * static_cast<float>(parallel->height / parallel->size.height), 0};
     if (const auto* all_around = std::get_if<Equirectangular>(&sensor))
-        return {0, 2.0F * pi / static_cast<float>(all_around->rays().width)};
+        return {0, cone_share * 2.0F * pi / static_cast<float>(all_around->rays().width)};
     return {};
 }
 

@@ -133,16 +133,24 @@ Vec3 mapped_normal(const ShadingView& view, const GeometryRecord& geometry,
 
 /// The way from a hit to the smooth surface: the mean of its distances to the planes at the
 /// vertices, where it lies below them (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II,
-/// 2021).
+/// 2021). None where a normal is far from the triangle's: that is no smooth surface, but a leaf that
+/// shades like its tree, or a box without edges.
 Vec3 to_smooth(const Corners& corners, const Vec3* positions, const Vec3* normals,
                const Placement& placement, const ShadingPoint& point) {
     const Vec3 hit = corners.mean(positions);
     const std::array weights = {1.0F - corners.u - corners.v, corners.u, corners.v};
+    Vec3 face = glm::cross(positions[corners.index[1]] - positions[corners.index[0]],
+                           positions[corners.index[2]] - positions[corners.index[0]]);
+    const glm::dvec3 outward = placement.normal(glm::dvec3(face));
+    if (glm::dot(outward, glm::dvec3(point.normal)) < 0) face = -face;
+    constexpr float least_cosine = 0.8F;
     Vec3 way(0);
     for (std::size_t i = 0; i < 3; ++i) {
         const Vec3& at = positions[corners.index[i]];
         const Vec3 n = point.front ? normals[corners.index[i]] : -normals[corners.index[i]];
         const float square = glm::dot(n, n);
+        if (!(glm::dot(n, face) > least_cosine * std::sqrt(square * glm::dot(face, face))))
+            return Vec3(0);
         // Rounding bends a flat triangle by less.
         const float depth = -glm::dot(hit - at, n);
         if (depth * depth > 1e-8F * square * glm::dot(hit - at, hit - at))

@@ -60,9 +60,21 @@ class File:
             path.write_bytes(self.binary[first:first + view["byteLength"]])
         image = bpy.data.images.load(str(path), check_existing=False)
         image.alpha_mode = "CHANNEL_PACKED"
-        image.colorspace_settings.name = "Non-Color" if is_data else "sRGB"
+        image.colorspace_settings.name = "Non-Color"
+        if not is_data:
+            image = linear_image(image)
         self.images[index, is_data] = image
         return image
+
+
+def linear_image(image):
+    """glTF decodes sRGB before it interpolates; Cycles would do so after, and darken fine detail."""
+    width, height = image.size
+    pixels = numpy.empty((height, width, 4), numpy.float32)
+    image.pixels.foreach_get(pixels.ravel())
+    colours = pixels[..., :3]
+    pixels[..., :3] = numpy.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    return picture(pixels)
 
 
 # ---- albedo of GGX, as engine/shading/albedo_tables.cpp has it --------------------------------------

@@ -284,6 +284,12 @@ TEST_CASE("a bulge of few triangles has the shadow of the smooth surface") {
     const Mean bare = lit(flat, 0.3);
     flat.normals.assign(4, Vec3(0, 1, 0));
     CHECK(lit(flat, 0.3).value == bare.value);
+    // Normals far from those of a flat floor carry no light over a wall.
+    flat.normals = {Vec3(-1, 1, -1), Vec3(1, 1, -1), Vec3(1, 1, 1), Vec3(-1, 1, 1)};
+    SceneDescription walled =
+        scene_of({flat, rectangle({2, 0, 0}, {0, 0.5F, 0}, {0, 0, 5}, 0)}, {diffuse(0.5F)});
+    walled.lights = {sun};
+    CHECK(Stage(walled).measure("direct", lit_by(none), {1, 2, 0.5}, 1e-3, 64).value == 0);
 }
 
 TEST_CASE("Beer's law: glass takes its colour from the way through it") {
