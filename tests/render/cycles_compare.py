@@ -3,9 +3,11 @@
 
   cycles_compare.py RAYNESTD RAYNEST SCENE --out DIR --size 256x256 --spp 256 (--camera NAME | --lookat ...) [--env FILE]
 
-Both sides get the same camera, lights, surroundings and depth. Prints one JSON line and writes
-ours.png, cycles.png and difference.png: red where ours is brighter, blue where it is darker, full
-colour at 10 %.
+Both sides get the same camera, lights, surroundings and depth. Prints one JSON line: differences of
+8x8 blocks, all and those with surfaces (`surface_`), and CPU seconds. Writes ours.png, cycles.png and
+difference.png: red where ours is brighter, blue where it is darker, full colour at 10 %. With
+--noise both render again with another seed: `noise` is the mean relative variance of a pixel on
+surfaces, `equal_noise` our CPU seconds over those of Cycles for equal noise.
 """
 import argparse
 import json
@@ -58,8 +60,8 @@ def without_twins(path, folder):
     return copy
 
 
-def read_colours(path):
-    """R, G and B of an EXR as an array (height, width, 3)."""
+def read_colours(path, channels="RGB"):
+    """Three channels of an EXR as an array (height, width, 3)."""
     data = path.read_bytes()
     attributes, at = read_header(data)
     left, top, right, bottom = struct.unpack("<4i", attributes["dataWindow"][1])
@@ -83,7 +85,7 @@ def read_colours(path):
             block = numpy.empty(size, numpy.uint8)
             block[0::2], block[1::2] = halves[:(size + 1) // 2], halves[(size + 1) // 2:]
         planes = block.view("<f4").reshape(rows, len(names), width)
-        for channel, name in enumerate("RGB"):
+        for channel, name in enumerate(channels):
             picture[first - top:first - top + rows, :, channel] = planes[:, names.index(name)]
     return picture
 
@@ -122,9 +124,17 @@ def differences(ours, theirs):
 
 
 
-def render_cycles(options, view, out):
+def noise(one, other):
+    """The mean relative variance of a pixel: half of the squared difference of two seeds."""
+    mean = (one + other).sum(axis=2) / 2
+    half = (one - other).sum(axis=2) ** 2 / 2
+    return float(numpy.mean(half / numpy.maximum(mean, 0.05 * mean.mean()) ** 2))
+
+
+def render_cycles(options, view, out, seed=1):
     command = ["blender", "-b", "--factory-startup", "--python-exit-code", "1", "--python", str(SCRIPT), "--",
-               str(options.scene), str(out), "--spp", str(options.cycles_spp or options.spp), *view]
+               str(options.scene), str(out), "--spp", str(options.cycles_spp or options.spp),
+               "--seed", str(seed), *view]
     if options.env:
         command += ["--env", str(options.env)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -139,14 +149,14 @@ def cpu_seconds(pid):
     return (int(fields[11]) + int(fields[12])) / 100
 
 
-def render_ours(options, view, out):
+def render_ours(options, view, out, seed=1):
     daemon = Daemon(options.raynestd, "--log-level", "warn")
     try:
         client = Client(options.raynest, daemon.uri)
         client.json("load", options.scene, "--name", "scene")
         before = cpu_seconds(daemon.process.pid)
         done = client.run("render", "scene", "--integrator", "path", "--intersector", "alpha_blend", "-o", out,
-                          "--spp", options.spp, "--env", options.env or "none", *view, timeout=3600)
+                          "--seed", seed, "--spp", options.spp, "--env", options.env or "none", *view, timeout=3600)
         if done.returncode != 0:
             raise RuntimeError(done.stderr)
         return cpu_seconds(daemon.process.pid) - before
@@ -167,6 +177,15 @@ def compare(options):
     their_seconds = render_cycles(options, view, theirs_at)
     ours, theirs = read_colours(ours_at), read_colours(theirs_at)
     size, signed = differences(ours, theirs)
+    told = {}
+    if options.noise:
+        render_ours(options, view, options.out / "ours2.exr", 2)
+        render_cycles(options, view, options.out / "cycles2.exr", 2)
+        told["noise"] = noise(ours, read_colours(options.out / "ours2.exr"))
+        told["cycles_noise"] = noise(theirs, read_colours(options.out / "cycles2.exr"))
+        told["equal_noise"] = told["noise"] * our_seconds / (told["cycles_noise"] * their_seconds)
+    depth = read_colours(ours_at, "ZZZ")[..., :1].repeat(3, 2)
+    solid = size[blocks(depth < 1e9)[..., 0] > 0.5]
     scale = 0.5 / max(float(numpy.median(theirs[theirs > 0])), 1e-9)
     write_png(options.out / "ours.png", shown(ours, scale))
     write_png(options.out / "cycles.png", shown(theirs, scale))
@@ -176,8 +195,10 @@ def compare(options):
     return {"scene": pathlib.Path(options.scene).name, "blocks": size.size,
             "mean": round(float(size.mean()), 5), "median": round(float(numpy.median(size)), 5),
             "p95": round(float(numpy.percentile(size, 95)), 5), "worst": round(float(size.max()), 4),
+            "surface_mean": round(float(solid.mean()), 5), "surface_median": round(float(numpy.median(solid)), 5),
             "bias": round(float(ours.mean() / theirs.mean() - 1), 5),
-            "cpu_seconds": round(our_seconds, 2), "cycles_cpu_seconds": their_seconds}
+            "cpu_seconds": round(our_seconds, 2), "cycles_cpu_seconds": their_seconds,
+            **{name: round(value, 5) for name, value in told.items()}}
 
 
 def main():
@@ -194,6 +215,7 @@ def main():
     parser.add_argument("--lookat")
     parser.add_argument("--fov", type=float, default=40)
     parser.add_argument("--env")
+    parser.add_argument("--noise", action="store_true")
     options = parser.parse_args()
     print(json.dumps(compare(options)))
 

@@ -337,7 +337,7 @@ def set_cycles(scene, options):
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     render.threads_mode, render.threads = "FIXED", options.threads
-    cycles.device, cycles.samples, cycles.seed = "CPU", options.spp, 1
+    cycles.device, cycles.samples, cycles.seed = "CPU", options.spp, options.seed
     cycles.use_adaptive_sampling = cycles.use_denoising = False
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
     cycles.blur_glossy = cycles.light_sampling_threshold = 0
@@ -361,6 +361,7 @@ def parse_options():
     parser.add_argument("--size", default="256x256")
     parser.add_argument("--spp", type=int, default=64)
     parser.add_argument("--depth", type=int, default=32)
+    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--camera")
     parser.add_argument("--lookat")
