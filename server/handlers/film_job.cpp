@@ -336,7 +336,7 @@ Traced<Frames> FilmJob::trace(const Chunk& chunk, const Stop& stop, TraceBuffers
     }
     if (counting.counts.rays != 0)
         statistics_.add(chunk.backend, caster.traversal(), counting.counts);
-    services_.metrics.rays += counting.counts.rays;
+    count_rays("film", chunk, counting.counts.rays);
     // Backwards, because each goes to the front: the first tile is finished first.
     for (auto one = rest.rbegin(); one != rest.rend(); ++one) queue_.give_back(*one);
     queue_.answered(done);

@@ -33,9 +33,9 @@ HttpReply refuse(unsigned status, std::string why) {
     return reply;
 }
 
-HttpReply refuse_foreign(unsigned status, std::string why) {
+HttpReply refuse_foreign(unsigned status, Foreign header, std::string why) {
     HttpReply reply = refuse(status, std::move(why));
-    reply.foreign = true;
+    reply.foreign = header;
     return reply;
 }
 
@@ -185,7 +185,8 @@ HttpReply HttpSite::answer(const HttpRequest& request) const {
     if (request.hosts.size() != 1) return refuse(400, "a request needs exactly one Host header");
     if (!is_own_host(request)) {
         const std::string host = protocol::clean_text(request.hosts.front(), quoted_bytes_max);
-        return refuse_foreign(421, "the host " + quoted(std::string_view(host)) +
+        return refuse_foreign(421, Foreign::host,
+                              "the host " + quoted(std::string_view(host)) +
                                        " is not one of this daemon; open " + address_.scheme +
                                        "://127.0.0.1:" + std::to_string(address_.port) +
                                        "/, or start it with --http-host " +
@@ -248,10 +249,11 @@ bool HttpSite::is_from_page(const HttpRequest& request) const {
 HttpReply HttpSite::refuse_origin(const HttpRequest& request) const {
     const std::string host = protocol::clean_text(lower(request.hosts.front()), quoted_bytes_max);
     return refuse_foreign(
-        403, (request.origins.empty()
-                  ? "this request needs an Origin header"
-                  : "the page " + quoted(request.origins.front()) + " may not send this request") +
-                 "; its Origin must be " + address_.scheme + "://" + host);
+        403, Foreign::origin,
+        (request.origins.empty()
+             ? "this request needs an Origin header"
+             : "the page " + quoted(request.origins.front()) + " may not send this request") +
+            "; its Origin must be " + address_.scheme + "://" + host);
 }
 
 bool HttpSite::takes_body(const HttpRequest& request) const {

@@ -41,6 +41,9 @@ struct HttpRequest {
     const PeerIdentity* peer = nullptr;  ///< null: no HttpAccess needs it
 };
 
+/// The header because of which a request is refused as foreign.
+enum class Foreign : std::uint8_t { none, host, origin };
+
 struct HttpReply {
     /// 101: the connection becomes a WebSocket.
     unsigned status = 200;
@@ -48,7 +51,7 @@ struct HttpReply {
     std::string text;            ///< the body, unless `file` has it
     std::string_view file = {};  ///< an embedded file
     std::string etag = {};       ///< empty: not to be kept by the client
-    bool foreign = false;        ///< refused because of Host or Origin
+    Foreign foreign = Foreign::none;
     std::string cookie = {};     ///< Set-Cookie
     std::string_view allow = "GET, HEAD";  ///< of status 405
     unsigned retry_after_s = 0;            ///< 0: not said

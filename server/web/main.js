@@ -24,6 +24,7 @@ import { visibility } from "./visibility.js";
 
 const PIXELS_MAX = 1280 * 800;
 const notLoggedIn = await redeemCode();  // before the view is read from the address
+const LEGEND_MS = 250;  // the histogram follows coarse pictures at this interval
 const frame = byId("frame"), canvas = byId("picture");
 const store = new Store({ ...keptView(), ...fromFragment(location.hash) });
 const daemon = new Daemon(`${location.origin.replace(/^http/, "ws")}/v1/stream`, { client: "page" });
@@ -120,7 +121,7 @@ frame.addEventListener("keydown", (event) => {
 });
 
 picture.addEventListener("image", () => {
-  if (picture.image.complete || !picture.image.fine) legend.show(picture.image);
+  if (picture.image.complete || !picture.image.fine) legend.show(picture.image, picture.image.fine ? 0 : LEGEND_MS);
   say("");
   draw();
 });

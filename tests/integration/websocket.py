@@ -31,9 +31,13 @@ def place_of(http):
     return host.strip("[]"), int(port)
 
 
-def connect(http, patience=PATIENCE):
+def connect(http, patience=PATIENCE, receive_bytes=None):
     """A connected socket, encrypted where the address is https://."""
-    plain = socket.create_connection(place_of(http), timeout=patience)
+    plain = socket.socket(socket.AF_INET6 if ":" in place_of(http)[0] else socket.AF_INET)
+    plain.settimeout(patience)
+    if receive_bytes:
+        plain.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_bytes)
+    plain.connect(place_of(http))
     if not http.startswith("https://"):
         return plain
     try:
@@ -98,8 +102,9 @@ class Closed(Exception):
 class WebSocket:
     """One connection. `say` and `hear` speak frames of the protocol."""
 
-    def __init__(self, http, **request):
-        self.socket = connect(http)
+    def __init__(self, http, receive_bytes=None, **request):
+        """`receive_bytes` sets the size of the socket's buffer, which the kernel otherwise adapts."""
+        self.socket = connect(http, receive_bytes=receive_bytes)
         self.buffer = b""
         key = base64.b64encode(os.urandom(16))
         self.socket.sendall(upgrade_request(http, key=key.decode(), **request))
