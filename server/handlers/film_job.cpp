@@ -239,7 +239,8 @@ Reply<void> FilmJob::prepare() {
     }
     auto made = make_integrator(options_.integrator,
                                 {plan_.source(services_.registry), plan_.scene.snapshot().bounds(),
-                                 &plan_.scene.snapshot().shading()},
+                                 &plan_.scene.snapshot().shading(),
+                                 services_.registry.packs().front()->target},
                                 settings);
     if (!made) return refuse(made.error());
     integrator_ = std::move(*made);
