@@ -24,17 +24,21 @@ Vec2 draw(const Sampler& sampler, std::uint32_t bounce, Dimension dimension) {
 constexpr std::uint32_t roulette_from = 3;
 constexpr float roulette_most = 0.95F;
 
+/// The cone of a camera ray as a share of its pixel. The samples of a pixel average textures by
+/// themselves; a cone of the whole pixel would blur them a second time.
+constexpr float cone_share = 0.25F;
+
 /// How the cone of a camera ray widens: its width at the start, and per unit of t.
 struct Cone {
     float width = 0, spread = 0;
 };
 Cone cone_of(const Sensor& sensor) {
     if (const auto* pinhole = std::get_if<Pinhole>(&sensor))
-        return {0, static_cast<float>(pinhole->step_y)};
+        return {0, cone_share * static_cast<float>(pinhole->step_y)};
     if (const auto* parallel = std::get_if<Orthographic>(&sensor))
-        return {static_cast<float>(parallel->height / parallel->size.height), 0};
+        return {cone_share * static_cast<float>(parallel->height / parallel->size.height), 0};
     if (const auto* all_around = std::get_if<Equirectangular>(&sensor))
-        return {0, 2.0F * pi / static_cast<float>(all_around->rays().width)};
+        return {0, cone_share * 2.0F * pi / static_cast<float>(all_around->rays().width)};
     return {};
 }
 
@@ -258,9 +262,9 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
         }
         if (bounce >= depth_ || !material.scatters()) return;
 
-        // A direction must be on the same side of the surface and of its shading normal.
-        const auto agrees = [&](const Vec3& world, const Vec3& local) {
-            return (glm::dot(world, point.normal) > 0) == (local.z > 0);
+        // Reflected light leaves on the viewer's side, also where it grazes the triangle from below.
+        const auto origin = [&](const Vec3& world, const Vec3& local) {
+            return place.origin(local.z > 0 ? point.normal : world, point.shift(world, local));
         };
         const bool lights = !lighting_.empty();
         const Vec2 choice = lights ? step.choice : draw(sampler, bounce, choices);
@@ -269,13 +273,13 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
                 lighting_.sample(Vec3(place.position), choice.x, step.light_point);
             const Vec3 incoming = point.frame.to_local(light.direction);
             if (light.density > 0 && !is_black(light.radiance) &&
-                agrees(light.direction, incoming)) {
+                point.scatters(light.direction, incoming)) {
                 const Scattered lit = scatter(material, incoming);
                 const float weight =
                     light.can_be_met ? power_heuristic(light.density, lit.density) : 1.0F;
                 step.light = state.throughput * lit.value * light.radiance *
                              (weight / light.density);
-                step.shadow.origin = place.origin(light.direction);
+                step.shadow.origin = origin(light.direction, incoming);
                 step.shadow.direction =
                     light.ends ? Vec3(light.end - glm::dvec3(step.shadow.origin)) : light.direction;
                 step.shadow.tmax = light.ends ? 1.0F : std::numeric_limits<float>::infinity();
@@ -286,7 +290,7 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
         if (incoming == Vec3(0)) return;
         const Vec3 direction = glm::normalize(point.frame.to_world(incoming));
         const auto [value, density] = scatter(material, incoming);
-        if (!(density > 0) || !agrees(direction, incoming)) return;
+        if (!(density > 0) || !point.scatters(direction, incoming)) return;
         state.throughput *= value / density;
         const float carried = largest(state.throughput);
         if (!(carried > 0)) return;
@@ -297,7 +301,7 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
         }
         state.density = density;
         state.spread = std::max(state.spread, std::min(0.125F / std::sqrt(density), 0.25F));
-        step.next.origin = place.origin(direction);
+        step.next.origin = origin(direction, incoming);
         step.next.direction = direction;
         step.goes_on = true;
     });

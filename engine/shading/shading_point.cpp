@@ -3,6 +3,7 @@
 #include "engine/shading/types.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace raynest {
@@ -122,6 +123,36 @@ void set_tangents(const ShadingView& view, const GeometryRecord& geometry,
     point.bitangent = sign * glm::cross(n, point.tangent);
 }
 
+/// The way from a hit to the smooth surface: the mean of its distances to the planes at the
+/// vertices, where it lies below them (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II,
+/// 2021). None where a normal is far from the triangle's: that is no smooth surface, but a leaf that
+/// shades like its tree, or a box without edges.
+Vec3 to_smooth(const Corners& corners, const Vec3* positions, const Vec3* normals,
+               const Placement& placement, const ShadingPoint& point) {
+    const Vec3 hit = corners.mean(positions);
+    const std::array weights = {1.0F - corners.u - corners.v, corners.u, corners.v};
+    Vec3 face = glm::cross(positions[corners.index[1]] - positions[corners.index[0]],
+                           positions[corners.index[2]] - positions[corners.index[0]]);
+    const glm::dvec3 outward = placement.normal(glm::dvec3(face));
+    if (glm::dot(outward, glm::dvec3(point.normal)) < 0) face = -face;
+    constexpr float least_cosine = 0.8F;
+    Vec3 way(0);
+    for (std::size_t i = 0; i < 3; ++i) {
+        const Vec3& at = positions[corners.index[i]];
+        const Vec3 n = point.front ? normals[corners.index[i]] : -normals[corners.index[i]];
+        const float square = glm::dot(n, n);
+        if (!(glm::dot(n, face) > least_cosine * std::sqrt(square * glm::dot(face, face))))
+            return Vec3(0);
+        // Rounding bends a flat triangle by less.
+        const float depth = -glm::dot(hit - at, n);
+        if (depth * depth > 1e-8F * square * glm::dot(hit - at, hit - at))
+            way += weights[i] * std::max(depth, 0.0F) / square * n;
+    }
+    const Vec3 world(placement.to_world * glm::dvec3(way));
+    return glm::dot(world, point.normal) > 0 && std::isfinite(glm::dot(world, world)) ? world
+                                                                                     : Vec3(0);
+}
+
 /// Turns a shading normal so far that the viewer sees its front: light would leak otherwise.
 Vec3 turned_to(const Vec3& n, const Vec3& viewer) {
     constexpr float least = 0.02F;
@@ -214,6 +245,10 @@ void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit,
         const glm::dvec3 world = placement.normal(glm::dvec3(mean));
         const double length = glm::length(world);
         if (length > 0 && std::isfinite(length)) out.n = Vec3(world / length);
+        point.smooth = point.front ? out.n : -out.n;
+        point.to_smooth =
+            to_smooth(corners, scene.attribute<Vec3>(geometry.positions),
+                      scene.attribute<Vec3>(shading.normals), placement, point);
     }
     if (point.surface == nullptr) return;
     const SurfaceRecord& surface = *point.surface;

@@ -21,6 +21,25 @@ struct ShadingPoint {
     std::uint32_t kind = 0;  ///< SurfaceRecord::kind
     const SurfaceRecord* surface = nullptr;
     MaterialPoint material;
+    Vec3 smooth{0};  ///< the vertices' normal, on the side that the ray came from
+    /// From the hit to the smooth surface that the vertices' normals suggest; 0 on flat and hollow
+    /// ones.
+    Vec3 to_smooth{0};
+
+    /// True if light may be scattered to or from a direction: it must lie on one side of the surface
+    /// and of the shading normal. On a bulge the smooth surface decides, not the flat triangle, so
+    /// that shadows have no facets.
+    [[nodiscard]] bool scatters(const Vec3& world, const Vec3& local) const {
+        if ((glm::dot(world, normal) > 0) == (local.z > 0)) return true;
+        return local.z > 0 && to_smooth != Vec3(0) && glm::dot(world, smooth) > 0;
+    }
+    /// The way from the hit to where such a direction starts: to the smooth surface where the
+    /// direction grazes the triangle, 0 elsewhere and through the surface.
+    [[nodiscard]] Vec3 shift(const Vec3& world, const Vec3& local) const {
+        constexpr float grazing = 0.1F;
+        if (local.z <= 0) return Vec3(0);
+        return std::clamp(1.0F - glm::dot(world, normal) / grazing, 0.0F, 1.0F) * to_smooth;
+    }
 };
 
 /// The textures of a point, in the order of UnfinishedPoint::texels.
