@@ -129,10 +129,16 @@ struct Connection::Socket {
     template <std::size_t n>
     std::size_t write_some(const std::array<asio::const_buffer, n>& parts, error_code& error) {
         if (!tls) return stream.write_some(parts, error);
+        const auto first = std::ranges::find_if(
+            parts, [](const asio::const_buffer& part) { return part.size() != 0; });
+        const bool is_large = first != parts.end() && first->size() >= tls_record_bytes;
         // Small parts share a record; OpenSSL encrypts into a buffer of its own in any case.
         std::array<std::byte, tls_record_bytes> record;
-        const std::size_t size = asio::buffer_copy(asio::buffer(record), parts);
-        const auto moved = tls->write(std::span(record).first(size));
+        const std::size_t size =
+            is_large ? record.size() : asio::buffer_copy(asio::buffer(record), parts);
+        const auto* bytes =
+            is_large ? static_cast<const std::byte*>(first->data()) : record.data();
+        const auto moved = tls->write({bytes, size});
         error = error_of(moved.state);
         return moved.bytes;
     }

@@ -47,7 +47,7 @@ inline void declare(CLI::App& app, AdminOptions& admin) {
     app.add_option("TARGET", admin.target,
                    "of kick: a connection's number or a principal; of quota: a principal");
     app.add_option("QUOTA", admin.quota,
-                   "of quota: connections=N, jobs=N, rays=N, scene_bytes=N");
+                   "of quota: connections=N, jobs=N, rays=N, scene_bytes=N, second_bytes=N");
     app.parse_complete_callback([&admin] {
         const bool needs_target = admin.act == "kick" || admin.act == "quota";
         if (needs_target && admin.target.empty()) throw CLI::RequiredError("TARGET");

@@ -11,6 +11,9 @@
 namespace raynest::client {
 namespace {
 
+/// Encrypted bytes that one read of a socket takes.
+constexpr std::size_t read_ahead_bytes = 64 << 10;
+
 template <auto release>
 struct Release {
     template <class T>
@@ -35,6 +38,9 @@ Result<Settings> make_context(const TlsOptions& options) {
     SSL_CTX_set_options(context.get(), SSL_OP_NO_COMPRESSION | SSL_OP_NO_RENEGOTIATION);
     SSL_CTX_set_mode(context.get(),
                      SSL_MODE_ENABLE_PARTIAL_WRITE | SSL_MODE_ACCEPT_MOVING_WRITE_BUFFER);
+    // One read of the socket takes several records: else each takes two.
+    SSL_CTX_set_read_ahead(context.get(), 1);
+    SSL_CTX_set_default_read_buffer_len(context.get(), read_ahead_bytes);
     const bool trusts =
         options.ca.empty()
             ? SSL_CTX_set_default_verify_paths(context.get()) == 1
@@ -179,6 +185,7 @@ TlsStream::Moved TlsStream::read(std::span<std::byte> buffer) {
                                            buffer.size() - moved.bytes, &count));
         moved.bytes += count;
     }
+    drained_ = moved.state == State::wait;
     return moved;
 }
 
@@ -191,7 +198,8 @@ TlsStream::Moved TlsStream::write(std::span<const std::byte> bytes) {
 }
 
 bool TlsStream::has_bytes() const {
-    return SSL_pending(parts_->tls.get()) > 0;
+    // What waits after a read that found too little is a part of a record.
+    return !drained_ && SSL_has_pending(parts_->tls.get()) == 1;
 }
 
 }  // namespace raynest::client

@@ -33,7 +33,7 @@ public:
     Moved read(std::span<std::byte> buffer);
     /// Writes a part. After State::wait, repeat it with at least the same bytes.
     Moved write(std::span<const std::byte> bytes);
-    /// True if decrypted bytes wait, of which poll() knows nothing.
+    /// True if bytes can be read of which poll() knows nothing.
     [[nodiscard]] bool has_bytes() const;
     /// Says why the stream broke.
     [[nodiscard]] const Failure& why_broken() const { return failure_; }
@@ -45,6 +45,7 @@ private:
 
     std::unique_ptr<Parts> parts_;
     Failure failure_;
+    bool drained_ = false;  ///< the last read took all records that had come
 };
 
 }  // namespace raynest::client

@@ -133,7 +133,8 @@ private:
         if (value == nullptr || error_) return *this;
         at_most(field, value->size(), most, limit);
         if (!error_ && !printable(value->string_view()))
-            complain(Code::invalid_field, field, "is not printable UTF-8");
+            error_ = Error{Code::invalid_field,
+                           std::string("`").append(field).append("` is not printable UTF-8"), 0};
         return *this;
     }
 

@@ -8,9 +8,9 @@
 
 namespace raynest::protocol {
 
-/// Asks after so many seconds of silence, then so often, so many times: 25 s in all.
-inline constexpr int keep_alive_idle_s = 10;
-inline constexpr int keep_alive_interval_s = 5;
+/// Asks after so many seconds of silence, then so often, so many times: 17 s in all.
+inline constexpr int keep_alive_idle_s = 8;
+inline constexpr int keep_alive_interval_s = 3;
 inline constexpr int keep_alive_probes = 3;
 
 /// Small frames leave at once, and a dead peer is noticed. Unix sockets know none of these options:

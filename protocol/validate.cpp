@@ -321,6 +321,10 @@ Result<void> validate(const wire::AdminReport& message, const Limits& limits) {
         .result();
 }
 
+Result<void> validate(const wire::PageAddress& message, const Limits& limits) {
+    return Checks(limits).name("http", message.http()).name("code", message.code()).result();
+}
+
 Result<void> validate(const wire::VariantList& message, const Limits& limits) {
     Checks checks(limits);
     if (message.variants() != nullptr)

@@ -5,7 +5,6 @@
 #include "server/errors.h"
 #include "server/security/role.h"
 
-#include <cstdint>
 #include <string_view>
 
 namespace raynest::server {
@@ -17,9 +16,9 @@ namespace raynest::server::access {
 /// Allows callers whose role is at least the one of the request table.
 [[nodiscard]] Reply<void> send_request(std::string_view request, Role needed, Role callers);
 
-/// Allows the principal that started the job, on any connection, and administrators.
-[[nodiscard]] Reply<void> use_job(std::uint64_t number, std::string_view owner,
-                                  const ConnectionId& caller);
+/// Allows the principal that started the job, on any connection, and administrators. For others
+/// there is no such job.
+[[nodiscard]] bool may_use_job(std::string_view owner, const ConnectionId& caller);
 
 /// Allows owners, holders and administrators. Ask only about a scene that the caller may see.
 [[nodiscard]] Reply<void> unload_scene(std::string_view name, std::string_view owner,

@@ -35,7 +35,7 @@ bool is_numeric(const std::string& host) {
 constexpr std::string_view malformed_tcp =
     "is not an address; write tcp://HOST:PORT, e.g. tcp://127.0.0.1:31060";
 constexpr std::string_view malformed_http =
-    "is not an address; write HOST:PORT, e.g. 127.0.0.1:31061, or off";
+    "is not an address; write HOST:PORT, e.g. 127.0.0.1:31061, https://HOST:PORT, or off";
 /// Parses HOST:PORT, the part `rest` of `uri`.
 Result<Address> parse_tcp(std::string_view uri, std::string_view scheme, std::string_view rest,
                           std::string_view malformed) {
@@ -78,6 +78,10 @@ Result<Address> parse_address(std::string_view uri) {
 }
 
 Result<Address> parse_http_address(std::string_view text) {
+    for (const std::string_view scheme : {"https", "http"})
+        if (text.starts_with(scheme) && text.substr(scheme.size()).starts_with("://"))
+            return parse_tcp(text, scheme, text.substr(scheme.size() + 3), malformed_http);
+    if (text.find("://") != std::string_view::npos) return refused(text, malformed_http);
     return parse_tcp(text, "http", text, malformed_http);
 }
 

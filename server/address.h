@@ -1,5 +1,5 @@
-// Addresses to listen on, tcp://HOST:PORT, tls://HOST:PORT, unix:PATH or HOST:PORT for HTTP, checked
-// before a socket is made.
+// Addresses to listen on, tcp://HOST:PORT, tls://HOST:PORT, unix:PATH, or HOST:PORT and
+// https://HOST:PORT for the page, checked before a socket is made.
 #pragma once
 
 #include "engine/result.h"
@@ -32,13 +32,13 @@ struct SocketAccess {
 /// options.cpp.
 [[nodiscard]] Result<Address> parse_address(std::string_view uri);
 
-/// Parses HOST:PORT as parse_address() parses what follows tcp://.
+/// Parses HOST:PORT or http://HOST:PORT, or https://HOST:PORT, whose connections are encrypted.
 [[nodiscard]] Result<Address> parse_http_address(std::string_view text);
 
 /// True if other machines may reach the address.
 [[nodiscard]] bool is_beyond_loopback(const Address& address);
 
-/// Returns the address's name in the list of transports (net/transports.h): tcp, tls or unix.
+/// Returns the address's name in the list of transports (net/transports.h), or http or https.
 [[nodiscard]] std::string scheme_of(const Address& address);
 
 /// Returns a URI that parse_address() reads, e.g. "tcp://[::1]:31060".

@@ -254,7 +254,7 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
           [](const std::string& text) { return parse_period(text).has_value(); },
           "a time such as 90s, 12h or 30d");
     check(add->add_option("--quota", words->quota,
-                          "connections=N,jobs=N,rays=N,scene_bytes=N; any of them"),
+                          "connections=N,jobs=N,rays=N,scene_bytes=N,second_bytes=N; any of them"),
           [](const std::string& text) { return parse_quota(text).has_value(); },
           "a quota such as jobs=8,rays=1000000");
     add->callback([&action, words] { action = [words] { return token_add(*words); }; });

@@ -117,7 +117,7 @@ void Conversation::greet(protocol::Frame frame) {
         services_.admission.quotas().set(principal->id, principal->quota);
         services_.scenes.quotas().set(principal->id, principal->quota);
     }
-    identity_ = std::move(*principal);
+    caller_.identity = std::move(*principal);
     runner_->set_principal(caller_.principal);
     runner_->set_window(caller_.window_bytes);
     greeted_ = true;

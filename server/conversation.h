@@ -45,7 +45,7 @@ public:
 
     [[nodiscard]] const std::string& principal() const { return caller_.principal; }
     /// The client, once it is greeted.
-    [[nodiscard]] const Principal& identity() const { return identity_; }
+    [[nodiscard]] const Principal& identity() const { return caller_.identity; }
     /// The connection's number, which appears in lists and logs.
     [[nodiscard]] std::uint64_t number() const { return caller_.connection; }
     [[nodiscard]] bool greeted() const { return greeted_; }
@@ -88,7 +88,6 @@ private:
     Sink& sink_;
     const Authenticate authenticate_;
     Caller caller_;
-    Principal identity_;
     std::shared_ptr<Runner> runner_;
     /// Detached jobs that still wait for data of this connection, by request id.
     std::map<std::uint64_t, DetachedJobs::Pointer> feeding_;

@@ -16,6 +16,7 @@
 #include "server/net/connections.h"
 #include "server/net/http.h"
 #include "server/net/listener.h"
+#include "server/net/page_access.h"
 #include "server/net/transports.h"
 #include "server/ready_file.h"
 #include "server/store/scene_store.h"
@@ -64,7 +65,7 @@ public:
     Result<void> listen();
     /// Opens the HTTP port. Fails if the address was given by option; else the daemon has none.
     Result<void> listen_http();
-    /// Returns http://HOST:PORT or "off".
+    /// Returns http://HOST:PORT, https://HOST:PORT or "off".
     [[nodiscard]] std::string http_uri() const;
     /// Serves until drained. Fails when the ready file cannot be written.
     Result<void> run();
@@ -121,6 +122,7 @@ private:
     Credentials credentials_;
     Connections connections_;
     std::vector<std::unique_ptr<Listener>> listeners_;
+    PageAccess page_access_;
     HttpSite site_;
     HttpServer http_;
     std::unique_ptr<Listener> http_listener_;  ///< null: no HTTP port
@@ -183,13 +185,14 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       lost_timer_(io_),
       tokens_timer_(io_),
       watchdog_timer_(io_),
-      credentials_(options.security),
+      credentials_(options.security, limits_),
       connections_(io_, services_, context_,
                    [this](const PeerIdentity& peer, const wire::Hello& hello,
                           const protocol::Limits&) {
                        return credentials_.authentication().identify(
                            peer, protocol::text(hello.token()), Clock::now(), WallClock::now());
                    }),
+      page_access_(credentials_.authentication(), [this] { end_revoked(); }),
       site_(options.http.hosts),
       http_(io_, site_, connections_, services_) {}
 
@@ -214,29 +217,28 @@ Result<void> Daemon::listen() {
 Result<void> Daemon::listen_http() {
     const auto address = parse_http_address(options_.http.address);
     if (!address) return tl::unexpected(address.error());
-    auto listener = Listener::open(io_, *address, "--http", options_.socket,
-                                   [this](Socket socket, Listener::Descriptors descriptors) {
-                                       http_.accept(std::move(socket), descriptors);
-                                   });
+    const bool is_encrypted = scheme_of(*address) == "https";
+    auto listener =
+        Listener::open(io_, *address, "--http", options_.socket,
+                       [this, is_encrypted](Socket socket, Listener::Descriptors descriptors) {
+                           http_.accept(std::move(socket), descriptors,
+                                        is_encrypted ? credentials_.tls().get() : nullptr);
+                       });
     if (!listener && options_.http.given) return tl::unexpected(listener.error());
     if (!listener) {
         log(LogLevel::warn, "http_off", {{"reason", listener.error().message}});
         return {};
     }
     http_listener_ = std::move(*listener);
-    site_.set_port(std::get<TcpAddress>(http_listener_->address()).port);
+    site_.set_address(std::get<TcpAddress>(http_listener_->address()));
+    site_.set_access(page_access_);
+    services_.page_logins = &credentials_.authentication().logins();
     serve_health();
     return {};
 }
 
 void Daemon::serve_health() {
     site_.set_metrics([this] { return exposition(services_); });
-    // Where nobody is let in without a token, metrics are not shown without one either.
-    if (!options_.security.anonymous)
-        site_.guard_metrics([this](std::string_view token) {
-            const auto& tokens = credentials_.authentication().tokens();
-            return tokens.find_token(token, WallClock::now()) != nullptr;
-        });
     site_.set_unready([this]() -> std::string {
         if (!serving_) return "the daemon is starting";
         const auto most = std::chrono::milliseconds(limits_.chunk_ms_max) + stuck_grace;
@@ -266,10 +268,13 @@ Result<void> Daemon::run() {
     if (http_listener_) {
         services_.page = http_uri();
         http_listener_->start();
+        const std::string uri = http_uri();
         log(LogLevel::info, "http",
-            {{"page", http_uri()},
-             {"hint", "from another machine, forward the port: ssh -L 31061:" +
-                          http_uri().substr(std::string_view("http://").size()) + " HOST"}});
+            {{"page", uri},
+             {"hint", is_beyond_loopback(http_listener_->address())
+                          ? "raynest open shows it"
+                          : "from another machine, forward the port: ssh -L 31061:" +
+                                uri.substr(uri.find("//") + 2) + " HOST"}});
     }
     await_signal();
     look_for_lost();
@@ -374,6 +379,7 @@ void Daemon::look_for_lost() {
         if (error) return;
         connections_.close_lost();
         trace_buffers_.trim();
+        page_access_.look_at_logins();
         look_for_lost();
     });
 }
@@ -403,8 +409,8 @@ void Daemon::end_revoked() {
         [&](const Principal& principal) {
             return credentials_.authentication().still_valid(principal, now);
         },
-        {Code::not_allowed, "the token of this connection was revoked, has expired or has changed",
-         0});
+        {Code::not_allowed,
+         "the token or login of this connection was revoked, has expired or has changed", 0});
 }
 
 std::string Daemon::reload() {

@@ -144,21 +144,22 @@ private:
 
 void declare_security(CLI::App& app, SecurityOptions& security, Words& words) {
     app.add_option("--tls-cert", security.tls.certificate,
-                   "PEM file of the certificate of tls:// and its chain; SIGHUP reads it again");
+                   "PEM file of the certificate of tls:// and https://, and its chain; SIGHUP reads "
+                   "it again");
     app.add_option("--tls-key", security.tls.key, "PEM file of its key, mode 0600");
     app.add_option("--client-ca", security.tls.client_ca,
                    "PEM file of the CAs of client certificates; a certificate's subject is the "
                    "principal");
     app.add_option("--tokens", security.tokens,
-                   "Token file, written by raynestd token add; tls:// then asks for a token or a "
-                   "certificate; watched");
+                   "Token file, written by raynestd token add; tls:// and https:// then ask for a "
+                   "token or a certificate; watched");
     app.add_option("--anonymous", words.anonymous,
                    "Role of clients without a token on loopback and Unix sockets: off, viewer or "
                    "user")
         ->check(CLI::IsMember({"off", "viewer", "user"}))
         ->capture_default_str();
     app.add_flag("--insecure", security.insecure,
-                 "Allow tcp:// beyond loopback, without encryption");
+                 "Allow tcp:// and --http beyond loopback without encryption");
 }
 
 /// Leaves the names of the checks out of the help, such as "UINT in [1 - 1024]": the texts say in
@@ -185,8 +186,8 @@ void declare(CLI::App& app, Options& options, Words& words) {
                    "Group that a unix:PATH socket is opened to, by name or number")
         ->check(CLI::Validator(group_fault, ""));
     app.add_option("--http", options.http.address,
-                   "HOST:PORT of the page, its WebSocket, /healthz and /metrics, or off; loopback "
-                   "only; port 0 picks a free one")
+                   "HOST:PORT of the page, its WebSocket, /healthz and /metrics, or "
+                   "https://HOST:PORT, or off; port 0 picks a free one")
         ->check(CLI::Validator(http_fault, ""))
         ->capture_default_str();
     app.add_option("--http-host", options.http.hosts,

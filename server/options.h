@@ -19,7 +19,7 @@ namespace raynest::server {
 
 /// The HTTP port.
 struct HttpOptions {
-    std::string address = "127.0.0.1:31061";  ///< HOST:PORT, or "off"
+    std::string address = "127.0.0.1:31061";  ///< HOST:PORT, https://HOST:PORT or "off"
     bool given = false;              ///< false: the daemon starts without it if the port is taken
     std::vector<std::string> hosts;  ///< allowed Host headers besides loopback
 };

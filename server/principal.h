@@ -4,6 +4,9 @@
 //                             ├─► Authentication::identify() ─► Principal {id, quota, role}
 //   Hello (its token) ────────┘
 //
+// The page shows a token, or a code of `raynest open`, once: page_logins.h. Its WebSocket then comes with
+// the principal of its cookie.
+//
 // Until a peer has sent Hello, it counts under the name from its transport.
 #pragma once
 
@@ -13,6 +16,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <string>
 
 namespace raynest::wire {
@@ -28,8 +32,10 @@ struct PeerIdentity {
 
     std::string name;  ///< "uid:1000", "127.0.0.1"
     Place place = Place::loopback;
-    std::string transport = "tcp";  ///< tcp, tls, unix or http
+    std::string transport = "tcp";  ///< tcp, tls, unix, http or https
     std::string subject = {};       ///< subject of a verified client certificate; empty: none
+    /// The sender of the HTTP request that became a WebSocket; null: another transport.
+    std::shared_ptr<const struct Principal> sender = {};
 };
 
 /// Quotas that may differ between principals; 0: the limit principal_*_max.
@@ -38,6 +44,7 @@ struct Quota {
     std::uint64_t jobs = 0;
     std::uint64_t rays = 0;
     std::uint64_t scene_bytes = 0;
+    std::uint64_t second_bytes = 0;
 
     bool operator==(const Quota&) const = default;
 };
@@ -50,6 +57,7 @@ struct Principal {
     Role role = Role::user;
     /// Names the row of the token file that let the peer in; empty: none did.
     std::string credential = {};
+    std::uint64_t page_login = 0;  ///< number of the page's login (page_logins.h); 0: none
 };
 
 /// Identifies the principal of a peer by the name from its transport, without a token. Peers

@@ -284,7 +284,7 @@ class NewRows(unittest.TestCase):
         told = self.python("print(client.connection.ask('Echo', {'text': 'hello'}, 'Echoed')['text'])\n"
                            "try: client.connection.ask('Echo', {'text': '\\x07'}, 'Echoed')\n"
                            "except raynest.UsageError as error: print(error)")
-        self.assertEqual(told.splitlines(), ["hello", "text is not printable UTF-8"])
+        self.assertEqual(told.splitlines(), ["hello", "`text` is not printable UTF-8"])
         self.assertIn("| Echo | 40 |", self.page())
 
 

@@ -18,8 +18,6 @@ extern char** environ;
 namespace raynest::client {
 namespace {
 
-constexpr std::string_view scheme = "http://";
-
 /// Returns text as it stands in the fragment of an address.
 std::string percent_encoded(std::string_view text) {
     constexpr std::string_view plain =
@@ -34,6 +32,27 @@ std::string percent_encoded(std::string_view text) {
             encoded.append({'%', digits[byte >> 4], digits[byte & 15]});
     }
     return encoded;
+}
+
+/// Returns HOST:PORT of http://HOST:PORT or https://HOST:PORT; empty if it is neither.
+std::string place_of(std::string_view address) {
+    for (const std::string_view scheme : {"http://", "https://"})
+        if (address.starts_with(scheme)) return std::string(address.substr(scheme.size()));
+    return "";
+}
+
+/// Replaces the host of a page that listens on every address by the host of the daemon's URI.
+std::string reachable(const std::string& address, const std::string& server) {
+    for (const std::string_view any : {"//0.0.0.0:", "//[::]:"}) {
+        const std::size_t at = address.find(any);
+        if (at == std::string::npos) continue;
+        const std::size_t begin = server.find("://");
+        const bool has_host = server.starts_with("tcp://") || server.starts_with("tls://");
+        const std::string host =
+            has_host ? server.substr(begin + 3, server.rfind(':') - begin - 3) : "127.0.0.1";
+        return address.substr(0, at + 2) + host + address.substr(at + any.size() - 1);
+    }
+    return address;
 }
 
 bool has_display() {
@@ -70,16 +89,6 @@ Result<std::string> load_to_stay(Context& context, const std::string& source) {
 }  // namespace
 
 Result<void> run(Context& context, const OpenOptions& options) {
-    const auto reply = ask<wire::Statistics>(context.connection, wire::StatsT{});
-    if (!reply) return tl::unexpected<Failure>(reply.error());
-    std::string address(protocol::text((*reply)->http()));
-    if (address.empty())
-        return fail(Exit::failed,
-                    "this daemon serves no page: start raynestd with --http 127.0.0.1:31061");
-    if (!address.starts_with(scheme))
-        return fail(Exit::failed, "the daemon names '" + address + "', which is no http address");
-    const std::string place =
-        address.substr(scheme.size(), address.find('/', scheme.size()) - scheme.size());
     std::string scene = options.source;
     if (is_source(scene)) {
         auto name = load_to_stay(context, scene);
@@ -91,8 +100,21 @@ Result<void> run(Context& context, const OpenOptions& options) {
         info.scene = scene;
         const auto known = ask<wire::SceneInfo>(context.connection, info);
         if (!known) return tl::unexpected<Failure>(known.error());
-        address += "#scene=" + percent_encoded(scene);
     }
+    // Last, because the code of the address is valid for a short time.
+    const auto reply = ask<wire::PageAddress>(context.connection, wire::PageT{});
+    if (!reply) return tl::unexpected<Failure>(reply.error());
+    std::string address(protocol::text((*reply)->http()));
+    if (address.empty())
+        return fail(Exit::failed,
+                    "this daemon serves no page: start raynestd with --http 127.0.0.1:31061");
+    const std::string place = place_of(address);
+    if (place.empty())
+        return fail(Exit::failed, "the daemon names '" + address + "', which is no http address");
+    address = reachable(address, context.uri);
+    address += "/#";
+    if (!scene.empty()) address += "scene=" + percent_encoded(scene) + "&";
+    address += "code=" + percent_encoded(protocol::text((*reply)->code()));
     const bool opened = has_display() && show(address);
     if (context.json) {
         print_json(Json{{"address", address}, {"opened", opened}});
@@ -100,10 +122,12 @@ Result<void> run(Context& context, const OpenOptions& options) {
     }
     std::cout << address << '\n';
     if (!opened)
-        std::cerr << "raynest: open this address in a browser on the daemon's machine; from another "
-                     "machine run ssh -L "
-                  << place.substr(place.rfind(':') + 1) << ':' << place
-                  << " HOST there first and open it there\n";
+        std::cerr << "raynest: open this address in a browser, once and within "
+                  << (*reply)->code_ms() / 1000 << " s";
+    if (!opened && address.find("://127.") != std::string::npos)
+        std::cerr << "; on another machine run ssh -L " << place.substr(place.rfind(':') + 1) << ':'
+                  << place << " HOST there first";
+    if (!opened) std::cerr << '\n';
     return {};
 }
 

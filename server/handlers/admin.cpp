@@ -36,7 +36,8 @@ Reply<void> set_quota(Administration& daemon, const wire::Admin& message,
     if (!quota || text.empty())
         return refuse(Code::invalid_field, "'" + text +
                                                "' is not a quota; write jobs=N, rays=N, "
-                                               "scene_bytes=N or connections=N");
+                                               "scene_bytes=N, second_bytes=N or "
+                                               "connections=N");
     if (principal.empty())
         return refuse(Code::invalid_field, "the quota needs a principal");
     daemon.set_quota(principal, *quota);

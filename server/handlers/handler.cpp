@@ -14,13 +14,13 @@ namespace {
 template <class Table>
 using Typed = Reply<Answer> (*)(const Services&, const Caller&, const protocol::Opened<Table>&);
 
-/// Refuses another principal's job; an unknown job is left to the handler.
+/// Answers for another principal's job as for one that does not exist: nobody learns of it.
 Reply<void> check_own_job(const Services& services, const Caller& caller, std::uint64_t number) {
-    if (const JobRecord* running = services.admission.find(number))
-        return access::use_job(number, running->principal, caller);
+    const JobRecord* job = services.admission.find(number);
     const auto kept = services.detached.all().find(number);
-    if (kept == services.detached.all().end()) return {};
-    return access::use_job(number, kept->second->record().principal, caller);
+    if (job == nullptr && kept != services.detached.all().end()) job = &kept->second->record();
+    if (job != nullptr && access::may_use_job(job->principal, caller)) return {};
+    return tl::unexpected(services.detached.unknown(number));
 }
 
 template <class Table, Typed<Table> handle, Needs needs>

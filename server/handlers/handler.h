@@ -23,6 +23,7 @@
 namespace raynest::server {
 
 class Administration;
+class PageLogins;
 class TraceBufferPool;
 
 /// The parts of the daemon that handlers may use. One per daemon; outlives all jobs.
@@ -41,8 +42,9 @@ struct Services {
     const Backends& backends;
     TraceBufferPool& trace_buffers;
     FairThreadPool& blocking;  ///< for tasks that wait for processes and disks
-    std::string page = {};     ///< address of the daemon's page, http://HOST:PORT; empty: none
+    std::string page = {};     ///< address of the daemon's page; empty: none
     Administration* administration = nullptr;  ///< null in tests without a whole daemon
+    PageLogins* page_logins = nullptr;         ///< null likewise
 };
 
 /// A request and its connection.
@@ -50,6 +52,7 @@ struct Caller : ConnectionId {
     std::uint64_t request_id = 0;
     std::uint64_t window_bytes = 0;  ///< credit that the client grants to each request at its start
     bool shares_machine = true;      ///< false: a token or certificate let it in
+    Principal identity;
 };
 
 using Answer = std::variant<Frames, JobSubmission>;
@@ -61,7 +64,7 @@ using Answer = std::variant<Frames, JobSubmission>;
 
 class Conversation;
 
-/// The object that must belong to the caller; otherwise the request fails with NOT_ALLOWED. Rules
+/// The object that must belong to the caller; otherwise the request fails with JOB_UNKNOWN. Rules
 /// about scenes are checked by their handlers (access.h).
 enum class Needs { nothing, own_job };
 

@@ -6,6 +6,7 @@
 #pragma once
 
 #include "protocol/limits.h"
+#include "server/jobs/bandwidth.h"
 #include "server/jobs/job.h"
 #include "server/jobs/peers.h"
 #include "server/security/quotas.h"
@@ -66,7 +67,10 @@ public:
     };
 
     /// Limits: total_jobs_max of the daemon; principal_jobs_max, principal_rays_max of a principal.
-    explicit Admission(const protocol::Limits& limits) : limits_(limits), quotas_(limits) {}
+    explicit Admission(const protocol::Limits& limits)
+        : limits_(limits),
+          quotas_(limits),
+          bandwidth_(quotas_) {}
     Admission(const Admission&) = delete;
 
     /// Gives a job a place and a number. Fails with QUOTA if the principal has too much in flight,
@@ -78,6 +82,7 @@ public:
 
     /// The quotas of principals that have others than the limits.
     [[nodiscard]] Quotas& quotas() { return quotas_; }
+    [[nodiscard]] Bandwidth& bandwidth() { return bandwidth_; }
 
     /// Adds the duration of a job to the moving mean behind retry_after_ms().
     void record(std::chrono::duration<double> took) { mean_ += 0.1 * (took.count() - mean_); }
@@ -100,6 +105,7 @@ private:
 
     const protocol::Limits limits_;
     Quotas quotas_;
+    Bandwidth bandwidth_;
     std::map<std::uint64_t, JobRecord> jobs_;
     std::map<std::string, Use> uses_;  ///< by principal, for those with jobs in flight
     std::uint64_t last_number_ = 0;

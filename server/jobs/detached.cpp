@@ -193,12 +193,15 @@ bool DetachedJobs::drop_fetched(const std::string& principal) {
 
 Reply<DetachedJobs::Pointer> DetachedJobs::find(std::uint64_t number) const {
     const auto found = jobs_.find(number);
-    if (found == jobs_.end())
-        return refuse(Code::job_unknown, "there is no job " + std::to_string(number) +
-                                             ", or its answer was kept for " +
-                                             std::to_string(context_.limits.result_ms_max / 1000) +
-                                             " s and is gone; see `Jobs`");
+    if (found == jobs_.end()) return tl::unexpected(unknown(number));
     return found->second;
+}
+
+protocol::Error DetachedJobs::unknown(std::uint64_t number) const {
+    return {Code::job_unknown,
+            "there is no job " + std::to_string(number) + ", or its answer was kept for " +
+                std::to_string(context_.limits.result_ms_max / 1000) + " s and is gone; see `Jobs`",
+            0};
 }
 
 void DetachedJobs::cancel(std::uint64_t number) {

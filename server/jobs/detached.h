@@ -96,6 +96,8 @@ public:
 
     /// Fails with JOB_UNKNOWN if there is no such job.
     [[nodiscard]] Reply<Pointer> find(std::uint64_t number) const;
+    /// Returns the error JOB_UNKNOWN.
+    [[nodiscard]] protocol::Error unknown(std::uint64_t number) const;
     [[nodiscard]] const std::map<std::uint64_t, Pointer>& all() const { return jobs_; }
     /// Stops a job if it runs, and drops its answer.
     void cancel(std::uint64_t number);

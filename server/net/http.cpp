@@ -1,38 +1,35 @@
 #include "server/net/http.h"
 
 #include "protocol/keep_alive.h"
+#include "server/log.h"
+#include "server/net/http_messages.h"
+#include "server/net/http_stream.h"
 #include "server/net/socket_transport.h"
-#include "server/net/websocket_messages.h"
-
-#include <boost/beast/core/flat_buffer.hpp>
-#include <boost/beast/http.hpp>
-#include <boost/beast/version.hpp>
-#include <boost/beast/websocket.hpp>
-#include <linux/sockios.h>
-#include <sys/ioctl.h>
+#include "server/net/websocket_transport.h"
 
 #include <algorithm>
 #include <array>
 #include <chrono>
 #include <limits>
-#include <span>
+#include <map>
+#include <optional>
 #include <utility>
 
 namespace raynest::server {
 namespace {
 
-namespace beast = boost::beast;
-namespace http = beast::http;
-namespace websocket = beast::websocket;
 using std::chrono::milliseconds;
-
-using PageRequest = http::request<http::empty_body>;
-using PageResponse = http::response<http::string_body>;
 
 /// Time for a client to read the last answer and to close.
 constexpr milliseconds linger_time{1000};
+/// Bytes of a body, which logins alone have.
+constexpr std::uint64_t body_bytes_max = 4096;
 
 std::string_view view(beast::string_view text) {
+    return {text.data(), text.size()};
+}
+
+beast::string_view view(std::string_view text) {
     return {text.data(), text.size()};
 }
 
@@ -42,6 +39,30 @@ std::vector<std::string_view> values(const PageRequest& request, http::field nam
     for (auto field = first; field != last; ++field) found.push_back(view(field->value()));
     return found;
 }
+
+/// Returns the answer to a request that could not be read; nothing if the connection ended.
+std::optional<HttpReply> unreadable_request(const SystemError& error,
+                                            const protocol::Limits& limits) {
+    if (error == http::error::header_limit || error == http::error::buffer_overflow)
+        return refuse_request(431, "the header is over http_header_bytes_max = " +
+                                       std::to_string(limits.http_header_bytes_max) + " bytes");
+    if (error == http::error::end_of_stream || error == http::error::partial_message ||
+        error.category() != make_error_code(http::error::bad_target).category())
+        return std::nullopt;
+    return refuse_request(400, "this is not a request of HTTP/1.1: " + error.message());
+}
+
+PeerIdentity over_http(PeerIdentity peer, bool is_encrypted) {
+    peer.transport = is_encrypted ? "https" : "http";
+    return peer;
+}
+
+HttpStream to_stream(Socket socket, const TlsContext* tls) {
+    if (tls == nullptr) return HttpStream(std::move(socket));
+    return HttpStream(std::make_unique<TlsSocket>(std::move(socket), *tls));
+}
+
+}  // namespace
 
 PageResponse to_response(const HttpReply& reply, unsigned version, bool only_header) {
     PageResponse response{http::int_to_status(reply.status), version};
@@ -55,298 +76,41 @@ PageResponse to_response(const HttpReply& reply, unsigned version, bool only_hea
     response.set("Cross-Origin-Resource-Policy", "same-origin");
     response.set(http::field::cache_control, reply.etag.empty() ? "no-store" : "no-cache");
     if (!reply.etag.empty()) response.set(http::field::etag, reply.etag);
-    if (reply.status == 405) response.set(http::field::allow, "GET, HEAD");
+    if (!reply.cookie.empty()) response.set(http::field::set_cookie, reply.cookie);
+    if (reply.retry_after_s != 0)
+        response.set(http::field::retry_after, std::to_string(reply.retry_after_s));
+    if (reply.status == 405) response.set(http::field::allow, view(reply.allow));
     if (reply.status == 401) response.set(http::field::www_authenticate, "Bearer");
     if (reply.status == 426) response.set(http::field::upgrade, "websocket");
     if (reply.status == 304) return response;
     const std::string_view body = reply.body();
-    response.set(http::field::content_type,
-                 beast::string_view(reply.type.data(), reply.type.size()));
+    response.set(http::field::content_type, view(reply.type));
     response.content_length(body.size());
     if (!only_header) response.body() = body;
     return response;
 }
 
-HttpReply refused(unsigned status, std::string why) {
+HttpReply refuse_request(unsigned status, std::string why) {
     HttpReply reply;
     reply.status = status;
     reply.text = std::move(why) + '\n';
     return reply;
 }
 
-/// Returns the answer to a request that could not be read; nothing if the connection ended.
-std::optional<HttpReply> unreadable_request(const SystemError& error,
-                                            const protocol::Limits& limits) {
-    if (error == http::error::header_limit || error == http::error::buffer_overflow)
-        return refused(431, "the header is over http_header_bytes_max = " +
-                                std::to_string(limits.http_header_bytes_max) + " bytes");
-    if (error == http::error::end_of_stream || error == http::error::partial_message ||
-        error.category() != make_error_code(http::error::bad_target).category())
-        return std::nullopt;
-    return refused(400, "this is not a request of HTTP/1.1: " + error.message());
-}
-
-// ---- WebSocket ----------------------------------------------------------------------------------
-
-PeerIdentity over_http(PeerIdentity peer) {
-    peer.transport = "http";
-    return peer;
-}
-
-/// A WebSocket that carries frames as websocket_messages.h says: each message is one frame.
-class WebSocketTransport final : public Transport {
-public:
-    WebSocketTransport(Socket socket, PageRequest request, const protocol::Limits& limits)
-        : limits_(limits),
-          peer_(over_http(identity_of(socket))),
-          request_(std::move(request)),
-          stream_(std::move(socket)) {
-        stream_.auto_fragment(false);
-        stream_.read_message_max(limits.frame_bytes_max);
-        stream_.set_option(websocket::stream_base::decorator([](websocket::response_type& made) {
-            made.set(http::field::server, "raynestd/" RAYNEST_VERSION);
-        }));
-    }
-
-    [[nodiscard]] const PeerIdentity& peer() const override { return peer_; }
-
-    asio::awaitable<void> open(SystemError& error) override {
-        co_await stream_.async_accept(request_, asio::redirect_error(asio::use_awaitable, error));
-        opened_ = !error;
-    }
-    asio::awaitable<std::size_t> read(const ReadBuffers& buffers, std::size_t wanted,
-                                      SystemError& error) override;
-    std::optional<Unreadable> take_unreadable() override {
-        return std::exchange(unreadable_, std::nullopt);
-    }
-    asio::awaitable<std::size_t> write(const WriteBatch::Rest& rest, SystemError& error) override;
-    std::size_t write_now(const WriteBatch::Rest& rest) override;
-    asio::awaitable<void> finish_writing() override {
-        SystemError ignored;
-        co_await stream_.async_close(websocket::close_code::normal,
-                                     asio::redirect_error(asio::use_awaitable, ignored));
-    }
-    void close() override {
-        SystemError ignored;
-        stream_.next_layer().close(ignored);
-    }
-    bool is_lost() override { return peer_is_lost(stream_.next_layer().native_handle()); }
-
-private:
-    /// The next frame of a batch as a message.
-    struct Outgoing {
-        bool is_text = false;
-        std::string head;
-        asio::const_buffer bulk;
-        std::size_t frame_bytes = 0;
-
-        [[nodiscard]] std::array<asio::const_buffer, 2> buffers() const {
-            return {asio::buffer(head), bulk};
-        }
-    };
-    [[nodiscard]] Outgoing next_message(const WriteBatch::Rest& rest) const;
-    void refuse_upgrade(const WriteBatch::Rest& rest);
-
-    /// Reads the next message up to its bulk part, and converts it.
-    asio::awaitable<void> read_message(SystemError& error);
-    /// Appends to `message_` until it has `bytes` bytes or the WebSocket message ends.
-    asio::awaitable<void> gather(std::size_t bytes, SystemError& error);
-    asio::awaitable<void> skip_message(SystemError& error);
-    void refuse(Unreadable unreadable) {
-        unreadable_ = std::move(unreadable);
-        message_.clear();
-    }
-    void refuse(Code code, std::string why) { refuse({0, 0, {code, std::move(why), 0}, true}); }
-    /// Makes the frame the next bytes that read() returns.
-    void convert(Read<protocol::Frame> frame);
-
-    const protocol::Limits& limits_;
-    const PeerIdentity peer_;
-    const PageRequest request_;
-    websocket::stream<Socket, false> stream_;
-    MessageConverter converter_;
-    std::string message_;  ///< received bytes of a message
-    std::string frame_;    ///< header and control message of the frame that read() returns
-    std::size_t frame_sent_ = 0;
-    std::uint64_t bulk_left_ = 0;  ///< bytes of the bulk part that were not read yet
-    std::optional<Unreadable> unreadable_;
-    bool opened_ = false;
-    bool in_message_ = false;  ///< a message has begun and not ended
-    bool greeted_ = false;     ///< the first message has come
-};
-
-asio::awaitable<std::size_t> WebSocketTransport::read(const ReadBuffers& buffers,
-                                                      std::size_t /*wanted*/, SystemError& error) {
-    if (frame_sent_ == frame_.size() && bulk_left_ == 0) co_await read_message(error);
-    if (error || unreadable_) co_return 0;
-    if (frame_sent_ < frame_.size()) {
-        const std::size_t bytes = asio::buffer_copy(buffers, asio::buffer(frame_) + frame_sent_);
-        frame_sent_ += bytes;
-        co_return bytes;
-    }
-    const std::size_t bytes =
-        co_await stream_.async_read_some(buffers, asio::redirect_error(asio::use_awaitable, error));
-    if (error) co_return 0;
-    in_message_ = !stream_.is_message_done();
-    const bool ended_early = bytes < bulk_left_ && !in_message_;
-    const bool goes_on = bytes > bulk_left_ || (bytes == bulk_left_ && in_message_);
-    if (ended_early || goes_on) {
-        bulk_left_ = 0;
-        refuse(Code::bad_frame, "a message holds more or fewer bytes than its header says");
-        co_return 0;
-    }
-    bulk_left_ -= bytes;
-    co_return bytes;
-}
-
-asio::awaitable<void> WebSocketTransport::read_message(SystemError& error) {
-    if (in_message_) co_await skip_message(error);
-    if (error) co_return;
-    const std::uint64_t most = greeted_ ? limits_.control_bytes_max : limits_.greeting_bytes_max;
-    constexpr std::size_t prefix_bytes_max = 64;  // TYPE and ID of a text message
-    message_.clear();
-    in_message_ = true;
-    co_await gather(protocol::header_bytes, error);
-    if (error) co_return;
-    if (stream_.got_text()) {
-        co_await gather(prefix_bytes_max + most + 1, error);
-        if (error) co_return;
-        if (message_.size() > prefix_bytes_max + most)
-            co_return refuse(Code::limit_exceeded,
-                             std::string("a text message is over ") +
-                                 (greeted_ ? "control_bytes_max" : "greeting_bytes_max") + " = " +
-                                 std::to_string(most) + " bytes");
-        co_return convert(converter_.read_text(message_));
-    }
-    if (message_.size() < protocol::header_bytes)
-        co_return refuse(Code::bad_frame, "a binary message begins with a header of 32 bytes");
-    const auto header = protocol::read_header(
-        std::span<const std::byte, protocol::header_bytes>(
-            reinterpret_cast<const std::byte*>(message_.data()), protocol::header_bytes),
-        limits_);
-    if (!header) co_return refuse({0, 0, header.error(), true});
-    if (header->control_bytes > most)
-        co_return refuse(Code::limit_exceeded, "the first message is over greeting_bytes_max = " +
-                                                   std::to_string(most) + " bytes");
-    const std::size_t head_bytes = protocol::header_bytes + header->control_bytes;
-    co_await gather(head_bytes, error);
-    if (error) co_return;
-    if (message_.size() < head_bytes || in_message_ != (header->bulk_bytes != 0))
-        co_return refuse(Code::bad_frame,
-                         "a message holds more or fewer bytes than its header says");
-    bulk_left_ = header->bulk_bytes;
-    convert(
-        converter_.read_binary(*header, std::string_view(message_).substr(protocol::header_bytes)));
-}
-
-asio::awaitable<void> WebSocketTransport::gather(std::size_t bytes, SystemError& error) {
-    constexpr std::size_t step = 4096;
-    while (in_message_ && message_.size() < bytes) {
-        const std::size_t before = message_.size();
-        message_.resize(std::min(bytes, before + step));
-        const std::size_t got = co_await stream_.async_read_some(
-            asio::buffer(message_.data() + before, message_.size() - before),
-            asio::redirect_error(asio::use_awaitable, error));
-        message_.resize(before + got);
-        in_message_ = !error && !stream_.is_message_done();
-    }
-}
-
-asio::awaitable<void> WebSocketTransport::skip_message(SystemError& error) {
-    std::array<char, 4096> skipped;
-    while (in_message_ && !error) {
-        co_await stream_.async_read_some(asio::buffer(skipped),
-                                         asio::redirect_error(asio::use_awaitable, error));
-        in_message_ = !stream_.is_message_done();
-    }
-}
-
-void WebSocketTransport::convert(Read<protocol::Frame> frame) {
-    greeted_ = true;
-    if (!frame) {
-        bulk_left_ = 0;
-        return refuse(std::move(frame.error()));
-    }
-    frame_.resize(protocol::header_bytes);
-    frame_sent_ = 0;
-    protocol::write_header(
-        frame->header, std::span<std::byte, protocol::header_bytes>(
-                           reinterpret_cast<std::byte*>(frame_.data()), protocol::header_bytes));
-    frame_.append(reinterpret_cast<const char*>(frame->control.data()), frame->control.size());
-}
-
-WebSocketTransport::Outgoing WebSocketTransport::next_message(const WriteBatch::Rest& rest) const {
-    // A batch has header, control message and bulk part of a frame in buffers of their own, and
-    // this transport sends whole frames only.
-    const asio::const_buffer* part = rest.begin();
-    const auto bytes_of = [](const asio::const_buffer& buffer) {
-        return std::span(static_cast<const std::byte*>(buffer.data()), buffer.size());
-    };
-    const auto header =
-        protocol::read_header(bytes_of(*part).first<protocol::header_bytes>(), limits_);
-    Outgoing made;
-    made.is_text = header->block_count == 0;
-    made.head = converter_.write(*header, bytes_of(*++part));
-    if (header->bulk_bytes != 0) made.bulk = *++part;
-    made.frame_bytes = header->frame_bytes();
-    return made;
-}
-
-asio::awaitable<std::size_t> WebSocketTransport::write(const WriteBatch::Rest& rest,
-                                                       SystemError& error) {
-    const Outgoing message = next_message(rest);
-    stream_.text(message.is_text);
-    co_await stream_.async_write(message.buffers(),
-                                 asio::redirect_error(asio::use_awaitable, error));
-    co_return error ? 0 : message.frame_bytes;
-}
-
-std::size_t WebSocketTransport::write_now(const WriteBatch::Rest& rest) {
-    // An empty send buffer takes a small message whole.
-    constexpr std::size_t small_bytes_max = 2048;
-    if (rest.begin() == rest.end()) return 0;
-    if (!opened_) {
-        refuse_upgrade(rest);
-        return 0;
-    }
-    int waiting = 0;
-    if (ioctl(stream_.next_layer().native_handle(), SIOCOUTQ, &waiting) != 0 || waiting != 0)
-        return 0;
-    const Outgoing message = next_message(rest);
-    if (message.head.size() + message.bulk.size() > small_bytes_max) return 0;
-    SystemError error;
-    stream_.text(message.is_text);
-    stream_.write(message.buffers(), error);
-    if (error) close();
-    return error ? 0 : message.frame_bytes;
-}
-
-void WebSocketTransport::refuse_upgrade(const WriteBatch::Rest& rest) {
-    // The frame is Error: its text is the answer.
-    const asio::const_buffer& control = *(rest.begin() + 1);
-    const auto* error = flatbuffers::GetRoot<wire::Error>(control.data());
-    const std::string why(protocol::text(error->message()));
-    SystemError ignored;
-    http::write(stream_.next_layer(), to_response(refused(503, why), request_.version(), false),
-                ignored);
-}
-
-}  // namespace
-
-// ---- HTTP ---------------------------------------------------------------------------------------
-
 /// One HTTP connection: reads a request, answers it, and so on. A time limit covers each of the
-/// two.
+/// two, and the handshake of TLS.
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 public:
-    HttpConnection(HttpServer& server, Socket socket)
+    HttpConnection(HttpServer& server, Socket socket, const TlsContext* tls)
         : server_(server),
           limits_(server.services_.limits),
           metrics_(server.services_.metrics),
-          socket_(std::move(socket)),
+          names_(tls == nullptr ? std::vector<std::string>() : tls->names()),
+          peer_(over_http(identity_of(socket), tls != nullptr)),
+          stream_(to_stream(std::move(socket), tls)),
           timer_(server.io_),
           buffer_(limits_.http_header_bytes_max + 1) {
-        protocol::tune_tcp(socket_.native_handle());
+        protocol::tune_tcp(stream_.socket().native_handle());
     }
 
     void start(HttpServer::List::iterator place) {
@@ -359,16 +123,24 @@ public:
                        });
     }
     void stop() {
-        SystemError ignored;
         idle_ = false;
         timer_.cancel();
-        socket_.close(ignored);
+        stream_.close();
     }
     /// True if it waits for a request of which nothing has come.
     [[nodiscard]] bool is_idle() const { return idle_; }
+    [[nodiscard]] const std::string& address() const { return peer_.name; }
 
 private:
+    using Parser = http::request_parser<http::string_body>;
+
     asio::awaitable<void> serve();
+    asio::awaitable<void> shake_hands(SystemError& error);
+    void log_failed_handshake(const std::string& why);
+    asio::awaitable<void> read_header(Parser& parser, SystemError& error);
+    /// Returns what the site is asked. The views are valid as long as `request`.
+    [[nodiscard]] HttpRequest to_asked(const PageRequest& request, bool has_body) const;
+    void become_websocket(PageRequest request, const HttpReply& reply);
     asio::awaitable<void> write(const HttpReply& reply, unsigned version, bool only_header,
                                 bool keep_alive, SystemError& error);
     asio::awaitable<void> linger();
@@ -378,28 +150,95 @@ private:
     HttpServer& server_;
     const protocol::Limits& limits_;
     Metrics& metrics_;
+    const std::vector<std::string> names_;  ///< of the certificate
+    PeerIdentity peer_;
     HttpServer::List::iterator place_;
-    Socket socket_;
+    HttpStream stream_;
     asio::steady_timer timer_;
     beast::flat_buffer buffer_;
     bool idle_ = true;
 };
 
+void HttpConnection::log_failed_handshake(const std::string& why) {
+    ++metrics_.handshakes_failed;
+    log(LogLevel::info, "handshake_failed", {{"peer", peer_.name}, {"reason", why}});
+}
+
+asio::awaitable<void> HttpConnection::shake_hands(SystemError& error) {
+    TlsSocket& tls = *stream_.tls();
+    limit_time(milliseconds(limits_.greeting_ms_max));
+    if (co_await tls.starts_plain(error)) {
+        log_failed_handshake("it does not speak TLS");
+        SystemError ignored;
+        http::write(tls.socket(),
+                    to_response(refuse_request(400, "this port is encrypted: open it with "
+                                                    "https:// in place of http://"),
+                                11, false),
+                    ignored);
+        co_await tls.linger();
+        error = asio::error::connection_aborted;
+    }
+    if (error) co_return;
+    std::string why;
+    co_await tls.accept(error, why);
+    if (!why.empty()) log_failed_handshake(why);
+    if (!error) peer_.subject = tls.subject();
+}
+
+asio::awaitable<void> HttpConnection::read_header(Parser& parser, SystemError& error) {
+    parser.header_limit(static_cast<std::uint32_t>(limits_.http_header_bytes_max));
+    // Bodies are read only where the site wants them, and to their limit.
+    parser.body_limit(std::numeric_limits<std::uint64_t>::max());
+    limit_time(milliseconds(limits_.http_ms_max));
+    idle_ = buffer_.size() == 0 && !stream_.has_bytes();
+    if (idle_)
+        co_await stream_.socket().async_wait(Socket::wait_read,
+                                             asio::redirect_error(asio::use_awaitable, error));
+    idle_ = false;
+    co_await http::async_read_header(stream_, buffer_, parser,
+                                     asio::redirect_error(asio::use_awaitable, error));
+}
+
+HttpRequest HttpConnection::to_asked(const PageRequest& request, bool has_body) const {
+    HttpRequest asked{view(request.method_string()),
+                      view(request.target()),
+                      values(request, http::field::host),
+                      values(request, http::field::origin),
+                      view(request[http::field::if_none_match]),
+                      beast::websocket::is_upgrade(request),
+                      has_body,
+                      view(request[http::field::authorization])};
+    asked.cookies = values(request, http::field::cookie);
+    asked.body = request.body();
+    asked.peer = &peer_;
+    asked.certificate_names = names_;
+    return asked;
+}
+
+void HttpConnection::become_websocket(PageRequest request, const HttpReply& reply) {
+    timer_.cancel();
+    PeerIdentity peer = peer_;
+    peer.sender = reply.sender;
+    auto transport =
+        make_websocket(std::move(stream_), std::move(peer), std::move(request), limits_);
+    server_.connections_.accept(std::move(transport), Connections::Descriptors::free);
+}
+
 asio::awaitable<void> HttpConnection::serve() {
+    SystemError error;
+    if (stream_.tls() != nullptr) co_await shake_hands(error);
+    if (error) co_return;
     bool keep_alive = true;
     while (keep_alive) {
-        http::request_parser<http::empty_body> parser;
-        parser.header_limit(static_cast<std::uint32_t>(limits_.http_header_bytes_max));
-        parser.body_limit(std::numeric_limits<std::uint64_t>::max());  // bodies are not read
-        limit_time(milliseconds(limits_.http_ms_max));
-        SystemError error;
-        idle_ = buffer_.size() == 0;
-        if (idle_)
-            co_await socket_.async_wait(Socket::wait_read,
-                                        asio::redirect_error(asio::use_awaitable, error));
-        idle_ = false;
-        co_await http::async_read_header(socket_, buffer_, parser,
-                                         asio::redirect_error(asio::use_awaitable, error));
+        Parser parser;
+        co_await read_header(parser, error);
+        if (!error && !parser.is_done()) {
+            const HttpRequest asked = to_asked(parser.get(), true);
+            const auto length = parser.content_length();
+            if (server_.site_.takes_body(asked) && length && *length <= body_bytes_max)
+                co_await http::async_read(stream_, buffer_, parser,
+                                          asio::redirect_error(asio::use_awaitable, error));
+        }
         if (error) {
             const auto reply = unreadable_request(error, limits_);
             if (!reply) co_return;
@@ -407,26 +246,15 @@ asio::awaitable<void> HttpConnection::serve() {
             co_await write(*reply, 11, false, false, error);
             break;
         }
-        const PageRequest& request = parser.get();
-        const HttpRequest asked{view(request.method_string()),
-                                view(request.target()),
-                                values(request, http::field::host),
-                                values(request, http::field::origin),
-                                view(request[http::field::if_none_match]),
-                                websocket::is_upgrade(request),
-                                !parser.is_done(),
-                                view(request[http::field::authorization])};
+        const HttpRequest asked = to_asked(parser.get(), !parser.is_done());
         const HttpReply reply = server_.site_.answer(asked);
         count(reply);
         if (reply.status == 101) {
-            timer_.cancel();
-            auto transport =
-                std::make_unique<WebSocketTransport>(std::move(socket_), parser.release(), limits_);
-            server_.connections_.accept(std::move(transport), Connections::Descriptors::free);
+            become_websocket(parser.release(), reply);
             co_return;
         }
-        keep_alive = request.keep_alive() && !asked.has_body;
-        co_await write(reply, request.version(), asked.method == "HEAD", keep_alive, error);
+        keep_alive = parser.get().keep_alive() && !asked.has_body;
+        co_await write(reply, parser.get().version(), asked.method == "HEAD", keep_alive, error);
         if (error) co_return;
     }
     co_await linger();
@@ -438,25 +266,25 @@ asio::awaitable<void> HttpConnection::write(const HttpReply& reply, unsigned ver
     response.keep_alive(keep_alive);
     error = {};
     limit_time(milliseconds(limits_.http_ms_max));
-    co_await http::async_write(socket_, response, asio::redirect_error(asio::use_awaitable, error));
+    co_await http::async_write(stream_, response, asio::redirect_error(asio::use_awaitable, error));
 }
 
 asio::awaitable<void> HttpConnection::linger() {
     // Closing with unread bytes would reset the connection, and the client could lose the answer.
     limit_time(linger_time);
+    stream_.finish_writing();
     SystemError error;
-    socket_.shutdown(Socket::shutdown_send, error);
     std::array<char, 4096> skipped;
     while (!error)
-        co_await socket_.async_read_some(asio::buffer(skipped),
-                                         asio::redirect_error(asio::use_awaitable, error));
+        co_await stream_.socket().async_read_some(
+            asio::buffer(skipped), asio::redirect_error(asio::use_awaitable, error));
 }
 
 void HttpConnection::limit_time(milliseconds time) {
     timer_.expires_after(time);
     const bool is_linger = time == linger_time;
     timer_.async_wait([self = shared_from_this(), is_linger](const SystemError& cancelled) {
-        if (cancelled || !self->socket_.is_open()) return;
+        if (cancelled || !self->stream_.socket().is_open()) return;
         if (!is_linger && !self->idle_) ++self->metrics_.http_timeouts;
         self->stop();
     });
@@ -469,30 +297,42 @@ void HttpConnection::count(const HttpReply& reply) {
     if (reply.foreign == Foreign::origin) ++metrics_.http_foreign_origins;
 }
 
-bool HttpServer::make_room() {
+bool HttpServer::make_room(const std::string& address) {
     if (open_.size() < services_.limits.http_connections_max) return true;
-    const auto idle =
+    auto victim =
         std::ranges::find_if(open_, [](const auto& connection) { return connection->is_idle(); });
-    if (idle == open_.end()) return false;
-    (*idle)->stop();
+    if (victim == open_.end()) {
+        std::map<std::string_view, std::size_t> by_address;
+        for (const auto& connection : open_) ++by_address[connection->address()];
+        const auto most = std::ranges::max_element(
+            by_address, {}, [](const auto& entry) { return entry.second; });
+        if (most->first == address || most->second <= by_address[address] + 1) return false;
+        victim = std::ranges::find_if(open_, [&](const auto& connection) {
+            return connection->address() == most->first;
+        });
+    }
+    (*victim)->stop();
     return true;
 }
 
-void HttpServer::accept(Socket socket, Connections::Descriptors descriptors) {
+void HttpServer::accept(Socket socket, Connections::Descriptors descriptors,
+                        const TlsContext* tls) {
     SystemError ignored;
     socket.non_blocking(true, ignored);
-    if (descriptors == Connections::Descriptors::used_up || !make_room()) {
+    if (descriptors == Connections::Descriptors::used_up || !make_room(identity_of(socket).name)) {
         ++services_.metrics.http_connections_refused;
-        http::write(socket,
-                    to_response(refused(503,
-                                        "the daemon has no free HTTP connections; try again, or "
-                                        "raise --http-connections-max"),
-                                11, false),
-                    ignored);
+        // A handshake would take a place.
+        if (tls == nullptr)
+            http::write(socket,
+                        to_response(refuse_request(503, "the daemon has no free HTTP connections; "
+                                                        "try again, or raise "
+                                                        "--http-connections-max"),
+                                    11, false),
+                        ignored);
         return;
     }
     const auto place =
-        open_.insert(open_.end(), std::make_shared<HttpConnection>(*this, std::move(socket)));
+        open_.insert(open_.end(), std::make_shared<HttpConnection>(*this, std::move(socket), tls));
     (*place)->start(place);
 }
 

@@ -1,17 +1,23 @@
 // The daemon's answers over HTTP, without sockets.
 //
-//   HttpRequest ──► allowed Host? ──► route: a file of server/web, /healthz, /readyz, /metrics,
-//                                        │                 /v1/stream
+//   HttpRequest ──► allowed Host? ──► known sender? ──► route: a file of server/web, /healthz, /readyz,
+//                                        │                 /metrics, /v1/login, /v1/logout, /v1/stream
 //                                        │
 //                                        └─► HttpReply, which http.cpp writes
 //
 // Host must be a name of ours, so that no foreign name that leads to this address can be used to
-// read it (DNS rebinding); Origin of a WebSocket must be this page's, since browsers let any page
-// open one.
+// read it (DNS rebinding); Origin of a WebSocket and of a login must be this page's, since browsers
+// let any page open one.
 #pragma once
+
+#include "server/address.h"
+#include "server/errors.h"
+#include "server/principal.h"
 
 #include <cstdint>
 #include <functional>
+#include <memory>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -26,8 +32,13 @@ struct HttpRequest {
     std::vector<std::string_view> origins;  ///< every Origin header
     std::string_view if_none_match;
     bool upgrades = false;  ///< asks for a WebSocket
-    bool has_body = false;
+    bool has_body = false;  ///< has one that was not read
     std::string_view authorization = {};  ///< "Bearer TOKEN"
+    std::vector<std::string_view> cookies = {};  ///< every Cookie header
+    std::string_view body = {};
+    /// Names of the connection's certificate, which are allowed hosts with the port listened on.
+    std::span<const std::string> certificate_names = {};
+    const PeerIdentity* peer = nullptr;  ///< null: no HttpAccess needs it
 };
 
 /// The header because of which a request is refused as foreign.
@@ -41,8 +52,32 @@ struct HttpReply {
     std::string_view file = {};  ///< an embedded file
     std::string etag = {};       ///< empty: not to be kept by the client
     Foreign foreign = Foreign::none;
+    std::string cookie = {};     ///< Set-Cookie
+    std::string_view allow = "GET, HEAD";  ///< of status 405
+    unsigned retry_after_s = 0;            ///< 0: not said
+    std::shared_ptr<const Principal> sender = {};  ///< of status 101
 
     [[nodiscard]] std::string_view body() const { return file.empty() ? text : file; }
+};
+
+/// Decides who may see what. `bearer` and `cookie` are what a request shows: a token, and the secret
+/// of a login; either may be empty.
+class HttpAccess {
+public:
+    HttpAccess() = default;
+    HttpAccess(const HttpAccess&) = delete;
+
+    /// Fails with NOT_ALLOWED or BUSY where the peer must log in first.
+    virtual Reply<Principal> identify(const PeerIdentity& peer, std::string_view bearer,
+                                      std::string_view cookie) = 0;
+    /// Begins a login by a token or else by a code. Returns the secret of its cookie.
+    virtual Reply<std::string> log_in(const PeerIdentity& peer, std::string_view token,
+                                      std::string_view code) = 0;
+    /// Ends a login and its WebSockets.
+    virtual void log_out(std::string_view cookie) = 0;
+
+protected:
+    ~HttpAccess() = default;
 };
 
 class HttpSite {
@@ -51,33 +86,50 @@ public:
     /// one.
     explicit HttpSite(std::vector<std::string> names) : names_(std::move(names)) {}
 
-    /// Sets the port listened on, which loopback hosts must name.
-    void set_port(std::uint16_t port) { port_ = port; }
+    /// Sets the address listened on. Loopback hosts must name its port; its scheme says whether the
+    /// connections are encrypted.
+    void set_address(const TcpAddress& address) { address_ = address; }
     /// Sets the answer of /readyz: an empty text if requests are served, else why not.
     void set_unready(std::function<std::string()> unready) { unready_ = std::move(unready); }
     /// Sets the answer of /metrics.
     void set_metrics(std::function<std::string()> metrics) { metrics_ = std::move(metrics); }
-    /// Shows /metrics only to those whose bearer token `may_see` accepts.
-    void guard_metrics(std::function<bool(std::string_view token)> may_see) {
-        may_see_metrics_ = std::move(may_see);
-    }
+    /// Asks this who may see the page. Without it everybody may. Must outlive the site.
+    void set_access(HttpAccess& access) { access_ = &access; }
     /// Refuses new WebSockets, because the daemon ends.
     void drain() { draining_ = true; }
 
+    /// True if the body of this request is to be read before answer().
+    [[nodiscard]] bool takes_body(const HttpRequest& request) const;
     [[nodiscard]] HttpReply answer(const HttpRequest& request) const;
 
 private:
-    [[nodiscard]] bool is_own_host(std::string_view host) const;
+    [[nodiscard]] bool is_own_host(const HttpRequest& request) const;
+    /// True if the request comes from this page: it has one Origin header, with our scheme and host.
+    [[nodiscard]] bool is_from_page(const HttpRequest& request) const;
+    [[nodiscard]] HttpReply refuse_origin(const HttpRequest& request) const;
     [[nodiscard]] HttpReply route(const HttpRequest& request) const;
+    [[nodiscard]] HttpReply post(const HttpRequest& request, std::string_view path) const;
+    [[nodiscard]] HttpReply log_in(const HttpRequest& request) const;
+    /// Tells the sender who it is.
+    [[nodiscard]] HttpReply tell(const HttpRequest& request) const;
+    [[nodiscard]] HttpReply page(const HttpRequest& request, std::string_view path) const;
     [[nodiscard]] HttpReply stream(const HttpRequest& request) const;
     [[nodiscard]] HttpReply ready() const;
     [[nodiscard]] HttpReply metrics(const HttpRequest& request) const;
+    [[nodiscard]] Reply<Principal> identify(const HttpRequest& request) const;
+    /// Returns the secret of the login in the request's cookies; empty if there is none.
+    [[nodiscard]] std::string_view login_of(const HttpRequest& request) const;
+    /// Returns Set-Cookie for a secret; an empty one takes the cookie away.
+    [[nodiscard]] std::string cookie_with(std::string_view secret) const;
+    /// The name has the port, because browsers send a cookie to every port of a host.
+    [[nodiscard]] std::string cookie_name() const;
+    [[nodiscard]] bool is_encrypted() const { return address_.scheme == "https"; }
 
     const std::vector<std::string> names_;
-    std::uint16_t port_ = 0;
+    TcpAddress address_{"127.0.0.1", 0, "http"};
     std::function<std::string()> unready_;
     std::function<std::string()> metrics_;
-    std::function<bool(std::string_view)> may_see_metrics_;  ///< empty: everybody may
+    HttpAccess* access_ = nullptr;
     bool draining_ = false;
 };
 

@@ -178,6 +178,20 @@ asio::awaitable<void> Session::wait(asio::steady_timer& timer) {
     co_await timer.async_wait(asio::redirect_error(asio::use_awaitable, ignored));
 }
 
+bool Session::is_turn(Bandwidth::Direction direction) const {
+    const auto next = services_.admission.bandwidth().next(principal(), direction);
+    return next == Clock::time_point() || next <= Clock::now();
+}
+
+asio::awaitable<void> Session::wait_for_turn(Bandwidth::Direction direction,
+                                             asio::steady_timer& timer) {
+    while (open_ && !is_turn(direction)) {
+        timer.expires_at(services_.admission.bandwidth().next(principal(), direction));
+        co_await wait(timer);
+    }
+    timer.expires_at(never);
+}
+
 // ---- reader -------------------------------------------------------------------------------------
 
 asio::awaitable<void> Session::read_frames() {
@@ -189,6 +203,8 @@ asio::awaitable<void> Session::read_frames() {
     while (open_ && !error && !conversation_.closing()) {
         // Read no more requests while too many answers are unread.
         while (open_ && crowded()) co_await wait(room_);
+        if (!is_turn(Bandwidth::Direction::receive))
+            co_await wait_for_turn(Bandwidth::Direction::receive, room_);
         if (!open_) co_return;
         co_await read_some(error);
     }
@@ -213,6 +229,8 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
         if (const auto unreadable = transport_->take_unreadable())
             conversation_.refuse_unreadable(*unreadable);
     services_.metrics.bytes_received += got;
+    services_.admission.bandwidth().spend(principal(), Bandwidth::Direction::receive, got,
+                                          Clock::now());
     const std::size_t direct = std::min(got, bulk.size());
     decoder_.filled(direct);
     reading_ = true;
@@ -256,6 +274,8 @@ bool Session::fill_stream() {
 
 void Session::sent(std::size_t bytes) {
     services_.metrics.bytes_sent += bytes;
+    services_.admission.bandwidth().spend(principal(), Bandwidth::Direction::send, bytes,
+                                          Clock::now());
     backlog_ -= bytes;
     bool moved = false;
     batch_.consume(bytes, [&](const protocol::Frame& frame) {
@@ -268,7 +288,7 @@ void Session::sent(std::size_t bytes) {
 
 void Session::write_at_once() {
     if (!open_ || writing_ || !fill_stream()) return;
-    sent(transport_->write_now(batch_.rest()));
+    if (is_turn(Bandwidth::Direction::send)) sent(transport_->write_now(batch_.rest()));
     if (!batch_.empty() || !outbox_.empty() || conversation_.closing()) wake_.cancel();
     conversation_.runner().pump();
 }
@@ -282,6 +302,9 @@ asio::awaitable<void> Session::write_frames() {
         }
         writing_ = true;
         settle();
+        if (!is_turn(Bandwidth::Direction::send))
+            co_await wait_for_turn(Bandwidth::Direction::send, wake_);
+        if (!open_) co_return;
         SystemError error;
         const WriteBatch::Rest rest = batch_.rest();
         const std::size_t bytes = co_await transport_->write(rest, error);

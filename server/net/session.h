@@ -15,6 +15,7 @@
 #include "protocol/frame.h"
 #include "server/administration.h"
 #include "server/conversation.h"
+#include "server/jobs/bandwidth.h"
 #include "server/net/asio.h"
 #include "server/net/transport.h"
 #include "server/net/write_batch.h"
@@ -78,6 +79,10 @@ private:
     asio::awaitable<void> write_frames();
     asio::awaitable<void> watch();
     static asio::awaitable<void> wait(asio::steady_timer& timer);
+    /// True unless the principal has used up its bandwidth for now.
+    [[nodiscard]] bool is_turn(Bandwidth::Direction direction) const;
+    /// Waits for it; others may cancel the timer meanwhile.
+    asio::awaitable<void> wait_for_turn(Bandwidth::Direction direction, asio::steady_timer& timer);
 
     /// Fills the batch from the outbox; false if there is nothing to write.
     bool fill_stream();

@@ -2,7 +2,7 @@
 //
 //   Session ──► Transport ◄── SocketTransport (TCP, Unix)      a new transport is one file, and one
 //                         ◄── TlsTransport                     row of the list in transports.cpp
-//                         ◄── WebSocketTransport (http.cpp)
+//                         ◄── WebSocketTransport
 //                         ◄── tests: MemoryTransport
 //
 // Io thread only.

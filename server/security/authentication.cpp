@@ -3,6 +3,7 @@
 #include "server/log.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace raynest::server {
 namespace {
@@ -60,20 +61,67 @@ void LoginFailures::failed(const std::string& address, Time now) {
 }
 
 Reply<Principal> Authentication::identify(const PeerIdentity& peer, std::string_view token,
-                                          std::chrono::steady_clock::time_point now,
-                                          WallClock::time_point wall) {
-    if (!token.empty() && policy_.tokens) return by_token(peer, token, now, wall);
-    if (!peer.subject.empty()) return by_certificate(peer, wall);
+                                          Time now, WallClock::time_point wall) {
+    if (!token.empty() && policy_.tokens) return by_token(peer, token, now, wall, Audit::logins);
+    if (peer.sender != nullptr) {
+        if (!still_valid(*peer.sender, wall))
+            return refuse(Code::not_allowed, "the login of this page has ended; open it again");
+        audit("login", peer, peer.sender->id, "page");
+        return *peer.sender;
+    }
+    if (!peer.subject.empty()) return by_certificate(peer, wall, Audit::logins);
     return anonymous(peer);
 }
 
-Reply<Principal> Authentication::by_token(const PeerIdentity& peer, std::string_view token,
-                                          std::chrono::steady_clock::time_point now,
+Reply<Principal> Authentication::identify_request(const PeerIdentity& peer, std::string_view bearer,
+                                                  std::string_view cookie, Time now,
+                                                  WallClock::time_point wall) {
+    if (!bearer.empty() && policy_.tokens) return by_token(peer, bearer, now, wall, Audit::refusals);
+    if (const Principal* known = logins_.find(cookie, wall);
+        known != nullptr && still_valid(*known, wall))
+        return *known;
+    if (!peer.subject.empty()) return by_certificate(peer, wall, Audit::refusals);
+    return anonymous(peer);
+}
+
+Reply<std::string> Authentication::log_in(const PeerIdentity& peer, std::string_view token,
+                                          std::string_view code, Time now,
                                           WallClock::time_point wall) {
-    if (const milliseconds wait = failures_.wait_of(peer.name, now); wait.count() != 0)
-        return tl::unexpected(protocol::Error{
-            Code::busy, "too many wrong tokens came from " + peer.name,
-            static_cast<std::uint32_t>(wait.count())});
+    if (!token.empty() && !policy_.tokens)
+        return refuse(Code::not_allowed, "this daemon has no tokens: run raynest open");
+    auto principal = token.empty() ? by_code(peer, code, now, wall)
+                                   : by_token(peer, token, now, wall, Audit::logins);
+    if (!principal) return tl::unexpected(principal.error());
+    return logins_.begin(std::move(*principal), wall);
+}
+
+Reply<void> Authentication::check_wait(const PeerIdentity& peer, Time now) const {
+    const milliseconds wait = failures_.wait_of(peer.name, now);
+    if (wait.count() == 0) return {};
+    return tl::unexpected(protocol::Error{Code::busy, "too many wrong tokens came from " + peer.name,
+                                          static_cast<std::uint32_t>(wait.count())});
+}
+
+Reply<Principal> Authentication::by_code(const PeerIdentity& peer, std::string_view code, Time now,
+                                         WallClock::time_point wall) {
+    if (const auto may_try = check_wait(peer, now); !may_try)
+        return tl::unexpected(may_try.error());
+    const auto principal = logins_.take_code(code, wall);
+    if (!principal || !still_valid(*principal, wall)) {
+        failures_.failed(peer.name, now);
+        audit("login_refused", peer, "", "unknown, used or expired code");
+        return refuse(Code::not_allowed,
+                      "the code of this address was used or has expired; run raynest open again");
+    }
+    failures_.succeeded(peer.name);
+    audit("login", peer, principal->id, "code");
+    return *principal;
+}
+
+Reply<Principal> Authentication::by_token(const PeerIdentity& peer, std::string_view token, Time now,
+                                          WallClock::time_point wall, Audit audited) {
+    if (const auto may_try = check_wait(peer, now); !may_try)
+        return tl::unexpected(may_try.error());
     const TokenRow* row = tokens_.find_token(token, wall);
     if (row == nullptr) {
         failures_.failed(peer.name, now);
@@ -83,16 +131,17 @@ Reply<Principal> Authentication::by_token(const PeerIdentity& peer, std::string_
                       "(raynestd token add NAME)");
     }
     failures_.succeeded(peer.name);
-    audit("login", peer, row->name, "token");
+    if (audited == Audit::logins) audit("login", peer, row->name, "token");
     return principal_of(*row);
 }
 
 Reply<Principal> Authentication::by_certificate(const PeerIdentity& peer,
-                                                WallClock::time_point wall) const {
+                                                WallClock::time_point wall, Audit audited) const {
     const TokenRow* row = tokens_.find_name(peer.subject);
     const bool has_ended = row != nullptr && (row->kind != TokenRow::Kind::certificate ||
                                               (row->expires && wall >= *row->expires));
-    audit(has_ended ? "login_refused" : "login", peer, peer.subject, "certificate");
+    if (has_ended || audited == Audit::logins)
+        audit(has_ended ? "login_refused" : "login", peer, peer.subject, "certificate");
     if (has_ended)
         return refuse(Code::not_allowed, "the access of the certificate " + peer.subject +
                                              " has expired or was revoked");
@@ -103,7 +152,8 @@ Reply<Principal> Authentication::by_certificate(const PeerIdentity& peer,
 Reply<Principal> Authentication::anonymous(const PeerIdentity& peer) const {
     using Place = PeerIdentity::Place;
     if (peer.place == Place::own_user) return Principal{peer.name, {}, Role::admin, ""};
-    const bool asks = (peer.transport == "tls" && (policy_.tokens || policy_.certificates)) ||
+    const bool is_encrypted = peer.transport == "tls" || peer.transport == "https";
+    const bool asks = (is_encrypted && (policy_.tokens || policy_.certificates)) ||
                       (peer.place == Place::remote && policy_.tokens);
     if (asks || !policy_.anonymous) {
         audit("login_refused", peer, "", "no token");
@@ -117,6 +167,7 @@ Reply<Principal> Authentication::anonymous(const PeerIdentity& peer) const {
 }
 
 bool Authentication::still_valid(const Principal& principal, WallClock::time_point wall) const {
+    if (principal.page_login != 0 && !logins_.goes_on(principal.page_login)) return false;
     if (principal.credential.empty()) return true;
     const TokenRow* row = tokens_.find_name(principal.id);
     return row != nullptr && credential_of(*row) == principal.credential &&

@@ -6,9 +6,11 @@
 //   plain loopback              127.0.0.1; --anonymous
 //   plain TCP beyond loopback   its address; --anonymous, but a token where there is a token file
 //   TLS                         as plain TCP where neither --tokens nor --client-ca is given
+//   the page                    the principal of its cookie (page_logins.h), else as TCP or TLS
 #pragma once
 
 #include "server/principal.h"
+#include "server/security/page_logins.h"
 #include "server/security/tokens.h"
 
 #include <chrono>
@@ -45,7 +47,11 @@ private:
 /// Io thread only.
 class Authentication {
 public:
-    explicit Authentication(const AccessPolicy& policy = {}) : policy_(policy) {}
+    using Time = std::chrono::steady_clock::time_point;
+
+    explicit Authentication(const AccessPolicy& policy = {}, const protocol::Limits& limits = {})
+        : policy_(policy),
+          logins_(limits) {}
 
     /// Replaces the rows; open connections are checked with still_valid().
     void set_tokens(TokenTable tokens) { tokens_ = std::move(tokens); }
@@ -54,23 +60,42 @@ public:
     /// Identifies a peer. Fails with NOT_ALLOWED and the remedy, or with BUSY after several wrong
     /// tokens from its address.
     [[nodiscard]] Reply<Principal> identify(const PeerIdentity& peer, std::string_view token,
-                                            std::chrono::steady_clock::time_point now,
-                                            WallClock::time_point wall);
+                                            Time now, WallClock::time_point wall);
 
-    /// False if the row that let this principal in was revoked, has expired or has changed.
+    /// Identifies the sender of an HTTP request by its bearer token, the secret of its cookie, or its
+    /// transport. Only refusals are logged.
+    [[nodiscard]] Reply<Principal> identify_request(const PeerIdentity& peer,
+                                                    std::string_view bearer,
+                                                    std::string_view cookie, Time now,
+                                                    WallClock::time_point wall);
+    /// Begins a login of the page by a token or, with an empty token, by a code of `raynest open`.
+    /// Returns the secret of its cookie.
+    [[nodiscard]] Reply<std::string> log_in(const PeerIdentity& peer, std::string_view token,
+                                            std::string_view code, Time now,
+                                            WallClock::time_point wall);
+    [[nodiscard]] PageLogins& logins() { return logins_; }
+
+    /// False if the row that let this principal in was revoked, has expired or has changed, or if
+    /// its login of the page has ended.
     [[nodiscard]] bool still_valid(const Principal& principal, WallClock::time_point wall) const;
 
 private:
+    /// What is logged: connections that begin and refusals, or refusals alone.
+    enum class Audit { logins, refusals };
+    /// Fails with BUSY while the address must wait, because wrong tokens came from it.
+    [[nodiscard]] Reply<void> check_wait(const PeerIdentity& peer, Time now) const;
     [[nodiscard]] Reply<Principal> by_token(const PeerIdentity& peer, std::string_view token,
-                                            std::chrono::steady_clock::time_point now,
-                                            WallClock::time_point wall);
+                                            Time now, WallClock::time_point wall, Audit audited);
+    [[nodiscard]] Reply<Principal> by_code(const PeerIdentity& peer, std::string_view code, Time now,
+                                           WallClock::time_point wall);
     [[nodiscard]] Reply<Principal> by_certificate(const PeerIdentity& peer,
-                                                  WallClock::time_point wall) const;
+                                                  WallClock::time_point wall, Audit audited) const;
     [[nodiscard]] Reply<Principal> anonymous(const PeerIdentity& peer) const;
 
     const AccessPolicy policy_;
     TokenTable tokens_;
     LoginFailures failures_;
+    PageLogins logins_;
 };
 
 }  // namespace raynest::server

@@ -14,10 +14,10 @@ bool logged(const Result<void>& done, const char* event) {
 
 }  // namespace
 
-Credentials::Credentials(const SecurityOptions& options)
+Credentials::Credentials(const SecurityOptions& options, const protocol::Limits& limits)
     : options_(options),
-      authentication_({options.anonymous, !options.tokens.empty(), !options.tls.client_ca.empty()}) {
-}
+      authentication_({options.anonymous, !options.tokens.empty(), !options.tls.client_ca.empty()},
+                      limits) {}
 
 Credentials::Version Credentials::version_of(const std::filesystem::path& file) {
     struct stat status {};

@@ -25,7 +25,7 @@ struct SecurityOptions {
 /// Io thread only.
 class Credentials {
 public:
-    explicit Credentials(const SecurityOptions& options);
+    explicit Credentials(const SecurityOptions& options, const protocol::Limits& limits = {});
 
     /// Reads all files. Fails with the first that is unusable.
     Result<void> load();

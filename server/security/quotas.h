@@ -14,7 +14,8 @@ class Quotas {
 public:
     explicit Quotas(const protocol::Limits& limits)
         : usual_{limits.principal_connections_max, limits.principal_jobs_max,
-                 limits.principal_rays_max, limits.principal_scene_bytes_max} {}
+                 limits.principal_rays_max, limits.principal_scene_bytes_max,
+                 limits.principal_second_bytes_max} {}
 
     /// Replaces the quotas of a principal; 0 means the usual one.
     void set(const std::string& principal, const Quota& quota) {
@@ -35,6 +36,7 @@ public:
         fill(&Quota::jobs);
         fill(&Quota::rays);
         fill(&Quota::scene_bytes);
+        fill(&Quota::second_bytes);
         return quota;
     }
 

@@ -2,13 +2,20 @@
 
 #include "server/security/secret_file.h"
 
+#include <arpa/inet.h>
+#include <netinet/in.h>
 #include <openssl/err.h>
 #include <openssl/x509.h>
+#include <openssl/x509v3.h>
 
+#include <array>
 #include <ctime>
 
 namespace raynest::server {
 namespace {
+
+/// Encrypted bytes that one read of a socket takes. The buffer is given back when it is empty.
+constexpr std::size_t read_ahead_bytes = 64 << 10;
 
 tl::unexpected<Error> unusable(const std::filesystem::path& file, const std::string& why) {
     return fail(ErrorCode::io_failed, file.string() + ": " + why);
@@ -18,6 +25,32 @@ std::chrono::system_clock::time_point to_time(const ASN1_TIME* time) {
     std::tm parts{};
     if (time == nullptr || ASN1_TIME_to_tm(time, &parts) != 1) return {};
     return std::chrono::system_clock::from_time_t(timegm(&parts));
+}
+
+/// Returns the text of an IP address in a certificate; empty if it is none.
+std::string address_text(const ASN1_OCTET_STRING* address) {
+    std::array<char, INET6_ADDRSTRLEN> text{};
+    const int size = ASN1_STRING_length(address);
+    if (size != sizeof(in_addr) && size != sizeof(in6_addr)) return "";
+    const int family = size == sizeof(in_addr) ? AF_INET : AF_INET6;
+    return inet_ntop(family, ASN1_STRING_get0_data(address), text.data(), text.size());
+}
+
+std::vector<std::string> names_of(const X509* certificate) {
+    const std::unique_ptr<GENERAL_NAMES, void (*)(GENERAL_NAMES*)> all(
+        static_cast<GENERAL_NAMES*>(
+            X509_get_ext_d2i(certificate, NID_subject_alt_name, nullptr, nullptr)),
+        GENERAL_NAMES_free);
+    std::vector<std::string> names;
+    for (int i = 0; all != nullptr && i < sk_GENERAL_NAME_num(all.get()); ++i) {
+        const GENERAL_NAME* name = sk_GENERAL_NAME_value(all.get(), i);
+        if (name->type == GEN_IPADD) names.push_back(address_text(name->d.iPAddress));
+        if (name->type == GEN_DNS)
+            names.emplace_back(
+                reinterpret_cast<const char*>(ASN1_STRING_get0_data(name->d.dNSName)),
+                static_cast<std::size_t>(ASN1_STRING_length(name->d.dNSName)));
+    }
+    return names;
 }
 
 /// Sets what every listener of this daemon allows: TLS 1.2 and 1.3, with no renegotiation, no
@@ -34,6 +67,9 @@ void restrict_protocol(SSL_CTX* context) {
     SSL_CTX_set_ciphersuites(context,
                              "TLS_AES_128_GCM_SHA256:TLS_AES_256_GCM_SHA384:"
                              "TLS_CHACHA20_POLY1305_SHA256");
+    // One read of the socket takes several records: else each takes two.
+    SSL_CTX_set_read_ahead(context, 1);
+    SSL_CTX_set_default_read_buffer_len(context, read_ahead_bytes);
     // A write may take a part of its bytes, and go on from another buffer; idle connections give
     // their buffers back.
     SSL_CTX_set_mode(context, SSL_MODE_ENABLE_PARTIAL_WRITE | SSL_MODE_ACCEPT_MOVING_WRITE_BUFFER |
@@ -75,6 +111,7 @@ Result<std::shared_ptr<const TlsContext>> TlsContext::load(const TlsFiles& files
         return unusable(files.key, "this key does not fit the certificate " +
                                        files.certificate.string() +
                                        "; give the two that were made together");
+    made->names_ = names_of(SSL_CTX_get0_certificate(context));
     made->expires_ = to_time(X509_get0_notAfter(SSL_CTX_get0_certificate(context)));
     if (made->expires_ < std::chrono::system_clock::now())
         return unusable(files.certificate, "the certificate has expired; raynestd tls renew DIR");

@@ -1,5 +1,5 @@
 // The certificate and key of the daemon's TLS listeners. Only server/security and
-// server/net/tls_transport.cpp include OpenSSL.
+// server/net/tls_socket.cpp include OpenSSL.
 #pragma once
 
 #include "engine/result.h"
@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <vector>
 
 namespace raynest::server {
 
@@ -32,6 +33,8 @@ public:
     [[nodiscard]] SSL_CTX* get() const { return context_.get(); }
     /// The end of the certificate's time.
     [[nodiscard]] std::chrono::system_clock::time_point expires() const { return expires_; }
+    /// The host names and IP addresses of the certificate; names may begin with "*.".
+    [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
 
 private:
     struct Free {
@@ -41,6 +44,7 @@ private:
 
     std::unique_ptr<SSL_CTX, Free> context_;
     std::chrono::system_clock::time_point expires_;
+    std::vector<std::string> names_;
 };
 
 /// Returns the first error of OpenSSL in this thread as words, and clears them all.

@@ -58,6 +58,7 @@ constexpr std::array quota_fields = {
     QuotaField{"jobs", &Quota::jobs},
     QuotaField{"rays", &Quota::rays},
     QuotaField{"scene_bytes", &Quota::scene_bytes},
+    QuotaField{"second_bytes", &Quota::second_bytes},
 };
 
 /// Parses a row; the error text of an invalid one has no line number.
@@ -98,11 +99,15 @@ bool is_valid_at(const TokenRow& row, WallClock::time_point now) {
 
 }  // namespace
 
-std::string new_token() {
+std::string new_secret() {
     TokenHash bytes{};
-    // Without random numbers no token is better than one that can be guessed.
+    // Without random numbers no secret is better than one that can be guessed.
     if (RAND_bytes(bytes.data(), static_cast<int>(bytes.size())) != 1) throw std::bad_alloc();
-    return "rnt_" + to_hex(bytes);
+    return to_hex(bytes);
+}
+
+std::string new_token() {
+    return "rnt_" + new_secret();
 }
 
 TokenHash hash_token(std::string_view token) {

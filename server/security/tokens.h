@@ -38,7 +38,9 @@ struct TokenRow {
     bool operator==(const TokenRow&) const = default;
 };
 
-/// Returns a new random token of 256 bits, "rnt_" and 64 hex digits.
+/// Returns 256 random bits as 64 hex digits.
+[[nodiscard]] std::string new_secret();
+/// Returns a new token: "rnt_" and a secret.
 [[nodiscard]] std::string new_token();
 [[nodiscard]] TokenHash hash_token(std::string_view token);
 
@@ -46,7 +48,7 @@ struct TokenRow {
 /// can be mistaken for one.
 [[nodiscard]] bool is_token_name(std::string_view name);
 
-/// Parses "jobs=8,rays=1000000,scene_bytes=…,connections=…". Returns nothing if a part is invalid.
+/// Parses "jobs=8,rays=1000000,scene_bytes=…,connections=…,second_bytes=…". Returns nothing if a part is invalid.
 [[nodiscard]] std::optional<Quota> parse_quota(std::string_view text);
 [[nodiscard]] std::string to_text(const Quota& quota);
 

@@ -12,6 +12,7 @@ import { Overlay } from "./overlay.js";
 import { buildPanels } from "./panels.js";
 import { Picture } from "./picture.js";
 import { Daemon } from "./raynest.js";
+import { logOut, redeemCode, whoAmI } from "./session.js";
 import { keepView, keptView } from "./settings.js";
 import { Selection } from "./selection.js";
 import { Store } from "./store.js";
@@ -22,6 +23,7 @@ import { viewOf, viewOptions } from "./views.js";
 import { visibility } from "./visibility.js";
 
 const PIXELS_MAX = 1280 * 800;
+const notLoggedIn = await redeemCode();  // before the view is read from the address
 const LEGEND_MS = 250;  // the histogram follows coarse pictures at this interval
 const frame = byId("frame"), canvas = byId("picture");
 const store = new Store({ ...keptView(), ...fromFragment(location.hash) });
@@ -202,10 +204,28 @@ function connection() {
   const { state } = daemon;
   byId("state").dataset.state = state;
   byId("state").textContent = { connecting: "Connecting", open: "Connected", lost: "The daemon is away: reconnecting" }[state];
-  if (state === "open") open();
+  if (state !== "open") return;
+  open();
+  showSender();
 }
 daemon.addEventListener("state", connection);
+// A login that has ended shows the form; a daemon that is away does not.
+daemon.addEventListener("lost", () => whoAmI().then((sender) => { if (!sender) location.reload(); }, () => {}));
 connection();
+
+/** Shows as whom the page is connected, and the way out of its login. */
+async function showSender() {
+  try {
+    const sender = await whoAmI();
+    if (!sender) return;
+    byId("state").title = `as ${sender.principal} (${sender.role})`;
+    if (!sender.login || document.getElementById("log-out")) return;
+    byId("tools").append(element("button", { type: "button", id: "log-out", title: `Log out ${sender.principal}`,
+      onclick: async () => { await logOut(); location.reload(); } }, "Log out"));
+  } catch {
+    // The daemon is away again.
+  }
+}
 
 function say(text, bad = false) {
   byId("message").textContent = text;
@@ -278,4 +298,5 @@ addEventListener("hashchange", () => {
 keepView(store);
 buildPanels(app, byId("tabs"), byId("panels"));
 fit();
+if (notLoggedIn) say(notLoggedIn, true);
 globalThis.raynest = app;  // for the console, and for tests

@@ -2,6 +2,7 @@
 //
 //   const daemon = new Daemon("ws://127.0.0.1:31061/v1/stream");
 //   daemon.addEventListener("state", () => console.log(daemon.state));   // connecting, open or lost
+//   daemon.addEventListener("lost", () => {});                           // after each attempt that failed, too
 //   const { info } = await daemon.ask("Load", { source: "builtin:forest" });
 //   for await (const { type, message, columns } of daemon.request("Query", {
 //     job: { scene: info.name }, fields: ["t", "total"], generator: { kind: "camera", settings: ["size=320x180"] },
@@ -13,7 +14,7 @@ import { decodeFrame, encodeFrame } from "./frames.js";
 
 const RETRY_MS = [100, 200, 400, 800, 1500];
 const LAST = new Set(["Done", "Detached", "Loaded", "SceneList", "SceneInfo", "PathName", "Unloaded",
-                      "VariantList", "Statistics", "PartList", "JobList", "JobInfo", "Pong"]);
+                      "VariantList", "Statistics", "PartList", "JobList", "JobInfo", "PageAddress", "Pong"]);
 
 /** An Error message of the daemon, or a lost connection (name CONNECTION_LOST). */
 export class DaemonError extends Error {
@@ -139,6 +140,7 @@ export class Daemon extends EventTarget {
       request.wake?.();
     }
     this.#become("lost");
+    this.dispatchEvent(new Event("lost"));
     const pauses = this.#options.retryMs;
     if (!pauses) return;
     this.#timer = setTimeout(() => this.#connect(), pauses[Math.min(this.#attempt++, pauses.length - 1)]);

@@ -52,7 +52,7 @@ export class TestDaemon {
     const { listen, http } = JSON.parse(readFileSync(ready, "utf8"));
     [this.listen] = listen;
     this.page = http;
-    this.http = new URL(http).host;
+    this.http = http;
   }
 
   async stop() {
@@ -141,7 +141,8 @@ export function browserTest(name, body) {
 }
 
 async function attempt(body) {
-  const context = await browser.newContext({ viewport: WINDOW, acceptDownloads: true, colorScheme: "light" });
+  const context = await browser.newContext({ viewport: WINDOW, acceptDownloads: true, colorScheme: "light",
+    ignoreHTTPSErrors: true });
   context.setDefaultTimeout(PATIENCE_MS);
   const errors = [];
   const watch = (page) => {

@@ -2,8 +2,8 @@
 //
 // The input is a program of steps: a byte chooses the next action of the client or of the daemon's
 // surroundings, and the bytes after it are its arguments. Most frames are valid, so that programs
-// get deep; any of them may be damaged in transit. A model of the promises to a client checks the
-// daemon's frames.
+// get deep; any of them may be damaged in transit. The last byte chooses the role of the client. A
+// model of the promises to a client checks the daemon's frames, and that no role gets more than it may.
 #include "tests/fuzz/target.h"
 #include "tests/golden/examples.h"
 #include "tests/unit/server/small_daemon.h"
@@ -156,10 +156,25 @@ void damage(Program& program, protocol::Frame& frame) {
 
 // ---- promises to a client
 
+/// The least role that may receive an answer of this type.
+server::Role role_of_answer(std::uint16_t type) {
+    switch (static_cast<wire::Message>(type)) {
+        case wire::Message::Need:
+        case wire::Message::Loaded:
+        case wire::Message::Unloaded:
+            return server::Role::user;
+        case wire::Message::AdminReport:
+            return server::Role::admin;
+        default:
+            return server::Role::viewer;
+    }
+}
+
 /// Checks that frames of a request come between its start and its end, that its rays are answered
 /// once, and that answers never exceed its credit.
 class Model {
 public:
+    explicit Model(server::Role role) : role_(role) {}
     void greeted(std::uint64_t window) { window_ = window; }
     void granted(std::uint64_t id, std::uint64_t bytes) { requests_[id].credit += bytes; }
     /// Begins a request whose answer has no Started.
@@ -169,6 +184,7 @@ public:
 
     void check(const protocol::Frame& frame, const server::Runner& runner) {
         fuzz::require(golden::open_any(frame).has_value());
+        fuzz::require(role_ >= role_of_answer(frame.header.type));
         Request& request = requests_[frame.header.request_id];
         switch (static_cast<wire::Message>(frame.header.type)) {
             case wire::Message::Started:
@@ -207,13 +223,18 @@ private:
         request.credit -= bytes;
     }
 
+    const server::Role role_;
     std::uint64_t window_ = 0;
     std::map<std::uint64_t, Request> requests_;
 };
 
 class Connection {
 public:
-    explicit Connection(test::SmallDaemon& daemon) : daemon_(daemon) {}
+    Connection(test::SmallDaemon& daemon, server::Role role)
+        : daemon_(daemon),
+          conversation_(daemon, "me", role),
+          role_(role),
+          model_(role) {}
     ~Connection() {
         conversation_.abandon();
         daemon_.sent.clear();
@@ -291,10 +312,19 @@ private:
         if (protocol::open<wire::Structure>(frame)) model_.begun(frame.header.request_id);
         const auto hello = protocol::open<wire::Hello>(frame);
         const std::uint64_t window = hello ? (*hello)->window_bytes() : 0;
+        const server::Request* request = server::find_request(frame.header.type);
+        const bool is_refused = request != nullptr && request->answer != nullptr &&
+                                role_ < request->role && greeted && !conversation_.closing();
+        const std::size_t jobs = conversation_.jobs();
+        const std::size_t sent = daemon_.sent.size();
         const auto admitted = conversation_.admit(frame.header);
         if (!admitted) return conversation_.close_with_error(admitted.error());
         if (!*admitted) frame.bulk = {};  // skipped, as the decoder does
         conversation_.receive(std::move(frame));
+        if (is_refused)
+            fuzz::require(conversation_.jobs() <= jobs && daemon_.sent.size() > sent &&
+                          daemon_.sent[sent].header.type ==
+                              static_cast<std::uint16_t>(wire::Message::Error));
         if (!greeted && conversation_.greeted())
             model_.greeted(window == 0 ? daemon_.limits.window_bytes : window);
     }
@@ -318,10 +348,18 @@ private:
     }
 
     test::SmallDaemon& daemon_;
-    test::Client conversation_{daemon_};
+    test::Client conversation_;
+    const server::Role role_;
     Model model_;
     std::map<std::uint64_t, std::uint64_t> sent_rays_;
 };
+
+/// Most programs are those of a user.
+server::Role role_of(const std::uint8_t* data, std::size_t size) {
+    constexpr std::array roles = {server::Role::user, server::Role::viewer, server::Role::admin,
+                                  server::Role::user};
+    return size == 0 ? server::Role::user : roles[data[size - 1] % roles.size()];
+}
 
 }  // namespace
 
@@ -350,7 +388,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     Program program({data, size});
     daemon.waiting = 0;
     {
-        Connection connection(daemon);
+        Connection connection(daemon, role_of(data, size));
         for (std::size_t step = 0; step < steps_max && !program.ended() && !connection.closing();
              ++step)
             connection.step(program);

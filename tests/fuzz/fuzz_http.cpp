@@ -47,6 +47,11 @@ bool is_own(std::string_view host) {
            known == "ray.example" || known.starts_with("ray.example:");
 }
 
+bool is_from_page(const HttpRequest& request) {
+    return request.origins.size() == 1 && request.hosts.size() == 1 &&
+           lower(request.origins.front()) == "http://" + lower(request.hosts.front());
+}
+
 }  // namespace
 
 std::vector<fuzz::Input> fuzz::seeds() {
@@ -54,6 +59,7 @@ std::vector<fuzz::Input> fuzz::seeds() {
     for (const std::string_view seed :
          {std::string_view("\4GET\n/\n\n127.0.0.1:31061\n\n"),
           std::string_view("\1GET\n/v1/stream\n\nlocalhost:31061\n\nhttp://localhost:31061"),
+          std::string_view("\0POST\n/v1/logout\n\nlocalhost:31061\n\nhttp://localhost:31061", 59),
           std::string_view("\4HEAD\n/main.js\n\"0\"\n[::1]:31061\n\n"),
           std::string_view("\4GET\n/readyz?x\n*\nray.example:9\nray.example\n\nnull\n"),
           std::string_view("\2POST\n/metrics\n\nevil.example\n\nhttp://evil.example")})
@@ -64,7 +70,7 @@ std::vector<fuzz::Input> fuzz::seeds() {
 int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     static server::HttpSite site = [] {
         server::HttpSite made({"ray.example"});
-        made.set_port(port);
+        made.set_address({"127.0.0.1", port, "http"});
         return made;
     }();
     if (size == 0) return 0;
@@ -72,15 +78,13 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     const server::HttpReply reply = site.answer(request);
     if (reply.status < 400) {
         fuzz::require(request.hosts.size() == 1 && is_own(request.hosts.front()));
-        fuzz::require(request.method == "GET" || request.method == "HEAD");
+        fuzz::require(request.method == "GET" || request.method == "HEAD" ||
+                      (request.method == "POST" && is_from_page(request)));
     } else {
         fuzz::require(std::ranges::count(reply.text, '\n') == 1 && reply.text.back() == '\n');
         fuzz::require(std::ranges::none_of(
             reply.text, [](unsigned char c) { return c != '\n' && (c < 32 || c == 127); }));
     }
-    if (reply.status == 101)
-        fuzz::require(
-            request.origins.size() == 1 &&
-            lower(request.origins.front()).ends_with("://" + lower(request.hosts.front())));
+    if (reply.status == 101) fuzz::require(is_from_page(request));
     return 0;
 }

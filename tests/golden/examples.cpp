@@ -418,6 +418,12 @@ void add_administration(Collection& all) {
     report.age_ms = {1500};
     report.jobs = {2};
     all.add(13, report);
+    all.add(14, wire::PageT{});
+    wire::PageAddressT page;
+    page.http = "https://192.0.2.7:31061";
+    page.code = "7d3f";
+    page.code_ms = 120000;
+    all.add(14, page);
 }
 
 /// Calls `use` with the table that a type of the header names.

@@ -2,6 +2,7 @@
 import os
 import pathlib
 import subprocess
+import sys
 
 from daemon import PATIENCE, Client, Daemon
 
@@ -27,6 +28,10 @@ class Certificates:
         self.client = ("--cert", self.folder / "client-cert.pem", "--key",
                        self.folder / "client-key.pem")
 
+    @staticmethod
+    def renew(raynestd, folder):
+        command(raynestd, "tls", "renew", folder)
+
 
 class Tokens:
     def __init__(self, raynestd, file):
@@ -40,6 +45,33 @@ class Tokens:
 
     def revoke(self, name):
         command(self.raynestd, "token", "revoke", name, "--tokens", self.file)
+
+
+def fake_ssh(folder, host, port):
+    """Writes a program `ssh` that forwards as `ssh -L LOCAL:REMOTE` does, and refuses another host or
+    port. Returns its folder, for PATH."""
+    program = pathlib.Path(folder) / "ssh"
+    program.parent.mkdir()
+    program.write_text(f"""#!{sys.executable}
+import socket, sys, threading
+if sys.argv[-2:] != ["--", "{host}"] or "-p" not in sys.argv or sys.argv[sys.argv.index("-p") + 1] != "{port}":
+    sys.exit("ssh: Could not resolve hostname " + sys.argv[-1])
+here, there = sys.argv[sys.argv.index("-L") + 1].split(":")
+def copy(source, target):
+    while data := source.recv(65536):
+        target.sendall(data)
+    target.shutdown(socket.SHUT_WR)
+server = socket.socket(socket.AF_UNIX)
+server.bind(here)
+server.listen()
+while True:
+    near, far = server.accept()[0], socket.socket(socket.AF_UNIX)
+    far.connect(there)
+    for pair in ((near, far), (far, near)):
+        threading.Thread(target=copy, args=pair, daemon=True).start()
+""")
+    program.chmod(0o755)
+    return program.parent
 
 
 class SecureClient(Client):

@@ -15,8 +15,10 @@ import tempfile
 import threading
 import time
 import unittest
+import warnings
 
 from daemon import Daemon, PATIENCE, closed_port, until
+from link import Link
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens, command
 
 RAY = "0,50,0,0,-1,0"
@@ -225,6 +227,78 @@ class Tls(unittest.TestCase):
         self.assertNotIn("Verification: OK\n---\nRENEGOTIATING\nVerification", done.stdout)
         self.assertEqual(self.client.run("scenes").returncode, 0)
 
+    def test_probes(self):
+        """What a scanner would ask, as arguments of openssl s_client and what its answer says."""
+        shown = {
+            "TLS 1.3": (("-tls1_3",), "Protocol  : TLSv1.3|New, TLSv1.3"),
+            "TLS 1.2": (("-tls1_2",), "New, TLSv1.2"),
+            "no TLS 1.1": (("-tls1_1", "-cipher", "ALL@SECLEVEL=0"), r"Cipher is \(NONE\)"),
+            "no TLS 1.0": (("-tls1", "-cipher", "ALL@SECLEVEL=0"), r"Cipher is \(NONE\)"),
+            "the server chooses AES-128 first": (("-tls1_3",), "TLS_AES_128_GCM_SHA256"),
+            "though the client prefers another": (
+                ("-tls1_3", "-ciphersuites", "TLS_CHACHA20_POLY1305_SHA256:TLS_AES_128_GCM_SHA256"),
+                "Cipher is TLS_AES_128_GCM_SHA256"),
+            "forward secrecy": (("-tls1_2",), "ECDHE"),
+            "a temporary key of a good curve": (("-tls1_2",), "Temp Key: (X25519|ECDH, prime256v1)"),
+            "no compression": (("-tls1_2",), "Compression: NONE"),
+            "secure renegotiation is known": (("-tls1_2",), "Secure Renegotiation IS supported"),
+            "no session is resumed": (("-tls1_2", "-reconnect"), "(?s)^(?!.*Reused)"),
+            "no tickets of TLS 1.3": (("-tls1_3",), "(?s)^(?!.*NewSessionTicket|.*Post-Handshake New Session)"),
+            "no early data": (("-tls1_3",), "Early data was not sent"),
+            "no client certificate is asked for": (("-tls1_2",), "No client certificate CA names sent"),
+            "the chain verifies": (("-verify_return_error",), "Verification: OK"),
+            "for this name": (("-verify_return_error", "-verify_hostname", "gpu.example.org"), "Verification: OK"),
+            "for no other": (("-verify_return_error", "-verify_hostname", "cpu.example.org"), "ostname mismatch"),
+            "a name that it does not know": (("-servername", "elsewhere.example"), "Verification: OK"),
+            "no protocol of applications": (("-alpn", "h2,http/1.1"), "No ALPN negotiated"),
+        }
+        for cipher in ("NULL", "aNULL", "eNULL", "EXPORT", "RC4", "3DES", "MD5", "CAMELLIA", "SEED", "ARIA",
+                       "PSK", "SRP", "kRSA", "kDHE", "AES128-SHA", "ECDHE-ECDSA-AES256-SHA384", "AES128-CCM"):
+            shown[f"no {cipher}"] = (("-tls1_2", "-cipher", f"{cipher}:@SECLEVEL=0"),
+                                     r"Cipher is \(NONE\)|no cipher match|Error with command|no ciphers available")
+        for what, (arguments, pattern) in shown.items():
+            with self.subTest(what):
+                self.assertRegex(self.probe(*arguments).stdout, pattern)
+        self.assertEqual(self.client.run("scenes").returncode, 0)
+
+    def test_each_failed_handshake_has_one_line_in_the_log(self):
+        def lines():
+            return [line for line in self.daemon.log().splitlines() if " handshake_failed " in line]
+        other = Certificates(self.raynestd, self.out / "unknown ca")
+        for reason, attempt in (
+                ("it does not speak TLS", lambda: SecureClient(
+                    self.raynest, self.daemon.tls.replace("tls://", "tcp://")).run("scenes")),
+                ("unknown ca", lambda: SecureClient(self.raynest, self.daemon.tls, other.ca).run("scenes")),
+                ("unsupported protocol", lambda: self.probe("-tls1_1", "-cipher", "ALL@SECLEVEL=0")),
+                ("no shared cipher", lambda: self.probe("-tls1_2", "-cipher", "AES128-SHA"))):
+            with self.subTest(reason):
+                before = len(lines())
+                attempt()
+                line = until(lambda: len(lines()) > before and lines()[-1])
+                self.assertIn(reason, line)
+                self.assertIn("peer=127.0.0.1", line)
+                self.assertEqual(len(lines()), before + 1)
+
+    def test_a_daemon_that_speaks_old_tls_alone_is_left(self):
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(self.certificates.folder / "cert.pem", self.certificates.folder / "key.pem")
+        context.set_ciphers("ALL:@SECLEVEL=0")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            context.minimum_version = context.maximum_version = ssl.TLSVersion.TLSv1_1
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            def serve():
+                with server.accept()[0] as plain:
+                    try:
+                        context.wrap_socket(plain, server_side=True)
+                    except OSError:
+                        pass
+            thread = threading.Thread(target=serve)
+            thread.start()
+            self.addCleanup(thread.join)
+            uri = f"tls://127.0.0.1:{server.getsockname()[1]}"
+            self.refused(SecureClient(self.raynest, uri, self.certificates.ca), 3, "TLS")
+
     def test_a_handshake_that_stops_ends_in_time(self):
         hello = bytes.fromhex("160301020001")  # of a ClientHello that never comes whole
         crowd = [socket.create_connection(("127.0.0.1", self.daemon.port), timeout=PATIENCE)
@@ -255,35 +329,22 @@ class Tls(unittest.TestCase):
         self.assertIn(b"LIMIT_EXCEEDED", answer)
 
     def test_what_is_sent_cannot_be_read_on_the_way(self):
-        with socket.create_server(("127.0.0.1", 0)) as tap:
-            seen = []
-
-            def copy(source, target):
-                while data := source.recv(65536):
-                    seen.append(data)
-                    target.sendall(data)
-                target.shutdown(socket.SHUT_WR)
-
-            def serve():
-                near, _ = tap.accept()
-                far = socket.create_connection(("127.0.0.1", self.daemon.port))
-                with near, far:
-                    back = threading.Thread(target=copy, args=(far, near))
-                    back.start()
-                    copy(near, far)
-                    back.join()
-
-            thread = threading.Thread(target=serve)
-            thread.start()
-            uri = f"tls://127.0.0.1:{tap.getsockname()[1]}"
-            client = SecureClient(self.raynest, uri, self.certificates.ca, self.token)
-            self.assertEqual(client.run("load", "builtin:terrain?size=8", "--name",
-                                        "secretvalley").returncode, 0)
-            thread.join()
-        wire = b"".join(seen)
-        self.assertGreater(len(wire), 500)
-        for word in (b"secretvalley", b"terrain", b"alice", self.token.encode(), b"RYN1"):
-            self.assertNotIn(word, wire)
+        """A capture of the line holds the names over TCP, and none of them over TLS."""
+        words = (b"secretvalley", b"terrain", b"raynest", b"RYN1")
+        for uri, client in ((self.daemon.uri, lambda uri: SecureClient(self.raynest, uri)),
+                            (self.daemon.tls, lambda uri: SecureClient(
+                                self.raynest, uri, self.certificates.ca, self.token))):
+            scheme, port = uri.split("://")[0], int(uri.rsplit(":", 1)[1])
+            with Link(port, record=True) as link:
+                done = client(f"{scheme}://127.0.0.1:{link.port}").run(
+                    "load", "builtin:terrain?size=8", "--name", "secretvalley")
+                self.assertEqual(done.returncode, 0, done.stderr)
+                seen = link.seen
+            self.assertGreater(len(seen), 500)
+            for word in words:
+                self.assertEqual(word in seen, scheme == "tcp", (scheme, word))
+            self.assertNotIn(self.token.encode(), seen)
+            self.assertNotIn(b"alice", seen)
 
     # ---- mutual TLS
 
@@ -297,10 +358,23 @@ class Tls(unittest.TestCase):
         self.refused(client, 4, "asks for a client certificate")
         other = Certificates(self.raynestd, self.out / "strangers")
         self.refused(client, 4, "refuses this client's certificate", *other.client, "scenes")
+        self.refused(client, 4, "refuses this client's certificate", *self.expired_client(), "scenes")
         # A server certificate is not one for clients.
         self.refused(client, 4, "refuses this client's certificate", "--cert",
                      self.certificates.folder / "cert.pem", "--key",
                      self.certificates.folder / "key.pem", "scenes")
+
+    def expired_client(self):
+        """Options for a certificate of a client whose time is over."""
+        folder = self.certificates.folder
+        made = openssl("req", "-new", "-key", folder / "client-key.pem", "-subj", "/CN=late", "-addext",
+                       "extendedKeyUsage=clientAuth", "-out", self.out / "late.csr")
+        self.assertEqual(made.returncode, 0, made.stdout)
+        made = openssl("x509", "-req", "-in", self.out / "late.csr", "-CA", folder / "ca.pem", "-CAkey",
+                       folder / "ca-key.pem", "-days", "-1", "-copy_extensions", "copy", "-out",
+                       self.out / "late.pem")
+        self.assertEqual(made.returncode, 0, made.stdout)
+        return "--cert", self.out / "late.pem", "--key", folder / "client-key.pem"
 
     def test_a_certificate_gets_its_role_from_the_token_file(self):
         tokens = Tokens(self.raynestd, self.out / "roles of certificates")

@@ -3,6 +3,7 @@
 
   tokens_test.py RAYNESTD RAYNEST
 """
+import json
 import os
 import pathlib
 import socket
@@ -18,7 +19,7 @@ import urllib.request
 
 from connections_test import HELLO, WELCOME, read_frame
 from daemon import LONG, PATIENCE, until
-from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens, command
+from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens, command, fake_ssh
 
 RAY = "0,50,0,0,-1,0"
 
@@ -222,7 +223,11 @@ class TokensTest(unittest.TestCase):
         self.assertIn(number, [job["job"] for job in alice.json("jobs")["jobs"]])
         self.assertEqual(self.client("bob").json("jobs")["jobs"], [])
         self.assertIn(number, [job["job"] for job in self.client("root").json("jobs")["jobs"]])
-        self.says(self.client("bob").run("wait", number), 4)
+        for act in ("wait", "cancel", "fetch"):
+            arguments = ("-o", self.out / "never.png") if act == "fetch" else ()
+            there, nowhere = (self.says(self.client("bob").run(act, job, *arguments), 5).stderr
+                              for job in (number, 987654))
+            self.assertEqual(there, nowhere.replace("987654", str(number)))
         self.says(alice.run("unload", "secret"), 0)
 
     def test_a_private_scene_answers_as_late_as_an_unknown_one(self):
@@ -232,24 +237,43 @@ class TokensTest(unittest.TestCase):
         except ImportError as error:
             self.skipTest(f"no numpy: {error}")
         self.says(self.client("alice").run("load", "builtin:terrain?size=8", "--name", "vault"), 0)
-        rounds = 10_000 if LONG else 500
+        self.addCleanup(self.client("alice").run, "unload", "vault")
         with raynest.connect(self.daemon.tls, token=self.secrets["bob"],
                              ca=str(self.certificates.ca)) as bob:
-            times = {"alice/vault": [], "alice/vaulu": []}
-            for i in range(2 * rounds):
-                name = list(times)[i % 2]
+            def seconds(name, planted):
+                """The time of an answer, of which `planted` seconds are wasted on purpose."""
                 begun = time.perf_counter()
                 try:
                     bob.connection.ask("Info", {"scene": name}, "SceneInfo")
                     self.fail(name)
                 except raynest.errors.InvalidError:
-                    times[name].append(time.perf_counter() - begun)
-        private, unknown = (statistics.median(each) for each in times.values())
-        print(f"private {private * 1e6:.1f} us, unknown {unknown * 1e6:.1f} us, ratio "
-              f"{private / unknown:.4f}", file=sys.stderr)
-        if LONG:
-            self.assertLess(abs(private / unknown - 1), 0.02)
-        self.says(self.client("alice").run("unload", "vault"), 0)
+                    pass
+                end = time.perf_counter() + planted
+                while time.perf_counter() < end:
+                    pass
+                return time.perf_counter() - begun
+
+            def ratios(rounds):
+                """Medians over that of an unknown scene: a private one, and an unknown one with 5 % more."""
+                usual = statistics.median(seconds("alice/vaulu", 0) for _ in range(100))
+                series = {"unknown": ("alice/vaulu", 0), "private": ("alice/vault", 0),
+                          "planted": ("alice/vaulu", 0.05 * usual)}
+                times = {name: [] for name in series}
+                for i in range(rounds):
+                    # Each comes first, second and third equally often.
+                    for name in (list(series) * 2)[i % 3:i % 3 + 3]:
+                        times[name].append(seconds(*series[name]))
+                medians = {name: statistics.median(each) for name, each in times.items()}
+                return {name: medians[name] / medians["unknown"] for name in ("private", "planted")}
+
+            # A busy machine blurs both: then the measurement is taken again.
+            for _ in range(3):
+                found = ratios(10_000 if LONG else 2_000)
+                print(f"private over unknown {found['private']:.4f}, with 5 % planted {found['planted']:.4f}",
+                      file=sys.stderr)
+                if abs(found["private"] - 1) < 0.02 < found["planted"] - 1:
+                    return
+        self.fail(f"{found}")
 
     # ---- administration
 
@@ -286,6 +310,50 @@ class TokensTest(unittest.TestCase):
         self.says(client.run(*many), 5, "2048 rays")
         self.says(client.run("unload", "few"), 0)
 
+    def test_shares_of_the_cpu_are_of_principals_not_of_connections(self):
+        daemon = SecureDaemon(self.raynestd, self.certificates, "--tokens", self.tokens.file, "--threads", "1")
+        self.addCleanup(daemon.stop)
+        clients = {name: SecureClient(self.raynest, daemon.uri, None, self.secrets[name])
+                   for name in ("alice", "bob")}
+        self.says(clients["alice"].run("load", "builtin:terrain?size=256", "--name", "hills", "--share", "public"), 0)
+        running = {name: clients[name].start("--json", "load-test", "alice/hills", "--clients", count,
+                                             "--seconds", "2", "--rays", "16384")
+                   for name, count in (("alice", 4), ("bob", 1))}
+        rates = {}
+        for name, process in running.items():
+            said, errors = process.communicate(timeout=PATIENCE)
+            self.assertEqual(process.returncode, 0, errors)
+            rates[name] = json.loads(said)["daemon"]["rays_per_second"]
+        ratio = rates["bob"] / rates["alice"]
+        print(f"one connection of bob has {ratio:.2f} of the rays of alice's four", file=sys.stderr)
+        self.assertGreater(ratio, 0.45)  # shares of connections would be a quarter
+
+    def test_bandwidth_is_a_principals_own_over_all_its_connections(self):
+        """Two connections of a principal share its bytes per second; another principal is not slowed."""
+        rate, size = 2_000_000, 2_000_000
+        secret = self.tokens.add("slow", "--quota", f"second_bytes={rate}")
+        self.addCleanup(self.tokens.revoke, "slow")
+        slow, fast = self.client(secret), self.client("bob")
+        for client in (slow, fast):
+            until(lambda: client.run("load", "builtin:terrain?size=8", "--name", "wide").returncode == 0)
+
+        def seconds(client, count):
+            """Time of so many queries at once, whose answers have 16 bytes a ray."""
+            begun = time.monotonic()
+            running = [client.start("query", "wide", "--generate", "equirectangular", f"size={size // 16 // 100}x100",
+                                    "--fields", "t,position", "-o", self.out / f"{i}.npz") for i in range(count)]
+            for process in running:
+                said = process.communicate(timeout=PATIENCE)
+                self.assertEqual(process.returncode, 0, said)
+            return time.monotonic() - begun
+        alone = seconds(fast, 2)
+        slowed = seconds(slow, 2)
+        print(f"2 x {size} bytes: {alone:.2f} s, at {rate} bytes per second {slowed:.2f} s", file=sys.stderr)
+        self.assertGreater(slowed, 2 * size / rate * 0.75)
+        self.assertLess(slowed, 2 * size / rate * 1.5 + alone + 1)
+        for client in (slow, fast):
+            self.says(client.run("unload", "wide"), 0)
+
     def test_the_daemons_own_user_administers_over_the_unix_socket(self):
         local = SecureClient(self.raynest, self.socket)
         told = local.json("admin", "connections")["connections"]
@@ -297,30 +365,10 @@ class TokensTest(unittest.TestCase):
             self.says(local.run("admin", *wrong), 2)
 
     def test_ssh_reaches_the_unix_socket_of_another_machine(self):
-        # An ssh of the test's own: it forwards as `ssh -L LOCAL:REMOTE` does.
-        program = self.out / "bin" / "ssh"
-        program.parent.mkdir()
-        program.write_text(f"""#!{sys.executable}
-import socket, sys, threading
-assert sys.argv[-2:] == ["--", "me@gpu"] and sys.argv[sys.argv.index("-p") + 1] == "2222"
-here, there = sys.argv[sys.argv.index("-L") + 1].split(":")
-def copy(source, target):
-    while data := source.recv(65536):
-        target.sendall(data)
-    target.shutdown(socket.SHUT_WR)
-server = socket.socket(socket.AF_UNIX)
-server.bind(here)
-server.listen()
-while True:
-    near, far = server.accept()[0], socket.socket(socket.AF_UNIX)
-    far.connect(there)
-    for pair in ((near, far), (far, near)):
-        threading.Thread(target=copy, args=pair, daemon=True).start()
-""")
-        program.chmod(0o755)
+        programs = fake_ssh(self.out / "bin", "me@gpu", "2222")
         path = self.socket.removeprefix("unix:")
         client = SecureClient(self.raynest, "tcp://127.0.0.1:1")
-        client.environment["PATH"] = f"{program.parent}:{os.environ['PATH']}"
+        client.environment["PATH"] = f"{programs}:{os.environ['PATH']}"
         self.says(client.run("--server", f"ssh://me@gpu:2222{path}", "admin", "connections"), 0,
                   "unix")
         self.says(client.run("--server", f"ssh://-oProxyCommand=x{path}", "scenes"), 2,

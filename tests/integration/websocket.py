@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import socket
+import ssl
 import struct
 
 from daemon import PATIENCE
@@ -16,15 +17,39 @@ TEXT, BINARY, CLOSE, PING, PONG = 1, 2, 8, 9, 10
 HEADER = struct.Struct("<4sHHIIQQ")
 
 
+trusted = ssl.create_default_context()  # for https://; load_verify_locations() adds a CA
+
+
+def host_of(http):
+    """HOST:PORT of http://HOST:PORT or https://HOST:PORT."""
+    return http.split("://", 1)[1]
+
+
 def place_of(http):
-    """The host and port of http://HOST:PORT."""
-    host, port = http.removeprefix("http://").rsplit(":", 1)
+    """The host and port of such an address."""
+    host, port = host_of(http).rsplit(":", 1)
     return host.strip("[]"), int(port)
+
+
+def connect(http, patience=PATIENCE, receive_bytes=None):
+    """A connected socket, encrypted where the address is https://."""
+    plain = socket.socket(socket.AF_INET6 if ":" in place_of(http)[0] else socket.AF_INET)
+    plain.settimeout(patience)
+    if receive_bytes:
+        plain.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_bytes)
+    plain.connect(place_of(http))
+    if not http.startswith("https://"):
+        return plain
+    try:
+        return trusted.wrap_socket(plain, server_hostname=place_of(http)[0])
+    except BaseException:
+        plain.close()
+        raise
 
 
 def raw(http, request, patience=PATIENCE):
     """Sends bytes, and returns all that come back until the daemon closes."""
-    with socket.create_connection(place_of(http), timeout=patience) as connection:
+    with connect(http, patience) as connection:
         connection.sendall(request)
         answer = b""
         while part := connection.recv(65536):
@@ -41,18 +66,28 @@ def split(answer):
 
 
 def get(http, target="/", method="GET", host=None, headers=(), patience=PATIENCE):
-    lines = [f"{method} {target} HTTP/1.1", f"Host: {host or http.removeprefix('http://')}",
+    lines = [f"{method} {target} HTTP/1.1", f"Host: {host or host_of(http)}",
              "Connection: close", *headers]
     return split(raw(http, "\r\n".join([*lines, "", ""]).encode("latin-1"), patience))
 
 
-def upgrade_request(http, host=None, origin=None, target="/v1/stream", key="dGhlIHNhbXBsZSBub25jZQ=="):
+def post(http, target, body="", headers=(), origin=None):
+    """Sends a POST from the page, or from another origin; "" leaves the header out."""
+    origin = http if origin is None else origin
+    lines = [f"POST {target} HTTP/1.1", f"Host: {host_of(http)}", "Connection: close",
+             f"Content-Length: {len(body)}", *headers, *([f"Origin: {origin}"] if origin else [])]
+    return split(raw(http, "\r\n".join([*lines, "", body]).encode("latin-1")))
+
+
+def upgrade_request(http, host=None, origin=None, target="/v1/stream", key="dGhlIHNhbXBsZSBub25jZQ==",
+                    headers=()):
     """The bytes of an upgrade; an origin of "" leaves the header out."""
-    host = host or http.removeprefix("http://")
-    origin = f"http://{host}" if origin is None else origin
+    host = host or host_of(http)
+    origin = f"{http.split(':')[0]}://{host}" if origin is None else origin
     lines = [f"GET {target} HTTP/1.1", f"Host: {host}", "Connection: Upgrade", "Upgrade: websocket",
              f"Sec-WebSocket-Key: {key}", "Sec-WebSocket-Version: 13"]
     lines += [f"Origin: {origin}"] if origin else []
+    lines += headers
     return "\r\n".join([*lines, "", ""]).encode("latin-1")
 
 
@@ -69,11 +104,7 @@ class WebSocket:
 
     def __init__(self, http, receive_bytes=None, **request):
         """`receive_bytes` sets the size of the socket's buffer, which the kernel otherwise adapts."""
-        self.socket = socket.socket()
-        self.socket.settimeout(PATIENCE)
-        if receive_bytes:
-            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_bytes)
-        self.socket.connect(place_of(http))
+        self.socket = connect(http, receive_bytes=receive_bytes)
         self.buffer = b""
         key = base64.b64encode(os.urandom(16))
         self.socket.sendall(upgrade_request(http, key=key.decode(), **request))
@@ -171,9 +202,9 @@ class WebSocket:
         return self.answer(request)
 
 
-def greeted(http):
+def greeted(http, **request):
     """A WebSocket after its greeting."""
-    connection = WebSocket(http)
+    connection = WebSocket(http, **request)
     connection.say("Hello", 0, {"client": "test"})
     name, _, _, _ = connection.hear()
     assert name == "Welcome", name

@@ -16,7 +16,7 @@ import numpy as np
 
 import raynest
 from daemon import until
-from secure_daemon import Certificates, SecureDaemon, Tokens
+from secure_daemon import Certificates, SecureDaemon, Tokens, fake_ssh
 
 RAYS = np.tile(np.float32([0, 50, 0, 0, -1, 0]), (200_000, 1))
 
@@ -141,6 +141,44 @@ class Secure(unittest.TestCase):
         # A mesh without a name is this connection's.
         box = bob.mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
         self.assertEqual(box.trace([[0.2, 0.2, 1, 0, 0, -1]])["prim"].tolist(), [0])
+
+    def test_ssh_reaches_the_unix_socket_of_another_machine(self):
+        path = self.out / "socket"
+        daemon = SecureDaemon(self.raynestd, self.certificates, "--listen", f"unix:{path}")
+        self.addCleanup(daemon.stop)
+        programs = fake_ssh(self.out / "bin", "me@gpu", "2222")
+        before = os.environ["PATH"]
+        self.addCleanup(os.environ.__setitem__, "PATH", before)
+        os.environ["PATH"] = f"{programs}:{before}"
+        client = raynest.connect(f"ssh://me@gpu:2222{path}")
+        self.assertEqual(client.connection.daemon.role, "admin")
+        hills = client.load("builtin:terrain?size=64", "far")
+        self.assertEqual(len(hills.trace(RAYS, fields=("t",))["t"]), len(RAYS))
+        tunnels = self.children("ssh")
+        self.assertEqual(len(tunnels), 1)
+        client.close()
+        until(lambda: not self.children("ssh"))
+        for uri, kind, says in ((f"ssh://-oProxyCommand=x{path}", raynest.errors.UsageError, "is not ssh://"),
+                                (f"ssh://gpu{path}", raynest.errors.ConnectError, "ssh to gpu failed")):
+            with self.assertRaisesRegex(kind, says):
+                raynest.connect(uri)
+        os.environ["PATH"] = str(self.out)
+        with self.assertRaisesRegex(raynest.errors.ConnectError, "cannot start ssh"):
+            raynest.connect(f"ssh://gpu{path}")
+
+    @staticmethod
+    def children(name):
+        """Process ids of this process's children that run a program of this name."""
+        found = []
+        for entry in pathlib.Path("/proc").glob("[0-9]*"):
+            try:
+                parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+                words = (entry / "cmdline").read_bytes().split(b"\0")
+            except (OSError, IndexError):
+                continue
+            if parent == os.getpid() and any(word.endswith(f"/{name}".encode()) for word in words):
+                found.append(int(entry.name))
+        return found
 
     def test_a_server_that_stops_within_the_handshake_is_left(self):
         with socket.create_server(("127.0.0.1", 0)) as server:

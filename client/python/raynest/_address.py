@@ -67,9 +67,9 @@ def _connect_unix(path: str, seconds_max: float) -> socket.socket:
 
 
 def _keep_alive(opened: socket.socket) -> None:
-    """Turns on TCP keep-alive: a dead peer is noticed after 25 s, as in protocol/keep_alive.h."""
+    """Turns on TCP keep-alive: a dead peer is noticed after 17 s, as in protocol/keep_alive.h."""
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    for name, value in (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
+    for name, value in (("TCP_KEEPIDLE", 8), ("TCP_KEEPINTVL", 3), ("TCP_KEEPCNT", 3)):
         if hasattr(socket, name):  # not every system has all of them
             opened.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 

@@ -7,6 +7,16 @@
 namespace raynest::server {
 namespace {
 
+TEST_CASE("the page has an address with a scheme or without") {
+    for (const char* plain : {"127.0.0.1:1", "http://127.0.0.1:1"})
+        CHECK(to_uri(*parse_http_address(plain)) == "http://127.0.0.1:1");
+    const auto encrypted = parse_http_address("https://[::1]:2");
+    CHECK(to_uri(*encrypted) == "https://[::1]:2");
+    CHECK(scheme_of(*encrypted) == "https");
+    for (const char* wrong : {"https:/127.0.0.1:1", "https://", "httpss://127.0.0.1:1", "tls://127.0.0.1:1"})
+        CHECK_FALSE(parse_http_address(wrong));
+}
+
 TEST_CASE("an address that parses is written back as it was") {
     for (const char* uri : {"tcp://127.0.0.1:31060", "tcp://127.9.8.7:0", "tls://[::1]:65535",
                             "unix:/run/raynest/socket", "unix:relative"}) {

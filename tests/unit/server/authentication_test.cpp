@@ -139,5 +139,103 @@ TEST_CASE("a certificate's subject is the principal, and its row gives the role"
     CHECK(guarded.come(peer, guarded.vera)->id == "vera");
 }
 
+// ---- the page
+
+/// An https connection from another machine.
+const PeerIdentity browser{"192.0.2.9", Place::remote, "https"};
+
+TEST_CASE("a token begins a login of the page, whose cookie is its principal") {
+    GuardedDaemon guarded;
+    Authentication& daemon = guarded.authentication;
+    const auto secret = daemon.log_in(browser, guarded.alice, "", guarded.now, noon);
+    REQUIRE(secret);
+    CHECK(secret->size() == 64);
+    const auto ask = [&](std::string_view bearer, std::string_view cookie) {
+        return daemon.identify_request(browser, bearer, cookie, guarded.now, noon);
+    };
+    CHECK(ask("", *secret)->id == "alice");
+    CHECK(ask("", *secret)->page_login != 0);
+    CHECK(ask(guarded.vera, *secret)->id == "vera");
+    for (const std::string& wrong : {std::string(), new_secret(), secret->substr(1)})
+        CHECK(ask("", wrong).error().code == Code::not_allowed);
+    // The WebSocket of that page needs no token.
+    PeerIdentity page = browser;
+    page.sender = std::make_shared<const Principal>(*ask("", *secret));
+    CHECK(guarded.come(page, "")->id == "alice");
+    CHECK(daemon.still_valid(*page.sender, noon));
+    CHECK(daemon.logins().end(*secret));
+    CHECK_FALSE(daemon.still_valid(*page.sender, noon));
+    CHECK(guarded.come(page, "").error().code == Code::not_allowed);
+    CHECK(ask("", *secret).error().code == Code::not_allowed);
+}
+
+TEST_CASE("a login ends with the row of its token, and after its time") {
+    GuardedDaemon guarded;
+    Authentication& daemon = guarded.authentication;
+    const auto alice = daemon.log_in(browser, guarded.alice, "", guarded.now, noon);
+    const auto vera = daemon.log_in(browser, guarded.vera, "", guarded.now, noon);
+    REQUIRE(alice);
+    REQUIRE(vera);
+    const auto knows = [&](const std::string& cookie, WallClock::time_point wall) {
+        return daemon.identify_request(browser, "", cookie, guarded.now, wall).has_value();
+    };
+    CHECK(knows(*vera, noon + 59min));
+    CHECK_FALSE(knows(*vera, noon + 61min));
+    TokenTable table = guarded.rows();
+    table.erase("alice");
+    guarded.put(std::move(table));
+    CHECK_FALSE(knows(*alice, noon));
+    guarded.put(guarded.rows());
+    CHECK(knows(*alice, noon + 11h));
+    CHECK_FALSE(knows(*alice, noon + 13h));
+    CHECK(daemon.logins().expire(noon + 13h));
+    CHECK_FALSE(daemon.logins().expire(noon + 13h));
+}
+
+TEST_CASE("a code logs in once, in time, and as its caller") {
+    GuardedDaemon guarded;
+    Authentication& daemon = guarded.authentication;
+    const Principal caller{"uid:0", {}, Role::admin};
+    const auto log_in = [&](const std::string& code, WallClock::time_point wall) {
+        return daemon.log_in(browser, "", code, guarded.now, wall);
+    };
+    const std::string code = daemon.logins().make_code(caller, noon);
+    const auto secret = log_in(code, noon + 1min);
+    REQUIRE(secret);
+    const auto known = daemon.identify_request(browser, "", *secret, guarded.now, noon);
+    CHECK(known->id == "uid:0");
+    CHECK(known->role == Role::admin);
+    CHECK(log_in(code, noon + 1min).error().code == Code::not_allowed);
+    CHECK(log_in(daemon.logins().make_code(caller, noon), noon + 3min).error().code ==
+          Code::not_allowed);
+    CHECK(log_in("", noon).error().code == Code::not_allowed);
+}
+
+TEST_CASE("wrong tokens and codes of a page make its address wait") {
+    GuardedDaemon guarded;
+    Authentication& daemon = guarded.authentication;
+    for (int i = 0; i < 5; ++i)
+        CHECK(daemon.log_in(browser, i % 2 == 0 ? "wrong" : "", "wrong", guarded.now, noon)
+                  .error()
+                  .code == Code::not_allowed);
+    CHECK(daemon.log_in(browser, guarded.alice, "", guarded.now, noon).error().code == Code::busy);
+    CHECK(daemon.identify_request(browser, guarded.alice, "", guarded.now, noon).error().code ==
+          Code::busy);
+    CHECK(guarded.come({"192.0.2.9", Place::remote, "tls"}, guarded.alice).error().code ==
+          Code::busy);
+    guarded.now += 31s;
+    CHECK(daemon.log_in(browser, guarded.alice, "", guarded.now, noon));
+}
+
+TEST_CASE("the oldest code gives way when there are too many") {
+    PageLogins logins;
+    const Principal caller{"me", {}, Role::user};
+    const std::string first = logins.make_code(caller, noon);
+    std::string last;
+    for (int i = 0; i < 256; ++i) last = logins.make_code(caller, noon + 1s);
+    CHECK_FALSE(logins.take_code(first, noon + 1s));
+    CHECK(logins.take_code(last, noon + 1s));
+}
+
 }  // namespace
 }  // namespace raynest::server

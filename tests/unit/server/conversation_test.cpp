@@ -351,11 +351,11 @@ TEST_CASE("only the principal that started a job waits for it, fetches it and ca
     };
     daemon.sent.clear();
     ask(stranger, kept);
-    CHECK(errors_of(daemon) == std::vector(3, Code::not_allowed));
+    CHECK(errors_of(daemon) == std::vector(3, Code::job_unknown));
     CHECK(daemon.detached.all().contains(kept));
     daemon.sent.clear();
     ask(stranger, attached);
-    CHECK(errors_of(daemon) == std::vector(3, Code::not_allowed));
+    CHECK(errors_of(daemon) == std::vector(3, Code::job_unknown));
     CHECK(daemon.admission.find(attached) != nullptr);
     daemon.sent.clear();
     ask(owner, attached + 1);

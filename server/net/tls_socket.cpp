@@ -1,0 +1,126 @@
+#include "server/net/tls_socket.h"
+
+#include "protocol/keep_alive.h"
+#include "protocol/validate.h"
+
+#include <openssl/err.h>
+#include <openssl/x509.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <new>
+#include <utility>
+
+namespace raynest::server {
+
+TlsSocket::TlsSocket(Socket socket, const TlsContext& context)
+    : socket_(std::move(socket)),
+      tls_(SSL_new(context.get())) {
+    protocol::tune_tcp(socket_.native_handle());
+    SystemError ignored;
+    socket_.non_blocking(true, ignored);
+    if (tls_ == nullptr) throw std::bad_alloc();
+    SSL_set_fd(tls_.get(), socket_.native_handle());
+    SSL_set_accept_state(tls_.get());
+}
+
+std::array<std::byte, TlsSocket::record_bytes>& TlsSocket::scratch() {
+    static thread_local std::array<std::byte, record_bytes> record;
+    return record;
+}
+
+std::string TlsSocket::subject() const {
+    const std::unique_ptr<X509, void (*)(X509*)> certificate(SSL_get1_peer_certificate(tls_.get()),
+                                                             X509_free);
+    if (!certificate || SSL_get_verify_result(tls_.get()) != X509_V_OK) return "";
+    const std::unique_ptr<BIO, int (*)(BIO*)> text(BIO_new(BIO_s_mem()), BIO_free);
+    X509_NAME_print_ex(text.get(), X509_get_subject_name(certificate.get()), 0,
+                       XN_FLAG_RFC2253 & ~ASN1_STRFLGS_ESC_MSB);
+    char* bytes = nullptr;
+    const long size = BIO_get_mem_data(text.get(), &bytes);
+    const std::string subject(bytes, size > 0 ? static_cast<std::size_t>(size) : 0);
+    constexpr std::size_t subject_bytes_max = 200;
+    return subject.size() <= subject_bytes_max && protocol::printable(subject) ? subject : "";
+}
+
+TlsSocket::Outcome TlsSocket::outcome(int result) const {
+    if (result > 0) return Outcome::done;
+    switch (SSL_get_error(tls_.get(), result)) {
+        case SSL_ERROR_WANT_READ:
+            return Outcome::wait_read;
+        case SSL_ERROR_WANT_WRITE:
+            return Outcome::wait_write;
+        case SSL_ERROR_ZERO_RETURN:
+            return Outcome::ended;
+        default:
+            return Outcome::failed;
+    }
+}
+
+asio::awaitable<void> TlsSocket::wait(Outcome need, SystemError& error) {
+    const auto what = need == Outcome::wait_write ? Socket::wait_write : Socket::wait_read;
+    co_await socket_.async_wait(what, asio::redirect_error(asio::use_awaitable, error));
+    // OpenSSL knows only the number of a descriptor, and a closed one may name another file by now.
+    if (!socket_.is_open()) error = asio::error::operation_aborted;
+}
+
+asio::awaitable<bool> TlsSocket::starts_plain(SystemError& error) {
+    co_await socket_.async_wait(Socket::wait_read,
+                                asio::redirect_error(asio::use_awaitable, error));
+    unsigned char first = 0;
+    constexpr unsigned char handshake_record = 0x16;
+    const bool there =
+        !error && recv(socket_.native_handle(), &first, 1, MSG_PEEK | MSG_DONTWAIT) == 1;
+    co_return there && first != handshake_record;
+}
+
+asio::awaitable<void> TlsSocket::accept(SystemError& error, std::string& why) {
+    while (!error) {
+        ERR_clear_error();
+        const Outcome now = outcome(SSL_accept(tls_.get()));
+        accepted_ = now == Outcome::done;
+        if (accepted_) co_return;
+        if (now == Outcome::ended || now == Outcome::failed) {
+            why = tls_error_text();
+            co_await linger();  // the peer reads an alert
+            error = asio::error::connection_aborted;
+            co_return;
+        }
+        co_await wait(now, error);
+    }
+}
+
+TlsSocket::Outcome TlsSocket::read(void* bytes, std::size_t size, std::size_t& got) {
+    got = 0;
+    if (!socket_.is_open()) return Outcome::failed;
+    ERR_clear_error();
+    return outcome(SSL_read_ex(tls_.get(), bytes, size, &got));
+}
+
+TlsSocket::Outcome TlsSocket::write(const void* bytes, std::size_t size, std::size_t& written) {
+    written = 0;
+    if (!accepted_ || !socket_.is_open()) return Outcome::failed;
+    size = std::min(size, unsent_ != 0 ? unsent_ : record_bytes);
+    ERR_clear_error();
+    const Outcome now = outcome(SSL_write_ex(tls_.get(), bytes, size, &written));
+    unsent_ = now == Outcome::wait_write || now == Outcome::wait_read ? size : 0;
+    return now;
+}
+
+void TlsSocket::finish_writing() {
+    ERR_clear_error();
+    if (accepted_ && socket_.is_open()) (void)SSL_shutdown(tls_.get());
+    SystemError ignored;
+    socket_.shutdown(Socket::shutdown_send, ignored);
+}
+
+asio::awaitable<void> TlsSocket::linger() {
+    SystemError error;
+    socket_.shutdown(Socket::shutdown_send, error);
+    std::array<std::byte, 1024> skipped;
+    while (!error && socket_.is_open())
+        co_await socket_.async_read_some(asio::buffer(skipped),
+                                         asio::redirect_error(asio::use_awaitable, error));
+}
+
+}  // namespace raynest::server

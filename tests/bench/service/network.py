@@ -1,0 +1,226 @@
+#!/usr/bin/env python3
+"""Measures the service on a network with attackers, newcomers and a slow line: ratios within one run.
+
+  network.py RAYNESTD RAYNEST [PART...] [--seconds N] [--idle N]      one JSON object per part
+
+attackers    throughput of 50 clients beside 1,000 slow peers (half a handshake, a byte a second), over
+             that beside a process that uses as much CPU as those peers do
+handshakes   p99 of a connected client beside 2,000 TLS handshakes in 10 s, over its p99 beside a process
+             that uses as much CPU
+line         1 M rays through 50 ms and 100 Mbit/s: bytes of rays per second over that rate
+idle         resident bytes of the daemon per idle TLS connection
+"""
+import argparse
+import contextlib
+import json
+import multiprocessing
+import pathlib
+import resource
+import socket
+import ssl
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+import numpy as np
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+sys.path[:0] = [str(ROOT / "tests/integration"), str(ROOT / "client/python"), str(pathlib.Path(__file__).parent)]
+
+import raynest  # noqa: E402
+from connections_test import HELLO, read_frame  # noqa: E402
+from link import Link  # noqa: E402
+from secure_daemon import Certificates, SecureClient, SecureDaemon  # noqa: E402
+from tls import daemon_cpu  # noqa: E402
+
+RAY = np.float32([[0, 500, 0, 0, -1, 0]])
+PLACES = ("--connections-max", "20000", "--principal-connections-max", "20000")
+
+
+class Bench:
+    def __init__(self, words):
+        self.words = words
+        folder = tempfile.TemporaryDirectory()
+        self.folder, self.out = folder, pathlib.Path(folder.name)
+        self.certificates = Certificates(words.raynestd, self.out / "tls")
+        self.ca = str(self.certificates.ca)
+        self.context = ssl.create_default_context(cafile=self.ca)
+
+    @contextlib.contextmanager
+    def daemon(self, *arguments):
+        daemon = SecureDaemon(self.words.raynestd, self.certificates, *PLACES, *arguments)
+        client = SecureClient(self.words.raynest, daemon.tls, self.ca)
+        try:
+            if client.run("load", "builtin:terrain", "--name", "hills").returncode != 0:
+                raise SystemExit("the scene is not loaded")
+            yield daemon
+        finally:
+            daemon.stop()
+
+    # ---- attackers
+
+    def busy(self, uri):
+        """Queries per second of 50 clients."""
+        done = subprocess.run([self.words.raynest, "--ca", self.ca, "--server", uri, "--json", "load-test", "hills",
+                               "--clients", "50", "--seconds", str(self.words.seconds), "--rays", "1000"],
+                              capture_output=True, text=True, check=True)
+        return json.loads(done.stdout)["daemon"]["requests_per_second"]
+
+    def attackers(self):
+        with self.daemon() as daemon:
+            rates = {"beside": [], "alone": []}
+            for _ in range(3):
+                used = multiprocessing.Value("d", 0.0)
+                for name, target, arguments in (("beside", attack, (daemon.port, used)), ("alone", burn_like, (used,))):
+                    process = multiprocessing.Process(target=target, args=arguments)
+                    process.start()
+                    time.sleep(1.5)
+                    rates[name].append(self.busy(daemon.uri))
+                    process.terminate()
+                    process.join()
+            medians = {name: statistics.median(row) for name, row in rates.items()}
+            return {**medians, "attackers_cpu": used.value, "ratio": medians["beside"] / medians["alone"]}
+
+    # ---- handshakes
+
+    def handshakes(self):
+        count, seconds = 2000, 10.0
+        with self.daemon() as daemon:
+            scene = raynest.connect(daemon.tls, ca=self.ca).scene("hills")
+
+            def p99(until):
+                trips = []
+                while not until.is_set():
+                    begun = time.perf_counter()
+                    scene.trace(RAY, fields=("t",))
+                    trips.append(time.perf_counter() - begun)
+                    time.sleep(0.002)
+                return 1e3 * sorted(trips)[int(0.99 * len(trips))], len(trips)
+
+            def beside(target, *arguments):
+                before = daemon_cpu(daemon.process.pid)
+                process = multiprocessing.Process(target=target, args=arguments)
+                ended = threading.Event()
+                process.start()
+                threading.Thread(target=lambda: (process.join(), ended.set())).start()
+                late, trips = p99(ended)
+                return late, trips, daemon_cpu(daemon.process.pid) - before
+
+            rows = []
+            for _ in range(3):
+                late, trips, used = beside(shake_hands, daemon.port, self.ca, count, seconds)
+                alone, _, _ = beside(burn, seconds, used)
+                rows.append({"p99_ms": late, "p99_ms_beside_cpu": alone, "ratio": late / alone,
+                             "daemon_cpu_seconds": used, "trips": trips})
+            return {"rounds": rows, "ratio": statistics.median(row["ratio"] for row in rows)}
+
+    # ---- a long line
+
+    def line(self):
+        rate = 12.5e6
+        chance = np.random.default_rng(1)
+        rays = np.zeros((1_000_000, 6), np.float32)
+        rays[:, [0, 2]] = chance.uniform(-400, 400, (len(rays), 2))
+        rays[:, 1], rays[:, 4] = 500, -1
+        with self.daemon() as daemon, Link(daemon.port, round_trip=0.05, rate=rate) as link:
+            scene = raynest.connect(f"tls://127.0.0.1:{link.port}", ca=self.ca).scene("hills")
+            rows = []
+            for _ in range(3):
+                begun = time.perf_counter()
+                hits = scene.trace(rays, fields=("t", "prim"))
+                seconds = time.perf_counter() - begun
+                rows.append(rays.nbytes / seconds / rate)
+                assert len(hits["t"]) == len(rays)
+            return {"bytes": rays.nbytes, "ratio": statistics.median(rows), "rounds": rows}
+
+    # ---- idle connections
+
+    def idle(self):
+        count = self.words.idle
+        with self.daemon("--greeting-connections-max", str(count)) as daemon:
+            before, crowd = daemon.resident_bytes(), []
+            for _ in range(count):
+                plain = socket.create_connection(("127.0.0.1", daemon.port), 60)
+                wrapped = self.context.wrap_socket(plain, server_hostname="localhost")
+                wrapped.sendall(HELLO)
+                read_frame(wrapped)
+                crowd.append(wrapped)
+            each = (daemon.resident_bytes() - before) / count
+            client = SecureClient(self.words.raynest, daemon.tls, self.ca)
+            answers = client.run("scenes").returncode == 0
+            for connection in crowd:
+                connection.close()
+            return {"connections": count, "idle_bytes": each, "answers": answers}
+
+
+def attack(port, used):
+    """1,000 connections that send a byte of a handshake each second; `used` is the share of a CPU that this
+    process takes."""
+    begun, crowd = time.monotonic(), {}
+    while True:
+        while len(crowd) < 1000:
+            try:
+                peer = socket.create_connection(("127.0.0.1", port), 5)
+            except OSError:
+                break
+            peer.setblocking(False)
+            crowd[peer] = 0
+        for peer in list(crowd):
+            try:
+                peer.send(bytes.fromhex("16030102000100")[crowd[peer] % 7:][:1])
+                crowd[peer] += 1
+                if peer.recv(10) == b"":
+                    raise ConnectionResetError
+            except BlockingIOError:
+                continue
+            except OSError:
+                peer.close()
+                del crowd[peer]
+        used.value = time.process_time() / (time.monotonic() - begun)
+        time.sleep(1)
+
+
+def burn_like(used):
+    burn(3600, 3600 * used.value / 2)
+
+
+def shake_hands(port, ca, count, seconds):
+    context = ssl.create_default_context(cafile=ca)
+    begun = time.monotonic()
+    for i in range(count):
+        time.sleep(max(0.0, begun + seconds * i / count - time.monotonic()))
+        with socket.create_connection(("127.0.0.1", port), 30) as plain, \
+                context.wrap_socket(plain, server_hostname="localhost"):
+            pass
+
+
+def burn(seconds, cpu_seconds):
+    """Uses CPU evenly: as much as the handshakes cost at both ends."""
+    begun, used = time.monotonic(), time.process_time()
+    share = min(1.0, 2 * cpu_seconds / seconds)
+    while time.monotonic() - begun < seconds:
+        if time.process_time() - used > share * (time.monotonic() - begun):
+            time.sleep(0.001)
+
+
+def main():
+    parts = ("attackers", "handshakes", "line", "idle")
+    made = argparse.ArgumentParser()
+    made.add_argument("raynestd")
+    made.add_argument("raynest")
+    made.add_argument("parts", nargs="*", default=parts)
+    made.add_argument("--seconds", type=int, default=5)
+    made.add_argument("--idle", type=int, default=9000)
+    words = made.parse_args()
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
+    bench = Bench(words)
+    for part in words.parts:
+        print(json.dumps({"part": part, **getattr(bench, part)()}), flush=True)
+
+
+if __name__ == "__main__":
+    main()
