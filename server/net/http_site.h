@@ -51,6 +51,7 @@ public:
     /// one.
     explicit HttpSite(std::vector<std::string> names) : names_(std::move(names)) {}
 
+    void set_names(std::vector<std::string> names) { names_ = std::move(names); }
     /// Sets the port listened on, which loopback hosts must name.
     void set_port(std::uint16_t port) { port_ = port; }
     /// Sets the answer of /readyz: an empty text if requests are served, else why not.
@@ -73,7 +74,7 @@ private:
     [[nodiscard]] HttpReply ready() const;
     [[nodiscard]] HttpReply metrics(const HttpRequest& request) const;
 
-    const std::vector<std::string> names_;
+    std::vector<std::string> names_;
     std::uint16_t port_ = 0;
     std::function<std::string()> unready_;
     std::function<std::string()> metrics_;

@@ -47,6 +47,8 @@ class Authentication {
 public:
     explicit Authentication(const AccessPolicy& policy = {}) : policy_(policy) {}
 
+    /// Replaces the policy, for peers that come from now on.
+    void set_policy(const AccessPolicy& policy) { policy_ = policy; }
     /// Replaces the rows; open connections are checked with still_valid().
     void set_tokens(TokenTable tokens) { tokens_ = std::move(tokens); }
     [[nodiscard]] const TokenTable& tokens() const { return tokens_; }
@@ -68,7 +70,7 @@ private:
                                                   WallClock::time_point wall) const;
     [[nodiscard]] Reply<Principal> anonymous(const PeerIdentity& peer) const;
 
-    const AccessPolicy policy_;
+    AccessPolicy policy_;
     TokenTable tokens_;
     LoginFailures failures_;
 };
