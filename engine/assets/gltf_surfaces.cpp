@@ -162,6 +162,8 @@ private:
     }
 
     void name_unsupported() {
+        if (in_.occlusionTexture.index >= 0)
+            model_.odd.add(where_, "its occlusion texture is not used: rays find what hides light");
         for (const auto& [name, value] : in_.extensions) {
             if (name.starts_with("KHR_materials_") &&
                 std::find(supported.begin(), supported.end(), name) == supported.end())

@@ -1,4 +1,4 @@
-// The import child: a process that lives for one file.
+// The import child: a process that lives for one file, a scene or a picture of the surroundings.
 //
 // Parsers of foreign formats are a common target of attacks. So they run where a crash, a hang or a
 // memory bomb becomes an error message: with limits on address space, processor time, files and
@@ -6,6 +6,7 @@
 // import_wire.h, no privileges to gain, no file, socket or program to open (sandbox.h), and death
 // together with the parent.
 #include "engine/assets/child_process.h"
+#include "engine/assets/environment_child.h"
 #include "engine/assets/import.h"
 #include "engine/assets/import_wire.h"
 #include "engine/assets/sandbox.h"
@@ -88,20 +89,17 @@ std::string_view file_name(const std::string& source) {
     return std::string_view(source).substr(0, 200);
 }
 
-}  // namespace
-
-Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& request,
-                                                        const ImportLimits& limits,
-                                                        std::span<const std::string> child,
-                                                        const std::function<bool()>& wanted) {
+/// Runs a child over a request; returns the file with its result.
+Result<Fd> run_child(wire::Work work, const ImportRequest& request, const ImportLimits& limits,
+                     std::span<const std::string> child, const std::function<bool()>& wanted) {
     const Clock::time_point deadline = Clock::now() + limits.time_max * slowdown;
     if (child.empty())
-        return fail(ErrorCode::internal, "import_in_child: no command for the child");
+        return fail(ErrorCode::internal, "there is no command for the import process");
     const auto request_file = create_memory_file("raynest-import-request");
-    const auto result_file = create_memory_file("raynest-import-result");
+    auto result_file = create_memory_file("raynest-import-result");
     if (!request_file) return tl::unexpected<Error>(request_file.error());
     if (!result_file) return tl::unexpected<Error>(result_file.error());
-    if (auto done = wire::write_request(request_file->get(), request, limits); !done) {
+    if (auto done = wire::write_request(request_file->get(), work, request, limits); !done) {
         return tl::unexpected<Error>(done.error());
     }
     const auto pid = spawn_child(child, std::array{request_file->get(), result_file->get()});
@@ -131,7 +129,30 @@ Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& req
                     fmt::format("the import process of '{}' failed with exit code {}",
                                 file_name(request.source), WEXITSTATUS(*status)));
     }
-    return wire::read_result(result_file->get(), limits.scene_bytes_max);
+    return std::move(*result_file);
+}
+
+}  // namespace
+
+Result<std::shared_ptr<const Snapshot>> import_in_child(const ImportRequest& request,
+                                                        const ImportLimits& limits,
+                                                        std::span<const std::string> child,
+                                                        const std::function<bool()>& wanted) {
+    const auto result = run_child(wire::Work::scene, request, limits, child, wanted);
+    if (!result) return tl::unexpected<Error>(result.error());
+    return wire::read_result(result->get(), limits.scene_bytes_max);
+}
+
+Result<LightPicture> decode_environment_in_child(std::span<const std::byte> file,
+                                                 const ImportLimits& limits,
+                                                 std::span<const std::string> child,
+                                                 const std::function<bool()>& wanted) {
+    ImportRequest request;
+    request.source = "the environment";
+    request.files.push_back({request.source, file});
+    const auto result = run_child(wire::Work::environment, request, limits, child, wanted);
+    if (!result) return tl::unexpected<Error>(result.error());
+    return wire::read_picture(result->get(), limits);
 }
 
 int import_child_main(const Registry& registry) {
@@ -143,6 +164,13 @@ int import_child_main(const Registry& registry) {
     confine(message->limits);
     // Sanitizers read files and make calls of their own.
     if (limits_address_space) enter_sandbox();
+    if (message->work == wire::Work::environment) {
+        if (message->request.files.size() != 1) return 2;
+        const auto picture =
+            decode_environment(message->request.files[0].bytes, message->limits.image_side_max,
+                               message->limits.image_bytes_max);
+        return wire::write_result(wire::result_fd, picture) ? 0 : 3;
+    }
     const auto result = import_arena(message->request, message->limits, registry);
     return wire::write_result(wire::result_fd, result) ? 0 : 3;
 }

@@ -17,11 +17,12 @@ constexpr std::uint64_t result_magic = 0x31544C53'554E5952ULL;
 constexpr std::uint32_t files_max = 65536;
 constexpr std::uint32_t masks_max = 65536;
 constexpr std::uint32_t text_bytes_max = 65536;
-constexpr std::uint32_t status_arena = 0;
+constexpr std::uint32_t status_done = 0;
 
 struct RequestHeader {
     std::uint64_t magic = request_magic;
     ImportLimits limits;
+    Work work = Work::scene;
     std::int32_t parent = 0;
     std::uint32_t source_bytes = 0;
     std::uint32_t primitive_bytes = 0;
@@ -36,10 +37,11 @@ struct FileHeader {
 };
 struct ResultHeader {
     std::uint64_t magic = result_magic;
-    std::uint32_t status = status_arena;  ///< or an ErrorCode
+    std::uint32_t status = status_done;  ///< or an ErrorCode
     std::uint32_t unused = 0;
-    std::uint64_t bytes = 0;  ///< size of the arena or message that follows
+    std::uint64_t bytes = 0;  ///< size of the arena, picture or message that follows
     double build_seconds = 0;
+    std::uint32_t width = 0, height = 0;  ///< of a picture
 };
 
 Result<void> read_all(int fd, void* bytes, std::size_t size, off_t offset) {
@@ -71,13 +73,55 @@ private:
     std::span<const std::byte> rest_;
 };
 
+Result<void> write_parts(int fd, const ResultHeader& header, std::span<const std::byte> payload) {
+    auto done = write_all(fd, &header, sizeof header);
+    if (done) done = write_all(fd, payload.data(), payload.size());
+    return done;
+}
+
+Result<void> write_error(int fd, const Error& error) {
+    ResultHeader header;
+    header.status = static_cast<std::uint32_t>(error.code);
+    auto payload = std::as_bytes(std::span(error.message));
+    payload = payload.first(std::min<std::size_t>(payload.size(), text_bytes_max));
+    header.bytes = payload.size();
+    return write_parts(fd, header, payload);
+}
+
+tl::unexpected<Error> damaged_result() {
+    return fail(ErrorCode::internal, "the import process wrote an incomplete result");
+}
+
+/// Reads a header and checks the size of what follows. Fails with the child's error, if it has one.
+Result<ResultHeader> read_header(int fd, std::uint64_t bytes_max) {
+    ResultHeader header;
+    if (auto done = read_all(fd, &header, sizeof header, 0); !done) return damaged_result();
+    struct stat status = {};
+    const bool is_done = header.status == status_done;
+    if (header.magic != result_magic || ::fstat(fd, &status) != 0 ||
+        header.bytes > (is_done ? bytes_max : text_bytes_max) ||
+        static_cast<std::uint64_t>(status.st_size) != sizeof header + header.bytes)
+        return damaged_result();
+    if (is_done) return header;
+    if (header.status > static_cast<std::uint32_t>(last_error_code)) return damaged_result();
+    std::string message(header.bytes, ' ');
+    if (auto done = read_all(fd, message.data(), message.size(), sizeof header); !done)
+        return damaged_result();
+    for (char& c : message) {
+        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) c = ' ';
+    }
+    return fail(static_cast<ErrorCode>(header.status), std::move(message));
+}
+
 }  // namespace
 
-Result<void> write_request(int fd, const ImportRequest& request, const ImportLimits& limits) {
+Result<void> write_request(int fd, Work work, const ImportRequest& request,
+                           const ImportLimits& limits) {
     RequestHeader header;
     std::memset(static_cast<void*>(&header), 0, sizeof header);
     header.magic = request_magic;
     header.limits = limits;
+    header.work = work;
     header.parent = ::getpid();
     header.source_bytes = static_cast<std::uint32_t>(request.source.size());
     header.primitive_bytes = static_cast<std::uint32_t>(request.primitive.size());
@@ -114,10 +158,12 @@ Result<Message> parse_request(std::span<const std::byte> bytes) {
     if (at == nullptr) return damaged;
     std::memcpy(static_cast<void*>(&header), at, sizeof header);
     if (header.magic != request_magic || header.file_count > files_max ||
-        header.mask_count > masks_max || header.build > BuildQuality::high) {
+        header.mask_count > masks_max || header.build > BuildQuality::high ||
+        header.work > Work::environment) {
         return damaged;
     }
     Message message;
+    message.work = header.work;
     message.limits = header.limits;
     message.parent = header.parent;
     message.request.build = header.build;
@@ -154,48 +200,49 @@ Result<Message> parse_request(std::span<const std::byte> bytes) {
 }
 
 Result<void> write_result(int fd, const Result<BuiltArena>& result) {
+    if (!result) return write_error(fd, result.error());
     ResultHeader header;
-    std::span<const std::byte> payload;
-    if (result) {
-        payload = {result->arena.data(), result->arena.size()};
-        header.build_seconds = result->build_seconds;
-    } else {
-        header.status = static_cast<std::uint32_t>(result.error().code);
-        payload = std::as_bytes(std::span(result.error().message));
-        payload = payload.first(std::min<std::size_t>(payload.size(), text_bytes_max));
-    }
+    header.bytes = result->arena.size();
+    header.build_seconds = result->build_seconds;
+    return write_parts(fd, header, {result->arena.data(), result->arena.size()});
+}
+
+Result<void> write_result(int fd, const Result<LightPicture>& result) {
+    if (!result) return write_error(fd, result.error());
+    const auto payload = std::as_bytes(std::span(result->rgb));
+    ResultHeader header;
     header.bytes = payload.size();
-    auto done = write_all(fd, &header, sizeof header);
-    if (done) done = write_all(fd, payload.data(), payload.size());
-    return done;
+    header.width = result->width;
+    header.height = result->height;
+    return write_parts(fd, header, payload);
 }
 
 Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t scene_bytes_max) {
-    const auto damaged = fail(ErrorCode::internal, "the import process wrote an incomplete result");
-    ResultHeader header;
-    if (auto done = read_all(fd, &header, sizeof header, 0); !done) return damaged;
-    struct stat status = {};
-    const bool is_arena = header.status == status_arena;
-    if (header.magic != result_magic || ::fstat(fd, &status) != 0 ||
-        header.bytes > (is_arena ? scene_bytes_max : text_bytes_max) ||
-        static_cast<std::uint64_t>(status.st_size) != sizeof header + header.bytes) {
-        return damaged;
-    }
-    if (is_arena) {
-        if (!(header.build_seconds >= 0) || !std::isfinite(header.build_seconds)) return damaged;
-        Arena arena(header.bytes);
-        if (auto done = read_all(fd, arena.data(), header.bytes, sizeof header); !done)
-            return damaged;
-        return Snapshot::open({std::move(arena), header.build_seconds});
-    }
-    if (header.status > static_cast<std::uint32_t>(last_error_code)) return damaged;
-    std::string message(header.bytes, ' ');
-    if (auto done = read_all(fd, message.data(), message.size(), sizeof header); !done)
-        return damaged;
-    for (char& c : message) {
-        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) c = ' ';
-    }
-    return fail(static_cast<ErrorCode>(header.status), std::move(message));
+    const auto header = read_header(fd, scene_bytes_max);
+    if (!header) return tl::unexpected<Error>(header.error());
+    if (!(header->build_seconds >= 0) || !std::isfinite(header->build_seconds))
+        return damaged_result();
+    Arena arena(header->bytes);
+    if (auto done = read_all(fd, arena.data(), header->bytes, sizeof *header); !done)
+        return damaged_result();
+    return Snapshot::open({std::move(arena), header->build_seconds});
+}
+
+Result<LightPicture> read_picture(int fd, const ImportLimits& limits) {
+    const auto header = read_header(fd, limits.image_bytes_max);
+    if (!header) return tl::unexpected<Error>(header.error());
+    const std::uint64_t count = std::uint64_t{header->width} * header->height;
+    if (count == 0 || header->width > limits.image_side_max ||
+        header->height > limits.image_side_max || header->bytes != count * sizeof(Vec3))
+        return damaged_result();
+    LightPicture picture{header->width, header->height, std::vector<Vec3>(count)};
+    if (auto done = read_all(fd, picture.rgb.data(), header->bytes, sizeof *header); !done)
+        return damaged_result();
+    // The decoder promises this; a child that an attack has taken over does not.
+    for (Vec3& colour : picture.rgb)
+        for (int c = 0; c < 3; ++c)
+            if (!(colour[c] >= 0) || !std::isfinite(colour[c])) return damaged_result();
+    return picture;
 }
 
 }  // namespace raynest::wire

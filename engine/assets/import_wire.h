@@ -6,6 +6,7 @@
 #pragma once
 
 #include "engine/assets/child_process.h"
+#include "engine/assets/image.h"
 #include "engine/assets/import.h"
 
 #include <cstddef>
@@ -18,19 +19,29 @@ namespace raynest::wire {
 inline constexpr int request_fd = first_inherited_fd;
 inline constexpr int result_fd = first_inherited_fd + 1;
 
+enum class Work : std::uint32_t {
+    scene,        ///< answered by an arena
+    environment,  ///< files[0] is a picture; answered by its linear colours
+};
+
 struct Message {
+    Work work = Work::scene;
     ImportRequest request;  ///< points into the mapped message
     ImportLimits limits;
     int parent = 0;  ///< process id of the sender
 };
 
-Result<void> write_request(int fd, const ImportRequest& request, const ImportLimits& limits);
+Result<void> write_request(int fd, Work work, const ImportRequest& request,
+                           const ImportLimits& limits);
 /// Parses a request; `bytes` must outlive the message.
 Result<Message> parse_request(std::span<const std::byte> bytes);
 
 Result<void> write_result(int fd, const Result<BuiltArena>& result);
+Result<void> write_result(int fd, const Result<LightPicture>& result);
 /// Returns the child's arena, checked by Snapshot::open, or its error. Reads at most
 /// `scene_bytes_max` bytes of arena.
 Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t scene_bytes_max);
+/// Returns the child's picture, checked against image_side_max and image_bytes_max, or its error.
+Result<LightPicture> read_picture(int fd, const ImportLimits& limits);
 
 }  // namespace raynest::wire

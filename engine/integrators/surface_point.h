@@ -13,11 +13,12 @@ struct SurfacePoint {
     /// bound follows the rounding of the vertices, of the origin and of each transform on the way
     /// down to the object.
     double lift = 0;
+    double twice_area = 0;  ///< of a triangle, in the world
 
-    /// The origin of a ray that leaves on the side of `direction`.
-    [[nodiscard]] Vec3 origin(const Vec3& direction) const {
+    /// The origin of a ray that leaves on the side of `direction`, `shift` away from the surface.
+    [[nodiscard]] Vec3 origin(const Vec3& direction, const Vec3& shift = Vec3(0)) const {
         const double side = glm::dot(normal, direction) < 0 ? -lift : lift;
-        return Vec3(position + side * glm::dvec3(normal));
+        return Vec3(position + glm::dvec3(shift) + side * glm::dvec3(normal));
     }
 };
 

@@ -13,14 +13,15 @@ struct SunDisc {
 
     [[nodiscard]] float density() const { return 1.0F / (2.0F * pi * (1.0F - cosine)); }
     [[nodiscard]] bool contains(const Vec3& direction_of) const {
-        return glm::dot(direction_of, direction) >= cosine;
+        // Not by the angle's cosine: that has few digits so close to 1.
+        const Vec3 apart = direction_of - direction;
+        return glm::dot(apart, apart) <= 2.0F * (1.0F - cosine);
     }
     [[nodiscard]] Vec3 sample(const Vec2& u) const {
-        const float c = 1.0F - u.x * (1.0F - cosine);
-        const float s = std::sqrt(std::max(0.0F, 1.0F - c * c));
-        const float angle = 2.0F * pi * u.y;
-        return glm::normalize(frame_around(direction).to_world(
-            {s * std::cos(angle), s * std::sin(angle), c}));
+        const float below = u.x * (1.0F - cosine);  // 1 less the cosine
+        const float s = std::sqrt(below * (2.0F - below));
+        return glm::normalize(
+            frame_around(direction).to_world(Vec3(s * circle(u.y), 1.0F - below)));
     }
 };
 

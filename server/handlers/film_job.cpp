@@ -1,5 +1,6 @@
 #include "server/handlers/film_job.h"
 
+#include "engine/assets/environment_child.h"
 #include "protocol/blocks.h"
 #include "protocol/hash.h"
 #include "server/handlers/scene_info.h"
@@ -15,6 +16,8 @@ namespace {
 
 /// Detached jobs keep their latest picture; it is encoded at most so often.
 constexpr std::chrono::seconds kept_every{5};
+/// Address space of a process that decodes a picture, beside the picture: mostly libraries.
+constexpr std::uint64_t decoder_bytes = 1ULL << 30;
 
 /// Counts the rays of an integrator.
 class CountingCaster final : public RayCaster {
@@ -216,21 +219,38 @@ std::optional<Progress> FilmJob::progress() const {
 
 Task FilmJob::prepare_task() {
     Task task;
+    // It waits for the process that decodes.
+    if (options_.environment_bytes != 0) task.pool = &services_.blocking;
     task.run = [this](const Stop& stop) -> Reply<Frames> {
         if (stop.requested()) return refuse(Code::cancelled, "");
-        if (const auto done = prepare(); !done) return tl::unexpected(done.error());
+        if (const auto done = prepare(stop); !done) return tl::unexpected(done.error());
         return Frames{};
     };
     return task;
 }
 
-Reply<void> FilmJob::prepare() {
+Reply<LightPicture> FilmJob::decode_environment(const Stop& stop) const {
+    ImportLimits limits = services_.import_limits;
+    limits.image_bytes_max = environment_room(options_.environment_bytes);
+    limits.bytes_max = std::min(limits.bytes_max, decoder_bytes + options_.environment_bytes +
+                                                      4 * limits.image_bytes_max);
+    auto picture = decode_environment_in_child(environment_.bytes(), limits,
+                                               services_.import_child,
+                                               [&] { return !stop.requested(); });
+    if (stop.requested()) return refuse(Code::cancelled, "");
+    if (picture) return std::move(*picture);
+    const Error& error = picture.error();
+    if (error.code == ErrorCode::internal || error.code == ErrorCode::out_of_memory)
+        return refuse(error);
+    return refuse(Code::invalid_field, error.message);
+}
+
+Reply<void> FilmJob::prepare(const Stop& stop) {
     IntegratorSettings settings = options_.settings;
     if (options_.environment_bytes != 0) {
         environment_hash_ = std::to_string(protocol::upload_checksum(environment_.bytes()));
-        auto picture = decode_environment(environment_.bytes(), 16384,
-                                          environment_room(options_.environment_bytes));
-        if (!picture) return refuse(Code::invalid_field, picture.error().message);
+        auto picture = decode_environment(stop);
+        if (!picture) return tl::unexpected(picture.error());
         auto shared = std::make_shared<EnvironmentPicture>();
         shared->size = {picture->width, picture->height};
         shared->pixels = std::move(picture->rgb);
@@ -239,7 +259,8 @@ Reply<void> FilmJob::prepare() {
     }
     auto made = make_integrator(options_.integrator,
                                 {plan_.source(services_.registry), plan_.scene.snapshot().bounds(),
-                                 &plan_.scene.snapshot().shading()},
+                                 &plan_.scene.snapshot().shading(),
+                                 services_.registry.packs().front()->target},
                                 settings);
     if (!made) return refuse(made.error());
     integrator_ = std::move(*made);

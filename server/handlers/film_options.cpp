@@ -177,10 +177,11 @@ std::uint64_t film_job_bytes(ImageSize size, std::string_view encode, const Film
                                : encode == "png" ? 5 * 4 * size.pixels()
                                                  : 2 * 4 * size.pixels();
     const std::uint64_t read = options.resume_bytes == 0 ? 0 : film + options.resume_bytes;
+    // The file and the decoder's copy; its answer, the picture and the tables of the light.
     const std::uint64_t surroundings =
         options.environment_bytes == 0
             ? 0
-            : options.environment_bytes + 2 * environment_room(options.environment_bytes);
+            : 2 * options.environment_bytes + 3 * environment_room(options.environment_bytes);
     const std::uint64_t threads = std::max(1U, std::thread::hardware_concurrency());
     return image_header_bytes_max + film + std::max(file, read) + surroundings +
            wavefront_bytes * (threads + 1);

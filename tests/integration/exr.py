@@ -8,6 +8,7 @@ import zlib
 
 LINES_OF_A_BLOCK = {0: 1, 2: 1, 3: 16}  # lines per block, by compression: none, zips, zip
 FORMATS = {0: "I", 2: "f"}
+LONG_NAMES = 0x400  # a flag beside the version
 
 
 def unpacked(data, size):
@@ -27,7 +28,8 @@ def unpacked(data, size):
 
 def read_header(data):
     """Returns ({attribute: (type, bytes)}, where the header ends)."""
-    if struct.unpack_from("<II", data) != (20000630, 2):
+    magic, version = struct.unpack_from("<II", data)
+    if magic != 20000630 or version & ~LONG_NAMES != 2:
         raise ValueError("not a plain OpenEXR file")
     header, at = {}, 8
     while data[at]:

@@ -26,6 +26,28 @@ PATH = ("--integrator", "path", *VIEW)
 ENDLESS = ("--integrator", "path", "--size", "256x256", "--spp", "65536")
 MISS = 0xFFFFFFFF
 
+OPEN_IN_BLENDER = """
+import sys
+import bpy
+source, folder = sys.argv[sys.argv.index("--") + 1:]
+scene = bpy.context.scene
+scene.use_nodes = True
+nodes, links = scene.node_tree.nodes, scene.node_tree.links
+nodes.clear()
+picture = nodes.new("CompositorNodeImage")
+picture.image = bpy.data.images.load(source)
+print("OPENED", picture.image.type, sorted(output.name for output in picture.outputs))
+composite = nodes.new("CompositorNodeComposite")
+render = scene.render
+render.resolution_x, render.resolution_y, render.resolution_percentage = 150, 70, 100
+settings = render.image_settings
+settings.file_format, settings.color_depth, settings.color_mode, settings.exr_codec = "OPEN_EXR", "32", "RGBA", "ZIP"
+for name in ("Combined", "albedo", "N", "Depth"):
+    links.new(picture.outputs[name], composite.inputs["Image"])
+    render.filepath = f"{folder}/{name}.exr"
+    bpy.ops.render.render(write_still=True)
+"""
+
 
 class Films(DaemonTest):
     @classmethod
@@ -247,6 +269,21 @@ class Films(DaemonTest):
         self.refused(2, "neither an EXR nor an HDR", "render", "woods", *to, *PATH, "--env", self.out / "not.exr")
         self.assertTrue(self.daemon.alive())
 
+    def test_hostile_pictures_of_the_surroundings_are_refused_in_a_line(self):
+        good, _ = self.render("good.exr", *AO, "--spp", "1")
+        header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n"
+        for name, data, says in (("bomb.hdr", header % (60000, 60000), "60000 x 60000 pixels"),
+                                 ("large.hdr", header % (16384, 16384), "MiB decoded are allowed"),
+                                 ("cut.hdr", header % (64, 64) + bytes(100), "damaged or cut short"),
+                                 ("cut.exr", good[:len(good) // 2], ""),
+                                 ("magic.exr", good[:4], "header cannot be read"),
+                                 ("noise.exr", good[:200] + bytes(i * 37 % 251 for i in range(5000)), "")):
+            with self.subTest(name=name):
+                (self.out / name).write_bytes(data)
+                self.refused(2, says, "render", "woods", "-o", self.out / "x.png", *PATH, "--env", self.out / name)
+                self.assertFalse((self.out / "x.png").exists())
+                self.assertTrue(self.daemon.alive())
+
     def test_a_picture_of_the_surroundings_lights_the_scene(self):
         def hdr(red, green, blue, size=(8, 4)):
             """A Radiance file of one colour, each a power of two."""
@@ -278,15 +315,25 @@ class Films(DaemonTest):
         self.assertEqual((small / "a.exr").read_bytes(), b"old")
 
     def test_blender_opens_the_file(self):
+        """Its layers have names that Blender knows, and its pixels are ours."""
         if shutil.which("blender") is None:
-            self.skipTest("Blender is not installed")
-        self.render("blend.exr", *AO, "--spp", "4")
-        program = ("import bpy; image = bpy.data.images.load({!r}); image.source = 'FILE'; "
-                   "print('SIZE', tuple(image.size), image.type, image.has_data or len(image.pixels))")
-        done = subprocess.run(["blender", "--background", "--factory-startup", "--python-expr",
-                               program.format(str(self.out / "blend.exr"))], capture_output=True, text=True,
+            self.skipTest("Blender is not installed: apt-get install --no-install-recommends blender")
+        file, _ = self.render("blend.exr", *PATH, "--spp", "4")
+        program = self.out / "open.py"
+        program.write_text(OPEN_IN_BLENDER)
+        done = subprocess.run(["blender", "--background", "--factory-startup", "--python-exit-code", "1", "--python",
+                               program, "--", self.out / "blend.exr", self.out], capture_output=True, text=True,
                               timeout=8 * PATIENCE, check=False)
-        self.assertIn("SIZE (150, 70) MULTILAYER", done.stdout, done.stdout + done.stderr)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        self.assertIn("OPENED MULTILAYER ['Alpha', 'Combined', 'Depth', 'N', 'P', 'albedo']", done.stdout)
+        _, _, layers = read_exr(file)
+        for output, channels in (("Combined", "RGBA"), ("albedo", ("albedo.R", "albedo.G", "albedo.B")),
+                                 ("N", ("N.X", "N.Y", "N.Z")), ("Depth", "ZZZ")):
+            with self.subTest(output=output):
+                width, height, seen = read_exr((self.out / f"{output}.exr").read_bytes())
+                self.assertEqual((width, height), (150, 70))
+                for theirs, ours in zip("RGBA", channels):
+                    self.assertEqual(list(seen[theirs]), list(layers[ours]))
 
 
 if __name__ == "__main__":

@@ -49,6 +49,18 @@ bool warns_of(const SceneDescription& scene, const std::string& text) {
 
 }  // namespace
 
+TEST_CASE("an occlusion texture is named, because nothing reads it") {
+    const std::string texture = R"("occlusionTexture":{"index":0})";
+    const SceneDescription scene =
+        must_describe(test::to_bytes(std::string(R"({"asset":{"version":"2.0"},"textures":[{}],
+            "materials":[{"name":"a",)") + texture + R"(},{)" + texture + R"(}],
+            "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"nodes":[{"mesh":0}],
+            "buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}],
+            "bufferViews":[{"buffer":0,"byteLength":36}],"accessors":[{"bufferView":0,
+            "componentType":5126,"count":3,"type":"VEC3"}]})"), "scene.gltf");
+    CHECK(warns_of(scene, "1 other: its occlusion texture is not used"));
+}
+
 TEST_CASE("a material's factors and extensions are read") {
     const SceneDescription scene = lit(R"({"pbrMetallicRoughness":{"metallicFactor":0.25,
         "roughnessFactor":0.5},"emissiveFactor":[1,0.5,0],"extensions":{
