@@ -3,6 +3,7 @@
 
   manual.py OUT PROGRAM...      writes OUT/NAME.SECTION, OUT/NAME.bash and OUT/_NAME for each program
 """
+import gzip
 import pathlib
 import re
 import subprocess
@@ -86,38 +87,109 @@ def man_page(name, version, whole, commands):
     return "\n".join(lines) + "\n"
 
 
+def choices_of(entry):
+    """The values of an option or argument, as ["on", "off"] of "--tls-verify TEXT:{on,off}"; [] for
+    any."""
+    found = re.search(r":\{([^}]*)\}", entry[0])
+    return found[1].split(",") if found else []
+
+
+def takes_value(entry):
+    """True for "--name TEXT", false for a flag."""
+    return len(entry[0].split(" (Env:")[0].split()) > 1
+
+
+def arguments_of(shown):
+    """The choices of the first argument without dashes that has some."""
+    entries = shown.entries("Positionals")
+    return next((choices for entry in entries if (choices := choices_of(entry))), [])
+
+
+def children_of(name, commands):
+    """{command: its subcommands}, the program itself being ""."""
+    children = {"": []}
+    for command, _, _ in commands:
+        parent, _, word = command.rpartition(" ")
+        children.setdefault(parent, []).append(word)
+        children.setdefault(command, [])
+    for group in [group for group in children if group and not children[group]]:
+        del children[group]
+    children[""] = list(dict.fromkeys(children[""] + [group for group in children if group]))
+    return children
+
+
 def bash_completion(name, whole, commands):
-    def words(shown):
-        return " ".join(flag for entry in shown.options() for flag in flags_of(entry)
-                        if flag.startswith("--"))
-    cases = [f"        {command}) words='{words(shown)}' ;;" for command, _, shown in commands]
-    top = " ".join([words(whole), *(command for command, _, _ in commands)])
-    return "\n".join([
-        f"# bash completion of {name}, written from its --help", f"_{name}() {{",
-        "    local word=${COMP_WORDS[COMP_CWORD]} words='" + top + "' i",
-        "    for ((i = 1; i < COMP_CWORD; ++i)); do", "        case ${COMP_WORDS[i]} in", *cases,
-        "        esac", "    done",
-        "    [[ $word == -* || $COMP_CWORD -eq 1 ]] &&",
-        "        mapfile -t COMPREPLY < <(compgen -W \"$words\" -- \"$word\")",
-        "    ((${#COMPREPLY[@]})) || mapfile -t COMPREPLY < <(compgen -f -- \"$word\")", "}",
-        f"complete -o filenames -F _{name} {name}", ""])
+    helps = {"": whole, **{command: shown for command, _, shown in commands}}
+    children = children_of(name, commands)
+    known = "|".join(f"'{command}'" for command in [*(g for g in children if g), *helps] if command)
+    lines = [f"# bash completion of {name}, written from its --help", f"_{name}() {{",
+             "    local word=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]}",
+             "    local command= words= value= i",
+             "    for ((i = 1; i < COMP_CWORD; ++i)); do",
+             '        case "${command:+$command }${COMP_WORDS[i]}" in',
+             f'            {known}) command="${{command:+$command }}${{COMP_WORDS[i]}}" ;;',
+             "        esac", "    done", '    case "$command" in']
+    for command in dict.fromkeys([*helps, *children]):
+        shown = helps.get(command)
+        words = [flag for entry in (shown.options() if shown else []) for flag in flags_of(entry)
+                 if flag.startswith("--")]
+        words += children.get(command, []) + (arguments_of(shown) if shown else [])
+        lines.append(f"        '{command}') words='{' '.join(words)}' ;;")
+    lines += ["    esac", '    case "$command $before" in']
+    for command, shown in helps.items():
+        for entry in shown.options():
+            if not takes_value(entry):
+                continue
+            pattern = "|".join(f"'{command} {flag}'" for flag in flags_of(entry))
+            lines.append(f"        {pattern}) value=1 words='{' '.join(choices_of(entry))}' ;;")
+    lines += ["    esac",
+              "    # An empty word stands for a command, a value or a file, not for an option.",
+              "    [[ $word == -* || $value ]] || words=$(printf '%s\\n' $words | grep -v ^-)",
+              "    mapfile -t COMPREPLY < <(compgen -W \"$words\" -- \"$word\")",
+              "    ((${#COMPREPLY[@]})) || mapfile -t COMPREPLY < <(compgen -f -- \"$word\")", "}",
+              f"complete -o filenames -F _{name} {name}", ""]
+    return "\n".join(lines)
 
 
 def zsh_completion(name, whole, commands):
+    helps = {"": whole, **{command: shown for command, _, shown in commands}}
+    children = children_of(name, commands)
+    texts = {command: text for command, text, _ in commands}
+
     def quoted(text):
-        return text.replace("'", "'\\''").replace("[", "(").replace("]", ")").replace(":", "\\:")
+        for plain, safe in (("'", "'\\''"), ("[", "("), ("]", ")"), (":", "\\:")):
+            text = text.replace(plain, safe)
+        return text
 
     def specs(shown):
-        return [f"'{flag}[{quoted(entry[1])}]'" for entry in shown.options()
-                for flag in flags_of(entry) if flag.startswith("--")]
-    lines = [f"#compdef {name}", f"# zsh completion of {name}, written from its --help", "local -a commands",
-             "commands=(" + " ".join(f"'{command}:{quoted(text)}'" for command, text, _ in commands) + ")",
-             "local word", "for word in $words[2,CURRENT-1]; do", "    case $word in"]
-    for command, _, shown in commands:
-        lines.append(f"        {command}) _arguments {' '.join(specs(shown))} '*:file:_files'; return ;;")
-    lines += ["    esac", "done", "(( CURRENT == 2 )) && _describe command commands",
-              f"_arguments {' '.join(specs(whole))} '*:file:_files'", ""]
-    return "\n".join(lines)
+        found = []
+        for entry in shown.options():
+            choices = choices_of(entry)
+            value = f":value:({' '.join(choices)})" if choices else ":value:_files"
+            found += [f"'{flag}[{quoted(entry[1])}]{value if takes_value(entry) else ''}'"
+                      for flag in flags_of(entry) if flag.startswith("--")]
+        return found
+    known = "|".join(re.escape(command) for command in [*(g for g in children if g), *helps]
+                     if command)
+    lines = [f"#compdef {name}", f"# zsh completion of {name}, written from its --help",
+             "local command= word", "local -a below",
+             "for word in $words[2,CURRENT-1]; do",
+             '    case "${command:+$command }$word" in',
+             f'        {known}) command="${{command:+$command }}$word" ;;', "    esac", "done",
+             'case "$command" in']
+    for command in dict.fromkeys([*helps, *children]):
+        below = [f"'{word}:{quoted(texts.get(f'{command} {word}'.strip(), ''))}'"
+                 for word in children.get(command, [])]
+        shown = helps.get(command)
+        choices = arguments_of(shown) if shown else []
+        rest = f"'*:argument:({' '.join(choices)})'" if choices else "'*:file:_files'"
+        parts = [f"below=({' '.join(below)}); _describe command below"] if below else []
+        if shown and below:
+            parts.append(f"[[ $PREFIX == -* ]] && _arguments {' '.join(specs(shown))}")
+        elif shown:
+            parts.append(f"_arguments {' '.join(specs(shown))} {rest}")
+        lines.append(f"    '{command}') {'; '.join(parts)} ;;")
+    return "\n".join([*lines, "esac", ""])
 
 
 def main():
@@ -134,8 +206,10 @@ def main():
                 for verb in verbs:
                     shown = Help(program, group, verb)
                     commands.append((f"{group} {verb}", shown.lines[0] if shown.lines else "", shown))
-        (out / f"{name}.{SECTIONS[name]}").write_text(man_page(name, version, whole, commands),
-                                                      encoding="utf-8")
+        page = man_page(name, version, whole, commands)
+        (out / f"{name}.{SECTIONS[name]}").write_text(page, encoding="utf-8")
+        # Packages hold them packed; without a time in the file, equal pages are equal files.
+        (out / f"{name}.{SECTIONS[name]}.gz").write_bytes(gzip.compress(page.encode(), mtime=0))
         (out / f"{name}.bash").write_text(bash_completion(name, whole, commands), encoding="utf-8")
         (out / f"_{name}").write_text(zsh_completion(name, whole, commands), encoding="utf-8")
 

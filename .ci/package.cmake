@@ -10,8 +10,8 @@ if(Python3_FOUND)
         DEPENDS ${PROJECT_SOURCE_DIR}/.ci/manual.py raynest raynestd
         COMMENT "man pages and completions from --help" VERBATIM)
     add_custom_target(manual DEPENDS ${manual}/raynest.1)
-    install(FILES ${manual}/raynest.1 DESTINATION share/man/man1 COMPONENT runtime OPTIONAL)
-    install(FILES ${manual}/raynestd.8 DESTINATION share/man/man8 COMPONENT runtime OPTIONAL)
+    install(FILES ${manual}/raynest.1.gz DESTINATION share/man/man1 COMPONENT runtime OPTIONAL)
+    install(FILES ${manual}/raynestd.8.gz DESTINATION share/man/man8 COMPONENT runtime OPTIONAL)
     foreach(program raynest raynestd)
         install(FILES ${manual}/${program}.bash DESTINATION share/bash-completion/completions
             RENAME ${program} COMPONENT runtime OPTIONAL)
@@ -19,8 +19,16 @@ if(Python3_FOUND)
             COMPONENT runtime OPTIONAL)
     endforeach()
 endif()
-install(FILES ${package}/raynestd.service DESTINATION lib/systemd/system COMPONENT runtime)
+install(FILES ${package}/raynestd.service ${package}/raynestd.socket
+    DESTINATION lib/systemd/system COMPONENT runtime)
+install(FILES ${package}/alerts.yml DESTINATION share/doc/raynest/examples COMPONENT runtime)
 install(FILES ${package}/raynestd.toml DESTINATION /etc/raynest COMPONENT runtime)
+find_program(RAYNEST_GZIP gzip)
+mark_as_advanced(RAYNEST_GZIP)
+set(changelog ${CMAKE_BINARY_DIR}/changelog.gz)
+if(RAYNEST_GZIP)
+    execute_process(COMMAND ${RAYNEST_GZIP} -9nc ${package}/changelog OUTPUT_FILE ${changelog})
+endif()
 foreach(component runtime python development)
     set(name raynest)
     if(component STREQUAL python)
@@ -29,10 +37,13 @@ foreach(component runtime python development)
         set(name libraynest-dev)
     endif()
     install(FILES ${package}/copyright DESTINATION share/doc/${name} COMPONENT ${component})
+    install(FILES ${changelog} DESTINATION share/doc/${name} COMPONENT ${component} OPTIONAL)
 endforeach()
 install(FILES server/OPERATING.md server/SECURITY.md DESTINATION share/doc/raynest COMPONENT runtime)
 install(DIRECTORY client/python/raynest DESTINATION lib/python3/dist-packages COMPONENT python
     FILES_MATCHING PATTERN "*.py" PATTERN "py.typed")
+# A link in the source tree.
+install(FILES protocol/messages.fbs DESTINATION lib/python3/dist-packages/raynest COMPONENT python)
 
 set(CPACK_GENERATOR DEB)
 set(CPACK_PACKAGE_NAME raynest)
@@ -50,8 +61,9 @@ set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${CMAKE_BINARY_DIR}/lib)
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_DEPENDS "adduser")
 set(CPACK_DEBIAN_RUNTIME_DESCRIPTION
     "daemon and command line that trace rays through scenes
- raynestd holds scenes and traces millions of rays for its clients; raynest is the command line. The
- intersector that decides what counts as a hit is named in each request.")
+raynestd holds scenes and traces millions of rays for its clients; raynest
+is the command line. The intersector that decides what counts as a hit is
+named in each request.")
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_CONTROL_EXTRA
     ${package}/conffiles ${package}/postinst ${package}/prerm ${package}/postrm)
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_CONTROL_STRICT_PERMISSION ON)
@@ -61,12 +73,16 @@ set(CPACK_DEBIAN_PYTHON_PACKAGE_ARCHITECTURE all)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "python3 (>= 3.9), python3-numpy")
 set(CPACK_DEBIAN_PYTHON_DESCRIPTION
     "Python client of raynestd, which traces rays through scenes
- Sends numpy arrays of rays to a raynestd and gets columns of hits back.")
+Sends numpy arrays of rays to a raynestd and gets columns of hits back.")
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME libraynest-dev)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libglm-dev, libhwy-dev, libexpected-dev")
+# For programs that embed the engine; a kernel pack needs none of them.
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_RECOMMENDS
+    "libfmt-dev, libmeshoptimizer-dev, libseccomp-dev, libssl-dev, libtbb-dev, libtinygltf-dev, nlohmann-json3-dev, raynest")
 set(CPACK_DEBIAN_DEVELOPMENT_DESCRIPTION
-    "headers for kernel packs of raynestd with intersectors of your own
- The headers and the CMake configuration with which an intersector is compiled into a kernel pack
- that raynestd loads.")
+    "kernel packs for raynestd, and its engine as a library
+The headers and the CMake configuration with which an intersector is
+compiled into a kernel pack that raynestd loads, and the engine for programs
+that trace rays without a daemon.")
 include(CPack)

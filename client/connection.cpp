@@ -3,6 +3,7 @@
 #include "client/interrupt.h"
 #include "client/tls.h"
 #include "protocol/keep_alive.h"
+#include "protocol/request_id.h"
 
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/generic/stream_protocol.hpp>
@@ -110,11 +111,11 @@ std::string start_hint(const std::string& uri, const error_code& error) {
 /// The failure of a greeting. The daemon's own errors, and a Ctrl-C, are passed on unchanged.
 Failure unanswered(const Failure& why) {
     if (why.exit == Exit::deadline)
-        return failure(Exit::cannot_connect, "no RayNest daemon answers within " +
+        return lost(Exit::cannot_connect, "no RayNest daemon answers within " +
                                                  std::to_string(greeting_time.count()) +
                                                  " s; is it raynestd that listens there?");
     if (why.exit == Exit::failed)
-        return failure(Exit::cannot_connect, "no RayNest daemon answers: " + why.message);
+        return lost(Exit::cannot_connect, "no RayNest daemon answers: " + why.message);
     return why;
 }
 
@@ -281,6 +282,7 @@ Result<void> Connection::greet(const std::string& token) {
     daemon_.window_bytes = std::min(daemon_.window_bytes, limits_.window_bytes_max);
     if (daemon_.chunk_rays_max == 0 || bulk_bytes_max() < protocol::alignment)
         return fail(Exit::cannot_connect, "the daemon takes no data: its limits are too small");
+    id_ = protocol::first_request_id();
     return {};
 }
 
@@ -329,12 +331,11 @@ Result<void> Connection::last_words(const std::string& reason) {
         auto last = read_frame();
         if (!last && last.error().exit != Exit::failed)
             return tl::unexpected<Failure>(last.error());
-        if (!last) return fail(Exit::failed, "the connection broke: " + reason);
+        if (!last) return tagged(lost(Exit::failed, "the connection broke: " + reason));
         if (!is<wire::Error>(*last)) continue;
         if (const auto said = protocol::open<wire::Error>(*last))
-            return tl::unexpected<Failure>(
-                failure({static_cast<protocol::Code>((*said)->code()),
-                         std::string(protocol::text((*said)->message())), 0}));
+            return tagged(failure({static_cast<protocol::Code>((*said)->code()),
+                                   std::string(protocol::text((*said)->message())), 0}));
     }
 }
 
@@ -358,7 +359,13 @@ tl::unexpected<Failure> Connection::leave(const Failure& why, bool within_frame)
     const std::array<asio::const_buffer, 1> parts = {asio::buffer(bytes)};
     if (within_frame || socket_->write_some(parts, error) != bytes.size())
         socket_->stream.shutdown(socket_->stream.shutdown_both, error);
-    return tl::unexpected<Failure>(why);
+    // Who interrupts a command has no question about it.
+    return why.exit == Exit::interrupted ? tl::unexpected<Failure>(why) : tagged(why);
+}
+
+tl::unexpected<Failure> Connection::tagged(Failure why) const {
+    if (id_ != 0) why.request = protocol::request_text(id_);
+    return tl::unexpected<Failure>(std::move(why));
 }
 
 Result<Frame> Connection::next() {
@@ -372,9 +379,9 @@ Result<Frame> Connection::next() {
         if (is<wire::Error>(*frame)) {
             auto error = open_reply<wire::Error>(std::move(*frame));
             if (!error) return tl::unexpected<Failure>(error.error());
-            return tl::unexpected<Failure>(failure(
-                {static_cast<protocol::Code>((*error)->code()),
-                 std::string(protocol::text((*error)->message())), (*error)->retry_after_ms()}));
+            return tagged(failure({static_cast<protocol::Code>((*error)->code()),
+                                   std::string(protocol::text((*error)->message())),
+                                   (*error)->retry_after_ms()}));
         }
         if (!ours) continue;
         if (is<wire::Credit>(*frame)) {
@@ -411,10 +418,11 @@ Result<Frame> Connection::read_frame() {
         if (error && socket_->tls && socket_->tls->why_broken().exit == Exit::not_allowed)
             return tl::unexpected<Failure>(socket_->tls->why_broken());
         if (error)
-            return fail(Exit::failed,
-                        (error == asio::error::eof ? "the daemon closed the connection"
-                                                   : "the connection broke: " + error.message()) +
-                            (decoder_.idle() ? "" : cut_short));
+            return tagged(lost(Exit::failed,
+                               (error == asio::error::eof
+                                    ? "the daemon closed the connection"
+                                    : "the connection broke: " + error.message()) +
+                                   (decoder_.idle() ? "" : cut_short)));
         const std::size_t direct = std::min(count, room.size());
         decoder_.filled(direct);
         staged_begin_ = 0;
@@ -437,7 +445,8 @@ Result<void> Connection::wait(short events) {
         if (patience_ != Clock::duration::max()) patience_ -= Clock::now() - begin;
         if (ready > 0) return {};
         if (ready < 0 && errno != EINTR)
-            return fail(Exit::failed, std::string("the connection broke: ") + std::strerror(errno));
+            return tl::unexpected<Failure>(lost(
+                Exit::failed, std::string("the connection broke: ") + std::strerror(errno)));
     }
 }
 

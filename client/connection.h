@@ -99,6 +99,8 @@ private:
     /// Cancels the request at the daemon. In the middle of a frame that is impossible, so that the
     /// connection is closed instead.
     tl::unexpected<Failure> leave(const Failure& why, bool within_frame);
+    /// Adds the running request's id to a failure.
+    [[nodiscard]] tl::unexpected<Failure> tagged(Failure why) const;
 
     using Clock = std::chrono::steady_clock;
 

@@ -39,7 +39,9 @@ Failure failure(const protocol::Error& error) {
     const protocol::ErrorInfo& info = protocol::error_info(error.code);
     return {info.exit, static_cast<std::uint32_t>(info.code), std::string(info.name),
             localize_message(error.message.empty() ? info.remedy : error.message),
-            error.retry_after_ms};
+            error.retry_after_ms,
+            {},
+            error.code == protocol::Code::draining};
 }
 
 bool is_own(const Failure& failure) {
@@ -51,15 +53,24 @@ Failure failure(Exit exit, std::string message) {
             0};
 }
 
+Failure lost(Exit exit, std::string message) {
+    Failure why = failure(exit, std::move(message));
+    why.lost = true;
+    return why;
+}
+
 std::string describe(const Failure& failure, bool json) {
     std::string message = failure.message;
     if (failure.retry_after_ms != 0)
         message += " (try again in " + std::to_string(failure.retry_after_ms) + " ms)";
-    if (!json) return "raynest: " + message;
+    if (!json)
+        return "raynest: " + message +
+               (failure.request.empty() ? "" : " [request " + failure.request + "]");
     nlohmann::ordered_json error;
     error["code"] = failure.code;
     error["name"] = failure.name;
     error["message"] = message;
+    if (!failure.request.empty()) error["request"] = failure.request;
     // File names may hold bytes that are not UTF-8.
     return nlohmann::ordered_json{{"error", error}}.dump(
         -1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);

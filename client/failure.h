@@ -22,6 +22,8 @@ struct Failure {
     std::string name;
     std::string message;
     std::uint32_t retry_after_ms = 0;
+    std::string request = {};  ///< id of the request, as in the daemon's log; empty: about none
+    bool lost = false;         ///< the connection or its daemon ended: another one may answer
 };
 
 template <class T>
@@ -33,11 +35,14 @@ using Result = tl::expected<T, Failure>;
 [[nodiscard]] bool is_own(const Failure& failure);
 /// Makes a failure of the client itself.
 [[nodiscard]] Failure failure(Exit exit, std::string message);
+/// Makes the failure of a connection that ended or fell silent.
+[[nodiscard]] Failure lost(Exit exit, std::string message);
 [[nodiscard]] inline tl::unexpected<Failure> fail(Exit exit, std::string message) {
     return tl::unexpected<Failure>(failure(exit, std::move(message)));
 }
 
-/// Returns one line without a line break: "raynest: ..." or {"error":{"code","name","message"}}.
+/// Returns one line without a line break: "raynest: ... [request ID]", or
+/// {"error":{"code","name","message","request"}}.
 [[nodiscard]] std::string describe(const Failure& failure, bool json);
 
 }  // namespace raynest::client

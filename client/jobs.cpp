@@ -88,9 +88,11 @@ Result<void> each_job(Connection& connection,
 
 Result<void> check_job(const wire::JobInfo& info) {
     if (info.code() == 0) return {};
-    return tl::unexpected<Failure>(
+    Failure why =
         failure({static_cast<protocol::Code>(info.code()),
-                 job_text(info) + " failed: " + std::string(protocol::text(info.error())), 0}));
+                 job_text(info) + " failed: " + std::string(protocol::text(info.error())), 0});
+    why.lost = false;  // it is the job that ended, not the connection
+    return tl::unexpected<Failure>(std::move(why));
 }
 
 Result<FoundJob> find_job(Connection& connection, std::uint64_t number) {

@@ -3,6 +3,7 @@
 #include "client/interrupt.h"
 #include "client/local_daemon.h"
 #include "client/output.h"
+#include "client/reconnect.h"
 #include "client/scene_source.h"
 #include "client/ssh_tunnel.h"
 
@@ -18,6 +19,9 @@
 namespace {
 
 using namespace raynest::client;
+
+/// Runs of a command whose daemon goes away each time.
+constexpr int attempts_max = 10;
 
 /// --json decides how errors read, even when the command line itself is wrong.
 bool wants_json(int argc, const char* const* argv) {
@@ -74,17 +78,33 @@ Result<void> connect_and_run(Options options) {
         uri = tunnel.emplace(std::move(*opened)).uri();
     }
     const auto connect = [&] { return Connection::open(uri, *access); };
+    const double patience = options.local ? 0 : options.reconnect;
     Progress progress(Progress::style_for_stderr(options.quiet || options.json));
-    const auto connection = connect();
+    auto connection = connect();
+    // A daemon that says that it ends, in place of a welcome, may have a successor.
+    if (!connection && patience > 0 && !is_own(connection.error()) && connection.error().lost)
+        connection = reconnect(connect, patience, connection.error());
     if (!connection) return tl::unexpected<Failure>(connection.error());
     if (local) local->hide();
-    Context context{**connection, progress, options.json, connect, options.server, *access};
-    return std::visit(
-        [&](auto& command) -> Result<void> {
-            if (auto loaded = load_first(context, command); !loaded) return loaded;
-            return run(context, command);
-        },
-        options.command);
+    const PrintWatch stdout_watch(std::cout);
+    for (int attempt = 1;; ++attempt) {
+        CommandOptions command = options.command;
+        Context context{**connection, progress, options.json, connect, options.server, *access};
+        auto done = std::visit(
+            [&](auto& chosen) -> Result<void> {
+                if (auto loaded = load_first(context, chosen); !loaded) return loaded;
+                return run(context, chosen);
+            },
+            command);
+        const bool again = !done && patience > 0 && attempt < attempts_max &&
+                           may_repeat(options.command, done.error(), stdout_watch.printed());
+        if (!again) return done;
+        progress.clear();
+        if (!options.quiet && !options.json)
+            std::cerr << "raynest: the daemon went away; looking for it\n";
+        connection = reconnect(connect, patience, done.error());
+        if (!connection) return tl::unexpected<Failure>(connection.error());
+    }
 }
 
 }  // namespace

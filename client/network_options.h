@@ -23,6 +23,21 @@ inline void add_access(CLI::App& app, AccessOptions& access) {
         ->check(CLI::IsMember({"on", "off"}));
 }
 
+inline void add_reconnect(CLI::App& app, double& seconds) {
+    app.add_option("--reconnect", seconds,
+                   "seconds to look for a daemon that went away, as in a restart, and then to run the "
+                   "command again where that is safe; 0: never (10)")
+        ->envname("RAYNEST_RECONNECT")
+        ->check(CLI::Validator(
+            [](const std::string& text) {
+                double number = -1;
+                const bool is_number = CLI::detail::lexical_cast(text, number);
+                return is_number && number >= 0 && number <= 3600 ? std::string()
+                                                                  : "'" + text + "' is not 0 to 3600";
+            },
+            ""));
+}
+
 inline void add_share(CLI::App& app, LoadOptions& load) {
     app.add_option("--share", load.share,
                    "who else may use the scene: public, or principals as NAME,... (its owner alone)")

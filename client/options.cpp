@@ -433,6 +433,7 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
                  "start a raynestd for this command alone, with no scene but those it loads");
     app.add_flag("--json", options.json, "print answers and errors as JSON");
     app.add_flag("--quiet", options.quiet, "show no progress on the terminal");
+    add_reconnect(app, options.reconnect);
     const Subcommands subcommands(app, options);
     const auto refuse = [&](const std::string& complaint) {
         return fail(Exit::usage, complaint + "; " + subcommands.see_also());

@@ -179,6 +179,7 @@ struct Options {
     bool local = false;  ///< a daemon for this command alone
     bool json = false;
     bool quiet = false;
+    double reconnect = 10;  ///< seconds to look for a daemon that went away; 0: do not
     CommandOptions command;
 };
 

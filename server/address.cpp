@@ -4,9 +4,11 @@
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
+#include <sys/socket.h>
 #include <sys/un.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <utility>
 
@@ -30,6 +32,26 @@ bool is_numeric(const std::string& host) {
     in6_addr storage{};
     return inet_pton(AF_INET, host.c_str(), &storage) == 1 ||
            inet_pton(AF_INET6, host.c_str(), &storage) == 1;
+}
+
+std::optional<int> to_descriptor(std::string_view text) {
+    int number = -1;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+    const bool is_number = error == std::errc{} && end == text.data() + text.size();
+    return is_number && number >= 0 ? std::optional(number) : std::nullopt;
+}
+
+/// Reads the address of descriptor N, the part `text` of fd:N or tls://fd:N.
+Result<Address> parse_descriptor(std::string_view uri, std::string_view scheme,
+                                 std::string_view text) {
+    const auto number = to_descriptor(text);
+    auto address = number ? address_of(*number) : std::nullopt;
+    if (!address)
+        return refused(uri, "is no listening socket; pass one to the daemon under that number");
+    auto* tcp = std::get_if<TcpAddress>(&*address);
+    if (scheme != "fd" && tcp == nullptr) return refused(uri, "is a Unix socket; write fd:N");
+    if (tcp != nullptr && scheme != "fd") tcp->scheme = scheme;
+    return std::move(*address);
 }
 
 constexpr std::string_view malformed_tcp =
@@ -67,14 +89,40 @@ Result<Address> parse_path(std::string_view uri, std::string_view rest) {
 
 }  // namespace
 
+std::optional<Address> address_of(int descriptor) {
+    int listens = 0;
+    socklen_t size = sizeof listens;
+    if (getsockopt(descriptor, SOL_SOCKET, SO_ACCEPTCONN, &listens, &size) != 0 || listens == 0)
+        return std::nullopt;
+    sockaddr_storage name{};
+    size = sizeof name;
+    if (getsockname(descriptor, reinterpret_cast<sockaddr*>(&name), &size) != 0)
+        return std::nullopt;
+    if (name.ss_family == AF_UNIX) {
+        const auto* local = reinterpret_cast<const sockaddr_un*>(&name);
+        return UnixAddress{static_cast<const char*>(local->sun_path), descriptor};
+    }
+    std::array<char, INET6_ADDRSTRLEN> host{};
+    const auto* v4 = reinterpret_cast<const sockaddr_in*>(&name);
+    const auto* v6 = reinterpret_cast<const sockaddr_in6*>(&name);
+    const bool is_v4 = name.ss_family == AF_INET;
+    const void* number = is_v4 ? static_cast<const void*>(&v4->sin_addr) : &v6->sin6_addr;
+    if ((!is_v4 && name.ss_family != AF_INET6) ||
+        inet_ntop(name.ss_family, number, host.data(), host.size()) == nullptr)
+        return std::nullopt;
+    return TcpAddress{host.data(), ntohs(is_v4 ? v4->sin_port : v6->sin6_port), "tcp", descriptor};
+}
+
 Result<Address> parse_address(std::string_view uri) {
+    if (uri.starts_with("fd:")) return parse_descriptor(uri, "fd", uri.substr(3));
+    if (uri.starts_with("tls://fd:")) return parse_descriptor(uri, "tls", uri.substr(9));
     const std::string_view name = uri.substr(0, uri.find(':'));
     const Scheme* scheme = name.size() == uri.size() ? nullptr : find_scheme(name);
     std::string_view rest = uri.substr(std::min(uri.size(), name.size() + 1));
     if (scheme != nullptr && scheme->place == Scheme::Place::path) return parse_path(uri, rest);
     if (scheme != nullptr && rest.substr(0, 2) == "//")
         return parse_tcp(uri, name, rest.substr(2), malformed_tcp);
-    return refused(uri, "is not an address; write tcp://HOST:PORT, tls://HOST:PORT or unix:PATH");
+    return refused(uri, "is not an address; write tcp://HOST:PORT, tls://HOST:PORT, unix:PATH or fd:N");
 }
 
 Result<Address> parse_http_address(std::string_view text) {

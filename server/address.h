@@ -1,4 +1,4 @@
-// Addresses to listen on, tcp://HOST:PORT, tls://HOST:PORT, unix:PATH, or HOST:PORT and
+// Addresses to listen on, tcp://HOST:PORT, tls://HOST:PORT, unix:PATH, fd:N, or HOST:PORT and
 // https://HOST:PORT for the page, checked before a socket is made.
 #pragma once
 
@@ -16,9 +16,11 @@ struct TcpAddress {
     std::string host;  ///< numeric IPv4 or IPv6, without brackets
     std::uint16_t port = 0;
     std::string scheme = "tcp";
+    int descriptor = -1;  ///< an inherited socket that listens there; -1: none, make one
 };
 struct UnixAddress {
     std::string path;
+    int descriptor = -1;  ///< an inherited socket that listens there; -1: none, make one
 };
 using Address = std::variant<TcpAddress, UnixAddress>;
 
@@ -28,9 +30,12 @@ struct SocketAccess {
     std::optional<unsigned> group;  ///< group id; empty: the daemon's own group
 };
 
-/// Parses a URI; "localhost" means 127.0.0.1. An address beyond loopback needs more, see
-/// options.cpp.
+/// Parses a URI; "localhost" means 127.0.0.1. fd:N and tls://fd:N are the address of that descriptor,
+/// which must be a listening socket. An address beyond loopback needs more, see listen_policy.cpp.
 [[nodiscard]] Result<Address> parse_address(std::string_view uri);
+
+/// Returns the address of a listening socket; nothing if the descriptor is none.
+[[nodiscard]] std::optional<Address> address_of(int descriptor);
 
 /// Parses HOST:PORT or http://HOST:PORT, or https://HOST:PORT, whose connections are encrypted.
 [[nodiscard]] Result<Address> parse_http_address(std::string_view text);

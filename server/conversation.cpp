@@ -15,6 +15,20 @@ namespace {
 /// Minimum window: it holds the answer of one ray with 256 hits and all columns.
 constexpr std::uint64_t window_bytes_min = 64ULL << 10;
 
+/// An administrator reads at `info` who was kept from what, and at `error` what went wrong here.
+LogLevel level_of(Code refusal) {
+    switch (refusal) {
+        case Code::internal:
+            return LogLevel::error;
+        case Code::not_allowed:
+        case Code::quota:
+        case Code::resource_exhausted:
+            return LogLevel::info;
+        default:
+            return LogLevel::debug;
+    }
+}
+
 }  // namespace
 
 Conversation::Conversation(const Services& services, const JobContext& context, Sink& sink,
@@ -43,6 +57,7 @@ void Conversation::receive(protocol::Frame frame) {
     if (closing_) return;
     ++services_.metrics.frames_received;
     const std::uint64_t id = frame.header.request_id;
+    const RequestScope scope({caller_.connection, id});
     // Let an exception end only the request that caused it.
     try {
         handle(std::move(frame));
@@ -60,6 +75,7 @@ void Conversation::refuse_unreadable(const Unreadable& message) {
     const Request* request = find_request(message.type);
     const bool is_part = request != nullptr && request->answer == nullptr;
     const std::uint64_t id = message.request_id;
+    const RequestScope scope({caller_.connection, id});
     if (is_part && runner_of(id).knows(id))
         runner_of(id).fail(id, message.error);
     else
@@ -254,8 +270,8 @@ bool Conversation::waits_for_client() const {
                        [](const auto& fed) { return fed.second->runner().waits_for_client(); });
 }
 
-void Conversation::abandon() {
-    runner_->abandon();
+void Conversation::abandon(const protocol::Error& why) {
+    runner_->abandon(why);
     services_.scenes.disconnect(caller_);
     for (const auto& [id, job] : std::exchange(feeding_, {})) {
         job->set_feeder(nullptr);
@@ -265,12 +281,11 @@ void Conversation::abandon() {
 
 void Conversation::refuse_request(std::uint64_t id, const protocol::Error& error) {
     ++refusals_of(services_.metrics, error.code);
-    log(LogLevel::debug, "refused",
+    log(level_of(error.code), "refused",
         {{"principal", caller_.principal},
-         {"request", std::to_string(id)},
          {"code", std::string(protocol::error_info(error.code).name)},
          {"message", error.message}});
-    sink_.send(protocol::encode_error(id, error, false));
+    sink_.send(protocol::encode_error(id, for_client(error), false));
 }
 
 void Conversation::close_with_error(const protocol::Error& error) {
@@ -282,7 +297,8 @@ void Conversation::close_with_error(const protocol::Error& error) {
          {"code", std::string(protocol::error_info(error.code).name)},
          {"message", error.message}});
     closing_ = true;
-    abandon();
+    // The daemon ends these requests itself, so the log must not blame their client.
+    abandon({error.code, "", 0});
     sink_.send(protocol::encode_error(0, error, true));
 }
 

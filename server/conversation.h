@@ -61,8 +61,8 @@ public:
     /// True if every request waits for its client.
     [[nodiscard]] bool waits_for_client() const;
 
-    /// Ends all requests that need the connection, because it is gone.
-    void abandon();
+    /// Ends all requests that need the connection, because it is gone or about to end.
+    void abandon(const protocol::Error& why = Runner::client_is_gone());
     /// Releases complete detached jobs, and closes a drained connection that has no jobs left. Call
     /// it after anything that may have ended a job.
     void settle();

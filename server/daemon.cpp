@@ -15,13 +15,14 @@
 #include "server/net/asio.h"
 #include "server/net/connections.h"
 #include "server/net/http.h"
+#include "server/net/inherited.h"
 #include "server/net/listener.h"
 #include "server/net/page_access.h"
 #include "server/net/transports.h"
 #include "server/ready_file.h"
+#include "server/start_checks.h"
 #include "server/store/scene_store.h"
 
-#include <sys/resource.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -55,12 +56,10 @@ constexpr std::chrono::milliseconds last_words_time{1000};
 constexpr int exit_forced = 3;
 /// Time beyond chunk_ms_max after which the task of a compute thread counts as stuck.
 constexpr std::chrono::milliseconds stuck_grace{5000};
-/// Minimum number of file descriptors: the program's own files, an import, and a few clients.
-constexpr rlim_t descriptors_min = 16;
 
 class Daemon final : public Administration {
 public:
-    Daemon(const Options& options, std::shared_ptr<const Registry> registry);
+    Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry);
 
     Result<void> listen();
     /// Opens the HTTP port. Fails if the address was given by option; else the daemon has none.
@@ -91,12 +90,14 @@ private:
     void look_at_tokens();
     void end_revoked();
     void feed_watchdog(std::chrono::microseconds interval);
+    void apply_options();
     void remove_own_files();
     [[noreturn]] void end_at_once();
 
-    const Options& options_;
+    Options options_;
+    const ReadOptions read_again_;  ///< empty in programs without a command line
     const std::shared_ptr<const Registry> registry_;
-    const protocol::Limits limits_;
+    protocol::Limits limits_;
     Metrics metrics_;
     Budget budget_;
     Peers peers_;
@@ -121,6 +122,7 @@ private:
     asio::steady_timer watchdog_timer_;
     Credentials credentials_;
     Connections connections_;
+    InheritedSockets inherited_;
     std::vector<std::unique_ptr<Listener>> listeners_;
     PageAccess page_access_;
     HttpSite site_;
@@ -141,11 +143,12 @@ std::vector<std::string> import_command(const Options& options) {
     return command;
 }
 
-Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
-    : options_(options),
+Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry)
+    : options_(std::move(options)),
+      read_again_(std::move(read_again)),
       registry_(std::move(registry)),
-      limits_(options.limits),
-      budget_(options.memory),
+      limits_(options_.limits),
+      budget_(options_.memory),
       peers_(limits_, budget_, metrics_),
       scenes_(budget_, limits_),
       admission_(limits_),
@@ -156,8 +159,8 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
                 metrics_,
                 limits_,
                 ImportLimits{},
-                options.scene_root,
-                import_command(options),
+                options_.scene_root,
+                import_command(options_),
                 admission_,
                 detached_,
                 peers_,
@@ -176,8 +179,8 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
                coalescer_,
                peers_},
       detached_(context_, [this] { look_after_detached(); }),
-      backends_(make_backends({options, *registry_, budget_, metrics_, limits_})),
-      compute_(options.threads, FairThreadPool::Time::processor, spare_threads(options.threads)),
+      backends_(make_backends({options_, *registry_, budget_, metrics_, limits_})),
+      compute_(options_.threads, FairThreadPool::Time::processor, spare_threads(options_.threads)),
       blocking_(imports_max, FairThreadPool::Time::clock),
       signals_(io_, SIGTERM, SIGINT, SIGHUP),
       drain_timer_(io_),
@@ -185,7 +188,7 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
       lost_timer_(io_),
       tokens_timer_(io_),
       watchdog_timer_(io_),
-      credentials_(options.security, limits_),
+      credentials_(options_.security, limits_),
       connections_(io_, services_, context_,
                    [this](const PeerIdentity& peer, const wire::Hello& hello,
                           const protocol::Limits&) {
@@ -193,14 +196,15 @@ Daemon::Daemon(const Options& options, std::shared_ptr<const Registry> registry)
                            peer, protocol::text(hello.token()), Clock::now(), WallClock::now());
                    }),
       page_access_(credentials_.authentication(), [this] { end_revoked(); }),
-      site_(options.http.hosts),
+      site_(options_.http.hosts),
       http_(io_, site_, connections_, services_) {}
 
 Result<void> Daemon::listen() {
     if (const auto loaded = credentials_.load(); !loaded) return loaded;
     for (const std::string& uri : options_.listen) {
-        const auto address = parse_address(uri);
+        auto address = parse_address(uri);
         if (!address) return tl::unexpected(address.error());
+        inherited_.claim(*address);
         const MakeTransport make = find_scheme(scheme_of(*address))->make;
         auto listener =
             Listener::open(io_, *address, "--listen", options_.socket,
@@ -211,12 +215,18 @@ Result<void> Daemon::listen() {
         if (!listener) return tl::unexpected(listener.error());
         listeners_.push_back(std::move(*listener));
     }
-    return options_.http.address == "off" ? Result<void>() : listen_http();
+    if (options_.http.address != "off")
+        if (const auto listening = listen_http(); !listening) return listening;
+    for (const std::string& uri : inherited_.unclaimed())
+        log(LogLevel::warn, "socket_unused",
+            {{"uri", uri}, {"reason", "the service manager passes it, and no option names it"}});
+    return {};
 }
 
 Result<void> Daemon::listen_http() {
-    const auto address = parse_http_address(options_.http.address);
+    auto address = parse_http_address(options_.http.address);
     if (!address) return tl::unexpected(address.error());
+    inherited_.claim(*address);
     const bool is_encrypted = scheme_of(*address) == "https";
     auto listener =
         Listener::open(io_, *address, "--http", options_.socket,
@@ -238,7 +248,9 @@ Result<void> Daemon::listen_http() {
 }
 
 void Daemon::serve_health() {
-    site_.set_metrics([this] { return exposition(services_); });
+    site_.set_metrics([this] {
+        return exposition(services_, credentials_.certificate_days_left(WallClock::now()));
+    });
     site_.set_unready([this]() -> std::string {
         if (!serving_) return "the daemon is starting";
         const auto most = std::chrono::milliseconds(limits_.chunk_ms_max) + stuck_grace;
@@ -415,13 +427,41 @@ void Daemon::end_revoked() {
 
 std::string Daemon::reload() {
     notify("RELOADING=1");
-    const bool good = credentials_.reload();
+    bool good = true;
+    Reload changes;
+    if (read_again_) {
+        if (auto then = read_again_()) {
+            changes = apply_changes(options_, *then);
+            apply_options();
+        } else {
+            good = false;
+            log(LogLevel::error, "configuration_unusable",
+                {{"reason", then.error().message}, {"kept", "old"}});
+        }
+    }
+    good = credentials_.reload(options_.security) && good;
     end_revoked();
     notify("READY=1");
+    if (!changes.needs_restart.empty())
+        log(LogLevel::warn, "restart_needed", {{"options", changes.needs_restart}});
     const std::string result =
-        good ? "certificates and tokens were read again" : "some files were unusable; see the log";
-    log(good ? LogLevel::info : LogLevel::error, "reloaded", {{"result", result}});
+        good ? "configuration, certificates and tokens were read again"
+             : "some files were unusable and their old content stays; see the log";
+    log(good ? LogLevel::info : LogLevel::error, "reloaded",
+        {{"result", result}, {"changed", changes.changed}});
     return result;
+}
+
+void Daemon::apply_options() {
+    set_log_level(options_.log_level);
+    set_log_format(options_.log_format);
+    site_.set_names(options_.http.hosts);
+    // Write only what differs: compute threads read the limits that never do.
+    for (const protocol::LimitInfo& limit : protocol::limit_table())
+        if (auto& value = limits_.*limit.value; value != options_.limits.*limit.value)
+            value = options_.limits.*limit.value;
+    admission_.set_limits(limits_);
+    scenes_.set_limits(limits_);
 }
 
 std::size_t Daemon::kick(std::uint64_t connection, const std::string& principal) {
@@ -434,34 +474,6 @@ void Daemon::set_quota(const std::string& principal, const Quota& quota) {
     scenes_.quotas().set(principal, quota);
 }
 
-/// Raises the limit of file descriptors to the maximum that the system grants. Fails if that is
-/// less than descriptors_min.
-Result<void> raise_descriptor_limit() {
-    rlimit limit{};
-    if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return {};
-    limit.rlim_cur = limit.rlim_max;
-    (void)setrlimit(RLIMIT_NOFILE, &limit);
-    if (limit.rlim_max >= descriptors_min) return {};
-    return fail(ErrorCode::io_failed,
-                "it may open " + std::to_string(limit.rlim_max) + " files and needs at least " +
-                    std::to_string(descriptors_min) + "; raise LimitNOFILE or ulimit -n for it");
-}
-
-void warn_of_unused_access(const Options& options) {
-    const bool any_unix = std::ranges::any_of(
-        options.listen, [](const std::string& uri) { return uri.starts_with("unix:"); });
-    if (!any_unix && (options.socket.group || options.socket.mode != SocketAccess{}.mode))
-        log(LogLevel::warn, "socket_access_unused",
-            {{"reason", "--socket-mode and --socket-group need a --listen unix:PATH"}});
-}
-
-void warn_of_empty(const std::vector<std::filesystem::path>& pack_dirs) {
-    for (const auto& folder : pack_dirs)
-        if (const auto packs = packs_in(folder); packs && packs->empty())
-            log(LogLevel::warn, "pack_dir_empty",
-                {{"folder", folder.string()}, {"reason", "it holds no .so file"}});
-}
-
 int failed(const Error& error) {
     std::fprintf(stderr, "raynestd: %s\n", error.message.c_str());
     return 1;
@@ -469,7 +481,7 @@ int failed(const Error& error) {
 
 }  // namespace
 
-int run_daemon(const Options& options) {
+int run_daemon(Options options, ReadOptions read_again) {
     (void)std::signal(SIGPIPE, SIG_IGN);
     if (const auto enough = raise_descriptor_limit(); !enough) return failed(enough.error());
     // Check the ready file before anything listens: another program's file ends the start.
@@ -484,9 +496,8 @@ int run_daemon(const Options& options) {
     }
     const auto registry = Registry::load({options.pack_dirs, options.target});
     if (!registry) return failed(registry.error());
-    warn_of_empty(options.pack_dirs);
-    warn_of_unused_access(options);
-    Daemon daemon(options, *registry);
+    warn_of_useless(options);
+    Daemon daemon(std::move(options), std::move(read_again), *registry);
     if (const auto listening = daemon.listen(); !listening) return failed(listening.error());
     if (const auto ended = daemon.run(); !ended) return failed(ended.error());
     return 0;

@@ -32,6 +32,12 @@ Code wire_code(ErrorCode code) {
 
 }  // namespace
 
+protocol::Error for_client(const protocol::Error& error) {
+    if (error.code != Code::internal) return error;
+    return {Code::internal, "a defect of the daemon; please report the lines of its log about this request",
+            0};
+}
+
 protocol::Error to_wire(Error error) {
     return {wire_code(error.code), std::move(error.message), 0};
 }

@@ -24,6 +24,10 @@ using protocol::Code;
 /// Converts an engine error into a protocol error.
 [[nodiscard]] protocol::Error to_wire(Error error);
 
+/// Returns the error that a client may read. The text of a defect may hold paths of this machine and
+/// stays in the log, where the request's id finds it.
+[[nodiscard]] protocol::Error for_client(const protocol::Error& error);
+
 /// Converts an engine error: `return refuse(engine_result.error())`.
 [[nodiscard]] inline tl::unexpected<protocol::Error> refuse(Error error) {
     return tl::unexpected<protocol::Error>(to_wire(std::move(error)));

@@ -1,13 +1,25 @@
 #include "server/log.h"
 
+#include "protocol/request_id.h"
+
+#include <nlohmann/json.hpp>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <atomic>
 #include <memory>
+#include <string>
+#include <utility>
 
 namespace raynest::server {
 namespace {
+
+constexpr const char* text_pattern = "%Y-%m-%dT%H:%M:%S.%e %l %v";
+constexpr const char* json_pattern = R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l",%v})";
+
+std::atomic<LogFormat> current_format{LogFormat::text};
+thread_local RequestTag current_tag;
 
 spdlog::level::level_enum to_spdlog(LogLevel level) {
     switch (level) {
@@ -27,15 +39,27 @@ spdlog::logger& logger() {
     static const std::shared_ptr<spdlog::logger> instance = [] {
         auto made = std::make_shared<spdlog::logger>(
             "raynestd", std::make_shared<spdlog::sinks::stderr_sink_mt>());
-        made->set_pattern("%Y-%m-%dT%H:%M:%S.%e %l %v");
+        made->set_pattern(text_pattern);
         made->flush_on(spdlog::level::trace);
         return made;
     }();
     return *instance;
 }
 
+/// True if byte i begins a control character U+0080..U+009F, which terminals obey too.
+bool is_c1(std::string_view text, std::size_t i) {
+    return text[i] == '\xC2' && i + 1 < text.size() && (text[i + 1] & '\xE0') == '\x80';
+}
+
 bool is_plain(char c) {
     return c > ' ' && c < 0x7F && c != '"' && c != '\\' && c != '=';
+}
+
+/// Passes the names and values of the request on whose behalf this thread works.
+template <class Append>
+void append_tag(const Append& append) {
+    if (current_tag.connection != 0) append("connection", std::to_string(current_tag.connection));
+    if (current_tag.request != 0) append("request_id", protocol::request_text(current_tag.request));
 }
 
 void append_value(std::string& line, std::string_view value) {
@@ -44,16 +68,23 @@ void append_value(std::string& line, std::string_view value) {
         return;
     }
     constexpr std::string_view digits = "0123456789abcdef";
-    line += '"';
-    for (const char c : value) {
+    const auto append_byte = [&](char c) {
         const auto byte = static_cast<unsigned char>(c);
+        line += "\\x";
+        line += digits[byte >> 4];
+        line += digits[byte & 15];
+    };
+    line += '"';
+    for (std::size_t i = 0; i < value.size(); ++i) {
+        const char c = value[i];
         if (c == '"' || c == '\\') {
             line += '\\';
             line += c;
-        } else if (byte < 0x20 || byte == 0x7F) {
-            line += "\\x";
-            line += digits[byte >> 4];
-            line += digits[byte & 15];
+        } else if ((c >= 0 && c < 0x20) || c == 0x7F) {
+            append_byte(c);
+        } else if (is_c1(value, i)) {
+            append_byte(c);
+            append_byte(value[++i]);
         } else {
             line += c;
         }
@@ -67,25 +98,58 @@ void set_log_level(LogLevel level) {
     logger().set_level(to_spdlog(level));
 }
 
+void set_log_format(LogFormat format) {
+    current_format = format;
+    logger().set_pattern(format == LogFormat::json ? json_pattern : text_pattern);
+}
+
+RequestScope::RequestScope(RequestTag tag) : outer_(std::exchange(current_tag, tag)) {}
+
+RequestScope::~RequestScope() {
+    current_tag = outer_;
+}
+
+RequestTag RequestScope::current() {
+    return current_tag;
+}
+
 bool is_logged(LogLevel level) {
     return logger().should_log(to_spdlog(level));
 }
 
 std::string format_event(std::string_view event, std::initializer_list<LogField> fields) {
     std::string line(event);
-    for (const auto& [key, value] : fields) {
+    const auto append = [&](std::string_view key, std::string_view value) {
         line += ' ';
         line += key;
         line += '=';
         append_value(line, value);
-    }
+    };
+    for (const auto& [key, value] : fields) append(key, value);
+    append_tag(append);
     return line;
+}
+
+std::string format_json_event(std::string_view event, std::initializer_list<LogField> fields) {
+    // ASCII alone: control characters beyond it are escaped too. Bytes that are not UTF-8 are replaced.
+    const auto quoted = [](std::string_view text) {
+        return nlohmann::json(text).dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
+    };
+    std::string members = "\"event\":" + quoted(event);
+    const auto append = [&](std::string_view key, std::string_view value) {
+        members += ',' + quoted(key) + ':' + quoted(value);
+    };
+    for (const auto& [key, value] : fields) append(key, value);
+    append_tag(append);
+    return members;
 }
 
 void log(LogLevel level, std::string_view event, std::initializer_list<LogField> fields) {
     if (!is_logged(level)) return;
     // The line is data, not a format string.
-    logger().log(to_spdlog(level), spdlog::string_view_t(format_event(event, fields)));
+    const std::string line = current_format == LogFormat::json ? format_json_event(event, fields)
+                                                               : format_event(event, fields);
+    logger().log(to_spdlog(level), spdlog::string_view_t(line));
 }
 
 }  // namespace raynest::server

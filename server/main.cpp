@@ -11,7 +11,10 @@
 
 #include <cstdio>
 #include <exception>
+#include <iostream>
 #include <new>
+#include <sstream>
+#include <utility>
 
 namespace raynest::server {
 namespace {
@@ -34,11 +37,17 @@ int run(int argc, const char* const* argv) {
     if (argc >= 3 && argv[1] == import_child_flag) return run_import_child(argc, argv);
     if (argc == 3 && argv[1] == device::worker_flag) return device::run_worker_process(argv[2]);
     if (const auto code = run_command(argc, argv)) return *code;
-    const ParsedOptions parsed = parse_options(argc, argv);
+    const ParsedOptions parsed = parse_options(argc, argv, std::cerr);
     if (!parsed.options) return parsed.exit_code;
     keep_frames_in_heap();
     set_log_level(parsed.options->log_level);
-    return run_daemon(*parsed.options);
+    set_log_format(parsed.options->log_format);
+    return run_daemon(*parsed.options, [argc, argv]() -> Result<Options> {
+        std::ostringstream fault;
+        ParsedOptions again = parse_options(argc, argv, fault);
+        if (again.options) return std::move(*again.options);
+        return fail(ErrorCode::param_invalid, fault.str());
+    });
 }
 
 }  // namespace

@@ -58,6 +58,7 @@ std::string http_host_fault(const std::string& text) {
 /// Values of options as text, before they are converted.
 struct Words {
     std::string log_level = "info";
+    std::string log_format = "text";
     std::string cuda = "auto";
     std::string socket_mode;
     std::string socket_group;
@@ -176,7 +177,8 @@ void hide_checks(CLI::App& app) {
 void declare(CLI::App& app, Options& options, Words& words) {
     app.add_option(
            "--listen", options.listen,
-           "tcp://HOST:PORT, tls://HOST:PORT or unix:PATH, repeatable; port 0 picks a free one")
+           "tcp://HOST:PORT, tls://HOST:PORT or unix:PATH, repeatable; port 0 picks a free one; fd:N "
+           "or tls://fd:N is a listening socket that the daemon inherits")
         ->check(CLI::Validator(address_fault, ""))
         ->default_str(options.listen.front());
     app.add_option("--socket-mode", words.socket_mode,
@@ -222,6 +224,9 @@ void declare(CLI::App& app, Options& options, Words& words) {
                    "replaces an empty file or an older ready file, nothing else");
     app.add_option("--log-level", words.log_level, "error, warn, info or debug")
         ->check(CLI::IsMember({"error", "warn", "info", "debug"}))
+        ->capture_default_str();
+    app.add_option("--log-format", words.log_format, "text, or json for an object per line")
+        ->check(CLI::IsMember({"text", "json"}))
         ->capture_default_str();
     for (CLI::Option* option : app.get_options())
         if (option->get_configurable()) option->envname(variable_of(option->get_single_name()));
@@ -423,7 +428,7 @@ ParsedOptions printed() {
 
 }  // namespace
 
-ParsedOptions parse_options(int argc, const char* const* argv) {
+ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& errors) {
     Options options;
     options.threads = std::clamp(std::thread::hardware_concurrency(), 1U, threads_max);
     options.memory = half_of_memory();
@@ -455,6 +460,7 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
         options.http.given = app.count("--http") != 0;
         options.socket = to_socket_access(words);
         options.log_level = to_log_level(words.log_level);
+        options.log_format = words.log_format == "json" ? LogFormat::json : LogFormat::text;
         options.cuda_pack = to_cuda_pack(words.cuda);
         if (check) std::cout << "the configuration is valid\n";
         if (check) return printed();
@@ -468,12 +474,12 @@ ParsedOptions parse_options(int argc, const char* const* argv) {
         const auto file = app.get_config_ptr()->as<std::string>();
         std::error_code ignored;
         const bool is_folder = std::filesystem::is_directory(file, ignored);
-        std::cerr << "raynestd: --config: cannot read " << file << ": "
+        errors << "raynestd: --config: cannot read " << file << ": "
                   << (is_folder ? "it is a folder" : std::strerror(errno))
                   << "; see raynestd --help\n";
         return {std::nullopt, 2};
     } catch (const CLI::Error& error) {
-        std::cerr << "raynestd: " << blamed(error.what(), argc, argv) << "; see raynestd --help\n";
+        errors << "raynestd: " << blamed(error.what(), argc, argv) << "; see raynestd --help\n";
         return {std::nullopt, 2};
     }
 }

@@ -11,6 +11,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <iosfwd>
 #include <optional>
 #include <string>
 #include <vector>
@@ -38,12 +39,13 @@ struct Options {
     SocketAccess socket;  ///< access to every unix:PATH
     SecurityOptions security;
     LogLevel log_level = LogLevel::info;
+    LogFormat log_format = LogFormat::text;
     protocol::Limits limits;
 };
 
 /// The options to run with, or else the exit code of a command line that is already answered: 0
 /// after --help, --version or --print-config; 1 if stdout could not be written; 2 after a usage
-/// error, with one line on stderr.
+/// error, with one line of `errors`.
 struct ParsedOptions {
     std::optional<Options> options;
     int exit_code = 0;
@@ -53,7 +55,17 @@ struct ParsedOptions {
 /// --insecure. Empty if nothing.
 [[nodiscard]] std::string listen_fault(const Options& options);
 
-/// Parses the command line. May print to stdout and stderr; does not throw or exit.
-[[nodiscard]] ParsedOptions parse_options(int argc, const char* const* argv);
+/// Parses the command line. May print to stdout and to `errors`; does not throw or exit.
+[[nodiscard]] ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& errors);
+
+/// The result of reading the options of a running daemon again: names of options, with commas.
+struct Reload {
+    std::string changed;        ///< those that have another value from now on
+    std::string needs_restart;  ///< those whose new value only a restart applies
+};
+
+/// Takes the values of `then` into `now` that may change while the daemon runs: the level and form of
+/// the log, security, --http-host, and the limits that the io thread alone reads.
+Reload apply_changes(Options& now, const Options& then);
 
 }  // namespace raynest::server

@@ -1,8 +1,8 @@
 // raynest admin ACT: lists and ends connections, changes quotas, reloads and drains the daemon.
 #include "client/commands/commands.h"
+#include "client/connection_list.h"
 #include "client/output.h"
 
-#include <algorithm>
 #include <charconv>
 #include <iostream>
 
@@ -13,37 +13,18 @@ Result<void> list_connections(Context& context) {
     Json connections = Json::array();
     std::vector<std::vector<std::string>> rows = {
         {"CONNECTION", "PRINCIPAL", "ROLE", "TRANSPORT", "PEER", "AGE", "JOBS"}};
-    wire::AdminT request;
-    request.act = "connections";
-    for (bool more = true; more;) {
-        const auto page = ask<wire::AdminReport>(context.connection, request);
-        if (!page) return tl::unexpected<Failure>(page.error());
-        const wire::AdminReport& report = *page->message.table;
-        more = report.more();
-        const auto principals = protocol::strings(report.principals());
-        const auto roles = protocol::strings(report.roles());
-        const auto transports = protocol::strings(report.transports());
-        const auto peers = protocol::strings(report.peers());
-        const std::size_t count =
-            std::min({principals.size(), roles.size(), transports.size(), peers.size()});
-        for (std::size_t k = 0; k < count; ++k) {
-            const auto i = static_cast<flatbuffers::uoffset_t>(k);
-            const std::uint64_t number = report.connections()->Get(i);
-            const double age = static_cast<double>(report.age_ms()->Get(i)) / 1e3;
-            const std::uint32_t jobs = report.jobs()->Get(i);
-            connections.push_back(Json{{"connection", number},
-                                       {"principal", principals[k]},
-                                       {"role", roles[k]},
-                                       {"transport", transports[k]},
-                                       {"peer", peers[k]},
-                                       {"age_seconds", age},
-                                       {"jobs", jobs}});
-            rows.push_back({std::to_string(number), principals[k], roles[k], transports[k],
-                            peers[k], age_text(age), std::to_string(jobs)});
-            request.after = number;
-        }
-        if (count == 0) break;
-    }
+    const auto listed = each_connection(context.connection, [&](const ListedConnection& row) {
+        connections.push_back(Json{{"connection", row.number},
+                                   {"principal", row.principal},
+                                   {"role", row.role},
+                                   {"transport", row.transport},
+                                   {"peer", row.peer},
+                                   {"age_seconds", row.age_seconds},
+                                   {"jobs", row.jobs}});
+        rows.push_back({std::to_string(row.number), row.principal, row.role, row.transport, row.peer,
+                        age_text(row.age_seconds), std::to_string(row.jobs)});
+    });
+    if (!listed) return listed;
     if (context.json)
         print_json(Json{{"connections", connections}});
     else

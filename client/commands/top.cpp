@@ -1,5 +1,6 @@
 // raynest top: what the daemon works on, looked at once a second.
 #include "client/commands/commands.h"
+#include "client/connection_list.h"
 #include "client/interrupt.h"
 #include "client/jobs.h"
 #include "client/output.h"
@@ -65,6 +66,15 @@ bool is_refusal(std::string_view name) {
     return false;
 }
 
+/// A principal's part of the daemon, as far as this client may see it.
+struct PrincipalUse {
+    std::string role;  ///< empty: only administrators are told
+    std::uint64_t connections = 0;
+    std::uint64_t jobs = 0;
+    std::uint64_t scenes = 0;
+    std::uint64_t scene_bytes = 0;
+};
+
 /// One look: two samples a second apart, the jobs and the scenes.
 struct Look {
     double seconds = 0;  ///< between the samples
@@ -74,10 +84,21 @@ struct Look {
     std::uint64_t running = 0;
     std::uint64_t waiting = 0;  ///< of those that run, the ones with nothing done yet
     std::vector<ListedScene> scenes;
+    std::map<std::string, PrincipalUse> principals;
     [[nodiscard]] double rate(const std::string& name) const {
         return seconds > 0 ? (now.value(name) - before.value(name)) / seconds : 0;
     }
 };
+
+/// Only administrators may ask for the connections.
+Result<void> count_connections(Connection& connection,
+                               std::map<std::string, PrincipalUse>& principals) {
+    return each_connection(connection, [&](const ListedConnection& row) {
+        PrincipalUse& use = principals[row.principal];
+        use.role = row.role;
+        ++use.connections;
+    });
+}
 
 Result<Look> take_look(Connection& connection, const Sample& before) {
     auto now = take_sample(connection);
@@ -91,6 +112,7 @@ Result<Look> take_look(Connection& connection, const Sample& before) {
         if (protocol::text(info.state()) != "running") return;
         ++look.running;
         if (info.done() == 0) ++look.waiting;
+        ++look.principals[std::string(protocol::text(info.owner()))].jobs;
         look.jobs.push_back(job_json(info));
         look.job_rows.push_back(job_row(info));
     });
@@ -98,6 +120,14 @@ Result<Look> take_look(Connection& connection, const Sample& before) {
     auto scenes = list_scenes(connection);
     if (!scenes) return tl::unexpected<Failure>(scenes.error());
     look.scenes = std::move(*scenes);
+    for (const ListedScene& scene : look.scenes) {
+        PrincipalUse& owner = look.principals[scene.owner];
+        ++owner.scenes;
+        owner.scene_bytes += scene.bytes;
+    }
+    if (connection.daemon().role == "admin")
+        if (auto counted = count_connections(connection, look.principals); !counted)
+            return tl::unexpected<Failure>(counted.error());
     return look;
 }
 
@@ -126,6 +156,17 @@ void print_look(const Look& look, const std::string& daemon) {
     std::cout << "\n\n";
     if (look.running != 0) {
         print_table(look.job_rows);
+        std::cout << '\n';
+    }
+    if (!look.principals.empty()) {
+        std::vector<std::vector<std::string>> rows = {
+            {"PRINCIPAL", "ROLE", "CONNECTIONS", "JOBS", "SCENES", "MEMORY"}};
+        for (const auto& [name, use] : look.principals)
+            rows.push_back({name, use.role.empty() ? "-" : use.role,
+                            use.role.empty() ? "-" : std::to_string(use.connections),
+                            std::to_string(use.jobs), std::to_string(use.scenes),
+                            bytes_text(use.scene_bytes)});
+        print_table(rows);
         std::cout << '\n';
     }
     if (!look.scenes.empty()) {
@@ -164,6 +205,16 @@ Json look_json(const Look& look) {
     Json refused = Json::object();
     for (const std::string& name : look.now.names)
         if (is_refusal(name)) refused[name] = look.now.value(name);
+    Json principals = Json::array();
+    for (const auto& [name, use] : look.principals) {
+        const bool is_told = !use.role.empty();
+        principals.push_back(Json{{"principal", name},
+                                  {"role", is_told ? Json(use.role) : Json(nullptr)},
+                                  {"connections", is_told ? Json(use.connections) : Json(nullptr)},
+                                  {"jobs", use.jobs},
+                                  {"scenes", use.scenes},
+                                  {"scene_bytes", use.scene_bytes}});
+    }
     const auto known = [&](const char* name) {
         return look.now.has(name) ? Json(look.now.value(name)) : Json(nullptr);
     };
@@ -173,6 +224,7 @@ Json look_json(const Look& look) {
                 {"rays_per_second", look.rate("rays")},
                 {"memory_used_bytes", known("memory_used_bytes")},
                 {"memory_limit_bytes", known("memory_limit_bytes")},
+                {"principals", principals},
                 {"jobs", look.jobs},
                 {"scenes", scenes},
                 {"refused", refused}};

@@ -4,7 +4,8 @@
 // headers: it is refused, and the refusal names the type (packs/load.cpp).
 //
 // The hash covers a type's size and alignment, and the name, offset, size, alignment and kind of
-// each member in order. It does not see what a number means: for that, increment pack_abi.
+// each member in order; for an enumeration, the names of its values in order, since both sides index
+// tables by them. It does not see what another number means: for that, increment pack_abi.
 #pragma once
 
 #include "engine/bvh/node.h"
@@ -15,6 +16,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <initializer_list>
 #include <string_view>
 #include <type_traits>
 
@@ -85,6 +87,16 @@ std::uint64_t hash_of(std::string_view names, const T& whole, const Members&... 
     return hash.value();
 }
 
+/// An enumeration whose values count from 0: their names in order.
+inline std::uint64_t hash_of_names(std::initializer_list<std::string_view> names) {
+    Hash hash;
+    for (const std::string_view name : names) {
+        hash.add(name);
+        hash.add(name.size());
+    }
+    return hash.value();
+}
+
 /// The type and all of its members; with one too few or too many it does not compile.
 #define RAYNEST_LAYOUT(Type, ...)                           \
     ::raynest::TypeLayout {                                 \
@@ -117,9 +129,34 @@ inline TypeLayout counters_layout() {
                             )};
 }
 
+/// PackVariant::trace is indexed by these.
+inline TypeLayout queries_layout() {
+    return {"Query", layout::hash_of_names({
+#define RAYNEST_KIND(name, ...) #name,
+#include "engine/packs/words.def"
+                         })};
+}
+inline TypeLayout traversals_layout() {
+    return {"Traversal", layout::hash_of_names({
+#define RAYNEST_TRAVERSAL(name, ...) #name,
+#include "engine/packs/words.def"
+                             })};
+}
+
+// An enumeration that grows must grow in the list below, too.
+static_assert(static_cast<std::uint32_t>(AlphaMode::blend) == 2);
+static_assert(static_cast<std::uint32_t>(Wrap::mirror) == 2);
+static_assert(counter_modes == 3);
+
 /// By value, so that no module shares the list of another.
 inline auto border_types() {
     return std::to_array<TypeLayout>({
+        // Indices of tables
+        queries_layout(),
+        traversals_layout(),
+        {"AlphaMode", layout::hash_of_names({"opaque", "mask", "blend"})},
+        {"Wrap", layout::hash_of_names({"repeat", "clamp", "mirror"})},
+        {"CounterMode", layout::hash_of_names({"none", "total", "by_level"})},
         // A scene
         RAYNEST_LAYOUT(Box, lower, upper),
         RAYNEST_LAYOUT(Transform, m),

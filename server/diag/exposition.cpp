@@ -126,7 +126,7 @@ void add_process(Families& families) {
 
 }  // namespace
 
-std::string exposition(const Services& services) {
+std::string exposition(const Services& services, std::optional<double> certificate_days_left) {
     Families families;
     add_build(services, families);
 #define RAYNEST_METRIC(name, family, labels, text)           \
@@ -135,6 +135,9 @@ std::string exposition(const Services& services) {
 #define RAYNEST_GAUGE(name, value, family, labels, text) \
     families.add(#family, MetricType::Gauge, labels, text, static_cast<double>(value));
 #include "server/diag/metrics.def"
+    if (certificate_days_left)
+        families.add("raynest_tls_certificate_days_left", MetricType::Gauge, "",
+                     "days until the certificate of tls:// expires", *certificate_days_left);
     const Metrics& metrics = services.metrics;
     add_rays(metrics.rays_by_label, families);
     add_durations(metrics.job_seconds, "raynest_request_duration_seconds",

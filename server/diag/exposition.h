@@ -3,11 +3,14 @@
 
 #include "server/handlers/handler.h"
 
+#include <optional>
 #include <string>
 
 namespace raynest::server {
 
-/// Returns the values of metrics.def, the build, durations of jobs, and process_*. Io thread only.
-[[nodiscard]] std::string exposition(const Services& services);
+/// Returns the values of metrics.def, the build, durations of jobs, and process_*; with TLS the days
+/// that the certificate is still valid. Io thread only.
+[[nodiscard]] std::string exposition(const Services& services,
+                                     std::optional<double> certificate_days_left = {});
 
 }  // namespace raynest::server

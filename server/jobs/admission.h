@@ -80,6 +80,11 @@ public:
     /// Returns whose job must end before the principal can start one more; nothing if none must.
     [[nodiscard]] std::optional<Peers::Whose> blocking_limit(const std::string& principal) const;
 
+    /// Changes the limits; jobs in flight stay.
+    void set_limits(const protocol::Limits& limits) {
+        limits_ = limits;
+        quotas_.set_limits(limits);
+    }
     /// The quotas of principals that have others than the limits.
     [[nodiscard]] Quotas& quotas() { return quotas_; }
     [[nodiscard]] Bandwidth& bandwidth() { return bandwidth_; }
@@ -103,7 +108,7 @@ private:
     };
     void leave(std::uint64_t number);
 
-    const protocol::Limits limits_;
+    protocol::Limits limits_;
     Quotas quotas_;
     Bandwidth bandwidth_;
     std::map<std::uint64_t, JobRecord> jobs_;

@@ -8,7 +8,8 @@
 namespace raynest::server {
 
 /// Logs `job number=... principal=... kind=...`. The level is `info` if the job is detached, took
-/// over a second, was cancelled, or is a load that failed; otherwise `debug`.
+/// over a second, was cancelled by its client or the daemon, or is a load that failed; `error` if a
+/// defect ended it; else `debug`.
 void log_job(const JobRecord& record, Clock::time_point ended,
              const std::optional<protocol::Error>& error);
 

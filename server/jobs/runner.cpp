@@ -33,6 +33,7 @@ Runner::ActivePointer Runner::find(std::uint64_t id) const {
 
 template <class Step>
 void Runner::guarded(Active& active, Step step) {
+    const RequestScope scope(active.tag);
     try {
         step();
     } catch (const std::bad_alloc&) {
@@ -323,6 +324,7 @@ void Runner::stop(Active& active, protocol::Error error) {
 
 void Runner::finish(const ActivePointer& active) {
     if (!active->tasks.empty()) return;
+    const RequestScope scope(active->tag);
     jobs_.remove(active);
     ++context_.metrics.jobs_ended;
     if (const JobRecord* record = context_.admission.find(active->slot.number())) {
@@ -350,7 +352,7 @@ void Runner::finish(const ActivePointer& active) {
             ++refusals_of(context_.metrics, code);
     }
     if (sink_ != nullptr && active->error)
-        sink_->send(protocol::encode_error(active->id, *active->error, false));
+        sink_->send(protocol::encode_error(active->id, for_client(*active->error), false));
     // Free the job's memory together with its slot, not when a worker drops the last reference.
     active->slot = {};
     active->job.reset();
@@ -398,12 +400,12 @@ Clock::time_point Runner::next_tick() const {
     return next;
 }
 
-void Runner::abandon() {
+void Runner::abandon(const protocol::Error& why) {
     sink_ = nullptr;
-    // Move the list, and keep the text below short: this must not allocate memory.
+    // Move the list: this must not allocate memory.
     const std::list<ActivePointer> jobs = std::move(jobs_);
     for (const ActivePointer& active : jobs) {
-        stop(*active, {Code::cancelled, "client is gone", 0});
+        stop(*active, why);
         finish(active);
     }
 }

@@ -14,6 +14,7 @@
 #include "server/jobs/inline_budget.h"
 #include "server/jobs/job.h"
 #include "server/jobs/peers.h"
+#include "server/log.h"
 #include "server/store/budget.h"
 
 #include <functional>
@@ -94,8 +95,12 @@ public:
     /// Bytes of --memory that the jobs and their answers have reserved.
     [[nodiscard]] std::uint64_t held_bytes() const;
 
-    /// Stops all jobs and sends nothing more, because the connection is gone.
-    void abandon();
+    /// Stops all jobs with this error and sends nothing more, because the connection is gone. The
+    /// message has at most 15 bytes, which need no memory of their own.
+    void abandon(const protocol::Error& why = client_is_gone());
+    [[nodiscard]] static protocol::Error client_is_gone() {
+        return {Code::cancelled, "client is gone", 0};
+    }
 
 private:
     /// A submitted task.
@@ -111,6 +116,7 @@ private:
               stop(deadline) {}
         const std::uint64_t id;
         std::unique_ptr<Job> job;  ///< null once finished, even if tasks still refer to this
+        const RequestTag tag = RequestScope::current();  ///< for the log
         StopFlag stop;
         Admission::Slot slot;
         Budget::Lease input;  ///< for data that the client may send

@@ -86,6 +86,7 @@ public:
     /// one.
     explicit HttpSite(std::vector<std::string> names) : names_(std::move(names)) {}
 
+    void set_names(std::vector<std::string> names) { names_ = std::move(names); }
     /// Sets the address listened on. Loopback hosts must name its port; its scheme says whether the
     /// connections are encrypted.
     void set_address(const TcpAddress& address) { address_ = address; }
@@ -125,7 +126,7 @@ private:
     [[nodiscard]] std::string cookie_name() const;
     [[nodiscard]] bool is_encrypted() const { return address_.scheme == "https"; }
 
-    const std::vector<std::string> names_;
+    std::vector<std::string> names_;
     TcpAddress address_{"127.0.0.1", 0, "http"};
     std::function<std::string()> unready_;
     std::function<std::string()> metrics_;

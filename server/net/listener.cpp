@@ -152,6 +152,24 @@ Result<Bound> bind_unix(const Place& place, const SocketAccess& access) {
                   sizeof name, prepare);
 }
 
+/// Takes over a socket that another process has opened and that listens already.
+Result<Bound> adopt(const Place& place, int family, int descriptor) {
+    const int flags = fcntl(descriptor, F_GETFL);
+    if (flags < 0 || fcntl(descriptor, F_SETFL, flags | O_NONBLOCK) != 0 ||
+        fcntl(descriptor, F_SETFD, FD_CLOEXEC) != 0)
+        return failed(place, "fcntl");
+    return Bound{descriptor, family, place.address};
+}
+
+Result<Bound> bind_to(const Place& place, const SocketAccess& access) {
+    if (const auto* local = std::get_if<UnixAddress>(&place.address))
+        return local->descriptor >= 0 ? adopt(place, AF_UNIX, local->descriptor)
+                                      : bind_unix(place, access);
+    const auto& tcp = std::get<TcpAddress>(place.address);
+    const int family = tcp.host.find(':') == std::string::npos ? AF_INET : AF_INET6;
+    return tcp.descriptor >= 0 ? adopt(place, family, tcp.descriptor) : bind_tcp(place);
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Listener>> Listener::open(asio::io_context& io, const Address& address,
@@ -159,13 +177,14 @@ Result<std::unique_ptr<Listener>> Listener::open(asio::io_context& io, const Add
                                                  const SocketAccess& access, Accept accept) {
     const Place place{address, option};
     const auto* unix_address = std::get_if<UnixAddress>(&address);
-    const auto bound = unix_address != nullptr ? bind_unix(place, access) : bind_tcp(place);
+    const auto bound = bind_to(place, access);
     if (!bound) return tl::unexpected(bound.error());
     std::unique_ptr<Listener> listener(new Listener(io, std::move(accept)));
     listener->acceptor_.assign({bound->family, 0}, bound->descriptor);
     listener->acceptor_.non_blocking(true);
     listener->address_ = bound->address;
-    if (unix_address != nullptr) listener->socket_file_ = unix_address->path;
+    if (unix_address != nullptr && unix_address->descriptor < 0)
+        listener->socket_file_ = unix_address->path;
     return listener;
 }
 

@@ -25,7 +25,8 @@ public:
 
     /// Binds and listens; port 0 picks a free port. `option` named the address. A Unix socket has
     /// the mode and group of `access` before any client can connect, and replaces the socket of a
-    /// dead daemon. Fails with io_failed and the reason.
+    /// dead daemon. An address with a descriptor takes that socket over; its peers then wait in its
+    /// queue while no daemon runs. Fails with io_failed and the reason.
     static Result<std::unique_ptr<Listener>> open(asio::io_context& io, const Address& address,
                                                   std::string_view option,
                                                   const SocketAccess& access, Accept accept);
@@ -34,7 +35,7 @@ public:
 
     /// Starts accepting.
     void start() { accept_next(); }
-    /// Stops accepting and removes a Unix socket's file; idempotent.
+    /// Stops accepting and removes a Unix socket's file, if the socket was made here; idempotent.
     void close();
 
     /// The address with the actual port.

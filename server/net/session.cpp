@@ -115,6 +115,7 @@ void Session::stop() {
 
 void Session::drop(Metrics::Counter& counter, const char* why) {
     ++counter;
+    const RequestScope scope({number(), 0});
     log(LogLevel::info, "dropped",
         {{"principal", principal()}, {"reason", why}, {"unread", std::to_string(backlog_)}});
     stop();

@@ -53,6 +53,8 @@ public:
         : policy_(policy),
           logins_(limits) {}
 
+    /// Replaces the policy, for peers that come from now on.
+    void set_policy(const AccessPolicy& policy) { policy_ = policy; }
     /// Replaces the rows; open connections are checked with still_valid().
     void set_tokens(TokenTable tokens) { tokens_ = std::move(tokens); }
     [[nodiscard]] const TokenTable& tokens() const { return tokens_; }
@@ -92,7 +94,7 @@ private:
                                                   WallClock::time_point wall, Audit audited) const;
     [[nodiscard]] Reply<Principal> anonymous(const PeerIdentity& peer) const;
 
-    const AccessPolicy policy_;
+    AccessPolicy policy_;
     TokenTable tokens_;
     LoginFailures failures_;
     PageLogins logins_;

@@ -16,8 +16,16 @@ bool logged(const Result<void>& done, const char* event) {
 
 Credentials::Credentials(const SecurityOptions& options, const protocol::Limits& limits)
     : options_(options),
-      authentication_({options.anonymous, !options.tokens.empty(), !options.tls.client_ca.empty()},
-                      limits) {}
+      authentication_(policy_of(options), limits) {}
+
+AccessPolicy Credentials::policy_of(const SecurityOptions& options) {
+    return {options.anonymous, !options.tokens.empty(), !options.tls.client_ca.empty()};
+}
+
+std::optional<double> Credentials::certificate_days_left(WallClock::time_point now) const {
+    if (tls_ == nullptr) return std::nullopt;
+    return std::chrono::duration<double, std::chrono::days::period>(tls_->expires() - now).count();
+}
 
 Credentials::Version Credentials::version_of(const std::filesystem::path& file) {
     struct stat status {};
@@ -32,7 +40,9 @@ Result<void> Credentials::load() {
     return load_tokens();
 }
 
-bool Credentials::reload() {
+bool Credentials::reload(const SecurityOptions& options) {
+    options_ = options;
+    authentication_.set_policy(policy_of(options));
     const bool tls = logged(load_tls(), "certificate_unusable");
     const bool tokens = logged(load_tokens(), "tokens_unusable");
     return tls && tokens;

@@ -29,15 +29,17 @@ public:
 
     /// Reads all files. Fails with the first that is unusable.
     Result<void> load();
-    /// Reads all files again; logs those that are unusable and keeps what they said before. True if
-    /// all could be read.
-    bool reload();
+    /// Reads all files again, which `options` may name anew; logs those that are unusable and keeps
+    /// what they said before. True if all could be read.
+    bool reload(const SecurityOptions& options);
     /// Reads the token file again if it has changed. True if rows may have changed or expired since
     /// the last call: open connections must be checked.
     bool look_at_tokens(WallClock::time_point now);
 
     [[nodiscard]] Authentication& authentication() { return authentication_; }
     [[nodiscard]] const std::shared_ptr<const TlsContext>& tls() const { return tls_; }
+    /// Returns the days until the certificate's time ends; nothing without a certificate.
+    [[nodiscard]] std::optional<double> certificate_days_left(WallClock::time_point now) const;
 
 private:
     /// Tells versions of a file apart.
@@ -49,10 +51,11 @@ private:
         bool operator==(const Version&) const = default;
     };
     static Version version_of(const std::filesystem::path& file);
+    static AccessPolicy policy_of(const SecurityOptions& options);
     Result<void> load_tls();
     Result<void> load_tokens();
 
-    const SecurityOptions options_;
+    SecurityOptions options_;
     std::shared_ptr<const TlsContext> tls_;
     Authentication authentication_;
     Version tokens_version_;

@@ -12,10 +12,14 @@ namespace raynest::server {
 /// Io thread only.
 class Quotas {
 public:
-    explicit Quotas(const protocol::Limits& limits)
-        : usual_{limits.principal_connections_max, limits.principal_jobs_max,
-                 limits.principal_rays_max, limits.principal_scene_bytes_max,
-                 limits.principal_second_bytes_max} {}
+    explicit Quotas(const protocol::Limits& limits) { set_limits(limits); }
+
+    /// Changes the quotas of principals without others.
+    void set_limits(const protocol::Limits& limits) {
+        usual_ = {limits.principal_connections_max, limits.principal_jobs_max,
+                  limits.principal_rays_max, limits.principal_scene_bytes_max,
+                  limits.principal_second_bytes_max};
+    }
 
     /// Replaces the quotas of a principal; 0 means the usual one.
     void set(const std::string& principal, const Quota& quota) {
@@ -41,7 +45,7 @@ public:
     }
 
 private:
-    const Quota usual_;
+    Quota usual_;
     std::map<std::string, Quota> special_;
 };
 

@@ -72,6 +72,11 @@ public:
           quotas_(limits),
           now_(std::move(now)) {}
 
+    /// Changes the limits; scenes beyond them stay.
+    void set_limits(const protocol::Limits& limits) {
+        limits_ = limits;
+        quotas_.set_limits(limits);
+    }
     /// The quotas of principals that have others than the limits.
     [[nodiscard]] Quotas& quotas() { return quotas_; }
 
@@ -192,7 +197,7 @@ private:
                                                  const std::string& principal);
 
     Budget& budget_;
-    const protocol::Limits limits_;
+    protocol::Limits limits_;
     Quotas quotas_;
     const Now now_;
     Entries entries_;

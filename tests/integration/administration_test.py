@@ -3,6 +3,7 @@
 
   administration_test.py RAYNESTD RAYNEST
 """
+import json
 import os
 import pathlib
 import re
@@ -79,6 +80,81 @@ class Administration(unittest.TestCase):
         until(lambda: self.lines(daemon, "reloaded"))
         self.assertEqual(self.lines(daemon, "reloaded")[0]["level"], "info")
         self.assertEqual(client.run("scenes").returncode, 0)
+
+    def test_a_hangup_takes_changed_options_and_names_those_that_wait_for_a_restart(self):
+        config = self.folder / "raynestd.toml"
+        config.write_text('log-level = "info"\nprincipal-scenes-max = 1\nthreads = 2\n')
+        daemon = self.daemon("--config", config)
+        client = Client(self.raynest, daemon.uri)
+        self.assertEqual(client.run("load", "builtin:terrain?size=8", "--name", "a").returncode, 0)
+        second = ("load", "builtin:terrain?size=9", "--name", "b")
+        self.assertEqual(client.run(*second).returncode, 6)
+        config.write_text('log-level = "debug"\nprincipal-scenes-max = 2\nthreads = 1\n')
+        daemon.process.send_signal(signal.SIGHUP)
+        until(lambda: self.lines(daemon, "reloaded"))
+        self.assertEqual(self.lines(daemon, "reloaded")[0]["changed"], "log-level,principal-scenes-max")
+        self.assertEqual(self.lines(daemon, "restart_needed")[0]["options"], "threads")
+        self.assertEqual(client.run(*second).returncode, 0)
+        self.assertTrue(self.lines(daemon, "greeted"), "debug is on")
+
+    def test_a_hangup_with_a_bad_file_keeps_the_old_settings_and_names_the_mistake(self):
+        config = self.folder / "raynestd.toml"
+        config.write_text("principal-scenes-max = 1\n")
+        daemon = self.daemon("--config", config)
+        client = Client(self.raynest, daemon.uri)
+        config.write_text("principal-scenes-max = 9\nprincipal-scnes-max = 2\n")
+        daemon.process.send_signal(signal.SIGHUP)
+        until(lambda: self.lines(daemon, "reloaded"))
+        line, = self.lines(daemon, "configuration_unusable")
+        self.assertEqual(line["level"], "error")
+        self.assertRegex(line["reason"], "raynestd.toml, line 2: .*'principal-scnes-max'")
+        self.assertEqual(self.lines(daemon, "reloaded")[0]["level"], "error")
+        client.run("load", "builtin:terrain?size=8", "--name", "a")
+        self.assertEqual(client.run("load", "builtin:terrain?size=9", "--name", "b").returncode, 6)
+
+    def test_an_error_names_its_request_as_the_log_does(self):
+        daemon = self.daemon("--log-level", "debug")
+        client = Client(self.raynest, daemon.uri)
+        done = client.run("info", "nowhere")
+        tag = re.search(r" \[request ([0-9a-f]+)\]\n$", done.stderr)[1]
+        line, = (line for line in self.lines(daemon, "refused") if line.get("request_id") == tag)
+        self.assertEqual(line["code"], "SCENE_UNKNOWN")
+        failed = json.loads(client.run("--json", "load", "builtin:forest?trees=0").stderr)["error"]
+        line, = (line for line in self.lines(daemon, "job") if line["request_id"] == failed["request"])
+        self.assertRegex(line["outcome"], "SCENE_INVALID")
+        greeted = {line["connection"] for line in self.lines(daemon, "greeted")}
+        self.assertIn(line["connection"], greeted)
+
+    def test_the_log_may_be_json(self):
+        daemon = self.daemon("--log-format", "json", "--log-level", "debug")
+        client = Client(self.raynest, daemon.uri)
+        client.run("info", 'a\x1b[2J\n{"event":"forged"}')
+        name = 'a "b"'
+        self.assertEqual(client.run("load", "builtin:terrain?size=8", "--name", name).returncode, 0)
+        lines = [json.loads(line) for line in daemon.log().splitlines()]
+        loaded, = (line for line in lines if line["event"] == "loaded")
+        self.assertEqual((loaded["scene"], loaded["level"], loaded["principal"]),
+                         (name, "info", "127.0.0.1"))
+        self.assertRegex(loaded["time"], r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d$")
+        self.assertRegex(loaded["request_id"], "^[0-9a-f]+$")
+        refused, = (line for line in lines if line["event"] == "refused")
+        self.assertEqual(refused["message"], "scene is not printable UTF-8")
+
+    def test_jobs_that_the_drain_cuts_off_are_not_blamed_on_their_clients(self):
+        daemon = Daemon(self.raynestd, "--drain-ms-max", "200")
+        self.addCleanup(daemon.folder.cleanup)
+        self.addCleanup(daemon.process.kill)
+        client = Client(self.raynest, daemon.uri)
+        self.assertEqual(client.run("load", "builtin:forest?trees=2000").returncode, 0)
+        busy = client.start("render", "forest", "--size", "4096x4096", "--traversal", "reference",
+                            "-o", self.folder / "a.png")
+        until(lambda: client.json("jobs")["jobs"])
+        daemon.process.terminate()
+        daemon.process.wait(PATIENCE)
+        _, errors = busy.communicate(timeout=PATIENCE)
+        self.assertEqual(busy.returncode, 6, errors)
+        outcomes = {line["outcome"] for line in self.lines(daemon, "job") if line["kind"] == "render"}
+        self.assertEqual(outcomes, {"DRAINING"})
 
     def test_a_pack_folder_without_packs_is_warned_of(self):
         daemon = self.daemon("--pack-dir", self.folder)

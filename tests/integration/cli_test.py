@@ -220,7 +220,7 @@ class Cli(DaemonTest):
         self.assertEqual(done.returncode, 5)
         error = json.loads(done.stderr)["error"]
         self.assertEqual((error["name"], sorted(error)), ("SCENE_UNKNOWN", ["code", "message",
-                                                                            "name"]))
+                                                                            "name", "request"]))
 
     def test_nobody_at_the_address_is_exit_code_3(self):
         with closed_port() as uri:

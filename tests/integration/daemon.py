@@ -15,6 +15,9 @@ import threading
 import time
 import unittest
 
+# A daemon that a test ends does not come back: the Python client looks for no other one.
+os.environ.setdefault("RAYNEST_RECONNECT", "0")
+
 PATIENCE = float(os.environ.get("RAYNEST_PATIENCE", "30"))  # s, as in tests/patience.h
 LONG = "RAYNEST_LONG" in os.environ  # tests/run.sh --long
 SHARED_SCENES = (pathlib.Path(__file__).resolve().parent / "../../../shared/scenes").resolve()
@@ -118,7 +121,9 @@ class Client:
     def __init__(self, program, uri, token=None):
         self.program = program
         self.uri = uri
-        self.environment = {"RAYNEST_SERVER": uri, **({"RAYNEST_TOKEN": token} if token else {})}
+        # A daemon that a test ends does not come back: look for no other one.
+        self.environment = {"RAYNEST_SERVER": uri, "RAYNEST_RECONNECT": "0",
+                            **({"RAYNEST_TOKEN": token} if token else {})}
 
     def start(self, *arguments, **options):
         environment = dict(os.environ, **self.environment)

@@ -79,7 +79,8 @@ class SecureClient(Client):
 
     def __init__(self, program, uri, ca=None, token=None, home="/nonexistent"):
         super().__init__(program, uri)
-        self.environment = {"RAYNEST_SERVER": uri, "HOME": str(home), "XDG_CONFIG_HOME": ""}
+        self.environment = {"RAYNEST_SERVER": uri, "HOME": str(home), "XDG_CONFIG_HOME": "",
+                            "RAYNEST_RECONNECT": "0"}
         if ca:
             self.environment["RAYNEST_CA"] = str(ca)
         if token:

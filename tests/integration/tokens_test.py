@@ -6,6 +6,7 @@
 import json
 import os
 import pathlib
+import re
 import socket
 import stat
 import statistics
@@ -195,8 +196,8 @@ class TokensTest(unittest.TestCase):
             self.says(client.run("load", f"builtin:terrain?size={size}", "--name", "car"), 0)
         triangles = [client.json("info", "car")["unique_triangles"] for client in (alice, bob)]
         self.assertNotEqual(*triangles)
-        unknown = self.says(bob.run("info", "alice/cab"), 5).stderr
-        hidden = self.says(bob.run("info", "alice/car"), 5).stderr
+        unknown, hidden = (re.sub(r"\[request \w+\]", "", self.says(bob.run("info", name), 5).stderr)
+                           for name in ("alice/cab", "alice/car"))
         self.assertEqual(hidden, unknown.replace("cab", "car"))
         self.assertEqual([scene["name"] for scene in bob.json("scenes")["scenes"]], ["car"])
         # Shared with bob alone.
@@ -291,6 +292,13 @@ class TokensTest(unittest.TestCase):
                     if row["principal"] == "bob" and row["jobs"]]
         row = until(rows)[0]
         self.assertEqual((row["role"], row["transport"], row["peer"]), ("user", "tls", "127.0.0.1"))
+        looks = root.json("top", "--once")["principals"]
+        bob, = (use for use in looks if use["principal"] == "bob")
+        self.assertEqual((bob["role"], bob["jobs"], bob["scenes"]), ("user", 1, 1))
+        self.assertGreaterEqual(bob["connections"], 1)
+        self.assertIn("PRINCIPAL", root.run("top", "--once").stdout)
+        own, = idle.json("top", "--once")["principals"]
+        self.assertEqual((own["principal"], own["connections"]), ("bob", None))
         self.says(root.run("admin", "kick", row["connection"]), 0, "1 connections ended")
         self.assertEqual(busy.wait(PATIENCE), 4)
         self.says(root.run("admin", "kick", "nobody"), 0, "0 connections ended")

@@ -151,7 +151,7 @@ class Lies(WithFake):
         error = self.refused(lambda peer: peer.send("Error", {
             "code": 12, "message": "full", "retry_after_ms": 250}), raynest.BusyError, closed=False)
         self.assertEqual((error.retry_after, error.name, error.exit_code), (0.25, "BUSY", 6))
-        self.assertEqual(str(error), "full (try again in 250 ms)")
+        self.assertEqual(str(error), "full (try again in 250 ms) [request 1]")
         self.refused(lambda peer: peer.send("Error", {"code": 16, "closing": True}),
                      raynest.BusyError)
         self.refused(lambda peer: peer.socket.sendall(frame("Error", {

@@ -19,7 +19,7 @@ import select
 import socket
 import threading
 import time
-from typing import Callable, Generator, NamedTuple, NoReturn, Optional, Sequence
+from typing import Callable, Generator, NamedTuple, NoReturn, Optional, Sequence, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from ._control import Message, decode, encode
 from ._frame import (HEADER, Array, Block, Header, describe, padding, read_blocks, read_header,
                      write_header)
 from ._interrupts import Interrupts
+from ._reconnect import ATTEMPTS_MAX, open_again
 from ._schema import SCHEMA
 from ._version import VERSION
 
@@ -44,6 +45,10 @@ BUFFERS_MAX = 64  # of one system call
 # Explains a connection that the daemon closed in the middle of an answer, where no ERROR fits.
 CUT_SHORT = " within an answer: the daemon ended, or this reader paused and gave way to another client"
 
+# Requests that change nothing in the daemon.
+HARMLESS = {"Info", "Jobs", "Parts", "Path", "Ping", "Scenes", "Stats", "Variants"}
+
+T = TypeVar("T")
 Frame = tuple[str, Message]
 # Returns the arrays that receive the blocks of a frame, each with exactly its block's bytes.
 Place = Callable[[str, Message, Sequence[Block]], Sequence[Array]]
@@ -61,6 +66,12 @@ class Daemon(NamedTuple):
     role: str            # viewer, user or admin
 
 
+def first_request_id() -> int:
+    """Returns the id before a connection's first request, as protocol/request_id.h makes it: random, so
+    that a log has an id once."""
+    return int.from_bytes(os.urandom(4), "little") << 16
+
+
 def anywhere(_name: str, _message: Message, blocks: Sequence[Block]) -> Sequence[Array]:
     return [block.array() for block in blocks]
 
@@ -70,30 +81,59 @@ def _bytes_of(array: Array) -> memoryview:
 
 
 class Connection:
-    def __init__(self, uri: str, access: Access, window_bytes: int) -> None:
+    def __init__(self, uri: str, access: Access, window_bytes: int, reconnect: float = 0.0) -> None:
         self.uri = uri
+        self._access = access
         self._window_bytes = window_bytes
+        self._reconnect = reconnect         # seconds to look for a daemon that went away
+        self._left = False                  # the caller has closed this
+        self.closed = True
         self._process = os.getpid()
         self._turn = threading.Lock()
         self._owner = 0                     # thread whose turn it is
-        self.closed = False
         self.interrupts = Interrupts()
+        self._scrap = bytearray(64 << 10)
+        self._open()
+
+    def _open(self) -> None:
         self._outbox: collections.deque[list[memoryview]] = collections.deque()
         self._begun = False                 # was part of the first frame there sent?
-        self._scrap = bytearray(64 << 10)
         self._id = 0                        # 0: about the connection itself
         self._begin(GREETING_SECONDS)
-        self._socket = connect(self.uri, GREETING_SECONDS, access)
+        before = getattr(self, "_socket", None)
+        if before is not None:
+            before.close()
+        self._socket = connect(self.uri, GREETING_SECONDS, self._access)
+        self.closed = False
         self._pending = getattr(self._socket, "pending", lambda: 0)  # only TLS decrypts ahead
         self._poll = select.poll()
         self._poll.register(self._socket)
         try:
-            self.daemon = self._greet(access.token)
+            self.daemon = self._greet(self._access.token)
         except BaseException:
-            self.close()
+            self._shut()
             raise
+        self._id = first_request_id()
+
+    def again(self, work: Callable[[], T]) -> T:
+        """Returns work(), which sends requests that change nothing. Where the daemon goes away
+        meanwhile, calls it once more: its first request connects again."""
+        for attempt in range(1, ATTEMPTS_MAX + 1):
+            try:
+                return work()
+            except errors.Error as error:
+                if not error.lost or not self._reconnect or self._left or attempt == ATTEMPTS_MAX:
+                    raise
+                with self.interrupts:
+                    self._shut()  # after DRAINING it is still open
+        raise AssertionError
 
     def close(self) -> None:
+        """Ends the connection for good; see _shut()."""
+        self._left = True
+        self._shut()
+
+    def _shut(self) -> None:
         """Ends the connection and the request that runs on it, from any thread: the thread that reads
         finds the end of the stream. The descriptor is closed when no thread uses it any more; its
         number could otherwise name another file while a thread still waits for it."""
@@ -133,6 +173,8 @@ class Connection:
             with self.interrupts:
                 self._check_process()
                 mine = self._take_turn()
+                if self.closed and not self._left and self._reconnect:
+                    open_again(self._open, self._reconnect, self.interrupts.check)
                 if self.closed:
                     raise errors.ConnectError(f"the connection to {self.uri} is closed; "
                                               "connect again")
@@ -156,7 +198,7 @@ class Connection:
             with self.interrupts:
                 try:
                     if os.getpid() != self._process:
-                        self.close()
+                        self._shut()
                     elif mine and self._running and not self.closed:
                         self._abandon()
                 finally:
@@ -171,11 +213,13 @@ class Connection:
     def ask(self, name: str, message: Message, answer: str,
             feed: Callable[[], object] = lambda: None) -> Message:
         """Sends a request that is answered by one frame, `answer`, and returns that."""
-        with self.interrupts:
-            for kind, reply in self.exchange(name, message, feed=feed):
-                if kind == answer:
-                    return reply
-        raise errors.ProtocolError(f"the daemon answered {name} with {kind}")
+        def once() -> Message:
+            with self.interrupts:
+                for kind, reply in self.exchange(name, message, feed=feed):
+                    if kind == answer:
+                        return reply
+            raise errors.ProtocolError(f"the daemon answered {name} with {kind}")
+        return self.again(once) if name in HARMLESS else once()
 
     def queue(self, name: str, message: Message, block: str = "", data: Optional[Array] = None,
               width: int = 1) -> None:
@@ -208,6 +252,9 @@ class Connection:
         self._owner = threading.get_ident()
         return True
 
+    def _tag(self) -> str:
+        return f"{self._id:x}" if self._id else ""
+
     def _begin(self, seconds_max: float) -> None:
         self._running = True
         self._wait_at_most(seconds_max)
@@ -228,9 +275,9 @@ class Connection:
                 name, welcome = self._next(anywhere)
         except errors.DeadlineError:
             raise errors.ConnectError(f"no RayNest daemon answers within {GREETING_SECONDS:g} s; "
-                                      "is it raynestd that listens there?") from None
+                                      "is it raynestd that listens there?", lost=True) from None
         except errors.FailedError as error:
-            raise errors.ConnectError(f"no RayNest daemon answers: {error}") from None
+            raise errors.ConnectError(f"no RayNest daemon answers: {error}", lost=True) from None
         if name != "Welcome":
             raise errors.ConnectError(f"no RayNest daemon answers: it says {name}")
         # A daemon may be configured to accept less than this client could send, never more.
@@ -255,7 +302,7 @@ class Connection:
             pass  # usually CANCELLED; any error ends the request
         finally:
             if self._running:
-                self.close()
+                self._shut()
 
     # ---- frames ---------------------------------------------------------------------------------
 
@@ -288,13 +335,13 @@ class Connection:
         try:
             header, name, message = self._read_frame(place)
         except BaseException:
-            self.close()  # within a frame there is no way back
+            self._shut()  # within a frame there is no way back
             raise
         ours = header.request_id == self._id
         if name == "Error" and (ours or header.request_id == 0):
             self._end(message["closing"])
             raise errors.from_daemon(message["code"], message["message"],
-                                     message["retry_after_ms"])
+                                     message["retry_after_ms"], self._tag())
         if not ours or not name:
             return None
         if name == "Credit":
@@ -308,7 +355,7 @@ class Connection:
         because the daemon waits for it."""
         self._running = False
         if closing:
-            return self.close()
+            return self._shut()
         self._keep_begun()
         self._wait_at_most(GRACE_SECONDS)
         self._flush()
@@ -337,7 +384,7 @@ class Connection:
         if self.interrupts.seen:
             self._patience = min(self._patience, GRACE_SECONDS)
         if self._patience < 0:
-            self.close()
+            self._shut()
             self.interrupts.check()
             raise errors.DeadlineError("no answer from the daemon within the deadline; pass a "
                                        "longer deadline, or ask for less", "DEADLINE")
@@ -390,7 +437,7 @@ class Connection:
             self._outbox.clear()  # the daemon has closed; reading tells what it said before
             self._begun = False
         except BaseException:
-            self.close()
+            self._shut()
             raise
 
     def _sent(self, count: int) -> None:
@@ -430,7 +477,8 @@ class Connection:
             except OSError as error:
                 self._check_open()
                 raise errors.FailedError(f"the connection broke: {error.strerror}"
-                                         + within * CUT_SHORT) from None
+                                         + within * CUT_SHORT, request=self._tag(),
+                                         lost=True) from None
             if count < 0:
                 self._look_around()
                 self._poll.modify(self._socket, select.POLLIN)
@@ -438,7 +486,8 @@ class Connection:
                 continue
             if count == 0:
                 self._check_open()
-                raise errors.FailedError("the daemon closed the connection" + within * CUT_SHORT)
+                raise errors.FailedError("the daemon closed the connection" + within * CUT_SHORT,
+                                         request=self._tag(), lost=True)
             while first < len(views) and count >= len(views[first]):
                 count -= len(views[first])
                 first += 1

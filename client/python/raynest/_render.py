@@ -25,7 +25,7 @@ class Renders:
     name: str
     _client: clients.Client
     if TYPE_CHECKING:
-        _at: Callable[[Any, Callable[[Array, bool], Any]], Any]
+        _at: Callable[..., Any]
         _look_up: Callable[[JobOptions], None]
 
     @none_is_default
@@ -56,7 +56,7 @@ class Renders:
             "noise": noise, "tonemap": tonemap, "exposure": exposure})
         if detach:
             self._look_up(job)
-        answer = self._at(None, lambda origin, _: film.ask(origin, progress))
+        answer = self._at(None, lambda origin, _: film.ask(origin, progress), repeats=not detach)
         if not detach:
             self._client.outcome.warn_of_view()
             warn_if_incomplete(self._client.outcome)

@@ -23,6 +23,7 @@ from ._hash import upload_checksum
 from ._job import Outcome, Progress
 from ._precision import rounding_warning
 from ._rays import vector
+from ._reconnect import seconds_of
 from ._ssh import SshTunnel
 from ._upload import File, Sender, Upload, gather
 from ._words import scene_info, variant_info
@@ -39,7 +40,8 @@ class _OfThread(threading.local):
 @none_is_default
 def connect(uri: Optional[str] = None, *, token: Optional[str] = None, ca: Optional[str] = None,
             cert: Optional[str] = None, key: Optional[str] = None, verify: bool = True,
-            window_bytes: int = _limits.window_bytes) -> Client:
+            window_bytes: int = _limits.window_bytes,
+            reconnect: Optional[float] = None) -> Client:
     """Connects to the daemon at tls://HOST:PORT, tcp://HOST:PORT, unix:PATH or ssh://HOST, over your
     own ssh to /run/raynest/socket there; by default at RAYNEST_SERVER, else at tcp://127.0.0.1:31060. The daemon sends at most `window_bytes` ahead; 0 is
     the default.
@@ -48,25 +50,30 @@ def connect(uri: Optional[str] = None, *, token: Optional[str] = None, ca: Optio
     not write it into programs. `ca` is the file of the CA to trust with tls://, by default RAYNEST_CA,
     else the system's store; `cert` and `key` are files of a client certificate. `verify=False`
     accepts any certificate, and warns.
+
+    Where a daemon goes away, as in a restart, the client looks for it for `reconnect` seconds, by
+    default RAYNEST_RECONNECT or 10, and asks again where that is safe: traces, pictures, lists and
+    loads, not streams and detached jobs. 0 raises at once. Scenes do not survive a restart:
+    InvalidError, SCENE_UNKNOWN, then says so.
     """
     if not isinstance(uri, (str, type(None))):
         raise TypeError(f"uri of {uri!r}: it must be a text, as 'tcp://127.0.0.1:31060' or "
                         "'unix:PATH'")
     uri = uri or os.environ.get("RAYNEST_SERVER") or DEFAULT_URI
     access = find_access(uri, token, ca, cert, key, verify)
-    return Client(uri, access, window_bytes or _limits.window_bytes)
+    return Client(uri, access, window_bytes or _limits.window_bytes, seconds_of(reconnect))
 
 
 class Client:
     """A connection, which runs one request at a time: threads take turns. For concurrent requests,
     open several. As a context manager it closes itself."""
 
-    def __init__(self, uri: str, access: Access, window_bytes: int) -> None:
+    def __init__(self, uri: str, access: Access, window_bytes: int, reconnect: float = 0.0) -> None:
         self._uri = uri
         self._tunnel = SshTunnel(uri) if uri.startswith("ssh://") else None
         try:
             self.connection = Connection(self._tunnel.uri if self._tunnel else uri, access,
-                                         window_bytes)
+                                         window_bytes, reconnect)
         except BaseException:
             if self._tunnel:
                 self._tunnel.close()
@@ -170,6 +177,10 @@ class Client:
     def _load(self, upload: Upload, message: Message,
               progress: Progress) -> tuple[Scene, dict[str, Any]]:
         self.drop_unused()
+        return self.connection.again(lambda: self._load_once(upload, message, progress))
+
+    def _load_once(self, upload: Upload, message: Message,
+                   progress: Progress) -> tuple[Scene, dict[str, Any]]:
         sender = Sender(self.connection, upload)
         frames = self.connection.exchange("Load", message, feed=sender.feed)
         loaded: Message = {}

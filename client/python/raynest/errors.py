@@ -1,6 +1,6 @@
 """The exceptions: one class for each exit code of the command line.
 
-    Error                    code, name, exit_code, retry_after
+    Error                    code, name, exit_code, retry_after, request
     ├── FailedError          1    defects, broken connections, a taken name
     │   └── ProtocolError    1    the other end does not speak the protocol
     ├── UsageError           2    a field or parameter is wrong; also a ValueError
@@ -32,12 +32,17 @@ class Error(Exception):
 
     exit_code = 1
 
-    def __init__(self, message: str, name: str = "", code: int = 0, retry_after: float = 0.0):
-        super().__init__(message)
+    def __init__(self, message: str, name: str = "", code: int = 0, retry_after: float = 0.0,
+                 request: str = "", lost: bool = False):
+        super().__init__(message + (f" [request {request}]" if request else ""))
         self.name = name
         self.code = code
         self.retry_after = retry_after
         """Seconds to wait before trying again; 0 if the daemon names no time."""
+        self.request = request
+        """Id of the request, as the daemon's log names it; "" if the error is about none."""
+        self.lost = lost
+        """True if the connection or its daemon ended: another connection may get the answer."""
 
 
 class FailedError(Error):
@@ -108,10 +113,11 @@ TABLE: tuple[tuple[str, type[Error]], ...] = tuple(
     (name, _BY_EXIT_CODE[exit_code]) for name, exit_code in ERRORS)
 
 
-def from_daemon(code: int, message: str, retry_after_ms: int) -> Error:
+def from_daemon(code: int, message: str, retry_after_ms: int, request: str = "") -> Error:
     """Returns the exception for an ERROR frame; an unknown code, of a later version, gives INTERNAL."""
     known = 1 <= code <= len(TABLE)
     name, kind = TABLE[code - 1] if known else INTERNAL
     seconds = retry_after_ms / 1000
     hint = f" (try again in {retry_after_ms} ms)" if retry_after_ms else ""
-    return kind(localize_message(message or name) + hint, name, code, seconds)
+    return kind(localize_message(message or name) + hint, name, code, seconds, request,
+                name == "DRAINING")

@@ -45,6 +45,9 @@ class Job:
         """Waits for the job's end and returns the job; raises its error if it failed. Raises
         DeadlineError after `deadline` seconds (0: no limit). That, like Ctrl-C, ends the wait and
         not the job."""
+        return self._client.connection.again(lambda: self._wait(deadline, progress))
+
+    def _wait(self, deadline: float, progress: Progress) -> Job:
         message = {"job": self.number, "deadline_ms": milliseconds(deadline)}
         frames = self._client.connection.exchange("Wait", message, deadline)
         info: Message = {}
@@ -57,11 +60,16 @@ class Job:
             raise errors.DeadlineError(f"job {self.number} still runs; wait again, or cancel it",
                                        late.name) from None
         if info.get("code"):
-            raise errors.from_daemon(info["code"], f"job {self.number}: {info['error']}", 0)
+            failure = errors.from_daemon(info["code"], f"job {self.number}: {info['error']}", 0)
+            failure.lost = False  # it is the job that ended
+            raise failure
         return self
 
     def fetch(self, *, progress: Progress = None) -> Any:
         """Returns the answer of the original call, any number of times; BusyError until wait() returns."""
+        return self._client.connection.again(lambda: self._fetch(progress))
+
+    def _fetch(self, progress: Progress) -> Any:
         client, message = self._client, {"job": self.number}
         info = self.info
         if info["kind"] != "query":

@@ -122,7 +122,7 @@ class Scene(Renders):
             self._look_up(job)
         answer = self._at(origin, lambda shift, expected: self._trace(
             self._source(rays, directions, shift), shift, expected, kind, fields, max_hits, job,
-            reduce, progress, detach))
+            reduce, progress, detach), repeats=not detach)
         if not detach:
             self._client.outcome.warn_of_rays()
         return answer
@@ -242,15 +242,20 @@ class Scene(Renders):
     def _shift(self, origin: Any) -> Array:
         return self._origin if origin is None else vector("origin", origin)
 
-    def _at(self, origin: Any, ask: Callable[[Array, bool], Any]) -> Any:
+    def _at(self, origin: Any, ask: Callable[[Array, bool], Any], repeats: bool = True) -> Any:
         """Returns ask(shift, expected) for the scene's origin, or `origin` if given. Asks once more
-        if the scene was replaced by one with another origin."""
+        if the scene was replaced by one with another origin, and, if it `repeats`, if the daemon went
+        away."""
+        def answer(shift: Array, expected: bool) -> Any:
+            if not repeats:
+                return ask(shift, expected)
+            return self._client.connection.again(lambda: ask(shift, expected))
         try:
-            return ask(self._shift(origin), origin is None)
+            return answer(self._shift(origin), origin is None)
         except SceneMoved as moved:
             self._moved(moved.origin)
         try:
-            return ask(self._origin, True)
+            return answer(self._origin, True)
         except SceneMoved:
             raise InvalidError(f"the scene '{self.name}' is being replaced by others with other "
                                "origins; ask again", "SCENE_UNKNOWN") from None
@@ -352,7 +357,7 @@ class Scene(Renders):
                                      options["deadline_ms"] / 1000)
             self._client.outcome = picture.outcome
             return pixels
-        answer = self._at(None, ask)
+        answer = self._at(None, ask, repeats=not detach)
         if not detach:
             self._client.outcome.warn_of_view()
         return answer

@@ -16,7 +16,7 @@ namespace {
 ParsedOptions parse(const std::vector<const char*>& arguments) {
     std::vector<const char*> argv = {"raynestd"};
     for (const char* argument : arguments) argv.push_back(argument);
-    return parse_options(static_cast<int>(argv.size()), argv.data());
+    return parse_options(static_cast<int>(argv.size()), argv.data(), std::cerr);
 }
 
 TEST_CASE("without arguments the defaults fit this machine") {

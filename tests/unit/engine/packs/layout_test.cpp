@@ -81,6 +81,15 @@ TEST_CASE("the hash of a layout sees sizes, kinds, order, offsets, alignment and
           RAYNEST_LAYOUT(before::Sample, a, b, c, f).hash);
 }
 
+TEST_CASE("the hash of an enumeration sees names and their order") {
+    const std::set<std::uint64_t> seen{layout::hash_of_names({"closest", "any"}),
+                                       layout::hash_of_names({"any", "closest"}),
+                                       layout::hash_of_names({"closest"}),
+                                       layout::hash_of_names({"closestany"}),
+                                       layout::hash_of_names({"closest", "any", "multi"})};
+    CHECK(seen.size() == 5);
+}
+
 TEST_CASE("each type of the ABI is named when it alone differs, lacks or is new") {
     const auto types = border_types();
     CHECK(differing_type(types) == "");
@@ -104,7 +113,7 @@ TEST_CASE("the list of types has each name once, and every type that kernels rea
     for (const char* name :
          {"SceneView", "ObjectRecord", "HitRecord", "TraceCall", "Counters", "Ray", "Node",
           "TriangleBlock", "InstanceRecord", "GeometryRecord", "MaterialRecord", "TextureRecord",
-          "TexcoordBlock", "PackVariant", "PackParam", "PackPrimitive", "Device", "PinholeRays"}) {
+          "TexcoordBlock", "PackVariant", "PackParam", "PackPrimitive", "Device", "PinholeRays", "Query", "Traversal"}) {
         CAPTURE(name);
         CHECK(names.contains(name));
     }

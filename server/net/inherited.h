@@ -1,0 +1,26 @@
+// Listening sockets that a service manager keeps open while the daemon restarts, so that no client is
+// refused meanwhile. systemd passes them as descriptors 3, 4, ... and says so in LISTEN_FDS.
+#pragma once
+
+#include "server/address.h"
+
+#include <string>
+#include <vector>
+
+namespace raynest::server {
+
+class InheritedSockets {
+public:
+    /// Takes the sockets that LISTEN_FDS and LISTEN_PID announce for this process.
+    InheritedSockets();
+
+    /// Sets the descriptor of an address if an inherited socket listens on it.
+    void claim(Address& address);
+    /// Returns the addresses of sockets that claim() did not take.
+    [[nodiscard]] std::vector<std::string> unclaimed() const;
+
+private:
+    std::vector<Address> sockets_;
+};
+
+}  // namespace raynest::server
