@@ -65,7 +65,7 @@ public:
     /// Opens the HTTP port. Fails if the address was given by option; else the daemon has none.
     Result<void> listen_http();
     /// Returns http://HOST:PORT, https://HOST:PORT or "off".
-    [[nodiscard]] std::string http_uri() const;
+    [[nodiscard]] std::string http_uri() const { return http_listener_ ? http_listener_->uri() : "off"; }
     /// Serves until drained. Fails when the ready file cannot be written.
     Result<void> run();
 
@@ -217,9 +217,7 @@ Result<void> Daemon::listen() {
     }
     if (options_.http.address != "off")
         if (const auto listening = listen_http(); !listening) return listening;
-    for (const std::string& uri : inherited_.unclaimed())
-        log(LogLevel::warn, "socket_unused",
-            {{"uri", uri}, {"reason", "the service manager passes it, and no option names it"}});
+    inherited_.warn_of_unclaimed();
     return {};
 }
 
@@ -258,10 +256,6 @@ void Daemon::serve_health() {
         return "a worker thread is stuck: its task has run for more than " +
                std::to_string(most.count()) + " ms";
     });
-}
-
-std::string Daemon::http_uri() const {
-    return http_listener_ ? http_listener_->uri() : "off";
 }
 
 Result<void> Daemon::run() {

@@ -1,5 +1,7 @@
 #include "server/net/inherited.h"
 
+#include "server/log.h"
+
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -54,10 +56,11 @@ void InheritedSockets::claim(Address& address) {
     sockets_.erase(same);
 }
 
-std::vector<std::string> InheritedSockets::unclaimed() const {
-    std::vector<std::string> uris;
-    for (const Address& socket : sockets_) uris.push_back(to_uri(socket));
-    return uris;
+void InheritedSockets::warn_of_unclaimed() const {
+    for (const Address& socket : sockets_)
+        log(LogLevel::warn, "socket_unused",
+            {{"uri", to_uri(socket)},
+             {"reason", "the service manager passes it, and no option names it"}});
 }
 
 }  // namespace raynest::server

@@ -4,7 +4,6 @@
 
 #include "server/address.h"
 
-#include <string>
 #include <vector>
 
 namespace raynest::server {
@@ -16,8 +15,8 @@ public:
 
     /// Sets the descriptor of an address if an inherited socket listens on it.
     void claim(Address& address);
-    /// Returns the addresses of sockets that claim() did not take.
-    [[nodiscard]] std::vector<std::string> unclaimed() const;
+    /// Logs the addresses of sockets that claim() did not take.
+    void warn_of_unclaimed() const;
 
 private:
     std::vector<Address> sockets_;

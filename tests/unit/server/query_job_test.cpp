@@ -30,7 +30,7 @@ protected:
         const auto rays = source_.trace(plan_, chunk, input_, stop, buffers, false);
         (rays ? traced : given_up).emplace_back(chunk.first, chunk.count);
         if (!rays) return tl::unexpected(rays.error());
-        answered(chunk.first, chunk.count);
+        answered(chunk, chunk.count);
         return Frames{};
     }
     [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
