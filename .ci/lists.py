@@ -16,7 +16,7 @@ import textwrap
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[(),]|[^"(),]+')
 MARK = re.compile(r"^(.*\blists: (?!end)(\w+).*\n)(?:.*\n)*?(.*\blists: end\b.*\n)", re.MULTILINE)
 TYPES = {"u8": ("u8", 1), "u32": ("u32", 1), "u64": ("u64", 1), "f32": ("f32", 1),
-         "vec2": ("f32", 2), "vec3": ("f32", 3), "point": ("f32", 3)}
+         "vec2": ("f32", 2), "vec3": ("f32", 3), "point": ("f32", 3), "truth": ("u8", 1)}
 
 
 class Lists:
@@ -45,7 +45,7 @@ class Lists:
         self.layers = self.rows("engine/integrators/layers.def", "LAYER")
         self.tonemaps = self.rows("engine/integrators/tonemaps.def", "TONEMAP")
         self.palettes = self.rows("engine/integrators/palettes.def", "PALETTE")
-        self.metrics = self.rows("server/diag/metrics.def", "METRIC|GAUGE")
+        self.metrics = self.rows("server/diag/metrics.def", "METRIC|SPLIT|GAUGE")
 
     def rows(self, file, macro):
         text = (self.root / file).read_text(encoding="utf-8")
@@ -181,6 +181,7 @@ def python_module(lists):
         "OF_RAYS": dtypes([(row[0], row[1]) for row in lists.fields if row[2] == "ray"] +
                           [(name, "u32") for name, _ in lists.counters]),
         "POINTS": [row[0] for row in lists.fields if row[1] == "point"],
+        "TRUTHS": [row[0] for row in lists.fields if row[1] == "truth"],
         "SHOWN": {of: [row[0] for row in lists.fields if row[4] == of] for of in ("hits", "any")},
         "CSR": [name for name, hits, _ in lists.kinds if hits == "many"],
         "REDUCED": {name: dtypes(column.split() for column in columns.split(", "))
@@ -190,7 +191,7 @@ def python_module(lists):
         "GENERATORS": {name: settings.split(", ") for name, settings, _, _ in lists.generators},
     }
     types = {"ERRORS": "list[tuple[str, int]]", "OF_HITS": "dict[str, tuple[str, int]]",
-             "OF_RAYS": "dict[str, tuple[str, int]]", "POINTS": "list[str]", "CSR": "list[str]",
+             "OF_RAYS": "dict[str, tuple[str, int]]", "POINTS": "list[str]", "TRUTHS": "list[str]", "CSR": "list[str]",
              "SHOWN": "dict[str, list[str]]", "REDUCED": "dict[str, dict[str, tuple[str, int]]]",
              "REDUCED_KIND": "dict[str, str]", "REDUCED_TO_POINTS": "list[str]",
              "GENERATORS": "dict[str, list[str]]"}

@@ -66,7 +66,8 @@ Result<std::map<std::string, std::string>> read_exr_texts(std::span<const std::b
     return fail(Exit::invalid, "is an EXR file whose header is cut short or damaged");
 }
 
-Result<std::string> read_exr_range(const std::string& path, const std::string& metric) {
+Result<std::string> read_exr_range(const std::string& path, const std::string& metric,
+                                   bool differs) {
     const auto file = read_file(path, file_bytes_max);
     if (!file) return tl::unexpected<Failure>(file.error());
     auto texts = read_exr_texts(file->span());
@@ -80,6 +81,14 @@ Result<std::string> read_exr_range(const std::string& path, const std::string& m
     if (of->second != metric)
         return fail(Exit::usage, shown_name(path) + ": its range is of --metric " + of->second +
                                      ", not of " + metric);
+    // The range of a difference, and no other, begins below zero.
+    if (differs != range->second.starts_with('-'))
+        return fail(Exit::usage,
+                    shown_name(path) + ": its range " + range->second +
+                        (differs ? " is of counts, but --diff draws a difference: name an EXR "
+                                   "that was made with --diff, or give --range=-N:N"
+                                 : " is of a difference: name an EXR that was made without "
+                                   "--diff, or give --range 0:N"));
     return range->second;
 }
 

@@ -35,6 +35,10 @@ bool is_point_field(std::string_view name) {
     return some_column(name, [](const ColumnWords& column) { return column.type == "point"; });
 }
 
+bool is_truth_field(std::string_view name) {
+    return some_column(name, [](const ColumnWords& column) { return column.type == "truth"; });
+}
+
 std::vector<std::string> default_fields(std::string_view kind) {
     std::vector<std::string> names;
     for (const ColumnWords& column : column_words)

@@ -68,6 +68,9 @@ inline constexpr std::array column_words = {
 [[nodiscard]] bool is_hit_field(std::string_view name);
 /// True for a column of points, which are sent relative to the scene's origin.
 [[nodiscard]] bool is_point_field(std::string_view name);
+
+/// True for a field that says yes or no: bool in NumPy's files.
+[[nodiscard]] bool is_truth_field(std::string_view name);
 /// Returns the columns of a query that names none.
 [[nodiscard]] std::vector<std::string> default_fields(std::string_view kind);
 

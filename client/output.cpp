@@ -1,5 +1,7 @@
 #include "client/output.h"
 
+#include "client/interrupt.h"
+
 #include <poll.h>
 #include <signal.h>
 #include <unistd.h>
@@ -31,18 +33,22 @@ std::size_t letters(const std::string& text) {
 
 }  // namespace
 
-Result<void> check_stdout() {
-    errno = 0;
-    std::cout.flush();
-    if (std::cout) return {};
-    const int why = errno;  // 0 if an earlier write failed
-    // End silently if the reader, such as head, has closed the pipe.
+void end_if_unread() {
     pollfd out{STDOUT_FILENO, POLLOUT, 0};
     if (::poll(&out, 1, 0) == 1 && (out.revents & POLLERR) != 0) {
         ::signal(SIGPIPE, SIG_DFL);
         ::raise(SIGPIPE);
     }
-    return fail(Exit::failed, "cannot write to stdout" +
+}
+
+Result<void> check_stdout() {
+    errno = 0;
+    std::cout.flush();
+    if (std::cout) return {};
+    const int why = errno;  // 0 if an earlier write failed
+    if (interrupted()) return fail(Exit::interrupted, "interrupted");
+    end_if_unread();
+    return fail(Exit::failed, "cannot write stdout" +
                                   (why == 0 ? "" : std::string(": ") + std::strerror(why)));
 }
 

@@ -16,6 +16,9 @@ namespace raynest::client {
 /// JSON whose keys keep the order in which they were added.
 using Json = nlohmann::ordered_json;
 
+/// After a failed write: ends this process silently if the reader of stdout, such as head, has gone.
+void end_if_unread();
+
 /// Fails if a write to stdout failed. A command that prints much calls this as it goes, so that it
 /// stops when its reader does.
 [[nodiscard]] Result<void> check_stdout();

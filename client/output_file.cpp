@@ -3,6 +3,7 @@
 #include "client/descriptor.h"
 #include "client/files.h"
 #include "client/interrupt.h"
+#include "client/output.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -130,7 +131,11 @@ Result<void> check_writable(const std::string& path) {
 }
 
 Result<void> write_file(const std::string& path, std::span<const std::byte> bytes) {
-    if (is_stdout(path)) return write_all(STDOUT_FILENO, "stdout", bytes);
+    if (is_stdout(path)) {
+        auto written = write_all(STDOUT_FILENO, "stdout", bytes);
+        if (!written) end_if_unread();
+        return written;
+    }
     const auto to = destination_of(path);
     if (!to) return tl::unexpected<Failure>(to.error());
     return to->in_place ? write_in_place(*to, path, bytes) : replace(*to, path, bytes);

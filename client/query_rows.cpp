@@ -1,5 +1,6 @@
 #include "client/query_rows.h"
 
+#include "client/lists.h"
 #include "client/output.h"
 
 #include <algorithm>
@@ -50,8 +51,9 @@ std::vector<std::string> titles_of(const BlockView& block) {
 }
 
 std::string json_member(const BlockView& block, std::uint64_t element, const WorldPoint& origin) {
-    if (block.name == "hit" && block.dtype == wire::Dtype::u8)
-        return value_at<std::uint8_t>(block, element) != 0 ? "\"hit\":true" : "\"hit\":false";
+    if (is_truth_field(block.name) && block.dtype == wire::Dtype::u8)
+        return '"' + std::string(block.name) +
+               (value_at<std::uint8_t>(block, element) != 0 ? "\":true" : "\":false");
     const std::vector<std::string> titles = titles_of(block);
     std::string text;
     if (titles.size() == 1 || block.name == "uv") {

@@ -266,7 +266,7 @@ class NewRows(unittest.TestCase):
         scene.write_text(lit_scene(material, light))
         self.raynest("load", scene, "--name", name)
         picture = self.scratch / f"{name}.png"
-        self.raynest("render", name, "--integrator", "direct", "--spp", "4", "--size", "8x8", "--look-at",
+        self.raynest("render", name, "--integrator", "direct", "--spp", "4", "--size", "8x8", "--lookat",
                      "0,0,2,0,0,0", "--fov", "40", "--env", "none", "--tonemap", "none", "--exposure", "0",
                      "-o", picture)
         return png_mean(picture)

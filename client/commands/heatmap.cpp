@@ -13,6 +13,7 @@
 #include <array>
 #include <cstdio>
 #include <iostream>
+#include <optional>
 #include <span>
 #include <utility>
 
@@ -103,9 +104,9 @@ Result<void> take_file(const Json& document, ReceivedPicture& picture) {
     return {};
 }
 
-/// Asks for what stands beside the heat map in a report, of the same epoch.
-Result<void> write_report(Context& context, const HeatmapOptions& options,
-                          const ReceivedPicture& heat, Report report) {
+/// Asks for what stands beside the heat map in a report, of the same epoch. Returns the ranking.
+Result<ReceivedPicture> write_report(Context& context, const HeatmapOptions& options,
+                                     const ReceivedPicture& heat, Report report) {
     HeatmapOptions same = options;
     same.job.epoch = heat.outcome.epoch;
     auto render = picture_request<wire::RenderT>(same);
@@ -118,12 +119,15 @@ Result<void> write_report(Context& context, const HeatmapOptions& options,
     if (!document) return tl::unexpected<Failure>(document.error());
     report.ranking = std::move(*document);
     const std::string html = report_html(report);
-    return write_file(options.output, std::as_bytes(std::span(html)));
+    if (auto written = write_file(options.output, std::as_bytes(std::span(html))); !written)
+        return tl::unexpected<Failure>(written.error());
+    return std::move(*ranking);
 }
 
-/// Delivers an answer that is a document: the file in it or a report, and the verdicts.
+/// Delivers an answer that is a document: the file in it or a report, and the verdicts. Sets
+/// `ranking` to that of a report.
 Result<void> deliver_document(Context& context, const HeatmapOptions& options,
-                              ReceivedPicture answer) {
+                              ReceivedPicture answer, std::optional<ReceivedPicture>& ranking) {
     auto document = read_json(answer);
     if (!document) return tl::unexpected<Failure>(document.error());
     const auto verdicts = judge(options.fail_if, *document);
@@ -131,11 +135,11 @@ Result<void> deliver_document(Context& context, const HeatmapOptions& options,
     if (!options.output.empty())
         if (auto taken = take_file(*document, answer); !taken) return taken;
     if (is_report(options.output)) {
-        if (auto written = write_report(context, options, answer,
-                                        {std::move(*document), {}, {}, *verdicts,
-                                         options.command_line});
-            !written)
-            return written;
+        auto written = write_report(
+            context, options, answer,
+            {std::move(*document), {}, {}, *verdicts, options.command_line});
+        if (!written) return tl::unexpected<Failure>(written.error());
+        ranking = std::move(*written);
     }
     return deliver_heatmap(context, options.output, std::move(answer), *verdicts);
 }
@@ -144,7 +148,8 @@ Result<void> deliver_document(Context& context, const HeatmapOptions& options,
 Result<void> complete(Context& context, HeatmapOptions& options) {
     if (!options.range_from.empty()) {
         auto range = read_exr_range(options.range_from,
-                                    options.metric.empty() ? "total" : options.metric);
+                                    options.metric.empty() ? "total" : options.metric,
+                                    options.difference.has_value());
         if (!range) return tl::unexpected<Failure>(range.error());
         options.range = std::move(*range);
     }
@@ -172,14 +177,17 @@ Result<void> run(Context& context, const HeatmapOptions& asked) {
         print_detached(context, picture->outcome);
         return {};
     }
+    std::optional<ReceivedPicture> ranking;
     auto delivered = needs_document(options)
-                         ? deliver_document(context, options, std::move(*picture))
+                         ? deliver_document(context, options, std::move(*picture), ranking)
                          : deliver_heatmap(context, options.output, std::move(*picture));
     // The ranking helps most where a limit is exceeded.
-    const bool ranks = options.top != 0 && !is_report(options.output) &&
-                       (delivered || delivered.error().exit == Exit::threshold);
-    if (ranks)
-        if (auto ranked = rank(context, options); !ranked) return ranked;
+    const bool ranks =
+        options.top != 0 && (delivered || delivered.error().exit == Exit::threshold);
+    if (ranks) {
+        auto ranked = ranking ? deliver_ranking(context, *ranking) : rank(context, options);
+        if (!ranked) return ranked;
+    }
     return delivered;
 }
 

@@ -61,11 +61,14 @@ public:
         std::vector<NamedArray> arrays;
         if (has_splits_)
             arrays.push_back(
-                {"ray_splits", {"<u8", {splits_.size()}, std::as_bytes(std::span(splits_))}});
+                {"ray_splits", {"<i8", {splits_.size()}, std::as_bytes(std::span(splits_))}});
         for (const auto& [name, column] : columns_) {
             std::vector<std::uint64_t> shape = {column.count};
             if (column.width > 1) shape.push_back(column.width);
-            const std::string dtype = column.is_world ? "<f8" : numpy_dtype(column.dtype);
+            const bool is_truth = column.dtype == wire::Dtype::u8 && is_truth_field(name);
+            const std::string dtype = column.is_world ? "<f8"
+                                      : is_truth      ? "|b1"
+                                                      : numpy_dtype(column.dtype);
             arrays.push_back({name, {dtype, shape, column.bytes}});
         }
         return format_npz(arrays);

@@ -22,6 +22,11 @@ Result<void> run(Context& context, const WaitOptions& options) {
             return fail(Exit::interrupted, "interrupted; job " + number +
                                                " goes on, unless you: raynest cancel " + number);
         }
+        if (!frame && frame.error().exit == Exit::deadline) {
+            const std::string number = std::to_string(options.job);
+            return fail(Exit::deadline, "job " + number + " still runs: raynest wait " + number +
+                                            " again, or raynest cancel " + number);
+        }
         if (!frame) return tl::unexpected<Failure>(frame.error());
         if (is<wire::Progress>(*frame)) {
             const auto news = protocol::open<wire::Progress>(*frame);

@@ -39,10 +39,6 @@ Film::Film(ImageSize size)
 
 void Film::add(std::uint64_t pixel, std::uint32_t first, std::span<const FilmSample> samples) {
     const auto at = [&](FilmLayer layer) -> float& { return floats(layer)[pixel]; };
-    const auto update = [&](FilmLayer layer, float value, float count) {
-        float& mean = at(layer);
-        mean += (value - mean) / count;
-    };
     if (first == 0 && !samples.empty()) {
         const FilmSample& sample = samples.front();
         const bool hit = sample.mesh != no_id;
@@ -54,7 +50,16 @@ void Film::add(std::uint64_t pixel, std::uint32_t first, std::span<const FilmSam
         words(FilmLayer::mesh)[pixel] = sample.mesh;
         words(FilmLayer::material)[pixel] = sample.material;
     }
-    std::uint32_t& taken = words(FilmLayer::samples)[pixel];
+    // In registers while the samples come: planes lie far apart.
+    constexpr std::array means = {FilmLayer::r,        FilmLayer::g,        FilmLayer::b,
+                                  FilmLayer::a,        FilmLayer::albedo_r, FilmLayer::albedo_g,
+                                  FilmLayer::albedo_b, FilmLayer::n_x,      FilmLayer::n_y,
+                                  FilmLayer::n_z,      FilmLayer::variance};
+    constexpr std::size_t variance = means.size() - 1;
+    std::array<float, means.size()> mean;
+    for (std::size_t i = 0; i < means.size(); ++i) mean[i] = at(means[i]);
+    std::uint32_t taken = words(FilmLayer::samples)[pixel];
+    const auto mean_luminance = [&] { return luminance({mean[0], mean[1], mean[2]}); };
     for (const FilmSample& sample : samples) {
         if (!is_finite(sample)) {
             ++words(FilmLayer::dropped)[pixel];
@@ -62,21 +67,18 @@ void Film::add(std::uint64_t pixel, std::uint32_t first, std::span<const FilmSam
         }
         const auto count = static_cast<float>(++taken);
         const float value = luminance(sample.radiance);
-        const float before = value - luminance(Vec3(colour(pixel)));
-        update(FilmLayer::r, sample.radiance.x, count);
-        update(FilmLayer::g, sample.radiance.y, count);
-        update(FilmLayer::b, sample.radiance.z, count);
-        update(FilmLayer::a, sample.alpha, count);
-        update(FilmLayer::albedo_r, sample.albedo.x, count);
-        update(FilmLayer::albedo_g, sample.albedo.y, count);
-        update(FilmLayer::albedo_b, sample.albedo.z, count);
-        update(FilmLayer::n_x, sample.normal.x, count);
-        update(FilmLayer::n_y, sample.normal.y, count);
-        update(FilmLayer::n_z, sample.normal.z, count);
+        const float before = value - mean_luminance();
+        const std::array<float, variance> values = {
+            sample.radiance.x, sample.radiance.y, sample.radiance.z, sample.alpha,
+            sample.albedo.x,   sample.albedo.y,   sample.albedo.z,   sample.normal.x,
+            sample.normal.y,   sample.normal.z};
+        for (std::size_t i = 0; i < variance; ++i) mean[i] += (values[i] - mean[i]) / count;
         // Welford, with the variance itself as state: the file holds nothing else.
-        const float after = value - luminance(Vec3(colour(pixel)));
-        update(FilmLayer::variance, std::max(before * after, 0.0F), count);
+        const float after = value - mean_luminance();
+        mean[variance] += (std::max(before * after, 0.0F) - mean[variance]) / count;
     }
+    for (std::size_t i = 0; i < means.size(); ++i) at(means[i]) = mean[i];
+    words(FilmLayer::samples)[pixel] = taken;
 }
 
 Vec4 Film::colour(std::uint64_t pixel) const {

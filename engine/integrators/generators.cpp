@@ -156,6 +156,7 @@ void generate_rays(const Hemisphere& hemisphere, std::span<const Ray> points,
         const double shift_u = static_cast<double>(random.uniform());
         const double shift_v = static_cast<double>(random.uniform());
         const Frame frame(glm::normalize(glm::dvec3(point.direction)));
+        const Vec3 origin(glm::dvec3(point.origin) + static_cast<double>(hemisphere.margin) * frame.z);
         for (std::uint64_t s = (first + i) % samples; s < samples && i < out.size(); ++s, ++i) {
             const auto k = static_cast<double>(s);
             const double u = fraction((k + 0.5) / static_cast<double>(samples) + shift_u);
@@ -163,6 +164,7 @@ void generate_rays(const Hemisphere& hemisphere, std::span<const Ray> points,
             const double radius = std::sqrt(u);
             const glm::dvec2 around = radius * cosine_and_sine(full_turn * v);
             out[i] = point;
+            out[i].origin = origin;
             out[i].direction =
                 Vec3(frame.x * around.x + frame.y * around.y + frame.z * std::sqrt(1 - u));
         }

@@ -123,6 +123,7 @@ void generate_samples(const Sensor& sensor, std::uint32_t samples, std::uint64_t
 struct Hemisphere {
     std::uint32_t samples = 1;  ///< rays per point
     std::uint64_t seed = 0;
+    float margin = 0;  ///< distance along the normal at which rays start, so that they leave the surface
 };
 /// Rays [first, first + out.size()) of all points' rays, sample by sample of point after point.
 /// `points` are those from number `first_point` on: origin, tmin, normal of any length, tmax. A

@@ -1,6 +1,7 @@
 #include "engine/integrators/integrator.h"
 
 #include "engine/geometry/tile_order.h"
+#include "engine/integrators/code.h"
 #include "integrator_headers.inc"
 
 #include <array>
@@ -30,9 +31,9 @@ std::span<const IntegratorInfo> integrator_table() {
     return integrators;
 }
 
-Result<std::unique_ptr<const Integrator>> make_integrator(std::string_view name,
-                                                          const IntegratorScene& scene,
-                                                          const IntegratorSettings& settings) {
+Result<std::unique_ptr<const Integrator>> make_from_list(std::string_view name,
+                                                         const IntegratorScene& scene,
+                                                         const IntegratorSettings& settings) {
 #define RAYNEST_INTEGRATOR(id, Type) \
     if (name == #id) return std::make_unique<const Type>(scene, settings);
 #include "integrator_rows.inc"
@@ -43,10 +44,10 @@ Result<std::unique_ptr<const Integrator>> make_integrator(std::string_view name,
                 "unknown integrator '" + std::string(name) + "': use one of" + known);
 }
 
-bool add_samples(const Integrator& integrator, const SampleRange& range, RayCaster& caster,
-                 Wavefront& arrays, Film& film) {
+bool Integrator::add(const SampleRange& range, RayCaster& caster, Wavefront& arrays,
+                     Film& film) const {
     arrays.samples.assign(range.samples(), FilmSample{});
-    if (!integrator.render(range, caster, arrays, arrays.samples)) return false;
+    if (!render(range, caster, arrays, arrays.samples)) return false;
     const ImageSize size = ray_grid(range.camera);
     const std::span<const FilmSample> samples(arrays.samples);
     for_each_in_tiles(range.first_pixel, range.pixel_count, size.width, size.height,

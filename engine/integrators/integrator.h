@@ -60,6 +60,8 @@ struct IntegratorScene {
     ColumnSource source;  ///< without rays and hits
     Box bounds;           ///< of the scene
     const ShadingView* shading = nullptr;  ///< null: base colours are all that is known
+    /// The CPU target whose code shades (integrators/code.h); "": the baseline's.
+    std::string_view target = {};
     [[nodiscard]] const SceneView& view() const { return *source.scene; }
 };
 
@@ -76,6 +78,14 @@ struct SampleRange {
     [[nodiscard]] std::uint64_t samples() const { return pixel_count * sample_count; }
 };
 
+/// More memory of one integrator.
+struct IntegratorMemory {
+    IntegratorMemory() = default;
+    IntegratorMemory(const IntegratorMemory&) = delete;
+    IntegratorMemory& operator=(const IntegratorMemory&) = delete;
+    virtual ~IntegratorMemory() = default;
+};
+
 /// Arrays to work in, kept between calls for their memory. Integrators size them as they need;
 /// nothing in them survives a call.
 struct Wavefront {
@@ -85,6 +95,7 @@ struct Wavefront {
     std::vector<Ray> shadow_rays;
     std::vector<std::uint8_t> occluded;
     std::vector<FilmSample> samples;
+    std::unique_ptr<IntegratorMemory> memory;  ///< of the integrator that last used it
 };
 
 class Integrator {
@@ -102,10 +113,14 @@ public:
     [[nodiscard]] virtual std::vector<std::string> notes() const { return {}; }
     /// Rays of one sample at most, roughly: chunks with more are cut smaller.
     [[nodiscard]] virtual std::uint32_t rays_per_sample() const { return 2; }
+    /// See add_samples(). Virtual, so that it is compiled for the target of the integrator.
+    [[nodiscard]] virtual bool add(const SampleRange& range, RayCaster& caster, Wavefront& arrays,
+                                   Film& film) const;
 };
 
-/// An integrator of the list; may take long where it has to look at all lights. Fails with
-/// param_invalid, naming the setting.
+/// An integrator of the list, compiled for the scene's target where there is a module for it; may
+/// take long where it has to look at all lights. Fails with param_invalid, naming the setting, or
+/// with pack_invalid where the module is of another build.
 Result<std::unique_ptr<const Integrator>> make_integrator(std::string_view name,
                                                           const IntegratorScene& scene,
                                                           const IntegratorSettings& settings);
@@ -121,8 +136,10 @@ struct IntegratorInfo {
 
 /// Makes the samples of a range and adds them to a film of the camera's size. False where the
 /// caster had no answers: then the film is as before.
-[[nodiscard]] bool add_samples(const Integrator& integrator, const SampleRange& range,
-                               RayCaster& caster, Wavefront& arrays, Film& film);
+[[nodiscard]] inline bool add_samples(const Integrator& integrator, const SampleRange& range,
+                                      RayCaster& caster, Wavefront& arrays, Film& film) {
+    return integrator.add(range, caster, arrays, film);
+}
 
 // ---- parts that integrators share -------------------------------------------------------------
 

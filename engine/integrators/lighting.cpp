@@ -230,31 +230,36 @@ LightSample Lighting::sample_far(const Vec3& from, float choice, const Vec2& u) 
         return sample;
     }
     drawn -= far_lights_.size();
-    float density = 0;
+    // Sun and sky overlap: the density is that of drawing the direction by either.
+    Environment::View view;
     if (has_sun_ && drawn == 0) {
         sample.direction = sky_.sun.sample(u);
+        view = sky_.environment.view(sample.direction);
     } else {
-        sample.direction = sky_.environment.sample(u, density);
-        if (!(density > 0)) return {};
+        sample.direction = sky_.environment.sample(u, view);
+        if (!(view.density > 0)) return {};
     }
-    // Sun and sky overlap: the density is that of drawing the direction by either.
-    sample.radiance = far_radiance(sample.direction);
-    sample.density = far_density(sample.direction) / (1.0F - near_share());
+    view = with_sun(view, sample.direction);
+    sample.radiance = view.radiance;
+    sample.density = view.density / count;
     sample.can_be_met = true;
     return sample;
 }
 
-Vec3 Lighting::far_radiance(const Vec3& direction) const {
-    Vec3 sum = sky_.environment.radiance(direction);
-    if (has_sun_ && sky_.sun.contains(direction)) sum += sky_.sun.radiance;
-    return sum;
+Environment::View Lighting::with_sun(Environment::View view, const Vec3& direction) const {
+    if (has_sun_ && sky_.sun.contains(direction)) {
+        view.radiance += sky_.sun.radiance;
+        view.density += sky_.sun.density();
+    }
+    return view;
 }
 
-float Lighting::far_density(const Vec3& direction) const {
-    if (far_count() == 0) return 0;
-    float sum = sky_.environment.density(direction);
-    if (has_sun_ && sky_.sun.contains(direction)) sum += sky_.sun.density();
-    return sum * (1.0F - near_share()) / static_cast<float>(far_count());
+Environment::View Lighting::far(const Vec3& direction) const {
+    const std::size_t count = far_count();
+    if (count == 0) return {};
+    Environment::View view = with_sun(sky_.environment.view(direction), direction);
+    view.density *= (1.0F - near_share()) / static_cast<float>(count);
+    return view;
 }
 
 float Lighting::triangle_density(const HitRecord& hit, float distance, float cosine) const {

@@ -26,10 +26,16 @@ public:
 
     /// A direction in which the point may see a light; black where there is none.
     [[nodiscard]] LightSample sample(const Vec3& from, float choice, const Vec2& u) const;
-    /// Light that comes from infinity, against `direction`.
-    [[nodiscard]] Vec3 far_radiance(const Vec3& direction) const;
-    /// The density with which sample() gives a direction to infinity.
-    [[nodiscard]] float far_density(const Vec3& direction) const;
+    /// Fetches what sample(choice, u) reads of the surroundings, as Environment does.
+    void fetch_guide(float choice, const Vec2& u) const {
+        if (draws_surroundings(choice)) sky_.environment.fetch_guide(u);
+    }
+    void fetch_texels(float choice, const Vec2& u) const {
+        if (draws_surroundings(choice)) sky_.environment.fetch_texels(u);
+    }
+    /// Light that comes from infinity, against `direction`, and the density with which sample()
+    /// gives the direction.
+    [[nodiscard]] Environment::View far(const Vec3& direction) const;
     /// The density with which sample() gives the direction in which a ray met a triangle that emits.
     [[nodiscard]] float triangle_density(const HitRecord& hit, float distance, float cosine) const;
 
@@ -54,8 +60,16 @@ private:
     [[nodiscard]] float near_share() const {
         return near_.empty() ? 0.0F : far_count() == 0 ? 1.0F : 0.5F;
     }
+    /// True if most likely sample(choice) looks at the surroundings: they are drawn last.
+    [[nodiscard]] bool draws_surroundings(float choice) const {
+        if (sky_.environment.empty()) return false;
+        const auto count = static_cast<float>(far_count());
+        return choice >= 1.0F - (1.0F - near_share()) / count;
+    }
     [[nodiscard]] LightSample sample_near(const Vec3& from, float choice, const Vec2& u) const;
     [[nodiscard]] LightSample sample_far(const Vec3& from, float choice, const Vec2& u) const;
+    /// What the surroundings show, with the sun before them.
+    [[nodiscard]] Environment::View with_sun(Environment::View view, const Vec3& direction) const;
     [[nodiscard]] LightSample sample_triangle_light(const EmittingTriangle& triangle,
                                                     const Vec3& from, const Vec2& u) const;
 

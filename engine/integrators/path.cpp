@@ -2,16 +2,23 @@
 
 #include "engine/integrators/surface_point.h"
 #include "engine/shading/materials.h"
+#include "engine/shading/placement.h"
 #include "engine/shading/shading_point.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <numeric>
 
 namespace raynest {
 namespace {
 
 /// Dimensions of random numbers that one vertex takes.
 enum Dimension : std::uint32_t { light_point, choices, scattered, roulette, dimensions_per_vertex };
+
+Vec2 draw(const Sampler& sampler, std::uint32_t bounce, Dimension dimension) {
+    return sampler.pair(sampler_dimensions + bounce * dimensions_per_vertex + dimension);
+}
 
 /// Vertices that no path ends before.
 constexpr std::uint32_t roulette_from = 3;
@@ -63,66 +70,127 @@ struct Path::State {
     float covered = 0;  ///< FilmSample::alpha
 };
 
-/// Rays that a vertex adds to the wavefront: a ray that goes on, and one to a light.
-struct Path::Step {
+/// A hit on a path, and the rays that it adds to the wavefront: one that goes on, and one to a light.
+struct Path::Vertex {
+    std::uint32_t path;  ///< number of the sample
+    std::uint32_t ray;   ///< number of the ray that came here, and of its hit
+    float distance;
+    SurfacePoint place;
+    UnfinishedPoint point;
+    Vec2 choice, light_point;  ///< random numbers, if it draws a light
+
     Ray next, shadow;
     Vec3 light{0};  ///< what arrives if the shadow ray meets nothing
     bool goes_on = false;
     FilmSample* film = nullptr;  ///< of the first vertex
 };
 
+struct Path::Memory final : IntegratorMemory {
+    Memory(const TextureTable& of, std::uint64_t path)
+        : textures(of),
+          number(path),
+          batch(of),
+          vertices(vertices_max) {}
+
+    /// Vertices that are shaded together: enough for the lanes of texture lookups, few enough for
+    /// the nearest cache.
+    static constexpr std::size_t vertices_max = 64;
+
+    const TextureTable& textures;
+    const std::uint64_t number;  ///< of the integrator
+    std::vector<State> states;
+    std::vector<std::uint32_t> active, lit;
+    std::vector<Vec3> light;
+    PlacementCache placements;
+    TextureBatch batch;
+    std::vector<Vertex> vertices;
+};
+
 Path::Path(const IntegratorScene& scene, const IntegratorSettings& settings, std::uint32_t depth)
     : scene_(scene.source),
       view_(scene.shading != nullptr ? *scene.shading : ShadingView{scene.source.scene}),
       lighting_(scene, settings),
-      depth_(depth) {}
+      textures_(view_),
+      depth_(depth) {
+    static std::atomic<std::uint64_t> made{0};
+    number_ = ++made;
+}
 
 bool Path::render(const SampleRange& range, RayCaster& caster, Wavefront& arrays,
                   std::span<FilmSample> out) const {
     if (!cast_camera_rays(range, caster, arrays)) return false;
-    const Cone cone = cone_of(range.camera);
-    std::vector<State> states(out.size());
-    std::vector<std::uint32_t> active(out.size());
-    std::vector<Vec3> light;
-    std::vector<std::uint32_t> lit;
-    PlacementCache placements;
-    for (std::uint32_t i = 0; i < active.size(); ++i) {
-        active[i] = i;
-        states[i].width = cone.width;
-        states[i].spread = cone.spread;
+    auto* kept = dynamic_cast<Memory*>(arrays.memory.get());
+    if (kept == nullptr || &kept->textures != &textures_ || kept->number != number_) {
+        auto fresh = std::make_unique<Memory>(textures_, number_);
+        kept = fresh.get();
+        arrays.memory = std::move(fresh);
     }
+    Memory& memory = *kept;
+    const Cone cone = cone_of(range.camera);
+    State start;
+    start.width = cone.width;
+    start.spread = cone.spread;
+    std::vector<State>& states = memory.states;
+    states.assign(out.size(), start);
+    std::vector<std::uint32_t>& active = memory.active;
+    active.resize(out.size());
+    std::iota(active.begin(), active.end(), 0U);
 
     for (std::uint32_t bounce = 0; !active.empty(); ++bounce) {
         arrays.shadow_rays.clear();
-        light.clear();
-        lit.clear();
+        memory.light.clear();
+        memory.lit.clear();
+        const bool lights = bounce < depth_ && !lighting_.empty();
         std::size_t going = 0;
-        for (std::size_t k = 0; k < active.size(); ++k) {
-            const std::uint32_t i = active[k];
-            State& state = states[i];
-            if (arrays.hits[k].hit == 0) {
-                leave(arrays.rays[k], bounce, state);
-                continue;
+        for (std::size_t next = 0; next < active.size();) {
+            std::size_t count = 0;
+            for (; next < active.size() && count < memory.vertices.size(); ++next) {
+                fetch_ahead(std::span(arrays.hits).first(active.size()), next);
+                const std::uint32_t i = active[next];
+                if (arrays.hits[next].hit == 0) {
+                    leave(arrays.rays[next], bounce, states[i]);
+                    continue;
+                }
+                Vertex& vertex = memory.vertices[count++];
+                vertex.path = i;
+                vertex.ray = static_cast<std::uint32_t>(next);
+                vertex.film = bounce == 0 ? &out[i] : nullptr;
+                locate(arrays.rays[next], arrays.hits[next], bounce, memory, states[i], vertex);
             }
-            Step step;
-            step.film = bounce == 0 ? &out[i] : nullptr;
-            shade(arrays.rays[k], arrays.hits[k], sampler_of(range, arrays, i), bounce, placements,
-                  state, step);
-            if (!is_black(step.light)) {
-                arrays.shadow_rays.push_back(step.shadow);
-                light.push_back(step.light);
-                lit.push_back(i);
+            if (lights)
+                for (Vertex& vertex : std::span(memory.vertices).first(count)) {
+                    const Sampler sampler = sampler_of(range, arrays, vertex.path);
+                    vertex.choice = draw(sampler, bounce, choices);
+                    vertex.light_point = draw(sampler, bounce, light_point);
+                    lighting_.fetch_guide(vertex.choice.x, vertex.light_point);
+                }
+            memory.batch.run();
+            if (lights)
+                for (const Vertex& vertex : std::span(memory.vertices).first(count))
+                    lighting_.fetch_texels(vertex.choice.x, vertex.light_point);
+            for (std::size_t k = 0; k < count; ++k) {
+                Vertex& vertex = memory.vertices[k];
+                const std::uint32_t i = vertex.path;
+                shade(arrays.rays[vertex.ray], arrays.hits[vertex.ray],
+                      sampler_of(range, arrays, i), bounce, states[i], vertex);
+                if (!is_black(vertex.light)) {
+                    arrays.shadow_rays.push_back(vertex.shadow);
+                    memory.light.push_back(vertex.light);
+                    memory.lit.push_back(i);
+                }
+                if (!vertex.goes_on) continue;
+                // Never beyond the rays that were read.
+                active[going] = i;
+                arrays.rays[going++] = vertex.next;
             }
-            if (!step.goes_on) continue;
-            active[going] = i;
-            arrays.rays[going++] = step.next;
         }
         active.resize(going);
 
-        arrays.occluded.resize(lit.size());
-        if (!lit.empty() && !caster.occluded(arrays.shadow_rays, arrays.occluded)) return false;
-        for (std::size_t k = 0; k < lit.size(); ++k)
-            if (arrays.occluded[k] == 0) states[lit[k]].radiance += light[k];
+        const std::size_t lit = memory.lit.size();
+        arrays.occluded.resize(lit);
+        if (lit != 0 && !caster.occluded(arrays.shadow_rays, arrays.occluded)) return false;
+        for (std::size_t k = 0; k < lit; ++k)
+            if (arrays.occluded[k] == 0) states[memory.lit[k]].radiance += memory.light[k];
         const std::span<const Ray> rays(arrays.rays.data(), going);
         if (going != 0 && !caster.closest(rays, std::span(arrays.hits).first(going))) return false;
     }
@@ -135,41 +203,54 @@ bool Path::render(const SampleRange& range, RayCaster& caster, Wavefront& arrays
     return true;
 }
 
+void Path::fetch_ahead(std::span<const HitRecord> hits, std::size_t at) const {
+    // Far enough for memory to answer, near enough to stay in the nearest cache.
+    constexpr std::size_t vertices = 6, corners = 12;
+    if (at + corners < hits.size() && hits[at + corners].hit != 0)
+        fetch_corners(*view_.scene, hits[at + corners]);
+    if (at + vertices < hits.size() && hits[at + vertices].hit != 0)
+        fetch_vertices(view_, hits[at + vertices]);
+}
+
 void Path::leave(const Ray& ray, std::uint32_t bounce, State& state) const {
     if (lighting_.empty()) return;
     const Vec3 direction = glm::normalize(ray.direction);
-    const Vec3 radiance = lighting_.far_radiance(direction);
-    if (is_black(radiance)) return;
-    const float weight =
-        state.density > 0 ? power_heuristic(state.density, lighting_.far_density(direction)) : 1.0F;
-    state.radiance += state.throughput * radiance * weight;
+    const Environment::View far = lighting_.far(direction);
+    if (is_black(far.radiance)) return;
+    const float weight = state.density > 0 ? power_heuristic(state.density, far.density) : 1.0F;
+    state.radiance += state.throughput * far.radiance * weight;
     if (bounce == 0) state.covered = 1;
 }
 
+void Path::locate(const Ray& ray, const HitRecord& hit, std::uint32_t bounce, Memory& memory,
+                  State& state, Vertex& vertex) const {
+    const Placement& placement = memory.placements.find(*view_.scene, hit.path);
+    vertex.place = surface_point(scene_, ray, hit, placement);
+    vertex.distance = hit.t * glm::length(ray.direction);
+    state.width += state.spread * (bounce == 0 ? hit.t : vertex.distance);
+    begin_point(view_, ray, hit, vertex.place.normal, vertex.place.twice_area, state.width,
+                placement, memory.batch, vertex.point);
+    vertex.light = Vec3(0);
+    vertex.goes_on = false;
+}
+
 void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
-                 std::uint32_t bounce, PlacementCache& placements, State& state,
-                 Step& step) const {
-    const Placement& placement = placements.find(*view_.scene, hit.path);
-    const SurfacePoint place = surface_point(scene_, ray, hit, placement);
-    const float distance = hit.t * glm::length(ray.direction);
-    state.width += state.spread * (bounce == 0 ? hit.t : distance);
-    const ShadingPoint point =
-        shading_point(view_, ray, hit, place.normal, state.width, placement);
+                 std::uint32_t bounce, State& state, Vertex& step) const {
+    const SurfacePoint& place = step.place;
+    const ShadingPoint& point = finish_point(step.point);
     if (step.film != nullptr) {
         describe_ids(*view_.scene, ray, hit, *step.film);
         step.film->albedo = point.material.base_colour;
         step.film->normal = point.frame.z;
     }
+    const float distance = step.distance;
     if (point.material.inside) state.throughput *= absorbed(*point.surface, distance);
 
-    const auto draw = [&](Dimension dimension) {
-        return sampler.pair(sampler_dimensions + bounce * dimensions_per_vertex + dimension);
-    };
-    const Vec3 outgoing = point.frame.to_local(-glm::normalize(ray.direction));
+    const Vec3 outgoing = point.frame.to_local(step.point.viewer);
     with_material(point.kind, point.material, outgoing, [&](const auto& material) {
         const Vec3 emitted = material.emitted();
         if (!is_black(emitted)) {
-            const float cosine = std::abs(glm::dot(point.normal, glm::normalize(ray.direction)));
+            const float cosine = std::abs(glm::dot(point.normal, step.point.viewer));
             const float other =
                 state.density > 0 ? lighting_.triangle_density(hit, distance, cosine) : 0.0F;
             const float weight = other > 0 ? power_heuristic(state.density, other) : 1.0F;
@@ -181,18 +262,18 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
         const auto agrees = [&](const Vec3& world, const Vec3& local) {
             return (glm::dot(world, point.normal) > 0) == (local.z > 0);
         };
-        const Vec2 choice = draw(choices);
-        if (!lighting_.empty()) {
+        const bool lights = !lighting_.empty();
+        const Vec2 choice = lights ? step.choice : draw(sampler, bounce, choices);
+        if (lights) {
             const LightSample light =
-                lighting_.sample(Vec3(place.position), choice.x, draw(light_point));
+                lighting_.sample(Vec3(place.position), choice.x, step.light_point);
             const Vec3 incoming = point.frame.to_local(light.direction);
             if (light.density > 0 && !is_black(light.radiance) &&
                 agrees(light.direction, incoming)) {
-                const Vec3 scattered_light = material.evaluate(incoming);
+                const Scattered lit = scatter(material, incoming);
                 const float weight =
-                    light.can_be_met ? power_heuristic(light.density, material.density(incoming))
-                                     : 1.0F;
-                step.light = state.throughput * scattered_light * light.radiance *
+                    light.can_be_met ? power_heuristic(light.density, lit.density) : 1.0F;
+                step.light = state.throughput * lit.value * light.radiance *
                              (weight / light.density);
                 step.shadow.origin = place.origin(light.direction);
                 step.shadow.direction =
@@ -201,17 +282,17 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
             }
         }
 
-        const Vec3 incoming = material.sample(choice.y, draw(scattered));
+        const Vec3 incoming = material.sample(choice.y, draw(sampler, bounce, scattered));
         if (incoming == Vec3(0)) return;
         const Vec3 direction = glm::normalize(point.frame.to_world(incoming));
-        const float density = material.density(incoming);
+        const auto [value, density] = scatter(material, incoming);
         if (!(density > 0) || !agrees(direction, incoming)) return;
-        state.throughput *= material.evaluate(incoming) / density;
+        state.throughput *= value / density;
         const float carried = largest(state.throughput);
         if (!(carried > 0)) return;
         if (bounce + 1 >= roulette_from) {
             const float survival = std::min(carried, roulette_most);
-            if (draw(roulette).x >= survival) return;
+            if (draw(sampler, bounce, roulette).x >= survival) return;
             state.throughput /= survival;
         }
         state.density = density;

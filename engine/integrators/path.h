@@ -6,7 +6,7 @@
 
 #include "engine/integrators/integrator.h"
 #include "engine/integrators/lighting.h"
-#include "engine/shading/placement.h"
+#include "engine/shading/texture_batch.h"
 
 namespace raynest {
 
@@ -27,15 +27,21 @@ protected:
 
 private:
     struct State;
-    struct Step;
+    struct Vertex;
+    struct Memory;
+    void locate(const Ray& ray, const HitRecord& hit, std::uint32_t bounce, Memory& memory,
+                State& state, Vertex& vertex) const;
     void shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler, std::uint32_t bounce,
-               PlacementCache& placements, State& state, Step& step) const;
+               State& state, Vertex& vertex) const;
+    void fetch_ahead(std::span<const HitRecord> hits, std::size_t at) const;
     void leave(const Ray& ray, std::uint32_t bounce, State& state) const;
 
     const ColumnSource scene_;
     const ShadingView view_;
     const Lighting lighting_;
+    const TextureTable textures_;
     const std::uint32_t depth_;
+    std::uint64_t number_ = 0;  ///< tells it from earlier ones at the same address
 };
 
 }  // namespace raynest

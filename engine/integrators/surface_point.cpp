@@ -18,7 +18,7 @@ SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const Hit
     const ObjectRecord& object = scene.objects[hit.object];
     const Point origin(ray.origin);
     Point error;
-    Point normal(0);  // of the object, unit length
+    Point normal(0);  // of the object, as long as twice the triangle's area there
     Point world(0);   // the same in the world, where its length is how the levels stretch it
     double extent = 0;
     if (object.triangle_count != 0) {
@@ -31,14 +31,13 @@ SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const Hit
         const Point e2 = Point(vertices[corner[2]]) - v0;
         extent = glm::length(e1) + glm::length(e2);
         normal = glm::cross(e1, e2);
-        const double length = glm::length(normal);
-        if (length > 0) normal /= length;
         world = placement.normal(normal);
         point.position = placement.point(v0 + static_cast<double>(hit.u) * e1 +
                                          static_cast<double>(hit.v) * e2);
         error = 2 * eps * glm::abs(point.position);
-        const double stretch = glm::length(world);
-        if (stretch > 0) point.normal = Vec3(world / stretch);
+        const double length = glm::length(world);
+        if (length > 0) point.normal = Vec3(world / length);
+        point.twice_area = length * placement.volume;
     } else {
         const Point along = static_cast<double>(hit.t) * Point(ray.direction);
         point.position = origin + along;

@@ -1,14 +1,48 @@
 // The paper's third use case, as an adapter: the heat map of exactly the intersector that is used.
+//
+// It is inlined as the intersector is: called, it would hand over a block's hits through memory,
+// which cost alpha masks 10 to 20 %.
 #pragma once
 
 #include "engine/bvh/intersect_with.h"
 #include "engine/bvh/visit.h"
+#include "engine/math/words.h"
 
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
+#include <type_traits>
 
 namespace raynest {
+
+/// Triangles that note which of them a ray hits as soon as an intersector asks intersect() for it.
+struct NotedTriangles8 : Triangles8 {
+    static constexpr std::uint32_t not_asked = ~0U;
+    const RayView* of;     ///< the ray that is noted
+    std::uint32_t* found;  ///< its candidates; `not_asked` before
+
+    RAYNEST_INLINE NotedTriangles8(const Triangles8& base, const RayView& ray,
+                                   std::uint32_t& candidates)
+        : Triangles8(base),
+          of(&ray),
+          found(&candidates) {}
+};
+
+template <class R>
+RAYNEST_INLINE auto intersect(const R& ray, const NotedTriangles8& triangles) {
+    const auto hits = intersect(ray, static_cast<const Triangles8&>(triangles));
+    if (static_cast<const RayView*>(&ray) == triangles.of) *triangles.found = hits.mask;
+    return hits;
+}
+
+/// Converts to triangles, and is none itself.
+struct TrianglesByName {
+    operator const Triangles8&() const;  // NOLINT(google-explicit-constructor)
+};
+/// True if an intersector has an overload for this very type, which another type would not choose.
+template <class Isect, class R>
+concept NamesTriangles8 = Overrides<Isect, R, TrianglesByName>;
 
 /// Counts a ray's questions (geometry/hit.h, Counters) and answers what `Base` answers. `ByLevel`:
 /// the questions of each level apart; their sum is what is counted otherwise.
@@ -19,35 +53,43 @@ struct Counting {
     std::uint32_t levels = 1;  ///< of the scene, if ByLevel
 
     /// A node: its valid children are tested.
-    auto operator()(const auto& ray, const BoxLike auto& boxes) {
+    RAYNEST_INLINE auto operator()(const auto& ray, const BoxLike auto& boxes) {
         Counters& c = of(ray);
-        ++c.nodes;
-        c.boxes += static_cast<std::uint32_t>(std::popcount(boxes.valid()));
+        add_pair<offsetof(Counters, nodes), offsetof(Counters, boxes)>(c, 1, bits(boxes.valid()));
         auto spans = intersect_with(base, ray, boxes);
-        c.box_hits += static_cast<std::uint32_t>(std::popcount(spans.mask));
+        c.box_hits += bits(spans.mask);
         return spans;
     }
 
     /// A block of a leaf, or a record.
-    auto operator()(const auto& ray, const PrimitiveLike auto& primitive) {
+    RAYNEST_INLINE auto operator()(const auto& ray, const PrimitiveLike auto& primitive) {
+        using R = std::remove_cvref_t<decltype(ray)>;
+        using P = std::remove_cvref_t<decltype(primitive)>;
         Counters& c = of(ray);
-        if constexpr (requires { primitive.first; }) {
-            c.leaves += primitive.first ? 1 : 0;
+        std::uint32_t leaves = 1;
+        if constexpr (requires { primitive.first; }) leaves = primitive.first ? 1 : 0;
+        add_pair<offsetof(Counters, leaves), offsetof(Counters, prims)>(c, leaves,
+                                                                        count_of(primitive));
+        if constexpr (!Overrides<Base, R, P>) {
+            auto hits = intersect(ray, primitive);
+            if (hits.mask != 0) c.prim_hits += bits(hits.mask);
+            return hits;
+        } else if constexpr (std::is_same_v<P, Triangles8> && Overrides<Base, R, NotedTriangles8> &&
+                             !NamesTriangles8<Base, R>) {
+            std::uint32_t candidates = NotedTriangles8::not_asked;
+            auto hits = base(ray, NotedTriangles8(primitive, ray, candidates));
+            if (candidates == NotedTriangles8::not_asked)
+                candidates = intersect(ray, primitive).mask;
+            if (candidates != 0) add_candidates(c, candidates, hits.mask);
+            return hits;
         } else {
-            ++c.leaves;
+            auto hits = base(ray, primitive);
+            add_candidates(c, intersect(ray, primitive).mask, hits.mask);
+            return hits;
         }
-        c.prims += static_cast<std::uint32_t>(std::popcount(primitive.valid()));
-        auto hits = intersect_with(base, ray, primitive);
-        std::uint32_t candidates = hits.mask;
-        if constexpr (Overrides<Base, decltype(ray), decltype(primitive)>) {
-            candidates = intersect(ray, primitive).mask;
-            c.rejects += static_cast<std::uint32_t>(std::popcount(candidates & ~hits.mask));
-        }
-        c.prim_hits += static_cast<std::uint32_t>(std::popcount(candidates));
-        return hits;
     }
 
-    bool operator()(const auto& ray, const InstanceLike auto& instance) {
+    RAYNEST_INLINE bool operator()(const auto& ray, const InstanceLike auto& instance) {
         if (!enters(base, ray, instance)) return false;
         ++of(ray).instances;
         return true;
@@ -56,6 +98,32 @@ struct Counting {
 private:
     RAYNEST_INLINE Counters& of(const auto& ray) const {
         return ByLevel ? counters[std::size_t{ray.id} * levels + ray.level] : counters[ray.id];
+    }
+    RAYNEST_INLINE static std::uint32_t count_of(const Triangles8& triangles) {
+        return count_other_words(triangles.block->triangle, no_id);
+    }
+    RAYNEST_INLINE static std::uint32_t count_of(const auto& primitive) {
+        return bits(primitive.valid());
+    }
+    RAYNEST_INLINE static std::uint32_t bits(std::uint32_t mask) {
+        return static_cast<std::uint32_t>(std::popcount(mask));
+    }
+    RAYNEST_INLINE static void add_candidates(Counters& c, std::uint32_t candidates,
+                                              std::uint32_t accepted) {
+        c.rejects += bits(candidates & ~accepted);
+        c.prim_hits += bits(candidates);
+    }
+    /// Adds to two neighbouring counters by one load and one store.
+    template <std::size_t first, std::size_t second>
+    RAYNEST_INLINE static void add_pair(Counters& c, std::uint32_t to_first,
+                                        std::uint32_t to_second) {
+        static_assert(second == first + sizeof(std::uint32_t) &&
+                      std::endian::native == std::endian::little);
+        auto* at = reinterpret_cast<std::byte*>(&c) + first;
+        std::uint64_t both;
+        std::memcpy(&both, at, sizeof both);
+        both += std::uint64_t{to_second} << 32 | to_first;
+        std::memcpy(at, &both, sizeof both);
     }
 };
 

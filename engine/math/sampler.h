@@ -32,12 +32,14 @@ namespace sampler_detail {
     return x;
 }
 
-/// Second dimension of Sobol's sequence: a product with Pascal's triangle modulo 2.
-[[nodiscard]] inline std::uint32_t sobol_second(std::uint32_t index) {
-    std::uint32_t result = 0;
-    for (std::uint32_t v = 1U << 31; index != 0; index >>= 1, v ^= v >> 1)
-        if ((index & 1) != 0) result ^= v;
-    return result;
+/// Second dimension of Sobol's sequence, its bits reversed: a product with Pascal's triangle modulo
+/// 2, where entry (i, j) is 1 if j has no bit that i lacks (Lucas). So it is a sum over supersets.
+[[nodiscard]] inline std::uint32_t sobol_second_reversed(std::uint32_t index) {
+    index ^= index >> 1 & 0x55555555U;
+    index ^= index >> 2 & 0x33333333U;
+    index ^= index >> 4 & 0x0F0F0F0FU;
+    index ^= index >> 8 & 0x00FF00FFU;
+    return index ^ index >> 16;
 }
 
 /// Mixes 64 bits (Steele, Lea and Flood, 2014).
@@ -60,20 +62,20 @@ public:
     Sampler(std::uint64_t seed, std::uint64_t pixel, std::uint32_t sample)
         : key_(sampler_detail::mix(sampler_detail::mix(seed + 0x9E3779B97F4A7C15ULL) ^
                                    (pixel + 1) * 0xD1B54A32D192ED03ULL)),
-          sample_(sample) {}
+          reversed_sample_(sampler_detail::reverse_bits(sample)) {}
 
     /// Two numbers in [0, 1) of dimension `dimension`; another dimension gives independent ones.
     [[nodiscard]] Vec2 pair(std::uint32_t dimension) const {
         using namespace sampler_detail;
         const std::uint64_t first = mix(key_ + dimension * 0x9E3779B97F4A7C15ULL);
         const std::uint64_t second = mix(first ^ 0xA0761D6478BD642FULL);
-        const std::uint32_t index = reverse_bits(
-            scramble_reversed(reverse_bits(sample_), static_cast<std::uint32_t>(first)));
+        const std::uint32_t index =
+            reverse_bits(scramble_reversed(reversed_sample_, static_cast<std::uint32_t>(first)));
         // The first dimension of Sobol is the index with its bits reversed.
         const std::uint32_t x =
             reverse_bits(scramble_reversed(index, static_cast<std::uint32_t>(second)));
         const std::uint32_t y = reverse_bits(scramble_reversed(
-            reverse_bits(sobol_second(index)), static_cast<std::uint32_t>(second >> 32)));
+            sobol_second_reversed(index), static_cast<std::uint32_t>(second >> 32)));
         return {unit(x), unit(y)};
     }
     /// One number in [0, 1), the first of a pair.
@@ -81,7 +83,7 @@ public:
 
 private:
     std::uint64_t key_;
-    std::uint32_t sample_;
+    std::uint32_t reversed_sample_;
 };
 
 /// The dimension of the point in the pixel; integrators use those from sampler_dimensions on.

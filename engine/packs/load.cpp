@@ -12,27 +12,6 @@
 namespace raynest {
 namespace {
 
-template <class Entry>
-Result<Entry> load_entry_point(const std::filesystem::path& path, const char* symbol) {
-    // Refuse a pipe: dlopen would wait for ever.
-    std::error_code unreadable;
-    if (!std::filesystem::is_regular_file(path, unreadable))
-        return fail(ErrorCode::pack_invalid,
-                    "cannot load the kernel pack " + path.string() + ": it is no regular file");
-    // RTLD_LOCAL: packs hold templates of the same names compiled for different CPUs.
-    void* const module = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
-    if (module == nullptr) {
-        const char* why = dlerror();
-        return fail(ErrorCode::pack_invalid, "cannot load the kernel pack " + path.string() + ": " +
-                                                 (why != nullptr ? why : "unknown reason"));
-    }
-    const auto entry = reinterpret_cast<Entry>(dlsym(module, symbol));
-    if (entry != nullptr) return entry;
-    return fail(ErrorCode::pack_invalid, path.string() + " is no kernel pack" +
-                                             (symbol == device_symbol ? " for a device" : "") +
-                                             ": it does not export " + symbol);
-}
-
 tl::unexpected<Error> other_headers(const std::filesystem::path& path, const std::string& what) {
     return fail(
         ErrorCode::pack_invalid,
@@ -55,7 +34,33 @@ std::string_view first_without_twin(std::span<const TypeLayout> some,
     return {};
 }
 
+template <class Entry>
+Result<Entry> load_entry_point(const std::filesystem::path& path, const char* symbol) {
+    return load_symbol(path, symbol).map(
+        [](void* entry) { return reinterpret_cast<Entry>(entry); });
+}
+
 }  // namespace
+
+Result<void*> load_symbol(const std::filesystem::path& path, const char* symbol) {
+    // Refuse a pipe: dlopen would wait for ever.
+    std::error_code unreadable;
+    if (!std::filesystem::is_regular_file(path, unreadable))
+        return fail(ErrorCode::pack_invalid,
+                    "cannot load the kernel pack " + path.string() + ": it is no regular file");
+    // RTLD_LOCAL: packs hold templates of the same names compiled for different CPUs.
+    void* const module = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+    if (module == nullptr) {
+        const char* why = dlerror();
+        return fail(ErrorCode::pack_invalid, "cannot load the kernel pack " + path.string() + ": " +
+                                                 (why != nullptr ? why : "unknown reason"));
+    }
+    void* const entry = dlsym(module, symbol);
+    if (entry != nullptr) return entry;
+    return fail(ErrorCode::pack_invalid, path.string() + " is no kernel pack" +
+                                             (symbol == device_symbol ? " for a device" : "") +
+                                             ": it does not export " + symbol);
+}
 
 std::string_view differing_type(std::span<const TypeLayout> theirs) {
     const auto ours = border_types();

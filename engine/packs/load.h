@@ -15,6 +15,10 @@ namespace raynest {
 /// pack of this source tree. Does not check whether this machine can run it.
 Result<const Pack*> load_pack(const std::filesystem::path& path);
 
+/// Loads a module for the life of the process and returns the address of a symbol that it exports;
+/// fails as load_pack() does.
+Result<void*> load_symbol(const std::filesystem::path& path, const char* symbol);
+
 /// Returns the first type of the ABI that a pack with these layouts lays out differently, or that
 /// only one side has; empty if all agree.
 std::string_view differing_type(std::span<const TypeLayout> theirs);

@@ -112,6 +112,16 @@ Result<TraceFunction> find_function(const Variant& variant, Query query, Precisi
                                     Traversal traversal, CounterMode counters) {
     const TraceFunction function = variant.code->trace[precision][traversal][query][counters];
     if (function != nullptr) return function;
+    std::string others;
+    for (std::size_t other = 0; other < traversal_count; ++other) {
+        if (variant.code->trace[precision][other][query][counters] != nullptr)
+            others += (others.empty() ? "" : ", ") + std::string(traversal_names[other]);
+    }
+    if (!others.empty())
+        return fail(ErrorCode::variant_unknown,
+                    "kind " + std::string(query_names[query]) + " of intersector '" + variant.name +
+                        "' has no traversal " + traversal_name(traversal) + "; it has " + others +
+                        ": leave `traversal` auto");
     return fail(ErrorCode::variant_unknown,
                 "intersector '" + variant.name + "' on target " + variant.target +
                     " was not compiled for query " + query_names[query] + ", precision " +

@@ -22,7 +22,7 @@ struct Type {
 };
 constexpr Type u8{FieldType::u8, 1}, u32{FieldType::u32, 1}, u64{FieldType::u64, 1};
 constexpr Type f32{FieldType::f32, 1}, vec2{FieldType::f32, 2}, vec3{FieldType::f32, 3};
-constexpr Type point = vec3;
+constexpr Type point = vec3, truth = u8;
 constexpr bool hit = false, ray = true;
 constexpr bool record = false, rays = true;
 }  // namespace def

@@ -51,10 +51,9 @@ inline float ggx_visible_density(const Vec3& o, const Vec3& h, float alpha) {
 /// A visible microfacet normal for the direction `o` (o.z > 0).
 inline Vec3 sample_ggx(const Vec3& o, float alpha, const Vec2& u) {
     const Vec3 stretched = glm::normalize(Vec3(alpha * o.x, alpha * o.y, o.z));
-    const float angle = 2.0F * pi * u.x;
     const float z = (1.0F - u.y) * (1.0F + stretched.z) - stretched.z;
     const float radius = std::sqrt(std::max(0.0F, 1.0F - z * z));
-    const Vec3 cap(radius * std::cos(angle), radius * std::sin(angle), z);
+    const Vec3 cap(radius * circle(u.x), z);
     const Vec3 h = cap + stretched;
     return glm::normalize(Vec3(alpha * h.x, alpha * h.y, std::max(h.z, 1e-7F)));
 }

@@ -5,6 +5,7 @@
 
 #include "engine/shading/albedo_tables.h"
 #include "engine/shading/ggx.h"
+#include "engine/shading/material.h"
 
 namespace raynest {
 
@@ -21,19 +22,19 @@ struct GlossyLobe {
     float alpha;
     Vec3 f0;
     float f90 = 1;  ///< the weight of the lobes: reflectance at grazing angles
+    float outer = 1.0F + ggx_lambda(outgoing, alpha);
+    float sharpness = 1.0F / (alpha * alpha);
 
-    [[nodiscard]] Vec3 evaluate(const Vec3& i) const {
-        if (i.z <= 0 || outgoing.z <= 0) return Vec3(0);
-        const Vec3 h = glm::normalize(outgoing + i);
-        const Vec3 fresnel = f0 + (Vec3(f90) - f0) * schlick_weight(glm::dot(outgoing, h));
-        return fresnel *
-               (ggx_density(h, alpha) * ggx_masking(outgoing, i, alpha) / (4.0F * outgoing.z));
-    }
-    [[nodiscard]] float density(const Vec3& i) const {
-        if (i.z <= 0 || outgoing.z <= 0) return 0;
+    /// As ggx_density() and ggx_masking() say, with the divisions of all directions done once.
+    [[nodiscard]] Scattered scatter(const Vec3& i) const {
+        if (i.z <= 0 || outgoing.z <= 0) return {};
         const Vec3 h = glm::normalize(outgoing + i);
         const float seen = glm::dot(outgoing, h);
-        return seen > 0 ? ggx_visible_density(outgoing, h, alpha) / (4.0F * seen) : 0.0F;
+        const float sum = (h.x * h.x + h.y * h.y) * sharpness + h.z * h.z;
+        const float facets = sharpness / (4.0F * pi * outgoing.z * sum * sum);
+        const Vec3 fresnel = f0 + (Vec3(f90) - f0) * schlick_weight(seen);
+        return {fresnel * (facets / (outer + ggx_lambda(i, alpha))),
+                seen > 0 ? facets / outer : 0.0F};
     }
     [[nodiscard]] Vec3 sample(const Vec2& u) const {
         const Vec3 h = sample_ggx(outgoing, alpha, u);

@@ -8,6 +8,7 @@
 //         Vec3 evaluate(const Vec3& incoming) const;   // BSDF x |cosine of incoming|
 //         float density(const Vec3& incoming) const;   // of sample(), per solid angle
 //         Vec3 sample(float choice, const Vec2& u) const;  // a direction; zero where there is none
+//         Scattered scatter(const Vec3& incoming) const;   // may be left out: both of the above
 //     };
 //
 // A new material is one header and one line in MATERIALS. Its values come from the same members of
@@ -32,6 +33,12 @@ struct MaterialPoint {
     bool inside = false;  ///< the ray came from within a solid
 };
 
+/// What Material::evaluate() and density() say of one direction.
+struct Scattered {
+    Vec3 value{0};
+    float density = 0;
+};
+
 template <class M>
 concept MaterialLike = requires(const M& m, const MaterialPoint& point, const Vec3& v, float x,
                                 const Vec2& u) {
@@ -42,5 +49,14 @@ concept MaterialLike = requires(const M& m, const MaterialPoint& point, const Ve
     { m.density(v) } -> std::same_as<float>;
     { m.sample(x, u) } -> std::same_as<Vec3>;
 };
+
+/// Both at once, where a material shares the work.
+template <MaterialLike M>
+[[nodiscard]] Scattered scatter(const M& material, const Vec3& incoming) {
+    if constexpr (requires { material.scatter(incoming); })
+        return material.scatter(incoming);
+    else
+        return {material.evaluate(incoming), material.density(incoming)};
+}
 
 }  // namespace raynest

@@ -7,6 +7,7 @@
 #include "engine/geometry/views.h"
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -32,6 +33,8 @@ struct Placement {
     std::vector<Level> levels;  ///< outermost first
     glm::dmat3 to_object{1};    ///< from the world, without the shift
     glm::dmat3 to_world{1};
+    double volume = 1;  ///< of what a unit cube of the object becomes in the world
+    bool mirrors = false;  ///< the object is seen as in a mirror
 
     void set(const SceneView& scene, std::uint64_t to) {
         path = to;
@@ -45,6 +48,9 @@ struct Placement {
             to_object = linear * to_object;
             to_world = to_world * inverse;
         });
+        const double determinant = glm::determinant(to_world);
+        volume = std::abs(determinant);
+        mirrors = determinant < 0;
     }
 
     /// A normal of the object, brought to the world, where its length means nothing.
@@ -61,13 +67,14 @@ struct Placement {
 class PlacementCache {
 public:
     [[nodiscard]] const Placement& find(const SceneView& scene, std::uint64_t path) {
-        Placement& place = places_[(path ^ path >> 7) % places_.size()];
+        Placement& place = places_[(path ^ path >> 9) % places_.size()];
         if (place.path != path) place.set(scene, path);
         return place;
     }
 
+
 private:
-    std::array<Placement, 128> places_;
+    std::vector<Placement> places_ = std::vector<Placement>(512);
 };
 
 }  // namespace raynest

@@ -1,6 +1,7 @@
 // Directions and points from pairs of random numbers, and frames around a normal.
 #pragma once
 
+#include "engine/math/elementary.h"
 #include "engine/math/vec.h"
 
 #include <algorithm>
@@ -49,9 +50,8 @@ inline float largest(const Vec3& rgb) {
 /// A direction on the hemisphere around +z with density cos / pi.
 inline Vec3 sample_cosine(const Vec2& u) {
     const float radius = std::sqrt(u.x);
-    const float angle = 2.0F * pi * u.y;
-    return {radius * std::cos(angle), radius * std::sin(angle),
-            std::sqrt(std::max(0.0F, 1.0F - u.x))};
+    const Vec2 around = radius * circle(u.y);
+    return {around.x, around.y, std::sqrt(std::max(0.0F, 1.0F - u.x))};
 }
 
 /// Barycentric coordinates (u, v) of a point that is uniform on a triangle.

@@ -35,43 +35,40 @@ bool is_used(const GeometryRecord& geometry, const TextureUse& use) {
     return use.texture != no_id && use.texcoord <= 1 && geometry.texcoords[use.texcoord] != no_offset;
 }
 
-/// Looks textures of one hit up.
-class Lookup {
+/// Where a hit lies in a texture.
+struct TexturePlace {
+    Vec2 st;
+    Footprint footprint;
+};
+
+/// Finds the places of one hit in its textures. `width_share` is the squared width of the ray's cone
+/// over twice the triangle's area, both in the world; 0: the finest level.
+class TexturePlaces {
 public:
-    Lookup(const ShadingView& view, const GeometryRecord& geometry, const Corners& corners,
-           float log_width, double world_area)
-        : view_(view),
+    TexturePlaces(const SceneView& scene, const GeometryRecord& geometry, const Corners& corners,
+                  float width_share)
+        : scene_(scene),
           geometry_(geometry),
           corners_(corners),
-          log_width_(log_width),
-          world_area_(world_area) {}
+          width_share_(width_share) {}
 
-    [[nodiscard]] Vec4 value(std::uint32_t texture, std::uint32_t set, const float (&m)[6],
-                             bool data) const {
-        const auto* st = view_.scene->attribute<Vec2>(geometry_.texcoords[set]);
+    [[nodiscard]] TexturePlace find(std::uint32_t set, const float (&m)[6]) const {
+        const auto* st = scene_.attribute<Vec2>(geometry_.texcoords[set]);
         const Vec2 a = st[corners_.index[0]];
         const Vec2 e1 = st[corners_.index[1]] - a;
         const Vec2 e2 = st[corners_.index[2]] - a;
         const float scale = std::abs(m[0] * m[4] - m[1] * m[3]);
-        const double area =
-            static_cast<double>(std::abs(e1.x * e2.y - e1.y * e2.x) * scale);
-        Footprint footprint;
-        if (area > 0 && world_area_ > 0)
-            footprint.log_width =
-                log_width_ + static_cast<float>(0.5 * std::log2(area / world_area_));
-        return sample_texture(view_, texture, transformed(m, corners_.mean(st)), footprint, data);
+        const float share = std::abs(e1.x * e2.y - e1.y * e2.x) * scale * width_share_;
+        TexturePlace place{transformed(m, corners_.mean(st)), {}};
+        if (share > 0) place.footprint.log_width = 0.5F * rough_log2(share);
+        return place;
     }
-    [[nodiscard]] Vec4 value(const TextureUse& use, bool data) const {
-        return value(use.texture, use.texcoord, use.uv_transform, data);
-    }
-    [[nodiscard]] const Corners& corners() const { return corners_; }
 
 private:
-    const ShadingView& view_;
+    const SceneView& scene_;
     const GeometryRecord& geometry_;
     const Corners& corners_;
-    float log_width_;
-    double world_area_;
+    float width_share_;
 };
 
 Vec3 vertex_colour(const SceneView& scene, const GeometryRecord& geometry, const Corners& corners) {
@@ -89,23 +86,18 @@ Vec3 vertex_colour(const SceneView& scene, const GeometryRecord& geometry, const
     return colour;
 }
 
-/// The normal that a normal texture gives, in the world; `n` is the vertices' normal there.
-Vec3 mapped_normal(const ShadingView& view, const GeometryRecord& geometry,
-                   const GeometryShading& shading, const SurfaceRecord& surface,
-                   const Lookup& lookup, const Placement& placement, const Vec3& n) {
-    const Vec4 texel = lookup.value(surface.normal, true);
-    const Vec3 local((2.0F * texel.x - 1.0F) * surface.normal_scale,
-                     (2.0F * texel.y - 1.0F) * surface.normal_scale,
-                     std::max(2.0F * texel.z - 1.0F, 1e-3F));
-    const Corners& corners = lookup.corners();
+/// Sets the tangents that the normal texture's values refer to; leaves 0 where there are none.
+void set_tangents(const ShadingView& view, const GeometryRecord& geometry,
+                  const GeometryShading& shading, const SurfaceRecord& surface,
+                  const Corners& corners, const Placement& placement, UnfinishedPoint& point) {
+    const Vec3& n = point.n;
     Vec3 tangent(0);
     float sign = 1;
     if (shading.tangents != no_offset) {
         const Vec4 t = corners.mean(view.scene->attribute<Vec4>(shading.tangents));
         tangent = Vec3(placement.to_world * glm::dvec3(t));
         // The cross product below keeps its hand where a placement mirrors; the texture does not.
-        const bool mirrors = glm::determinant(placement.to_world) < 0;
-        sign = (t.w < 0) != mirrors ? -1.0F : 1.0F;
+        sign = (t.w < 0) != placement.mirrors ? -1.0F : 1.0F;
     } else {
         // Without tangents: along the texture's first axis; the second one points up the picture.
         const auto* st = view.scene->attribute<Vec2>(geometry.texcoords[surface.normal.texcoord]);
@@ -117,7 +109,7 @@ Vec3 mapped_normal(const ShadingView& view, const GeometryRecord& geometry,
         const Vec3 e1 = p[corners.index[1]] - p[corners.index[0]];
         const Vec3 e2 = p[corners.index[2]] - p[corners.index[0]];
         const float det = d1.x * d2.y - d1.y * d2.x;
-        if (det == 0) return n;
+        if (det == 0) return;
         const glm::dvec3 along = glm::dvec3(d2.y * e1 - d1.y * e2) / static_cast<double>(det);
         const glm::dvec3 down = glm::dvec3(d1.x * e2 - d2.x * e1) / static_cast<double>(det);
         tangent = Vec3(placement.to_world * along);
@@ -126,10 +118,9 @@ Vec3 mapped_normal(const ShadingView& view, const GeometryRecord& geometry,
     }
     tangent -= glm::dot(tangent, n) * n;
     const float length = glm::length(tangent);
-    if (!(length > 0) || !std::isfinite(length)) return n;
-    tangent /= length;
-    const Vec3 bitangent = sign * glm::cross(n, tangent);
-    return glm::normalize(local.x * tangent + local.y * bitangent + local.z * n);
+    if (!(length > 0) || !std::isfinite(length)) return;
+    point.tangent = tangent / length;
+    point.bitangent = sign * glm::cross(n, point.tangent);
 }
 
 /// Turns a shading normal so far that the viewer sees its front: light would leak otherwise.
@@ -146,45 +137,76 @@ float clamped(float x) {
 
 }  // namespace
 
-ShadingPoint shading_point(const ShadingView& view, const Ray& ray, const HitRecord& hit,
-                           const Vec3& normal, float width, const Placement& placement) {
+void fetch_corners(const SceneView& scene, const HitRecord& hit) {
+    const ObjectRecord& object = scene.objects[hit.object];
+    if (object.triangle_count == 0) return;
+    const GeometryRecord& geometry = scene.geometry_of(object, hit.triangle);
+    __builtin_prefetch(scene.attribute<std::uint32_t>(geometry.indices) +
+                       std::size_t{3} * (hit.triangle - geometry.first_triangle));
+}
+
+void fetch_vertices(const ShadingView& view, const HitRecord& hit) {
     const SceneView& scene = *view.scene;
     const ObjectRecord& object = scene.objects[hit.object];
-    const Vec3 viewer = -glm::normalize(ray.direction);
-    ShadingPoint point;
-    point.front = glm::dot(normal, viewer) >= 0;
+    if (object.triangle_count == 0) return;
+    const GeometryRecord& geometry = scene.geometry_of(object, hit.triangle);
+    const Corners corners(scene, geometry, hit.triangle, 0, 0);
+    const std::uint64_t normals =
+        view.geometries == nullptr ? no_offset : view.geometries[&geometry - scene.geometries].normals;
+    for (std::size_t i = 0; i < 3; ++i) {
+        const std::uint32_t vertex = corners.index[i];
+        __builtin_prefetch(scene.attribute<Vec3>(geometry.positions) + vertex);
+        if (normals != no_offset) __builtin_prefetch(scene.attribute<Vec3>(normals) + vertex);
+        if (geometry.texcoords[0] != no_offset)
+            __builtin_prefetch(scene.attribute<Vec2>(geometry.texcoords[0]) + vertex);
+    }
+}
+
+void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit,
+                 const Vec3& normal, double twice_area, float width, const Placement& placement,
+                 TextureBatch& batch, UnfinishedPoint& out) {
+    const SceneView& scene = *view.scene;
+    const ObjectRecord& object = scene.objects[hit.object];
+    out.viewer = -glm::normalize(ray.direction);
+    out.looked_up = 0;
+    out.tint = Vec3(1);
+    out.tangent = Vec3(0);
+    ShadingPoint& point = out.point;
+    point = {};
+    point.front = glm::dot(normal, out.viewer) >= 0;
     point.normal = point.front ? normal : -normal;
     point.kind = default_material();
-    if (normal == Vec3(0)) point.normal = viewer;
-    if (object.triangle_count == 0) {
-        point.frame = frame_around(point.normal);
-        return point;
-    }
+    if (normal == Vec3(0)) point.normal = out.viewer;
+    out.n = point.front ? point.normal : -point.normal;
+    if (object.triangle_count == 0) return;
 
     const GeometryRecord& geometry = scene.geometry_of(object, hit.triangle);
     const Corners corners(scene, geometry, hit.triangle, hit.u, hit.v);
-    const auto* positions = scene.attribute<Vec3>(geometry.positions);
-    const glm::dvec3 p0(positions[corners.index[0]]);
-    const glm::dvec3 e1 = placement.to_world * (glm::dvec3(positions[corners.index[1]]) - p0);
-    const glm::dvec3 e2 = placement.to_world * (glm::dvec3(positions[corners.index[2]]) - p0);
-    const float cosine = std::max(std::abs(glm::dot(point.normal, viewer)), 0.05F);
-    const Lookup lookup(view, geometry, corners, std::log2(std::max(width, 1e-30F) / cosine),
-                        glm::length(glm::cross(e1, e2)));
+    const float cosine = std::max(std::abs(glm::dot(point.normal, out.viewer)), 0.05F);
+    const float across = width / cosine;
+    const auto area = static_cast<float>(twice_area);
+    const TexturePlaces places(scene, geometry, corners, area > 0 ? across * across / area : 0.0F);
+    const auto look_up = [&](TextureSlot slot, std::uint32_t texture, std::uint32_t set,
+                             const float(&m)[6], bool data) {
+        const TexturePlace place = places.find(set, m);
+        const auto k = static_cast<std::size_t>(slot);
+        out.looked_up |= 1U << k;
+        batch.add(texture, place.st, place.footprint, data, &out.texels[k]);
+    };
+    const auto look_up_use = [&](TextureSlot slot, const TextureUse& use, bool data) {
+        if (is_used(geometry, use)) look_up(slot, use.texture, use.texcoord, use.uv_transform, data);
+    };
 
     MaterialPoint& material = point.material;
-    const MaterialRecord* record = nullptr;
     if (geometry.material != no_id) {
-        record = &scene.materials[geometry.material];
-        material.base_colour = Vec3(record->base_colour);
-        if (has_texture(geometry, *record))
-            material.base_colour *=
-                Vec3(lookup.value(record->texture, record->texcoord, record->uv_transform, false));
+        const MaterialRecord& record = scene.materials[geometry.material];
+        material.base_colour = Vec3(record.base_colour);
+        if (has_texture(geometry, record))
+            look_up(TextureSlot::base, record.texture, record.texcoord, record.uv_transform, false);
         if (view.surfaces != nullptr) point.surface = &view.surfaces[geometry.material];
     }
-    material.base_colour *= vertex_colour(scene, geometry, corners);
-    for (int c = 0; c < 3; ++c) material.base_colour[c] = clamped(material.base_colour[c]);
+    if (geometry.colours != no_offset) out.tint = vertex_colour(scene, geometry, corners);
 
-    Vec3 n = point.front ? point.normal : -point.normal;
     const GeometryShading shading =
         view.geometries == nullptr ? GeometryShading{}
                                    : view.geometries[&geometry - scene.geometries];
@@ -192,36 +214,50 @@ ShadingPoint shading_point(const ShadingView& view, const Ray& ray, const HitRec
         const Vec3 mean = corners.mean(scene.attribute<Vec3>(shading.normals));
         const glm::dvec3 world = placement.normal(glm::dvec3(mean));
         const double length = glm::length(world);
-        if (length > 0 && std::isfinite(length)) n = Vec3(world / length);
+        if (length > 0 && std::isfinite(length)) out.n = Vec3(world / length);
     }
-    if (point.surface != nullptr) {
-        const SurfaceRecord& surface = *point.surface;
-        point.kind = surface.kind;
-        material.metallic = surface.metallic;
-        material.roughness = surface.roughness;
-        material.emission = surface.emission;
-        material.ior = surface.ior;
-        material.transmission = surface.transmission;
-        material.solid = surface.thickness > 0;
-        material.inside = material.solid && !point.front;
-        if (is_used(geometry, surface.metallic_roughness)) {
-            const Vec4 texel = lookup.value(surface.metallic_roughness, true);
-            material.roughness *= texel.y;
-            material.metallic *= texel.z;
-        }
-        if (is_used(geometry, surface.emission_texture) && !is_black(material.emission))
-            material.emission *= Vec3(lookup.value(surface.emission_texture, false));
-        if (is_used(geometry, surface.transmission_texture) && material.transmission > 0)
-            material.transmission *= lookup.value(surface.transmission_texture, true).x;
-        if (is_used(geometry, surface.occlusion)) {
-            const float open = lookup.value(surface.occlusion, true).x;
-            point.occlusion = 1.0F + surface.occlusion_strength * (open - 1.0F);
-        }
-        if (is_used(geometry, surface.normal))
-            n = mapped_normal(view, geometry, shading, surface, lookup, placement, n);
+    if (point.surface == nullptr) return;
+    const SurfaceRecord& surface = *point.surface;
+    point.kind = surface.kind;
+    material.metallic = surface.metallic;
+    material.roughness = surface.roughness;
+    material.emission = surface.emission;
+    material.ior = surface.ior;
+    material.transmission = surface.transmission;
+    material.solid = surface.thickness > 0;
+    material.inside = material.solid && !point.front;
+    look_up_use(TextureSlot::metallic_roughness, surface.metallic_roughness, true);
+    if (!is_black(material.emission))
+        look_up_use(TextureSlot::emission, surface.emission_texture, false);
+    if (material.transmission > 0)
+        look_up_use(TextureSlot::transmission, surface.transmission_texture, true);
+    if (is_used(geometry, surface.normal)) {
+        look_up_use(TextureSlot::normal, surface.normal, true);
+        set_tangents(view, geometry, shading, surface, corners, placement, out);
+    }
+}
+
+const ShadingPoint& finish_point(UnfinishedPoint& from) {
+    ShadingPoint& point = from.point;
+    MaterialPoint& material = point.material;
+    if (const Vec4* texel = from.texel(TextureSlot::base)) material.base_colour *= Vec3(*texel);
+    material.base_colour *= from.tint;
+    for (int c = 0; c < 3; ++c) material.base_colour[c] = clamped(material.base_colour[c]);
+    if (const Vec4* texel = from.texel(TextureSlot::metallic_roughness)) {
+        material.roughness *= texel->y;
+        material.metallic *= texel->z;
+    }
+    if (const Vec4* texel = from.texel(TextureSlot::emission)) material.emission *= Vec3(*texel);
+    if (const Vec4* texel = from.texel(TextureSlot::transmission)) material.transmission *= texel->x;
+    Vec3 n = from.n;
+    if (const Vec4* texel = from.texel(TextureSlot::normal); texel && from.tangent != Vec3(0)) {
+        const float scale = point.surface->normal_scale;
+        n = glm::normalize((2.0F * texel->x - 1.0F) * scale * from.tangent +
+                           (2.0F * texel->y - 1.0F) * scale * from.bitangent +
+                           std::max(2.0F * texel->z - 1.0F, 1e-3F) * n);
     }
     if (!point.front) n = -n;
-    point.frame = frame_around(turned_to(n, viewer));
+    point.frame = frame_around(turned_to(n, from.viewer));
     return point;
 }
 
@@ -233,8 +269,11 @@ Vec3 triangle_emission(const ShadingView& view, const ObjectRecord& object, std:
     const SurfaceRecord& surface = view.surfaces[geometry.material];
     if (!is_used(geometry, surface.emission_texture)) return surface.emission;
     const Corners corners(scene, geometry, triangle, u, v);
-    const Lookup lookup(view, geometry, corners, -1e9F, 1);
-    return surface.emission * Vec3(lookup.value(surface.emission_texture, false));
+    const TextureUse& use = surface.emission_texture;
+    const TexturePlace place =
+        TexturePlaces(scene, geometry, corners, 0).find(use.texcoord, use.uv_transform);
+    return surface.emission *
+           Vec3(sample_texture(view, use.texture, place.st, place.footprint, false));
 }
 
 }  // namespace raynest

@@ -7,8 +7,9 @@
 #include "engine/shading/placement.h"
 #include "engine/shading/records.h"
 #include "engine/shading/sampling.h"
-#include "engine/shading/texture_lookup.h"
+#include "engine/shading/texture_batch.h"
 
+#include <array>
 #include <cstdint>
 
 namespace raynest {
@@ -20,14 +21,41 @@ struct ShadingPoint {
     std::uint32_t kind = 0;  ///< SurfaceRecord::kind
     const SurfaceRecord* surface = nullptr;
     MaterialPoint material;
-    float occlusion = 1;  ///< of the occlusion texture
 };
 
-/// Looks all textures up. `placement` is that of hit.path, `normal` is the hit's geometric normal in the world, outward; `width` is
-/// that of the ray's cone at the hit.
-[[nodiscard]] ShadingPoint shading_point(const ShadingView& view, const Ray& ray,
-                                         const HitRecord& hit, const Vec3& normal, float width,
-                                         const Placement& placement);
+/// The textures of a point, in the order of UnfinishedPoint::texels.
+enum class TextureSlot : std::uint8_t { base, metallic_roughness, emission, transmission, normal };
+
+/// A point whose textures are being looked up.
+struct UnfinishedPoint {
+    ShadingPoint point;
+    Vec3 viewer{0};
+    Vec3 n{0};        ///< the vertices' normal in the world, outward
+    Vec3 tangent{0};  ///< with bitangent and n, the frame of the normal texture
+    Vec3 bitangent{0};
+    Vec3 tint{1};     ///< the vertices' colour
+    std::array<Vec4, 5> texels;
+    std::uint32_t looked_up = 0;  ///< bit k: texels[k] will be there
+
+    [[nodiscard]] const Vec4* texel(TextureSlot slot) const {
+        const auto k = static_cast<std::size_t>(slot);
+        return (looked_up >> k & 1U) != 0 ? &texels[k] : nullptr;
+    }
+};
+
+/// Fetches the corners of a triangle that will be shaded soon; fetch_vertices(), some hits later, what
+/// lies at them. Triangles of bounced rays lie anywhere in memory.
+void fetch_corners(const SceneView& scene, const HitRecord& hit);
+void fetch_vertices(const ShadingView& view, const HitRecord& hit);
+
+/// Adds the lookups of a hit to the batch; `point` stays where it is until the batch has run.
+/// `placement` is that of hit.path, `normal` is the hit's geometric normal in the world, outward,
+/// `twice_area` belongs to its triangle in the world, and `width` is that of the ray's cone there.
+void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit,
+                 const Vec3& normal, double twice_area, float width, const Placement& placement,
+                 TextureBatch& batch, UnfinishedPoint& point);
+/// After the batch has run.
+[[nodiscard]] const ShadingPoint& finish_point(UnfinishedPoint& point);
 
 /// The radiance that a point of a triangle emits, given by its barycentric coordinates.
 [[nodiscard]] Vec3 triangle_emission(const ShadingView& view, const ObjectRecord& object,

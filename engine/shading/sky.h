@@ -18,9 +18,7 @@ struct SunDisc {
     [[nodiscard]] Vec3 sample(const Vec2& u) const {
         const float c = 1.0F - u.x * (1.0F - cosine);
         const float s = std::sqrt(std::max(0.0F, 1.0F - c * c));
-        const float angle = 2.0F * pi * u.y;
-        return glm::normalize(frame_around(direction).to_world(
-            {s * std::cos(angle), s * std::sin(angle), c}));
+        return glm::normalize(frame_around(direction).to_world(Vec3(s * circle(u.y), c)));
     }
 };
 

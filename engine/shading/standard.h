@@ -52,21 +52,22 @@ public:
     [[nodiscard]] Vec3 emitted() const { return emission_; }
     [[nodiscard]] bool scatters() const { return glossy_.outgoing.z > 0; }
 
-    [[nodiscard]] Vec3 evaluate(const Vec3& i) const {
-        Vec3 sum(0);
+    [[nodiscard]] Vec3 evaluate(const Vec3& i) const { return scatter(i).value; }
+    [[nodiscard]] float density(const Vec3& i) const { return scatter(i).density; }
+    [[nodiscard]] Scattered scatter(const Vec3& i) const {
+        Scattered sum;
         if (i.z > 0) {
             const OneBounce lit = rows_.at(i.z);
             const Vec3 base = base_ * base_seen_ * (Vec3(1) - varnish_albedo(lit));
-            sum = glossy_.evaluate(i) +
-                  (base + more_ * ((1.0F - seen_.full) * (1.0F - lit.full))) * i.z;
+            const Scattered glossy = glossy_.scatter(i);
+            sum.value = glossy.value +
+                        (base + more_ * ((1.0F - seen_.full) * (1.0F - lit.full))) * i.z;
+            sum.density = glossy_share_ * glossy.density + broad_share_ * i.z * (1.0F / pi);
         }
-        if (clear_ > 0) sum += clear_ * glass_.evaluate(i);
-        return sum;
-    }
-    [[nodiscard]] float density(const Vec3& i) const {
-        float sum = 0;
-        if (i.z > 0) sum = glossy_share_ * glossy_.density(i) + broad_share_ * i.z * (1.0F / pi);
-        if (glass_share_ > 0) sum += glass_share_ * glass_.density(i);
+        if (clear_ > 0) {
+            sum.value += clear_ * glass_.evaluate(i);
+            sum.density += glass_share_ * glass_.density(i);
+        }
         return sum;
     }
     [[nodiscard]] Vec3 sample(float choice, const Vec2& u) const {
@@ -111,7 +112,7 @@ private:
     float full_mean_ = 1;
     Vec3 varnish_f0_{0}, varnish_more_{0};
     Vec3 base_{0}, base_seen_{0}, more_{0};
-    GlossyLobe glossy_{};
+    GlossyLobe glossy_{Vec3(0), 1, Vec3(0)};
     GlassLobe glass_;
     float clear_ = 0, glossy_share_ = 0, broad_share_ = 0, glass_share_ = 0;
 };

@@ -70,7 +70,20 @@ void add_build(const Services& services, Families& families) {
         .metric.push_back(std::move(build));
 }
 
-void add_durations(const DurationHistogram& durations, Families& families) {
+void add_rays(const RayCounts& counts, Families& families) {
+    for (const auto& [labels, rays] : counts.rows()) {
+        ClientMetric metric;
+        metric.label = {{"kind", std::string(labels.kind)},
+                        {"intersector", std::string(labels.intersector)},
+                        {"backend", std::string(labels.backend)}};
+        metric.counter.value = static_cast<double>(rays);
+        families.family("raynest_rays_total", MetricType::Counter, "rays traced")
+            .metric.push_back(std::move(metric));
+    }
+}
+
+void add_durations(const DurationHistogram& durations, const char* name, const char* help,
+                   Families& families) {
     ClientMetric metric;
     std::uint64_t sum = 0;
     for (std::size_t bin = 0; bin <= DurationHistogram::bounds_s.size(); ++bin) {
@@ -81,10 +94,7 @@ void add_durations(const DurationHistogram& durations, Families& families) {
     }
     metric.histogram.sample_count = sum;
     metric.histogram.sample_sum = durations.sum_s();
-    families
-        .family("raynest_request_duration_seconds", MetricType::Histogram,
-                "time from the start of a job to its end")
-        .metric.push_back(std::move(metric));
+    families.family(name, MetricType::Histogram, help).metric.push_back(std::move(metric));
 }
 
 /// The names that Prometheus' client libraries give to these.
@@ -125,7 +135,14 @@ std::string exposition(const Services& services) {
 #define RAYNEST_GAUGE(name, value, family, labels, text) \
     families.add(#family, MetricType::Gauge, labels, text, static_cast<double>(value));
 #include "server/diag/metrics.def"
-    add_durations(services.metrics.job_seconds, families);
+    const Metrics& metrics = services.metrics;
+    add_rays(metrics.rays_by_label, families);
+    add_durations(metrics.job_seconds, "raynest_request_duration_seconds",
+                  "time from the start of a job to its end", families);
+    add_durations(metrics.cancel_seconds, "raynest_cancel_latency_seconds",
+                  "time from the cancellation of a job to the end of its last task", families);
+    add_durations(metrics.load_seconds, "raynest_scene_load_duration_seconds",
+                  "time from the request for a scene to its publication", families);
     add_process(families);
     return families.text();
 }

@@ -1,6 +1,8 @@
 // The daemon's counters, as listed in metrics.def.
 #pragma once
 
+#include "server/diag/ray_counts.h"
+
 #include <array>
 #include <atomic>
 #include <cstddef>
@@ -33,8 +35,12 @@ private:
 struct Metrics {
     using Counter = std::atomic<std::uint64_t>;
 #define RAYNEST_METRIC(name, ...) Counter name{0};
+#define RAYNEST_SPLIT(name, ...) Counter name{0};
 #include "server/diag/metrics.def"
-    DurationHistogram job_seconds;  ///< from a job's start to its end
+    DurationHistogram job_seconds;     ///< from a job's start to its end
+    DurationHistogram cancel_seconds;  ///< from a job's cancellation to the end of its last task
+    DurationHistogram load_seconds;    ///< from the request for a scene to its publication
+    RayCounts rays_by_label;           ///< `rays`, split
 };
 
 struct MetricInfo {
@@ -44,6 +50,7 @@ struct MetricInfo {
 
 inline constexpr std::array metric_table = {
 #define RAYNEST_METRIC(name, ...) MetricInfo{#name, &Metrics::name},
+#define RAYNEST_SPLIT(name, ...) MetricInfo{#name, &Metrics::name},
 #include "server/diag/metrics.def"
 };
 

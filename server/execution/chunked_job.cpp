@@ -21,6 +21,13 @@ std::optional<ChunkedJob::Work> ChunkedJob::next_work() {
     return work;
 }
 
+void ChunkedJob::count_rays(std::string_view kind, const Chunk& chunk, std::uint64_t rays) {
+    if (rays == 0) return;
+    services_.metrics.rays += rays;
+    services_.metrics.rays_by_label.add(
+        {kind, plan_.variant->name, queue_.backend_of(chunk).name()}, rays);
+}
+
 Reply<Frames> ChunkedJob::run(const Chunk& chunk, const Stop& stop) {
     statistics_.begin();
     const TraceBufferPool::Use buffers = services_.trace_buffers.take();

@@ -12,6 +12,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string_view>
 
 namespace raynest::server {
 
@@ -34,6 +35,9 @@ protected:
         Task task;
     };
     std::optional<Work> next_work();
+
+    /// Counts rays that a chunk traced. Any thread.
+    void count_rays(std::string_view kind, const Chunk& chunk, std::uint64_t rays);
 
     /// Returns DONE with the fields that the statistics know.
     [[nodiscard]] wire::DoneT done() const { return statistics_.done(plan_, queue_); }

@@ -132,7 +132,7 @@ private:
         counts.hits = hit.hit;
         counts.misses = 1 - counts.hits;
         statistics_.add(chunk.backend, *traced, counts);
-        ++services_.metrics.rays;
+        count_rays("explain", chunk, 1);
         queue_.answered(1);
         return Frames{};
     }

@@ -239,7 +239,8 @@ Reply<void> FilmJob::prepare() {
     }
     auto made = make_integrator(options_.integrator,
                                 {plan_.source(services_.registry), plan_.scene.snapshot().bounds(),
-                                 &plan_.scene.snapshot().shading()},
+                                 &plan_.scene.snapshot().shading(),
+                                 services_.registry.packs().front()->target},
                                 settings);
     if (!made) return refuse(made.error());
     integrator_ = std::move(*made);
@@ -336,7 +337,7 @@ Traced<Frames> FilmJob::trace(const Chunk& chunk, const Stop& stop, TraceBuffers
     }
     if (counting.counts.rays != 0)
         statistics_.add(chunk.backend, caster.traversal(), counting.counts);
-    services_.metrics.rays += counting.counts.rays;
+    count_rays("film", chunk, counting.counts.rays);
     // Backwards, because each goes to the front: the first tile is finished first.
     for (auto one = rest.rbegin(); one != rest.rend(); ++one) queue_.give_back(*one);
     queue_.answered(done);

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <set>
 #include <string>
 #include <string_view>
@@ -34,6 +35,9 @@ tl::unexpected<protocol::Error> lacks(std::string_view kind, const char* what) {
 
 Reply<Camera> camera_of(const Request& request) {
     const GeneratorSettings& given = request.settings;
+    if (given.camera && request.scene.statistics().cameras.empty())
+        return refuse(Code::invalid_field,
+                      "the scene has no cameras: give the sensor a pose or a look-at instead");
     CameraRequest wanted;
     if (given.camera) wanted.name = given.camera->value;
     if (given.fov) wanted.fov_degrees = given.fov->value;
@@ -143,10 +147,22 @@ Reply<Generated> make_lidar(const Request& request) {
     });
 }
 
+/// Twice what rounding moves a point of the scene: some bits of its farthest coordinate.
+float leaving_margin(const Snapshot& scene) {
+    const Box& box = scene.bounds();
+    if (box.is_empty()) return 0;
+    const Vec3 farthest = glm::max(glm::abs(box.lower), glm::abs(box.upper));
+    return 0x1p-20F * std::max({farthest.x, farthest.y, farthest.z});
+}
+
 Reply<Generated> make_hemisphere(const Request& request) {
     const GeneratorSettings& given = request.settings;
-    return Hemisphere{given.samples.value_or(setting::Samples{}).value,
-                      given.seed.value_or(setting::Whole{}).value};
+    Hemisphere made{given.samples.value_or(setting::Samples{}).value,
+                    given.seed.value_or(setting::Whole{}).value, leaving_margin(request.scene)};
+    if (given.margin) made.margin = given.margin->values[0];
+    if (!std::isfinite(made.margin) || made.margin < 0)
+        return refuse(Code::invalid_field, "margin must be 0 or more");
+    return made;
 }
 
 struct Kind {

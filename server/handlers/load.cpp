@@ -152,6 +152,7 @@ public:
         if (!scene) return tl::unexpected(scene.error());
         scene_ = std::move(*scene);
         ++services_.metrics.scenes_loaded;
+        services_.metrics.load_seconds.add(seconds());
         log(LogLevel::info, "loaded",
             {{"scene", scene_->name},
              {"epoch", std::to_string(scene_->epoch)},

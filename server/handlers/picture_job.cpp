@@ -243,7 +243,7 @@ Traced<Frames> PictureJob::trace(const Chunk& chunk, const Stop& stop, TraceBuff
     counts.misses = seen->rays - seen->hits;
     statistics_.add(chunk.backend, caster.traversal(), counts);
     backs_ += seen->backs;
-    services_.metrics.rays += seen->rays + *again;
+    count_rays("picture", chunk, seen->rays + *again);
     queue_.answered(chunk.count);
     return Frames{};
 }

@@ -42,6 +42,17 @@ std::uint64_t chunk_rays(const Plan& plan, const Columns::Cost& cost, std::uint6
     return std::clamp<std::uint64_t>(by_reply, 1, most);
 }
 
+/// Shares the rays of a small query that the daemon makes out to several threads: its answer comes
+/// sooner than that of one whole chunk.
+std::uint64_t shared_out(const RaySource& source, std::uint64_t most) {
+    constexpr std::uint64_t shares = 4;
+    constexpr std::uint64_t least = 4096;
+    constexpr std::uint64_t packet = 64;
+    if (source.sent() != 0) return most;
+    const std::uint64_t share = (source.rays() / shares + packet) / packet * packet;
+    return std::min(most, std::max(least, share));
+}
+
 /// Returns the number of hit records of a task: as many as fit its answer, but at least two rays'.
 std::uint64_t hits_room(const Plan& plan, const Columns::Cost& cost, std::uint64_t bytes) {
     const std::uint64_t most = hit_bytes_max / sizeof(HitRecord);
@@ -69,7 +80,8 @@ public:
           columns_(std::move(columns)),
           cost_(columns_.cost(plan_)),
           answer_bytes_(answer_bytes(plan_, cost_, caller)),
-          chunk_rays_(source_.chunk_rays(chunk_rays(plan_, cost_, answer_bytes_, services.limits))),
+          chunk_rays_(source_.chunk_rays(shared_out(
+              source_, chunk_rays(plan_, cost_, answer_bytes_, services.limits)))),
           fitting_(chunk_rays_) {}
 
 protected:
@@ -109,7 +121,7 @@ protected:
             if (!frame) return tl::unexpected(TraceFailure(frame.error()));
             frames.push_back(std::move(*frame));
         }
-        answered(chunk.first, count);
+        answered(chunk, count);
         if (plan_.query == query_all) give_back_behind(chunk, count);
         return frames;
     }
@@ -164,7 +176,7 @@ private:
     Reply<Frames> answer_rows(const Chunk& chunk, const TracedRays& traced) {
         auto frame = encode(chunk.first, traced);
         if (!frame) return tl::unexpected(frame.error());
-        answered(chunk.first, chunk.count);
+        answered(chunk, chunk.count);
         Frames frames;
         frames.push_back(std::move(*frame));
         return frames;

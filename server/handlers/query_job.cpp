@@ -66,9 +66,9 @@ std::optional<Progress> QueryJob::progress() const {
     return Progress{queue_.answered(), source_.rays(), "tracing"};
 }
 
-void QueryJob::answered(std::uint64_t first, std::uint64_t count) {
-    if (source_.sent() != 0) input_.release(first, count);
-    services_.metrics.rays += count;
+void QueryJob::answered(const Chunk& chunk, std::uint64_t count) {
+    if (source_.sent() != 0) input_.release(chunk.first, count);
+    count_rays(plan_.untraced ? "null" : query_name(plan_.query), chunk, count);
     queue_.answered(count);
 }
 

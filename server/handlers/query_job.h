@@ -48,7 +48,7 @@ protected:
     [[nodiscard]] virtual std::uint64_t rows() const = 0;
 
     /// Marks rays [first, first + count) as answered. Any thread.
-    void answered(std::uint64_t first, std::uint64_t count);
+    void answered(const Chunk& chunk, std::uint64_t count);
 
     const RaySource source_;
     RayInput input_;

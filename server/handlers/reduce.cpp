@@ -74,7 +74,7 @@ protected:
         auto frames = whole ? fractions(chunk.first / each, hits) : Reply<Frames>(Frames{});
         if (!frames) return tl::unexpected(TraceFailure(frames.error()));
         statistics_.add(chunk.backend, traced->traversal, count_hits(*traced, chunk.first));
-        answered(chunk.first, chunk.count);
+        answered(chunk, chunk.count);
         return std::move(*frames);
     }
 
@@ -162,7 +162,7 @@ protected:
             for (const auto& [path, count] : counts) counts_[path] += count;
         }
         statistics_.add(chunk.backend, traced->traversal, count_hits(*traced, chunk.first));
-        answered(chunk.first, chunk.count);
+        answered(chunk, chunk.count);
         return Frames{};
     }
 

@@ -307,7 +307,10 @@ void Runner::return_input(Active& active, std::uint64_t bytes) {
 }
 
 void Runner::stop(Active& active, protocol::Error error) {
-    if (!active.error) active.error = std::move(error);
+    if (!active.error) {
+        active.error = std::move(error);
+        active.stopped = Clock::now();
+    }
     active.parked.reset();
     active.stop.request();
     // Drop tasks that no worker has started, and release their reservations.
@@ -338,6 +341,9 @@ void Runner::finish(const ActivePointer& active) {
         const Code code = active->error->code;
         ++(code == Code::cancelled ? context_.metrics.jobs_cancelled
                                    : context_.metrics.jobs_failed);
+        if (code == Code::cancelled || code == Code::deadline)
+            context_.metrics.cancel_seconds.add(
+                std::chrono::duration<double>(Clock::now() - active->stopped).count());
         if (code == Code::deadline)
             ++context_.metrics.deadlines_passed;
         else if (code != Code::cancelled)

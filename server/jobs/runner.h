@@ -117,6 +117,7 @@ private:
         Priority priority = Priority::normal;
         Clock::time_point started;
         Clock::time_point next_progress;
+        Clock::time_point stopped = Clock::time_point::max();  ///< max: it was not stopped
         std::optional<protocol::Error> error;  ///< why the job ends early
         std::optional<Task> parked;            ///< task that waits for a thread or for room
         std::list<Outstanding> tasks;          ///< tasks that wait for a worker or run

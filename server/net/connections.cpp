@@ -137,7 +137,7 @@ std::size_t Connections::kick(std::uint64_t number, const std::string& principal
         const bool meant = number != 0 ? session->number() == number
                                        : session->principal() == principal;
         if (!meant) continue;
-        session->close_with_error(error);
+        if (session->close_with_error(error)) ++services_.metrics.kicked;
         ++count;
     }
     return count;
@@ -147,7 +147,8 @@ void Connections::close_unless(const std::function<bool(const Principal&)>& vali
                                const protocol::Error& error) {
     const Sessions sessions = sessions_;
     for (const auto& session : sessions)
-        if (!valid(session->identity())) session->close_with_error(error);
+        if (!valid(session->identity()) && session->close_with_error(error))
+            ++services_.metrics.revoked;
 }
 
 }  // namespace raynest::server

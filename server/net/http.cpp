@@ -465,7 +465,8 @@ void HttpConnection::limit_time(milliseconds time) {
 void HttpConnection::count(const HttpReply& reply) {
     ++metrics_.http_requests;
     if (reply.status >= 400) ++metrics_.http_refused;
-    if (reply.foreign) ++metrics_.http_foreign;
+    if (reply.foreign == Foreign::host) ++metrics_.http_foreign_hosts;
+    if (reply.foreign == Foreign::origin) ++metrics_.http_foreign_origins;
 }
 
 bool HttpServer::make_room() {

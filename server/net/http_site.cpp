@@ -26,9 +26,9 @@ HttpReply refuse(unsigned status, std::string why) {
     return reply;
 }
 
-HttpReply refuse_foreign(unsigned status, std::string why) {
+HttpReply refuse_foreign(unsigned status, Foreign header, std::string why) {
     HttpReply reply = refuse(status, std::move(why));
-    reply.foreign = true;
+    reply.foreign = header;
     return reply;
 }
 
@@ -137,7 +137,8 @@ HttpReply HttpSite::answer(const HttpRequest& request) const {
     if (!is_own_host(request.hosts.front())) {
         const std::string host = protocol::clean_text(request.hosts.front(), quoted_bytes_max);
         return refuse_foreign(
-            421, "the host " + quoted(std::string_view(host)) +
+            421, Foreign::host,
+            "the host " + quoted(std::string_view(host)) +
                      " is not one of this daemon; open http://127.0.0.1:" + std::to_string(port_) +
                      "/, or start it with --http-host " + std::string(split_host(host).name));
     }
@@ -181,7 +182,8 @@ HttpReply HttpSite::stream(const HttpRequest& request) const {
     };
     if (request.origins.size() != 1 || !is_own(request.origins.front()))
         return refuse_foreign(
-            403, (request.origins.empty() ? "a WebSocket needs an Origin header"
+            403, Foreign::origin,
+            (request.origins.empty() ? "a WebSocket needs an Origin header"
                                           : "the page " + quoted(request.origins.front()) +
                                                 " may not open a WebSocket here") +
                      std::string("; its Origin must be http://") +

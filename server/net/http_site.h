@@ -30,6 +30,9 @@ struct HttpRequest {
     std::string_view authorization = {};  ///< "Bearer TOKEN"
 };
 
+/// The header because of which a request is refused as foreign.
+enum class Foreign : std::uint8_t { none, host, origin };
+
 struct HttpReply {
     /// 101: the connection becomes a WebSocket.
     unsigned status = 200;
@@ -37,7 +40,7 @@ struct HttpReply {
     std::string text;            ///< the body, unless `file` has it
     std::string_view file = {};  ///< an embedded file
     std::string etag = {};       ///< empty: not to be kept by the client
-    bool foreign = false;        ///< refused because of Host or Origin
+    Foreign foreign = Foreign::none;
 
     [[nodiscard]] std::string_view body() const { return file.empty() ? text : file; }
 };

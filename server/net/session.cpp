@@ -94,11 +94,12 @@ void Session::drain() {
     settle();
 }
 
-void Session::close_with_error(const protocol::Error& error) {
-    if (!open_) return;
+bool Session::close_with_error(const protocol::Error& error) {
+    if (!open_ || conversation_.closing()) return false;
     conversation_.close_with_error(error);
     wake_.cancel();
     settle();
+    return true;
 }
 
 void Session::stop() {

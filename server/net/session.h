@@ -46,7 +46,8 @@ public:
     /// Refuses new jobs; closes when the running ones have ended.
     void drain();
     /// Ends the running jobs, sends the error, then closes.
-    void close_with_error(const protocol::Error& error);
+    /// Returns false if the connection is closing already.
+    bool close_with_error(const protocol::Error& error);
     /// Closes at once. Idempotent.
     void stop();
     /// Closes if the peer's machine or network is gone.

@@ -14,13 +14,13 @@ export function valuesInside({ values, width, height }, [x0, y0], [x1, y1]) {
   return inside;
 }
 
-function build({ picture, area }, place) {
+function build({ store, picture, area }, place) {
   const hint = element("p", { className: "hint" }, "Drag with Shift over the picture to get the statistics of a rectangle.");
   const facts = element("div", { id: "area-statistics" });
   place.append(hint, facts);
   const show = () => {
     const { image } = picture;
-    if (!image) return;
+    if (!image || store.values.panel !== "area") return;
     if (!image.view.value) {
       facts.replaceChildren(element("p", { className: "hint" }, "This view has colours, not values. Choose one of cost or depth."));
       return;
@@ -36,5 +36,6 @@ function build({ picture, area }, place) {
   };
   area.addEventListener("change", show);
   picture.addEventListener("image", show);
+  store.on(["panel"], show);
   show();
 }

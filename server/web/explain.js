@@ -19,15 +19,16 @@ export function askExplanation({ daemon, store, picture }, { x, y, columns }, si
   return askDocument(daemon, "Explain", { job: jobOf(state), steps: STEPS, ...ray }, { signal });
 }
 
+const plural = (count, one, many = `${one}s`) => `${count} ${count === 1 ? one : many}`;
+
 /** Says a step in words, as `raynest explain` does. */
 export function stepText(step) {
-  const plural = (count, word) => `${count} ${word}${count === 1 ? "" : "s"}`;
   if (step.kind === "instance") {
     const where = step.outcome === "accepted" ? `, entered at t ${Number(step.near).toPrecision(4)}` : `: ${step.why}`;
     return `Instance ${step.name || "(unnamed)"} of mesh ${step.mesh || "(unnamed)"}, level ${step.level}${where}`;
   }
   if (step.kind === "node") {
-    return `Node ${step.node}: ${step.entered} of ${step.boxes} boxes entered${step.behind ? `, ${step.behind} of them behind the hit` : ""}`;
+    return `Node ${step.node}: ${step.entered} of ${plural(step.boxes, "box", "boxes")} entered${step.behind ? `, ${step.behind} of them behind the hit` : ""}`;
   }
   if (step.kind === "leaf") return `Leaf ${step.leaf}: ${plural(step.prims, "primitive")} tested, ${step.hits} hit${step.refused ? `, ${step.refused} refused` : ""}`;
   const what = `Primitive ${step.prim} of geometry ${step.geom}${step.material === null ? "" : `, material ${step.material}`}, t ${Number(step.t).toPrecision(5)}`;
@@ -48,9 +49,10 @@ export function explanation(app, place) {
 
   function show(document) {
     const { totals, steps } = document;
-    summary.textContent = `${totals.total} = ${totals.boxes} boxes of ${totals.nodes} nodes + ${totals.prims} primitives of ${totals.leaves} leaves; ` +
-      `${totals.instances} instances entered, ${totals.rejects} candidates refused.` +
-      (document.left_out ? ` The last ${document.left_out} steps are left out.` : "");
+    summary.textContent = `${totals.total} = ${plural(totals.boxes, "box", "boxes")} of ${plural(totals.nodes, "node")} + ` +
+      `${plural(totals.prims, "primitive")} of ${plural(totals.leaves, "leaf", "leaves")}; ` +
+      `${plural(totals.instances, "instance")} entered, ${plural(totals.rejects, "candidate")} refused.` +
+      (document.left_out ? ` Left out: ${plural(document.left_out, "step")}.` : "");
     const depth = [];
     tree.replaceChildren(...steps.map((step, i) => {
       depth.push(step.parent === null ? 0 : depth[step.parent] + 1);

@@ -18,6 +18,8 @@ export class Legend {
   #statistics = statistics(this.#values);
   #image = null;
   #drag = null;
+  #drawn = 0;
+  #timer = 0;
 
   constructor(store, place) {
     this.#store = store;
@@ -49,12 +51,14 @@ export class Legend {
     new ResizeObserver(() => this.draw()).observe(this.#canvas);
   }
 
-  /** Takes a picture's values. */
-  show(image) {
+  /** Takes a picture's values, and draws them at once or `ms` after the last drawing. */
+  show(image, ms = 0) {
     this.#image = image;
     this.#values = image.values;
     this.#statistics = statistics(this.#values);
-    this.draw();
+    const rest = this.#drawn + ms - performance.now();
+    if (rest <= 0) this.draw();
+    else this.#timer ||= setTimeout(() => this.draw(), rest);
   }
 
   get statistics() { return this.#statistics; }
@@ -69,6 +73,9 @@ export class Legend {
 
   draw() {
     const image = this.#image;
+    clearTimeout(this.#timer);
+    this.#timer = 0;
+    this.#drawn = performance.now();
     const byValue = Boolean(image?.view.value);
     const dpr = globalThis.devicePixelRatio || 1;
     const wide = this.#canvas.clientWidth;

@@ -22,6 +22,7 @@ import { viewOf, viewOptions } from "./views.js";
 import { visibility } from "./visibility.js";
 
 const PIXELS_MAX = 1280 * 800;
+const LEGEND_MS = 250;  // the histogram follows coarse pictures at this interval
 const frame = byId("frame"), canvas = byId("picture");
 const store = new Store({ ...keptView(), ...fromFragment(location.hash) });
 const daemon = new Daemon(`${location.origin.replace(/^http/, "ws")}/v1/stream`, { client: "page" });
@@ -118,7 +119,7 @@ frame.addEventListener("keydown", (event) => {
 });
 
 picture.addEventListener("image", () => {
-  if (picture.image.complete || !picture.image.fine) legend.show(picture.image);
+  if (picture.image.complete || !picture.image.fine) legend.show(picture.image, picture.image.fine ? 0 : LEGEND_MS);
   say("");
   draw();
 });

@@ -17,6 +17,7 @@ export class Overlay {
   #layers = new Map();
   #mask = null;
   #asked = false;
+  #empty = true;
 
   constructor(app, canvas) {
     this.#app = app;
@@ -55,6 +56,10 @@ export class Overlay {
     canvas.style.height = picture.style.height;
     if (canvas.width !== Math.round(width * dpr)) canvas.width = Math.round(width * dpr);
     if (canvas.height !== Math.round(height * dpr)) canvas.height = Math.round(height * dpr);
+    // A canvas that is touched is composed anew, which an orbit would pay for with every picture.
+    const empty = !area.rectangle && !this.#mask && ![...this.#layers.values()].some(({ length }) => length);
+    if (empty && this.#empty) return;
+    this.#empty = empty;
     // Thousands of thin lines are drawn faster without the GPU.
     const context = canvas.getContext("2d", { willReadFrequently: true });
     context.setTransform(dpr, 0, 0, dpr, 0, 0);

@@ -7,8 +7,10 @@ import { traceQuery, traceRender } from "./tracer.js";
 
 const COARSE_SHARE = 4;  // of each side: 1/16 of the rays
 const COARSE_LEAST = [160, 90];
-const SLOW_MS = 80;  // a coarse picture that takes longer gets fewer rays next time
-const SETTLE_MS = 120;  // without a movement before the fine picture begins
+const SLOW_MS = 50;  // a coarse picture that takes longer gets fewer rays next time
+// Without a movement before the fine picture begins: twice the time between movements, within bounds. A busy
+// browser reports them seldom, and a fine picture that the next one cancels makes it busier.
+const SETTLE_MS = [120, 400];
 
 export class Picture extends EventTarget {
   #daemon;
@@ -17,6 +19,7 @@ export class Picture extends EventTarget {
   #running = null;
   #again = false;
   #moved = 0;
+  #settle = SETTLE_MS[0];
   #divisor = COARSE_SHARE;
   image = null;
   counts = { coarse: 0, fine: 0, cancelled: 0, rays: 0 };
@@ -45,7 +48,9 @@ export class Picture extends EventTarget {
   }
 
   moved() {
-    this.#moved = performance.now();
+    const now = performance.now(), [least, most] = SETTLE_MS, since = now - this.#moved;
+    if (since < most) this.#settle = Math.min(Math.max((this.#settle + 2 * since) / 2, least), most);
+    this.#moved = now;
     this.#again = true;
     if (this.#running?.fine) this.#cancel();
     this.#next();
@@ -75,7 +80,7 @@ export class Picture extends EventTarget {
         await this.#trace(state, w, h, running, false);
         this.#adapt(performance.now() - start, width, height);
       } else {
-        const rest = SETTLE_MS - (performance.now() - this.#moved);
+        const rest = this.#settle - (performance.now() - this.#moved);
         if (this.#moved && rest > 0) await pause(rest, running.controller.signal);
         await this.#trace(state, width, height, running, true);
       }

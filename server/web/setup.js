@@ -154,7 +154,7 @@ function pictureFacts({ picture }) {
   const place = element("div");
   const show = () => {
     const { image } = picture;
-    if (!image?.done) return;
+    if (!image?.complete) return;
     const { done, started } = image;
     place.replaceChildren(pairs([["Rays", `${image.width} x ${image.height}, ${shortNumber(Number(done.hits))} hit`],
       ["Traced in", `${(1000 * done.seconds).toFixed(1)} ms`], ["Arrived in", `${image.ms.toFixed(0)} ms`],

@@ -44,6 +44,8 @@ for scene in terrain cards forest3; do
             --traversal "$traversal" --counters none,total,level --peers own
     done
 done
+bench --scene gen:cards --rays primary,diffuse --precision watertight --traversal single \
+    --intersector alpha_mask --counters none,total,level --peers own
 bench --scene gen:cards --rays primary,diffuse,ao --traversal single \
     --intersector no_test,pointer_null,pointer_noop --peers own
 bench --scene gen:cards --rays primary,diffuse,ao --traversal single \

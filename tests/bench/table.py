@@ -118,6 +118,11 @@ def claims(target):
                         bound, bound, over(("terrain", "cards", "forest3"), "primary", "diffuse"), value="ratio",
                         **{**ours, "precision": "watertight", "traversal": traversal, "counters": counters,
                            "peer": "own"})
+    for counters, most in (("total", 1.15), ("level", 1.35)):
+        yield Claim(f"counting {'in total' if counters == 'total' else 'per level'}, alpha mask, over single without",
+                    1 / most, 1 / most, over(("cards",), "primary", "diffuse"), value="ratio",
+                    **{**ours, "intersector": "alpha_mask", "precision": "watertight", "traversal": "single",
+                       "counters": counters, "peer": "own"})
     for name, test, base in (("null pointer, checked", "pointer_null", "no_test"),
                              ("no-op behind a pointer", "pointer_noop", "no_test"),
                              ("alpha test behind a pointer", "pointer_alpha", "fused_alpha")):

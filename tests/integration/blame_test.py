@@ -10,6 +10,7 @@ import unittest
 import numpy
 
 from daemon import DaemonTest
+from picture_test import coloured_square
 
 VIEW = ("--size", "96x54", "--lookat", "0,6,18,0,4,0")
 
@@ -73,6 +74,18 @@ class Rankings(DaemonTest):
         self.assertIn("total per ray", done.stdout)
         for word in ("INSTANCE", "MESH", "MATERIAL", "SHARE", "WASTED", "WORK/RAY", "trees above", "diagnosis"):
             self.assertIn(word, done.stdout)
+
+    def test_an_orthographic_camera_has_a_ranking(self):
+        square = json.loads(coloured_square())
+        square["cameras"] = [{"type": "orthographic", "orthographic": {"xmag": 2, "ymag": 2, "znear": 0.1, "zfar": 100}}]
+        square["nodes"].append({"camera": 0, "translation": [0, 0, 5]})
+        square["scenes"][0]["nodes"].append(len(square["nodes"]) - 1)
+        (self.out / "flat.gltf").write_text(json.dumps(square))
+        self.client.json("load", self.out / "flat.gltf", "--name", "flat")
+        told = self.client.json("heatmap", "flat", "--size", "32x32", "--camera", "0", "--top", "2")
+        self.assertEqual(told["rays"], 32 * 32)
+        # The camera shows 4 x 4 units, the square 2 x 2.
+        self.assertEqual(told["meshes"]["rows"][0]["hit_rays"], 16 * 16)
 
     def test_a_detached_ranking_is_fetched(self):
         job = self.client.run("heatmap", "woods", *VIEW, "--top", "4", "--detach").stdout.strip()

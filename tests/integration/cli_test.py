@@ -130,7 +130,7 @@ class Cli(DaemonTest):
             columns = {name[:-4]: read_npy(file.read(name)) for name in file.namelist()}
         self.assertEqual({name: column[:2] for name, column in columns.items()},
                          {"t": ("<f4", (50,)), "ng": ("<f4", (50, 3)), "path": ("<u8", (50,)),
-                          "front": ("|u1", (50,)), "total": ("<u4", (50,))})
+                          "front": ("|b1", (50,)), "total": ("<u4", (50,))})
         self.assertTrue(all(count > 0 for count in columns["total"][2]))
 
     def test_columns_of_multi_are_per_hit_or_per_ray(self):

@@ -149,6 +149,10 @@ class Detach(DaemonTest):
         self.expect(7, "--quiet", "wait", job, says="deadline")
         self.expect(7, "fetch", job, "-o", self.out / "late.png", says="deadline")
         self.assertEqual(self.listed()[job]["state"], "failed")
+        waiting = self.detach("render", "hills", *ENDLESS)
+        self.expect(7, "--quiet", "wait", waiting, "--deadline", "0.1",
+                    says=f"job {waiting} still runs: raynest wait {waiting}")
+        self.expect(0, "cancel", waiting)
 
     def test_ctrl_c_ends_a_wait_and_not_the_job(self):
         job = self.detach("render", "hills", *ENDLESS)

@@ -73,6 +73,19 @@ class Files(DaemonTest):
         done = self.run_with(b"", "query", "hills", "--rays", self.out)
         self.assertEqual((done.returncode, done.stderr.endswith(b"is a folder\n")), (5, True))
 
+    def test_a_reader_that_leaves_ends_the_command_silently(self):
+        """A table and a .npz alike: as head and other readers of a part expect."""
+        for more in ((), ("-o", "-")):
+            process = subprocess.Popen(
+                [self.raynest, "--server", self.daemon.uri, "query", "hills", "--generate", "lidar",
+                 "elevations=-90:90:200", "azimuths=0:360:2000", *more],
+                stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            process.stdout.read(10)
+            process.stdout.close()
+            self.assertEqual(process.stderr.read(), b"")
+            process.stderr.close()
+            self.assertEqual(process.wait(PATIENCE), -signal.SIGPIPE)
+
     def test_a_pipe_that_nobody_fills_can_be_left(self):
         os.mkfifo(self.out / "silent.glb")
         for arguments in (("load",), ("query", "hills", "--rays")):

@@ -134,7 +134,7 @@ class FirstHour(DaemonTest):
             done = subprocess.run([self.raynest, "scenes"], stdout=full, stderr=subprocess.PIPE, check=False,
                                   env=dict(os.environ, RAYNEST_SERVER=self.daemon.uri), timeout=PATIENCE)
         self.assertEqual((done.returncode, done.stderr),
-                         (1, b"raynest: cannot write to stdout: No space left on device\n"))
+                         (1, b"raynest: cannot write stdout: No space left on device\n"))
 
     def test_only_who_asked_for_an_exr_is_told_to_take_a_png(self):
         small = Daemon(self.raynestd, "--memory", "200M")

@@ -153,7 +153,7 @@ class Generators(DaemonTest):
         numpy.save(self.out / "points.npy", points)
         samples, seed = 600, 2**63 + 12345
         origins, got = self.generated("hemisphere", f"points={self.out / 'points.npy'}",
-                                      f"samples={samples}", f"seed={seed}")
+                                      f"samples={samples}", f"seed={seed}", "margin=0")
         self.assertEqual(got.shape, (40 * samples, 3))
         self.assertTrue((origins == numpy.repeat(points[:, :3], samples, axis=0)).all())
 

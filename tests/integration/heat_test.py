@@ -207,7 +207,10 @@ class Ranges(Heat):
         first = self.out / "first.exr"
         self.refused("woods", "--range-from", first, "--metric", "prims", *to, says="of --metric total, not of prims")
         self.refused("woods", "--range-from", first, "--range", "0:3", *to, says="--range")
-        self.refused("woods", "--range-from", first, "--diff", "grove", *to, says="-high:high")
+        self.refused("woods", "--range-from", first, "--diff", "grove", *to,
+                     says="is of counts, but --diff draws a difference: name an EXR that was made with --diff")
+        self.client.json("heatmap", "woods", *VIEW, "--diff", "grove", "-o", self.out / "d.exr")
+        self.refused("woods", "--range-from", self.out / "d.exr", *to, says="is of a difference: name an EXR")
         for name, says in (("missing.exr", "missing.exr"), ("cut.exr", "cut short"), ("text.exr", "is no EXR"),
                            ("render.exr", "no heat map")):
             self.refused("woods", "--range-from", self.out / name, *to, code=5, says=says)
@@ -234,6 +237,8 @@ class Reports(Heat):
     def report(self, *arguments, code=0):
         done = self.client.run("heatmap", *arguments, "-o", self.out / "report.html")
         self.assertEqual(done.returncode, code, done.stderr)
+        # The ranking is printed where it is asked for.
+        self.assertEqual("WORK/RAY" in done.stdout, "--top" in arguments, done.stdout)
         text = (self.out / "report.html").read_text()
         return text, Document(text)
 

@@ -98,14 +98,14 @@ class Http(DaemonTest):
         self.assertEqual(*names)
 
     def test_foreign_hosts(self):
-        before = self.stat("http_foreign")
+        before = self.stat("http_foreign_hosts")
         for host in FOREIGN:
             host = host.format(port=self.port)
             lines = f"GET / HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"
             text = self.refused(split(raw(self.http, lines.encode())), 421)
             self.assertIn("--http-host", text)
             self.assertIn(f"http://127.0.0.1:{self.port}/", text)
-        self.assertEqual(self.stat("http_foreign"), before + len(FOREIGN))
+        self.assertEqual(self.stat("http_foreign_hosts"), before + len(FOREIGN))
         for host in ("localhost:{port}", "LOCALHOST:{port}", "[::1]:{port}", "127.0.0.1:{port}",
                      "ray.example", "Ray.Example:9", "one.example:8080"):
             self.assertEqual(get(self.http, host=host.format(port=self.port))[0], 200, host)
@@ -118,7 +118,7 @@ class Http(DaemonTest):
 
     def test_foreign_origins(self):
         own = f"http://127.0.0.1:{self.port}"
-        before = self.stat("http_foreign")
+        before = self.stat("http_foreign_origins")
         foreign = ["", "null", "http://evil.example", f"http://evil.example:{self.port}", own + "/",
                    "http://127.0.0.1", "http://127.0.0.1:1", f"http://localhost:{self.port}",
                    f"{own}.evil.example", f"file://127.0.0.1:{self.port}", f"ws://127.0.0.1:{self.port}",
@@ -128,7 +128,7 @@ class Http(DaemonTest):
             self.assertIn("Origin", self.refused(split(raw(self.http, request)), 403), origin)
         twice = upgrade_request(self.http).replace(b"\r\n\r\n", f"\r\nOrigin: {own}\r\n\r\n".encode())
         self.refused(split(raw(self.http, twice)), 403)
-        self.assertEqual(self.stat("http_foreign"), before + len(foreign) + 1)
+        self.assertEqual(self.stat("http_foreign_origins"), before + len(foreign) + 1)
         self.refused(split(raw(self.http, upgrade_request(self.http, host="evil.example"))), 421)
 
     def test_a_header_over_the_limit(self):

@@ -1,19 +1,22 @@
 #!/usr/bin/env python3
-"""/metrics counts who is not allowed and whose connection the daemon ends for somebody else.
-A closing client that is cut off (peers_cut_off) is left out: the kernel's buffers may take all its answers.
+"""/metrics counts who is not allowed and whose connection the daemon ends.
 
   metrics_kills_test.py RAYNESTD RAYNEST
 """
+import contextlib
 import ctypes
 import socket
 import struct
 import sys
+import tempfile
+import time
 import unittest
 
 from connections_test import ERROR, HELLO, WELCOME, read_frame
-from daemon import Client, Daemon, LONG, PATIENCE, run_tests, second_principal, until
+from daemon import Client, Daemon, PATIENCE, run_tests, second_principal, until
 from metrics_test import scrape
-from websocket import greeted, place_of
+from secure_daemon import Certificates, command
+from websocket import WebSocket, get, greeted, place_of
 
 SO_ATTACH_FILTER = 26  # Python has no name for it
 ENDED = "raynest_connections_ended_total{{cause=\"{}\"}}".format
@@ -23,6 +26,22 @@ REJECTED = "raynest_rejected_total{{reason=\"{}\"}}".format
 class Kills(unittest.TestCase):
     raynestd = None
     raynest = None
+
+    @classmethod
+    def setUpClass(cls):
+        """Lets a client vanish, which the daemon finds out while the other tests run."""
+        cls.lonely = Daemon(cls.raynestd, "--http", "127.0.0.1:0")
+        cls.addClassCleanup(cls.lonely.stop)
+        Client(cls.raynest, cls.lonely.uri).json("load", "builtin:forest?trees=400", "--name", "forest")
+        gone = greeted(cls.lonely.http)
+        cls.addClassCleanup(gone.close)
+        # The daemon alone sends from now on: what the client sent would acknowledge frames.
+        gone.say("Heatmap", 1, {"job": {"scene": "forest"}, "width": 2048, "height": 2048, "encode": "raw"})
+        assert gone.hear()[0] == "Started"
+        # A socket filter drops all that the daemon sends, as a network that has gone does.
+        cls.drop_all = ctypes.create_string_buffer(struct.pack("HBBI", 6, 0, 0, 0))  # BPF: return 0
+        gone.socket.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER,
+                               struct.pack("HL", 1, ctypes.addressof(cls.drop_all)))
 
     def start(self, *arguments, token=None):
         """Starts a daemon with a page, and returns it and a client."""
@@ -121,20 +140,80 @@ class Kills(unittest.TestCase):
         self.paused_reader(daemon, client)
         self.rises(daemon, ENDED("gave_way_memory"), lambda: client.run("load", "builtin:terrain") and None)
 
-    @unittest.skipUnless(LONG, "a client counts as lost after 20 s (tests/run.sh --long)")
-    def test_a_client_that_is_gone_is_found(self):
-        """A socket filter drops all that the daemon sends, as a network that has gone does."""
+    def test_a_closing_client_that_does_not_read_is_cut_off(self):
         daemon, client = self.start()
-        client.json("load", "builtin:forest?trees=400", "--name", "forest")
-        gone = greeted(daemon.http)
-        self.addCleanup(gone.close)
-        # The daemon alone sends from now on: what the client sent would acknowledge frames.
-        gone.say("Heatmap", 1, {"job": {"scene": "forest"}, "width": 2048, "height": 2048, "encode": "raw"})
-        self.assertEqual(gone.hear()[0], "Started")
-        drop_all = ctypes.create_string_buffer(struct.pack("HBBI", 6, 0, 0, 0))  # BPF: return 0
-        gone.socket.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER,
-                               struct.pack("HL", 1, ctypes.addressof(drop_all)))
-        until(lambda: scrape(daemon.http)[ENDED("lost")] > 0, daemon.log, patience=PATIENCE + 45)
+        client.json("load", "builtin:terrain?size=8", "--name", "hills")
+        deaf = WebSocket(daemon.http, receive_bytes=4096)
+        self.addCleanup(deaf.close)
+        deaf.say("Hello", 0, {"client": "deaf"})
+        # The answer fills its credit, twice what the kernel takes for a client that does not read.
+        deaf.say("Query", 1, {"job": {"scene": "hills"}, "fields": ["t", "path", "position", "ng", "uv"],
+                              "generator": {"kind": "equirectangular", "settings": ["size=2000x1000"]}})
+        sent = lambda: scrape(daemon.http)["raynest_frame_bytes_total{direction=\"sent\"}"]
+
+        def stuck():
+            before = sent()
+            time.sleep(0.5)
+            return before == sent() > 1 << 16
+        until(stuck)
+        deaf.send("nonsense")
+        self.rises(daemon, "raynest_slow_consumer_disconnects_total")
+
+    def test_an_administrator_ends_a_connection(self):
+        with tempfile.TemporaryDirectory() as folder:
+            daemon, _ = self.start("--listen", f"unix:{folder}/socket")
+            guest = greeted(daemon.http)
+            self.addCleanup(guest.close)
+            admin = Client(self.raynest, f"unix:{folder}/socket")
+            self.rises(daemon, ENDED("kicked"), lambda: self.assertEqual(
+                admin.run("admin", "kick", "127.0.0.1").returncode, 0))
+
+    def test_a_token_that_is_revoked_ends_its_connection(self):
+        options, token = second_principal(self.raynestd, self.addCleanup)
+        daemon, _ = self.start(*options, token=token)
+        bob = WebSocket(daemon.http)
+        self.addCleanup(bob.close)
+        bob.say("Hello", 0, {"client": "test", "token": token})
+        self.assertEqual(bob.hear()[0], "Welcome")
+        command(self.raynestd, "token", "revoke", "bob", *options)
+        self.rises(daemon, ENDED("revoked"))
+
+    def test_a_handshake_that_fails(self):
+        with tempfile.TemporaryDirectory() as folder:
+            certificates = Certificates(self.raynestd, f"{folder}/tls")
+            daemon, _ = self.start("--listen", "tls://127.0.0.1:0", *certificates.server)
+            place = place_of(next(uri for uri in daemon.listen if uri.startswith("tls")).replace("tls", "http"))
+
+            def nonsense():
+                with socket.create_connection(place, timeout=PATIENCE) as plain:
+                    plain.sendall(b"nonsense" * 8)
+                    plain.recv(4096)
+            self.rises(daemon, "raynest_handshakes_failed_total", nonsense)
+
+    def test_http_connections_that_are_too_many_or_too_slow(self):
+        daemon, _ = self.start("--http-connections-max", "2", "--http-ms-max", "1500")
+
+        def three_begin():
+            begun = []
+            for _ in range(3):
+                begun.append(socket.create_connection(place_of(daemon.http), timeout=PATIENCE))
+                begun[-1].sendall(b"GET / HTTP/1.1\r\n")
+                time.sleep(0.1)  # until the daemon has read it: one that waits for its first byte gives way
+            for connection in begun:
+                # A connection that is closed before its request is whole may be reset.
+                with contextlib.suppress(ConnectionResetError):
+                    while connection.recv(4096):
+                        pass
+                connection.close()
+        self.rises(daemon, "raynest_http_refused_total{reason=\"connections\"}", three_begin)
+        self.assertGreater(scrape(daemon.http)["raynest_http_timeouts_total"], 0)
+        before = scrape(daemon.http)["raynest_http_refused_total{reason=\"request\"}"]
+        self.assertEqual(get(daemon.http, "/nothing")[0], 404)
+        self.assertEqual(scrape(daemon.http)["raynest_http_refused_total{reason=\"request\"}"], before + 1)
+
+    def test_vanished_client_is_found(self):
+        """Runs last: a client counts as gone after 20 s."""
+        until(lambda: scrape(self.lonely.http)[ENDED("lost")] > 0, self.lonely.log, patience=PATIENCE + 45)
 
 
 if __name__ == "__main__":

@@ -63,7 +63,8 @@ class Metrics(DaemonTest):
         for name in ("raynest_connections_total{result=\"accepted\"}", "raynest_frames_total{direction=\"sent\"}",
                      "raynest_rejected_total{reason=\"busy\"}", "raynest_rejected_total{reason=\"quota\"}",
                      "raynest_rejected_total{reason=\"draining\"}", "raynest_rejected_total{reason=\"deadline\"}",
-                     "raynest_jobs{state=\"running\"}", "raynest_queue_limit_jobs", "raynest_rays_total",
+                     "raynest_jobs{state=\"running\"}", "raynest_queue_limit_jobs",
+                     "raynest_cancel_latency_seconds_count", "raynest_scene_load_duration_seconds_count",
                      "raynest_memory_used_bytes", "raynest_memory_budget_bytes", "raynest_scene_bytes",
                      "raynest_scenes{state=\"named\"}", "raynest_slow_consumer_disconnects_total",
                      "raynest_request_duration_seconds_bucket{le=\"+Inf\"}", "raynest_request_duration_seconds_count",
@@ -77,10 +78,47 @@ class Metrics(DaemonTest):
         # The same values as `raynest stats`.
         stats = self.client.json("stats")
         self.assertEqual(stats["scenes"], found["raynest_scenes{state=\"named\"}"])
-        rays = lambda: scrape(self.http)["raynest_rays_total"]
-        before = rays()
-        self.client.json("query", "forest", "--ray", "0,9,0,0,-1,0")
-        self.assertEqual(rays(), before + 1)
+
+    def test_rays_are_told_by_kind_intersector_and_backend(self):
+        def rays(kind, intersector):
+            labels = f'{{kind="{kind}",intersector="{intersector}",backend="cpu"}}'
+            return scrape(self.http).get("raynest_rays_total" + labels, 0)
+        everything = lambda: sum(value for name, value in scrape(self.http).items()
+                                 if name.startswith("raynest_rays_total"))
+        ray = ("--ray", "0,9,0,0,-1,0")
+        picture = ("--size", "8x4", "-o", self.out / "r.png")
+        for arguments, kind, intersector, count in (
+                (("query", "forest", *ray), "closest", "alpha_mask", 1),
+                (("query", "forest", *ray, "--kind", "any", "--intersector", "opaque"), "any", "opaque", 1),
+                (("query", "forest", *ray, "--kind", "multi"), "multi", "alpha_mask", 1),
+                (("explain", "forest", *ray), "explain", "alpha_mask", 1),
+                (("heatmap", "forest", *picture), "picture", "alpha_mask", 32),
+                (("render", "forest", *picture, "--integrator", "ao", "--intersector", "opaque"), "film", "opaque", None)):
+            before, all_before = rays(kind, intersector), everything()
+            self.client.json(*arguments)
+            more = rays(kind, intersector) - before
+            if count is None:
+                self.assertGreaterEqual(more, 32)
+            else:
+                self.assertEqual(more, count, arguments)
+            self.assertEqual(everything() - all_before, more, arguments)
+        self.assertEqual(self.client.json("stats")["rays"], everything())
+
+    def test_times_are_counted(self):
+        self.rises("raynest_scene_load_duration_seconds_count",
+                   lambda: self.client.json("load", "builtin:terrain?size=8", "--name", "small"))
+        self.client.json("unload", "small")
+        ws = greeted(self.http)
+        self.addCleanup(ws.close)
+
+        def cancel():
+            ws.say("Heatmap", 1, {"job": {"scene": "forest"}, "width": 2048, "height": 2048, "encode": "raw"})
+            self.assertEqual(ws.hear()[0], "Started")
+            ws.say("Cancel", 1)
+        self.rises("raynest_cancel_latency_seconds_count", cancel)
+        found = scrape(self.http)
+        # A chunk of this scene takes milliseconds, and a cancelled job waits for no other.
+        self.assertLess(found["raynest_cancel_latency_seconds_sum"] / found["raynest_cancel_latency_seconds_count"], 5)
 
     def test_promtool_finds_nothing_wrong(self):
         promtool = shutil.which("promtool")
@@ -114,8 +152,9 @@ class Metrics(DaemonTest):
         for request in range(1, 6):
             ws.say("Query", request, {"job": {"scene": "forest"}, "fields": ["t"], "ray_count": 10})
             self.assertEqual(ws.hear()[0], "Started")
-        self.rises("raynest_rejected_total{reason=\"busy\"}", self.refused(
-            "Heatmap", {"job": {"scene": "forest"}, "width": 8, "height": 8}, "BUSY"))
+        one_more = self.refused("Heatmap", {"job": {"scene": "forest"}, "width": 8, "height": 8}, "BUSY")
+        self.rises("raynest_rejected_total{reason=\"busy\"}", one_more)
+        self.rises("raynest_jobs_refused_total", one_more)
         self.assertEqual(scrape(self.http)["raynest_jobs{state=\"running\"}"], 5)
         self.rises("raynest_requests_total{status=\"cancelled\"}", lambda: ws.say("Cancel", 1))
 
@@ -141,8 +180,13 @@ class Metrics(DaemonTest):
                     pass
         self.rises("raynest_connections_ended_total{cause=\"timeout\"}", silent)
         self.rises("raynest_http_refused_total{reason=\"request\"}", lambda: get(self.http, "/nothing"))
-        self.rises("raynest_http_foreign_total", lambda: get(self.http, host="evil.example"))
-        self.rises("raynest_http_foreign_total", lambda: raw(self.http, upgrade_request(self.http, origin="http://evil.example")))
+        foreign = "raynest_http_foreign_total{{header=\"{}\"}}".format
+        origins = scrape(self.http)[foreign("origin")]
+        self.rises(foreign("host"), lambda: get(self.http, host="evil.example"))
+        self.assertEqual(scrape(self.http)[foreign("origin")], origins)
+        hosts = scrape(self.http)[foreign("host")]
+        self.rises(foreign("origin"), lambda: raw(self.http, upgrade_request(self.http, origin="http://evil.example")))
+        self.assertEqual(scrape(self.http)[foreign("host")], hosts)
 
     def test_health_while_all_workers_are_busy(self):
         ws = greeted(self.http)

@@ -15,7 +15,7 @@ def read_npy(data):
     assert data[:6] == b"\x93NUMPY", data[:6]
     size = struct.unpack("<H", data[8:10])[0]
     header = ast.literal_eval(data[10:10 + size].decode())
-    letter = {"<f4": "f", "<u4": "I", "<u8": "Q", "|u1": "B"}[header["descr"]]
+    letter = {"<f4": "f", "<u4": "I", "<u8": "Q", "|u1": "B", "|b1": "B", "<i8": "q"}[header["descr"]]
     body = data[10 + size:]
     values = struct.unpack(f"<{len(body) // struct.calcsize(letter)}{letter}", body)
     return header["descr"], header["shape"], values

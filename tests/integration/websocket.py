@@ -67,8 +67,13 @@ class Closed(Exception):
 class WebSocket:
     """One connection. `say` and `hear` speak frames of the protocol."""
 
-    def __init__(self, http, **request):
-        self.socket = socket.create_connection(place_of(http), timeout=PATIENCE)
+    def __init__(self, http, receive_bytes=None, **request):
+        """`receive_bytes` sets the size of the socket's buffer, which the kernel otherwise adapts."""
+        self.socket = socket.socket()
+        self.socket.settimeout(PATIENCE)
+        if receive_bytes:
+            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_bytes)
+        self.socket.connect(place_of(http))
         self.buffer = b""
         key = base64.b64encode(os.urandom(16))
         self.socket.sendall(upgrade_request(http, key=key.decode(), **request))

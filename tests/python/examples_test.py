@@ -119,11 +119,37 @@ class Examples(DaemonTest):
             hours = sun_hours.sun_hours(wall, [[0, 0, 0], [2, 0, 0], [0, 0, 0]],
                                         [[0, 1, 0], [0, 1, 0], [0, -1, 0]], times, place)
         np.testing.assert_allclose(hours, [6, 6, 0], atol=0.34)
+        self.assertEqual(len(sun_hours.day_times(day, 720, place)), 2)
+        self.example("sun_hours.py", FOREST, "--minutes", 721, code=2)
         said = self.example("sun_hours.py", FOREST, "--grid", 8, "--minutes", 60, "-o", "sun.npy")
         hours = np.load(self.out / "sun.npy")
         self.assertIn(f"{hours.min():.1f} to {hours.max():.1f} hours", said)
         self.assertTrue((hours >= 0).all() and 3 < hours.max() < 17)
         self.example("sun_hours.py", FOREST, "--place", "north", code=2)
+
+    def test_hours_of_sun_are_the_same_far_from_zero(self):
+        """As in projected coordinates: a tower on the ground, at zero and 5,800 km away."""
+        day, place = datetime.date(2026, 6, 21), (52.5, 13.4)
+        times = sun_hours.day_times(day, 30, place)
+        tower = np.array([[-50, 0, -50], [-50, 0, 50], [50, 0, 50], [50, 0, -50],
+                          [2, 0, -1], [2, 0, 1], [2, 40, 1], [2, 40, -1]], float)
+        faces = [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]
+        points = np.array([[1, 0, 0], [4, 0, 0], [30, 0, 0]], float)
+        found = []
+        with raynest.connect(self.daemon.uri) as client:
+            for place_of in ((0, 0, 0), (500000, 0, 5800000)):
+                with client.mesh(tower + place_of, faces, origin=place_of) as scene:
+                    found.append(sun_hours.sun_hours(scene, points + place_of, [[0, 1, 0]] * 3,
+                                                     times, place))
+                    nothing = sun_hours.sun_hours(scene, np.empty((0, 3)), np.empty((0, 3)), times, place)
+                    self.assertEqual(nothing.shape, (0,))
+        np.testing.assert_array_equal(*found)
+        self.assertLess(found[0][0], found[0][2] - 1)
+
+    def test_a_day_has_24_hours_however_often_the_sun_is_looked_at(self):
+        for minutes in (7, 60, 700, 720):
+            times = sun_hours.day_times(datetime.date(2026, 6, 21), minutes, (0, 0))
+            self.assertAlmostEqual(len(times) * (times[1] - times[0]).total_seconds(), 86400, places=3)
 
     def test_the_benchmark_compares_equal_answers(self):
         said = self.example("bench.py", FOREST, "--rays", 50000, "--rounds", 1, "--raynest",

@@ -112,14 +112,14 @@ class Generators(WithDaemon):
         for generator in (generators.pinhole(1, size=(1, 1), pose=down),
                           generators.orthographic((1e-3, 1e-3), size=(1, 1), look_at=(
                               down[:3, 3], down[:3, 3] - [0, 0, 1])),
-                          generators.hemisphere([down[:3, 3]], [0, 0, -1], samples=1)):
+                          generators.hemisphere([down[:3, 3]], [0, 0, -1], samples=1, margin=0)):
             self.assertEqual(self.made(generator, scene)[0].tolist(), [down[:3, 3].tolist()])
         self.assertEqual(scene.trace(generators.pinhole(1, size=(1, 1), pose=down))["t"], [2])
 
     def test_azimuths_may_be_an_array_of_floats(self):
         self.assertEqual(generators.lidar([0, 1], np.array([0.0, 360.0, 2048.0])).count, 4096)
         for count in (2.5, np.inf):
-            with self.assertRaisesRegex(raynest.UsageError, "azimuths of"):
+            with self.assertRaisesRegex(raynest.UsageError, "the count of azimuths of"):
                 generators.lidar([0], (0, 360, count))
 
     def test_points_that_are_nowhere_are_named(self):
@@ -132,6 +132,24 @@ class Generators(WithDaemon):
         size = np.array([300, 250], np.uint16)
         generator = generators.orthographic((1, 1), size=size)
         self.assertEqual(len(self.woods.trace(generator, fields=("t",))["t"]), 75000)
+
+    def test_a_surface_does_not_hide_the_points_that_lie_on_it(self):
+        """Points as a trace gives them, on a level floor, a tilted one, and one far from zero."""
+        corners = np.array([[-9, 0, -9], [-9, 0, 9], [9, 0, 9], [9, 0, -9]], float)
+        tilt = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
+        for floor in (corners + [0, 7, 0], corners @ tilt.T, corners @ tilt.T + [900, 300, 1000]):
+            with self.client.mesh(floor, [[0, 1, 2], [0, 2, 3]]) as scene:
+                place = np.random.default_rng(2).uniform(-5, 5, (500, 3)) + floor.mean(0)
+                seen = scene.trace(place + [0, 50, 0], [0, -1, 0], fields=("hit", "position", "ng"))
+                points, ng = seen["position"][seen["hit"]], seen["ng"][seen["hit"]]
+                rays = generators.hemisphere(points, ng, samples=64)
+                self.assertEqual(scene.trace(rays, reduce="hit_fraction")["hit_fraction"].max(), 0)
+                rays = generators.hemisphere(points, ng, samples=64, margin=0.25)
+                self.assertTrue(np.allclose(scene.trace(rays, fields=("origin",))["origin"][::64],
+                                            points + 0.25 * ng, atol=1e-3))
+        for margin in (-1, np.inf):
+            with self.assertRaisesRegex(raynest.Error, "margin"):
+                self.woods.trace(generators.hemisphere([0, 3, 0], [0, 1, 0], margin=margin))
 
     def test_the_share_of_rays_that_hit(self):
         points = np.random.default_rng(3).uniform(-10, 10, (50, 3)) + [0, 3, 0]

@@ -4,11 +4,14 @@ UTF-8, and values of wrong types.
 
   inputs_test.py RAYNESTD RAYNEST FLATC
 """
+import ast
 import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
+import types
 from unittest import mock
 
 import numpy as np
@@ -88,6 +91,38 @@ class Inputs(WithDaemon):
         with self.assertWarnsRegex(raynest.SceneWarning, "1 of 1 triangles .* scale it up"):
             self.client.mesh(points * 1e-25, [[0, 1, 2]])
 
+    def test_vertices_that_no_face_uses_do_not_matter(self):
+        """Range images mark what they did not see with NaN, and no face uses that."""
+        corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [np.nan] * 3])
+        with self.client.mesh(corners, [[0, 1, 2]]) as scene:
+            self.assertAlmostEqual(scene.trace([0.2, 0.2, 1, 0, 0, -1])["t"][0], 1, places=6)
+        with self.assertRaisesRegex(raynest.UsageError, "1 vertices that faces use .* first is 3"):
+            self.client.mesh(corners, [[0, 1, 3]])
+        far = np.array([[3e5, 5e6, 0], [3e5 + 1.3, 5e6, 0], [3e5, 5e6 + 1.7, 0], [0, 0, 0]])
+        with self.assertWarnsRegex(raynest.SceneWarning, "rounding to float32 moves vertices"):
+            self.client.mesh(far, [[0, 1, 2]]).close()
+
+    def test_an_empty_scene_is_warned_of(self):
+        (self.out / "empty.gltf").write_text('{"asset":{"version":"2.0"}}')
+        with self.assertWarnsRegex(raynest.SceneWarning, "is empty: nothing can be hit"):
+            self.client.load(self.out / "empty.gltf")
+
+    def test_a_remedy_can_be_pasted(self):
+        with self.assertWarnsRegex(raynest.RayWarning, r"take look_at=\(\(.*\), \(.*\)\)") as warned:
+            self.woods.render(size=(8, 8), look_at=((0, 0, 8e20), (0, 0, 0)))
+        places = re.search(r"look_at=(\(\(.*\)\))", str(warned.warning))[1]
+        self.woods.render(size=(8, 8), look_at=ast.literal_eval(places))
+
+    def test_a_mesh_object_is_for_another_call(self):
+        self.assertTrue(callable(raynest.compat.trimesh.RayMeshIntersector))
+        mesh = types.SimpleNamespace(vertices=[[0, 0, 0]], faces=[[0, 0, 0]])
+        with self.assertRaisesRegex(TypeError, r"Client.mesh\(\)"):
+            self.client.load(mesh)
+
+    def test_the_text_of_a_miss_has_the_id_of_one(self):
+        paths = self.woods.trace([[0, 1000, 0, 0, 1, 0], [8, 50, -8, 0, -1, 0]])["path"]
+        self.assertEqual(self.woods.path_ids(self.woods.path_of(paths)).tolist(), paths.tolist())
+
     def test_what_is_asked_twice_or_of_the_wrong_call_is_said(self):
         for call, says in (
                 (lambda: self.woods.trace([DOWN], fields=("t", "t")), "'t' twice"),
@@ -116,7 +151,8 @@ class Inputs(WithDaemon):
                 masked[3, 4] = np.ma.masked
                 hits = self.woods.trace(masked, fields=("t", "hit", "flags"))
                 self.assertEqual((hits["flags"] & 1).tolist(), [0, 1, 0, 1])
-                self.assertEqual(hits["hit"].tolist(), [1, 0, 1, 0])
+                self.assertEqual((hits["hit"].dtype, hits["hit"].tolist()),
+                                 (bool, [True, False, True, False]))
         unmasked = np.ma.array(rays)
         self.same(self.woods.trace(unmasked), self.woods.trace(rays))
         origins, ways = np.ma.array(rays[:, :3]), rays[:, 3:]

@@ -105,7 +105,7 @@ class Jobs(WithDaemon):
 
     def test_the_end_of_a_wait_is_not_the_end_of_its_job(self):
         job = self.endless()
-        with self.assertRaises(raynest.DeadlineError):
+        with self.assertRaisesRegex(raynest.DeadlineError, f"^job {job.number} still runs; wait again"):
             job.wait(deadline=0.1)
         self.assertEqual(job.info["state"], "running")
 

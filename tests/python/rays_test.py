@@ -48,6 +48,12 @@ class Rays(WithDaemon):
         self.assertEqual(self.woods.trace(rays, kind="any", fields=("flags", "hit")).keys(),
                          {"flags", "hit"})
 
+    def test_splits_count_and_repeat_as_numpy_expects(self):
+        hits = self.woods.trace(rain(100), kind="all", fields=("t",))
+        counts = np.diff(hits["ray_splits"])
+        self.assertEqual(len(np.repeat(np.arange(100), counts)), len(hits["t"]))
+        self.assertEqual(np.bincount(counts).sum(), 100)
+
     def test_default_columns_and_what_a_miss_looks_like(self):
         hits = self.woods.trace([[0, 0, 0, 0, 1, 0], [0, 1000, 0, 0, 1, 0]])
         self.assertEqual(list(hits), ["t", "prim", "geom", "path", "uv"])
@@ -157,8 +163,10 @@ class Rays(WithDaemon):
         self.assertEqual(self.client.outcome["rays"], 2000)
         self.assertTrue(np.isinf(self.woods.trace(rays, mask=0)["t"]).all())
         self.woods.trace(rays, priority="low", deadline=30, epoch=1)
-        with self.assertRaisesRegex(TypeError, "there is no option unheard"):
-            self.woods.trace(rays, unheard=1)
+        for option, says in (("unheard", "this call has no option unheard. Besides"),
+                             ("intersect", "did you mean intersector="), ("tmax", "a range each")):
+            with self.assertRaisesRegex(TypeError, says):
+                self.woods.trace(rays, **{option: 1})
 
     def test_tiny_windows_only_cost_time(self):
         rays = rain(60000)

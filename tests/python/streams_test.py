@@ -8,6 +8,7 @@ import os
 import signal
 import threading
 import time
+import warnings
 
 import numpy as np
 
@@ -41,14 +42,38 @@ class Streams(WithDaemon):
         np.testing.assert_array_equal(answered, whole)
 
     def test_blocks_of_an_iterator_see_one_epoch(self):
-        def blocks():
+        def blocks(size=9):
             yield rain(100)
-            self.client.load("builtin:terrain?size=9", "moving", replace=True)
+            self.client.load(f"builtin:terrain?size={size}", "moving", replace=True)
             yield rain(100)
         scene = self.client.load("builtin:terrain?size=8", "moving")
-        with self.assertRaisesRegex(raynest.Error, "epoch"):
+        with self.assertRaisesRegex(raynest.InvalidError, "'moving' was replaced or unloaded"):
             for _ in scene.stream(blocks()):
                 pass
+        with self.assertRaisesRegex(raynest.InvalidError, "epoch"):
+            for _ in scene.stream(blocks(10), epoch=scene.info["epoch"]):
+                pass
+
+    def test_blocks_of_an_iterator_are_counted_and_warned_of_together(self):
+        bad = rain(200, seed=2)
+        bad[3, 0] = np.nan
+        with self.assertWarnsRegex(raynest.RayWarning, "^ray 203 is not valid"):
+            for _ in self.woods.stream(iter([rain(200), bad, rain(100)])):
+                pass
+        outcome = self.client.outcome
+        self.assertEqual((outcome["rays"], outcome["invalid"], outcome["first_invalid"]), (500, 1, 203))
+        self.assertEqual(outcome["hits"] + outcome["misses"], 500)
+
+    def test_other_requests_between_the_blocks_of_a_stream_do_not_disturb_it(self):
+        other = self.client.load("builtin:terrain?size=8", "other", replace=True)
+        for size in (9, 10):
+            other = self.client.load(f"builtin:terrain?size={size}", "other", replace=True)
+
+        def blocks():
+            for seed in range(3):
+                yield rain(100, seed)
+                other.trace(rain(10))
+        self.assertEqual(sum(len(columns["t"]) for _, columns in self.woods.stream(blocks())), 300)
 
     def test_multi_comes_with_splits_of_its_own(self):
         rays = rain(40000)
@@ -94,7 +119,7 @@ class Streams(WithDaemon):
     def test_an_open_stream_keeps_the_connection(self):
         stream = self.woods.stream(rain(200000))
         next(stream)
-        with self.assertRaisesRegex(raynest.UsageError, "a stream is still open"):
+        with self.assertRaisesRegex(raynest.UsageError, "another call is still open"):
             self.client.scenes()
         stream.close()
         self.assertTrue(self.client.scenes())
@@ -195,6 +220,25 @@ class Interrupts(WithDaemon):
         self.assertEqual(signal.getsignal(signal.SIGINT), signal.default_int_handler)
         np.testing.assert_array_equal(self.woods.trace(rain(100))["t"],
                                       self.woods.trace(rain(100))["t"])
+
+    def test_a_thread_is_told_of_its_own_rays_alone(self):
+        bad = rain(500)
+        bad[7, 0] = np.nan
+        warned = {"good": 0, "bad": 0}
+
+        def work(name, rays):
+            for _ in range(50):
+                self.woods.trace(rays)
+                warned[name] += self.client.outcome.get("invalid", 0)
+        threads = [threading.Thread(target=work, args=args)
+                   for args in (("good", rain(500)), ("bad", bad)) for _ in range(2)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+        self.assertEqual(warned, {"good": 0, "bad": 100})
 
     def test_an_interrupt_cancels_a_picture(self):
         before = self.client.stats()

@@ -10,6 +10,7 @@ import pickle
 import sys
 import types
 import unittest
+import warnings
 
 import numpy as np
 
@@ -161,6 +162,14 @@ class Trimesh(unittest.TestCase):
             rays.intersects_any(np.zeros((2, 3)), np.zeros((3, 3)))
         with self.assertRaises(ValueError):
             rays.contains_points([1, 2, 3])
+
+    def test_what_is_masked_hits_nothing(self):
+        mesh = box(1)
+        with RayMeshIntersector(mesh, connection=self.client) as rays, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            masked = np.ma.masked_array(np.zeros((2, 3)), [[True] * 3, [False] * 3])
+            self.assertEqual(rays.intersects_any(masked, [[0, 0, 1]] * 2).tolist(), [False, True])
+            self.assertEqual(rays.contains_points(masked).tolist(), [False, True])
 
     def test_no_ray_slips_through_edges_and_vertices(self):
         """From the middle to each vertex of a box: all of them meet vertices and edges of the one

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Hours of direct sun in a day: for points with normals, at a place on earth, behind what a scene has."""
+"""Hours of direct sun in a day: for points with normals, at a place on earth, behind what a scene has.
+Up is y, east is x, and north -z, as in glTF."""
 import datetime
 import math
 
@@ -20,7 +21,7 @@ def options():
     parser.add_argument("--day", type=datetime.date.fromisoformat, default=datetime.date(2026, 6, 21),
                         metavar="YYYY-MM-DD", help="(%(default)s)")
     parser.add_argument("--minutes", type=terminal.count, default=10,
-                        help="between looks at the sun (%(default)s)")
+                        help="between looks at the sun, at most 720 (%(default)s)")
     parser.add_argument("--grid", type=terminal.count, default=40,
                         help="points a side, spread over the ground (%(default)s)")
     return parser.parse_args()
@@ -49,29 +50,33 @@ def sun_direction(time, place):
 
 
 def day_times(day, minutes, place):
-    """Every so many minutes of the day, by the sun's time at the place."""
+    """Times about so many minutes apart that share the day evenly, by the sun's time at the place."""
+    count = math.ceil(24 * 60 / minutes)
     noon = datetime.datetime.combine(day, datetime.time(12), datetime.timezone.utc)
     start = noon - datetime.timedelta(hours=12 + place[1] / 15)
-    return [start + datetime.timedelta(minutes=minute + minutes / 2)
-            for minute in range(0, 24 * 60, minutes)]
+    return [start + (number + 0.5) / count * datetime.timedelta(days=1) for number in range(count)]
 
 
 def sun_hours(scene, points, normals, times, place, progress=None):
-    """Hours of direct sun of each point, (N,): the time between `times`, which are equally far
+    """Hours of direct sun of each point, (N,): the time between `times`, two or more and equally far
     apart, in which the sun stands over the horizon and in front of the surface, and nothing of the
     scene hides it. `points` and `normals` are (N, 3)."""
     points, normals = np.asarray(points, float), np.asarray(normals, float)
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     hours = np.zeros(len(points))
     step = (times[1] - times[0]).total_seconds() / HOURS
-    # Points lie on surfaces: leave these by more than rounding.
-    start = points + 1e-4 * (1 + np.abs(points).max()) * normals
+    # Points lie on surfaces: leave these by more than rounding, which is relative to the origin.
+    if len(points) == 0:
+        return hours
+    size = np.subtract(scene.info["box_max"], scene.info["box_min"]).max()
+    rounding = np.spacing(np.abs(points - scene.origin).max().astype(np.float32))
+    start = points + (1e-6 * size + 8 * rounding) * normals
     for number, time in enumerate(times):
         sun = sun_direction(time, place)
         lit = np.flatnonzero(normals @ sun > 0) if sun[1] > 0 else []
         if len(lit) == 0:
             continue
-        hidden = scene.trace(start[lit], sun, kind="any")["hit"] != 0
+        hidden = scene.trace(start[lit], sun, kind="any")["hit"]
         hours[lit] += step * ~hidden
         if progress:
             progress(number, len(times), "following the sun")
@@ -87,7 +92,7 @@ def ground(scene, side):
     sky = np.stack([x.ravel(), np.full(x.size, high[1] + 1), z.ravel()], -1)
     found = scene.trace(sky, [0, -1, 0], fields=("hit", "position", "ng"))
     normals = np.where(found["ng"][:, 1:2] < 0, -found["ng"], found["ng"])
-    return found["position"][found["hit"] != 0], normals[found["hit"] != 0]
+    return found["position"][found["hit"]], normals[found["hit"]]
 
 
 def main():
@@ -98,6 +103,8 @@ def main():
             raise ValueError
     except ValueError:
         raise raynest.UsageError(f"--place {chosen.place}: it must be LATITUDE,LONGITUDE") from None
+    if chosen.minutes > 720:
+        raise raynest.UsageError(f"--minutes {chosen.minutes}: it must be at most 720")
     with raynest.connect(chosen.server) as client:
         scene = terminal.scene(client, chosen.source)
         points, normals = ground(scene, chosen.grid)

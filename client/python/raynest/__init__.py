@@ -11,7 +11,7 @@ See README.md in this package's folder. Errors are in raynest.errors.
 """
 import sys
 
-from . import generators
+from . import compat, generators
 from ._version import VERSION as __version__
 from .client import Client, connect
 from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError,
@@ -28,5 +28,5 @@ if sys.byteorder != "little":
 
 __all__ = ["BusyError", "CancelledError", "Client", "ConnectError", "DeadlineError", "Error",
            "FailedError", "Heatmap", "Image", "InvalidError", "Job", "Layers", "NotAllowedError", "ProtocolError", "RayWarning",
-           "Scene", "SceneWarning", "UsageError", "connect", "generators",
+           "Scene", "SceneWarning", "UsageError", "compat", "connect", "generators",
            "read_layers", "__version__"]

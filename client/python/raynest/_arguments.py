@@ -92,7 +92,8 @@ def numbers(what: str, value: Any) -> Array:
     except ValueError:
         raise UsageError(f"{what} must be numbers, in rows of one length") from None
     if out.dtype.kind not in "fiu":
-        raise UsageError(f"{what} must be numbers, not {out.dtype}")
+        given = {"U": "text", "S": "bytes", "O": "Python objects"}.get(out.dtype.kind, str(out.dtype))
+        raise UsageError(f"{what} must be numbers, not {given}")
     return out
 
 

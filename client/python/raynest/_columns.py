@@ -139,7 +139,17 @@ class Whole:
                 self._columns[name] = np.cumsum(np.concatenate([np.zeros(1, np.uint64), *counts]))
             else:
                 self._columns[name] = np.concatenate([piece[name] for piece in pieces])
-        return {name: self._columns[name] for name in pieces[0]}
+        return as_usual({name: self._columns[name] for name in pieces[0]})
+
+
+def as_usual(columns: Columns) -> Columns:
+    """Makes bool of the columns that travel as 1 or 0, so that they select rows, and int64 of
+    ray_splits, with which numpy counts and repeats."""
+    def usual(name: str, column: Array) -> Array:
+        if name in _lists.TRUTHS:
+            return column != 0
+        return column.view(np.int64) if name == "ray_splits" else column
+    return {name: usual(name, column) for name, column in columns.items()}
 
 
 def anywhere(chunk: Chunk) -> list[Array]:

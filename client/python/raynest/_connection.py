@@ -200,8 +200,9 @@ class Connection:
 
     def _take_turn(self) -> bool:
         if self._owner == threading.get_ident():
-            raise errors.UsageError("a stream is still open on this connection: read it to its end "
-                                    "or close it first, or use a second connection")
+            raise errors.UsageError("another call is still open on this connection, as a stream that "
+                                    "is not read to its end, or the one that calls progress=: end "
+                                    "it first, or use a second connection")
         while not self._turn.acquire(timeout=TICK_MS / 1000):
             self.interrupts.check()
         self._owner = threading.get_ident()

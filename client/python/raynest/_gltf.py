@@ -113,7 +113,8 @@ def triangles(vertices: Any, faces: Any) -> tuple[Array, Array]:
     if not corners.size:
         raise UsageError("the mesh has no triangles")
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
-        raise UsageError(f"vertices must be numbers of shape (N, 3), not {points.shape}")
+        raise UsageError(f"vertices must be numbers of shape (N, 3), not {points.dtype} "
+                         f"{points.shape}")
     if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind not in "iu":
         raise UsageError(f"faces must be integers of shape (M, 3), not {corners.dtype} "
                          f"{corners.shape}")
@@ -132,8 +133,14 @@ def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3)) -> bytes:
     with np.errstate(over="ignore"):
         positions = (points - origin if moves else points).astype("<f4")
     indices = corners.astype("<u4")
-    if not np.isfinite(positions).all():
-        raise UsageError("vertices must be finite in float32")
+    lost = np.flatnonzero(~np.isfinite(positions).all(1))
+    if len(lost):
+        used = lost[np.isin(lost, corners)]
+        if len(used):
+            raise UsageError(f"{len(used)} vertices that faces use are not finite in float32, the "
+                             f"first is {used[0]}: leave out those faces, as "
+                             "faces[np.isfinite(vertices[faces]).all((1, 2))]")
+        positions[lost] = 0
     document = {
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "name": "mesh",

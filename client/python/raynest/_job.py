@@ -1,6 +1,7 @@
 """Options and outcome of a job: the parts that queries, pictures and heat maps share."""
 from __future__ import annotations
 
+import difflib
 import reprlib
 from typing import Any, Callable, Mapping, Optional, TypedDict
 
@@ -64,9 +65,26 @@ class Outcome(dict[str, Any]):
             if note.startswith("camera "):
                 warn(note, RayWarning)
 
-    def warn_of_rays(self) -> None:
+    @property
+    def rays(self) -> int:
+        return int(self.get("rays", 0))
+
+    def following(self, earlier: Outcome) -> Outcome:
+        """The outcome of a stream, of which this is that of the last block."""
+        whole = Outcome(self)
+        for key in ("rays", "hits", "misses", "invalid", "truncated", "rows", "seconds"):
+            if key in earlier:
+                whole[key] = earlier[key] + self.get(key, 0)
+        if "first_invalid" in earlier:
+            whole["first_invalid"] = earlier["first_invalid"]
+        elif "first_invalid" in self:
+            whole["first_invalid"] += earlier.rays
+        return whole
+
+    def warn_of_rays(self, before: int = 0) -> None:
+        """`before` rays were streamed before these."""
         if self.get("invalid"):
-            first = f"ray {self['first_invalid']}"
+            first = f"ray {before + self['first_invalid']}"
             if self.rays_per_point:
                 first += f", of point {self['first_invalid'] // self.rays_per_point}"
             told = (f"{first} is not valid and counts as a miss" if self["invalid"] == 1 else
@@ -103,11 +121,8 @@ def origin_of(message: dict[str, Any]) -> list[float]:
 
 def job_message(scene: str, options: JobOptions) -> Message:
     unknown = options.keys() - JobOptions.__annotations__.keys()
-    if "detach" in unknown:
-        raise TypeError("trace(), render() and heatmap() take detach, other calls do not")
     if unknown:
-        raise TypeError(f"there is no option {', '.join(sorted(unknown))}; there are "
-                        f"{', '.join(JobOptions.__annotations__)}")
+        raise TypeError(_no_option(sorted(unknown)[0]))
     message: Message = {key: value for key, value in options.items()
                         if key not in ("params", "deadline")}
     message["scene"] = scene
@@ -119,6 +134,22 @@ def job_message(scene: str, options: JobOptions) -> Message:
                            if value is not None]
     message["deadline_ms"] = milliseconds(options.get("deadline"))
     return message
+
+
+# What users of the command line and of other libraries write.
+_MEANT = {"env": "render() has environment=", "samples": "render() has spp=",
+          "lookat": "look_at= is of pictures, and of raynest.generators for rays",
+          "tmin": "rays (N, 8) have a range each: ox oy oz tmin dx dy dz tmax",
+          "tmax": "rays (N, 8) have a range each: ox oy oz tmin dx dy dz tmax",
+          "set": "params={'cutoff': 0.3}", "level": "metric='boxes.1' is that of a level",
+          "palette": "heatmap() has it, and png() of its answer"}
+
+
+def _no_option(name: str) -> str:
+    near = _MEANT.get(name) or next(iter(difflib.get_close_matches(name, JobOptions.__annotations__, 1)), "")
+    meant = f": {near}" if name in _MEANT else f": did you mean {near}=?" if near else ""
+    return (f"this call has no option {name}{meant}. Besides its own, which help() shows, it has "
+            f"{', '.join(JobOptions.__annotations__)}")
 
 
 def other_message(scene: str, job: JobOptions, diff: Any) -> Optional[Message]:

@@ -68,6 +68,11 @@ POINTS: list[str] = [
     'origin',
 ]
 
+TRUTHS: list[str] = [
+    'hit',
+    'front',
+]
+
 SHOWN: dict[str, list[str]] = {
     'hits': ['t', 'prim', 'geom', 'path', 'uv'],
     'any': ['hit'],
@@ -98,5 +103,5 @@ GENERATORS: dict[str, list[str]] = {
     'orthographic': ['size', 'camera', 'lookat', 'pose', 'window', 'range'],
     'equirectangular': ['size', 'camera', 'lookat', 'pose', 'range'],
     'lidar': ['elevations', 'azimuths', 'azimuth_offsets', 'origin_offsets', 'camera', 'lookat', 'pose', 'range'],
-    'hemisphere': ['points', 'samples', 'seed'],
+    'hemisphere': ['points', 'samples', 'seed', 'margin'],
 }

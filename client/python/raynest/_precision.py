@@ -23,6 +23,9 @@ def rounding_warning(vertices: Any, faces: Any, origin: Array, degenerate: int) 
     them little and no triangle vanished. `degenerate` counts triangles without area in float32."""
     points, corners = triangles(vertices, faces)
     exact = points.astype(np.float64) - origin
+    used = np.zeros(len(exact), bool)
+    used[corners] = True
+    exact[~used] = exact[corners[0, 0]]  # what no face uses is nowhere
     moved = _longest(exact.astype(np.float32) - exact)
     low, high = exact.min(0), exact.max(0)
     size = float(np.linalg.norm(high - low))

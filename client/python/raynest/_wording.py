@@ -16,8 +16,16 @@ WORDS = {
     "samples": "spp=", "size": "size=", "top": "top=", "traversal": "traversal=", "worker": "worker="}
 
 
+def _points(numbers: str) -> str:
+    parts = numbers.split(",")
+    points = ", ".join(f"({', '.join(parts[at:at + 3])})" for at in range(0, len(parts), 3))
+    return f"({points})"
+
+
 def localize_message(message: str) -> str:
     """Replaces the words between backticks in a message of the daemon, which are fields or messages
     of the protocol (PROTOCOL.md, 9), by this package's spelling."""
     message = re.sub(r"`origin` ([-+.,e\d]+)", r"origin=(\1)", message)
+    # Eye, point and, where there is one, up.
+    message = re.sub(r"`look_at` ([-+.,e\d]+)", lambda match: "look_at=" + _points(match[1]), message)
     return re.sub("`([A-Za-z_]+)`", lambda match: WORDS.get(match[1], match[0]), message)

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import threading
 import time
 from types import TracebackType
 from typing import Any, Iterator, Optional, Sequence, Union
@@ -28,6 +29,11 @@ from ._words import scene_info, variant_info
 from .errors import InvalidError, ProtocolError, SceneWarning, UsageError, warn
 from .job import Job, job_infos
 from .scene import Scene, scene_info
+
+
+class _OfThread(threading.local):
+    def __init__(self) -> None:
+        self.outcome = Outcome()
 
 
 @none_is_default
@@ -66,8 +72,16 @@ class Client:
                 self._tunnel.close()
             raise
         self.handles = Handles()
-        self.outcome = Outcome()
-        """The outcome of the last trace, stream or picture: what ran, and its statistics."""
+        self._of_thread = _OfThread()
+
+    @property
+    def outcome(self) -> Outcome:
+        """The outcome of this thread's last trace, stream or picture: what ran, and its statistics."""
+        return self._of_thread.outcome
+
+    @outcome.setter
+    def outcome(self, outcome: Outcome) -> None:
+        self._of_thread.outcome = outcome
 
     @property
     def uri(self) -> str:
@@ -116,6 +130,8 @@ class Client:
 
         A scene is its owner's alone. `share` names principals that may use it too, or is "public".
         """
+        if hasattr(source, "vertices") and hasattr(source, "faces"):
+            raise TypeError("source is a mesh: pass mesh.vertices and mesh.faces to Client.mesh()")
         upload = gather(path_text("source", source), primitive, path_text("instances", instances))
         if name is not None:
             upload = upload._replace(scene_name=name)
@@ -170,10 +186,15 @@ class Client:
         if not loaded.get("info"):
             raise ProtocolError("the daemon ended a load without its scene")
         info = scene_info(loaded["info"])
+        if progress:
+            progress(1, 1, "loaded")
         for text in info["warnings"]:
             warn(text, SceneWarning)
+        if None in (info["box_min"], info["box_max"]):
+            warn(f"the scene {info['name']!r} is empty: nothing can be hit", SceneWarning)
+        scene = Scene(self, info["name"], info)  # first: it keeps the name from drop_unused()
         self.handles.loaded(info["name"], bool(message.get("temporary")))
-        return Scene(self, info["name"], info), info
+        return scene, info
 
     def scene(self, name: str) -> Scene:
         """Opens a loaded scene; InvalidError if there is none of that name. This connection then

@@ -143,7 +143,7 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
                          ) from None
     if isinstance(azimuth_count, (float, np.floating)) and float(azimuth_count).is_integer():
         azimuth_count = int(azimuth_count)  # as an array of the three has it
-    count = whole("azimuths", azimuth_count, _limits.azimuths_max)
+    count = whole("the count of azimuths", azimuth_count, _limits.azimuths_max)
     offsets = _offsets(origin_offsets)
     each = {"elevations": numbers("elevations", elevations).size,
             "azimuth_offsets": numbers("azimuth_offsets", azimuth_offsets).size,
@@ -168,16 +168,20 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
 
 @none_is_default
 def hemisphere(points: Any, normals: Any, *, samples: int = 64, seed: int = 0, tmin: float = 0.0,
-               tmax: float = math.inf) -> Generator:
+               tmax: float = math.inf, margin: Optional[float] = None) -> Generator:
     """`samples` cosine-weighted rays from each point (N, 3), around its normal. Average them with
-    trace(..., reduce="hit_fraction"). Ray p * samples + s is sample s of point p."""
+    trace(..., reduce="hit_fraction"). Ray p * samples + s is sample s of point p. Rays start
+    `margin` along the normal, by default a millionth of the scene's size, so that the surface on
+    which a point lies does not hide it."""
     low, high = _range(tmin, tmax)
     places, ways = pair(points, normals)
     rows = np.empty((len(places), 8), np.result_type(places, ways, np.float32))
     rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7] = places, low, ways, high
     seed, samples = whole("seed", seed, 2**64 - 1, 0), whole("samples", samples, _limits.samples_max)
-    return Generator("hemisphere", {"seed": str(seed), "samples": str(samples)}, len(rows) * samples,
-                     rows)
+    settings = {"seed": str(seed), "samples": str(samples)}
+    if margin is not None:
+        settings["margin"] = _text("margin", real("margin", margin))
+    return Generator("hemisphere", settings, len(rows) * samples, rows)
 
 
 # ---- others -------------------------------------------------------------------------------------

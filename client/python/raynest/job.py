@@ -48,10 +48,14 @@ class Job:
         message = {"job": self.number, "deadline_ms": milliseconds(deadline)}
         frames = self._client.connection.exchange("Wait", message, deadline)
         info: Message = {}
-        with self._client.connection.interrupts, contextlib.closing(frames):
-            for kind, info in frames:
-                if kind == "Progress" and progress:
-                    progress(info["done"], info["total"], info["stage"])
+        try:
+            with self._client.connection.interrupts, contextlib.closing(frames):
+                for kind, info in frames:
+                    if kind == "Progress" and progress:
+                        progress(info["done"], info["total"], info["stage"])
+        except errors.DeadlineError as late:
+            raise errors.DeadlineError(f"job {self.number} still runs; wait again, or cancel it",
+                                       late.name) from None
         if info.get("code"):
             raise errors.from_daemon(info["code"], f"job {self.number}: {info['error']}", 0)
         return self

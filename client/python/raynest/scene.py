@@ -13,11 +13,11 @@ import numpy as np
 from . import _limits, _lists
 from . import client as clients  # which imports this module: its names are there later
 from ._arguments import Unpack, none_is_default, whole, whole_numbers
-from ._columns import MISS, Chunk, Columns, Whole, anywhere
+from ._columns import MISS, Columns, Whole, anywhere, as_usual
 from ._control import Message
 from ._explain import pixel_message, ray_message, receive_document
 from ._frame import Array
-from ._job import JobOptions, Progress, SceneMoved, job_message, origin_of, other_message
+from ._job import JobOptions, Outcome, Progress, SceneMoved, job_message, origin_of, other_message
 from ._picture import Picture, camera_message, size_message
 from ._precision import ray_warning
 from ._query import Query
@@ -169,37 +169,43 @@ class Scene(Renders):
         with InvalidError, SCENE_UNKNOWN. A query starts when the one before is answered, so items
         should have 100,000 rays or more to keep the daemon busy.
         """
-        first = 0
         if isinstance(rays, (list, tuple)) and rays and (
                 isinstance(rays[0], RayGenerator) or np.ndim(rays[0]) > 1):
             raise UsageError("a list of blocks is not an iterator of them: pass iter(blocks)")
+        asked = {"origin": origin, "kind": kind, "fields": fields, "max_hits": max_hits}
+        chosen = job.get("epoch")
+        streamed = Outcome()
         for block in rays if isinstance(rays, Iterator) else (rays,):
-            count = 0
-            for chunk in self._stream(block, directions, origin, kind, fields, max_hits, job):
-                count += chunk.count
-                yield first + chunk.first, chunk.columns
-            if count:
-                job["epoch"] = self._client.outcome.get("epoch")
-            first += count
+            try:
+                outcome = yield from self._stream(block, directions, streamed.rays, asked, job)
+            except InvalidError as error:
+                if chosen or error.name != "SCENE_UNKNOWN" or not streamed:
+                    raise
+                raise InvalidError(f"the scene '{self.name}' was replaced or unloaded while it was "
+                                   "streamed; begin the stream again", error.name) from None
+            if outcome is not None:
+                job["epoch"] = outcome.get("epoch")
+                self._client.outcome = streamed = outcome.following(streamed)
 
-    def _stream(self, rays: Any, directions: Any, origin: Any, kind: Optional[str],
-                fields: Union[str, Sequence[str], None], max_hits: Optional[int],
-                job: JobOptions) -> Iterator[Chunk]:
+    def _stream(self, rays: Any, directions: Any, before: int, asked: Mapping[str, Any],
+                job: JobOptions) -> Generator[tuple[int, Columns], None, Optional[Outcome]]:
+        """A block of a stream, after `before` rays. Returns the block's outcome; None without rays."""
         try:
-            shift = self._shift(origin)
+            shift = self._shift(asked["origin"])
             source = self._source(rays, directions, shift)
             if source.count == 0:
-                return
-            query = self._query(source, shift, origin is None, kind, fields, max_hits, job)
+                return None
+            query = self._query(source, shift, asked["origin"] is None, asked["kind"],
+                                asked["fields"], asked["max_hits"], job)
             with contextlib.closing(query.chunks(anywhere)) as chunks:
-                yield from chunks
+                for chunk in chunks:
+                    yield before + chunk.first, as_usual(chunk.columns)
         except SceneMoved as moved:  # before the first chunk
             self._moved(moved.origin)
-            yield from self._stream(rays, directions, origin, kind, fields, max_hits, job)
-        else:
-            self._client.outcome = query.outcome
-            query.outcome.warn_of_rays()
-            self._warn_of_rounding(source.sent)
+            return (yield from self._stream(rays, directions, before, asked, job))
+        query.outcome.warn_of_rays(before)
+        self._warn_of_rounding(source.sent)
+        return query.outcome
 
     @none_is_default
     def occluded(self, a: Any, b: Any, *, margin: Optional[float] = None,
@@ -444,10 +450,12 @@ class Scene(Renders):
     def path_ids(self, texts: Sequence[str], *, epoch: int = 0) -> Array: ...
 
     def path_ids(self, texts: Any, *, epoch: int = 0) -> Any:
-        """Returns the ids of path texts: a number for one text, an array of u64 for many."""
+        """Returns the ids of path texts: a number for one text, an array of u64 for many. The id of
+        "" is that of a miss, as path_of() gives it."""
         if isinstance(texts, str):
-            return self.path(texts, epoch=epoch)["path"]
-        return np.array([self.path(text, epoch=epoch)["path"] for text in texts], np.uint64)
+            return MISS if texts == "" else self.path(texts, epoch=epoch)["path"]
+        ids = {text: self.path_ids(text, epoch=epoch) for text in dict.fromkeys(texts)}
+        return np.array([ids[text] for text in texts], np.uint64)
 
     def path(self, which: Union[int, str], *, epoch: int = 0) -> dict[str, Any]:
         """Describes a path, given by its id or text: path (the id), name (the text) and steps,

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import unittest
 
+PAGE = pathlib.Path(__file__).resolve().parent / "page.py"
 SERVICE = pathlib.Path(__file__).resolve().parent / "service.py"
 BIN_DIR = ""
 OPPONENTS = {"sockets": "", "null": "sockets", "sockets_short": "", "null_short": "sockets_short",
@@ -35,6 +36,14 @@ class Service(unittest.TestCase):
                         self.assertEqual("cpu_ratio" in row, row["against"] != "")
                         self.assertGreater(row["cpu_ns_per_ray"], 0)
                     self.assertEqual(len(rows), 3 * len(OPPONENTS))
+
+    def test_each_figure_of_the_page_is_told(self):
+        run = subprocess.run([sys.executable, PAGE, BIN_DIR, "--json", "--rounds", "1"],
+                             stdout=subprocess.PIPE, text=True, timeout=300, check=True)
+        ratios = {row["figure"]: row["ratio"] for row in map(json.loads, run.stdout.splitlines())}
+        self.assertEqual(list(ratios), ["first_coarse", "coarse_rays", "orbit", "health"])
+        self.assertTrue(all(ratio > 0 for ratio in ratios.values()), ratios)
+        self.assertLessEqual(ratios["coarse_rays"], 1)
 
 
 if __name__ == "__main__":

@@ -1,1 +1,2 @@
 """Classes of other libraries, on RayNest."""
+from . import trimesh as trimesh

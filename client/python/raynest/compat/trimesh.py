@@ -48,9 +48,8 @@ class RayMeshIntersector:
     """The mesh is uploaded at the first query, and again when it has changed: its hash, as of
     trimesh's own, else its vertices and faces, which each query then reads once.
 
-    `connection` is a Client or the URI of a daemon, by default that of raynest.connect(). The scene
-    is called after its content and stays in the daemon, so that the next run finds it there;
-    close() unloads it.
+    `connection` is a Client or the URI of a daemon, by default that of raynest.connect(). close()
+    and the end of the program unload the mesh.
     """
 
     def __init__(self, geometry: Any, scale_to_box: bool = True,
@@ -102,12 +101,11 @@ class RayMeshIntersector:
     def intersects_first(self, ray_origins: Any, ray_directions: Any) -> Array:
         """The first triangle that each ray hits (n,), -1 for none."""
         hits = self._trace(*_rays(ray_origins, ray_directions), fields=("prim", "hit"))
-        return np.where(hits["hit"] != 0, hits["prim"].astype(np.int64), -1)
+        return np.where(hits["hit"], hits["prim"].astype(np.int64), -1)
 
     def intersects_any(self, ray_origins: Any, ray_directions: Any) -> Array:
         """Does each ray hit anything? (n,) bool."""
-        hit = self._trace(*_rays(ray_origins, ray_directions), kind="any", fields=("hit",))["hit"]
-        return np.asarray(hit != 0)
+        return self._trace(*_rays(ray_origins, ray_directions), kind="any", fields=("hit",))["hit"]
 
     def contains_points(self, points: Any) -> Array:
         """Is each point inside of the closed mesh? (n,) bool; undefined on the surface.
@@ -115,7 +113,7 @@ class RayMeshIntersector:
         A point is inside if rays both ways cross the surface an odd number of times. Where both
         ways differ, another direction decides.
         """
-        places = np.asarray(points, np.float64)
+        places = _numbers(points)
         if places.ndim != 2 or places.shape[1] != 3:
             raise UsageError("points must be (n, 3)")
         self._upload()
@@ -224,9 +222,14 @@ def _key(mesh: Any) -> Hashable:
     return content.digest(), *((array.dtype.str, array.shape) for array in arrays)
 
 
+def _numbers(values: Any) -> Array:
+    """As float64; what is masked is not a number, so that its ray hits nothing."""
+    return np.ma.filled(np.ma.asarray(values, np.float64), np.nan)
+
+
 def _rays(origins: Any, directions: Any) -> tuple[Array, Array]:
     """As float64, directions of unit length."""
-    starts, ways = np.asarray(origins, np.float64), np.asarray(directions, np.float64)
+    starts, ways = _numbers(origins), _numbers(directions)
     if starts.shape != ways.shape or starts.ndim != 2 or starts.shape[1] != 3:
         raise UsageError(f"ray origins {starts.shape} and directions {ways.shape} must be (n, 3)")
     lengths = np.linalg.norm(ways, axis=1, keepdims=True)

@@ -127,6 +127,41 @@ struct EveryOtherBox {
     }
 };
 
+/// Refuses triangles of odd numbers, asked in the usual way.
+struct Odd {
+    static bool keeps(const Surface& surface) { return surface.prim % 2 == 0; }
+    auto operator()(const auto& ray, const TriangleLike auto& triangle) {
+        auto hits = intersect(ray, triangle);
+        hits.keep_if(keeps);
+        return hits;
+    }
+};
+/// The same, with an overload for blocks, which a type made from blocks must not miss.
+struct OddByName {
+    int blocks = 0;
+    auto operator()(const auto& ray, const TriangleLike auto& triangle) {
+        auto hits = intersect(ray, triangle);
+        hits.mask = 0;
+        return hits;
+    }
+    auto operator()(const auto& ray, const Triangles8& block) {
+        ++blocks;
+        return Odd()(ray, block);
+    }
+};
+/// The same, but what it asks is about a ray that is longer than the one that it is given.
+struct OddOfAnother {
+    auto operator()(const auto& ray, const TriangleLike auto& triangle) {
+        auto longer = ray;
+        longer.tmax = search_end(*ray.world);
+        auto hits = intersect(longer, triangle);
+        hits.keep_if([&](const Surface& surface) {
+            return surface.t <= ray.tmax && Odd::keeps(surface);
+        });
+        return hits;
+    }
+};
+
 /// Returns the closest hit of a ray under an intersector.
 template <class Isect>
 HitRecord closest(const Ray& ray, const SceneView& view, Isect& isect) {
@@ -158,6 +193,37 @@ TEST_CASE("an intersector with boxes of its own answers alike, counted or not") 
     }
     CHECK(different == 0);
     CHECK(hidden > 100);
+}
+
+TEST_CASE("refused and accepted candidates are counted however an intersector asks for them") {
+    conformance::Random random(11);
+    const auto scene = Snapshot::build(conformance::sheet_scene(20000, 2, 4));
+    REQUIRE(scene.has_value());
+    const SceneView& view = (*scene)->view();
+    int different = 0;
+    std::uint64_t rejects = 0;
+    std::uint64_t accepted = 0;
+    OddByName named;
+    for (const Ray& ray : conformance::random_rays(2000, 6, random)) {
+        Odd odd;
+        OddOfAnother another;
+        Counters counters[3];
+        Counting<Odd> counting{odd, &counters[0]};
+        Counting<OddByName> by_name{named, &counters[1]};
+        Counting<OddOfAnother> of_another{another, &counters[2]};
+        const HitRecord hit = closest(ray, view, counting);
+        for (const HitRecord& other : {closest(ray, view, by_name), closest(ray, view, of_another)})
+            different += std::memcmp(&hit, &other, sizeof hit) != 0;
+        for (const Counters& other : counters)
+            different += std::memcmp(&counters[0], &other, sizeof other) != 0;
+        different += hit.hit != 0 && hit.triangle % 2 != 0;
+        rejects += counters[0].rejects;
+        accepted += counters[0].prim_hits - counters[0].rejects;
+    }
+    CHECK(different == 0);
+    CHECK(named.blocks > 0);
+    CHECK(rejects > 1000);
+    CHECK(accepted > 1000);
 }
 
 TEST_CASE("node, box, leaf, primitive and instance counts equal those of a scalar walk") {

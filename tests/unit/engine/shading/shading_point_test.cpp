@@ -1,7 +1,7 @@
 // What shading sees of a hit: normals of normal textures, and colours of vertices.
+#include "engine/scene/texture_levels.h"
 #include "engine/shading/placement.h"
 #include "engine/shading/shading_point.h"
-#include "engine/scene/texture_levels.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <doctest/doctest.h>
@@ -52,7 +52,14 @@ ShadingPoint seen(const SceneDescription& description) {
     Ray ray;
     ray.direction = {0, 0, -1};
     const Vec3 normal(glm::normalize(placement.normal({0, 0, 1})));
-    return shading_point(scene->shading(), ray, hit, normal, 1e-3F, placement);
+    const TextureTable table(scene->shading());
+    TextureBatch batch(table);
+    UnfinishedPoint point;
+    begin_point(scene->shading(), ray, hit, normal, 1, 1e-3F, placement, batch, point);
+    batch.run();
+    ShadingPoint shaded = finish_point(point);
+    shaded.surface = nullptr;  // it goes with the scene
+    return shaded;
 }
 
 Vec3 normal_of(const SceneDescription& description) {
