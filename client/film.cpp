@@ -10,6 +10,7 @@
 #include <charconv>
 #include <map>
 #include <span>
+#include <string_view>
 #include <utility>
 
 namespace raynest::client {
@@ -34,6 +35,13 @@ Result<void> set_environment(const std::string& environment, wire::RenderT& requ
     auto bytes = read_file(environment, environment_bytes_max);
     if (!bytes) return tl::unexpected<Failure>(bytes.error());
     if (bytes->size() == 0) return fail(Exit::invalid, environment + " is empty");
+    const auto held = std::as_const(*bytes).span();
+    const std::string_view text(reinterpret_cast<const char*>(held.data()), held.size());
+    if (!text.starts_with("\x76\x2f\x31\x01") && !text.starts_with("#?RADIANCE") &&
+        !text.starts_with("#?RGBE"))
+        return fail(Exit::usage, environment + " is neither an EXR nor an HDR: --env takes pictures "
+                                               "with the range of light; convert it to one of them");
+    files.environment_name = environment;
     files.environment = std::move(*bytes);
     request.environment = "picture";
     request.environment_bytes = files.environment.size();
@@ -170,6 +178,18 @@ Result<wire::RenderT> resumed_film(const ResumeOptions& options, FilmFiles& file
     return request;
 }
 
+namespace {
+
+/// Names the file in what the daemon says of "the environment".
+Failure with_name(Failure failure, const FilmFiles& files) {
+    constexpr std::string_view subject = "the environment";
+    if (!files.environment_name.empty() && failure.message.starts_with(subject))
+        failure.message.insert(subject.size(), " " + files.environment_name);
+    return failure;
+}
+
+}  // namespace
+
 Result<ReceivedPicture> run_film(Connection& connection, Progress& progress,
                                  const wire::RenderT& request, const FilmFiles& files,
                                  const PassConsumer& consume_pass) {
@@ -185,8 +205,10 @@ Result<ReceivedPicture> run_film(Connection& connection, Progress& progress,
     std::uint32_t number = 0;
     for (const protocol::Buffer* file : {&files.resumed, &files.environment})
         if (auto sent = send_file(connection, number++, file->span(), progress, consume); !sent)
-            return tl::unexpected<Failure>(sent.error());
-    return receive_picture(connection, progress, std::move(picture), consume_pass);
+            return tl::unexpected<Failure>(with_name(sent.error(), files));
+    auto received = receive_picture(connection, progress, std::move(picture), consume_pass);
+    if (!received) return tl::unexpected<Failure>(with_name(received.error(), files));
+    return received;
 }
 
 Result<ReceivedPicture> ask_film(Connection& connection, Progress& progress,

@@ -5,12 +5,15 @@
 #include "client/picture.h"
 #include "protocol/buffer.h"
 
+#include <string>
+
 namespace raynest::client {
 
 /// Files that follow a Render; empty ones are not sent.
 struct FilmFiles {
     protocol::Buffer resumed;      ///< an EXR to continue: file 0
     protocol::Buffer environment;  ///< a picture of the surroundings: file 1
+    std::string environment_name;  ///< of the picture's file, for messages
 };
 
 /// Sets what a Render has beside the fields of all pictures, and reads the files.

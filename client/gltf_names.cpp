@@ -130,7 +130,31 @@ std::optional<std::string> decode_part(std::string_view part) {
     return decoded;
 }
 
+/// Returns the first letters of a file in quotes, or its first bytes in hex.
+std::string beginning_of(std::string_view text) {
+    constexpr std::size_t letters = 32, bytes = 8;
+    const std::string_view line = text.substr(0, std::min(text.find_first_of("\r\n"), letters));
+    if (!line.empty() && protocol::printable(line)) return "'" + std::string(line) + "'";
+    std::string hex = "the bytes";
+    for (const char c : text.substr(0, bytes)) {
+        constexpr std::string_view digits = "0123456789abcdef";
+        const auto byte = static_cast<unsigned char>(c);
+        hex += {' ', digits[byte >> 4U], digits[byte & 15U]};
+    }
+    return hex;
+}
+
 }  // namespace
+
+std::string why_no_gltf(std::span<const std::byte> file, bool is_glb) {
+    const std::string_view text(reinterpret_cast<const char*>(file.data()), file.size());
+    if (text.starts_with("version https://git-lfs"))
+        return "is a Git LFS pointer, not the file itself: run git lfs pull";
+    if (!is_glb || text.starts_with("glTF")) return {};
+    if (text.empty()) return "is empty";
+    return "is no GLB file: it begins with " + beginning_of(text) +
+           (text.starts_with('{') ? "; name a file of JSON .gltf" : "");
+}
 
 Result<std::span<const std::byte>> gltf_json(std::span<const std::byte> file) {
     const bool binary = file.size() >= 4 && word_at(file, 0) == glb_magic;

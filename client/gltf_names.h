@@ -19,6 +19,10 @@ namespace raynest::client {
 inline constexpr std::uint64_t json_bytes_max = 64ULL << 20;
 inline constexpr std::size_t json_depth_max = 64;
 
+/// Returns what a file is that calls itself .glb, if `is_glb`, or .gltf, and is neither: "is a Git
+/// LFS pointer ...". "" where it may be one.
+std::string why_no_gltf(std::span<const std::byte> file, bool is_glb);
+
 /// Returns the JSON text of a .gltf or .glb. Checks a GLB's header and chunk lengths. Exit code 5.
 Result<std::span<const std::byte>> gltf_json(std::span<const std::byte> file);
 

@@ -4,6 +4,7 @@
 #include "client/wording.h"
 
 #include <algorithm>
+#include <array>
 #include <iomanip>
 #include <iostream>
 #include <sstream>
@@ -46,13 +47,32 @@ std::string joined(const std::vector<std::string>& items) {
 /// Returns "0 front", "1 side": the words that --camera takes.
 std::vector<std::string> numbered(std::vector<std::string> names) {
     for (std::size_t i = 0; i < names.size(); ++i)
-        names[i] = std::to_string(i) + (names[i].empty() ? "" : " " + names[i]);
+        names[i] = std::to_string(i) + (names[i].empty() ? " (no name)" : " " + names[i]);
     return names;
 }
 
 /// Returns "1 node" or "42,241 nodes".
 std::string counted(std::uint64_t count, const std::string& what) {
     return grouped(count) + ' ' + what + (count == 1 ? "" : "s");
+}
+
+/// Returns "1 camera" or "7 cameras", for a reason that is a plural; some reasons have words of
+/// their own.
+std::string skipped_text(const std::string& reason, std::uint64_t count) {
+    struct Words {
+        const char *reason, *what, *more;
+    };
+    constexpr std::array<Words, 3> own = {{
+        {"singular_instances", "placement", " scaled to 0"},
+        {"singular_instance_triangles", "triangle", " of placements scaled to 0"},
+        {"singular_unique_triangles", "triangle", " that only such placements show"},
+    }};
+    const auto found = std::ranges::find(own, reason, &Words::reason);
+    if (found != own.end()) return counted(count, found->what) + found->more;
+    std::string words = reason;
+    std::ranges::replace(words, '_', ' ');
+    if (count == 1 && words.ends_with('s')) words.pop_back();
+    return grouped(count) + ' ' + words;
 }
 
 /// Bytes of nodes and leaf blocks per triangle; 0 for a scene without triangles.
@@ -175,9 +195,7 @@ void print_scene(const wire::SceneInfo& info) {
     if (!records.empty() && info.unique_triangles() == 0) rows.erase(rows.begin() + 1);
     const Json skipped = skipped_json(info);
     for (const auto& [reason, count] : skipped.items()) {
-        std::string words = reason;
-        std::replace(words.begin(), words.end(), '_', ' ');
-        rows.push_back({"skipped", grouped(count.get<std::uint64_t>()) + " " + words});
+        rows.push_back({"skipped", skipped_text(reason, count.get<std::uint64_t>())});
     }
     for (const std::string& warning : warnings(info)) rows.push_back({"warning", warning});
     print_table(rows);

@@ -119,7 +119,10 @@ private:
 Result<void> gather_named(const std::string& path, const std::string& folder, Gatherer& gatherer,
                           Upload& upload) {
     const auto blame = [&](const Failure& why) { return fail(why.exit, path + " " + why.message); };
-    const auto json = gltf_json(std::as_const(upload.files[0].bytes).span());
+    const auto main = std::as_const(upload.files[0].bytes).span();
+    if (const std::string why = why_no_gltf(main, path.ends_with(".glb")); !why.empty())
+        return blame(failure(Exit::invalid, why));
+    const auto json = gltf_json(main);
     if (!json) return blame(json.error());
     const auto files = gltf_names(*json);
     if (!files) return blame(files.error());

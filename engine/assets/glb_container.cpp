@@ -1,8 +1,10 @@
 // The GLB container: a 12-byte header and chunks of {u32 length, u32 type, bytes}, little-endian.
+#include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_prescan.h"
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstring>
 
 namespace raynest::gltf {
@@ -25,9 +27,14 @@ bool starts_as_glb(std::span<const std::byte> file) {
 }
 
 Result<Glb> open_glb(std::span<const std::byte> file) {
-    if (file.size() < 12 || read_u32(file, 0) != magic_gltf) {
-        return fail(ErrorCode::scene_invalid, "the GLB file has no glTF header");
+    if (!starts_as_glb(file)) {
+        const auto* const text = reinterpret_cast<const char*>(file.data());
+        return fail(ErrorCode::scene_invalid,
+                    fmt::format("the file is no GLB: it begins with '{}'",
+                                one_line({text, std::min<std::size_t>(file.size(), 24)})));
     }
+    if (file.size() < 12)
+        return fail(ErrorCode::scene_invalid, "the GLB file ends inside its header");
     if (const std::uint32_t version = read_u32(file, 4); version != 2) {
         return fail(
             ErrorCode::scene_unsupported,

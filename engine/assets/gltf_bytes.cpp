@@ -70,7 +70,7 @@ Result<Fetched> fetch(const std::string& uri, Upload& upload) {
     const auto name = file_of_uri(uri);
     if (!name) {
         return Fetched{{},
-                       fmt::format("names '{}', which is {}", one_line(uri, 80), why_no_file(uri))};
+                       fmt::format("names '{}', which {}", one_line(uri, 80), why_no_file(uri))};
     }
     const auto bytes = upload.read(*name);
     if (!bytes) return tl::unexpected<Error>(bytes.error());

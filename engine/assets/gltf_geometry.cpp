@@ -4,9 +4,11 @@
 // leave an empty geometry, so that a hit's geometry index is the primitive's. Primitives often
 // share one large vertex buffer, so each takes only the vertices it uses.
 #include "engine/assets/gltf_budget.h"
+#include "engine/assets/gltf_facing.h"
 #include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_skins.h"
 #include "engine/scene/snapshot.h"
+#include "engine/scene/texture_levels.h"
 
 #include <fmt/format.h>
 
@@ -62,7 +64,13 @@ public:
             if (geometry->indices.empty()) geometry = GeometryDescription{};
             object.geometries.push_back(std::move(*geometry));
         }
+        facing_.end_mesh(where_);
         return object;
+    }
+
+    void warn_of_normals() {
+        if (const std::string text = facing_.warning(); !text.empty())
+            scene_.warnings.push_back(text);
     }
 
 private:
@@ -94,6 +102,11 @@ private:
         }
         if (auto done = read_colours(deformed, geometry); !done) return error_of(done);
         if (auto done = read_normals(deformed, geometry); !done) return error_of(done);
+        if (mesh.skin != no_id) {
+            if (auto done = deformer_.skin(deformed, geometry); !done) return error_of(done);
+        }
+        if (auto done = check_positions(geometry); !done) return error_of(done);
+        facing_.count(geometry);
         warn_of_texture(geometry);
         return geometry;
     }
@@ -191,26 +204,32 @@ private:
             position, position.width == 3 && is_float_or_quantized(position), "POSITION");
         if (!values) return error_of(values);
         if (auto done = deformer_.morph(deformed, morphed_position, 3, *values); !done) return done;
-        if (deformed.mesh.skin != no_id) {
-            if (auto done = deformer_.skin(deformed, *values); !done) return done;
-        }
-        std::uint64_t bad = 0;
-        geometry.positions.resize(values->size() / 3);
-        for (std::size_t i = 0; i < geometry.positions.size(); ++i) {
-            const Vec3 p{(*values)[3 * i], (*values)[3 * i + 1], (*values)[3 * i + 2]};
-            const bool good = std::abs(p.x) <= coordinate_max && std::abs(p.y) <= coordinate_max &&
-                              std::abs(p.z) <= coordinate_max;
-            bad += good ? 0U : 1U;
-            geometry.positions[i] = p;
-        }
+        for (std::size_t i = 0; i + 2 < values->size(); i += 3)
+            geometry.positions.emplace_back((*values)[i], (*values)[i + 1], (*values)[i + 2]);
+        return {};
+    }
+
+    [[nodiscard]] Result<void> check_positions(const GeometryDescription& geometry) const {
+        const auto bad =
+            std::count_if(geometry.positions.begin(), geometry.positions.end(), [](const Vec3& p) {
+                return !(std::abs(p.x) <= coordinate_max && std::abs(p.y) <= coordinate_max &&
+                         std::abs(p.z) <= coordinate_max);
+            });
         if (bad == 0) return {};
-        return refuse(fmt::format("has {} vertices that are not finite or lie beyond 1e15", bad));
+        return refuse(fmt::format("has {} {} not finite or lie{} beyond 1e15", bad,
+                                  bad == 1 ? "vertex that is" : "vertices that are",
+                                  bad == 1 ? "s" : ""));
     }
 
     Result<void> read_texcoords(const Deformed& deformed, std::size_t set, std::vector<Vec2>& out) {
         const std::uint32_t index = deformed.primitive.texcoords[set];
         if (index == no_id) return {};
         const Accessor& accessor = model_.accessors[index];
+        const std::uint64_t count = model_.accessors[deformed.primitive.position].count;
+        if (accessor.fault.empty() && accessor.count != count) {
+            leave_out_texcoords(set, fmt::format("is for {} of {}", counted(accessor.count, "vertex", "vertices"), count));
+            return {};
+        }
         const bool normalized_unsigned =
             accessor.normalized &&
             (accessor.component == Component::u8 || accessor.component == Component::u16);
@@ -228,7 +247,14 @@ private:
             bad += std::isfinite(out[i].x) && std::isfinite(out[i].y) ? 0U : 1U;
         }
         if (bad == 0) return {};
-        return refuse(fmt::format("has {} texture coordinates that are not finite", bad));
+        out.clear();
+        leave_out_texcoords(set, fmt::format("is not finite at {}", counted(bad, "vertex", "vertices")));
+        return {};
+    }
+
+    void leave_out_texcoords(std::size_t set, const std::string& why) {
+        leave_out(scene_, "texture_coordinate_sets",
+                  fmt::format("{}: its TEXCOORD_{} {}; it is left out there", where_, set, why));
     }
 
     Result<void> read_colours(const Deformed& deformed, GeometryDescription& geometry) {
@@ -251,34 +277,28 @@ private:
                 const float value = (*values)[i * accessor.width + c];
                 // The comparison is false for NaN, which becomes 0.
                 const float clamped = value > 0 ? std::min(value, 1.0F) : 0.0F;
+                // Eight bits of linear light would show bands in the dark.
                 geometry.colours[4 * i + c] =
-                    static_cast<std::uint8_t>(std::lround(clamped * 255.0F));
+                    c < 3 ? srgb_byte(clamped)
+                          : static_cast<std::uint8_t>(std::lround(clamped * 255.0F));
             }
         }
         return {};
     }
 
-    /// Reads normals and tangents. They matter to shading alone, so those that cannot be read are
-    /// left out. A deformed mesh has other normals than the file says: they are those of its faces,
-    /// weighted by area.
+    /// Reads normals and tangents, and morphs them. They matter to shading alone, so those that
+    /// cannot be read are left out.
     Result<void> read_normals(const Deformed& deformed, GeometryDescription& geometry) {
         const std::uint32_t normal = deformed.primitive.normal;
         if (normal == no_id || geometry.indices.empty()) return {};
-        if (deformed.mesh.skin != no_id || !deformed.primitive.targets.empty()) {
-            geometry.normals.assign(geometry.positions.size(), Vec3(0));
-            for (std::size_t i = 0; i < geometry.indices.size(); i += 3) {
-                const std::uint32_t* const c = geometry.indices.data() + i;
-                const Vec3& p = geometry.positions[c[0]];
-                const Vec3 face =
-                    glm::cross(geometry.positions[c[1]] - p, geometry.positions[c[2]] - p);
-                for (int k = 0; k < 3; ++k) geometry.normals[c[k]] += face;
-            }
-            return {};
-        }
         auto values = read_shading(deformed, normal, 3, "NORMAL");
         if (!values) return error_of(values);
-        for (std::size_t i = 0; i + 2 < values->size(); i += 3)
-            geometry.normals.emplace_back((*values)[i], (*values)[i + 1], (*values)[i + 2]);
+        const auto bends = morph_shading(deformed, morphed_normal, values->size() / 3);
+        if (!bends) return error_of(bends);
+        for (std::size_t i = 0; i + 2 < values->size(); i += 3) {
+            const Vec3 n((*values)[i], (*values)[i + 1], (*values)[i + 2]);
+            geometry.normals.push_back(bends->empty() ? n : morphed(n, bends->data() + i));
+        }
         if (geometry.normals.empty() || deformed.primitive.tangent == no_id) return {};
         // Tangents are read where a normal texture needs them.
         if (geometry.material == no_id ||
@@ -286,21 +306,58 @@ private:
             return {};
         auto tangents = read_shading(deformed, deformed.primitive.tangent, 4, "TANGENT");
         if (!tangents) return error_of(tangents);
-        for (std::size_t i = 0; i + 3 < tangents->size(); i += 4)
-            geometry.tangents.emplace_back((*tangents)[i], (*tangents)[i + 1], (*tangents)[i + 2],
-                                           (*tangents)[i + 3]);
+        const auto turns = morph_shading(deformed, morphed_tangent, tangents->size() / 4);
+        if (!turns) return error_of(turns);
+        for (std::size_t i = 0; i + 3 < tangents->size(); i += 4) {
+            const Vec3 t((*tangents)[i], (*tangents)[i + 1], (*tangents)[i + 2]);
+            geometry.tangents.emplace_back(
+                turns->empty() ? t : morphed(t, turns->data() + i / 4 * 3), (*tangents)[i + 3]);
+        }
         return {};
+    }
+
+    static Vec3 morphed(const Vec3& v, const float* difference) {
+        return unit_vector(glm::dvec3(v) +
+                           glm::dvec3(difference[0], difference[1], difference[2]));
+    }
+
+    /// Returns three differences per vertex; nothing where no target has them, and, with a warning,
+    /// where one cannot be read.
+    Result<std::vector<float>> morph_shading(const Deformed& deformed, Morphed attribute,
+                                             std::size_t vertices) {
+        std::vector<float> differences;
+        bool is_morphed = false;
+        for (const MorphTarget& target : deformed.primitive.targets) {
+            if (target[attribute] == no_id || vertices == 0) continue;
+            is_morphed = true;
+            if (fits(deformed, target[attribute], 3)) continue;
+            leave_out(scene_, "normals",
+                      fmt::format("{} has a morph target with a {} that cannot be read; those of "
+                                  "its targets are left out",
+                                  where_, morphed_names[attribute]));
+            return differences;
+        }
+        if (!is_morphed) return differences;
+        if (auto done = budget_.take_bytes(vertices * 12); !done) return error_of(done);
+        differences.resize(vertices * 3);
+        if (auto done = deformer_.morph(deformed, attribute, 3, differences); !done)
+            return error_of(done);
+        return differences;
+    }
+
+    [[nodiscard]] bool fits(const Deformed& deformed, std::uint32_t index,
+                            std::uint32_t width) const {
+        const Accessor& accessor = model_.accessors[index];
+        return accessor.fault.empty() && accessor.width == width && accessor.scalar_or_vector &&
+               is_float_or_quantized(accessor) &&
+               accessor.count == model_.accessors[deformed.primitive.position].count;
     }
 
     /// Returns nothing, with a warning, where the accessor does not fit.
     Result<std::vector<float>> read_shading(const Deformed& deformed, std::uint32_t index,
                                             std::uint32_t width, const char* name) {
-        const Accessor& accessor = model_.accessors[index];
-        const Accessor& position = model_.accessors[deformed.primitive.position];
-        const bool fits = accessor.fault.empty() && accessor.width == width &&
-                          accessor.scalar_or_vector && is_float_or_quantized(accessor) &&
-                          accessor.count == position.count;
-        if (fits) return deformed.read(accessor, true, name);
+        if (fits(deformed, index, width))
+            return deformed.read(model_.accessors[index], true, name);
         leave_out(scene_, "normals",
                   fmt::format("{} has a {} that cannot be read; it is left out", where_, name));
         return std::vector<float>{};
@@ -311,6 +368,7 @@ private:
     SceneDescription& scene_;
     Budget budget_;
     Deformer deformer_;
+    Facing facing_;
     std::string where_;
 };
 
@@ -328,6 +386,7 @@ Result<std::vector<ObjectDescription>> read_meshes(const Model& model,
         if (!object) return error_of(object);
         objects[i] = std::move(*object);
     }
+    reader.warn_of_normals();
     return objects;
 }
 

@@ -91,12 +91,19 @@ void read_lights(const Model& model, SceneDescription& scene) {
         const Light& light = model.lights[node.light];
         const std::string& name = node.name.empty() ? light.name : node.name;
         const auto pose = camera_pose(entry.to_scene);
-        std::string fault = light.fault;
-        if (fault.empty() && !pose) fault = "is without a usable pose";
-        if (fault.empty() && scene.lights.size() == scene_lights_max) fault = "is one too many";
-        if (!fault.empty()) {
+        if (!light.fault.empty()) {
             leave_out(scene, "lights",
-                      fmt::format("light '{}' {} and was left out", one_line(name, 60), fault));
+                      fmt::format("{} {} and is left out",
+                                  label("light", node.light, light.name), light.fault));
+            continue;
+        }
+        const char* const fault = !pose                                     ? no_pose
+                                  : scene.lights.size() == scene_lights_max ? "is one too many"
+                                                                            : nullptr;
+        if (fault != nullptr) {
+            leave_out(scene, "lights",
+                      fmt::format("{}: its light is left out, because it {}",
+                                  label("node", entry.node, name), fault));
             continue;
         }
         LightDescription description{name, light.record};

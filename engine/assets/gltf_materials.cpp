@@ -33,6 +33,7 @@ public:
           scene_(scene),
           bytes_left_(limits.image_bytes_max * images_per_file),
           read_(model.images.size(), not_read),
+          users_(model.images.size()),
           decoded_(model.images.size()) {}
 
     /// Decodes the pictures of textures on all threads. A picture that fails here is decoded again
@@ -56,15 +57,31 @@ public:
         });
     }
 
+    /// Counts a material that uses the picture of a texture.
+    void add_user(std::uint32_t texture, std::uint32_t material) {
+        const std::uint32_t image = model_.textures[texture].image;
+        if (image == no_id) return;
+        Users& users = users_[image];
+        if (users.last != material) ++users.count;
+        users.last = material;
+    }
+
     /// Returns the index of a texture's decoded picture in the scene, or no_id if there is none.
-    Result<std::uint32_t> read(std::uint32_t texture) {
+    /// `material` is the first that uses it, for a message.
+    Result<std::uint32_t> read(std::uint32_t texture, const std::string& material) {
         const std::uint32_t image = model_.textures[texture].image;
         if (image == no_id)
-            return missing(fmt::format("texture {} names no picture; it is left out", texture));
+            return missing(fmt::format("texture {} names no picture; {} is shown without it",
+                                       texture, material));
         if (read_[image] != not_read) return read_[image];
         const Image& from = model_.images[image];
-        const std::string name = label("texture", image, from.name);
-        if (!from.fault.empty()) return read_[image] = missing(name + ' ' + from.fault);
+        const std::string name = label("picture", image, from.name);
+        const std::uint32_t others = users_[image].count - 1;
+        const std::string without =
+            others == 0 ? fmt::format("; {} is shown without it", material)
+                        : fmt::format("; {} and {} are shown without it", material,
+                                      counted(others, "other", "others"));
+        if (!from.fault.empty()) return read_[image] = missing(name + ' ' + from.fault + without);
         std::optional<ImageDescription>& known = decoded_[image];
         auto picture = known && known->rgba.size() <= bytes_left_
                            ? Result<ImageDescription>(std::move(*known))
@@ -73,7 +90,7 @@ public:
         known.reset();
         if (!picture && picture.error().code == ErrorCode::out_of_memory)
             return blame(name + ':', picture.error());
-        if (!picture) return read_[image] = missing(name + ": " + picture.error().message);
+        if (!picture) return read_[image] = missing(name + ": " + picture.error().message + without);
         bytes_left_ -= picture->rgba.size();
         scene_.images.push_back(std::move(*picture));
         return read_[image] = static_cast<std::uint32_t>(scene_.images.size() - 1);
@@ -102,6 +119,12 @@ private:
     SceneDescription& scene_;
     std::uint64_t bytes_left_;
     std::vector<std::uint32_t> read_;
+    /// The materials that use a picture; `last` is the one that was counted last.
+    struct Users {
+        std::uint32_t count = 0;
+        std::uint32_t last = no_id;
+    };
+    std::vector<Users> users_;
     std::vector<std::optional<ImageDescription>> decoded_;  ///< per picture, until it is read
 };
 
@@ -116,25 +139,29 @@ public:
           pictures_(model, limits, scene) {
         for (auto& list : texture_of_) list.assign(model.textures.size(), not_read);
         std::vector<bool> used(model.textures.size());
-        for (const MaterialDescription& material : model.materials) {
+        for (std::uint32_t m = 0; m < model.materials.size(); ++m) {
+            const MaterialDescription& material = model.materials[m];
             const SurfaceRecord& surface = material.surface;
             for (const std::uint32_t texture :
                  {material.texture, surface.metallic_roughness.texture, surface.normal.texture,
                   surface.occlusion.texture, surface.emission_texture.texture,
                   surface.transmission_texture.texture}) {
-                if (texture != no_id) used[texture] = true;
+                if (texture == no_id) continue;
+                used[texture] = true;
+                pictures_.add_user(texture, m);
             }
         }
         pictures_.decode(used);
     }
 
     /// Replaces a texture of the model by that of the scene; no_id where it has no picture.
+    /// Messages name the material as `material`.
     Result<void> read(const std::string& material, std::uint32_t& texture, std::uint32_t& texcoord,
                       Purpose purpose) {
         if (texture != no_id) {
             std::uint32_t& known = texture_of_[static_cast<std::size_t>(purpose)][texture];
             if (known == not_read) {
-                const auto image = pictures_.read(texture);
+                const auto image = pictures_.read(texture, material);
                 if (!image) return error_of(image);
                 known = no_id;
                 if (*image != no_id) {
@@ -148,9 +175,9 @@ public:
             texture = known;
             if (texture != no_id && texcoord > 1) {
                 leave_out(scene_, "textures",
-                          fmt::format("material '{}' uses TEXCOORD_{}; only sets 0 and 1 are read; "
+                          fmt::format("{} uses TEXCOORD_{}; only sets 0 and 1 are read; "
                                       "its texture is left out",
-                                      one_line(material, 60), texcoord));
+                                      material, texcoord));
                 texture = no_id;
             }
         }
@@ -174,8 +201,9 @@ Result<void> read_materials(const Model& model, const ImportLimits& limits,
     TextureReader textures(model, limits, scene);
     for (const MaterialDescription& from : model.materials) {
         MaterialDescription material = from;
+        const std::string where = label("material", scene.materials.size(), from.name);
         const auto read = [&](std::uint32_t& texture, std::uint32_t& texcoord, Purpose purpose) {
-            return textures.read(from.name, texture, texcoord, purpose);
+            return textures.read(where, texture, texcoord, purpose);
         };
         if (auto done = read(material.texture, material.texcoord, Purpose::base); !done)
             return done;

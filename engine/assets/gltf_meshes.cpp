@@ -9,8 +9,8 @@ namespace raynest::gltf {
 namespace {
 
 /// Reads morph targets, and the joints and weights of a skin.
-Result<void> convert_deformation(const tinygltf::Primitive& from, const Model& model,
-                                 Primitive& to) {
+Result<void> convert_deformation(const tinygltf::Primitive& from, const std::string& where,
+                                 Model& model, Primitive& to) {
     const auto find = [&](const std::map<std::string, int>& attributes, const std::string& name,
                           std::uint32_t& out) -> Result<void> {
         const auto found = attributes.find(name);
@@ -23,9 +23,12 @@ Result<void> convert_deformation(const tinygltf::Primitive& from, const Model& m
     for (const auto& target : from.targets) {
         to.targets.push_back(empty_target);
         for (std::size_t i = 0; i < morphed_names.size(); ++i) {
-            if (auto done = find(target, morphed_names[i], to.targets.back()[i]); !done) {
-                return done;
-            }
+            const auto done = find(target, morphed_names[i], to.targets.back()[i]);
+            if (!done && i != morphed_normal && i != morphed_tangent) return done;
+            if (!done)
+                model.odd.add(where, fmt::format("the {} of a morph target names no accessor; it "
+                                                 "changes none",
+                                                 morphed_names[i]));
         }
     }
     for (int set = 0;; ++set) {
@@ -79,7 +82,7 @@ Result<void> convert_meshes(tinygltf::Model& file, Model& model) {
             };
             optional("NORMAL", to.normal);
             optional("TANGENT", to.tangent);
-            if (auto done = convert_deformation(from, model, to); !done) return done;
+            if (auto done = convert_deformation(from, where, model, to); !done) return done;
             const auto indices = optional_index(from.indices, model.accessors.size(), "accessor");
             const auto material = optional_index(from.material, file.materials.size(), "material");
             if (!indices) return error_of(indices);

@@ -108,13 +108,15 @@ enum Morphed : std::uint8_t {
     morphed_position,
     morphed_texcoord_0,
     morphed_texcoord_1,
-    morphed_colour
+    morphed_colour,
+    morphed_normal,
+    morphed_tangent
 };
-inline constexpr std::array<const char*, 4> morphed_names{"POSITION", "TEXCOORD_0", "TEXCOORD_1",
-                                                          "COLOR_0"};
+inline constexpr std::array<const char*, 6> morphed_names{"POSITION", "TEXCOORD_0", "TEXCOORD_1",
+                                                          "COLOR_0",  "NORMAL",     "TANGENT"};
 /// One accessor of differences for each of these attributes, or no_id.
 using MorphTarget = std::array<std::uint32_t, morphed_names.size()>;
-inline constexpr MorphTarget empty_target{no_id, no_id, no_id, no_id};
+inline constexpr MorphTarget empty_target{no_id, no_id, no_id, no_id, no_id, no_id};
 
 /// Four joints per vertex and their weights: two accessors.
 struct JointSet {
@@ -240,6 +242,9 @@ struct PlacedNode {
     std::uint32_t node;
     Matrix to_scene;
 };
+/// Why a camera or a light is left out for which camera_pose() finds nothing.
+inline constexpr const char* no_pose =
+    "has no direction or place: a scale is 0, or a position beyond 3e38";
 /// Returns the nodes of the chosen scene that have a camera or a light (`what` is its member of
 /// Node), in node order.
 std::vector<PlacedNode> nodes_with(const Model& model, std::uint32_t Node::*what);

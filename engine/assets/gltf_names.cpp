@@ -14,18 +14,24 @@ bool is_inside(char byte) {
     return (static_cast<unsigned char>(byte) & 0xC0U) == 0x80U;
 }
 
+/// Returns the letter of "%41" at the start of a text; nothing if that is none.
+std::optional<char> percent_code(std::string_view text) {
+    unsigned code = 0;
+    const char* const digits = text.data() + 1;
+    if (text.size() < 3 || std::from_chars(digits, digits + 2, code, 16).ptr != digits + 2)
+        return std::nullopt;
+    return static_cast<char>(code);
+}
+
 /// Decodes one part of a path. What is encoded must not become part of the path's structure.
 std::optional<std::string> decode_part(std::string_view part) {
     std::string decoded;
     for (std::size_t i = 0; i < part.size(); ++i) {
         char c = part[i];
         if (c == '%') {
-            unsigned code = 0;
-            const char* const digits = part.data() + i + 1;
-            if (part.size() - i < 3 ||
-                std::from_chars(digits, digits + 2, code, 16).ptr != digits + 2)
-                return std::nullopt;
-            c = static_cast<char>(code);
+            const auto code = percent_code(part.substr(i));
+            if (!code) return std::nullopt;
+            c = *code;
             i += 2;
         }
         const bool is_structure = c == '/' || c == '\\' || c == ':';
@@ -66,12 +72,17 @@ std::optional<std::string> file_of_uri(std::string_view uri) {
 }
 
 std::string_view why_no_file(std::string_view uri) {
+    if (uri.empty()) return "is empty; name a file beside the scene";
     const std::size_t colon = uri.find(':');
     if (uri.starts_with('/') || uri.starts_with('\\') || colon == 1)
-        return "an absolute path; name the file relative to the scene";
+        return "is an absolute path; name the file relative to the scene";
     if (colon != std::string_view::npos)
-        return "an address; only files beside or below the scene are read";
-    return "not beside or below the scene";
+        return "is an address; only files beside or below the scene are read";
+    for (std::size_t at = uri.find('%'); at != uri.npos; at = uri.find('%', at + 1)) {
+        if (!percent_code(uri.substr(at)))
+            return "has a % without two hex digits behind it; write %25 for the letter %";
+    }
+    return "is not beside or below the scene";
 }
 
 std::string_view front_of(std::string_view text, std::size_t bytes_max) {
@@ -117,6 +128,10 @@ std::string one_line(std::string_view text, std::size_t length_max) {
 std::string label(std::string_view kind, std::uint64_t index, std::string_view name) {
     if (name.empty()) return fmt::format("{} {}", kind, index);
     return fmt::format("{} {} ('{}')", kind, index, one_line(name, 60));
+}
+
+std::string counted(std::uint64_t count, std::string_view one, std::string_view many) {
+    return fmt::format("{} {}", count, count == 1 ? one : many);
 }
 
 Result<std::span<const std::byte>> Upload::read(std::string_view name) {

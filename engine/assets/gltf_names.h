@@ -20,7 +20,7 @@ namespace raynest::gltf {
 /// rule (tests/golden/gltf_uris.json).
 [[nodiscard]] std::optional<std::string> file_of_uri(std::string_view uri);
 
-/// Returns what a URI is that names no file: "an absolute path; ...".
+/// Returns why a URI names no file: "is an absolute path; ...".
 [[nodiscard]] std::string_view why_no_file(std::string_view uri);
 
 /// Returns at most the first `bytes_max` bytes of UTF-8 text, cut between characters.
@@ -31,6 +31,9 @@ namespace raynest::gltf {
 
 /// Returns "mesh 7 ('leaf')", or "mesh 7" if it has no name.
 [[nodiscard]] std::string label(std::string_view kind, std::uint64_t index, std::string_view name);
+
+/// Returns "1 vertex" or "7 vertices".
+[[nodiscard]] std::string counted(std::uint64_t count, std::string_view one, std::string_view many);
 
 /// Harmless faults of a file by what is wrong, each with the first element that has it: a file with
 /// a million of them gives one line.

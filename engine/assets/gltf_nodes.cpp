@@ -134,7 +134,7 @@ private:
             const std::uint32_t shape = sharing_.shape_of[entry.node];
             if (shape == no_id) continue;
             if (!entry.is_top && object_of_[shape] != no_id) {
-                place(object, object_of_[shape], entry.to_object, mask_all);
+                place(object, entry.node, object_of_[shape], entry.to_object, mask_all);
                 continue;
             }
             const Node& node = model_.nodes[entry.node];
@@ -153,18 +153,20 @@ private:
         // subtrees with a skin are not shared.
         const Matrix& to_object = node.skin == no_id ? entry.to_object : identity_matrix;
         if (node.instancing.count == 0) {
-            place(object, node.mesh, to_object, masks_.of(entry.node, 0));
+            place(object, entry.node, node.mesh, to_object, masks_.of(entry.node, 0));
             return {};
         }
         const auto matrices = placements_of(model_, node.instancing);
         if (!matrices) return error_of(matrices);
         for (std::uint32_t i = 0; i < matrices->size(); ++i)
-            place(object, node.mesh, multiply(to_object, (*matrices)[i]), masks_.of(entry.node, i));
+            place(object, entry.node, node.mesh, multiply(to_object, (*matrices)[i]),
+                  masks_.of(entry.node, i));
         return {};
     }
 
-    void place(ObjectDescription& object, std::uint32_t child, const Matrix& to_object,
-               std::uint32_t mask) {
+    void place(ObjectDescription& object, std::uint32_t node, std::uint32_t child,
+               const Matrix& to_object, std::uint32_t mask) {
+        object.placed_by.push_back(node);
         object.instances.push_back({child, placements_.round(child, to_object), mask, 0, {}});
     }
 
@@ -246,12 +248,13 @@ void read_cameras(const Model& model, SceneDescription& scene) {
         const std::optional<Transform> pose = camera_pose(entry.to_scene);
         const Camera& camera = model.cameras[node.camera];
         const std::string& name = node.name.empty() ? camera.name : node.name;
-        const char* const fault = !pose ? "is without a usable pose"
+        const char* const fault = !pose ? no_pose
                                   : scene.cameras.size() == scene_cameras_max ? "is one too many"
                                                                               : nullptr;
         if (fault != nullptr) {
             leave_out(scene, "cameras",
-                      fmt::format("camera '{}' {} and was left out", one_line(name, 60), fault));
+                      fmt::format("{}: its camera is left out, because it {}",
+                                  label("node", entry.node, name), fault));
             continue;
         }
         if (!camera.fault.empty())

@@ -60,6 +60,29 @@ bool is_finite(const Matrix& matrix) {
     return std::all_of(matrix.begin(), matrix.end(), [](double x) { return std::isfinite(x); });
 }
 
+/// Moves vertex v by a map that its weights have blended.
+///
+/// The cofactors of a map are its inverse transpose times its determinant: they exist for a map
+/// that flattens, too. Where a map mirrors, corners wind the other way round, and shading turns the
+/// normal and the tangent of the side that it sees: so both change their sign here.
+void move_vertex(const Matrix& map, std::size_t v, GeometryDescription& geometry) {
+    const auto column = [&](std::size_t c) { return glm::dvec3(map[c], map[4 + c], map[8 + c]); };
+    const glm::dvec3 x = column(0), y = column(1), z = column(2);
+    const auto linear = [&](const glm::dvec3& p) { return x * p.x + y * p.y + z * p.z; };
+    geometry.positions[v] = Vec3(linear(glm::dvec3(geometry.positions[v])) + column(3));
+    if (!geometry.normals.empty()) {
+        const Vec3 n = geometry.normals[v];
+        geometry.normals[v] = unit_vector(static_cast<double>(n.x) * glm::cross(y, z) +
+                                          static_cast<double>(n.y) * glm::cross(z, x) +
+                                          static_cast<double>(n.z) * glm::cross(x, y));
+    }
+    if (!geometry.tangents.empty()) {
+        const double side = glm::dot(glm::cross(x, y), z) < 0 ? -1 : 1;
+        Vec4& t = geometry.tangents[v];
+        t = Vec4(unit_vector(side * linear(glm::dvec3(t))), t.w);
+    }
+}
+
 }  // namespace
 
 void separate_poses(Model& model) {
@@ -82,6 +105,11 @@ void separate_poses(Model& model) {
         }
         node.mesh = pose->second;
     }
+}
+
+Vec3 unit_vector(const glm::dvec3& v) {
+    const double length = glm::length(v);
+    return length > 0 && std::isfinite(length) ? Vec3(v / length) : Vec3(0);
 }
 
 Result<void> Deformer::morph(const Deformed& vertices, Morphed attribute, std::size_t width,
@@ -158,7 +186,7 @@ Result<std::span<const Matrix>> Deformer::joint_maps(std::uint32_t index) {
 // Weights are divided by their sum, as in three.js and Blender: glTF requires sums of 1, and an
 // error of 1/255 would move a vertex by that share of its distance from the scene's origin. A
 // vertex whose weights are all 0 follows its first joint, as in three.js.
-Result<void> Deformer::skin(const Deformed& vertices, std::vector<float>& positions) {
+Result<void> Deformer::skin(const Deformed& vertices, GeometryDescription& geometry) {
     if (vertices.primitive.joint_sets.empty()) {
         return refuse(vertices.where, "has a skin but a primitive without JOINTS_0 and WEIGHTS_0");
     }
@@ -181,18 +209,14 @@ Result<void> Deformer::skin(const Deformed& vertices, std::vector<float>& positi
 
     std::uint64_t bad_weights = 0;
     std::uint64_t bad_joints = 0;
-    for (std::size_t v = 0; v < positions.size() / 3; ++v) {
-        const double p[3] = {positions[3 * v], positions[3 * v + 1], positions[3 * v + 2]};
-        double moved[3] = {0, 0, 0};
+    for (std::size_t v = 0; v < geometry.positions.size(); ++v) {
+        Matrix blended{};
         double total = 0;
         const auto follow = [&](float joint, double weight) {
             bad_joints += joint < static_cast<float>(maps->size()) ? 0U : 1U;
             if (!(joint < static_cast<float>(maps->size()))) return;
             const Matrix& m = (*maps)[static_cast<std::size_t>(joint)];
-            for (std::size_t row = 0; row < 3; ++row) {
-                moved[row] += weight * (m[4 * row] * p[0] + m[4 * row + 1] * p[1] +
-                                        m[4 * row + 2] * p[2] + m[4 * row + 3]);
-            }
+            for (std::size_t i = 0; i < blended.size(); ++i) blended[i] += weight * m[i];
             total += weight;
         };
         for (const Set& set : sets) {
@@ -204,9 +228,8 @@ Result<void> Deformer::skin(const Deformed& vertices, std::vector<float>& positi
             }
         }
         if (total == 0) follow(sets[0].joints[4 * v], 1);
-        for (std::size_t row = 0; row < 3; ++row) {
-            positions[3 * v + row] = static_cast<float>(moved[row] / total);
-        }
+        for (double& x : blended) x /= total;
+        move_vertex(blended, v, geometry);
     }
     if (bad_weights != 0) {
         return refuse(vertices.where, fmt::format("has {} skin weights that are negative or not "

@@ -31,6 +31,9 @@ struct Deformed {
     ReadAttribute read;
 };
 
+/// Returns the direction of v; zero where it has none.
+[[nodiscard]] Vec3 unit_vector(const glm::dvec3& v);
+
 class Deformer {
 public:
     Deformer(const Model& model, Budget& budget)
@@ -41,8 +44,9 @@ public:
     /// Adds the weighted differences of the targets to `values`, `width` per vertex.
     Result<void> morph(const Deformed& vertices, Morphed attribute, std::size_t width,
                        std::vector<float>& values);
-    /// Moves positions by the joints of mesh.skin, into the scene's space.
-    Result<void> skin(const Deformed& vertices, std::vector<float>& positions);
+    /// Moves positions, normals and tangents by the joints of mesh.skin, into the scene's space.
+    /// Normals and tangents become unit vectors.
+    Result<void> skin(const Deformed& vertices, GeometryDescription& geometry);
 
 private:
     /// Returns one map per joint, from the mesh's space at binding to the scene's; never empty.

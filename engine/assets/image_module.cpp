@@ -359,7 +359,7 @@ Result<LightPicture> decode_light(std::span<const std::byte> file, std::uint32_t
         auto named = std::ranges::find(spec.channelnames, colours[c]);
         if (named == spec.channelnames.end()) named = std::ranges::find(spec.channelnames, "Y");
         if (named == spec.channelnames.end())
-            return fail(ErrorCode::scene_invalid, "the environment has no channels R, G and B");
+            return fail(ErrorCode::scene_invalid, "the environment has no channels R, G and B: save it in RGB");
         channels[c] = static_cast<std::size_t>(named - spec.channelnames.begin());
     }
     const auto stride = static_cast<std::size_t>(spec.nchannels);

@@ -305,7 +305,7 @@ Result<SceneDescription> describe_npy(const ImportRequest& request, const Import
             return refuse(request.files[i].name, "is not used: give only one file of placements");
         auto instances = read_instances(request.files[i], limits, scene.origin, scene.rounding);
         if (!instances) return tl::unexpected<Error>(instances.error());
-        scene.objects.push_back({"scene", {}, std::move(*instances), {}, {}, {}});
+        scene.objects.push_back({"scene", {}, std::move(*instances), {}, {}, {}, {}});
         scene.root = 1;
     }
     return scene;

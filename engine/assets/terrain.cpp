@@ -43,7 +43,7 @@ Result<SceneDescription> describe_terrain(const BuiltinValues& values) {
 
     SceneDescription scene;
     scene.materials.push_back({.name = "rock", .base_colour = {0.42F, 0.38F, 0.33F, 1}});
-    scene.objects.push_back({"terrain", {std::move(geometry)}, {}, {}, {}, {}});
+    scene.objects.push_back({"terrain", {std::move(geometry)}, {}, {}, {}, {}, {}});
     CameraDescription camera;
     camera.name = "overview";
     // The camera looks down by 25 degrees from the south edge.

@@ -77,12 +77,13 @@ Vec3 base_colour(const SceneView& scene, const HitRecord& hit) {
         const auto* corner = scene.attribute<std::uint32_t>(geometry.indices) +
                              std::size_t{3} * (hit.triangle - geometry.first_triangle);
         const auto* rgba = scene.attribute<std::uint8_t>(geometry.colours);
+        const auto& linear = srgb_table();
         for (int channel = 0; channel < 3; ++channel) {
             const auto vertex = [&](std::size_t i) {
-                return static_cast<float>(
-                    rgba[std::size_t{4} * corner[i] + static_cast<std::size_t>(channel)]);
+                return linear[rgba[std::size_t{4} * corner[i] +
+                                   static_cast<std::size_t>(channel)]];
             };
-            colour[channel] *= interpolate(vertex(0), vertex(1), vertex(2), hit.u, hit.v) / 255.0F;
+            colour[channel] *= interpolate(vertex(0), vertex(1), vertex(2), hit.u, hit.v);
         }
     }
     return colour;

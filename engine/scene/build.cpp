@@ -86,11 +86,12 @@ public:
         warn(rounding_warning(description_.rounding, description_.origin, content_.bounds));
         if (const auto lost = graph_.skipped.find("singular_instances");
             lost != graph_.skipped.end()) {
-            warn(
-                std::to_string(lost->second) +
-                (lost->second == 1 ? " placement is" : " placements are") +
-                " left out, because nothing can hit what is scaled to nothing. Check the scales of "
-                "its nodes");
+            const bool one = lost->second == 1;
+            warn(std::to_string(lost->second) +
+                 (one ? " placement is left out, that of " : " placements are left out, first that of ") +
+                 graph_.singular + ": a scale of 0, of it or above it, leaves no way to bring rays "
+                                   "into its space. If it should be seen flat, apply the scale to "
+                                   "its mesh");
         }
         if (degenerate_triangles_ > triangles_ / 2) {
             warn(std::to_string(degenerate_triangles_) + " of " + std::to_string(triangles_) +
@@ -173,12 +174,22 @@ private:
         triangles_ += own_triangles(source);
         boxes.insert(boxes.end(), source.record_bounds.begin(), source.record_bounds.end());
         add_instances(node, object, boxes);
-        const auto far = std::count_if(boxes.begin(), boxes.end(),
-                                       [](const Box& box) { return !in_range(box); });
-        if (far != 0) {
-            return fail(ErrorCode::scene_invalid, "object " + label + " has " +
-                                                      std::to_string(far) +
-                                                      " instances that reach beyond 1e15");
+        const auto is_far = [](const Box& box) { return !in_range(box); };
+        if (const auto far = std::ranges::count_if(boxes, is_far); far != 0) {
+            // Vertices are checked before: what lies too far out are records, then instances.
+            const auto first =
+                static_cast<std::size_t>(std::ranges::find_if(boxes, is_far) - boxes.begin());
+            const std::size_t own = boxes.size() - node.instances.size();
+            const std::string where =
+                first < own ? "object " + label
+                            : instance_label(description_, node.source,
+                                             node.declared_as[first - own]);
+            return fail(ErrorCode::scene_invalid,
+                        where +
+                            (far == 1 ? " reaches"
+                                      : " and " + std::to_string(far - 1) +
+                                            (far == 2 ? " other reach" : " others reach")) +
+                            " beyond 1e15; check scales and positions, of nodes above it, too");
         }
 
         const bool clips = description_.build == BuildQuality::high;

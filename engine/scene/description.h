@@ -79,6 +79,8 @@ struct ObjectDescription {
     std::string name;
     std::vector<GeometryDescription> geometries;
     std::vector<InstanceDescription> instances;
+    /// The node of the file that placed each instance, for messages; empty if there are no nodes.
+    std::vector<std::uint32_t> placed_by = {};
     std::string record_type;         ///< name of a primitive other than triangle, "" when none
     std::vector<std::byte> records;  ///< record_bounds.size() records of equal size
     std::vector<Box> record_bounds;

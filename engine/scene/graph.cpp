@@ -104,7 +104,11 @@ private:
             if (!add(entry.declared, child.declared)) return too_many_paths(index);
 
             Transform to_object;
-            if (!invert(instance.transform, to_object)) continue;
+            if (!invert(instance.transform, to_object)) {
+                if (singular_.empty() && child.declared.placement_count != 0)
+                    singular_ = instance_label(description_, index, i);
+                continue;
+            }
             InstanceRecord record{};
             record.to_object = by_columns(to_object);
             record.object = instance.object;
@@ -137,6 +141,7 @@ private:
 
         Graph graph;
         graph.skipped = description_.skipped;
+        graph.singular = std::move(singular_);
         const Entry& root = entries_[description_.root];
         graph.declared_leaves = root.declared.placement_count;
         std::uint64_t lost_unique = 0;
@@ -174,6 +179,7 @@ private:
     const SceneDescription& description_;
     std::vector<Entry> entries_;
     std::vector<std::uint32_t> order_;
+    std::string singular_;
 };
 
 }  // namespace
@@ -185,6 +191,22 @@ Result<Graph> resolve_graph(const SceneDescription& description) {
 std::string object_label(const SceneDescription& description, std::uint32_t object) {
     const std::string& name = description.objects[object].name;
     return name.empty() ? '#' + std::to_string(object) : '\'' + name + '\'';
+}
+
+std::string instance_label(const SceneDescription& description, std::uint32_t object,
+                           std::uint32_t instance) {
+    const ObjectDescription& parent = description.objects[object];
+    const auto quoted = [](const std::string& name) {
+        return name.empty() ? std::string() : " ('" + name + "')";
+    };
+    if (parent.placed_by.size() != parent.instances.size()) {
+        return "instance " + std::to_string(instance) + quoted(parent.instances[instance].name) +
+               " of object " + object_label(description, object);
+    }
+    const std::uint32_t node = parent.placed_by[instance];
+    const auto named = std::ranges::find(description.path_nodes, node, &PathNodeDescription::source);
+    return "node " + std::to_string(node) +
+           (named == description.path_nodes.end() ? "" : quoted(named->name));
 }
 
 std::uint64_t own_triangles(const ObjectDescription& object) {

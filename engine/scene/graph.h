@@ -35,6 +35,7 @@ struct Graph {
     std::uint64_t declared_leaves =
         0;  ///< placements below the root, including those behind singular instances
     std::map<std::string, std::uint64_t> skipped;
+    std::string singular;  ///< names a singular instance for a message; "" where there is none
 };
 
 /// Fails with scene_invalid or limit_exceeded and the object's name for an instance of no object, a
@@ -44,6 +45,11 @@ Result<Graph> resolve_graph(const SceneDescription& description);
 
 /// Returns the name of an object for messages: its name in quotes, or its index.
 std::string object_label(const SceneDescription& description, std::uint32_t object);
+
+/// Returns the name of an object's instance for messages: the node of the file that placed it, else
+/// its number and its object.
+std::string instance_label(const SceneDescription& description, std::uint32_t object,
+                           std::uint32_t instance);
 
 /// Returns the number of the object's own triangles.
 std::uint64_t own_triangles(const ObjectDescription& object);

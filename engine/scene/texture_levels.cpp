@@ -31,6 +31,11 @@ struct Light {
     }
 };
 
+const Light& light_table() {
+    static const Light light;
+    return light;
+}
+
 /// The pixels of a side that pixel i of the next level stands for: two, or three at an odd end.
 struct Covered {
     std::uint32_t first, last;
@@ -40,6 +45,10 @@ Covered covered(std::uint32_t i, std::uint32_t from, std::uint32_t to) {
 }
 
 }  // namespace
+
+std::uint8_t srgb_byte(float linear) {
+    return light_table().byte_of[static_cast<std::size_t>(linear * 65535.0F + 0.5F)];
+}
 
 std::uint32_t level_count(std::uint32_t width, std::uint32_t height) {
     std::uint32_t count = 1;
@@ -96,7 +105,7 @@ void write_row(const Light& light, const std::uint8_t* from, std::uint32_t w, co
 }  // namespace
 
 std::vector<std::uint8_t> smaller_levels(const ImageDescription& image, bool linear) {
-    static const Light light;
+    const Light& light = light_table();
     std::size_t total = 0;
     for (std::uint32_t w = image.width, h = image.height; w > 1 || h > 1;) {
         w = std::max(w / 2, 1U);

@@ -8,6 +8,9 @@
 
 namespace raynest {
 
+/// Returns the byte of sRGB's curve that is nearest to linear light in [0, 1].
+[[nodiscard]] std::uint8_t srgb_byte(float linear);
+
 /// Levels of a picture, itself included.
 [[nodiscard]] std::uint32_t level_count(std::uint32_t width, std::uint32_t height);
 

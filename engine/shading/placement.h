@@ -34,6 +34,7 @@ struct Placement {
     glm::dmat3 to_object{1};    ///< from the world, without the shift
     glm::dmat3 to_world{1};
     double volume = 1;  ///< of what a unit cube of the object becomes in the world
+    bool mirrors = false;  ///< the object is seen as in a mirror
 
     void set(const SceneView& scene, std::uint64_t to) {
         path = to;
@@ -47,7 +48,9 @@ struct Placement {
             to_object = linear * to_object;
             to_world = to_world * inverse;
         });
-        volume = std::abs(glm::determinant(to_world));
+        const double determinant = glm::determinant(to_world);
+        volume = std::abs(determinant);
+        mirrors = determinant < 0;
     }
 
     /// A normal of the object, brought to the world, where its length means nothing.

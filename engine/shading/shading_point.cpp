@@ -75,14 +75,14 @@ private:
 Vec3 vertex_colour(const SceneView& scene, const GeometryRecord& geometry, const Corners& corners) {
     if (geometry.colours == no_offset) return Vec3(1);
     const auto* rgba = scene.attribute<std::uint8_t>(geometry.colours);
+    const std::array<float, 256>& linear = srgb_to_linear();
     Vec3 colour(0);
     for (int channel = 0; channel < 3; ++channel) {
         const auto at = [&](std::size_t corner) {
-            return static_cast<float>(
-                rgba[std::size_t{4} * corners.index[corner] + static_cast<std::size_t>(channel)]);
+            return linear[rgba[std::size_t{4} * corners.index[corner] +
+                               static_cast<std::size_t>(channel)]];
         };
-        colour[channel] =
-            interpolate(at(0), at(1), at(2), corners.u, corners.v) * (1.0F / 255.0F);
+        colour[channel] = interpolate(at(0), at(1), at(2), corners.u, corners.v);
     }
     return colour;
 }
@@ -97,7 +97,8 @@ void set_tangents(const ShadingView& view, const GeometryRecord& geometry,
     if (shading.tangents != no_offset) {
         const Vec4 t = corners.mean(view.scene->attribute<Vec4>(shading.tangents));
         tangent = Vec3(placement.to_world * glm::dvec3(t));
-        sign = t.w < 0 ? -1.0F : 1.0F;
+        // The cross product below keeps its hand where a placement mirrors; the texture does not.
+        sign = (t.w < 0) != placement.mirrors ? -1.0F : 1.0F;
     } else {
         // Without tangents: along the texture's first axis; the second one points up the picture.
         const auto* st = view.scene->attribute<Vec2>(geometry.texcoords[surface.normal.texcoord]);

@@ -266,7 +266,7 @@ class Films(DaemonTest):
         self.refused(2, "", "render", "woods", *to, *PATH, "--sun", "0,100")
         self.refused(5, "missing.exr", "render", "woods", *to, *PATH, "--env", self.out / "missing.exr")
         (self.out / "not.exr").write_bytes(b"not a picture")
-        self.refused(2, "neither an EXR nor an HDR", "render", "woods", *to, *PATH, "--env", self.out / "not.exr")
+        self.refused(2, "not.exr is neither an EXR nor an HDR", "render", "woods", *to, *PATH, "--env", self.out / "not.exr")
         self.assertTrue(self.daemon.alive())
 
     def test_hostile_pictures_of_the_surroundings_are_refused_in_a_line(self):

@@ -104,7 +104,24 @@ class FirstHour(DaemonTest):
         self.says(5, ("raynest scenes", "raynest load"), "info", "nowhere")
         self.says(5, "leave --epoch out", "query", "hills", "--ray", "0,9,0,0,-1,0", "--epoch", "7")
 
+    def test_what_is_left_out_of_a_scene_is_named(self):
+        node = {"mesh": 0, "scale": [1, 0, 1], "name": "flag"}
+        (self.out / "flat.gltf").write_text(json.dumps({
+            "asset": {"version": "2.0"}, "nodes": [{"mesh": 0}, node, {"camera": 0}, {"camera": 0, "name": "eye"}],
+            "cameras": [{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+            "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+            "bufferViews": [{"buffer": 0, "byteLength": 36}],
+            "buffers": [{"byteLength": 36, "uri": "data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]}))
+        said = self.client.run("info", self.out / "flat.gltf").stdout
+        for words in ("0 (no name), 1 eye", "1 placement scaled to 0\n", "that of node 1 ('flag')"):
+            self.assertIn(words, said)
+
     def test_a_source_that_is_no_scene_says_what_it_is(self):
+        (self.out / "lfs.glb").write_text("version https://git-lfs.github.com/spec/v1\n")
+        (self.out / "page.glb").write_text("<!DOCTYPE html>\n")
+        self.says(5, "lfs.glb is a Git LFS pointer", "load", self.out / "lfs.glb")
+        self.says(5, "begins with '<!DOCTYPE html>'", "load", self.out / "page.glb")
         (self.out / "folder").mkdir()
         for name, content in (("scan.glb.xz", b"\xfd7zXZ"), ("empty.glb", b""), ("empty.gltf", b""),
                               ("empty.npy", b""), ("braces.gltf", b"{}")):

@@ -75,8 +75,11 @@ class EnvironmentFile:
             return
         data = environment if isinstance(environment, bytes) else \
             read_file(os.fspath(environment), ENVIRONMENT_BYTES_MAX)
+        name = "the environment" if isinstance(environment, bytes) else os.fspath(environment)
         if not data:
-            raise InvalidError("the environment is empty", "FILE_INVALID")
+            raise InvalidError(f"{name} is empty", "FILE_INVALID")
+        if not data.startswith((b"\x76\x2f\x31\x01", b"#?RADIANCE", b"#?RGBE")):
+            raise UsageError(f"{name} is neither an EXR nor an HDR: convert it to one of them")
         self._data = np.frombuffer(data, np.uint8)
         self.message = {"environment": "picture", "environment_bytes": len(data)}
 

@@ -29,10 +29,14 @@ def _refuse(why: str) -> NoReturn:
 
 # ---- reading ------------------------------------------------------------------------------------
 
-def file_names(data: bytes) -> dict[str, bool]:
+def file_names(data: bytes, is_glb: bool = False) -> dict[str, bool]:
     """Returns the files that buffers and images of a .gltf or .glb name: True for pictures, which only
     images name, and which a scene can do without. Names outside the scene's folder are left out: the
     daemon complains if it needs them."""
+    if data.startswith(b"version https://git-lfs"):
+        _refuse("is a Git LFS pointer, not the file itself: run git lfs pull")
+    if is_glb and data[:4] != b"glTF":
+        _refuse(f"is no GLB file: it begins with {data[:24]!r}")
     text = _glb_json(data) if data[:4] == b"glTF" else data
     if len(text) > JSON_BYTES_MAX:
         _refuse(f"has {len(text)} bytes of JSON; at most {JSON_BYTES_MAX} are read")

@@ -126,7 +126,7 @@ def _sniffed(source: str, data: bytes) -> str:
 
 
 def _named_files(main: File, folder: str) -> Iterator[File]:
-    others = file_names(main.data)
+    others = file_names(main.data, main.name.endswith(".glb"))
     if len(others) >= _limits.upload_files_max:
         raise errors.InvalidError(f"names {len(others)} files; pack it into one .glb",
                                   "FILE_INVALID")

@@ -69,6 +69,23 @@ TEST_CASE("text that is not a JSON object, or nested too deeply, is refused with
     CHECK(!names_of("{\"a\":" + std::string(64, '[') + std::string(64, ']') + "}"));
 }
 
+TEST_CASE("a file that is no glTF says what it is instead") {
+    const auto why = [](const std::string& text, bool is_glb = true) {
+        return client::why_no_gltf(std::as_bytes(std::span(text)), is_glb);
+    };
+    const std::string pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:1\n";
+    CHECK(why(pointer) == "is a Git LFS pointer, not the file itself: run git lfs pull");
+    CHECK(why(pointer, false) == why(pointer));
+    CHECK(why("\x89PNG\r\n\x1A\n1234") ==
+          "is no GLB file: it begins with the bytes 89 50 4e 47 0d 0a 1a 0a");
+    CHECK(why("<!DOCTYPE html>\n<html>") == "is no GLB file: it begins with '<!DOCTYPE html>'");
+    CHECK(why("{\"asset\":{}}") ==
+          "is no GLB file: it begins with '{\"asset\":{}}'; name a file of JSON .gltf");
+    CHECK(why("") == "is empty");
+    CHECK(why("x", false).empty());
+    CHECK(why(glb("")).empty());
+}
+
 TEST_CASE("the client accepts the same URIs as the daemon") {
     std::ifstream table(RAYNEST_SOURCE_DIR "/tests/golden/gltf_uris.json");
     const auto cases = nlohmann::json::parse(table);

@@ -66,5 +66,5 @@ TEST_CASE("the alpha of COLOR_0 is kept") {
     const auto scene = must_describe(writer.glb(
         R"("meshes":[{"primitives":[{"attributes":{"POSITION":0,"COLOR_0":1}}]}],"nodes":[{"mesh":0}])"));
     CHECK(scene.objects[0].geometries[0].colours ==
-          std::vector<std::uint8_t>{10, 20, 30, 0, 40, 50, 60, 128, 70, 80, 90, 255});
+          std::vector<std::uint8_t>{56, 79, 96, 0, 110, 122, 133, 128, 143, 152, 160, 255});
 }

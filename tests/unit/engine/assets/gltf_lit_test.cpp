@@ -203,7 +203,7 @@ TEST_CASE("lights that make no sense are left out or mended, each with a line") 
     // A node without a size has no direction for its light; a light that is not there is none.
     CHECK(warns_of(lit("{}", R"({"type":"point"})",
                        R"({"scale":[0,0,0],"extensions":{"KHR_lights_punctual":{"light":0}}})"),
-                   "without a usable pose"));
+                   "its light is left out, because it has no direction"));
     CHECK(warns_of(lit("{}", R"({"type":"point"})",
                        R"({"extensions":{"KHR_lights_punctual":{"light":5}}})"),
                    "a light that does not exist"));

@@ -225,7 +225,7 @@ TEST_CASE("coordinates that no tree can hold are refused with their count") {
     }
     SceneDescription far = tree_scene();
     far.objects[2].instances[0].transform = scaling(1e16F, 1, 1);
-    CHECK(mentions(error_of(far), "'root' has 1 instances"));
+    CHECK(mentions(error_of(far), "instance 0 ('first') of object 'root' reaches beyond 1e15"));
 }
 
 TEST_CASE("inconsistent descriptions are refused") {

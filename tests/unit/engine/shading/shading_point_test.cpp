@@ -1,0 +1,108 @@
+// What shading sees of a hit: normals of normal textures, and colours of vertices.
+#include "engine/scene/texture_levels.h"
+#include "engine/shading/placement.h"
+#include "engine/shading/shading_point.h"
+#include "tests/unit/engine/small_scenes.h"
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+
+using namespace raynest;
+
+namespace {
+
+/// A square that faces +z, in the middle of which one texel gives the normal.
+SceneDescription bumpy_square(bool has_tangents, const Transform& placement) {
+    SceneDescription scene;
+    scene.images.push_back({1, 1, {127, 77, 207, 255}});
+    scene.textures.push_back({0});
+    scene.textures[0].linear = true;
+    scene.materials.resize(1);
+    scene.materials[0].surface.normal.texture = 0;
+    scene.objects.resize(2);
+    GeometryDescription square = test::unit_square(0);
+    // v runs down the picture.
+    for (Vec2& st : square.texcoords[0]) st.y = 1 - st.y;
+    square.normals.assign(4, {0, 0, 1});
+    if (has_tangents) square.tangents.assign(4, {1, 0, 0, 1});
+    scene.objects[0].geometries = {square};
+    scene.objects[1].instances = {test::place(0, placement)};
+    scene.root = 1;
+    return scene;
+}
+
+/// Places the scene's root once more.
+SceneDescription nested(SceneDescription scene, const Transform& placement) {
+    scene.objects.emplace_back().instances = {test::place(scene.root, placement)};
+    scene.root = static_cast<std::uint32_t>(scene.objects.size() - 1);
+    return scene;
+}
+
+/// Shades the middle of the first triangle, seen along -z in the world.
+ShadingPoint seen(const SceneDescription& description) {
+    const auto scene = test::build_scene(description);
+    HitRecord hit;
+    hit.hit = 1;
+    hit.triangle = hit.object = 0;
+    hit.path = 0;
+    hit.u = hit.v = 1.0F / 3;
+    Placement placement;
+    placement.set(scene->view(), 0);
+    Ray ray;
+    ray.direction = {0, 0, -1};
+    const Vec3 normal(glm::normalize(placement.normal({0, 0, 1})));
+    const TextureTable table(scene->shading());
+    TextureBatch batch(table);
+    UnfinishedPoint point;
+    begin_point(scene->shading(), ray, hit, normal, 1, 1e-3F, placement, batch, point);
+    batch.run();
+    ShadingPoint shaded = finish_point(point);
+    shaded.surface = nullptr;  // it goes with the scene
+    return shaded;
+}
+
+Vec3 normal_of(const SceneDescription& description) {
+    return seen(description).frame.z;
+}
+
+}  // namespace
+
+TEST_CASE("a placement that mirrors mirrors what a normal texture shows, with tangents or without") {
+    const Transform plain{}, mirror = test::scaling(-1, 1, 1), high = test::scaling(1, 1, -1);
+    for (const bool has_tangents : {false, true}) {
+        CAPTURE(has_tangents);
+        const Vec3 n = normal_of(bumpy_square(has_tangents, plain));
+        CHECK(n.x == doctest::Approx(0).epsilon(0.01));
+        CHECK(n.y == doctest::Approx(-0.54).epsilon(0.02));
+        const auto check = [&](const SceneDescription& scene, const Vec3& expected) {
+            CHECK(glm::length(normal_of(scene) - expected) < 1e-5F);
+        };
+        const Vec3 across(-n.x, n.y, n.z);
+        check(bumpy_square(has_tangents, mirror), across);
+        check(nested(bumpy_square(has_tangents, mirror), plain), across);
+        check(nested(bumpy_square(has_tangents, plain), mirror), across);
+        check(nested(bumpy_square(has_tangents, mirror), mirror), n);
+        // The square's back, with the bumps where they were.
+        const ShadingPoint back = seen(bumpy_square(has_tangents, high));
+        CHECK_FALSE(back.front);
+        CHECK(glm::length(back.frame.z - Vec3(-n.x, -n.y, n.z)) < 1e-5F);
+    }
+}
+
+TEST_CASE("colours of vertices are stored on sRGB's curve and mixed in linear light") {
+    SceneDescription scene = bumpy_square(false, Transform{});
+    const auto grey = [&](float a, float b, float c) {
+        auto& colours = scene.objects[0].geometries[0].colours;
+        colours.clear();
+        for (const float x : {a, b, c, 0.0F}) {
+            colours.insert(colours.end(), 3, srgb_byte(x));
+            colours.push_back(255);
+        }
+        return seen(scene).material.base_colour.y;
+    };
+    for (const float dark : {0.0018F, 0.003F, 0.0059F})
+        CHECK(std::abs(grey(dark, dark, dark) - dark) < 0.0002F);
+    CHECK(grey(1, 1, 1) == doctest::Approx(1));
+    CHECK(grey(0, 0.5F, 1) == doctest::Approx(0.5).epsilon(0.01));
+}
