@@ -17,6 +17,8 @@ namespace raynest::client {
 namespace {
 
 constexpr std::uint32_t lit_samples = 16;
+/// Most samples of a picture that ends where its error is small enough.
+constexpr std::uint32_t noise_samples = 1024;
 constexpr std::uint64_t environment_bytes_max = 512ULL << 20;
 /// Time for encoding and sending, after which a daemon that is late counts as lost.
 constexpr std::chrono::minutes grace{10};
@@ -63,7 +65,7 @@ Result<FilmFile> read_film_file(std::span<const std::byte> bytes, const std::str
     auto texts = read_exr_texts(bytes);
     if (!texts) return fail(Exit::invalid, name + ": " + texts.error().message);
     FilmFile film{std::move(*texts)};
-    if (!film.value("integrator").empty()) return film;
+    if (is_lit(film.value("integrator"))) return film;
     return fail(Exit::invalid, name +
                                    ": is no lit picture of raynest: make one with raynest render "
                                    "SCENE --integrator path -o FILE.exr");
@@ -113,7 +115,8 @@ Result<std::unique_ptr<wire::CameraT>> read_camera(const FilmFile& film, const s
 Result<void> fill_film(const RenderOptions& options, wire::RenderT& request, FilmFiles& files) {
     const bool lit = is_lit(options.integrator);
     request.integrator = options.integrator;
-    request.samples = options.samples != 0 ? options.samples : lit ? lit_samples : 1;
+    const std::uint32_t own = !lit ? 1 : options.noise > 0 ? noise_samples : lit_samples;
+    request.samples = options.samples != 0 ? options.samples : own;
     request.seed = options.seed;
     request.depth = options.depth;
     request.ao_distance = options.ao_distance;
@@ -170,7 +173,12 @@ Result<wire::RenderT> resumed_film(const ResumeOptions& options, FilmFiles& file
     request.camera = std::move(*camera);
 
     std::string environment = film->value("environment");
-    if (environment == "picture") environment = options.environment;
+    const std::string& asked = options.environment;
+    if (environment == "picture")
+        environment = asked;
+    else if (!environment.empty() && !asked.empty() && asked != environment)
+        return fail(Exit::usage, options.file + " was lit with --env " + environment +
+                                     ", not " + asked + ": leave --env out");
     if (environment.empty())
         return fail(Exit::usage, options.file + " was lit by a picture: pass it with --env");
     if (auto set = set_environment(environment, request, files); !set)

@@ -25,11 +25,11 @@ inline void add_render(CLI::App& app, RenderOptions& render) {
                "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
     add_detach(app, render.job, &render.output);
     app.add_option("--integrator", render.integrator,
-                   "primary (base colours, one ray per pixel) | ao (open or hidden from the sky) | "
+                   "primary (base colour, darker where it turns away; one ray per pixel) | ao (open or hidden from the sky) | "
                    "direct (lights and shadows) | path (all light)");
     add_whole(app, "--spp,--samples", render.samples, 1U,
               static_cast<std::uint32_t>(limits.samples_max),
-              "samples per pixel (16; primary has 1)");
+              "samples per pixel (16, with --noise 1024; primary has 1)");
     add_whole(app, "--seed", render.seed, std::uint64_t{0}, any_whole,
               "seed of the random numbers (0)");
     add_whole(app, "--depth", render.depth, 1U, static_cast<std::uint32_t>(limits.bounces_max),
@@ -81,7 +81,7 @@ inline void add_resume(CLI::App& app, ResumeOptions& resume) {
               "samples per pixel in the end; the file has the bytes of render with as many")
         ->required();
     add_output(app, resume.output, {".exr"}, "FILE.exr (the file itself is replaced)");
-    app.add_option("--scene", resume.scene, "name of the scene, where it is loaded under another");
+    app.add_option("--scene", resume.scene, "FILE or scene that the picture was made of, where it is not loaded under its name");
     add_environment(app, resume.environment);
     add_progressive(app, resume.progressive);
     add_deadline(app, resume.deadline, "take the picture as it is after so many seconds");

@@ -25,7 +25,9 @@ std::string percent(const Json& share) {
 std::string name_text(const Json& row) {
     const Json& name = row.at("name");
     if (!name.is_string()) return "(none)";
-    return name.get<std::string>().empty() ? "(without a name)" : name.get<std::string>();
+    if (!name.get<std::string>().empty()) return name.get<std::string>();
+    // As raynest info --meshes calls it.
+    return row.contains("index") ? "#" + row.at("index").dump() : "(without a name)";
 }
 
 /// Rows, what they leave out, and what belongs to none: 100 % together.
@@ -65,6 +67,7 @@ void print_findings(const Json& findings, std::ostream& to) {
            << finding.at("unit").get<std::string>() << ", should not be "
            << finding.at("side").get<std::string>() << ' '
            << formatted("%.3g", finding.at("threshold").get<double>()) << "; "
+           << percent(finding.at("share")) << " of all work; "
            << finding.at("remedy").get<std::string>() << '\n';
     }
 }

@@ -26,7 +26,7 @@ h1 { font-size: 1.5rem; margin: 0 0 .5rem; } h2 { font-size: 1.1rem; margin: 2re
 code { font: 13px/1.5 ui-monospace, monospace; overflow-wrap: anywhere; }
 .command { border: 1px solid var(--line); border-radius: 6px; padding: .5rem .75rem; }
 .pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(28rem, 1fr)); gap: 1rem; }
-figure { margin: 0; } img { max-width: 100%; height: auto; display: block; border-radius: 4px; }
+figure { margin: 0; } .pair figure:first-child img { background: #767676; } img { max-width: 100%; height: auto; display: block; border-radius: 4px; }
 figcaption, .faint { color: var(--faint); font-size: .9rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; width: 100%; }
@@ -99,6 +99,13 @@ private:
                (heat_.at("count") == "necessary" ? ", necessary only" : "");
     }
 
+    /// Ends the headings of what a difference has of its first scene only.
+    std::string alone() const {
+        return differs_ ? " (" + text(heat_.at("scene")) + " epoch " + text(heat_.at("epoch")) +
+                              ", " + text(heat_.at("intersector")) + " alone)"
+                        : "";
+    }
+
     void row(std::string_view name, const std::string& value) {
         page_ += "<dt>" + std::string(name) + "</dt><dd>" + value + "</dd>\n";
     }
@@ -164,7 +171,7 @@ private:
     }
 
     void findings() {
-        page_ += "<h2>Diagnosis</h2>\n";
+        page_ += "<h2>Diagnosis" + alone() + "</h2>\n";
         const Json& findings = report_.ranking.at("findings");
         if (findings.empty()) page_ += "<p>Nothing found.</p>\n";
         page_ += findings.empty() ? "" : "<ul>\n";
@@ -176,7 +183,8 @@ private:
                      (subject.empty() ? "" : " in " + subject) + ": " +
                      formatted("%.3g", finding.at("figure").get<double>()) + " " +
                      text(finding.at("unit")) + ", should not be " + text(finding.at("side")) +
-                     formatted(" %.3g", finding.at("threshold").get<double>()) + ". Remedy: " +
+                     formatted(" %.3g", finding.at("threshold").get<double>()) + ". " +
+                     percent(finding.at("share")) + " of all work. Remedy: " +
                      text(finding.at("remedy")) + ".</li>\n";
         }
         page_ += findings.empty() ? "" : "</ul>\n";
@@ -193,13 +201,14 @@ private:
     void table(const char* title, const char* key, const char* remainder) {
         const Json& part = report_.ranking.at(key);
         if (part.at("rows").empty()) return;
-        page_ += std::string("<h2>") + title +
+        page_ += std::string("<h2>") + title + alone() +
                  "</h2>\n<div class=\"scroll\"><table>\n<tr><th>Name</th><th>Share of work</th>"
                  "<th>Wasted</th><th>Work per ray</th><th>Rays</th></tr>\n";
         for (const Json& row : part.at("rows")) {
             const Json& name = row.at("name");
             std::string words = name.is_null() ? "(none)" : text(name);
-            if (words.empty()) words = "(without a name)";
+            if (words.empty())
+                words = row.contains("index") ? "#" + row.at("index").dump() : "(without a name)";
             if (row.contains("mesh") && row.at("mesh") != name)
                 words += " <span class=\"faint\">of mesh " + text(row.at("mesh")) + "</span>";
             page_ += "<tr><td>" + words + "</td><td>" + percent(row.at("share")) + "</td><td>" +
@@ -217,7 +226,8 @@ private:
     }
 
     void statistics() {
-        page_ += "<h2>Counters per ray</h2>\n<div class=\"scroll\"><table>\n<tr><th>Metric</th>"
+        page_ += std::string("<h2>Counters per ray") + (differs_ ? ", difference" : "") +
+                 "</h2>\n<div class=\"scroll\"><table>\n<tr><th>Metric</th>"
                  "<th>min</th><th>mean</th><th>p50</th><th>p90</th><th>p99</th><th>max</th></tr>\n";
         for (const auto& [metric, row] : heat_.at("statistics").items()) {
             page_ += "<tr><td>" + escape_html(metric) + "</td><td>" +

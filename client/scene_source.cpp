@@ -81,9 +81,15 @@ bool is_source(const std::string& scene) {
     if (has_scheme(scene)) return true;
     const std::string ending = extension_of(scene);
     if (ending == ".glb" || ending == ".gltf" || ending == ".npy") return true;
+    std::error_code ignored;
+    // Files of other programs: gather() says how to convert them.
+    constexpr std::array foreign = {".3ds", ".abc", ".blend", ".dae",  ".fbx",  ".obj",
+                                    ".ply", ".stl", ".usd",   ".usda", ".usdc", ".usdz"};
+    if (std::ranges::find(foreign, ending) != foreign.end() &&
+        std::filesystem::exists(scene, ignored))
+        return true;
     // A pipe of the shell, <(command), has no ending. A word without a slash is a scene's name even
     // where the folder happens to hold a file of that name.
-    std::error_code ignored;
     return scene.find('/') != std::string::npos && std::filesystem::exists(scene, ignored);
 }
 

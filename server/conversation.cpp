@@ -5,6 +5,7 @@
 #include "server/log.h"
 
 #include <algorithm>
+#include <chrono>
 #include <exception>
 #include <new>
 #include <utility>
@@ -14,6 +15,8 @@ namespace {
 
 /// Minimum window: it holds the answer of one ray with 256 hits and all columns.
 constexpr std::uint64_t window_bytes_min = 64ULL << 10;
+/// Time for a Fetch after a Wait, while the daemon ends.
+constexpr std::chrono::seconds fetch_time{2};
 
 /// An administrator reads at `info` who was kept from what, and at `error` what went wrong here.
 LogLevel level_of(Code refusal) {
@@ -203,7 +206,9 @@ void Conversation::start(const Request& request, const protocol::Frame& frame) {
         for (protocol::Frame& reply : *frames) sink_.send(std::move(reply));
         return;
     }
-    if (draining_) return refuse_request(id, {Code::draining, "", 0});
+    JobSubmission accepted = std::move(std::get<JobSubmission>(*answer));
+    const bool fetches = accepted.kind == "fetch";
+    if (draining_ && !fetches) return refuse_request(id, {Code::draining, "", 0});
     if (jobs() >= services_.limits.jobs_max) {
         ++services_.metrics.jobs_refused;
         return refuse_request(id, {Code::quota,
@@ -213,7 +218,7 @@ void Conversation::start(const Request& request, const protocol::Frame& frame) {
                                        "; wait for one of them, or open another connection",
                                    0});
     }
-    JobSubmission accepted = std::move(std::get<JobSubmission>(*answer));
+    waited_ = !fetches && (waited_ || accepted.kind == "wait");
     if (accepted.detach) {
         if (const auto detached = detach(id, std::move(accepted)); !detached)
             refuse_request(id, detached.error());
@@ -309,7 +314,18 @@ void Conversation::drain() {
 
 void Conversation::settle() {
     release_inputs();
-    if (draining_ && jobs() == 0) close_with_error({Code::draining, "", 0});
+    if (jobs() != 0) return;
+    if (!draining_) {
+        waited_ = false;
+        return;
+    }
+    // A client that has waited for a job may still ask for its answer.
+    if (waited_) {
+        const Clock::time_point now = Clock::now();
+        fetch_until_ = std::min(fetch_until_, now + fetch_time);
+        if (now < fetch_until_) return;
+    }
+    close_with_error({Code::draining, "", 0});
 }
 
 }  // namespace raynest::server

@@ -93,6 +93,8 @@ private:
     std::map<std::uint64_t, DetachedJobs::Pointer> feeding_;
     bool greeted_ = false;
     bool draining_ = false;
+    bool waited_ = false;  ///< a Wait was sent and no Fetch since
+    Clock::time_point fetch_until_ = Clock::time_point::max();
     bool closing_ = false;
 };
 

@@ -340,8 +340,6 @@ void Daemon::begin_to_drain() {
     notify("STOPPING=1");
     drain_deadline_ = Clock::now() + std::chrono::milliseconds(limits_.drain_ms_max);
     for (const auto& listener : listeners_) listener->close();
-    // Stop detached jobs: no client could fetch their answers any more.
-    detached_.stop_running();
     connections_.drain();
     // The HTTP port stays open until the end: /readyz tells that the daemon drains.
     site_.drain();
@@ -350,6 +348,8 @@ void Daemon::begin_to_drain() {
 
 void Daemon::look_drained() {
     peers_.dismiss();
+    // Ends connections that had time to fetch an answer.
+    connections_.drain();
     // Count jobs of closed connections too: their tasks still use members of the daemon.
     const bool drained = connections_.empty() && admission_.active() == 0;
     if (drained && !cut_short_) return io_.stop();
@@ -359,7 +359,10 @@ void Daemon::look_drained() {
         log(LogLevel::warn, "drain_took_too_long", {{"jobs", std::to_string(admission_.active())}});
         cut_short_ = true;
         drain_deadline_ = Clock::now() + last_words_time;
-        connections_.close_with_error({Code::draining, "", 0});
+        detached_.stop_running();
+        connections_.close_with_error(
+            {Code::draining,
+             "the daemon is shutting down and this had not ended: start it again when it is back", 0});
     }
     drain_timer_.expires_after(drain_look);
     drain_timer_.async_wait([this](const SystemError& error) {

@@ -7,6 +7,7 @@
 #include "client/picture.h"
 #include "client/query.h"
 
+#include <cstdint>
 #include <functional>
 #include <span>
 #include <string>
@@ -14,7 +15,9 @@
 
 namespace raynest::client {
 
-Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture);
+/// `samples`: as many per pixel as were asked for; 0: unknown.
+Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture,
+                            std::uint32_t samples = 0);
 /// `checks` are what became of the limits of --fail-if; an exceeded one gives exit code 9.
 Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture,
                              std::span<const Verdict> checks = {});

@@ -164,6 +164,9 @@ Result<void> complete(Context& context, HeatmapOptions& options) {
 }  // namespace
 
 Result<void> run(Context& context, const HeatmapOptions& asked) {
+    if (asked.top != 0 && asked.difference && !is_report(asked.output))
+        return fail(Exit::usage, "--top ranks the work of one scene and --diff compares two: leave one "
+                                 "of them out");
     if (asked.top != 0 && asked.output.empty() && asked.fail_if.empty())
         return rank(context, asked);
     HeatmapOptions options = asked;

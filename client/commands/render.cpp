@@ -34,7 +34,7 @@ Result<void> render_one(Context& context, const RenderOptions& options) {
         print_detached(context, picture->outcome);
         return {};
     }
-    return deliver_render(context, options.output, std::move(*picture));
+    return deliver_render(context, options.output, std::move(*picture), request.samples);
 }
 
 }  // namespace
@@ -59,7 +59,8 @@ Result<void> run(Context& context, const RenderOptions& options) {
     return {};
 }
 
-Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture) {
+Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture,
+                            std::uint32_t samples) {
     if (auto written = write_picture(output, picture); !written) return written;
 
     print_notes(picture.outcome);
@@ -68,11 +69,13 @@ Result<void> deliver_render(Context& context, const std::string& output, Receive
     else
         summary_of(output) << picture_text(output, picture) << '\n';
     if (!picture.outcome.incomplete) return {};
-    return fail(Exit::partial, output + " has " + std::to_string(picture.outcome.samples) +
-                                   " samples per pixel, fewer than it was asked for" +
-                                   (picture.encode == "exr"
-                                        ? "; raynest resume adds the others, once it is done"
-                                        : ""));
+    std::string text = output + " has fewer samples than ";
+    text += samples == 0 ? "were asked for"
+                         : "the " + std::to_string(samples) + " per pixel that were asked for";
+    if (picture.encode == "exr" && !is_stdout(output))
+        text += "; raynest resume " + output + " --spp " +
+                (samples == 0 ? "N" : std::to_string(samples)) + " adds the others";
+    return fail(Exit::partial, std::move(text));
 }
 
 }  // namespace raynest::client

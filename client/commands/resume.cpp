@@ -19,8 +19,14 @@ Result<void> run(Context& context, const ResumeOptions& options) {
         };
     auto picture = run_film(context.connection, context.progress, *request, files, write_pass);
     context.progress.clear();
+    const auto unknown = static_cast<std::uint32_t>(protocol::Code::scene_unknown);
+    if (!picture && picture.error().code == unknown && options.scene.empty())
+        return fail(picture.error().exit,
+                    options.file + " was made of '" + request->job->scene +
+                        "', which is not loaded: name the file or the scene that it was made of "
+                        "with --scene");
     if (!picture) return tl::unexpected<Failure>(picture.error());
-    return deliver_render(context, output, std::move(*picture));
+    return deliver_render(context, output, std::move(*picture), options.samples);
 }
 
 }  // namespace raynest::client

@@ -51,6 +51,10 @@ Value percentile(std::vector<Value>& values, std::uint64_t percent) {
     return *at;
 }
 
+/// Where less than one pixel in a hundred differs, its 99th percentile is near zero and hides how much
+/// it differs: below this share of the largest distance, only the pixels that differ count.
+constexpr double reach_share_min = 0.01;
+
 /// Ends of the range that a word asks for: the largest value, or the 99th percentile; of
 /// differences those of the distances from zero.
 struct Reach {
@@ -67,6 +71,10 @@ Reach reach_of(std::span<const Value> values, const HeatStatistics& statistics) 
         for (const Value value : values) distances.push_back(std::abs(std::int64_t{value}));
         reach.most = static_cast<double>(std::max(-statistics.min, statistics.max));
         if (!distances.empty()) reach.p99 = static_cast<double>(percentile(distances, 99));
+        if (reach.p99 < reach_share_min * reach.most) {
+            std::erase(distances, 0);
+            reach.p99 = static_cast<double>(percentile(distances, 99));
+        }
     }
     return reach;
 }

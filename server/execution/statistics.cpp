@@ -61,7 +61,8 @@ wire::DoneT JobStatistics::done(const Plan& plan, const ChunkQueue& queue) const
     message.truncated = truncated_;
     message.invalid = invalid_;
     if (message.invalid != 0) message.first_invalid = first_invalid_;
-    message.seconds = seconds(last_ - first_);
+    // A job may end without an answered chunk, as a picture whose samples are all there.
+    message.seconds = seconds(std::max<Ticks>(last_, first_) - first_);
     message.queued_seconds = seconds(first_);
     const std::uint32_t ran = traversals_;
     if (ran != 0) {

@@ -7,7 +7,9 @@
 #include "server/jobs/dispatched_task.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <cstdio>
 #include <cstring>
 #include <utility>
 
@@ -57,6 +59,13 @@ private:
     }
     RayCaster& base_;
 };
+
+/// Returns a number of three digits.
+std::string rounded(double number) {
+    std::array<char, 32> text{};
+    std::snprintf(text.data(), text.size(), "%.3g", number);
+    return text.data();
+}
 
 std::uint64_t tiles_of(const PictureRequest& request) {
     return FilmTiles({request.width, request.height}, 1, 0).count();
@@ -414,6 +423,25 @@ void FilmJob::complete(wire::DoneT& done) const {
     if (integrator_ == nullptr) return;
     for (const std::string& note : integrator_->notes())
         done.notes.push_back(clean_text(note, services_.limits.text_bytes_max));
+    if (done.incomplete) {
+        std::uint64_t samples = 0;
+        for (std::uint64_t tile = 0; tile < tiles_.count(); ++tile)
+            samples += tiles_.pixels(tile) * tiles_.taken(tile);
+        done.notes.push_back("pixels have " + std::to_string(tiles_.fewest()) + " to " +
+                             std::to_string(tiles_.most()) + " of " +
+                             std::to_string(options_.samples) + " samples, " +
+                             rounded(static_cast<double>(samples) /
+                                     static_cast<double>(request().pixels())) +
+                             " on average");
+    } else if (const std::uint64_t noisy = tiles_.noisy(); noisy != 0) {
+        done.notes.push_back("the error is still above `noise` " +
+                             rounded(static_cast<double>(options_.noise)) + " in " +
+                             std::to_string(noisy) + " of " + std::to_string(tiles_.count()) +
+                             " parts of the picture, " +
+                             rounded(static_cast<double>(tiles_.noise())) +
+                             " in all of it: ask for more `samples` than " +
+                             std::to_string(options_.samples));
+    }
     if (done.dropped != 0)
         done.notes.push_back(std::to_string(done.dropped) +
                              " samples were not finite and count for nothing; the layer dropped "

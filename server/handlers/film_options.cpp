@@ -245,11 +245,19 @@ Reply<void> read_film(std::span<const std::byte> file, std::span<const Attribute
             return refuse(Code::invalid_field, "the EXR to continue has no attribute " +
                                                    wanted.name + ": it is no lit picture of "
                                                                  "RayNest's");
-        if (*found != wanted.value)
+        if (*found == wanted.value) continue;
+        if (wanted.name == "raynest:hash")
             return refuse(Code::invalid_field,
-                          "the EXR to continue was made with " + wanted.name.substr(8) + " '" +
-                              protocol::clean_text(*found, 256) + "', the request has '" +
-                              wanted.value + "'");
+                          "the EXR to continue was made of another scene, or the scene has changed "
+                          "since: its hash " + protocol::clean_text(*found, 64) + " is now " +
+                              wanted.value);
+        if (wanted.name == "raynest:environment_hash")
+            return refuse(Code::invalid_field,
+                          "the EXR to continue was lit by another picture than `environment` names");
+        return refuse(Code::invalid_field,
+                      "the EXR to continue was made with " + wanted.name.substr(8) + " '" +
+                          protocol::clean_text(*found, 256) + "', the request has '" +
+                          wanted.value + "'");
     }
     std::array<ChannelType, film_layers> types;
     for (std::size_t i = 0; i < film_layers; ++i)

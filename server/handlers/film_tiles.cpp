@@ -102,6 +102,14 @@ std::uint64_t FilmTiles::settled() const {
     return sum;
 }
 
+std::uint64_t FilmTiles::noisy() const {
+    if (noise_ <= 0) return 0;
+    std::uint64_t count = 0;
+    for (std::uint64_t tile = 0; tile < count_; ++tile)
+        count += !states_[tile].stopped && taken(tile) >= samples_ ? 1 : 0;
+    return count;
+}
+
 float FilmTiles::noise() const {
     double squares = 0;
     double light = 0;

@@ -50,6 +50,8 @@ public:
     /// Samples of all pixels that are made, or will not be because a tile has stopped.
     [[nodiscard]] std::uint64_t settled() const;
     [[nodiscard]] std::uint64_t total() const { return size_.pixels() * samples_; }
+    /// Tiles that have all their samples while their error is above `noise`.
+    [[nodiscard]] std::uint64_t noisy() const;
     /// Estimated relative error of the picture; 0 while it is unknown.
     [[nodiscard]] float noise() const;
 

@@ -227,7 +227,7 @@ private:
                                   statistics_, options_)
                    : heat_picture(payload.width, payload.height, counts, statistics_, options_);
         if (!picture) return tl::unexpected(picture.error());
-        auto file = encode_png(picture->width, picture->height, picture->rgba);
+        auto file = encode_png(picture->width, picture->height, picture->rgba, heat_attributes());
         if (!file) return tl::unexpected(file.error());
         return Payload{picture->width, picture->height, std::move(*file)};
     }
@@ -271,6 +271,11 @@ private:
                 channels.push_back({names[m], {}, counts_of(metrics_[m])});
             }
         }
+        return encode_exr(request().width, request().height, channels, heat_attributes());
+    }
+
+    /// Returns what made the map, for the header of its file.
+    [[nodiscard]] std::vector<Attribute> heat_attributes() const {
         auto attributes = provenance();
         attributes.push_back({"raynest:metric", options_.metric});
         attributes.push_back({"raynest:count", options_.count});
@@ -287,7 +292,7 @@ private:
             attributes.push_back({"raynest:other_settings", text(settings_text(other))});
             attributes.push_back({"raynest:other_mask", std::to_string(other.mask)});
         }
-        return encode_exr(request().width, request().height, channels, attributes);
+        return attributes;
     }
 
     /// Returns the range as the option `range` takes it.
@@ -350,10 +355,15 @@ std::uint32_t levels_of(const Plan& plan) {
 
 /// Returns a line that says what is subtracted from what.
 std::string difference_note(const Plan& plan, const Plan& other) {
-    const auto words = [](const Plan& of) {
-        std::string text = "'" + of.scene.name + "' with " + of.variant->name;
+    const bool same_scene = plan.scene.name == other.scene.name;
+    const auto words = [&](const Plan& of) {
+        std::string text = "'" + of.scene.name + "'";
+        if (same_scene && plan.scene.epoch != other.scene.epoch)
+            text += " epoch " + std::to_string(of.scene.epoch);
+        text += " with " + std::string(of.variant->name);
         const std::string settings = settings_text(of, false);
         if (!settings.empty()) text.append(" ").append(settings);
+        if (plan.mask != other.mask) text += " mask " + mask_text(of.mask);
         return text;
     };
     return "the difference is the cost of " + words(plan) + " less that of " + words(other);

@@ -8,6 +8,8 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <cstdio>
+#include <span>
 #include <sstream>
 #include <utility>
 
@@ -44,6 +46,15 @@ Reply<PictureRequest> make_checked(const Services& services, const Caller& calle
                           ", or start raynestd with a larger --memory");
     request.lease = std::move(*lease);
     return request;
+}
+
+/// True if the request's mask shares no bit with any instance of the scene.
+bool mask_hides_all(const Plan& plan) {
+    const SceneView& view = plan.scene.snapshot().view();
+    const std::span instances(view.instances, view.instance_count);
+    return !instances.empty() && std::ranges::none_of(instances, [&](const InstanceRecord& one) {
+        return (one.mask & plan.mask) != 0;
+    });
 }
 
 }  // namespace
@@ -91,6 +102,12 @@ std::string settings_text(const Plan& plan, bool all) {
             .append(std::string_view(digits.data(), static_cast<std::size_t>(end - digits.data())));
     }
     return text;
+}
+
+std::string mask_text(std::uint32_t mask) {
+    std::array<char, 16> digits{};
+    std::snprintf(digits.data(), digits.size(), "%08X", static_cast<unsigned>(mask));
+    return digits.data();
 }
 
 std::string smaller_picture(std::string_view encode) {
@@ -152,20 +169,24 @@ bool PictureJob::finished() const {
 Frames PictureJob::farewell() {
     wire::DoneT message = done();
     complete(message);
-    if (std::string line = hint(); !line.empty()) message.notes.push_back(std::move(line));
+    if (std::string line = hint(message.rays); !line.empty()) message.notes.push_back(std::move(line));
     Frames frames;
     frames.push_back(*protocol::encode(id_, message));
     return frames;
 }
 
-std::string PictureJob::hint() const {
+std::string PictureJob::hint(std::uint64_t rays) const {
     const Snapshot& scene = plan_.scene.snapshot();
     const auto line = [&](const std::string& sees) {
         return clean_text("camera '" + request_.camera.name + "' sees " + sees,
                           services_.limits.text_bytes_max);
     };
     if (scene.bounds().is_empty()) return line("nothing: the scene is empty");
+    // A picture that was continued or cut short may have traced a few of its pixels only.
+    if (rays < request_.pixels()) return {};
     const bool nothing = statistics_.hits() == 0;
+    if (nothing && mask_hides_all(plan_))
+        return line("nothing: no instance shares a bit with `mask` " + mask_text(plan_.mask));
     // True if all rays hit, more than 99 % of them a back side, as from inside a closed surface.
     const bool backs = plan_.query == query_closest && statistics_.hits() == request_.rays() &&
                        backs_ > request_.rays() / 100 * 99;

@@ -40,6 +40,8 @@ struct PictureRequest {
 /// Returns the parameters of a plan's intersector as name=value, joined by blanks: all of them, or
 /// those that differ from their initial value.
 [[nodiscard]] std::string settings_text(const Plan& plan, bool all = true);
+/// Returns a mask as messages show it: 00000001.
+[[nodiscard]] std::string mask_text(std::uint32_t mask);
 
 /// Checks the word of a file's encoding: png, exr or raw.
 Reply<std::string> check_encode(std::string_view word);
@@ -132,7 +134,8 @@ private:
                                            const Chunk& rest) const override;
     Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override;
     /// Returns a note for a user whose camera sees nothing or only backs of surfaces; else empty.
-    [[nodiscard]] std::string hint() const;
+    /// `rays`: as many as were traced.
+    [[nodiscard]] std::string hint(std::uint64_t rays) const;
 
     const PictureRequest request_;
     const Sensor sensor_;

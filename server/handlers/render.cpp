@@ -3,6 +3,7 @@
 #include "engine/integrators/picture.h"
 #include "server/handlers/film_job.h"
 #include "server/handlers/handler.h"
+#include "server/handlers/idle_options.h"
 #include "server/handlers/picture_job.h"
 
 #include <array>
@@ -28,7 +29,8 @@ std::uint64_t payload_bytes_max(std::uint32_t width, std::uint32_t height,
 }
 
 Result<std::vector<std::byte>> encode_linear_exr(std::uint32_t width, std::uint32_t height,
-                                                 std::span<const Vec4> pixels) {
+                                                 std::span<const Vec4> pixels,
+                                                 std::span<const Attribute> attributes) {
     constexpr std::array<std::string_view, 4> names = {"R", "G", "B", "A"};
     std::array<std::vector<float>, 4> planes;
     std::array<Channel, 4> channels;
@@ -39,7 +41,7 @@ Result<std::vector<std::byte>> encode_linear_exr(std::uint32_t width, std::uint3
         for (const Vec4& pixel : pixels) plane.push_back(pixel[i] * (i < 3 ? pixel.w : 1));
         channels[static_cast<std::size_t>(i)] = {names[static_cast<std::size_t>(i)], plane, {}};
     }
-    return encode_exr(width, height, channels);
+    return encode_exr(width, height, channels, attributes);
 }
 
 class RenderJob final : public PictureJob {
@@ -61,15 +63,17 @@ protected:
     Reply<Payload> encode() override {
         Payload payload{request().width, request().height, {}};
         const std::span<const Vec4> pixels(pixels_.get(), request().pixels());
+        std::vector<Attribute> attributes = provenance();
+        attributes.push_back({"raynest:integrator", "primary"});
         if (request().encode == "exr") {
-            auto file = encode_linear_exr(payload.width, payload.height, pixels);
+            auto file = encode_linear_exr(payload.width, payload.height, pixels, attributes);
             if (!file) return refuse(file.error());
             payload.bytes = std::move(*file);
             return payload;
         }
         const Picture picture = to_picture(payload.width, payload.height, pixels);
         if (request().encode == "png") {
-            auto file = encode_png(picture.width, picture.height, picture.rgba);
+            auto file = encode_png(picture.width, picture.height, picture.rgba, attributes);
             if (!file) return refuse(file.error());
             payload.bytes = std::move(*file);
         } else {
@@ -90,6 +94,8 @@ Reply<Answer> render_film(const Services& services, const Caller& caller,
     if (!options) return tl::unexpected(options.error());
     auto plan = make_plan(services, caller, *message.job(), query_closest, counters_none, true);
     if (!plan) return tl::unexpected(plan.error());
+    if (std::string note = idle_options_note(message, options->integrator); !note.empty())
+        plan->notes.push_back(std::move(note));
     auto any = Plan::with(*plan, query_any, counters_none);
     if (!any) return tl::unexpected(any.error());
     const ImageSize size{message.width(), message.height()};
@@ -133,6 +139,8 @@ Reply<Answer> render(const Services& services, const Caller& caller,
         return tl::unexpected(chosen.error());
     if (message->samples() > 1)
         plan->notes.push_back("primary traces one ray per pixel, whatever `samples` says");
+    if (std::string note = idle_options_note(*message.table, integrator); !note.empty())
+        plan->notes.push_back(std::move(note));
 
     const std::string_view encode = protocol::word(message->encode(), "png");
     auto request = make_request(services, caller, std::move(*plan), message->camera(),

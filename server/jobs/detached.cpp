@@ -199,8 +199,10 @@ Reply<DetachedJobs::Pointer> DetachedJobs::find(std::uint64_t number) const {
 
 protocol::Error DetachedJobs::unknown(std::uint64_t number) const {
     return {Code::job_unknown,
-            "there is no job " + std::to_string(number) + ", or its answer was kept for " +
-                std::to_string(context_.limits.result_ms_max / 1000) + " s and is gone; see `Jobs`",
+            "there is no job " + std::to_string(number) +
+                ", or its answer is gone: one is kept for " +
+                std::to_string(context_.limits.result_ms_max / 1000) +
+                " s, and one that was fetched gives way when room is needed; see `Jobs`",
             0};
 }
 
@@ -213,7 +215,11 @@ void DetachedJobs::cancel(std::uint64_t number) {
 }
 
 void DetachedJobs::stop_running() {
-    for (const auto& [number, job] : jobs_) job->runner().fail_all({Code::draining, "", 0});
+    for (const auto& [number, job] : jobs_)
+        job->runner().fail_all({Code::draining,
+                                "job " + std::to_string(number) +
+                                    " was ended by the daemon's shutdown; start it again",
+                                0});
 }
 
 void DetachedJobs::tick(Clock::time_point now) {

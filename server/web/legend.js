@@ -11,6 +11,7 @@ export class Legend {
   #store;
   #canvas = element("canvas", { height: HEIGHT, role: "img" });
   #title = element("span", { className: "title" });
+  #key = element("span", { className: "key", id: "key" });
   #stats = element("span", { className: "stats", id: "statistics" });
   #low = element("input", { type: "number", step: "any", id: "range-low" });
   #high = element("input", { type: "number", step: "any", id: "range-high" });
@@ -34,7 +35,7 @@ export class Legend {
     for (const input of [this.#low, this.#high]) input.onchange = () => this.#typed();
     const label = (text, control) => element("label", {}, text, control);
     this.controls = element("div", { className: "row" }, this.#title, label("Palette", palette), label("Range", this.#low),
-      label("to", this.#high), p99, auto, log, label("Opacity", opacity), this.#stats);
+      label("to", this.#high), p99, auto, log, label("Opacity", opacity), this.#key, this.#stats);
     place.append(this.controls, this.#canvas);
     store.on(["palette", "range", "log", "opacity"], (state) => {
       palette.value = state.palette;
@@ -87,6 +88,9 @@ export class Legend {
     for (const control of this.controls.children) {
       control.hidden = !byValue && control !== this.#title && !control.querySelector?.("#opacity");
     }
+    this.#key.hidden = !image.view.key;
+    this.#key.replaceChildren(...(image.view.key ?? []).map(([word, colour]) =>
+      element("span", {}, element("i", { style: `background: rgb(${colour.join(" ")})` }), word.toLowerCase())));
     this.#canvas.hidden = !byValue;
     if (!byValue) return;
     const scale = this.scale, s = this.#statistics;

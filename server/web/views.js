@@ -25,18 +25,20 @@ const structure = (id, label, field, value) => ({ id, label, group: "Structure",
   value: (columns, i) => columns.t[i] === Infinity ? NaN : value(columns, i) });
 
 const OPACITIES = { OPAQUE: [86, 130, 170], MASK: [240, 150, 50], BLEND: [200, 90, 200] };
+const SIDES = { front: [86, 156, 214], back: [230, 126, 60] };
 
+/** Views of colours that mean something have a `key`: pairs of a word and its colour. */
 export const VIEWS = [
   ...counters,
-  { id: "picture", group: "Picture", label: "Picture (base colour)", render: true, fields: () => ["ng"],
+  { id: "picture", group: "Picture", label: "Picture (base colour, darker where it turns away)", render: true, fields: () => ["ng"],
     colour: (columns, i) => columns.rgba ? columns.rgba.subarray(4 * i, 4 * i + 3) : null },
   { id: "depth", group: "Geometry", label: "Depth (t)", fields: () => ["t"],
     value: (columns, i) => columns.t[i] === Infinity ? NaN : columns.t[i] },
-  { id: "normal", group: "Geometry", label: "Normals", fields: () => ["ng"],
+  { id: "normal", group: "Geometry", label: "Normals", key: [["+X", [255, 128, 128]], ["+Y", [128, 255, 128]], ["+Z", [128, 128, 255]]], fields: () => ["ng"],
     colour: ({ ng }, i) => ng[3 * i] || ng[3 * i + 1] || ng[3 * i + 2]
       ? [0, 1, 2].map((k) => Math.round(127.5 + 127.5 * ng[3 * i + k])) : BACKGROUND },
-  { id: "side", group: "Geometry", label: "Side that was hit", fields: () => ["t", "front"],
-    colour: ({ t, front }, i) => t[i] === Infinity ? BACKGROUND : front[i] ? [86, 156, 214] : [230, 126, 60] },
+  { id: "side", group: "Geometry", label: "Side that was hit", key: [["front", SIDES.front], ["back", SIDES.back]], fields: () => ["t", "front"],
+    colour: ({ t, front }, i) => t[i] === Infinity ? BACKGROUND : front[i] ? SIDES.front : SIDES.back },
   ids("placement", "One colour per placement", "path", 0xffffffffffffffffn),
   ids("inst", "One colour per instance (outermost)", "inst"),
   ids("uid", "One colour per instance (innermost)", "uid"),
@@ -50,7 +52,7 @@ export const VIEWS = [
   structure("object_triangles", "Triangles of the object", "object", (columns, i) => facts.objects[columns.object[i]]?.triangles ?? NaN),
   structure("object_depth", "Depth of the object's tree", "object", (columns, i) => facts.objects[columns.object[i]]?.height ?? NaN),
   ids("mask", "Mask of the instance", "mask", null),
-  { id: "opacity", group: "Structure", label: "Opacity (opaque, masked, blended)", fields: () => ["t", "material"],
+  { id: "opacity", group: "Structure", label: "Alpha mode (opaque, masked, blended)", key: Object.entries(OPACITIES), fields: () => ["t", "material"],
     colour: ({ t, material }, i) => t[i] === Infinity ? BACKGROUND : OPACITIES[facts.materials[material[i]]?.alpha] ?? OPACITIES.OPAQUE },
 ];
 

@@ -161,6 +161,8 @@ browserTest("colours by structure have the values of a query's columns", async (
   const colours = await app(page, ({ picture }) => [...picture.image.colours]);
   const colourOf = (alpha) => String(records.flatMap(({ hits: [hit] }, i) => (hit && materials[hit.material]?.alpha === alpha ? [colours.slice(4 * i, 4 * i + 3)] : []))[0]);
   assert.deepEqual([colourOf("OPAQUE"), colourOf("MASK")], ["86,130,170", "240,150,50"]);
+  assert.equal(await page.textContent("#key"), "opaquemaskblend");
+  assert.equal(await page.evaluate(() => document.querySelector("#key i").style.background), "rgb(86, 130, 170)");
   for (const view of ["object", "mask", "uid", "inst", "material", "placement"]) {
     await page.selectOption("#view", view);
     await fine(page);
@@ -170,6 +172,7 @@ browserTest("colours by structure have the values of a query's columns", async (
 browserTest("boxes of a range of tree depths of a level", async ({ open }) => {
   const page = await open(daemon, { ...FOREST, panel: "objects", boxes: "0:1:2:0" });
   await fine(page);
+  assert.ok(await page.evaluate(() => document.querySelector("#panel-objects td").getBoundingClientRect().width) >= 130);
   const text = () => page.textContent("#boxes-hint");
   await page.waitForFunction(() => /^\d+ boxes of 1 trees/.test(document.getElementById("boxes-hint").textContent));
   const count = Number.parseInt(await text(), 10);

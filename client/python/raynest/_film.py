@@ -19,6 +19,8 @@ from .errors import InvalidError, RayWarning, UsageError, warn
 
 ENVIRONMENT_BYTES_MAX = 512 << 20
 LIT_SAMPLES = 16
+# At most, of a picture that ends where its error is small enough.
+NOISE_SAMPLES = 1024
 # Layers of several channels, by the name under which they are returned.
 GROUPS = {"rgba": ("R", "G", "B", "A"), "albedo": ("albedo.R", "albedo.G", "albedo.B"),
           "N": ("N.X", "N.Y", "N.Z"), "P": ("P.X", "P.Y", "P.Z")}
@@ -43,7 +45,8 @@ def is_lit(integrator: str) -> bool:
 
 def film_message(integrator: str, spp: int, seed: int, fields: dict[str, Any]) -> Message:
     """The fields of a Render beside those of all pictures."""
-    samples = spp or (LIT_SAMPLES if is_lit(integrator) else 1)
+    lit = NOISE_SAMPLES if fields["noise"] else LIT_SAMPLES
+    samples = spp or (lit if is_lit(integrator) else 1)
     message: Message = {"integrator": integrator, "seed": seed,
                         "samples": whole("spp", samples, _limits.samples_max)}
     if not is_lit(integrator):
@@ -58,9 +61,18 @@ def film_message(integrator: str, spp: int, seed: int, fields: dict[str, Any]) -
     exposure = fields["exposure"]
     message["exposure"] = exposure if isinstance(exposure, str) else repr(float(exposure))
     if fields["sun"] is not None:
-        azimuth, elevation = numbers("sun", fields["sun"]).astype(np.float64).reshape(2).tolist()
+        azimuth, elevation = sun_angles(fields["sun"])
         message.update(sun=True, sun_azimuth=azimuth, sun_elevation=elevation)
     return message
+
+
+def sun_angles(sun: Any) -> tuple[float, float]:
+    if isinstance(sun, str) or np.shape(sun) != (2,):
+        raise UsageError(f"sun of {sun!r}: it must be (azimuth, elevation) in degrees")
+    azimuth, elevation = numbers("sun", sun).astype(np.float64).tolist()
+    if not abs(elevation) <= 90:
+        raise UsageError(f"sun of {sun!r}: its elevation must lie between -90 and 90 degrees")
+    return azimuth, elevation
 
 
 class EnvironmentFile:
@@ -110,6 +122,13 @@ def layers_of(file: bytes, outcome: Outcome, last: bool) -> Layers:
         layers["P"] = np.where((layers["Z"] < 1e10)[..., None], layers["P"] + origin, 0)
     layers.last, layers.outcome, layers.texts = last, outcome, texts
     return layers
+
+
+def warn_of_options(outcome: Outcome) -> None:
+    """Warns of options that changed nothing or did not suffice."""
+    for note in outcome.get("notes", ()):
+        if note.startswith(("primary ", "no effect ", "the error ")):
+            warn(note, RayWarning)
 
 
 def warn_if_incomplete(outcome: Outcome) -> None:

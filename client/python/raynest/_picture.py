@@ -33,6 +33,8 @@ def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]], fo
         raise UsageError("camera and look_at both say where to look from: pass one of them")
     if real("fov", fov) != 0 == float32(fov):
         raise UsageError(f"fov of {fov!r}: in float32 that is 0, which is the camera's own")
+    if not 0 <= fov < 180:
+        raise UsageError(f"fov of {fov!r}: it must be degrees from 0 (the camera's own) to below 180")
     message: Message = {"name": str(camera), "fov_degrees": fov}
     if look_at is not None:
         rows = numbers("look_at", look_at).astype(np.float64)

@@ -8,7 +8,7 @@ from . import client as clients  # which imports this module: its names are ther
 from ._arguments import Unpack, none_is_default
 from ._control import Message
 from ._film import (Environment, EnvironmentFile, Layers, film_message, is_lit, layers_of,
-                    warn_if_incomplete)
+                    warn_if_incomplete, warn_of_options)
 from ._frame import Array
 from ._job import JobOptions, Outcome, Progress, SceneMoved, job_message
 from ._picture import Picture, camera_message, size_message
@@ -36,15 +36,15 @@ class Renders:
                depth: int = 0, ao_distance: float = 0.0, environment: Environment = "",
                sun: Optional[Sequence[float]] = None, noise: float = 0.0, tonemap: str = "",
                exposure: Union[str, float] = "", **job: Unpack[JobOptions]) -> Any:
-        """Renders a picture. `integrator` "primary" gives base colours: (height, width, 4) of u8, sRGB
-        and alpha, row 0 on top, an Image, which also has png(). "ao", "direct" and "path" give a lit
+        """Renders a picture. `integrator` "primary" gives base colours, darker where a surface turns
+        away: (height, width, 4) of u8, sRGB and alpha, row 0 on top, an Image, which also has png(). "ao", "direct" and "path" give a lit
         picture as Layers: a dict of arrays, rgba linear. `encode` "raw" gives an Image of either, "png"
         and "exr" the bytes of such a file, and with `detach` the answer is a Job whose fetch() does,
         for which "layers" is "exr".
 
         `camera` is a camera of the scene, by name or index, by default the first; or `look_at` is
         (eye, at) or (eye, at, up). `fov` is vertical, in degrees. `spp`, or `samples`, is the number
-        of samples per pixel, 16 by default. `environment` is "sky", "none", "auto" (the scene's lights,
+        of samples per pixel, 16 by default, with `noise` 1024. `environment` is "sky", "none", "auto" (the scene's lights,
         or else sky), or an EXR or HDR file, or its bytes; `sun` is (azimuth from the north (-Z)
         eastwards, elevation) in degrees. `noise` ends parts of the picture whose relative error is
         below it. `tonemap` (agx, aces, reinhard, none) and `exposure` (stops, or "auto") are for
@@ -59,6 +59,7 @@ class Renders:
         answer = self._at(None, lambda origin, _: film.ask(origin, progress), repeats=not detach)
         if not detach:
             self._client.outcome.warn_of_view()
+            warn_of_options(self._client.outcome)
             warn_if_incomplete(self._client.outcome)
         return answer
 

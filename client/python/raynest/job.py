@@ -66,7 +66,8 @@ class Job:
         return self
 
     def fetch(self, *, progress: Progress = None) -> Any:
-        """Returns the answer of the original call, any number of times; BusyError until wait() returns."""
+        """Returns the answer of the original call, any number of times; BusyError until wait() returns.
+        An answer that was fetched gives way when the daemon needs its room."""
         return self._client.connection.again(lambda: self._fetch(progress))
 
     def _fetch(self, progress: Progress) -> Any:
