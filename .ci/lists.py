@@ -43,6 +43,8 @@ class Lists:
         self.untraced = self.rows("engine/packs/words.def", "UNTRACED")
         self.traversals = self.rows("engine/packs/words.def", "TRAVERSAL")
         self.layers = self.rows("engine/integrators/layers.def", "LAYER")
+        self.integrators = [line.split()[0] for line in (root / "engine/integrators/LIST").read_text(
+            encoding="utf-8").splitlines() if line[:1].isalpha()]
         self.tonemaps = self.rows("engine/integrators/tonemaps.def", "TONEMAP")
         self.palettes = self.rows("engine/integrators/palettes.def", "PALETTE")
         self.metrics = self.rows("server/diag/metrics.def", "METRIC|SPLIT|GAUGE")
@@ -218,8 +220,10 @@ def page_module(lists):
         "COUNTERS": dict(lists.counters),
         "PALETTES": {name: [int(colour, 16) for colour in colours]
                      for name, *colours in lists.palettes},
+        "TONEMAPS": dict(lists.tonemaps),
     }
-    lines = ["// The lists that client and daemon share. Written by .ci/lists.py from the .def files of the tree."]
+    lines = ["// The lists that client and daemon share. Written by .ci/lists.py from the .def files of the tree.",
+             "", f"export const INTEGRATORS = {json.dumps(['primary', *lists.integrators])};"]
     for name, listed in values.items():
         lines += ["", f"export const {name} = {{",
                   *(f"  {key}: {json.dumps(item)}," for key, item in listed.items()), "};"]

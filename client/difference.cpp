@@ -61,6 +61,9 @@ JobOptions other_job(const JobOptions& job, const Difference& difference) {
     JobOptions other = job;
     if (!difference.scene.empty()) {
         other.scene = difference.scene;
+        // Numbers of instances and objects mean others there.
+        other.hide.clear();
+        other.only.clear();
         other.epoch = 0;
     }
     if (difference.epoch) other.epoch = *difference.epoch;

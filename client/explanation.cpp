@@ -137,6 +137,41 @@ Result<Json> read_json(const ReceivedPicture& answer) {
     return json;
 }
 
+void print_path(const Json& document, std::ostream& to) {
+    to << "sample " << document.at("sample").get<std::uint64_t>() << " of pixel "
+       << point_text(document.at("pixel")) << " of " << document.at("size")[0].get<std::uint64_t>()
+       << 'x' << document.at("size")[1].get<std::uint64_t>() << " of camera "
+       << quoted(document.at("camera")) << ", integrator "
+       << document.at("integrator").get<std::string>() << ", seed "
+       << document.at("seed").get<std::uint64_t>() << "\nscene "
+       << document.at("scene").get<std::string>() << " epoch "
+       << document.at("epoch").get<std::uint64_t>() << ", intersector "
+       << document.at("intersector").get<std::string>() << " on "
+       << document.at("target").get<std::string>() << "\nlight "
+       << point_text(document.at("radiance")) << "\n\n";
+    std::size_t number = 0;
+    for (const Json& ray : document.at("rays")) {
+        const auto bounce = ray.at("bounce").get<std::size_t>();
+        const std::string kind = ray.at("kind").get<std::string>();
+        std::array<char, 16> place{};
+        std::snprintf(place.data(), place.size(), "%4zu  ", number++);
+        to << place.data() << std::string(2 * std::min<std::size_t>(bounce, 60), ' ') << kind
+           << " ray along " << point_text(ray.at("direction")) << ": ";
+        const Json& hit = ray.at("hit");
+        const std::string met =
+            hit.is_null() ? ""
+                          : quoted(hit.at("name")) + ", " + primitive_text(hit) + ", t " +
+                                number_text(hit.at("t")) + ", at " + point_text(hit.at("position"));
+        if (kind == "shadow")
+            to << (!ray.at("blocked").get<bool>() ? "reaches the light"
+                   : met.empty()                  ? "BLOCKED"
+                                                  : "BLOCKED by " + met);
+        else
+            to << (met.empty() ? "leaves the scene" : "hits " + met);
+        to << '\n';
+    }
+}
+
 void print_explanation(const Json& document, std::ostream& to) {
     const Json& ray = document.at("ray");
     to << "ray from " << point_text(ray.at("origin")) << " along "

@@ -4,6 +4,7 @@
 #include "client/files.h"
 #include "client/numbers.h"
 #include "client/output_file.h"
+#include "client/selection.h"
 #include "client/send_file.h"
 
 #include <array>
@@ -112,19 +113,23 @@ Result<std::unique_ptr<wire::CameraT>> read_camera(const FilmFile& film, const s
 
 }  // namespace
 
-Result<void> fill_film(const RenderOptions& options, wire::RenderT& request, FilmFiles& files) {
-    const bool lit = is_lit(options.integrator);
+void set_light(const LightOptions& options, wire::RenderT& request) {
     request.integrator = options.integrator;
-    const std::uint32_t own = !lit ? 1 : options.noise > 0 ? noise_samples : lit_samples;
-    request.samples = options.samples != 0 ? options.samples : own;
     request.seed = options.seed;
     request.depth = options.depth;
     request.ao_distance = options.ao_distance;
-    if (options.sun) {
-        request.sun = true;
-        request.sun_azimuth = (*options.sun)[0];
-        request.sun_elevation = (*options.sun)[1];
-    }
+    request.environment = options.environment;
+    if (!options.sun) return;
+    request.sun = true;
+    request.sun_azimuth = (*options.sun)[0];
+    request.sun_elevation = (*options.sun)[1];
+}
+
+Result<void> fill_film(const RenderOptions& options, wire::RenderT& request, FilmFiles& files) {
+    const bool lit = is_lit(options.integrator);
+    set_light(options, request);
+    const std::uint32_t own = !lit ? 1 : options.noise > 0 ? noise_samples : lit_samples;
+    request.samples = options.samples != 0 ? options.samples : own;
     request.tonemap = options.tonemap;
     request.exposure = options.exposure;
     request.progressive = options.progressive;
@@ -147,6 +152,11 @@ Result<wire::RenderT> resumed_film(const ResumeOptions& options, FilmFiles& file
     request.job->intersector = film->value("intersector");
     if (const std::string set = film->value("set"); set != "none")
         for (const std::string& setting : split(set, ' ')) request.job->settings.push_back(setting);
+    JobOptions selected;
+    for (auto [name, list] : {std::pair("hide", &selected.hide), std::pair("only", &selected.only)})
+        if (const std::string texts = film->value(name); !texts.empty())
+            *list = split(texts, ' ');
+    add_selection(selected, *request.job);
     request.best_by_ms = static_cast<std::uint32_t>(deadline_of(options.deadline).count());
     request.integrator = film->value("integrator");
     request.encode = "exr";

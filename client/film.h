@@ -19,6 +19,9 @@ struct FilmFiles {
 /// Sets what a Render has beside the fields of all pictures, and reads the files.
 Result<void> fill_film(const RenderOptions& options, wire::RenderT& request, FilmFiles& files);
 
+/// Sets the fields of a Render that choose its paths, but for files.
+void set_light(const LightOptions& options, wire::RenderT& request);
+
 /// Makes the request that continues an EXR, out of the EXR.
 Result<wire::RenderT> resumed_film(const ResumeOptions& options, FilmFiles& files);
 

@@ -1,6 +1,7 @@
 #include "client/job.h"
 
 #include "client/scene_origin.h"
+#include "client/selection.h"
 #include "client/wording.h"
 
 #include <array>
@@ -34,6 +35,7 @@ std::unique_ptr<wire::JobT> job_message(const JobOptions& options) {
     job->worker = options.worker;
     job->priority = options.priority;
     job->detach = options.detach;
+    add_selection(options, *job);
     job->deadline_ms = static_cast<std::uint32_t>(deadline_of(options.deadline).count());
     return job;
 }

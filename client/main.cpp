@@ -5,6 +5,7 @@
 #include "client/output.h"
 #include "client/reconnect.h"
 #include "client/scene_source.h"
+#include "client/selection.h"
 #include "client/ssh_tunnel.h"
 
 #include <cstdlib>
@@ -93,6 +94,8 @@ Result<void> connect_and_run(Options options) {
         auto done = std::visit(
             [&](auto& chosen) -> Result<void> {
                 if (auto loaded = load_first(context, chosen); !loaded) return loaded;
+                if constexpr (requires { chosen.job.hide; })
+                    if (auto found = find_selection(context, chosen.job); !found) return found;
                 return run(context, chosen);
             },
             command);

@@ -17,30 +17,21 @@ inline void add_environment(CLI::App& app, std::string& environment) {
                    "FILE.exr or FILE.hdr, a picture all around");
 }
 
-inline void add_render(CLI::App& app, RenderOptions& render) {
+/// Adds what chooses the paths of light; samples are the caller's.
+inline void add_light(CLI::App& app, LightOptions& light, const std::string& integrators) {
     constexpr protocol::Limits limits;
-    add_job(app, render.job);
-    add_camera(app, render.camera);
-    add_output(app, render.output, {".png", ".exr", ".npy"},
-               "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
-    add_detach(app, render.job, &render.output);
-    app.add_option("--integrator", render.integrator,
-                   "primary (base colour, darker where it turns away; one ray per pixel) | ao (open or hidden from the sky) | "
-                   "direct (lights and shadows) | path (all light)");
-    add_whole(app, "--spp,--samples", render.samples, 1U,
-              static_cast<std::uint32_t>(limits.samples_max),
-              "samples per pixel (16, with --noise 1024; primary has 1)");
-    add_whole(app, "--seed", render.seed, std::uint64_t{0}, any_whole,
+    app.add_option("--integrator", light.integrator, integrators);
+    add_whole(app, "--seed", light.seed, std::uint64_t{0}, any_whole,
               "seed of the random numbers (0)");
-    add_whole(app, "--depth", render.depth, 1U, static_cast<std::uint32_t>(limits.bounces_max),
+    add_whole(app, "--depth", light.depth, 1U, static_cast<std::uint32_t>(limits.bounces_max),
               "of path: bounces at most (8)");
-    add_number(app, "--ao-distance", render.ao_distance, 1e-9F, 1e15F,
+    add_number(app, "--ao-distance", light.ao_distance, 1e-9F, 1e15F,
                "a length from 1e-9 to 1e15",
                "of ao: as far as things hide the sky (a tenth of the scene)");
-    add_environment(app, render.environment);
+    add_environment(app, light.environment);
     add_parsed(
         app, "--sun",
-        [&render](const std::string& text) -> std::string {
+        [&light](const std::string& text) -> std::string {
             const auto numbers = parse_world(text, 2, 2, "azimuth,elevation");
             if (!numbers) return numbers.error().message;
             const double azimuth = (*numbers)[0];
@@ -48,11 +39,26 @@ inline void add_render(CLI::App& app, RenderOptions& render) {
             if (!(std::abs(azimuth) <= 360 && std::abs(elevation) <= 90))
                 return "'" + text + "' is not an azimuth within 360 and an elevation within 90 "
                                     "degrees";
-            render.sun = {static_cast<float>(azimuth), static_cast<float>(elevation)};
+            light.sun = {static_cast<float>(azimuth), static_cast<float>(elevation)};
             return "";
         },
         "the sky's sun: degrees from the north (-Z) eastwards, degrees above the horizon")
         ->type_name("AZIMUTH,ELEVATION");
+}
+
+inline void add_render(CLI::App& app, RenderOptions& render) {
+    constexpr protocol::Limits limits;
+    add_job(app, render.job);
+    add_camera(app, render.camera);
+    add_output(app, render.output, {".png", ".exr", ".npy"},
+               "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
+    add_detach(app, render.job, &render.output);
+    add_light(app, render,
+              "primary (base colour, darker where it turns away; one ray per pixel) | ao (open or hidden from the sky) | "
+              "direct (lights and shadows) | path (all light)");
+    add_whole(app, "--spp,--samples", render.samples, 1U,
+              static_cast<std::uint32_t>(limits.samples_max),
+              "samples per pixel (16, with --noise 1024; primary has 1)");
     app.add_option("--tonemap", render.tonemap,
                    "of .png and .npy: agx | aces | reinhard | none (agx; ao none)");
     app.add_option("--exposure", render.exposure,

@@ -6,6 +6,7 @@
 #include "client/lists.h"
 #include "client/numbers.h"
 #include "client/options.h"
+#include "client/selection.h"
 #include "protocol/limits.h"
 
 #include <CLI/CLI.hpp>
@@ -165,6 +166,21 @@ inline void add_job(CLI::App& app, JobOptions& job) {
     app.add_option("--worker", job.worker, alternatives(worker_words));
     add_deadline(app, job.deadline, "give up after this many seconds");
     app.add_option("--priority", job.priority, "normal | low | high");
+    add_each(
+        app, "--hide",
+        [&job](const std::string& text) -> Result<void> {
+            job.hide.push_back(text);
+            return check_selection(text);
+        },
+        "leave something out: the outermost instance of a PATH's text, inst=NUMBER or "
+        "object=NUMBER as the columns of query have them; may be repeated");
+    add_each(
+        app, "--only",
+        [&job](const std::string& text) -> Result<void> {
+            job.only.push_back(text);
+            return check_selection(text);
+        },
+        "leave out all else; may be repeated");
 }
 
 inline void add_camera(CLI::App& app, CameraOptions& camera) {

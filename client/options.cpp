@@ -241,6 +241,14 @@ void declare(CLI::App& app, ExplainOptions& explain) {
     for (const char* other : {"--camera", "--lookat", "--fov", "--size"})
         ray->excludes(app.get_option(other));
     app.add_flag("--all", explain.all, "all steps of a long traversal, not the first 256");
+    add_light(app, explain,
+              "the rays of a path in place of a traversal: ao | direct | path, as render has them");
+    add_whole(app, "--sample", explain.sample, 0U,
+              static_cast<std::uint32_t>(protocol::Limits{}.samples_max - 1),
+              "of an integrator: the sample of the pixel whose path is shown (0)");
+    ray->excludes(app.get_option("--integrator"));
+    for (const char* other : {"--seed", "--depth", "--ao-distance", "--env", "--sun", "--sample"})
+        app.get_option(other)->needs(app.get_option("--integrator"));
     app.parse_complete_callback([&explain] {
         if (!explain.ray && !explain.pixel) throw CLI::RequiredError("--ray or --pixel");
     });
@@ -292,8 +300,10 @@ public:
                             "  raynest heatmap forest --top 10 -o report.html\n"
                             "  raynest --local heatmap forest.glb --fail-if 'total.p99>120'",
                             "draw what each pixel's ray costs, say why, and compare");
-        add<ExplainOptions>("explain", "explain forest --pixel 480,270",
-                            "show how one ray finds its hit, step by step");
+        add<ExplainOptions>("explain",
+                            "explain forest --pixel 480,270\n"
+                            "  raynest explain forest --pixel 480,270 --integrator path",
+                            "show how one ray finds its hit, step by step; or the rays of a path");
         add<TopOptions>("top", "top", "watch the daemon work: jobs, rays per second, memory");
         add<OpenOptions>("open", "open forest", "show the daemon's page in the browser");
         add<JobsOptions>("jobs", "jobs", "list running jobs and kept answers");

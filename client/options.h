@@ -31,6 +31,8 @@ struct JobOptions {
     std::string priority;
     double deadline = 0;  ///< seconds; 0 = none
     bool detach = false;
+    /// "inst=N", "object=N" or the text of a path: see selection.h.
+    std::vector<std::string> hide, only;
 };
 
 struct CameraOptions {
@@ -73,14 +75,17 @@ struct PictureOptions {
     CameraOptions camera;
     std::string output;
 };
-struct RenderOptions : PictureOptions {
+/// How light is followed: options of render and explain.
+struct LightOptions {
     std::string integrator;
-    std::uint32_t samples = 0;  ///< 0: those of the integrator
     std::uint64_t seed = 0;
     std::uint32_t depth = 0;  ///< 0: the daemon's
     float ao_distance = 0;    ///< 0: the daemon's
     std::string environment;  ///< auto | sky | none | a file
     std::optional<std::array<float, 2>> sun;  ///< azimuth and elevation in degrees
+};
+struct RenderOptions : PictureOptions, LightOptions {
+    std::uint32_t samples = 0;  ///< 0: those of the integrator
     std::string tonemap, exposure;
     bool progressive = false;
     float noise = 0;
@@ -121,12 +126,13 @@ struct HeatmapOptions : PictureOptions {
     std::uint32_t level = 0;  ///< of the instances that it groups by; 0: the innermost
 };
 
-struct ExplainOptions {
+struct ExplainOptions : LightOptions {
     JobOptions job;
     CameraOptions camera;
     std::optional<WorldRay> ray;  ///< else the pixel's
     std::optional<std::array<std::uint32_t, 2>> pixel;
     bool all = false;  ///< as many steps as the daemon tells
+    std::uint32_t sample = 0;  ///< with an integrator: the one whose path is told
 };
 
 struct TopOptions {

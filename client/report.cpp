@@ -1,5 +1,6 @@
 #include "client/report.h"
 
+#include "client/ranking.h"
 #include "protocol/base64.h"
 
 #include <algorithm>
@@ -113,8 +114,15 @@ private:
     static std::string job_text(const Json& job) {
         const std::string settings = text(job.at("settings"));
         return text(job.at("scene")) + " epoch " + text(job.at("epoch")) + ", " +
-               text(job.at("intersector")) + (settings.empty() ? "" : " " + settings) + ", hash " +
+               text(job.at("intersector")) + (settings.empty() ? "" : " " + settings) +
+               selection_text(job, "hide") + selection_text(job, "only") + ", hash " +
                text(job.at("hash"));
+    }
+
+    /// ", hide inst=3" where the job hides something.
+    static std::string selection_text(const Json& job, const char* key) {
+        const std::string words = job.contains(key) ? text(job.at(key)) : "";
+        return words.empty() ? "" : std::string(", ") + key + " " + words;
     }
 
     void facts() {
@@ -180,7 +188,7 @@ private:
             std::ranges::replace(name, '_', ' ');
             const std::string subject = text(finding.at("subject"));
             page_ += "<li><b>" + escape_html(name) + "</b>" +
-                     (subject.empty() ? "" : " in " + subject) + ": " +
+                     (subject.empty() ? "" : " in " + subject) + subject_number(finding) + ": " +
                      formatted("%.3g", finding.at("figure").get<double>()) + " " +
                      text(finding.at("unit")) + ", should not be " + text(finding.at("side")) +
                      formatted(" %.3g", finding.at("threshold").get<double>()) + ". " +
@@ -193,17 +201,17 @@ private:
     void ranking() {
         page_ += "<p class=\"faint\">Wasted: the part of a row's work on rays that hit nothing in "
                  "it. Work per ray: boxes and primitives tested by each ray that enters.</p>\n";
-        table("Instances", "instances", "trees above");
-        table("Meshes", "meshes", "trees of instances alone");
-        table("Materials (primitives only)", "materials", "boxes");
+        table("Instances", "instances", "Path", "trees above");
+        table("Meshes", "meshes", "Object", "trees of instances alone");
+        table("Materials (primitives only)", "materials", "Number", "boxes");
     }
 
-    void table(const char* title, const char* key, const char* remainder) {
+    void table(const char* title, const char* key, const char* number, const char* remainder) {
         const Json& part = report_.ranking.at(key);
         if (part.at("rows").empty()) return;
         page_ += std::string("<h2>") + title + alone() +
-                 "</h2>\n<div class=\"scroll\"><table>\n<tr><th>Name</th><th>Share of work</th>"
-                 "<th>Wasted</th><th>Work per ray</th><th>Rays</th></tr>\n";
+                 "</h2>\n<div class=\"scroll\"><table>\n<tr><th>Name</th><th>" + number +
+                 "</th><th>Share of work</th><th>Wasted</th><th>Work per ray</th><th>Rays</th></tr>\n";
         for (const Json& row : part.at("rows")) {
             const Json& name = row.at("name");
             std::string words = name.is_null() ? "(none)" : text(name);
@@ -211,16 +219,17 @@ private:
                 words = row.contains("index") ? "#" + row.at("index").dump() : "(without a name)";
             if (row.contains("mesh") && row.at("mesh") != name)
                 words += " <span class=\"faint\">of mesh " + text(row.at("mesh")) + "</span>";
-            page_ += "<tr><td>" + words + "</td><td>" + percent(row.at("share")) + "</td><td>" +
+            page_ += "<tr><td>" + words + "</td><td>" + row_number(row) + "</td><td>" +
+                     percent(row.at("share")) + "</td><td>" +
                      percent(row.at("wasted")) + "</td><td>" +
                      formatted("%.1f", row.at("work_per_ray").get<double>()) + "</td><td>" +
                      whole(row.at("rays"), false) + "</td></tr>\n";
         }
         const Json& others = part.at("others");
         if (others.at("rows") != 0)
-            page_ += "<tr><td>" + whole(others.at("rows"), false) + " more</td><td>" +
+            page_ += "<tr><td>" + whole(others.at("rows"), false) + " more</td><td></td><td>" +
                      percent(others.at("share")) + "</td><td></td><td></td><td></td></tr>\n";
-        page_ += std::string("<tr><td>") + remainder + "</td><td>" +
+        page_ += std::string("<tr><td>") + remainder + "</td><td></td><td>" +
                  percent(part.at("remainder").at("share")) +
                  "</td><td></td><td></td><td></td></tr>\n</table></div>\n";
     }

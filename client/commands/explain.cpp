@@ -1,11 +1,14 @@
-// raynest explain SCENE --ray ... | --pixel X,Y: how one ray found its hit, as a tree.
+// raynest explain SCENE --ray ... | --pixel X,Y: how one ray found its hit, as a tree; with an
+// integrator, the rays of a path.
 #include "client/commands/commands.h"
 #include "client/explanation.h"
+#include "client/film.h"
 #include "client/picture.h"
 #include "client/rays.h"
 #include "client/scene_origin.h"
 
 #include <array>
+#include <chrono>
 #include <iostream>
 #include <memory>
 #include <string>
@@ -38,13 +41,34 @@ wire::ExplainT explain_message(const ExplainOptions& options, const WorldPoint& 
     return request;
 }
 
+/// The request for the rays of a path.
+wire::RenderT path_message(const ExplainOptions& options, const WorldPoint& origin) {
+    wire::RenderT request;
+    request.job = job_message(options.job);
+    request.camera = camera_message(options.camera, origin);
+    request.width = options.camera.width;
+    request.height = options.camera.height;
+    set_light(options, request);
+    request.samples = options.sample + 1;
+    request.encode = "path+" + std::to_string((*options.pixel)[0]) + "," +
+                     std::to_string((*options.pixel)[1]);
+    return request;
+}
+
 }  // namespace
 
 Result<void> run(Context& context, const ExplainOptions& options) {
+    if (const std::string& word = options.environment;
+        !word.empty() && word != "auto" && word != "sky" && word != "none")
+        return fail(Exit::usage, "--env of explain is sky, none or auto: a path is explained "
+                                 "without files");
     const auto origin = ask_origin(context.connection, options.job.scene);
     if (!origin) return tl::unexpected<Failure>(origin.error());
-    if (auto started = context.connection.start(explain_message(options, origin->point),
-                                                deadline_of(options.job.deadline));
+    const bool lit = !options.integrator.empty() && options.pixel;
+    const std::chrono::milliseconds deadline = deadline_of(options.job.deadline);
+    if (auto started =
+            lit ? context.connection.start(path_message(options, origin->point), deadline)
+                : context.connection.start(explain_message(options, origin->point), deadline);
         !started)
         return started;
     const auto answer = receive_picture(context.connection, context.progress);
@@ -56,6 +80,8 @@ Result<void> run(Context& context, const ExplainOptions& options) {
     print_notes(answer->outcome);
     if (context.json)
         print_json(*document);
+    else if (lit)
+        print_path(*document, std::cout);
     else
         print_explanation(*document, std::cout);
     return {};

@@ -108,8 +108,9 @@ std::vector<Finding> diagnose(const Blame& blame) {
             const auto figure = row.measure(subject);
             if (!figure || (row.below ? *figure >= row.threshold : *figure <= row.threshold))
                 continue;
-            findings.push_back({row.name, name_of(view, each, row.of), *figure, row.threshold,
-                                row.below, row.unit, subject.share(), row.remedy});
+            findings.push_back({row.name, name_of(view, each, row.of), row.of == Of::materials,
+                                each.key.index, *figure, row.threshold, row.below, row.unit,
+                                subject.share(), row.remedy});
             if (++found == subjects_max) break;
         }
     }

@@ -3,6 +3,7 @@
 
 #include "engine/inspection/blame.h"
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,8 @@ namespace raynest {
 struct Finding {
     std::string name;     ///< of findings.def
     std::string subject;  ///< of a mesh or material, as the file has it
+    bool is_material = false;     ///< else an object
+    std::uint32_t index = no_id;  ///< of that object or material
     double figure = 0;
     double threshold = 0;
     bool below = false;  ///< true: the figure should not be below the threshold; false: not above

@@ -45,6 +45,8 @@ public:
         for (const Finding& finding : diagnose(blame_)) {
             json["findings"].push_back({{"finding", finding.name},
                                         {"subject", clean(finding.subject)},
+                                        {finding.is_material ? "material" : "object",
+                                         index_json(finding.index)},
                                         {"figure", finding.figure},
                                         {"threshold", finding.threshold},
                                         {"side", finding.below ? "below" : "above"},
@@ -96,6 +98,7 @@ private:
             case BlameTable::instances:
                 return {{"name", clean(instance_path(scene_, key.placements, key.depth))},
                         {"mesh", mesh_name(key.index)},
+                        {"object", key.index},
                         {"level", key.depth},
                         {"path", key.placements.first},
                         {"placements", key.placements.count}};
@@ -109,6 +112,9 @@ private:
                 {"index", key.index}};
     }
 
+    static Json index_json(std::uint32_t index) {
+        return index == no_id ? Json(nullptr) : Json(index);
+    }
     std::string mesh_name(std::uint32_t object) const {
         return clean(view_.names + view_.objects[object].name);
     }

@@ -2,28 +2,21 @@
 #include "engine/inspection/explanation.h"
 #include "engine/integrators/camera.h"
 #include "engine/integrators/generators.h"
-#include "server/execution/chunked_job.h"
+#include "server/handlers/explain_job.h"
 #include "server/handlers/explanation_json.h"
-#include "server/handlers/handler.h"
-#include "server/handlers/payload.h"
 #include "server/handlers/ray_source.h"
-#include "server/handlers/scene_info.h"
 
 #include <cmath>
 #include <limits>
 #include <memory>
-#include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 
 namespace raynest::server {
 namespace {
 
 constexpr std::uint32_t default_steps = 256;
-/// Bytes of an entry of the tree, at most: in memory and as text, with names and a path.
-constexpr std::uint64_t step_bytes = 3 * 1024;
-/// Bytes of the document but for its entries, at most.
-constexpr std::uint64_t head_bytes = 64 * 1024;
 
 /// Returns why a ray is not valid; empty if it is.
 std::string complaint(const Ray& ray) {
@@ -51,12 +44,10 @@ Reply<ChosenRay> choose_ray(const wire::Explain& message, const Snapshot& scene)
             return refuse(Code::invalid_field, "the ray is not valid: " + why);
         return chosen;
     }
-    if (message.pixel_x() >= message.width() || message.pixel_y() >= message.height())
-        return refuse(Code::invalid_field,
-                      "pixel " + std::to_string(message.pixel_x()) + "," +
-                          std::to_string(message.pixel_y()) + " lies outside of a picture of " +
-                          std::to_string(message.width()) + "x" + std::to_string(message.height()) +
-                          "; pixels count from 0,0, the upper left corner");
+    if (const auto inside =
+            check_pixel({message.pixel_x(), message.pixel_y()}, message.width(), message.height());
+        !inside)
+        return tl::unexpected(inside.error());
     auto camera = choose_camera(scene, camera_request(message.camera()));
     if (!camera) return refuse(Code::invalid_field, camera.error().message);
     const Sensor sensor = camera_sensor(*camera, {}, {message.width(), message.height()});
@@ -68,52 +59,19 @@ Reply<ChosenRay> choose_ray(const wire::Explain& message, const Snapshot& scene)
     return chosen;
 }
 
-class ExplainJob final : public ChunkedJob {
+class TraversalJob final : public ExplainJob {
 public:
-    ExplainJob(const Services& services, const Caller& caller, Plan plan, ChosenRay chosen,
-               ExplanationContext context, std::uint32_t steps, Budget::Lease lease)
-        : ChunkedJob(services, caller, std::move(plan), 1, false),
+    TraversalJob(const Services& services, const Caller& caller, Plan plan,
+                 const ChosenRay& chosen, ExplanationContext context, std::uint32_t steps,
+                 Budget::Lease lease)
+        : ExplainJob(services, caller, std::move(plan), chosen.camera, std::move(lease)),
           ray_(chosen.ray),
           context_(std::move(context)),
-          steps_(steps),
-          lease_(std::move(lease)),
-          payload_(services.limits, caller, "json") {
-        context_.camera = clean_text(chosen.camera, services.limits.name_bytes_max);
-        queue_.add(0, 1);
-    }
-
-    Frames greeting() override {
-        wire::StartedT message = started(plan_, services_.limits);
-        message.camera = context_.camera;
-        Frames frames;
-        frames.push_back(*protocol::encode(id_, message));
-        return frames;
-    }
-    std::optional<Task> next() override {
-        if (explained_) return payload_.next();
-        if (auto work = next_work()) return std::move(work->task);
-        return std::nullopt;
-    }
-    Reply<void> ended() override {
-        if (explained_)
-            payload_.ended();
-        else
-            explained_ = queue_.all_answered();
-        return {};
-    }
-    [[nodiscard]] bool finished() const override { return explained_ && payload_.finished(); }
-    [[nodiscard]] std::uint64_t held_bytes() const override { return lease_.bytes(); }
-    Frames farewell() override {
-        Frames frames;
-        frames.push_back(*protocol::encode(id_, done()));
-        return frames;
+          steps_(steps) {
+        context_.camera = camera_;
     }
 
 private:
-    [[nodiscard]] std::uint64_t chunk_size(const Backend& /*backend*/,
-                                           const Chunk& /*rest*/) const override {
-        return 1;
-    }
     Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override {
         ExplanationRecorder recorder(plan_.scene.snapshot(), steps_);
         HitRecord hit;
@@ -126,23 +84,17 @@ private:
         call.outputs = outputs.empty() ? nullptr : outputs.data();
         const auto traced = plan_.worker.order[chunk.backend]->trace(plan_, call, nullptr, stop);
         if (!traced) return tl::unexpected(traced.error());
-        payload_.set(json_payload(1, 1, explanation_json(plan_, context_, ray_, recorder.take())));
         JobStatistics::Counts counts;
         counts.rays = 1;
         counts.hits = hit.hit;
         counts.misses = 1 - counts.hits;
-        statistics_.add(chunk.backend, *traced, counts);
-        count_rays("explain", chunk, 1);
-        queue_.answered(1);
+        finish(chunk, *traced, counts, explanation_json(plan_, context_, ray_, recorder.take()));
         return Frames{};
     }
 
     const Ray ray_;
     ExplanationContext context_;
     const std::uint32_t steps_;
-    const Budget::Lease lease_;
-    PayloadSender payload_;
-    bool explained_ = false;
 };
 
 }  // namespace
@@ -159,25 +111,19 @@ Reply<Answer> explain(const Services& services, const Caller& caller,
     if (!ray) return tl::unexpected(ray.error());
 
     const std::uint32_t steps = message->steps() == 0 ? default_steps : message->steps();
-    const std::uint64_t bytes = head_bytes + steps * step_bytes;
-    services.peers.make_memory(bytes, caller.principal);
-    auto lease = services.budget.reserve(bytes);
-    if (!lease)
-        return refuse(Code::resource_exhausted,
-                      "an explanation of " + std::to_string(steps) + " steps takes " +
-                          protocol::bytes_text(bytes) +
-                          ", more than is free of raynestd's --memory; ask for fewer steps");
+    constexpr std::string_view fewer = "ask for fewer steps";
+    auto lease = reserve_explanation(services, caller, steps, fewer);
+    if (!lease) return tl::unexpected(lease.error());
     ExplanationContext context{services.limits, {}, {}, 0, 0};
     if (!ray->camera.empty()) {
         context.pixel = {message->pixel_x(), message->pixel_y()};
         context.width = message->width();
         context.height = message->height();
     }
-    JobSubmission accepted = accept(*plan, "explain", 1);
-    accepted.advice = "ask for fewer steps";
-    accepted.answer_bytes = accepted.result_bytes = payload_answer_bytes(caller, bytes);
-    accepted.job = std::make_unique<ExplainJob>(services, caller, std::move(*plan), std::move(*ray),
-                                                std::move(context), steps, std::move(*lease));
+    JobSubmission accepted = accept_explanation(caller, *plan, lease->bytes(), fewer);
+    accepted.job =
+        std::make_unique<TraversalJob>(services, caller, std::move(*plan), *ray, std::move(context),
+                                       steps, std::move(*lease));
     return Answer{std::move(accepted)};
 }
 

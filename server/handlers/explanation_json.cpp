@@ -1,7 +1,6 @@
 #include "server/handlers/explanation_json.h"
 
-#include "server/handlers/json.h"
-#include "server/handlers/scene_info.h"
+#include "server/handlers/named_hit.h"
 
 #include <array>
 #include <cstddef>
@@ -36,7 +35,8 @@ public:
         : plan_(plan),
           context_(context),
           scene_(plan.scene.snapshot()),
-          view_(scene_.view()) {}
+          view_(scene_.view()),
+          names_(scene_, context.limits.name_bytes_max) {}
 
     Json document(const Ray& ray, const Explanation& told) const {
         Json json{{"scene", plan_.scene.name},
@@ -49,11 +49,10 @@ public:
             json["size"] = {context_.width, context_.height};
             json["pixel"] = context_.pixel;
         }
-        json["ray"] = {{"origin", world_point(ray.origin, scene_.origin())},
-                       {"direction", world_point(ray.direction, {})},
-                       {"tmin", number(ray.tmin)},
-                       {"tmax", number(ray.tmax)}};
-        json["hit"] = hit_json(ray, told);
+        json["ray"] = ray_json(ray, scene_.origin());
+        json["hit"] = names_.hit(ray, told.hit);
+        if (told.hit.hit != 0)
+            json["hit"]["step"] = told.hit_entry == no_id ? Json(nullptr) : Json(told.hit_entry);
         json["totals"] = counters_json(told.totals);
         json["levels"] = Json::array();
         for (const Counters& level : told.levels) json["levels"].push_back(counters_json(level));
@@ -71,31 +70,14 @@ public:
     }
 
 private:
-    Json hit_json(const Ray& ray, const Explanation& told) const {
-        const HitRecord& hit = told.hit;
-        if (hit.hit == 0) return nullptr;
-        Json json = primitive_json(hit.object, hit.triangle);
-        json["t"] = number(hit.t);
-        json["u"] = number(hit.u);
-        json["v"] = number(hit.v);
-        json["front"] = hit.front != 0;
-        json["position"] =
-            world_point(point_along(ray.origin, ray.direction, hit.t), scene_.origin());
-        json["path"] = hit.path;
-        json["name"] = name_of({hit.path, 1}, path_steps_max);
-        json["mesh"] = mesh_name(hit.object);
-        json["step"] = told.hit_entry == no_id ? Json(nullptr) : Json(told.hit_entry);
-        return json;
-    }
-
     Json step_json(const ExplainedEntry& entry) const {
         Json json{{"kind", kind_names[static_cast<std::size_t>(entry.kind)]},
                   {"parent", entry.parent == no_id ? Json(nullptr) : Json(entry.parent)},
                   {"level", entry.level}};
         switch (entry.kind) {
             case EntryKind::instance:
-                json["name"] = name_of(entry.placements, entry.level);
-                json["mesh"] = mesh_name(entry.object);
+                json["name"] = names_.placement(entry.placements, entry.level);
+                json["mesh"] = names_.mesh(entry.object);
                 json["path"] = entry.placements.first;
                 json["placements"] = entry.placements.count;
                 add_outcome(entry, json);
@@ -114,7 +96,7 @@ private:
                 json["refused"] = entry.refused;
                 break;
             case EntryKind::candidate:
-                json.update(primitive_json(entry.object, entry.place));
+                json.update(names_.primitive(entry.object, entry.place));
                 json["t"] = number(entry.t);
                 json["u"] = number(entry.u);
                 json["v"] = number(entry.v);
@@ -162,30 +144,11 @@ private:
         return by + ": " + refusal.what + " " + value + " " + refusal.relation + " " + limit;
     }
 
-    Json primitive_json(std::uint32_t object, std::uint32_t flat) const {
-        const NamedPrimitive named = name_primitive(view_, view_.objects[object], flat);
-        return {
-            {"geom", named.geom},
-            {"prim", named.prim},
-            {"material", named.material == no_id
-                             ? Json(nullptr)
-                             : Json(clean(view_.names + view_.materials[named.material].name))}};
-    }
-
-    std::string name_of(const PlacementRange& placements, std::size_t depth) const {
-        return clean(instance_path(scene_, placements, depth));
-    }
-    std::string mesh_name(std::uint32_t object) const {
-        return clean(view_.names + view_.objects[object].name);
-    }
-    std::string clean(const std::string& name) const {
-        return clean_text(name, context_.limits.name_bytes_max);
-    }
-
     const Plan& plan_;
     const ExplanationContext& context_;
     const Snapshot& scene_;
     const SceneView& view_;
+    const HitNames names_;
 };
 
 }  // namespace

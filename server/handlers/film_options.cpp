@@ -4,6 +4,7 @@
 #include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/handlers/film_tiles.h"
+#include "server/handlers/selection_text.h"
 
 #include <algorithm>
 #include <array>
@@ -166,6 +167,7 @@ Reply<FilmOptions> film_options(const wire::Render& message, std::string integra
     options.environment_bytes = message.environment_bytes();
     set_passes(message, options);
     options.attributes = request_attributes(message, options);
+    add_selection(selection_text(protocol::present(message.job())), options.attributes);
     return options;
 }
 
@@ -173,9 +175,10 @@ std::uint64_t film_job_bytes(ImageSize size, std::string_view encode, const Film
     const std::uint64_t film = Film::bytes(size);
     // An encoded file is at most as large as its input, and exists up to three times while it
     // grows or is copied.
-    const std::uint64_t file = encode == "exr"   ? 3 * film
-                               : encode == "png" ? 5 * 4 * size.pixels()
-                                                 : 2 * 4 * size.pixels();
+    const std::uint64_t file = encode == "exr"      ? 3 * film
+                               : encode == "png"    ? 5 * 4 * size.pixels()
+                               : encode == "linear" ? 2 * sizeof(Vec4) * size.pixels()
+                                                    : 2 * 4 * size.pixels();
     const std::uint64_t read = options.resume_bytes == 0 ? 0 : film + options.resume_bytes;
     // The file and the decoder's copy; its answer, the picture and the tables of the light.
     const std::uint64_t surroundings =
@@ -196,7 +199,7 @@ std::uint64_t environment_room(std::uint64_t file_bytes) {
 std::uint64_t film_payload_bytes_max(ImageSize size, std::string_view encode) {
     if (encode == "png") return png_bytes_max(size.width, size.height);
     if (encode == "exr") return exr_bytes_max(size.width, size.height, film_layers);
-    return 4 * size.pixels();
+    return (encode == "linear" ? sizeof(Vec4) : 4) * size.pixels();
 }
 
 Reply<Payload> encode_film(const Film& film, std::string_view encode, const Look& look,
@@ -217,6 +220,14 @@ Reply<Payload> encode_film(const Film& film, std::string_view encode, const Look
         auto file = encode_exr(size.width, size.height, channels, attributes);
         if (!file) return refuse(file.error());
         payload.bytes = std::move(*file);
+        return payload;
+    }
+    if (encode == "linear") {
+        payload.bytes.resize(size.pixels() * sizeof(Vec4));
+        for (std::uint64_t i = 0; i < size.pixels(); ++i) {
+            const Vec4 colour = film.colour(i);
+            std::memcpy(payload.bytes.data() + i * sizeof colour, &colour, sizeof colour);
+        }
         return payload;
     }
     const float stops = look.exposure ? *look.exposure : auto_exposure(film);
@@ -259,6 +270,14 @@ Reply<void> read_film(std::span<const std::byte> file, std::span<const Attribute
                           protocol::clean_text(*found, 256) + "', the request has '" +
                           wanted.value + "'");
     }
+    // Files say what was hidden only if something was.
+    for (const std::string_view name : {"raynest:hide", "raynest:only"})
+        if (find(header->attributes, name) != nullptr && find(attributes, name) == nullptr)
+            return refuse(Code::invalid_field,
+                          "the EXR to continue was made with " + std::string(name.substr(8)) +
+                              " '" +
+                              protocol::clean_text(*find(header->attributes, name), 256) +
+                              "', the request has none");
     std::array<ChannelType, film_layers> types;
     for (std::size_t i = 0; i < film_layers; ++i)
         types[i] = {std::string(film_layer_table()[i].name), film_layer_table()[i].is_float};

@@ -44,7 +44,7 @@ Reply<FilmOptions> film_options(const wire::Render& message, std::string integra
 /// Returns the maximum bytes of a film's payload.
 [[nodiscard]] std::uint64_t film_payload_bytes_max(ImageSize size, std::string_view encode);
 
-/// Encodes a film as png, exr or raw rows of RGBA.
+/// Encodes a film as png, exr, raw rows of RGBA, or linear rows of premultiplied RGBA in float.
 Reply<Payload> encode_film(const Film& film, std::string_view encode, const Look& look,
                            std::vector<Attribute> attributes);
 

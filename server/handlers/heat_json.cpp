@@ -11,7 +11,7 @@ namespace raynest::server {
 namespace {
 
 /// Bytes of the document around its rows and its file, and of a row, at most.
-constexpr std::uint64_t head_bytes = 32 * 1024;
+constexpr std::uint64_t head_bytes = 128 * 1024;
 constexpr std::uint64_t row_bytes = 256;
 
 Json job_json(const Plan& plan, const protocol::Limits& limits) {
@@ -37,6 +37,8 @@ Json statistics_json(const HeatStatistics& statistics) {
 std::string heat_json(const HeatDocument& document) {
     const SceneStatistics& scene = document.plan.scene.snapshot().statistics();
     Json json = job_json(document.plan, document.limits);
+    if (!document.selected.hide.empty()) json["hide"] = document.selected.hide;
+    if (!document.selected.only.empty()) json["only"] = document.selected.only;
     json["target"] = document.plan.variant->target;
     json["other"] =
         document.other == nullptr ? Json(nullptr) : job_json(*document.other, document.limits);

@@ -4,6 +4,7 @@
 
 #include "engine/integrators/picture.h"
 #include "server/execution/plan.h"
+#include "server/handlers/selection_text.h"
 
 #include <cstddef>
 #include <cstdint>
@@ -34,6 +35,7 @@ struct HeatDocument {
         std::uint32_t height = 0;
         std::span<const std::byte> bytes;
     } file = {};  ///< without `encode`: none
+    const SelectionText& selected;
     const protocol::Limits& limits;
 };
 

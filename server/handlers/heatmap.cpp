@@ -5,6 +5,7 @@
 #include "server/handlers/heat_json.h"
 #include "server/handlers/picture_job.h"
 #include "server/handlers/scene_info.h"
+#include "server/handlers/selection_text.h"
 
 #include <algorithm>
 #include <array>
@@ -30,6 +31,7 @@ constexpr std::uint64_t channel_bytes = 6 * sizeof(std::uint32_t);
 struct HeatForm {
     std::string file;  ///< png | exr | raw; empty: no file
     bool document = false;
+    SelectionText selected;  ///< what the file or document says is hidden
     /// Counts every metric, in total and of each level.
     [[nodiscard]] bool all_metrics() const { return document || file == "exr"; }
 };
@@ -245,6 +247,7 @@ private:
                                          : heat_histogram(counts_of(metric), statistics_),
                               .rows = {},
                               .file = {form_.file, file.width, file.height, file.bytes},
+                              .selected = form_.selected,
                               .limits = services_.limits};
         for (const Column& each : metrics_) {
             HeatOptions options;
@@ -280,6 +283,7 @@ private:
         attributes.push_back({"raynest:metric", options_.metric});
         attributes.push_back({"raynest:count", options_.count});
         attributes.push_back({"raynest:range", range_text(statistics_)});
+        add_selection(form_.selected, attributes);
         if (other_) {
             const Plan& other = other_->counted;
             const auto text = [&](const std::string& words) {
@@ -403,6 +407,7 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
         return refuse(Code::invalid_field, known.error().message);
     std::vector<Column> metrics = metrics_of(*options, *form, levels);
 
+    form->selected = selection_text(protocol::present(message->job()));
     const std::uint32_t width = message->width(), height = message->height();
     std::vector<const Plan*> more;
     for (const HeatPlans* each : {&*plans, other ? &*other : nullptr}) {

@@ -1,6 +1,7 @@
 // RENDER: a picture from a camera.
 #include "engine/assets/image.h"
 #include "engine/integrators/picture.h"
+#include "server/handlers/explain_job.h"
 #include "server/handlers/film_job.h"
 #include "server/handlers/handler.h"
 #include "server/handlers/idle_options.h"
@@ -105,10 +106,12 @@ Reply<Answer> render_film(const Services& services, const Caller& caller,
         return tl::unexpected(chosen.error());
     any->worker = plan->worker;
     const std::string_view encode = protocol::word(message.encode(), "png");
-    auto request =
-        make_request(services, caller, std::move(*plan), message.camera(), size.width, size.height,
-                     encode, film_job_bytes(size, encode, *options));
+    // Only films have linear values; they are sent as raw ones are.
+    auto request = make_request(services, caller, std::move(*plan), message.camera(), size.width,
+                                size.height, encode == "linear" ? "raw" : encode,
+                                film_job_bytes(size, encode, *options));
     if (!request) return tl::unexpected(request.error());
+    request->encode = encode;
     JobSubmission accepted = accept(request->plan, "render", rays);
     accepted.detail = options->integrator;
     accepted.advice = smaller_picture(request->encode);
@@ -126,6 +129,9 @@ Reply<Answer> render_film(const Services& services, const Caller& caller,
 
 Reply<Answer> render(const Services& services, const Caller& caller,
                      const protocol::Opened<wire::Render>& message) {
+    const std::string_view form = protocol::text(message->encode());
+    if (form.starts_with(path_encoding))
+        return explain_path(services, caller, *message.table, form.substr(path_encoding.size()));
     const std::string_view integrator = protocol::word(message->integrator(), "primary");
     if (integrator != "primary")
         return render_film(services, caller, *message.table, std::string(integrator));

@@ -1,6 +1,8 @@
 // The request of the picture as a command line and as Python.
 import { add, generator, halfHeight } from "./camera.js";
 import { compares } from "./requests.js";
+import { sunOf } from "./light.js";
+import { DEFAULTS } from "./store.js";
 import { viewOf } from "./views.js";
 
 /** Quotes a word for a shell; in single quotes nothing has a meaning. */
@@ -21,6 +23,24 @@ function parts(state, [width, height]) {
 export const inWorld = (state, origin) => ({ ...state, camera: { ...state.camera,
   eye: add(state.camera.eye, origin), at: add(state.camera.at, origin) } });
 
+/** What is hidden and isolated, as --hide and --only take it: "i12" is inst=12, "o3" is object=3. */
+const selected = (ids) => ids.map((id) => `${id[0] === "i" ? "inst" : "object"}=${id.slice(1)}`);
+
+/** Options and arguments of a lit picture, without those that have their default: [option, argument, value]. */
+function lightOptions(state) {
+  const all = [["--integrator", "integrator", state.integrator]];
+  if (state.integrator === "primary") return all;
+  all.push(["--spp", "spp", state.samples]);
+  if (state.seed !== DEFAULTS.seed) all.push(["--seed", "seed", state.seed]);
+  if (state.integrator === "path" && state.depth !== DEFAULTS.depth) all.push(["--depth", "depth", state.depth]);
+  if (state.integrator === "ao" && state.aoDistance !== 0) all.push(["--ao-distance", "ao_distance", state.aoDistance]);
+  if (state.env !== DEFAULTS.env) all.push(["--env", "environment", state.env]);
+  if (sunOf(state.sun)) all.push(["--sun", "sun", sunOf(state.sun)]);
+  if (state.tonemap !== "") all.push(["--tonemap", "tonemap", state.tonemap]);
+  if (state.exposure !== "") all.push(["--exposure", "exposure", state.exposure]);
+  return all;
+}
+
 /** Returns the command that gives the same picture, or its columns where a view is not a picture of the CLI. */
 export function asCommand(state, size) {
   const p = parts(state, size);
@@ -28,6 +48,8 @@ export function asCommand(state, size) {
   if (state.intersector !== "auto") common.push("--intersector", state.intersector);
   for (const [name, value] of Object.entries(state.settings)) common.push("--set", `${name}=${value}`);
   if (parseInt(p.mask, 16) !== 0xffffffff) common.push("--mask", p.mask);
+  for (const text of selected(state.hidden)) common.push("--hide", text);
+  for (const text of selected(state.isolated)) common.push("--only", text);
   const orthographic = p.camera.projection === "orthographic";
   const camera = [`--lookat=${p.lookat}`, "--fov", String(p.camera.fov), "--size", p.size];
   let words;
@@ -35,6 +57,8 @@ export function asCommand(state, size) {
     words = ["heatmap", state.scene, "-o", "heat.png", "--metric", p.metric, "--palette", state.palette, "--range", p.range,
              "--scale", state.log ? "log" : "linear", ...camera, ...common];
     if (compares(state)) words.push("--diff", state.compare.replace(/^(intersector|mask):/, "$1=").replace(/^(scene|set):/, ""));
+  } else if (p.view.lit && !orthographic) {
+    words = ["render", state.scene, "-o", "lit.png", ...camera, ...lightOptions(state).map(([option, , value]) => `${option}=${value}`), ...common];
   } else if (p.view.render && !orthographic) {
     words = ["render", state.scene, "-o", "picture.png", ...camera, ...common];
   } else {
@@ -59,10 +83,15 @@ export function asPython(state, size) {
   if (state.intersector !== "auto") job.push(`intersector=${literal(state.intersector)}`);
   if (Object.keys(state.settings).length) job.push(`params=${JSON.stringify(state.settings)}`);
   if (parseInt(state.mask, 16) !== 0xffffffff) job.push(`mask=0x${state.mask}`);
+  if (state.hidden.length) job.push(`hide=${JSON.stringify(selected(state.hidden))}`);
+  if (state.isolated.length) job.push(`only=${JSON.stringify(selected(state.isolated))}`);
   let lines;
   if (view.counter && !orthographic && state.kind === "closest") {
     const span = Array.isArray(state.range) ? point(state.range) : literal(range);
     lines = [`counts = scene.heatmap(${[...where, `fov=${camera.fov}`, `metric=${literal(metric)}`, `range=${span}`, ...job].join(",\n                       ")})`];
+  } else if (view.lit && !orthographic) {
+    const light = lightOptions(state).map(([, name, value]) => `${name}=${Array.isArray(value) ? point(value) : JSON.stringify(value)}`);
+    lines = [`pixels = scene.render(${[...where, `fov=${camera.fov}`, ...light, 'encode="raw"', ...job].join(",\n                      ")})`];
   } else if (view.render && !orthographic) {
     lines = [`pixels = scene.render(${[...where, `fov=${camera.fov}`, ...job].join(",\n                      ")})`];
   } else {

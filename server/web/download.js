@@ -1,6 +1,7 @@
 // The picture as a PNG file with its legend, and a report of one self-contained HTML file.
 import { element } from "./dom.js";
 import { shortNumber } from "./histogram.js";
+import { numberText } from "./ranking.js";
 import { rankingOf } from "./selection.js";
 
 function save(blob, name) {
@@ -49,9 +50,9 @@ const percent = (share) => `${(100 * share).toFixed(1)} %`;
 /** The tables and findings of a ranking (client/EXPLAIN.md), ten rows each. */
 function rankingText(document) {
   const line = (tag, cells) => `<tr>${cells.map((cell) => `<${tag}>${escaped(cell)}</${tag}>`).join("")}</tr>`;
-  const table = (name) => `<h2>Work by ${name}</h2><table>${line("th", ["Name", "Share", "Wasted", "Per ray"])}${document[name].rows.slice(0, 10)
-    .map((row) => line("td", [row.name || "(unnamed)", percent(row.share), percent(row.wasted), Number(row.work_per_ray.toPrecision(3))])).join("")}</table>`;
-  const findings = document.findings.map((finding) => `<li>${escaped(`${finding.finding.replaceAll("_", " ")}: ${finding.subject}: ` +
+  const table = (name) => `<h2>Work by ${name}</h2><table>${line("th", ["Name", "No.", "Share", "Wasted", "Per ray"])}${document[name].rows.slice(0, 10)
+    .map((row) => line("td", [row.name || "(unnamed)", row.path ?? row.index ?? "", percent(row.share), percent(row.wasted), Number(row.work_per_ray.toPrecision(3))])).join("")}</table>`;
+  const findings = document.findings.map((finding) => `<li>${escaped(`${finding.finding.replaceAll("_", " ")}: ${finding.subject}${numberText(finding)}: ` +
     `${Number(finding.figure.toPrecision(3))} ${finding.unit}, ${finding.side} ${finding.threshold}. Remedy: ${finding.remedy}.`)}</li>`).join("");
   return `${["instances", "meshes", "materials"].map(table).join("")}<h2>Diagnosis</h2>${findings ? `<ul>${findings}</ul>` : "<p>Nothing stands out.</p>"}`;
 }

@@ -4,6 +4,7 @@ import { cameraTable } from "./camera.js";
 import { askDocument, latest } from "./documents.js";
 import { element } from "./dom.js";
 import { jobOf } from "./requests.js";
+import { viewOf } from "./views.js";
 
 const STEPS = 400;
 const COLOURS = ["#ffd166", "#06d6a0", "#4cc9f0", "#f72585", "#b5e48c", "#ff9f1c"];
@@ -33,6 +34,20 @@ export function stepText(step) {
   if (step.kind === "leaf") return `Leaf ${step.leaf}: ${plural(step.prims, "primitive")} tested, ${step.hits} hit${step.refused ? `, ${step.refused} refused` : ""}`;
   const what = `Primitive ${step.prim} of geometry ${step.geom}${step.material === null ? "" : `, material ${step.material}`}, t ${Number(step.t).toPrecision(5)}`;
   return step.outcome === "accepted" ? what : `${what}: ${step.why}`;
+}
+
+/**
+ * Returns {box, colour, width, alpha} of the steps that entered a box. Those on the way to the hit stand out;
+ * the others are faint, the more of them the fainter, so that hundreds do not hide the picture.
+ */
+export function boxesOf({ hit, steps }) {
+  const way = new Set();
+  for (let at = hit?.step ?? null; at !== null; at = steps[at].parent) way.add(at);
+  const entered = steps.map((step, i) => ({ step, i })).filter(({ step: { box, kind, outcome } }) => box && (kind !== "instance" || outcome === "accepted"));
+  const faint = Math.min(0.5, 12 / Math.max(entered.length - way.size, 1));
+  return entered.sort((a, b) => way.has(a.i) - way.has(b.i)).map(({ step, i }) => ({ box: step.box,
+    colour: levelColour(step.kind === "instance" ? step.level - 1 : step.level),
+    ...(way.has(i) ? { width: 1.6, alpha: 1 } : { width: 0.8, alpha: Math.max(faint, 0.12) }) }));
 }
 
 export function explanation(app, place) {
@@ -71,8 +86,7 @@ export function explanation(app, place) {
       };
       return element("li", {}, row);
     }));
-    overlay.boxes("explain", steps.filter(({ box, kind, outcome }) => box && (kind !== "instance" || outcome === "accepted"))
-      .map((step) => ({ ...local(step.box), colour: levelColour(step.kind === "instance" ? step.level - 1 : step.level), width: 1 })));
+    overlay.boxes("explain", boxesOf(document).map((box) => ({ ...box, ...local(box.box) })));
   }
   function clear() {
     section.hidden = true;
@@ -81,7 +95,8 @@ export function explanation(app, place) {
     overlay.boxes("step", []);
   }
   hover.addEventListener("found", () => {
-    if (!hover.pinned) return clear();
+    // In the lit view a click shows the path of light in place of a traversal.
+    if (!hover.pinned || viewOf(store.values.view).lit) return clear();
     const { pinned } = hover;
     if (app.explained?.of === pinned) return undefined;
     return run(async (signal) => {

@@ -17,16 +17,21 @@ export class Image {
     this.colours = new Uint8Array(4 * count);
     this.base = new Uint8Array(4 * count);
     this.columns = {};
+    this.linear = null;  // of a lit picture: RGBA, premultiplied
+    this.samples = 0;
   }
 
   /** Begins with the pixels of a coarser picture, so that rows that have not come yet show something. */
   startFrom(other) {
+    if (this.view.lit && other.linear) this.linear = new Float32Array(4 * this.width * this.height);
+    const linear = other.linear && this.linear;
     for (let y = 0; y < this.height; ++y) {
       const row = Math.min(Math.floor((y * other.height) / this.height), other.height - 1) * other.width;
       for (let x = 0; x < this.width; ++x) {
         const from = row + Math.min(Math.floor((x * other.width) / this.width), other.width - 1);
         const to = y * this.width + x;
         this.values[to] = other.values[from];
+        if (linear) for (let k = 0; k < 4; ++k) linear[4 * to + k] = other.linear[4 * from + k];
         for (let k = 0; k < 4; ++k) {
           this.colours[4 * to + k] = other.colours[4 * from + k];
           this.base[4 * to + k] = other.base[4 * from + k];
@@ -50,7 +55,7 @@ export class Image {
         this.values[i] = other ? value - view.value(other, i, field) : value;
         continue;
       }
-      const colour = view.colour(columns, i);
+      const colour = columns.rgba ? columns.rgba.subarray(4 * i, 4 * i + 3) : view.colour(columns, i);
       if (!colour) this.colours.set(this.base.subarray(4 * i, 4 * i + 4), 4 * i);
       else this.colours.set([colour[0], colour[1], colour[2], 255], 4 * i);
     }

@@ -17,6 +17,8 @@ export class Legend {
   #high = element("input", { type: "number", step: "any", id: "range-high" });
   #values = new Float32Array(0);
   #statistics = statistics(this.#values);
+  #palette;
+  #log;
   #image = null;
   #drag = null;
   #drawn = 0;
@@ -24,12 +26,12 @@ export class Legend {
 
   constructor(store, place) {
     this.#store = store;
-    const palette = element("select", { id: "palette" }, PALETTE_NAMES.map((name) => element("option", { value: name }, name)));
+    const palette = this.#palette = element("select", { id: "palette" }, PALETTE_NAMES.map((name) => element("option", { value: name }, name)));
     palette.onchange = () => store.set({ palette: palette.value });
     const button = (id, text, title, click) => element("button", { type: "button", id, title, onclick: click }, text);
     const p99 = button("range-p99", "p99", "Range from 0 to the 99th percentile", () => store.set({ range: "p99" }));
     const auto = button("range-auto", "max", "Range up to the largest value", () => store.set({ range: "auto" }));
-    const log = button("log", "log", "Logarithmic scale (L)", () => store.set({ log: !store.values.log }));
+    const log = this.#log = button("log", "log", "Logarithmic scale (L)", () => store.set({ log: !store.values.log }));
     const opacity = element("input", { type: "range", min: 0, max: 1, step: 0.05, id: "opacity" });
     opacity.oninput = () => store.set({ opacity: Number(opacity.value) });
     for (const input of [this.#low, this.#high]) input.onchange = () => this.#typed();
@@ -55,7 +57,7 @@ export class Legend {
   /** Takes a picture's values, and draws them at once or `ms` after the last drawing. */
   show(image, ms = 0) {
     this.#image = image;
-    this.#values = image.values;
+    this.#values = image.view.value ? image.values : new Float32Array(0);
     this.#statistics = statistics(this.#values);
     const rest = this.#drawn + ms - performance.now();
     if (rest <= 0) this.draw();
@@ -82,8 +84,8 @@ export class Legend {
     const wide = this.#canvas.clientWidth;
     this.#canvas.width = Math.max(Math.round(wide * dpr), 1);
     this.#canvas.height = HEIGHT * dpr;
-    this.#canvas.hidden = this.controls.hidden = !image;
-    if (!image) return;
+    this.#canvas.hidden = this.controls.hidden = !image || Boolean(image.view.lit);
+    if (!image || image.view.lit) return;
     this.#title.textContent = image.diverging ? `${image.view.label}: more (red) or less (blue) than the other` : image.view.label;
     for (const control of this.controls.children) {
       control.hidden = !byValue && control !== this.#title && !control.querySelector?.("#opacity");
@@ -94,6 +96,10 @@ export class Legend {
     this.#canvas.hidden = !byValue;
     if (!byValue) return;
     const scale = this.scale, s = this.#statistics;
+    // A difference has a palette of its own, and a scale on both sides of 0.
+    this.#palette.value = scale.palette;
+    this.#palette.disabled = this.#log.disabled = image.diverging;
+    this.#palette.title = image.diverging ? "A difference is drawn with diverging" : "";
     if (document.activeElement !== this.#low) this.#low.value = Number(scale.low.toPrecision(5));
     if (document.activeElement !== this.#high) this.#high.value = Number(scale.high.toPrecision(5));
     this.#stats.textContent = ["min", "mean", "p50", "p99", "max"].map((name) => `${name} ${shortNumber(s[name])}`).join("  ");

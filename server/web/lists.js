@@ -1,5 +1,7 @@
 // The lists that client and daemon share. Written by .ci/lists.py from the .def files of the tree.
 
+export const INTEGRATORS = ["primary", "ao", "direct", "path"];
+
 export const MESSAGES = {
   Hello: 1,
   Ping: 2,
@@ -100,4 +102,11 @@ export const PALETTES = {
   inferno: [4, 1772610, 4918379, 7871597, 10824800, 13583430, 15558949, 16488966, 16240700, 16580516],
   gray: [0, 16777215],
   diverging: [340065, 2188972, 4428739, 9618910, 16250871, 16033154, 14049357, 11671595, 6750239],
+};
+
+export const TONEMAPS = {
+  agx: "as film: highlights lose their colour on the way to white",
+  aces: "as film, with more contrast",
+  reinhard: "x / (1 + x) of the luminance",
+  none: "clipped at 1",
 };

@@ -7,6 +7,7 @@ import { downloadPng, downloadReport } from "./download.js";
 import { Hover } from "./hover.js";
 import { showDialog, startKeys } from "./keys.js";
 import { Legend } from "./legend.js";
+import { lightRow } from "./light.js";
 import { Model } from "./model.js";
 import { Overlay } from "./overlay.js";
 import { buildPanels } from "./panels.js";
@@ -18,7 +19,8 @@ import { Selection } from "./selection.js";
 import { Store } from "./store.js";
 import { Surface } from "./surface.js";
 import { startTheme } from "./theme.js";
-import { fromFragment, toFragment } from "./url.js";
+import { lookOf } from "./tonemap.js";
+import { fitted, readFragment, toFragment } from "./url.js";
 import { viewOf, viewOptions } from "./views.js";
 import { visibility } from "./visibility.js";
 
@@ -26,12 +28,14 @@ const PIXELS_MAX = 1280 * 800;
 const notLoggedIn = await redeemCode();  // before the view is read from the address
 const LEGEND_MS = 250;  // the histogram follows coarse pictures at this interval
 const frame = byId("frame"), canvas = byId("picture");
-const store = new Store({ ...keptView(), ...fromFragment(location.hash) });
+const link = readFragment(location.hash);
+const store = new Store({ ...keptView(), ...link.state });
 const daemon = new Daemon(`${location.origin.replace(/^http/, "ws")}/v1/stream`, { client: "page" });
 const model = new Model(daemon);
 const picture = new Picture(daemon, store, tracedSize);
 const legend = new Legend(store, byId("legend"));
 const area = Object.assign(new EventTarget(), { rectangle: null });
+byId("legend").append(lightRow({ store, picture }));
 const app = { daemon, store, model, picture, legend, area, canvas, frame, failed, inform, showCamera };
 app.hover = new Hover(app);
 app.overlay = new Overlay(app, byId("overlay"));
@@ -75,7 +79,8 @@ function draw() {
     if (!surface || !picture.image) return;
     if (picture.image !== draw.uploaded || !picture.image.complete) surface.upload(picture.image);
     draw.uploaded = picture.image.complete ? picture.image : null;
-    surface.draw({ byValue: Boolean(picture.image.view.value), opacity: store.values.opacity, ...legend.scale });
+    surface.draw({ byValue: Boolean(picture.image.view.value), opacity: store.values.opacity, ...legend.scale,
+                   look: picture.image.linear ? lookOf(store.values, picture.image) : null });
     frame.dataset.shown = picture.image.fine ? (picture.image.complete ? "fine" : "partial") : "coarse";
   });
 }
@@ -121,12 +126,21 @@ frame.addEventListener("keydown", (event) => {
 });
 
 picture.addEventListener("image", () => {
-  if (picture.image.complete || !picture.image.fine) legend.show(picture.image, picture.image.fine ? 0 : LEGEND_MS);
+  if (picture.image.complete || !picture.image.fine || picture.image.linear) legend.show(picture.image, picture.image.fine ? 0 : LEGEND_MS);
   say("");
   draw();
 });
-picture.addEventListener("failed", ({ error }) => failed(error));
-store.on(["palette", "range", "log", "opacity"], draw);
+picture.addEventListener("failed", ({ error }) => {
+  const { hidden, isolated } = store.values;
+  // A link, or an epoch before, may hide what the scene lacks.
+  if (error.name === "INVALID_FIELD" && hidden.length + isolated.length && /there is no (outermost instance|object)/.test(error.message)) {
+    notUnderstood([...hidden.length ? [`hidden=${hidden}`] : [], ...isolated.length ? [`isolated=${isolated}`] : []]);
+    store.set({ hidden: [], isolated: [] });
+    return;
+  }
+  failed(error);
+});
+store.on(["palette", "range", "log", "opacity", "exposure", "tonemap"], draw);
 store.on(["size"], () => { fit(); picture.restart(); });
 store.on(["scene", "camera", "view"], () => { area.rectangle = null; });
 new ResizeObserver(() => {
@@ -156,6 +170,17 @@ function sceneIsGone(scene) {
   say(`The scene "${scene}" is not loaded. Choose another one, or load it: raynest load FILE --name ${scene}`, true);
 }
 
+let fitLink = true;
+
+/** Says in one line which parts of the link have their default in the picture. */
+function notUnderstood(parts) {
+  if (parts.length === 0) return;
+  const short = parts.slice(0, 4).map((text) => (text.length > 30 ? `${text.slice(0, 30)}…` : text));
+  if (parts.length > 4) short.push(`${parts.length - 4} more`);
+  byId("notice").replaceChildren(element("span", {}, `Not understood in this link: ${short.join(", ")}. Defaults are shown.`),
+    element("button", { type: "button", ariaLabel: "Close this note", onclick: () => byId("notice").replaceChildren() }, "×"));
+}
+
 async function chooseScene(camera) {
   const { scene } = store.values;
   const info = await model.choose(scene);
@@ -163,6 +188,12 @@ async function chooseScene(camera) {
   fillSelect(byId("camera"), [["", "own"], ...info.cameras?.length ? info.cameras.map((name, i) => [String(i), name || `camera ${i}`]) : [["automatic", "whole scene"]]], store.values.cameraName);
   const levels = Array.from({ length: info.levels }, (_, level) => [String(level), level === 0 ? "0 (root)" : String(level)]);
   fillSelect(byId("level"), [["", "all"], ...levels], store.values.level);
+  if (fitLink) {
+    fitLink = false;
+    const { patch, ignored } = fitted(store.values, model);
+    store.set(patch);
+    notUnderstood([...link.ignored, ...ignored]);
+  }
   if (camera) picture.restart(); else await chooseCamera(info.cameras?.length ? "0" : "automatic");
 }
 
@@ -261,8 +292,7 @@ const ready = (run) => () => { if (picture.image) run(); };
 const switchTheme = startTheme(() => legend.draw());
 const frameScene = ready(() => showCamera(frameBox(store.values.camera, model.box.low, model.box.high)));
 const show = ready(() => showDialog("This view again", element("div", {}, element("h2", {}, "Command"), element("pre", { tabIndex: 0, id: "command" }, texts()[0]),
-  element("h2", {}, "Python"), element("pre", { tabIndex: 0, id: "python" }, texts()[1]),
-  store.values.hidden.length + store.values.isolated.length ? element("p", { className: "hint" }, "Hidden and isolated instances are part of the link, not of the command.") : null),
+  element("h2", {}, "Python"), element("pre", { tabIndex: 0, id: "python" }, texts()[1])),
   ...[["Copy as command", () => copy(texts()[0], "Command")], ["Copy as Python", () => copy(texts()[1], "Python")], ["Copy link", () => copy(location.href, "Link")],
       ["PNG", () => downloadPng(app)], ["Report", () => downloadReport(app, texts())]]
     .map(([text, onclick]) => element("button", { type: "button", onclick }, text))));
@@ -277,7 +307,7 @@ const actions = [
       projection: store.values.camera.projection === "orthographic" ? "perspective" : "orthographic" })) },
   { key: "C", text: "This view as command, Python, link, PNG or report", run: show },
   { key: "T", text: "Light or dark", run: switchTheme },
-  { key: "Escape", text: "Let go of the kept ray, selection and rectangle", run: () => { app.hover.unpin(); app.selection.choose(null); area.rectangle = null; area.dispatchEvent(new Event("change")); draw(); } },
+  { key: "Escape", text: "Let go of the kept ray, selection and rectangle", run: () => { app.hover.unpin(); app.path?.clear(); app.selection.choose(null); area.rectangle = null; area.dispatchEvent(new Event("change")); draw(); } },
 ];
 const help = startKeys(actions);
 for (const [id, text, title, run] of [["share", "Share", "Copy as command, Python or link; PNG; report (C)", show],

@@ -1,6 +1,8 @@
-// Lines over the picture: the chosen rectangle, and boxes of the scene as wireframes.
+// Lines over the picture: the chosen rectangle, boxes of the scene as wireframes, and rays.
 import { add, basis, dot, projector, scale, sub } from "./camera.js";
 
+const HALO = "rgb(0 0 0 / .55)";
+const DIM = 60, EDGE = 150;  // alphas: enough to find what is marked, and little enough to see what is around it
 const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 
 /** The corners of a box, moved to the world by a 3x4 matrix (row by row) where one is given. */
@@ -15,6 +17,7 @@ export class Overlay {
   #app;
   #canvas;
   #layers = new Map();
+  #lines = new Map();
   #mask = null;
   #asked = false;
   #empty = true;
@@ -28,6 +31,12 @@ export class Overlay {
   /** Shows boxes {low, high, matrix, colour} under a name; an empty list removes them. */
   boxes(name, list) {
     this.#layers.set(name, list);
+    this.draw();
+  }
+
+  /** Shows lines {from, to, colour, width, dash, mark} under a name; `mark` puts a dot at the end. */
+  lines(name, list) {
+    this.#lines.set(name, list);
     this.draw();
   }
 
@@ -67,7 +76,11 @@ export class Overlay {
     const { camera } = store.values;
     context.imageSmoothingEnabled = false;
     if (this.#mask) context.drawImage(this.#mask, 0, 0, width, height);
-    if (camera) drawBoxes(context, camera, [...this.#layers.values()].flat(), width, height);
+    if (camera) {
+      const view = viewBy(camera, width, height);
+      drawBoxes(context, view, [...this.#layers.values()].flat());
+      drawLines(context, view, [...this.#lines.values()].flat());
+    }
     if (!area.rectangle) return;
     const zoom = width / picture.width;
     const [[x0, y0], [x1, y1]] = area.rectangle;
@@ -87,40 +100,67 @@ function maskCanvas({ width, height, inside }) {
   for (let i = 0; i < inside.length; ++i) {
     const x = i % width;
     const edge = inside[i] && ((x > 0 && !inside[i - 1]) || (x < width - 1 && !inside[i + 1]) || !(inside[i - width] ?? 1) || !(inside[i + width] ?? 1));
-    if (edge) pixels.data.set([255, 255, 255, 255], 4 * i);
-    else if (!inside[i]) pixels.data[4 * i + 3] = 130;
+    if (edge) pixels.data.set([255, 255, 255, EDGE], 4 * i);
+    else if (!inside[i]) pixels.data[4 * i + 3] = DIM;
   }
   context.putImageData(pixels, 0, 0);
   return canvas;
 }
 
-function drawBoxes(context, camera, boxes, width, height) {
-  const view = { see: projector(camera, width, height), near: camera.projection === "orthographic" ? -Infinity : 1e-4, width, height };
+function viewBy(camera, width, height) {
   const { back } = basis(camera);
-  view.depth = (p) => -dot(sub(p, camera.eye), back);
+  return { see: projector(camera, width, height), near: camera.projection === "orthographic" ? -Infinity : 1e-4, width, height,
+           depth: (p) => -dot(sub(p, camera.eye), back) };
+}
+
+function drawBoxes(context, view, boxes) {
   for (const box of boxes) {
-    context.strokeStyle = box.colour ?? "#ffffff";
-    context.lineWidth = box.width ?? 1.2;
-    context.beginPath();
-    addBox(context, view, box);
-    context.stroke();
+    const points = corners(box), path = new Path2D();
+    for (const [a, b] of EDGES) addLine(path, view, points[a], points[b]);
+    // A dark edge keeps thin lines visible on bright pixels; many faint boxes go without.
+    const strong = (box.width ?? 1.2) > 1;
+    context.globalAlpha = box.alpha ?? 1;
+    if (strong) stroke(context, path, HALO, (box.width ?? 1.2) + 1.5);
+    stroke(context, path, box.colour ?? "#ffffff", box.width ?? 1.2);
+  }
+  context.globalAlpha = 1;
+}
+
+function drawLines(context, view, lines) {
+  for (const { from, to, colour, width = 2, dash = [], mark = false } of lines) {
+    const path = new Path2D();
+    addLine(path, view, from, to);
+    stroke(context, path, HALO, width + 2);
+    context.setLineDash(dash);
+    stroke(context, path, colour, width);
+    context.setLineDash([]);
+    if (!mark || view.depth(to) < view.near) continue;
+    const dot = new Path2D();
+    dot.arc(...view.see(to).slice(0, 2), width + 2, 0, 2 * Math.PI);
+    context.fillStyle = colour;
+    context.fill(dot);
+    stroke(context, dot, HALO, 1);
   }
 }
 
-function addBox(context, { see, near, depth, width, height }, box) {
-  const points = corners(box);
-  for (const [a, b] of EDGES) {
-    let [p, q] = [points[a], points[b]];
-    const [dp, dq] = [depth(p), depth(q)];
-    if (dp < near && dq < near) continue;
-    // Cut the edge where it passes behind the eye.
-    if (dp < near) p = add(p, scale(sub(q, p), (near - dp) / (dq - dp)));
-    if (dq < near) q = add(q, scale(sub(p, q), (near - dq) / (dp - dq)));
-    const line = clipped(see(p), see(q), width, height);
-    if (!line) continue;
-    context.moveTo(...line[0]);
-    context.lineTo(...line[1]);
-  }
+function stroke(context, path, colour, width) {
+  context.strokeStyle = colour;
+  context.lineWidth = width;
+  context.stroke(path);
+}
+
+/** Adds a line between two points of the scene, where it can be seen. */
+function addLine(path, { see, near, depth, width, height }, from, to) {
+  let [p, q] = [from, to];
+  const [dp, dq] = [depth(p), depth(q)];
+  if (dp < near && dq < near) return;
+  // Cut the line where it passes behind the eye.
+  if (dp < near) p = add(p, scale(sub(q, p), (near - dp) / (dq - dp)));
+  if (dq < near) q = add(q, scale(sub(p, q), (near - dq) / (dp - dq)));
+  const line = clipped(see(p), see(q), width, height);
+  if (!line) return;
+  path.moveTo(...line[0]);
+  path.lineTo(...line[1]);
 }
 
 /** Returns the part of a line inside the canvas, or null. Lines of millions of pixels take seconds to draw. */

@@ -3,7 +3,9 @@
 // end, so that there is something to see while it moves; every other change cancels both.
 import { Image } from "./image.js";
 import { pictureRequests } from "./requests.js";
-import { traceQuery, traceRender } from "./tracer.js";
+import { lightOf } from "./light.js";
+import { traceLit, traceQuery, traceRender } from "./tracer.js";
+import { viewOf } from "./views.js";
 
 const COARSE_SHARE = 4;  // of each side: 1/16 of the rays
 const COARSE_LEAST = [160, 90];
@@ -32,6 +34,7 @@ export class Picture extends EventTarget {
     this.#size = size;
     store.on(["camera"], () => this.moved());
     store.on(["scene", "view", "level", "compare", "intersector", "settings", "mask", "kind", "hidden", "isolated"], () => this.restart());
+    store.on(["integrator", "samples", "seed", "depth", "aoDistance", "env", "sun"], ({ view }) => { if (viewOf(view).lit) this.restart(); });
   }
 
   /** True if the fine picture of what the page shows now is complete. */
@@ -117,12 +120,9 @@ export class Picture extends EventTarget {
     image.wanted = wantedOf(state);
     image.fine = fine;
     if (fine && this.image) image.startFrom(this.image);
-    const requests = pictureRequests(state, width, height);
-    const show = () => {
-      if (signal.aborted) return;
-      this.image = image;
-      this.dispatchEvent(new Event("image"));
-    };
+    const requests = pictureRequests(state, width, height, fine);
+    if (requests[0].message.encode === "linear") return this.#refine(image, requests[0].message, running, fine);
+    const show = () => this.#show(image, signal);
     const begun = performance.now();
     let drawn = begun;
     const onRows = requests.length > 1 || !fine ? undefined : (columns, first, end) => {
@@ -140,11 +140,36 @@ export class Picture extends EventTarget {
     this.counts.rays += width * height * requests.length;
     show();
   }
+
+  #show(image, signal) {
+    if (signal.aborted) return;
+    this.image = image;
+    this.dispatchEvent(new Event("image"));
+  }
+
+  /** Traces a lit picture: it is shown after each pass over all pixels. */
+  async #refine(image, message, running, fine) {
+    const { signal } = running.controller;
+    const begun = performance.now();
+    const traced = await traceLit(this.#daemon, message, image.width * image.height, { signal,
+      onPass: (linear, samples) => {
+        Object.assign(image, { linear, samples });
+        this.#show(image, signal);
+      },
+      onProgress: ({ noise = 0, left_ms: left = 0 }) => Object.assign(image, { noise, left: Number(left) }) });
+    Object.assign(image, { started: traced.started, done: traced.done, complete: fine, ms: performance.now() - begun });
+    this.counts[fine ? "fine" : "coarse"] += 1;
+    this.counts.rays += Number(traced.done?.rays ?? 0);
+    this.#show(image, signal);
+  }
 }
 
 /** The state that a picture depends on. */
-const wantedOf = ({ scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated }) =>
-  ({ scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated });
+const wantedOf = (state) => {
+  const { scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated } = state;
+  const light = viewOf(view).lit ? { ...lightOf(state), samples: state.samples } : null;
+  return { scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated, light };
+};
 
 const pause = (ms, signal) => new Promise((resolve, reject) => {
   const timer = setTimeout(resolve, ms);

@@ -19,8 +19,12 @@ function build(app, place) {
   fillSelect(kind, TABLES.map((name) => [name, name]), "instances");
   const hint = element("p", { className: "hint", id: "ranking-hint" });
   const share = (title, key) => ({ title, number: true, value: (row) => row[key], text: (row) => percent(row[key]) });
-  const table = sortableTable("Ranking by work", [share("Share", "share"), { title: "Name", value: (row) => row.name || "(unnamed)" }, share("Wasted", "wasted"),
-    { title: "Per ray", number: true, value: (row) => row.work_per_ray, text: (row) => shortNumber(Number(row.work_per_ray.toPrecision(3))) }], { choose });
+  // Equal names have different numbers: paths of instances, objects of meshes.
+  const numberIn = (row) => row.path ?? row.index ?? "";
+  const table = sortableTable("Ranking by work", [share("Share", "share"), { title: "Name", value: (row) => row.name || "(unnamed)" },
+    { title: "No.", number: true, ascending: true, value: (row) => Number(numberIn(row)), text: (row) => String(numberIn(row)) }, share("Wasted", "wasted"),
+    { title: "Per ray", number: true, value: (row) => row.work_per_ray, text: (row) => shortNumber(Number(row.work_per_ray.toPrecision(3))) }], { choose },
+  { "No.": "First path of an instance, number of an object or material: it tells equal names apart" });
   const rest = element("p", { className: "hint" });
   const findings = element("div", { id: "findings" });
   place.append(field("Table", kind), field("Group by", level), hint, table.node, rest, element("h2", {}, "Diagnosis"), findings);
@@ -30,23 +34,17 @@ function build(app, place) {
     if (kind.value === "instances") {
       selection.choose({ kind: "placements", first: BigInt(row.path), count: BigInt(row.placements), name: row.name });
     } else {
-      chooseNamed(kind.value, row.name);
+      chooseNumbered(kind.value === "meshes" ? "object" : "material", row.index, row.name);
     }
   }
-  function chooseNamed(list, name) {
-    if (list === "meshes") {
-      const object = model.objects.find((row) => row.name === name)?.object;
-      if (object !== undefined) selection.choose({ kind: "object", object, name });
-    } else {
-      const material = model.materials.findIndex((row) => row.name === name);
-      if (material >= 0) selection.choose({ kind: "material", material, name });
-    }
+  function chooseNumbered(kind, index, name) {
+    if (typeof index === "number") selection.choose({ kind, [kind]: index, name });
   }
   function mark() {
     table.mark((row) => {
       if (kind.value === "instances") return selection.hasPath(BigInt(row.path), BigInt(row.placements));
-      if (kind.value === "meshes") return selection.chosen?.object !== undefined && model.objects[selection.chosen.object]?.name === row.name;
-      return selection.chosen?.material !== undefined && model.materials[selection.chosen.material]?.name === row.name;
+      if (kind.value === "meshes") return selection.hasObject(row.index);
+      return selection.hasMaterial(row.index);
     });
   }
   function show() {
@@ -60,8 +58,8 @@ function build(app, place) {
       "Wasted is the part spent on rays that hit nothing in it.";
     findings.replaceChildren(...document.findings.length === 0 ? [element("p", { className: "hint" }, "Nothing stands out.")]
       : document.findings.map((finding) => element("button", { type: "button", className: "finding", onclick: () =>
-          chooseNamed(finding.finding === "refusing_cutouts" ? "materials" : "meshes", finding.subject) },
-        element("strong", {}, `${capital(finding.finding.replaceAll("_", " "))}: ${finding.subject || "(unnamed)"}`),
+          chooseNumbered(...numberOf(finding), finding.subject) },
+        element("strong", {}, `${capital(finding.finding.replaceAll("_", " "))}: ${finding.subject || "(unnamed)"}${numberText(finding)}`),
         element("span", {}, `${Number(finding.figure.toPrecision(3))} ${finding.unit}, ${finding.side} ${finding.threshold}; ${percent(finding.share)} of all work.`),
         element("span", {}, `Remedy: ${finding.remedy}.`))));
   }
@@ -94,5 +92,12 @@ function build(app, place) {
   levels();
   ask();
 }
+
+/** The kind and number of a finding's subject: ["object", 3]. */
+const numberOf = (finding) => (finding.material === undefined ? ["object", finding.object] : ["material", finding.material]);
+export const numberText = (finding) => {
+  const [kind, index] = numberOf(finding);
+  return typeof index === "number" ? ` (${kind} ${index})` : "";
+};
 
 const capital = (text) => text[0].toUpperCase() + text.slice(1);

@@ -3,6 +3,7 @@
 //   const daemon = new Daemon("ws://127.0.0.1:31061/v1/stream");
 //   daemon.addEventListener("state", () => console.log(daemon.state));   // connecting, open or lost
 //   daemon.addEventListener("lost", () => {});                           // after each attempt that failed, too
+//   await daemon.ready();
 //   const { info } = await daemon.ask("Load", { source: "builtin:forest" });
 //   for await (const { type, message, columns } of daemon.request("Query", {
 //     job: { scene: info.name }, fields: ["t", "total"], generator: { kind: "camera", settings: ["size=320x180"] },
@@ -36,12 +37,20 @@ export class Daemon extends EventTarget {
   state = "connecting";
   welcome = null;
 
-  /** `options`: client (a name for the daemon's log), Socket (a WebSocket class), retryMs. */
+  /**
+   * `options`: client (a name for the daemon's log), Socket (a WebSocket class), retryMs, and outside of browsers
+   * headers, because the daemon wants its own address as Origin.
+   */
   constructor(url, options = {}) {
     super();
     this.#url = url;
     this.#options = { client: "raynest.js", Socket: globalThis.WebSocket, retryMs: RETRY_MS, ...options };
     this.#connect();
+  }
+
+  /** Resolves when the daemon has answered, and after a loss when it has answered again. */
+  async ready() {
+    while (this.state !== "open") await new Promise((resolve) => this.addEventListener("state", resolve, { once: true }));
   }
 
   /** Sends a request; an async iterator of its frames, up to the last one. Throws DaemonError. */
@@ -106,13 +115,16 @@ export class Daemon extends EventTarget {
   get pending() { return this.#requests.size; }
 
   #connect() {
-    const socket = new this.#options.Socket(this.#url);
+    const { Socket, headers } = this.#options;
+    const socket = headers ? new Socket(this.#url, { headers }) : new Socket(this.#url);
+    let lost = false;
+    // An error ends a WebSocket, but Node tells no close of one that never opened.
+    const lose = () => { if (!lost) this.#lose(); lost = true; };
     this.#socket = socket;
     socket.binaryType = "arraybuffer";
     socket.onopen = () => this.#send("Hello", 0, { client: this.#options.client });
     socket.onmessage = ({ data }) => this.#receive(data);
-    socket.onclose = () => this.#lose();
-    socket.onerror = () => {};  // onclose follows
+    socket.onclose = socket.onerror = lose;
   }
 
   #receive(data) {

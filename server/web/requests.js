@@ -1,5 +1,6 @@
 // The requests of the page, made from what it shows: used by pictures, hovering and "copy as command".
 import { cameraTable, generator } from "./camera.js";
+import { lightOf } from "./light.js";
 import { viewOf } from "./views.js";
 
 /** Returns the Job table; `other` is one of the settings of "difference with". */
@@ -23,10 +24,19 @@ export function jobOf(state, other = "") {
 /** True if the state asks for a difference, which only views of values have. */
 export const compares = (state) => state.compare !== "" && Boolean(viewOf(state.view).value);
 
-/** Returns the requests of a picture: one, or two for a difference. */
-export function pictureRequests(state, width, height) {
+/**
+ * Returns the requests of a picture: one, or two for a difference. A lit picture is refined to all of its
+ * samples where it is `fine`, and has one else.
+ */
+export function pictureRequests(state, width, height, fine = true) {
   const view = viewOf(state.view);
   const { camera } = state;
+  if (view.lit && camera.projection !== "orthographic") {
+    const light = lightOf(state), job = jobOf(state);
+    if (light.integrator === "primary") return [{ type: "Render", message: { job, width, height, integrator: "primary", camera: cameraTable(camera) } }];
+    return [{ type: "Render", message: { job, width, height, camera: cameraTable(camera), ...light,
+      samples: fine ? state.samples : 1, progressive: fine, encode: "linear" } }];
+  }
   if (view.render && camera.projection !== "orthographic") {
     return [{ type: "Render", message: { job: jobOf(state), width, height, integrator: "primary",
       camera: cameraTable(camera) } }];

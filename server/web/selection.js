@@ -80,8 +80,8 @@ export class Selection extends EventTarget {
 
   #mark() {
     const { overlay, picture, store } = this.#app;
-    // Isolated placements stand out without dimming the rest.
-    if (!this.chosen || !picture.image?.complete || store.values.isolated.length) return overlay?.mask(null);
+    // Isolated placements stand out without dimming the rest; in a lit picture brightness means light.
+    if (!this.chosen || !picture.image?.complete || store.values.isolated.length || picture.image.view.lit) return overlay?.mask(null);
     return this.#run(async (signal) => {
       const { width, height } = picture.image;
       const columns = await this.#ids(signal);

@@ -1,6 +1,7 @@
 // Draws a picture with WebGL2. Values are a texture of floats; palette, range, scale and opacity are
 // applied by the shader, so that changing them costs one draw and no request.
 import { logUnit, paletteBytes } from "./palette.js";
+import { TONEMAP_SHADER } from "./tonemap.js";
 
 const VERTEX = `#version 300 es
 void main() {
@@ -10,19 +11,26 @@ void main() {
 
 const FRAGMENT = `#version 300 es
 precision highp float;
-uniform highp sampler2D values;
+uniform highp sampler2D values, linear;
 uniform sampler2D colours, base, palette;
 uniform vec2 size;
 uniform vec2 range;
-uniform float opacity, unit;
-uniform bool logarithmic, by_value;
+uniform float opacity, unit, gain;
+uniform int tonemap;
+uniform bool logarithmic, by_value, lit;
 out vec4 result;
+${TONEMAP_SHADER}
 void main() {
   // Row 0 of a picture is on top.
   ivec2 pixel = ivec2(gl_FragCoord.x / size.x * float(textureSize(base, 0).x),
                       (1.0 - gl_FragCoord.y / size.y) * float(textureSize(base, 0).y));
   vec4 behind = texelFetch(base, pixel, 0);
   vec4 front = texelFetch(colours, pixel, 0);
+  if (lit) {
+    vec4 light = texelFetch(linear, pixel, 0);
+    vec3 colour = displayed(tonemap, gain / (light.a > 0.0 ? light.a : 1.0) * light.rgb);
+    front.rgb = mix(vec3(46.0 / 255.0), colour, clamp(light.a, 0.0, 1.0));
+  }
   if (by_value) {
     float value = texelFetch(values, pixel, 0).r;
     float inside = clamp(value - range.x, 0.0, range.y - range.x);
@@ -61,14 +69,14 @@ export class Surface {
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program) ?? "no shader");
     gl.useProgram(program);
-    ["values", "colours", "base", "palette"].forEach((name, unit) => {
+    ["values", "colours", "base", "palette", "linear"].forEach((name, unit) => {
       this.#textures[name] = gl.createTexture();
       gl.activeTexture(gl.TEXTURE0 + unit);
       gl.bindTexture(gl.TEXTURE_2D, this.#textures[name]);
       for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
       gl.uniform1i(gl.getUniformLocation(program, name), unit);
     });
-    for (const name of ["size", "range", "unit", "opacity", "logarithmic", "by_value"]) {
+    for (const name of ["size", "range", "unit", "opacity", "logarithmic", "by_value", "lit", "gain", "tonemap"]) {
       this.#uniforms[name] = gl.getUniformLocation(program, name);
     }
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
@@ -85,9 +93,11 @@ export class Surface {
     put(0, gl.R32F, gl.RED, gl.FLOAT, image.values);
     put(1, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, image.colours);
     put(2, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, image.base);
+    if (image.linear) put(4, gl.RGBA32F, gl.RGBA, gl.FLOAT, image.linear);
   }
 
-  draw({ byValue, low, high, log, opacity, palette }) {
+  /** `look` is {tonemap, stops} of a lit picture. */
+  draw({ byValue, low, high, log, opacity, palette, look = null }) {
     const gl = this.#gl;
     if (palette !== this.#palette) {
       this.#palette = palette;
@@ -99,9 +109,12 @@ export class Surface {
     gl.uniform2f(this.#uniforms.size, width, height);
     gl.uniform2f(this.#uniforms.range, low, high);
     gl.uniform1f(this.#uniforms.unit, logUnit(low));
-    gl.uniform1f(this.#uniforms.opacity, opacity);
+    gl.uniform1f(this.#uniforms.opacity, look ? 1 : opacity);
     gl.uniform1i(this.#uniforms.logarithmic, log ? 1 : 0);
     gl.uniform1i(this.#uniforms.by_value, byValue ? 1 : 0);
+    gl.uniform1i(this.#uniforms.lit, look ? 1 : 0);
+    gl.uniform1f(this.#uniforms.gain, look ? 2 ** look.stops : 1);
+    gl.uniform1i(this.#uniforms.tonemap, look?.tonemap ?? 0);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 }

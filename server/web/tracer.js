@@ -19,6 +19,25 @@ export async function traceQuery(daemon, message, count, { signal, onRows = () =
   return { columns, started, done };
 }
 
+/**
+ * Runs a request for a lit picture of linear values, four floats per pixel; calls onPass(linear, samples) for
+ * each whole picture, and onProgress(message).
+ */
+export async function traceLit(daemon, message, count, { signal, onPass = () => {}, onProgress = () => {} } = {}) {
+  let started = null, done = null, bytes = null;
+  for await (const { type, message: news, columns } of daemon.request("Render", message, { signal })) {
+    if (type === "Started") started = news;
+    if (type === "Done") done = news;
+    if (type === "Progress") onProgress(news);
+    if (type !== "Picture") continue;
+    const first = Number(news.offset ?? 0), { data } = columns;
+    if (first === 0) bytes = new Uint8Array(16 * count);
+    bytes.set(data, first);
+    if (first + data.length === bytes.length) onPass(new Float32Array(bytes.buffer), news.samples ?? 0);
+  }
+  return { columns: {}, started, done };
+}
+
 /** As traceQuery, for a picture of four bytes per pixel. */
 export async function traceRender(daemon, message, count, { signal, onRows = () => {} } = {}) {
   const columns = { rgba: new Uint8Array(4 * count) };

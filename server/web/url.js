@@ -1,20 +1,36 @@
 // The whole view in the fragment of the address, so that a link shows a colleague the same. What has its
-// default is left out. Unreadable parts of a link are ignored: a link comes from outside.
+// default is left out. A link comes from outside: parts that say nothing are named, and have their default.
 import { DEFAULTS } from "./store.js";
 import { rounded } from "./camera.js";
+import { ENVIRONMENTS, sunOf } from "./light.js";
+import { INTEGRATORS, PALETTES } from "./lists.js";
+import { TONEMAP_NAMES } from "./tonemap.js";
+import { VIEWS } from "./views.js";
 
-const TEXTS = ["scene", "view", "level", "compare", "intersector", "mask", "kind", "palette", "size", "control",
-               "upAxis", "panel", "cameraName", "boxes"];
 const TEXT_MAX = 300;
 const clean = (text) => text.slice(0, TEXT_MAX).replace(/[\p{Cc}]/gu, "");
 const numbers = (text, count) => {
-  const found = text.split(",").map(Number);
+  const found = text.split(",").map((word) => (word.trim() === "" ? NaN : Number(word)));
   return found.length === count && found.every(Number.isFinite) ? found : null;
 };
+const among = (...words) => (text) => words.includes(text);
+const any = () => true;
+
+/** Texts of a link, and what they may be. Levels, scenes and intersectors are known later: see fitted(). */
+const TEXTS = {
+  scene: any, view: among(...VIEWS.map(({ id }) => id)), level: (text) => /^\d{1,2}$/.test(text), compare: (text) => /^(intersector|scene|mask|set):./.test(text),
+  intersector: any, mask: (text) => /^[0-9a-f]{1,8}$/i.test(text), kind: among("closest", "any"), palette: among(...Object.keys(PALETTES)),
+  size: (text) => text === "fit" || /^\d{1,5}x\d{1,5}$/.test(text), control: among("orbit", "first", "free"), upAxis: among("x", "y", "z"),
+  panel: among("setup", "ray", "ranking", "objects", "area"), cameraName: any, boxes: (text) => /^\d{1,2}:\d{1,2}:\d{1,2}:[01]$/.test(text),
+  integrator: among(...INTEGRATORS), env: among(...ENVIRONMENTS.map(([name]) => name)), sun: (text) => sunOf(text) !== null,
+  tonemap: among(...TONEMAP_NAMES), exposure: (text) => text === "auto" || (numbers(text, 1) !== null && Math.abs(Number(text)) <= 64),
+};
+/** Whole numbers and lengths of a link: least, most, whether it must be whole. */
+const NUMBERS = { samples: [1, 65536, true], seed: [0, Number.MAX_SAFE_INTEGER, true], depth: [1, 1024, true], sample: [0, 65535, true], aoDistance: [0, 1e15, false] };
 
 export function toFragment(state) {
   const parts = new URLSearchParams();
-  for (const key of TEXTS) if (state[key] !== DEFAULTS[key]) parts.set(key, state[key]);
+  for (const key of [...Object.keys(TEXTS), ...Object.keys(NUMBERS)]) if (state[key] !== DEFAULTS[key]) parts.set(key, state[key]);
   const { camera } = state;
   if (camera) {
     parts.set("camera", [...camera.eye, ...camera.at, ...camera.up, camera.fov].join(","));
@@ -29,29 +45,74 @@ export function toFragment(state) {
   return parts.toString().replaceAll("%2C", ",").replaceAll("%3D", "=");
 }
 
-export function fromFragment(fragment) {
+/** Returns {state, ignored}: `ignored` are the parts that say nothing, each as "name=value". */
+export function readFragment(fragment) {
   const parts = new URLSearchParams(fragment.replace(/^#/, ""));
-  const state = {};
-  for (const key of TEXTS) if (parts.has(key)) state[key] = clean(parts.get(key));
-  if (state.mask !== undefined && !/^[0-9a-f]{1,8}$/i.test(state.mask)) delete state.mask;
-  const c = numbers(parts.get("camera") ?? "", 10);
-  const differs = (a, b) => a.some((x, i) => x !== b[i]);
-  if (c && differs(c.slice(0, 3), c.slice(3, 6)) && c.slice(6, 9).some((x) => x !== 0) && c[9] >= 0.01 && c[9] < 179) {
-    state.camera = rounded({ eye: c.slice(0, 3), at: c.slice(3, 6), up: c.slice(6, 9), fov: c[9],
-      projection: parts.get("projection") === "orthographic" ? "orthographic" : "perspective" });
+  const state = {}, ignored = [];
+  /** Takes a part where `read` makes something of its text. */
+  const take = (name, read) => {
+    for (const text of parts.getAll(name).slice(0, 64).map(clean)) if (!read(text)) ignored.push(`${name}=${text}`);
+  };
+  const set = (key, value) => { state[key] = value; return true; };
+  for (const [key, good] of Object.entries(TEXTS)) take(key, (text) => text === DEFAULTS[key] || (good(text) && set(key, text)));
+  for (const [key, [least, most, whole]] of Object.entries(NUMBERS)) {
+    take(key, (text) => {
+      const [value] = numbers(text, 1) ?? [NaN];
+      return value >= least && value <= most && (!whole || Number.isInteger(value)) && set(key, value);
+    });
   }
-  const settings = parts.getAll("set").map((text) => /^(\w+)=(.*)$/s.exec(clean(text))).filter(Boolean);
-  if (settings.length) state.settings = Object.fromEntries(settings.map((match) => [match[1], match[2]]));
-  const range = parts.get("range");
-  const limits = numbers(range ?? "", 2);
-  if (range === "auto" || range === "p99") state.range = range;
-  else if (limits && limits[0] < limits[1]) state.range = limits;
-  if (parts.get("log") === "1") state.log = true;
-  const opacity = Number(parts.get("opacity") ?? NaN);
-  if (opacity >= 0 && opacity < 1) state.opacity = opacity;
+  take("projection", among("perspective", "orthographic"));
+  take("camera", (text) => {
+    const c = numbers(text, 10);
+    if (!c || c.slice(0, 3).every((x, i) => x === c[3 + i]) || c.slice(6, 9).every((x) => x === 0) || !(c[9] >= 0.01 && c[9] < 179)) return false;
+    return set("camera", rounded({ eye: c.slice(0, 3), at: c.slice(3, 6), up: c.slice(6, 9), fov: c[9],
+      projection: parts.get("projection") === "orthographic" ? "orthographic" : "perspective" }));
+  });
+  take("set", (text) => {
+    const match = /^(\w+)=(.*)$/s.exec(text);
+    return match && set("settings", { ...state.settings, [match[1]]: match[2] });
+  });
+  take("range", (text) => {
+    const limits = numbers(text, 2);
+    return text === "auto" || text === "p99" ? set("range", text) : limits && limits[0] < limits[1] && set("range", limits);
+  });
+  take("log", (text) => text === "0" || (text === "1" && set("log", true)));
+  take("opacity", (text) => {
+    const [value] = numbers(text, 1) ?? [NaN];
+    return value >= 0 && value <= 1 && set("opacity", value);
+  });
   for (const key of ["hidden", "isolated"]) {
-    const ids = (parts.get(key) ?? "").split(",").filter((id) => /^[io]\d{1,9}$/.test(id));
-    if (ids.length) state[key] = ids.slice(0, 256);
+    if (!parts.has(key)) continue;
+    const ids = parts.get(key).split(","), good = ids.filter((id) => /^[io]\d{1,9}$/.test(id)).slice(0, 256);
+    if (good.length < ids.length) ignored.push(`${key}=${clean(ids.filter((id) => !good.includes(id)).join(","))}`);
+    if (good.length) state[key] = good;
   }
-  return state;
+  const known = new Set([...Object.keys(TEXTS), ...Object.keys(NUMBERS), "projection", "camera", "set", "range", "log", "opacity", "hidden", "isolated"]);
+  for (const name of new Set(parts.keys())) if (!known.has(name)) ignored.push(clean(name));
+  return { state, ignored };
+}
+
+/** Returns {patch, ignored}: what of a link's state the scene and the daemon lack, and the defaults in its place. */
+export function fitted(state, model) {
+  const patch = {}, ignored = [];
+  const drop = (key, text) => {
+    patch[key] = DEFAULTS[key];
+    ignored.push(text);
+  };
+  if (state.level !== "" && Number(state.level) >= Number(model.info.levels)) drop("level", `level=${state.level}`);
+  if (state.intersector !== "auto" && !model.variants.some(({ name }) => name === state.intersector)) drop("intersector", `intersector=${state.intersector}`);
+  const ran = model.resolve(patch.intersector ?? state.intersector);
+  const params = model.variants.find(({ name }) => name === ran)?.params ?? [];
+  const good = Object.entries(state.settings).filter(([name, text]) => {
+    const param = params.find((one) => one.name === name);
+    if (!param) return false;
+    return param.type === "choice" ? param.choices.includes(text) : text.trim() !== "" && !(Number(text) < Number(param.minimum)) && !(Number(text) > Number(param.maximum)) && Number.isFinite(Number(text));
+  });
+  if (good.length < Object.keys(state.settings).length) {
+    patch.settings = Object.fromEntries(good);
+    ignored.push(...Object.entries(state.settings).filter(([name]) => !(name in patch.settings)).map(([name, text]) => `set=${name}=${text}`));
+  }
+  const [kind, value] = state.compare.split(/:(.*)/s);
+  if ((kind === "intersector" && !model.variants.some(({ name }) => name === value)) || (kind === "scene" && !model.scenes.includes(value))) drop("compare", `compare=${state.compare}`);
+  return { patch, ignored };
 }

@@ -32,6 +32,7 @@ export const VIEWS = [
   ...counters,
   { id: "picture", group: "Picture", label: "Picture (base colour, darker where it turns away)", render: true, fields: () => ["ng"],
     colour: (columns, i) => columns.rgba ? columns.rgba.subarray(4 * i, 4 * i + 3) : null },
+  { id: "lit", group: "Picture", label: "Lit (lights and shadows)", lit: true, fields: () => ["ng"], colour: () => null },
   { id: "depth", group: "Geometry", label: "Depth (t)", fields: () => ["t"],
     value: (columns, i) => columns.t[i] === Infinity ? NaN : columns.t[i] },
   { id: "normal", group: "Geometry", label: "Normals", key: [["+X", [255, 128, 128]], ["+Y", [128, 255, 128]], ["+Z", [128, 128, 255]]], fields: () => ["ng"],

@@ -1,7 +1,9 @@
 // Finding what is slow, and why: a ray's traversal, the ranking, the tables and their links with the picture, hidden
 // instances, colours by structure, and boxes of trees.
 import assert from "node:assert/strict";
-import { browserTest, daemonWith, fine, until, windowPoint } from "./harness.mjs";
+import { execFile } from "node:child_process";
+import { promisify } from "node:util";
+import { browserTest, daemonWith, fine, raynest, until, windowPoint } from "./harness.mjs";
 
 const daemon = await daemonWith("builtin:forest");
 const EYE = "0.5,2,13,0,3,0,0,1,0";
@@ -77,6 +79,25 @@ browserTest("the ranking is the command line's, and is linked with the picture b
   assert.deepEqual((await rows()).map((row) => row[1]).sort(), told.materials.rows.map(({ name }) => name || "(unnamed)").sort());
 });
 
+browserTest("equal names are told apart, and each is chosen by its number", async ({ open }) => {
+  const quad = (x) => [[x, 0, 0], [x + 1, 0, 0], [x, 1, 0]];
+  await daemon.loadMeshes("oaks", [{ name: "oak", node: "oak", points: quad(-1.2) }, { name: "oak", node: "oak", points: quad(0.2) }]);
+  const page = await open(daemon, { scene: "oaks", size: "320x180", panel: "ranking", camera: "0,0.4,4,0,0.4,0,0,1,0,45" });
+  await fine(page);
+  for (const [table, kind] of [["meshes", "object"], ["materials", "material"]]) {
+    await page.selectOption("#ranking-table", table);
+    await page.waitForFunction(() => document.querySelectorAll("#panel-ranking tbody tr").length > 1);
+    const rows = await page.locator("#panel-ranking tbody tr").evaluateAll((all) => all.map((line) => [...line.children].map((cell) => cell.textContent)));
+    const oaks = rows.filter(([, name]) => name === "oak").map(([, , number]) => number);
+    assert.equal(oaks.length, 2, String(rows));
+    assert.notEqual(oaks[0], oaks[1]);
+    for (const number of oaks) {
+      await page.locator("#panel-ranking tbody tr", { has: page.locator(`td:nth-child(3):text-is("${number}")`) }).first().click();
+      await until(() => app(page, ({ selection: { chosen: c } }, [name, wanted]) => c?.[name] === wanted, [kind, Number(number)]), `${kind} ${number}`);
+    }
+  }
+});
+
 browserTest("tables of the scene, and hide, isolate, show all, focus", async ({ open, context }) => {
   const page = await open(daemon, { ...FOREST, panel: "objects", view: "instances" });
   await fine(page);
@@ -101,6 +122,15 @@ browserTest("tables of the scene, and hide, isolate, show all, focus", async ({ 
   assert.ok(await sum(page) < whole, "fewer instances are entered");
   const hiddenThere = await app(page, ({ picture }) => picture.image.columns.ng.length);
   assert.ok(hiddenThere > 0);
+  // So do the copied command and program.
+  await page.click("#share");
+  const [command, python] = [await page.textContent("#command"), await page.textContent("#python")];
+  await page.keyboard.press("Escape");
+  const instance = await app(page, ({ store }) => store.values.hidden[0].slice(1));
+  assert.ok(command.includes(`--hide inst=${instance}`) && python.includes(`hide=["inst=${instance}"]`), `${command}\n${python}`);
+  const { stdout } = await promisify(execFile)("sh", ["-c", `raynest() { '${raynest}' --server '${daemon.listen}' --json "$@"; }; ${command}`], { cwd: daemon.folder });
+  const rays = 320 * 180, { mean } = JSON.parse(stdout);
+  assert.ok(Math.abs(mean * rays - await sum(page)) < 1e-3 * mean * rays, String(mean));
   // A link shows the same.
   const again = await context.newPage();
   await page.waitForTimeout(300);

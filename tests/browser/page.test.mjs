@@ -14,7 +14,7 @@ browserTest("the record under the pointer is that of a query of the pixel", asyn
   const page = await open(daemon, { ...FOREST, panel: "ray", camera: "0.5,2,13,0,3,0,0,1,0,50" });
   await fine(page);
   const records = await daemon.jsonLines("query", "forest", "--generate", "camera", "size=320x180", "lookat=0.5,2,13,0,3,0,0,1,0", "fov=50",
-    "--fields", "t,path,prim,material,nodes,boxes,prims,instances,total");
+    "--fields", "t,path,prim,material,object,nodes,boxes,prims,instances,total");
   for (const [x, y] of [[40, 90], [160, 120], [300, 60]]) {
     await page.mouse.move(...await windowPoint(page, x, y));
     await page.waitForFunction((text) => document.querySelector("#record dd")?.textContent === text, `${x}, ${y}`);
@@ -23,7 +23,12 @@ browserTest("the record under the pointer is that of a query of the pixel", asyn
     assert.equal(shown.Hit, hit ? "yes" : "miss");
     for (const name of ["nodes", "boxes", "prims", "instances", "total"]) assert.equal(shown[name], String(counters[name]), `${name} at ${x}, ${y}`);
     if (!hit) continue;
-    assert.deepEqual([shown["Path id"], shown.Primitive, shown.Material], [hit.path, hit.prim, hit.material].map(String));
+    assert.deepEqual([shown["Path id"], shown.Primitive], [hit.path, hit.prim].map(String));
+    // Things have their names, and their numbers, which equal names do not share.
+    const { materials, objects } = await page.evaluate(() => globalThis.raynest.model);
+    assert.equal(shown.Material, `${materials[hit.material].name} (${hit.material})`);
+    assert.equal(shown.Object, `${objects[hit.object].name} (${hit.object})`);
+    assert.ok(materials[hit.material].name && objects[hit.object].name);
     assert.ok(Math.abs(Number(shown.t) - hit.t) < 1e-5 * hit.t, `${shown.t} and ${hit.t}`);
     assert.equal(shown["Instance path"], (await daemon.json("path", "forest", String(hit.path))).name);
   }
@@ -47,6 +52,32 @@ browserTest("a link shows the same view again", async ({ open, context }) => {
   });
   assert.deepEqual(await values(again), await values(page));
   assert.deepEqual(await pixel(again, 100, 100), await pixel(page, 100, 100));
+});
+
+browserTest("what a link says badly has its default, and is named", async ({ open }) => {
+  const good = { ...FOREST, palette: "inferno" };
+  const cases = [[{ view: "nosuch" }, "view=nosuch"], [{ view: "boxes", level: "9" }, "level=9"], [{ camera: "0,1,NaN,0,0,0,0,1,0,45" }, "camera=0,1,NaN"],
+    [{ range: "5,5" }, "range=5,5"], [{ range: "9,2" }, "range=9,2"], [{ mask: "xyz" }, "mask=xyz"], [{ intersector: "nosuch" }, "intersector=nosuch"],
+    [{ set: "cutoff=9e9" }, "set=cutoff=9e9"], [{ set: "nosuch=1" }, "set=nosuch=1"], [{ hidden: "i99999" }, "hidden=i99999"], [{ hidden: "x" }, "hidden=x"],
+    [{ opacity: "2" }, "opacity=2"], [{ compare: "intersector:nosuch" }, "compare=intersector:nosuch"], [{ unheard: "1" }, "unheard"], [{ view: "lit", samples: "0" }, "samples=0"],
+    [{ view: "lit", sun: "1,99" }, "sun=1,99"]];
+  for (const [bad, says] of cases) {
+    const page = await open(daemon, { ...good, ...bad, ...(bad.view === "lit" ? { integrator: "primary" } : {}) });
+    await fine(page);
+    const note = await page.textContent("#notice");
+    assert.ok(note.startsWith("Not understood in this link: ") && note.includes(says), `${says}: ${note}`);
+    assert.equal(await page.textContent("#message"), "", says);
+    const [x, y] = [160, 120];
+    assert.notDeepEqual(await pixel(page, x, y), [0, 0, 0], `${says} shows a picture`);
+    assert.equal(await page.inputValue("#palette"), "inferno");
+    await page.click("#notice button");
+    assert.equal(await page.textContent("#notice"), "");
+    await page.close();
+  }
+  // A good link has nothing to say.
+  const page = await open(daemon, { ...good, level: "1", view: "boxes", range: "1,50", set: "cutoff=0.3", hidden: "i3" });
+  await fine(page);
+  assert.equal(await page.textContent("#notice"), "");
 });
 
 browserTest("names from a scene are text", async ({ open, errors }) => {
@@ -116,14 +147,15 @@ browserTest("the page outlives its daemon", async ({ open }) => {
 });
 
 browserTest("axe-core finds nothing serious, light and dark, wide and narrow", async ({ open }) => {
-  const page = await open(daemon, FOREST);
+  const page = await open(daemon, { ...FOREST, samples: "1" });
   await fine(page);
   const axe = readFileSync(axePath(), "utf8");
   await page.evaluate(axe);
   const tabs = await page.locator("[role=tab]").evaluateAll((all) => all.map(({ id }) => id));
-  for (const size of [{ width: 1280, height: 800 }, { width: 1024, height: 640 }]) {
+  for (const [size, view, some] of [[{ width: 1280, height: 800 }, "total", tabs], [{ width: 1024, height: 640 }, "total", tabs], [{ width: 1024, height: 640 }, "lit", ["tab-setup", "tab-ray"]]]) {
     await page.setViewportSize(size);
-    for (const tab of tabs) {
+    await page.selectOption("#view", view);
+    for (const tab of some) {
       await page.click(`#${tab}`);
       await page.waitForTimeout(150);
       const found = await page.evaluate(async () => (await globalThis.axe.run()).violations

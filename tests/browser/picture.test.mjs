@@ -1,7 +1,7 @@
 // Pictures: their pixels, palette, legend and histogram, and that changing those asks the daemon for nothing.
 import assert from "node:assert/strict";
 import { browserTest, daemonWith, fine, pixel, until, windowPoint } from "./harness.mjs";
-import { runCommand } from "./images.mjs";
+import { differences, runCommand } from "./images.mjs";
 
 const SQUARES = { camera: "0,0,4,0,0,0,0,1,0,45", size: "320x180" };
 const daemon = await daemonWith("builtin:forest");
@@ -37,27 +37,11 @@ browserTest("a heat map has the pixels of the command line's", async ({ open }) 
   for (const view of [{}, { palette: "viridis", range: "50,400", log: "1" }, { view: "instances", palette: "inferno", range: "auto" }]) {
     const page = await open(daemon, { scene: "forest", size: "320x180", ...view });
     await fine(page);
-    const different = await page.evaluate(compare, await runCommand(page, daemon));
+    const different = await page.evaluate(differences, await runCommand(page, daemon));
     assert.equal(different, "");
     await page.close();
   }
 });
-
-/** Returns how the drawn picture differs from a PNG, or "". */
-async function compare(png) {
-  const image = await createImageBitmap(new Blob([Uint8Array.from(atob(png), (c) => c.charCodeAt(0))]));
-  const drawn = document.getElementById("picture");
-  const bytes = (source) => {
-    const canvas = new OffscreenCanvas(drawn.width, drawn.height), context = canvas.getContext("2d");
-    context.drawImage(source, 0, 0);
-    return context.getImageData(0, 0, drawn.width, drawn.height).data;
-  };
-  if (image.width < drawn.width || image.height < drawn.height) return `size ${image.width}x${image.height}`;
-  const [a, b] = [bytes(drawn), bytes(image)];
-  let count = 0, first = -1;
-  for (let i = 0; i < a.length; ++i) if (Math.abs(a[i] - b[i]) > 2) { ++count; if (first < 0) first = i; }
-  return count ? `${count} bytes differ, the first at pixel ${first >> 2}: ${a.slice(first, first + 4)} and ${b.slice(first, first + 4)}` : "";
-}
 
 browserTest("palette, range, scale and opacity send nothing", async ({ open }) => {
   const page = await open(daemon, { scene: "forest", size: "320x180" });
@@ -86,6 +70,20 @@ browserTest("palette, range, scale and opacity send nothing", async ({ open }) =
   await page.selectOption("#view", "prims");
   await fine(page);
   assert.ok(await page.evaluate(() => globalThis.sent) > 0);
+});
+
+browserTest("a difference has its own palette, and says so", async ({ open }) => {
+  const page = await open(daemon, { scene: "forest", size: "320x180", palette: "viridis" });
+  await fine(page);
+  assert.equal(await page.inputValue("#palette"), "viridis");
+  await page.selectOption("#compare", "intersector:opaque");
+  await fine(page);
+  assert.equal(await page.inputValue("#palette"), "diverging");
+  assert.ok(await page.isDisabled("#palette") && await page.isDisabled("#log"));
+  await page.selectOption("#compare", "");
+  await fine(page);
+  assert.equal(await page.inputValue("#palette"), "viridis");
+  assert.ok(await page.isEnabled("#palette"));
 });
 
 browserTest("statistics are those of the command line, and dragging on the histogram sets the range", async ({ open }) => {

@@ -3,7 +3,10 @@
 
   blame_test.py RAYNESTD RAYNEST
 """
+import base64
 import json
+import re
+import struct
 import sys
 import unittest
 
@@ -63,6 +66,36 @@ class Rankings(DaemonTest):
         self.assertTrue({row["name"] for row in told["meshes"]["rows"]} <= known)
         levels = {row["level"] for row in self.rank("--top", "50", "--level", "1")["instances"]["rows"]}
         self.assertEqual(levels, {1})
+
+    def test_equal_names_are_told_apart(self):
+        """Two meshes, nodes and materials of one name each."""
+        square = b"".join(struct.pack("<3f", *p) for p in ((0, 0, 0), (1, 0, 0), (0, 1, 0)))
+        uri = "data:application/octet-stream;base64," + base64.b64encode(square).decode()
+        mesh = lambda material: {"name": "oak", "primitives": [{"attributes": {"POSITION": 0}, "material": material}]}
+        (self.out / "oaks.gltf").write_text(json.dumps({
+            "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1, 2]}],
+            "nodes": [{"name": "oak", "mesh": 0}, {"name": "oak", "mesh": 1, "translation": [2, 0, 0]},
+                      {"name": "oak", "mesh": 1, "translation": [0, 2, 0]}],
+            "meshes": [mesh(0), mesh(1)], "materials": [{"name": "bark"}, {"name": "bark"}],
+            "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}],
+            "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"byteLength": 36, "uri": uri}]}))
+        self.client.json("load", self.out / "oaks.gltf", "--name", "oaks")
+        view = ("--size", "64x64", "--lookat", "1,1,5,1,1,0")
+        told = self.client.json("heatmap", "oaks", *view, "--top", "9")
+        done = self.client.run("heatmap", "oaks", *view, "--top", "9", "-o", self.out / "oaks.html")
+        report = (self.out / "oaks.html").read_text()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        for table, key in (("instances", "path"), ("meshes", "index"), ("materials", "index")):
+            numbers = [row[key] for row in told[table]["rows"] if row["name"]]
+            self.assertGreater(len(numbers), 1, told[table])
+            self.assertEqual(len(set(numbers)), len(numbers))
+            for row in told[table]["rows"]:
+                if row["name"]:
+                    name = re.escape(row["name"])
+                    self.assertRegex(done.stdout, rf"(?m)^{name} .*\b{row[key]} ")
+                    self.assertRegex(report, rf"<td>{name}[^\n]*</td><td>{row[key]}</td>")
+        crowded = self.rank("--top", "9")["findings"]
+        self.assertTrue(all(isinstance(found.get("object", found.get("material")), int) for found in crowded))
 
     def test_the_same_request_gives_the_same_bytes(self):
         texts = {self.client.run("--json", "heatmap", "woods", *VIEW, "--top", "9").stdout for _ in range(3)}

@@ -10,6 +10,7 @@ import unittest
 import numpy
 
 from daemon import DaemonTest
+from exr import read_exr
 
 COUNTERS = ("nodes", "boxes", "leaves", "prims", "instances", "rejects", "box_hits", "prim_hits", "total")
 
@@ -137,6 +138,86 @@ class Explanations(DaemonTest):
         self.refused("nowhere", "--ray", "0,0,0,0,0,1", code=5, says="nowhere")
         self.refused("woods", "--pixel", "1,1", "--camera", "no such", says="no such")
         self.refused("woods", "--pixel", "1,1", "--intersector", "glass", code=5, says="glass")
+
+
+class Paths(DaemonTest):
+    """`explain --integrator`: the rays of the paths that a lit picture is made of."""
+
+    VIEW = ("--lookat", "0,6,18,0,4,0", "--size", "60x40", "--seed", "5")
+
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
+
+    def refused(self, *arguments, code=2, says=""):
+        done = self.client.run("explain", *arguments)
+        self.assertEqual(done.returncode, code, done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        self.assertIn(says, done.stderr)
+
+    def path(self, *arguments):
+        return self.client.json("explain", "woods", *self.VIEW, *arguments)
+
+    def test_paths_of_a_pixel_are_its_light(self):
+        for integrator in ("path", "direct", "ao"):
+            self.client.run("render", "woods", *self.VIEW, "--integrator", integrator, "--spp", "4",
+                            "-o", self.out / "lit.exr")
+            width, _, layers = read_exr((self.out / "lit.exr").read_bytes())
+            kinds = set()
+            for x, y in ((30, 30), (12, 20), (41, 8)):
+                told = [self.path("--pixel", f"{x},{y}", "--integrator", integrator, "--sample", str(s))
+                        for s in range(4)]
+                mean = numpy.mean([path["radiance"] for path in told], axis=0)
+                drawn = [layers[name][y * width + x] for name in "RGB"]
+                numpy.testing.assert_allclose(mean, drawn, rtol=1e-4, atol=1e-6)
+                for path in told:
+                    self.assertEqual((path["pixel"], path["integrator"], path["seed"]), ([x, y], integrator, 5))
+                    self.check_rays(path["rays"])
+                    kinds |= {(ray["kind"], ray.get("blocked")) for ray in path["rays"]}
+            self.assertIn(("camera", None), kinds)
+            self.assertIn(("shadow", True), kinds)
+            self.assertIn(("shadow", False), kinds)
+            self.assertEqual(("bounce", None) in kinds, integrator != "ao")
+
+    def check_rays(self, rays):
+        """Each ray begins where its parent ended, and meets what a query of it meets."""
+        self.assertEqual((rays[0]["kind"], rays[0]["parent"]), ("camera", None))
+        for at, ray in enumerate(rays[1:], 1):
+            self.assertLess(ray["parent"], at)
+            before = rays[ray["parent"]]
+            self.assertEqual(ray["bounce"], before["bounce"] + 1)
+            numpy.testing.assert_allclose(ray["origin"], before["hit"]["position"], atol=1e-3)
+        for ray in rays[:3]:
+            ends = [ray["tmin"], "inf" if ray["tmax"] is None else ray["tmax"]]
+            words = ",".join(map(repr, [*ray["origin"], *ray["direction"]])) + f",{ends[0]},{ends[1]}"
+            done = self.client.run("--json", "query", "woods", f"--ray={words}", "--fields", "t,path,prim")
+            hits = json.loads(done.stdout)["hits"]
+            self.assertEqual(bool(hits), ray["hit"] is not None)
+            if hits:
+                self.assertEqual((hits[0]["path"], hits[0]["prim"]), (ray["hit"]["path"], ray["hit"]["prim"]))
+
+    def test_text_says_what_each_ray_meets(self):
+        told = self.path("--pixel", "30,30", "--integrator", "path")
+        done = self.client.run("explain", "woods", *self.VIEW, "--pixel", "30,30", "--integrator", "path")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        lines = [line for line in done.stdout.splitlines() if " ray along " in line]
+        self.assertEqual(len(lines), len(told["rays"]))
+        for line, ray in zip(lines, told["rays"]):
+            self.assertIn(f"{ray['kind']} ray", line)
+            self.assertEqual("BLOCKED" in line, ray.get("blocked", False))
+
+    def test_bad_input_is_one_line(self):
+        pixel = ("woods", *self.VIEW, "--pixel", "3,3", "--integrator")
+        self.refused(*pixel, "whitted", says="ao, direct, path")
+        self.refused(*pixel, "primary", says="no path")
+        self.refused(*pixel, "path", "--env", "sky.hdr", says="without")
+        self.refused(*pixel, "path", "--sample", "70000", says="--sample")
+        self.refused(*pixel, "path", "--depth", "0", says="--depth")
+        self.refused(*pixel, "path", "--sun", "1,99", says="elevation")
+        self.refused("woods", "--pixel", "3,3", "--sample", "1", says="--integrator")
+        self.refused("woods", "--ray", "0,0,0,1,0,0", "--integrator", "path", says="--integrator")
+        self.refused("woods", *self.VIEW, "--pixel", "60,3", "--integrator", "path", says="outside")
 
 
 if __name__ == "__main__":

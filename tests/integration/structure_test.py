@@ -3,12 +3,14 @@
 
   structure_test.py RAYNESTD RAYNEST
 """
+import collections
 import json
 import sys
 
 import numpy
 
 from daemon import DaemonTest, run_tests
+from exr import read_texts
 from websocket import greeted
 
 PICTURE, CHUNK = 155, 153
@@ -111,6 +113,42 @@ class Structure(DaemonTest):
         self.assertTrue((depth[known] <= heights[found["object"][hits]][known]).all())
         share = found["box_share"][hits]
         self.assertTrue(((share >= 0) & (share <= 1.0001)).all() and share.max() > 0.1)
+
+    def test_hiding_on_the_command_line_is_that_of_the_protocol(self):
+        view = ("--generate", CAMERA["kind"], *CAMERA["settings"], "--fields", "inst,object,path,total")
+        rows = lambda *words: [json.loads(line) for line in self.client.run("--json", "query", "forest", *view, *words).stdout.splitlines()]
+        hits = [row["hits"][0] for row in rows() if row["hits"]]
+        chosen = collections.Counter(hit["inst"] for hit in hits).most_common(1)[0][0]
+        same = lambda words, **job: self.assertEqual([row["total"] for row in rows(*words)], self.columns(["total"], **job)["total"].tolist())
+        same(("--hide", f"inst={chosen}"), hidden_instances=[chosen])
+        same(("--only", f"inst={chosen}"), only_instances=[chosen])
+        thing = next(hit["object"] for hit in hits if hit["inst"] == chosen)
+        same(("--hide", f"object={thing}", "--hide", f"inst={chosen}"), hidden_objects=[thing], hidden_instances=[chosen])
+        # A path's text hides the outermost instance that holds it.
+        path = next(hit["path"] for hit in hits if hit["inst"] == chosen)
+        same(("--hide", self.client.json("path", "forest", str(path))["name"]), hidden_instances=[chosen])
+        for words, code, says in ((("--hide", "inst=x"), 2, "whole number"), (("--hide", "no/such"), 2, "no/such"),
+                                  (("--only", "inst=100000"), 2, "there is no outermost instance 100000"), (("--hide", ""), 2, "--hide")):
+            done = self.client.run("query", "forest", *view, *words)
+            self.assertEqual((done.returncode, done.stderr.count("\n")), (code, 1), done.stderr)
+            self.assertIn(says, done.stderr)
+
+    def test_files_say_what_was_hidden(self):
+        camera = ("--size", "48x32", "--lookat", "0.5,2,13,0,3,0")
+        lit = ("--integrator", "ao", "--hide", "inst=2", "--only", "object=0", *camera)
+        for name, spp in (("part.exr", "2"), ("whole.exr", "6")):
+            self.assertEqual(self.client.run("render", "forest", *lit, "--spp", spp, "-o", self.out / name).returncode, 0)
+        texts = read_texts((self.out / "part.exr").read_bytes())
+        self.assertEqual((texts["raynest:hide"], texts["raynest:only"]), ("inst=2", "object=0"))
+        # It goes on with the same instances hidden.
+        self.client.json("resume", self.out / "part.exr", "--spp", "6")
+        self.assertEqual((self.out / "part.exr").read_bytes(), (self.out / "whole.exr").read_bytes())
+        self.client.run("heatmap", "forest", *camera, "--hide", "inst=2", "-o", self.out / "heat.exr")
+        self.assertEqual(read_texts((self.out / "heat.exr").read_bytes())["raynest:hide"], "inst=2")
+        self.client.run("heatmap", "forest", *camera, "--hide", "inst=2", "-o", self.out / "heat.html")
+        self.assertIn("hide inst=2", (self.out / "heat.html").read_text())
+        self.client.run("heatmap", "forest", *camera, "-o", self.out / "heat.exr")
+        self.assertNotIn("raynest:hide", read_texts((self.out / "heat.exr").read_bytes()))
 
     def test_hidden_instances_are_not_entered(self):
         fields = ["t", "inst", "object", "instances", "boxes"]

@@ -37,6 +37,32 @@ class Films(WithDaemon):
         axis = np.array([0, -2, -18]) / np.hypot(2, 18)
         np.testing.assert_allclose(away @ axis, layers["Z"][hit], rtol=1e-4)
 
+    def test_paths_of_a_pixel_are_its_light(self):
+        layers = self.woods.render(integrator="path", spp=3, seed=2, environment="sky", **VIEW)
+        told = [self.woods.explain(pixel=(40, 30), integrator="path", sample=s, seed=2, environment="sky",
+                                   **VIEW) for s in range(3)]
+        np.testing.assert_allclose(np.mean([path["radiance"] for path in told], axis=0),
+                                   layers["rgba"][30, 40, :3], rtol=1e-4, atol=1e-6)
+        self.assertEqual(told[0]["rays"][0]["kind"], "camera")
+        for wrong in ({"integrator": "primary"}, {"integrator": "path", "environment": "x.hdr"},
+                      {"integrator": "path", "sample": -1}):
+            with self.assertRaises(raynest.UsageError):
+                self.woods.explain(pixel=(1, 1), **wrong)
+        with self.assertRaises(raynest.UsageError):
+            self.woods.explain([0, 0, 0, 1, 0, 0], integrator="path")
+
+    def test_hidden_things_are_not_met(self):
+        rays = raynest.generators.camera(size=(64, 48), look_at=VIEW["look_at"])
+        seen = self.woods.trace(rays, fields=("inst", "object"))
+        inst = np.unique(seen["inst"][seen["inst"] != 2**32 - 1])
+        less = self.woods.trace(rays, fields=("inst", "object"), hide=[f"inst={inst[0]}"])
+        self.assertNotIn(inst[0], less["inst"])
+        only = self.woods.trace(rays, fields=("inst", "object"), only=f"inst={inst[0]}")
+        self.assertEqual(set(only["inst"]) - {2**32 - 1}, {inst[0]})
+        for wrong in ("inst=", "inst=x", "path=1", "oak"):
+            with self.assertRaises(raynest.UsageError):
+                self.woods.trace(rays, hide=[wrong])
+
     def test_the_arrays_are_those_of_the_file(self):
         words = {"integrator": "ao", "spp": 3, **VIEW}
         layers = self.woods.render(**words)

@@ -12,6 +12,7 @@ from . import _limits
 from ._arguments import float32, numbers, whole
 from ._connection import Connection
 from ._control import Message
+from ._film import film_message, is_lit
 from ._frame import Array
 from ._job import Outcome, Progress
 from ._picture import Picture
@@ -37,6 +38,20 @@ def pixel_message(pixel: Sequence[int]) -> Message:
         raise UsageError(f"pixel of {reprlib.repr(pixel)}: it must be (x, y), from the upper left corner")
     x, y = (whole("a pixel's place", place, _limits.picture_side_max, 0) for place in pixel)
     return {"pixel_x": x, "pixel_y": y}
+
+
+def path_message(pixel: Sequence[int], integrator: str, sample: int, seed: int, environment: str,
+                 light: dict[str, Any]) -> Message:
+    """The fields of a Render that ask for a path: `light` has those of a lit picture."""
+    if not is_lit(integrator):
+        raise UsageError("primary has one ray and no path: leave integrator away")
+    if environment not in ("", "auto", "sky", "none"):
+        raise UsageError("environment of explain() is 'auto', 'sky' or 'none': a path is explained "
+                         "without files")
+    samples = whole("sample", sample, _limits.samples_max - 1, 0) + 1
+    place = pixel_message(pixel)
+    return {**film_message(integrator, samples, seed, {**light, "noise": 0.0, "tonemap": "", "exposure": ""}),
+            "environment": environment, "encode": f"path+{place['pixel_x']},{place['pixel_y']}"}
 
 
 def receive_document(connection: Connection, request: str, message: Message, progress: Progress,

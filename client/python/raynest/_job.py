@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import difflib
 import reprlib
-from typing import Any, Callable, Mapping, Optional, TypedDict
+from typing import Any, Callable, Mapping, Optional, Sequence, TypedDict
 
 from ._arguments import milliseconds
 from ._control import Message
@@ -28,6 +28,8 @@ class JobOptions(TypedDict, total=False):
     deadline: Optional[float]       # seconds; 0 is none
     priority: Optional[str]         # "normal", "low" or "high"
     worker: Optional[Worker]        # "auto" lets the daemon choose
+    hide: Optional[Sequence[str]]   # what no ray enters: "inst=3", "object=2", as in those columns
+    only: Optional[Sequence[str]]   # if any: rays enter nothing else
 
 
 class Outcome(dict[str, Any]):
@@ -124,8 +126,10 @@ def job_message(scene: str, options: JobOptions) -> Message:
     if unknown:
         raise TypeError(_no_option(sorted(unknown)[0]))
     message: Message = {key: value for key, value in options.items()
-                        if key not in ("params", "deadline")}
+                        if key not in ("params", "deadline", "hide", "only")}
     message["scene"] = scene
+    for key, prefix in (("hide", "hidden"), ("only", "only")):
+        message.update(selection_lists(key, prefix, options.get(key)))
     params = options.get("params")
     if not isinstance(params, (Mapping, type(None))):
         raise UsageError(f"params of {reprlib.repr(params)}: it must be a dict, for example "
@@ -134,6 +138,19 @@ def job_message(scene: str, options: JobOptions) -> Message:
                            if value is not None]
     message["deadline_ms"] = milliseconds(options.get("deadline"))
     return message
+
+
+def selection_lists(key: str, prefix: str, texts: Any) -> Message:
+    """The lists of a Job that "inst=3" and "object=2" stand for."""
+    lists: Message = {f"{prefix}_instances": [], f"{prefix}_objects": []}
+    kinds = {"inst": "instances", "object": "objects"}
+    for text in [texts] if isinstance(texts, str) else texts or ():
+        kind, _, digits = str(text).partition("=")
+        if kind not in kinds or not (digits.isascii() and digits.isdigit()):
+            raise UsageError(f"{key} of {reprlib.repr(text)}: it must be inst=NUMBER or "
+                             "object=NUMBER, as the columns inst and object have them")
+        lists[f"{prefix}_{kinds[kind]}"].append(min(int(digits), 2**32 - 1))
+    return lists
 
 
 # What users of the command line and of other libraries write.
@@ -158,7 +175,7 @@ def other_message(scene: str, job: JobOptions, diff: Any) -> Optional[Message]:
         return None
     name = getattr(diff, "name", None)
     if isinstance(name, str):
-        return job_message(name, JobOptions({**job, "epoch": 0}))
+        return job_message(name, JobOptions({**job, "epoch": 0, "hide": None, "only": None}))
     if not isinstance(diff, Mapping):
         raise UsageError(f"diff of {reprlib.repr(diff)}: it must be a Scene, or a dict of the options "
                          "that differ, as {'intersector': 'opaque'}")

@@ -15,7 +15,7 @@ from . import client as clients  # which imports this module: its names are ther
 from ._arguments import Unpack, none_is_default, whole, whole_numbers
 from ._columns import MISS, Columns, Whole, anywhere, as_usual
 from ._control import Message
-from ._explain import pixel_message, ray_message, receive_document
+from ._explain import path_message, pixel_message, ray_message, receive_document
 from ._frame import Array
 from ._job import JobOptions, Outcome, Progress, SceneMoved, job_message, origin_of, other_message
 from ._picture import Picture, camera_message, size_message
@@ -366,24 +366,34 @@ class Scene(Renders):
     def explain(self, ray: Any = None, *, pixel: Optional[Sequence[int]] = None,
                 camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
                 fov: float = 0.0, size: tuple[int, int] = (960, 540), steps: int = 0,
-                progress: Progress = None, **job: Unpack[JobOptions]) -> dict[str, Any]:
+                integrator: str = "", sample: int = 0, seed: int = 0, depth: int = 0,
+                ao_distance: float = 0.0, environment: str = "",
+                sun: Optional[Sequence[float]] = None, progress: Progress = None,
+                **job: Unpack[JobOptions]) -> dict[str, Any]:
         """How one ray finds its hit, step by step: the document of client/EXPLAIN.md. `ray` is
         [ox oy oz dx dy dz] or [ox oy oz tmin dx dy dz tmax]; or `pixel` is (x, y) of the picture that
-        render() makes with these arguments. `steps` is how many are told at most, 256 by default."""
+        render() makes with these arguments. `steps` is how many are told at most, 256 by default.
+        With an `integrator` of render(), other than primary, it is the rays of the path of a
+        `sample` of the pixel."""
         if (ray is None) == (pixel is None):
             raise UsageError("explain() takes a ray or a pixel, and not both")
+        if integrator and ray is not None:
+            raise UsageError("a path begins at a pixel: pass pixel=(x, y) in place of a ray")
         options = job_message(self.name, job)
-        fields = {**size_message(size), "job": options,
-                  "steps": whole("steps", steps, _limits.explain_steps_max, 0)}
-        if pixel is not None:
-            fields.update(pixel_message(pixel))
+        fields = {**size_message(size), "job": options}
+        if integrator and pixel is not None:
+            fields.update(path_message(pixel, integrator, sample, seed, environment, {
+                "depth": depth, "ao_distance": ao_distance, "sun": sun}))
+        else:
+            fields["steps"] = whole("steps", steps, _limits.explain_steps_max, 0)
+            fields.update(pixel_message(pixel) if pixel is not None else {})
 
         def ask(origin: Array, _expected: bool) -> dict[str, Any]:
             message = {**fields, "camera": camera_message(camera, look_at, fov, origin)}
             if ray is not None:
                 message.update(ray_message(ray, origin))
             document, self._client.outcome = receive_document(
-                self._client.connection, "Explain", message, progress,
+                self._client.connection, "Render" if integrator else "Explain", message, progress,
                 options["deadline_ms"] / 1000, origin)
             return document
         answer: dict[str, Any] = self._at(None, ask)

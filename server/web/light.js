@@ -1,0 +1,89 @@
+// The settings of the lit view: how light is followed, and how it is shown. The first go into the request, the
+// others only into the shader.
+import { element, field, fillSelect } from "./dom.js";
+import { INTEGRATORS } from "./lists.js";
+import { TONEMAP_NAMES, lookOf } from "./tonemap.js";
+
+export const ENVIRONMENTS = [["auto", "the scene's lights, or sky"], ["sky", "sky"], ["none", "none"]];
+const SAMPLES = [1, 4, 16, 64, 256, 1024, 4096];
+
+/** Returns azimuth and elevation in degrees, or null. */
+export function sunOf(text) {
+  const [azimuth, elevation, more] = text.split(",").map((word) => (word.trim() === "" ? NaN : Number(word)));
+  return more === undefined && Math.abs(azimuth) <= 360 && Math.abs(elevation) <= 90 ? [azimuth, elevation] : null;
+}
+
+/** Returns the fields of a Render that choose its paths. */
+export function lightOf({ integrator, seed, depth, aoDistance, env, sun }) {
+  const angles = sunOf(sun);
+  return { integrator, seed, depth, ao_distance: aoDistance, environment: env,
+           ...(angles ? { sun: true, sun_azimuth: angles[0], sun_elevation: angles[1] } : {}) };
+}
+
+const number = (store, key, properties) => {
+  const input = element("input", { type: "number", ...properties });
+  input.onchange = () => { if (input.value !== "" && input.reportValidity()) store.set({ [key]: Number(input.value) }); };
+  store.on([key], (state) => { if (document.activeElement !== input) input.value = state[key]; }, true);
+  return input;
+};
+
+/** The section "Light" of the panel "Setup". */
+export function lightSection(store) {
+  const env = element("select", { id: "environment" });
+  env.onchange = () => store.set({ env: env.value });
+  const sun = element("input", { type: "text", id: "sun", placeholder: "azimuth,elevation", maxLength: 40, spellcheck: false });
+  sun.onchange = () => {
+    const good = sun.value === "" || sunOf(sun.value);
+    sun.setCustomValidity(good ? "" : "Degrees from the north eastwards, a comma, and degrees above the horizon: 135,40");
+    if (sun.reportValidity()) store.set({ sun: sun.value });
+  };
+  store.on(["env", "sun"], (state) => {
+    fillSelect(env, ENVIRONMENTS, state.env);
+    sun.value = state.sun;
+  }, true);
+  const depth = field("Bounces", number(store, "depth", { id: "bounces", min: 1, max: 1024, step: 1 }), "Of path: at most so many");
+  const distance = field("Distance", number(store, "aoDistance", { id: "ao-distance", min: 0, step: "any" }), "Of ao: as far as things hide the sky; 0: a tenth of the scene");
+  const section = element("section", { ariaLabel: "Light" }, element("h2", {}, "Light"), field("Surroundings", env), field("Sun", sun, "Degrees from the north (-Z) eastwards, degrees above the horizon"),
+    depth, distance, field("Seed", number(store, "seed", { id: "seed", min: 0, max: Number.MAX_SAFE_INTEGER, step: 1 })));
+  store.on(["view", "integrator"], ({ view, integrator }) => {
+    section.hidden = view !== "lit" || integrator === "primary";
+    depth.hidden = integrator !== "path";
+    distance.hidden = integrator !== "ao";
+  }, true);
+  return section;
+}
+
+/** The row below a lit picture: integrator, samples, exposure and tone map, and what there is so far. */
+export function lightRow({ store, picture }) {
+  const select = (id, key, options, value = (text) => text) => {
+    const made = element("select", { id });
+    made.onchange = () => store.set({ [key]: value(made.value) });
+    store.on([key], (state) => fillSelect(made, options(state), String(state[key])), true);
+    return made;
+  };
+  const integrator = select("integrator", "integrator", () => INTEGRATORS.map((name) => [name, name]));
+  const samples = select("samples", "samples", (state) => [...new Set([...SAMPLES, state.samples])].sort((a, b) => a - b).map((n) => [String(n), String(n)]), Number);
+  const tonemap = select("tonemap", "tonemap", () => [["", "default"], ...TONEMAP_NAMES.map((name) => [name, name])]);
+  const exposure = element("input", { type: "number", id: "exposure", min: -64, max: 64, step: 0.5 });
+  exposure.onchange = () => { if (exposure.reportValidity()) store.set({ exposure: exposure.value }); };
+  const auto = element("button", { type: "button", id: "exposure-auto", title: "Exposure by the picture's middle", onclick: () => store.set({ exposure: "" }) }, "auto");
+  const facts = element("span", { className: "stats", id: "samples-so-far", role: "status" });
+  const label = (text, control) => element("label", {}, text, control);
+  const look = [label("Exposure", exposure), auto, label("Tone map", tonemap)];
+  const row = element("div", { className: "row", id: "light-row" }, label("Light by", integrator), label("Samples", samples), ...look, facts);
+  const show = () => {
+    const { image } = picture, state = store.values;
+    row.hidden = state.view !== "lit";
+    if (row.hidden || !image) return;
+    for (const control of [samples.parentElement, ...look]) control.hidden = state.integrator === "primary";
+    auto.setAttribute("aria-pressed", state.exposure === "");
+    if (document.activeElement !== exposure) exposure.value = state.exposure;
+    if (image.linear) exposure.placeholder = lookOf(state, image).stops.toFixed(1);
+    const noise = image.noise > 0 ? `, noise ${Number((100 * image.noise).toPrecision(2))} %` : "";
+    facts.textContent = state.camera?.projection === "orthographic" ? "Light needs a perspective camera: press P"
+      : !image.view.lit || !image.linear ? "" : image.fine ? `${image.samples} of ${state.samples} samples${noise}` : "coarse";
+  };
+  picture.addEventListener("image", show);
+  store.on(["view", "integrator", "exposure", "tonemap", "samples", "camera"], show, true);
+  return row;
+}

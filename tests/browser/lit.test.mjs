@@ -1,0 +1,117 @@
+// The lit view: its pixels are those of `raynest render`, it refines while the camera rests, and a click shows the path of light.
+import assert from "node:assert/strict";
+import { browserTest, daemonWith, fine, until, windowPoint } from "./harness.mjs";
+import { differences, runCommand } from "./images.mjs";
+
+const daemon = await daemonWith("builtin:forest?trees=40");
+const VIEW = { scene: "forest", view: "lit", size: "160x90", camera: "0.5,2,13,0,3,0,0,1,0,50" };
+const app = (page, run, argument) => page.evaluate(`(${run})(globalThis.raynest, ${JSON.stringify(argument ?? null)})`);
+
+browserTest("after all samples the pixels are the command line's", async ({ open }) => {
+  for (const light of [{ samples: "4" }, { integrator: "direct", samples: "3", seed: "7", sun: "200,30", env: "sky", tonemap: "aces", exposure: "-1.5" },
+                       { integrator: "ao", samples: "2", aoDistance: "2" }, { samples: "2", depth: "2", tonemap: "reinhard" }]) {
+    const page = await open(daemon, { ...VIEW, ...light });
+    await fine(page);
+    assert.equal(await app(page, ({ picture }) => picture.image.samples), Number(light.samples));
+    assert.equal(await page.evaluate(differences, await runCommand(page, daemon)), "", JSON.stringify(light));
+    await page.close();
+  }
+});
+
+browserTest("it refines while the camera rests: noise falls, and a move cancels", async ({ open }) => {
+  const page = await open(daemon, { ...VIEW, samples: "64" });
+  const told = await page.evaluate(() => new Promise((resolve) => {
+    const { picture } = globalThis.raynest, seen = [];
+    picture.addEventListener("image", () => {
+      const { image } = picture;
+      if (image.linear && (seen.length === 0 || seen.at(-1).linear !== image.linear)) seen.push({ fine: image.fine, samples: image.samples, linear: image.linear, width: image.width });
+      if (!image.complete) return;
+      // Errors of the passes against the last one.
+      const last = image.linear;
+      const error = (linear) => Math.sqrt(linear.reduce((sum, x, i) => sum + (i % 4 === 3 ? 0 : (x - last[i]) ** 2), 0) / linear.length);
+      resolve(seen.map((pass) => ({ fine: pass.fine, samples: pass.samples, width: pass.width, error: pass.linear.length === last.length ? error(pass.linear) : null })));
+    });
+  }));
+  assert.deepEqual([told[0].fine, told[0].width], [false, 40], "coarse first");
+  const passes = told.filter(({ fine: isFine }) => isFine);
+  assert.deepEqual(passes.map(({ samples }) => samples), [1, 2, 4, 8, 16, 32, 64]);
+  const errors = passes.slice(0, 6).map(({ error }) => error);
+  for (let i = 1; i < errors.length; ++i) assert.ok(errors[i] < errors[i - 1], String(errors));
+  assert.ok(errors[5] < 0.4 * errors[0], String(errors));
+  assert.ok((await page.textContent("#samples-so-far")).startsWith("64 of 64 samples"));
+
+  // Hours of work, which a move ends; the picture then begins anew.
+  await page.selectOption("#samples", "4096");
+  await page.waitForFunction(() => globalThis.raynest.picture.image.fine && globalThis.raynest.picture.image.samples >= 2);
+  const { cancelled } = await app(page, ({ picture }) => picture.counts);
+  await page.focus("#frame");
+  await page.keyboard.press("ArrowLeft");
+  await page.waitForFunction((before) => globalThis.raynest.picture.counts.cancelled > before, cancelled);
+  await page.waitForFunction(() => !globalThis.raynest.picture.image.fine);
+  await page.selectOption("#samples", "1");
+  await fine(page);
+  await until(async () => {
+    const { jobs_started: started, jobs_ended: ended } = await daemon.json("stats");
+    return started === ended;
+  }, "no job is left over");
+});
+
+browserTest("exposure and tone map send nothing, and are in the link", async ({ open }) => {
+  const page = await open(daemon, { ...VIEW, samples: "2" });
+  await fine(page);
+  await page.evaluate(() => {
+    globalThis.sent = 0;
+    const { send } = WebSocket.prototype;
+    WebSocket.prototype.send = function count(data) { ++globalThis.sent; send.call(this, data); };
+  });
+  const light = () => page.evaluate(() => {
+    const gl = document.getElementById("picture").getContext("webgl2"), bytes = new Uint8Array(4 * 160 * 90);
+    gl.readPixels(0, 0, 160, 90, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+    return bytes.reduce((a, b) => a + b, 0);
+  });
+  const before = await light();
+  await page.fill("#exposure", "3");
+  await page.press("#exposure", "Enter");
+  await until(async () => await light() !== before, "the exposure is seen");
+  const exposed = await light();
+  await page.selectOption("#tonemap", "none");
+  await until(async () => await light() !== exposed, "the tone map is seen");
+  await page.click("#exposure-auto");
+  await page.selectOption("#tonemap", "");
+  await until(async () => await light() === before, "the automatic exposure is back");
+  assert.equal(await page.evaluate(() => globalThis.sent), 0);
+  await page.selectOption("#integrator", "direct");
+  await page.selectOption("#environment", "sky");
+  await page.waitForFunction(() => /integrator=direct/.test(location.hash) && /env=sky/.test(location.hash) && /samples=2/.test(location.hash));
+});
+
+browserTest("a click shows the path of light, as the command line tells it", async ({ open }) => {
+  const page = await open(daemon, { ...VIEW, samples: "1", seed: "5" });
+  await fine(page);
+  await page.mouse.click(...await windowPoint(page, 80, 70));
+  const shown = async (sample) => {
+    await page.waitForFunction((number) => globalThis.raynest.path?.document.sample === number, sample);
+    return app(page, ({ path }) => path.document);
+  };
+  const told = (sample) => daemon.json("explain", "forest", "--lookat", "0.5,2,13,0,3,0", "--fov", "50", "--size", "160x90", "--pixel", "80,70",
+    "--integrator", "path", "--seed", "5", "--sample", String(sample));
+  assert.deepEqual(await shown(0), await told(0));
+  const rows = await page.locator("#path-rays li").allTextContents();
+  assert.equal(rows.length, (await told(0)).rays.length);
+  assert.ok(rows[0].startsWith("Camera ray: hits ") && rows.slice(1).every((text) => /^(Shadow ray|Bounce \d+): /.test(text)), rows.join("\n"));
+  assert.equal(await page.locator("#explain-tree").isVisible(), false);
+  const drawn = () => page.evaluate(() => {
+    const canvas = document.getElementById("overlay"), { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+    return data.reduce((count, value, i) => count + (i % 4 === 3 && value > 200 ? 1 : 0), 0);
+  });
+  assert.ok(await drawn() > 50, "rays lie over the picture");
+  await page.click("text=Next sample");
+  assert.deepEqual(await shown(1), await told(1));
+  // The lines stay while the camera moves, and go with Escape.
+  await page.focus("#frame");
+  await page.keyboard.press("ArrowLeft");
+  await fine(page);
+  assert.ok(await app(page, ({ path }) => path !== null));
+  await page.keyboard.press("Escape");
+  await page.waitForFunction(() => globalThis.raynest.path === null && document.querySelector("#path-rays").closest("section").hidden);
+});
