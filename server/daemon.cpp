@@ -91,7 +91,9 @@ private:
     void end_revoked();
     void feed_watchdog(std::chrono::microseconds interval);
     void apply_options();
-    void remove_own_files();
+    void remove_own_files() {
+        if (!options_.ready_file.empty()) remove_ready_file(options_.ready_file);
+    }
     [[noreturn]] void end_at_once();
 
     Options options_;
@@ -308,10 +310,6 @@ Result<void> Daemon::run() {
     return {};
 }
 
-void Daemon::remove_own_files() {
-    if (!options_.ready_file.empty()) remove_ready_file(options_.ready_file);
-}
-
 void Daemon::end_at_once() {
     remove_own_files();
     std::_Exit(exit_forced);
@@ -361,8 +359,7 @@ void Daemon::look_drained() {
         drain_deadline_ = Clock::now() + last_words_time;
         detached_.stop_running();
         connections_.close_with_error(
-            {Code::draining,
-             "the daemon is shutting down and this had not ended: start it again when it is back", 0});
+            {Code::draining, "the daemon is shutting down: start this again when it is back", 0});
     }
     drain_timer_.expires_after(drain_look);
     drain_timer_.async_wait([this](const SystemError& error) {
