@@ -72,7 +72,7 @@ class Demo(unittest.TestCase):
             if line.startswith("http://"):
                 address = line.strip()
                 break
-        self.assertRegex(address, r"^http://127\.0\.0\.1:\d+#scene=forest$")
+        self.assertRegex(address, r"^http://127\.0\.0\.1:\d+/#scene=forest&code=[0-9a-f]+$")
         with urllib.request.urlopen(address.split("#")[0], timeout=30) as page:
             self.assertEqual(page.status, 200)
         os.killpg(demo.pid, signal.SIGINT)

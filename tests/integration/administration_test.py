@@ -138,7 +138,7 @@ class Administration(unittest.TestCase):
         self.assertRegex(loaded["time"], r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d$")
         self.assertRegex(loaded["request_id"], "^[0-9a-f]+$")
         refused, = (line for line in lines if line["event"] == "refused")
-        self.assertEqual(refused["message"], "scene is not printable UTF-8")
+        self.assertEqual(refused["message"], "`scene` is not printable UTF-8")
 
     def test_jobs_that_the_drain_cuts_off_are_not_blamed_on_their_clients(self):
         daemon = Daemon(self.raynestd, "--drain-ms-max", "200")
@@ -191,7 +191,7 @@ class Administration(unittest.TestCase):
                 done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, check=False,
                                       text=True, timeout=PATIENCE)
             self.assertEqual(done.returncode, 1, command)
-            self.assertIn("cannot write to stdout", done.stderr)
+            self.assertIn("cannot write stdout", done.stderr)
 
     def raynestd_says(self, *arguments):
         done = subprocess.run([self.raynestd, *map(str, arguments)], capture_output=True, check=False,

@@ -226,8 +226,8 @@ class TokensTest(unittest.TestCase):
         self.assertIn(number, [job["job"] for job in self.client("root").json("jobs")["jobs"]])
         for act in ("wait", "cancel", "fetch"):
             arguments = ("-o", self.out / "never.png") if act == "fetch" else ()
-            there, nowhere = (self.says(self.client("bob").run(act, job, *arguments), 5).stderr
-                              for job in (number, 987654))
+            there, nowhere = (re.sub(r" \[request \w+\]", "", self.says(
+                self.client("bob").run(act, job, *arguments), 5).stderr) for job in (number, 987654))
             self.assertEqual(there, nowhere.replace("987654", str(number)))
         self.says(alice.run("unload", "secret"), 0)
 
