@@ -106,7 +106,7 @@ std::uint64_t FilmTiles::noisy() const {
     if (noise_ <= 0) return 0;
     std::uint64_t count = 0;
     for (std::uint64_t tile = 0; tile < count_; ++tile)
-        count += !states_[tile].stopped && taken(tile) >= samples_ ? 1 : 0;
+        if (!states_[tile].stopped && taken(tile) >= samples_) ++count;
     return count;
 }
 
