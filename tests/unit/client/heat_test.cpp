@@ -170,7 +170,7 @@ TEST_CASE("a report shows names as text and needs nothing from elsewhere") {
     part["rows"] = Json::array({row});
     report.ranking = {{"instances", part}, {"meshes", part}, {"materials", part}};
     report.ranking["findings"] = Json::array(
-        {Json{{"finding", "thin_triangles"}, {"subject", hostile}, {"figure", 0.01}, {"unit", "x"},
+        {Json{{"finding", "thin_triangles"}, {"subject", hostile}, {"share", 0.5}, {"figure", 0.01}, {"unit", "x"},
               {"side", "below"}, {"threshold", 0.1}, {"remedy", "cut"}}});
     const std::string html = report_html(report);
     CHECK(html.find("<img src=x") == std::string::npos);

@@ -117,7 +117,7 @@ TEST_CASE("a picture that is missing is named by its number, with the materials 
                       "occlusionTexture":{"index":0}},
                      {"emissiveTexture":{"index":0}},{"normalTexture":{"index":1}},
                      {"normalTexture":{"index":2}},{"name":"ash","normalTexture":{"index":3}}])");
-    CHECK(scene.warnings.size() == 4);
+    CHECK(scene.warnings.size() == 5);  // and that occlusion textures are not used
     CHECK(warns_of(scene.warnings,
                    "picture 1 ('100%.png') names '100%.png', which has a % without two hex digits "
                    "behind it; write %25 for the letter %; material 0 ('oak') and 1 other are shown "

@@ -249,7 +249,7 @@ TEST_CASE("an arena cut short or grown is refused") {
 TEST_CASE("an arena of another version is an error with a remedy") {
     const auto built = rich_scene();
     Arena arena = copy_of(built->bytes());
-    arena.data()[offsetof(format::Header, version)] = std::byte{9};
+    arena.data()[offsetof(format::Header, version)] = std::byte{format::version + 1};
     const auto opened = Snapshot::open({std::move(arena)});
     REQUIRE_FALSE(opened.has_value());
     CHECK(opened.error().code == ErrorCode::scene_unsupported);
