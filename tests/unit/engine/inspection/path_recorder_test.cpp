@@ -1,7 +1,7 @@
 // The rays of a path: recording changes no sample, and each ray begins where the one before ended.
 #include "engine/inspection/path_recorder.h"
 
-#include "engine/assets/builtin.h"
+#include "engine/assets/import.h"
 #include "engine/integrators/integrator.h"
 #include "tests/unit/engine/integrators/kernel_caster.h"
 #include "tests/unit/engine/small_scenes.h"
@@ -15,10 +15,10 @@ using namespace raynest;
 
 namespace {
 
-/// Spheres on a sphere under a sky: paths meet surfaces, leave, and find their light blocked.
+/// Two trees under a sky: paths meet surfaces, leave, and find their light blocked.
 struct Studio {
     explicit Studio(const char* integrator)
-        : scene(test::build_scene(*describe_builtin("builtin:flake?depth=2"))),
+        : scene(test::build_scene(*describe_builtin("builtin:forest?trees=2"))),
           camera(camera_sensor(*choose_camera(*scene, {}), {}, {24, 16})),
           caster(scene->view()) {
         IntegratorScene in{{}, scene->bounds(), &scene->shading()};
