@@ -297,7 +297,7 @@ class Films(DaemonTest):
         self.assertEqual(sum(layers["G"]), 0)
         self.client.json("resume", self.out / "red.exr", "--spp", "20", "--env", self.out / "red.hdr")
         (self.out / "green.hdr").write_bytes(hdr(0, 1, 0))
-        self.refused(2, "environment_hash", "resume", self.out / "red.exr", "--spp", "24", "--env", self.out / "green.hdr")
+        self.refused(2, "was lit by another picture than --env", "resume", self.out / "red.exr", "--spp", "24", "--env", self.out / "green.hdr")
         self.refused(2, "--env", "resume", self.out / "red.exr", "--spp", "24")
 
     def test_a_full_disk_leaves_the_old_file(self):

@@ -91,7 +91,8 @@ class Notes(DaemonTest):
         file = self.out / "full.exr"
         self.client.json("render", "woods", *LIT, "--spp", "4", "-o", file)
         told = self.client.json("resume", file, "--spp", "4")
-        self.assertEqual((told["rays"], told["seconds"], told["notes"]), (0, 0, []))
+        self.assertEqual((told["rays"], told["seconds"]), (0, 0))
+        self.assertNotIn("sees nothing", " ".join(told["notes"]))
         late = self.out / "late.exr"
         error = self.says(8, ("fewer samples than the 65536 per pixel", f"raynest resume {late} --spp 65536 adds the others"),
                           "render", "woods", *LIT, "--spp", "65536", "--deadline", "1", "-o", late)
@@ -129,7 +130,7 @@ class Notes(DaemonTest):
         samples = numpy.array(self.layer("n.exr", "samples"))
         self.assertGreater(samples.max(), 16)
         self.assertLessEqual(samples.max(), 1024)
-        self.assertEqual(told["notes"], [note for note in told["notes"] if "1024" in note])
+        self.assertIn("ask for more --spp than 1024", " ".join(told["notes"]))
         self.says(0, ("the error is still above --noise 0.0001", "ask for more --spp than 32"), "render", "woods", *LIT,
                   "--noise", "0.0001", "--spp", "32", "-o", self.out / "n.exr")
 
@@ -207,7 +208,7 @@ class Endings(DaemonTest):
         return daemon, client, job
 
     def test_a_running_one_is_waited_for(self):
-        daemon, client, job = self.start(1000 * PATIENCE, 256)
+        daemon, client, job = self.start(int(1000 * PATIENCE), 256)
         waiting = client.start("wait", str(job))
         until(lambda: [each for each in client.json("jobs")["jobs"] if each["kind"] == "wait"])
         daemon.process.send_signal(signal.SIGTERM)
