@@ -27,6 +27,7 @@ constexpr std::array words = {
     Word{"count", "--count"},
     Word{"deadline_ms", "--deadline"},
     Word{"depth", "--depth"},
+    Word{"detach", "--detach"},
     Word{"environment", "--env"},
     Word{"epoch", "--epoch"},
     Word{"exposure", "--exposure"},

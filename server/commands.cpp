@@ -34,7 +34,7 @@ int failed(const std::string& why) {
 }
 
 int done() {
-    return std::cout.flush() ? 0 : failed("cannot write to stdout");
+    return std::cout.flush() ? 0 : failed("cannot write stdout");
 }
 
 /// Returns the token file of root, or else of this user.

@@ -422,7 +422,7 @@ std::string blamed(std::string what, int argc, const char* const* argv) {
 /// Ends a command that only prints; fails if stdout could not be written.
 ParsedOptions printed() {
     if (std::cout.flush()) return {std::nullopt, 0};
-    std::cerr << "raynestd: cannot write to stdout\n";
+    std::cerr << "raynestd: cannot write stdout\n";
     return {std::nullopt, 1};
 }
 

@@ -186,7 +186,7 @@ Result<void> run(Context& context, const HeatmapOptions& asked) {
                          : deliver_heatmap(context, options.output, std::move(*picture));
     // The ranking helps most where a limit is exceeded.
     const bool ranks =
-        options.top != 0 && (delivered || delivered.error().exit == Exit::threshold);
+        options.top != 0 && !options.difference && (delivered || delivered.error().exit == Exit::threshold);
     if (ranks) {
         auto ranked = ranking ? deliver_ranking(context, *ranking) : rank(context, options);
         if (!ranked) return ranked;

@@ -227,7 +227,7 @@ class Endings(DaemonTest):
         self.assertIn("drain_took_too_long", daemon.log())
         _, errors = waiting.communicate(timeout=PATIENCE)
         self.assertEqual(waiting.returncode, 6, errors)
-        self.assertIn("start it again", errors)
+        self.assertIn("start this again", errors)
         daemon.folder.cleanup()
 
 

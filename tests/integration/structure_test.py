@@ -127,7 +127,7 @@ class Structure(DaemonTest):
         # A path's text hides the outermost instance that holds it.
         path = next(hit["path"] for hit in hits if hit["inst"] == chosen)
         same(("--hide", self.client.json("path", "forest", str(path))["name"]), hidden_instances=[chosen])
-        for words, code, says in ((("--hide", "inst=x"), 2, "whole number"), (("--hide", "no/such"), 2, "no/such"),
+        for words, code, says in ((("--hide", "inst=x"), 2, "whole number"), (("--hide", "no/such"), 2, "the scene has no 'no'"),
                                   (("--only", "inst=100000"), 2, "there is no outermost instance 100000"), (("--hide", ""), 2, "--hide")):
             done = self.client.run("query", "forest", *view, *words)
             self.assertEqual((done.returncode, done.stderr.count("\n")), (code, 1), done.stderr)

@@ -251,7 +251,7 @@ class Errors(WithDaemon):
                 ("deadline of inf", lambda: raynest.Job(self.client, 1).wait(deadline=np.inf)),
                 ("spp of -1", lambda: self.woods.render(samples=-1)),
                 ("seed of -1: .* to 18446744073709551615", lambda: self.woods.render(seed=-1)),
-                ("fov_degrees of 1e", lambda: self.woods.render(fov=1e300)),
+                ("fov of 1e", lambda: self.woods.render(fov=1e300)),
                 ("eye of ", lambda: self.woods.render(look_at=([1e300, 0, 0], [0, 0, 0]))),
                 ("a side of size of 2.5", lambda: self.woods.heatmap(size=(2.5, 3))),
                 ("width, height", lambda: self.woods.heatmap(size=5)),

@@ -9,11 +9,15 @@ WORDS = {
     "Jobs": "Client.jobs()", "Load": "Client.load()", "Scenes": "Client.scenes()",
     "Unload": "Scene.unload()", "Variants": "Client.variants()", "Wait": "Job.wait()",
     # fields
-    "camera": "camera=", "count": "count=", "deadline_ms": "deadline=", "epoch": "epoch=",
-    "level": "level=", "look_at": "look_at=",
-    "mask": "mask=", "name": "name=", "origin": "origin=", "primitive": "primitive=",
+    "ao_distance": "ao_distance=", "camera": "camera=", "count": "count=",
+    "deadline_ms": "deadline=", "depth": "depth=",
+    "detach": "detach=", "environment": "environment=", "epoch": "epoch=",
+    "exposure": "exposure=", "level": "level=",
+    "look_at": "look_at=", "mask": "mask=", "name": "name=", "noise": "noise=",
+    "origin": "origin=", "primitive": "primitive=",
     "replace": "replace=True",
-    "samples": "spp=", "size": "size=", "top": "top=", "traversal": "traversal=", "worker": "worker="}
+    "samples": "spp=", "size": "size=", "sun": "sun=", "tonemap": "tonemap=", "top": "top=",
+    "traversal": "traversal=", "worker": "worker="}
 
 
 def _points(numbers: str) -> str:
