@@ -66,7 +66,7 @@ export class Overlay {
     if (canvas.width !== Math.round(width * dpr)) canvas.width = Math.round(width * dpr);
     if (canvas.height !== Math.round(height * dpr)) canvas.height = Math.round(height * dpr);
     // A canvas that is touched is composed anew, which an orbit would pay for with every picture.
-    const empty = !area.rectangle && !this.#mask && ![...this.#layers.values()].some(({ length }) => length);
+    const empty = !area.rectangle && !this.#mask && ![...this.#layers.values(), ...this.#lines.values()].some(({ length }) => length);
     if (empty && this.#empty) return;
     this.#empty = empty;
     // Thousands of thin lines are drawn faster without the GPU.

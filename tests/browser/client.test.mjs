@@ -14,7 +14,7 @@ test("the program of the README runs in Node", async () => {
   const [, program] = /```js\n([\s\S]*?)```/.exec(readFileSync(new URL("README.md", web), "utf8"));
   assert.ok(program.trim().split("\n").length <= 22, "it is short");
   const file = join(daemon.folder, "program.mjs");
-  writeFileSync(file, program.replaceAll("127.0.0.1:31061", daemon.http).replace("./raynest.js", new URL("raynest.js", web).href));
+  writeFileSync(file, program.replaceAll("127.0.0.1:31061", new URL(daemon.http).host).replace("./raynest.js", new URL("raynest.js", web).href));
   const flags = Number(process.versions.node.split(".")[0]) < 22 ? ["--experimental-websocket"] : [];
   const { stdout } = await promisify(execFile)(process.execPath, [...flags, file], { timeout: 60000 });
   const lines = stdout.trim().split("\n");
