@@ -177,7 +177,7 @@ class Package(unittest.TestCase):
             "install -d -o raynest -g raynest -m 0700 /var/lib/raynest; "
             "raynestd --config /etc/raynest/raynestd.toml --check-config >&2; "
             "setpriv --reuid=raynest --regid=raynest --clear-groups --no-new-privs "
-            "raynestd --config /etc/raynest/raynestd.toml 2>/tmp/log & "
+            "raynestd --config /etc/raynest/raynestd.toml 2>/tmp/log & daemon=$!; "
             "for i in $(seq 100); do raynest --server unix:/run/raynest/socket scenes >/dev/null 2>&1 && "
             "break; sleep 0.1; done; "
             "export RAYNEST_SERVER=unix:/run/raynest/socket; "
@@ -185,7 +185,7 @@ class Package(unittest.TestCase):
             "raynest --json query woods --ray 8,50,-8,0,-1,0; "
             "raynest render woods --size 64x64 -o /tmp/a.png >&2; "
             "python3 -c \"import raynest; print(len(raynest.connect().scenes()))\"; "
-            "kill %1; wait %1 || true")
+            "kill $daemon; wait $daemon || true")
         lines = told.splitlines()
         self.assertIn("hits", json.loads(lines[0]))
         self.assertEqual(lines[1], "1")
@@ -206,11 +206,11 @@ class Package(unittest.TestCase):
         root.run("cd /tmp/outside; cmake -B build -S . >&2; cmake --build build >&2")
         self.assertEqual(root.run("/tmp/outside/build/embedder"), "opaque 1\n")
         told = root.run(
-            "raynestd --pack-dir /tmp/outside/build --listen unix:/tmp/s --http off --log-level error & "
+            "raynestd --pack-dir /tmp/outside/build --listen unix:/tmp/s --http off --log-level error & daemon=$!; "
             "for i in $(seq 100); do raynest --server unix:/tmp/s scenes >/dev/null 2>&1 && break; "
             "sleep 0.1; done; export RAYNEST_SERVER=unix:/tmp/s; raynest variants; "
             "raynest load builtin:terrain?size=8 >&2; "
-            "raynest --json query terrain --ray 0,50,0,0,-1,0 --intersector every_second; kill %1; wait")
+            "raynest --json query terrain --ray 0,50,0,0,-1,0 --intersector every_second; kill $daemon; wait $daemon || true")
         self.assertIn("every_second", told)
 
 

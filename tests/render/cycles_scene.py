@@ -129,7 +129,8 @@ def tables(ior):
     more = schlick ** 2 * full_mean / (1 - schlick * (1 - full_mean))
     albedo = f0 * (full - edge) + edge + more * (1 - full)
     # 1 - albedo is close to a line over m5 = (1 - cosine)^5: then it is a sum of Lambert's base and of
-    # Disney's at roughness 0, which is 1 - m5 / 2.
+    # Disney's at roughness 0, which is 1 - m5 / 2. Cycles drops negative weights: below roughness 0.33
+    # Disney's stands alone, at most 2.4 % too dark where light falls straight down.
     grazing = (1 - cosine) ** 5
     values = fine(albedo)
     left = 1 - 2 * (values * cosine).mean(axis=1)
@@ -137,6 +138,8 @@ def tables(ior):
     for row in range(ROUGHNESSES):
         slope, level = numpy.polyfit(grazing, values[row], 1, w=numpy.sqrt(cosine))
         shares[row] = (1 - level - 2 * slope) / left[row], 2 * slope / left[row]
+        if shares[row, 0] < 0:
+            shares[row] = 0, 42 / 41
     direction = (numpy.arange(ANGLES) / (ANGLES - 1)) ** 2
     by_direction = numpy.stack([albedo, numpy.broadcast_to(1 - (1 - direction) ** 5 / 2, albedo.shape)], axis=2)
     return picture(by_direction), picture(shares[:, None, :].repeat(2, 1))
@@ -242,7 +245,7 @@ def replace(material, entry, file):
     albedo, disney = entries(by_direction)[:2]
     lambert_share, disney_share = entries(by_roughness)[:2]
 
-    # The base gets what the varnish lets through, both ways. Cycles' weights may be negative.
+    # The base gets what the varnish lets through, both ways.
     through = graph.less(1.0, albedo)
     common = {"Normal": normal}
     lambert = graph.add("ShaderNodeBsdfDiffuse", {
