@@ -19,6 +19,7 @@
 #include <new>
 #include <string>
 #include <system_error>
+#include <utility>
 
 namespace raynest {
 namespace {
@@ -280,10 +281,11 @@ Result<std::vector<std::byte>> encode_channels(std::uint32_t width, std::uint32_
     return encode_failed("the EXR picture", error.what());
 }
 
-Result<std::vector<std::vector<std::uint32_t>>> decode_channels(
-    std::span<const std::byte> file, std::uint32_t width, std::uint32_t height,
-    std::span<const ChannelType> channels) try {
+Result<std::vector<std::vector<std::uint32_t>>> decode_channels(std::span<const std::byte> file,
+                                                                const ExrHeader& header) try {
     configure_once();
+    const auto [width, height] = std::pair(header.width, header.height);
+    const std::vector<ChannelType>& channels = header.channels;
     const std::uint64_t count = std::uint64_t{width} * height;
     oiio::Filesystem::IOMemReader memory(const_cast<std::byte*>(file.data()), file.size());
     const std::unique_ptr<oiio::ImageInput> input =
