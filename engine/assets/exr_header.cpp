@@ -142,13 +142,15 @@ Result<std::vector<std::size_t>> find_channels(const ExrHeader& header, std::uin
         return fail(ErrorCode::scene_invalid,
                     "the EXR has " + pixels(header.width, header.height) + " pixels, not " +
                         pixels(width, height));
-    // Equally many, and each is there: then there are no others and none twice.
+    // Equally many, and each has a place of its own: then there are no others.
     std::vector<std::size_t> places;
     for (const ChannelType& channel : channels) {
         const auto found = std::ranges::find(header.channels, channel);
-        if (found == header.channels.end() || header.channels.size() != channels.size())
+        const auto place = static_cast<std::size_t>(found - header.channels.begin());
+        if (found == header.channels.end() || header.channels.size() != channels.size() ||
+            std::ranges::find(places, place) != places.end())
             return fail(ErrorCode::scene_invalid, "the EXR has other channels");
-        places.push_back(static_cast<std::size_t>(found - header.channels.begin()));
+        places.push_back(place);
     }
     return places;
 }

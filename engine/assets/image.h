@@ -96,8 +96,11 @@ struct LightPicture {
     std::uint32_t height = 0;
     std::vector<Vec3> rgb;
 };
+/// Most radiance of a pixel: sums over a whole picture stay finite.
+inline constexpr float light_radiance_max = 1e28F;
 /// Decodes an EXR or a Radiance HDR, recognised by magic bytes, with limits and errors as
 /// decode_image() has them. Of an EXR only one part with channels R, G and B, or Y, is taken.
+/// Values are brought between 0 and light_radiance_max; what is no number becomes 0.
 Result<LightPicture> decode_environment(std::span<const std::byte> file, std::uint32_t side_max,
                                         std::uint64_t bytes_max);
 

@@ -13,7 +13,6 @@
 #include <array>
 #include <bit>
 #include <cstring>
-#include <limits>
 #include <memory>
 #include <mutex>
 #include <new>
@@ -376,7 +375,7 @@ Result<LightPicture> decode_light(std::span<const std::byte> file, std::uint32_t
             const float value = values[i * stride + channels[c]];
             // Light is neither negative nor infinite, whatever a file says.
             picture.rgb[i][static_cast<int>(c)] =
-                value > 0 ? std::min(value, std::numeric_limits<float>::max()) : 0.0F;
+                value > 0 ? std::min(value, light_radiance_max) : 0.0F;
         }
     return picture;
 } catch (const std::bad_alloc&) {

@@ -264,7 +264,7 @@ Result<LightPicture> read_light(int fd, const ImportLimits& limits) {
     // The decoder promises this; a child that an attack has taken over does not.
     for (Vec3& colour : picture.rgb)
         for (int c = 0; c < 3; ++c)
-            if (!(colour[c] >= 0) || !std::isfinite(colour[c])) return damaged_result();
+            if (!(colour[c] >= 0 && colour[c] <= light_radiance_max)) return damaged_result();
     return picture;
 }
 
