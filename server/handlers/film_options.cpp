@@ -167,8 +167,9 @@ std::uint64_t film_job_bytes(ImageSize size, std::string_view encode, const Film
                                : encode == "png"    ? 5 * 4 * size.pixels()
                                : encode == "linear" ? 2 * sizeof(Vec4) * size.pixels()
                                                     : 2 * 4 * size.pixels();
-    // A file to continue, the decoder's copy of it, its answer, and the planes that are read.
-    const std::uint64_t read = options.resume_bytes == 0 ? 0 : 2 * (film + options.resume_bytes);
+    // A file to continue and the decoder's answer, with first its copy of the file, then the planes.
+    const std::uint64_t resumed = options.resume_bytes;
+    const std::uint64_t read = resumed == 0 ? 0 : resumed + film + std::max(resumed, film);
     // The file and the decoder's copy; its answer, the picture and the tables of the light.
     const std::uint64_t surroundings =
         options.environment_bytes == 0

@@ -3,8 +3,11 @@
 
   resume_test.py RAYNESTD RAYNEST
 """
+import os
 import pathlib
+import shutil
 import struct
+import subprocess
 import sys
 import unittest
 
@@ -132,6 +135,22 @@ class Resumed(DaemonTest):
         self.client.json("resume", self.out / "part.exr", "--spp", "4")
         # A start of the import process and the libraries of its decoders.
         self.assertGreater(self.decoders_work() - before, 1000)
+
+    def test_a_full_disk_leaves_the_film_that_was_continued(self):
+        small = self.out / "small"
+        small.mkdir()
+        if os.geteuid() != 0 or shutil.which("mount") is None or subprocess.run(
+                ["mount", "-t", "tmpfs", "-o", "size=96k", "none", small], check=False, capture_output=True).returncode != 0:
+            self.skipTest("needs a small file system")
+        self.addCleanup(subprocess.run, ["umount", small], check=False)
+        self.client.json("render", "woods", "--integrator", "ao", "--size", "30x30", "--spp", "2", "-o", small / "a.exr")
+        before = (small / "a.exr").read_bytes()
+        with self.assertRaises(OSError), open(small / "other", "wb", buffering=0) as other:
+            while True:
+                other.write(bytes(4096))
+        self.refused(1, "a.exr: No space left on device", "resume", small / "a.exr", "--spp", "4")
+        self.assertEqual(sorted(entry.name for entry in small.iterdir()), ["a.exr", "other"])
+        self.assertEqual((small / "a.exr").read_bytes(), before)
 
 
 if __name__ == "__main__":
