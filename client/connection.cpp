@@ -136,13 +136,16 @@ struct Connection::Socket {
         // Small parts share a record; OpenSSL encrypts into a buffer of its own in any case.
         std::array<std::byte, tls_record_bytes> record;
         const std::size_t size =
-            is_large ? record.size() : asio::buffer_copy(asio::buffer(record), parts);
+            is_large ? first->size() : asio::buffer_copy(asio::buffer(record), parts);
         const auto* bytes =
             is_large ? static_cast<const std::byte*>(first->data()) : record.data();
         const auto moved = tls->write({bytes, size});
-        error = error_of(moved.state);
+        // The next call repeats an error.
+        error = moved.bytes == 0 ? error_of(moved.state) : error_code();
+        if (!error && !tls->is_flushed()) error = asio::error::would_block;
         return moved.bytes;
     }
+    [[nodiscard]] bool is_flushed() const { return !tls || tls->is_flushed(); }
     /// Fills the buffers in order with what is there; would_block if nothing is.
     std::size_t read_some(const std::array<asio::mutable_buffer, 2>& parts, error_code& error) {
         if (!tls) return stream.receive(parts, 0, error);
@@ -308,7 +311,7 @@ Result<void> Connection::send(protocol::Result<Frame> frame, std::span<const std
         asio::buffer(bulk.data(), bulk.size()),
         asio::buffer(padding, frame->header.bulk_bytes - bulk.size())};
     const std::size_t frame_bytes = asio::buffer_size(parts);
-    for (std::size_t left = frame_bytes; left != 0;) {
+    for (std::size_t left = frame_bytes; left != 0 || !socket_->is_flushed();) {
         error_code error;
         std::size_t count = socket_->write_some(parts, error);
         left -= count;
@@ -357,7 +360,7 @@ tl::unexpected<Failure> Connection::leave(const Failure& why, bool within_frame)
     error_code error;
     // If CANCEL cannot be sent at once, close the connection: that cancels the request too.
     const std::array<asio::const_buffer, 1> parts = {asio::buffer(bytes)};
-    if (within_frame || socket_->write_some(parts, error) != bytes.size())
+    if (within_frame || socket_->write_some(parts, error) != bytes.size() || error)
         socket_->stream.shutdown(socket_->stream.shutdown_both, error);
     // Who interrupts a command has no question about it.
     return why.exit == Exit::interrupted ? tl::unexpected<Failure>(why) : tagged(why);

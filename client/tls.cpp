@@ -11,8 +11,9 @@
 namespace raynest::client {
 namespace {
 
-/// Encrypted bytes that one read of a socket takes.
+/// Encrypted bytes that one read of a socket takes, and that one write sends.
 constexpr std::size_t read_ahead_bytes = 64 << 10;
+constexpr int write_bytes = 256 << 10;
 
 template <auto release>
 struct Release {
@@ -159,6 +160,13 @@ Result<std::unique_ptr<TlsStream>> TlsStream::open(int socket, const std::string
         if (auto ready = wait(need == SSL_ERROR_WANT_READ ? POLLIN : POLLOUT); !ready)
             return tl::unexpected<Failure>(ready.error());
     }
+    // One write of the socket sends several records.
+    BIO* gathered = BIO_new(BIO_f_buffer());
+    if (gathered == nullptr || BIO_set_write_buffer_size(gathered, write_bytes) != 1)
+        return fail(Exit::failed, "cannot begin TLS with " + host + ": " + error_text());
+    BIO* socket_bio = SSL_get_wbio(tls);
+    BIO_up_ref(socket_bio);
+    SSL_set0_wbio(tls, BIO_push(gathered, socket_bio));
     return std::unique_ptr<TlsStream>(new TlsStream(std::move(parts)));
 }
 
@@ -190,10 +198,15 @@ TlsStream::Moved TlsStream::read(std::span<std::byte> buffer) {
 }
 
 TlsStream::Moved TlsStream::write(std::span<const std::byte> bytes) {
-    ERR_clear_error();
     Moved moved;
-    moved.state = state_of(
-        SSL_write_ex(parts_->tls.get(), bytes.data(), bytes.size(), &moved.bytes));
+    while (moved.bytes < bytes.size() && moved.state == State::ready) {
+        ERR_clear_error();
+        std::size_t count = 0;
+        moved.state = state_of(SSL_write_ex(parts_->tls.get(), bytes.data() + moved.bytes,
+                                            bytes.size() - moved.bytes, &count));
+        moved.bytes += count;
+    }
+    is_flushed_ = BIO_flush(SSL_get_wbio(parts_->tls.get())) == 1;
     return moved;
 }
 

@@ -33,6 +33,8 @@ public:
     Moved read(std::span<std::byte> buffer);
     /// Writes a part. After State::wait, repeat it with at least the same bytes.
     Moved write(std::span<const std::byte> bytes);
+    /// False while written bytes wait for the socket: write again, if only nothing.
+    [[nodiscard]] bool is_flushed() const { return is_flushed_; }
     /// True if bytes can be read of which poll() knows nothing.
     [[nodiscard]] bool has_bytes() const;
     /// Says why the stream broke.
@@ -45,6 +47,7 @@ private:
 
     std::unique_ptr<Parts> parts_;
     Failure failure_;
+    bool is_flushed_ = true;
     bool drained_ = false;  ///< the last read took all records that had come
 };
 

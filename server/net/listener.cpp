@@ -21,7 +21,8 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr int backlog = 128;
+/// A burst of newcomers beyond it waits a second, for their systems' next try.
+constexpr int backlog = SOMAXCONN;
 /// Pause after a failed accept, e.g. without file descriptors; it doubles from `min` to `max`.
 constexpr milliseconds backoff_min{10};
 constexpr milliseconds backoff_max{1000};

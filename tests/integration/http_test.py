@@ -207,7 +207,7 @@ class Http(DaemonTest):
             self.addCleanup(connection.close)
             connection.sendall(b"GET / HTTP/1.1\r\n")
             begun.append(connection)
-        # All are inside of a request: the next one is refused. One that waits gives way instead.
+        # All are inside of a request, and of one address: its next one is refused.
         time.sleep(0.1)
         status, _, body = split(raw(self.http, b""))
         self.assertEqual(status, 503)
@@ -216,12 +216,33 @@ class Http(DaemonTest):
         for connection in begun:
             connection.close()
         until(lambda: get(self.http, "/healthz")[0] == 200)
+        # One that waits gives way.
         idle = [socket.create_connection(place_of(self.http), timeout=PATIENCE) for _ in range(8)]
         time.sleep(0.1)
         self.assertEqual(get(self.http, "/healthz")[0], 200)
         self.assertEqual(idle[0].recv(1), b"", "the one that waited longest")
         for connection in idle:
             connection.close()
+
+    def test_the_address_with_most_connections_gives_way(self):
+        # All loopback addresses count as one; a packet from another address of this machine stays on it, too.
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.connect(("192.0.2.1", 9))
+            except OSError:
+                self.skipTest("this machine has no address but loopback")
+            own = probe.getsockname()[0]
+        crowd = []
+        for _ in range(8):
+            connection = socket.create_connection(place_of(self.http), PATIENCE, (own, 0))
+            self.addCleanup(connection.close)
+            connection.sendall(b"GET / HTTP/1.1\r\n")
+            crowd.append(connection)
+        time.sleep(0.1)
+        self.assertEqual(get(self.http, "/healthz")[0], 200, "another address")
+        self.assertEqual(crowd[0].recv(1), b"", "the oldest")
+        crowd[1].settimeout(0.1)
+        self.assertRaises(TimeoutError, crowd[1].recv, 1)
 
 
 class Address(DaemonTest):

@@ -27,13 +27,16 @@ class Harm:
 
 class Link:
     """Forwards every connection to 127.0.0.1:PORT. `round_trip` is in seconds, `rate` in bytes per second
-    and direction. With `record`, `seen` holds all bytes that went by."""
+    and direction. With `record`, `seen` holds all bytes that went by. `buffer` is the size of the buffer
+    for what clients send: a small one keeps their own small."""
 
-    def __init__(self, port, round_trip=0.0, rate=None, record=False, harm=None):
+    def __init__(self, port, round_trip=0.0, rate=None, record=False, harm=None, buffer=None):
         self._target, self._delay, self._rate = port, round_trip / 2, rate
         self._record, self._harm = record, harm
         self._parts, self._pairs, self._threads = [], [], []
         self._listener = socket.create_server(("127.0.0.1", 0))
+        if buffer:
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer)
         self.port = self._listener.getsockname()[1]
         self._start(self._serve)
 

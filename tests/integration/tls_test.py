@@ -3,6 +3,7 @@
 
   tls_test.py RAYNESTD RAYNEST
 """
+import array
 import os
 import pathlib
 import signal
@@ -19,6 +20,7 @@ import warnings
 
 from daemon import Daemon, PATIENCE, closed_port, until
 from link import Link
+from npy import npy
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens, command
 
 RAY = "0,50,0,0,-1,0"
@@ -327,6 +329,25 @@ class Tls(unittest.TestCase):
             while part := wrapped.recv(4096):
                 answer += part
         self.assertIn(b"LIMIT_EXCEEDED", answer)
+
+    def test_a_long_upload_waits_for_a_slow_line(self):
+        """The rays fill the buffers of both ends many times over."""
+        count = 100_000
+        rays = array.array("f", (value for i in range(count)
+                                 for value in (i % 97 - 48, 50, i % 89 - 44, 0, -1, 0)))
+        file = self.out / "many.npy"
+        file.write_bytes(npy((count, 6), rays.tobytes()))
+        self.assertEqual(self.client.run("load", "builtin:terrain?size=8", "--name", "slope").returncode, 0)
+        self.addCleanup(self.client.run, "unload", "slope")
+        answers = []
+        with Link(self.daemon.port, rate=8e6, buffer=4096) as link:
+            for number, uri in enumerate((f"tls://127.0.0.1:{link.port}", self.daemon.uri)):
+                client = SecureClient(self.raynest, uri, self.certificates.ca, self.token)
+                out = self.out / f"many{number}.npz"
+                done = client.run("query", "slope", "--rays", file, "--fields", "t,prim", "-o", out)
+                self.assertEqual(done.returncode, 0, done.stderr)
+                answers.append(out.read_bytes())
+        self.assertEqual(*answers)
 
     def test_what_is_sent_cannot_be_read_on_the_way(self):
         """A capture of the line holds the names over TCP, and none of them over TLS."""

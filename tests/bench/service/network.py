@@ -3,8 +3,8 @@
 
   network.py RAYNESTD RAYNEST [PART...] [--seconds N] [--idle N]      one JSON object per part
 
-attackers    throughput of 50 clients beside 1,000 slow peers (half a handshake, a byte a second), over
-             that beside a process that uses as much CPU as those peers do
+attackers    throughput of 50 clients beside 1,000 slow peers of the TLS port (half a handshake, a byte a
+             second, back at once when closed), over that beside a process that uses as much CPU
 handshakes   p99 of a connected client beside 2,000 TLS handshakes in 10 s, over its p99 beside a process
              that uses as much CPU
 line         1 M rays through 50 ms and 100 Mbit/s: bytes of rays per second over that rate
@@ -73,16 +73,18 @@ class Bench:
         with self.daemon() as daemon:
             rates = {"beside": [], "alone": []}
             for _ in range(3):
-                used = multiprocessing.Value("d", 0.0)
-                for name, target, arguments in (("beside", attack, (daemon.port, used)), ("alone", burn_like, (used,))):
-                    process = multiprocessing.Process(target=target, args=arguments)
+                used, tries = multiprocessing.Value("d", 0.0), multiprocessing.Value("q", 0)
+                for name, target, arguments in (("beside", attack, (daemon.port, used, tries)),
+                                                ("alone", burn_like, (used,))):
+                    process = multiprocessing.Process(target=target, args=arguments, daemon=True)
                     process.start()
-                    time.sleep(1.5)
+                    time.sleep(4)
                     rates[name].append(self.busy(daemon.uri))
                     process.terminate()
                     process.join()
             medians = {name: statistics.median(row) for name, row in rates.items()}
-            return {**medians, "attackers_cpu": used.value, "ratio": medians["beside"] / medians["alone"]}
+            return {**medians, "attackers_cpu": used.value, "connections_tried": tries.value,
+                    "ratio": medians["beside"] / medians["alone"]}
 
     # ---- handshakes
 
@@ -156,9 +158,9 @@ class Bench:
             return {"connections": count, "idle_bytes": each, "answers": answers}
 
 
-def attack(port, used):
+def attack(port, used, tries):
     """1,000 connections that send a byte of a handshake each second; `used` is the share of a CPU that this
-    process takes."""
+    process takes, `tries` counts its connections."""
     begun, crowd = time.monotonic(), {}
     while True:
         while len(crowd) < 1000:
@@ -168,6 +170,7 @@ def attack(port, used):
                 break
             peer.setblocking(False)
             crowd[peer] = 0
+            tries.value += 1
         for peer in list(crowd):
             try:
                 peer.send(bytes.fromhex("16030102000100")[crowd[peer] % 7:][:1])
