@@ -121,6 +121,13 @@ Result<Fd> run_child(wire::Work work, const ImportRequest& request, const Import
                     fmt::format("reading '{}' took longer than {} s and was stopped",
                                 file_name(request.source), limits.time_max.count()));
     }
+    // No parser ends itself like this, but the system does so to processes when memory runs out.
+    if (WIFSIGNALED(*status) && WTERMSIG(*status) == SIGKILL) {
+        return fail(ErrorCode::out_of_memory,
+                    fmt::format("reading '{}': the import process was killed; the machine may be "
+                                "short of memory",
+                                file_name(request.source)));
+    }
     if (WIFSIGNALED(*status)) {
         return fail(ErrorCode::scene_invalid,
                     fmt::format("reading '{}' ended the import process ({}); the file is damaged",

@@ -94,6 +94,10 @@ TEST_CASE("without a working import child a good picture is not decoded") {
         refusal_of(Decoder({RAYNEST_TEST_IMPORT_CHILD, "--crash"}).read(made));
     CHECK(crashed.code == Code::invalid_field);
     CHECK(contains(crashed.message, "ended the import process"));
+    const Refusal killed =
+        refusal_of(Decoder({RAYNEST_TEST_IMPORT_CHILD, "--killed"}).read(made));
+    CHECK(killed.code == Code::resource_exhausted);
+    CHECK(contains(killed.message, "short of memory"));
     const Refusal late = refusal_of(Decoder({"sleep", "1000"}).read(made));
     CHECK(late.code == Code::invalid_field);
     CHECK(contains(late.message, "longer than 1 s"));

@@ -82,6 +82,7 @@ int main(int count, char** words) {
         std::signal(SIGSEGV, SIG_DFL);  // otherwise a sanitizer turns the signal into an exit code
         std::raise(SIGSEGV);
     }
+    if (mode == "--killed") std::raise(SIGKILL);
     if (mode == "--hang") ::pause();
     if (mode == "--fail") return 7;
     if (mode == "--sandbox") return 100 + report_sandbox();

@@ -78,6 +78,7 @@ TEST_CASE("the child's error arrives with its code") {
 TEST_CASE("a child that crashes, fails, hangs or answers falsely is an error") {
     CHECK(refusal("--crash").find("ended the import process") != std::string::npos);
     CHECK(refusal("--fail").find("exit code 7") != std::string::npos);
+    CHECK(refusal("--killed").find("short of memory") != std::string::npos);
     CHECK(refusal("--junk").find("incomplete result") != std::string::npos);
     CHECK(refusal("--nothing").find("incomplete result") != std::string::npos);
     ImportLimits limits;
