@@ -1,6 +1,7 @@
 // The layout is that of https://openexr.com/en/latest/OpenEXRFileLayout.html
 #include "engine/assets/exr_header.h"
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <optional>
@@ -129,6 +130,29 @@ Result<ExrHeader> read_exr_header(std::span<const std::byte> file) {
     for (const bool found : seen)
         if (!found) return broken("channels, compression or window are missing");
     return header;
+}
+
+Result<std::vector<std::size_t>> find_channels(const ExrHeader& header, std::uint32_t width,
+                                               std::uint32_t height,
+                                               std::span<const ChannelType> channels) {
+    const auto pixels = [](std::uint32_t columns, std::uint32_t rows) {
+        return std::to_string(columns) + "x" + std::to_string(rows);
+    };
+    if (header.width != width || header.height != height)
+        return fail(ErrorCode::scene_invalid,
+                    "the EXR has " + pixels(header.width, header.height) + " pixels, not " +
+                        pixels(width, height));
+    // Equally many, and each has a place of its own: then there are no others.
+    std::vector<std::size_t> places;
+    for (const ChannelType& channel : channels) {
+        const auto found = std::ranges::find(header.channels, channel);
+        const auto place = static_cast<std::size_t>(found - header.channels.begin());
+        if (found == header.channels.end() || header.channels.size() != channels.size() ||
+            std::ranges::find(places, place) != places.end())
+            return fail(ErrorCode::scene_invalid, "the EXR has other channels");
+        places.push_back(place);
+    }
+    return places;
 }
 
 }  // namespace raynest

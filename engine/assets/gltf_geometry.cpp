@@ -69,8 +69,7 @@ public:
     }
 
     void warn_of_normals() {
-        if (const std::string text = facing_.warning(); !text.empty())
-            scene_.warnings.push_back(text);
+        for (std::string& line : facing_.warnings()) scene_.warnings.push_back(std::move(line));
     }
 
 private:

@@ -13,6 +13,9 @@
 namespace raynest::gltf {
 namespace {
 
+/// Brighter lights would make the power of all lights infinite. The sun has 3e27 candela.
+constexpr float intensity_most = 1e30F;
+
 /// Cones as the extension wants them: 0 <= inner < outer <= half of pi.
 bool read_cone(const tinygltf::SpotLight& spot, LightRecord& light) {
     const double inner = spot.innerConeAngle;
@@ -51,8 +54,10 @@ Result<void> convert_lights(tinygltf::Model& file, Model& model) {
         const glm::dvec3 intensity = colour * in.intensity;
         for (int c = 0; c < 3; ++c) {
             const auto value = static_cast<float>(intensity[c]);
-            if (!(value >= 0) || !std::isfinite(value))
-                light.fault = "has a colour or intensity that is negative or not finite";
+            if (!(value >= 0 && value <= intensity_most))
+                light.fault = fmt::format(
+                    "has a colour or intensity that is negative, not finite or beyond {:g}",
+                    intensity_most);
             light.record.intensity[c] = value;
         }
         const auto range = static_cast<float>(in.range);

@@ -90,7 +90,14 @@ public:
         known.reset();
         if (!picture && picture.error().code == ErrorCode::out_of_memory)
             return blame(name + ':', picture.error());
-        if (!picture) return read_[image] = missing(name + ": " + picture.error().message + without);
+        if (!picture) {
+            std::string why = picture.error().message;
+            if (picture.error().code == ErrorCode::limit_exceeded &&
+                bytes_left_ < limits_.image_bytes_max)
+                why += fmt::format("; the scene's other pictures take the rest of {} MiB",
+                                   (limits_.image_bytes_max * images_per_file) >> 20);
+            return read_[image] = missing(name + ": " + why + without);
+        }
         bytes_left_ -= picture->rgba.size();
         scene_.images.push_back(std::move(*picture));
         return read_[image] = static_cast<std::uint32_t>(scene_.images.size() - 1);

@@ -171,6 +171,11 @@ Result<void> convert_materials(tinygltf::Model& file, Model& model) {
             glm::any(glm::isinf(material.base_colour))) {
             model.odd.add(where, "its base colour factor is not finite; white is used");
             material.base_colour = Vec4(1);
+        } else if (const Vec4 within = glm::clamp(material.base_colour, 0.0F, 1.0F);
+                   within != material.base_colour) {
+            model.odd.add(where, "its base colour factor is not within 0 and 1; the nearest colour "
+                                 "within is used");
+            material.base_colour = within;
         }
         const auto texture = optional_index(colour.texture, model.textures.size(), "texture");
         if (!texture) return error_of(texture);

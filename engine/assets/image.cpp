@@ -3,7 +3,8 @@
 #include "engine/assets/image_module.h"
 #include "engine/assets/module.h"
 
-#include <algorithm>
+#include <string>
+#include <utility>
 
 namespace raynest {
 namespace {
@@ -48,24 +49,22 @@ Result<std::vector<std::byte>> encode_exr(std::uint32_t width, std::uint32_t hei
     return module->encode_channels(width, height, channels, attributes);
 }
 
-Result<std::vector<std::vector<std::uint32_t>>> decode_exr(std::span<const std::byte> file,
-                                                           std::uint32_t width,
-                                                           std::uint32_t height,
-                                                           std::span<const ChannelType> channels) {
+Result<ExrPlanes> decode_exr(std::span<const std::byte> file, std::uint32_t side_max,
+                             std::uint64_t bytes_max) {
     const auto header = read_exr_header(file);
     if (!header) return tl::unexpected<Error>(header.error());
-    if (header->width != width || header->height != height)
-        return fail(ErrorCode::scene_invalid,
-                    "the EXR has " + std::to_string(header->width) + "x" +
-                        std::to_string(header->height) + " pixels, not " + std::to_string(width) +
-                        "x" + std::to_string(height));
-    std::vector<ChannelType> wanted(channels.begin(), channels.end());
-    std::ranges::sort(wanted, {}, &ChannelType::name);  // as an EXR has them
-    if (header->channels != wanted)
-        return fail(ErrorCode::scene_invalid, "the EXR has other channels");
+    if (header->width > side_max || header->height > side_max || decoded_bytes(*header) > bytes_max)
+        return fail(ErrorCode::limit_exceeded,
+                    "the EXR has " + std::to_string(header->width) + " x " +
+                        std::to_string(header->height) + " pixels of " +
+                        std::to_string(header->channels.size()) + " channels; at most " +
+                        std::to_string(side_max) + " a side and " +
+                        std::to_string(bytes_max >> 20) + " MiB decoded are allowed");
     const auto module = image_module();
     if (!module) return tl::unexpected<Error>(module.error());
-    return module->decode_channels(file, width, height, channels);
+    auto planes = module->decode_channels(file, *header);
+    if (!planes) return tl::unexpected<Error>(planes.error());
+    return ExrPlanes{header->width, header->height, std::move(*planes)};
 }
 
 Result<LightPicture> decode_environment(std::span<const std::byte> file, std::uint32_t side_max,

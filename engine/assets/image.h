@@ -76,16 +76,19 @@ struct ChannelType {
     bool is_float = true;  ///< else u32
     friend bool operator==(const ChannelType&, const ChannelType&) = default;
 };
-/// Decodes an EXR as encode_exr() writes it: returns a plane of words for each of `channels`, in
-/// their order, floats as their bits. The header is checked before a decoder sees the file
-/// (exr_header.h): it must have exactly these channels, and exactly this size.
+/// The channels of an EXR: a plane of words for each, row 0 on top; floats as their bits.
+struct ExrPlanes {
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    std::vector<std::vector<std::uint32_t>> planes;  ///< in the order of the file's header
+};
+/// Decodes an EXR as encode_exr() writes it, with limits as decode_image() has them. The header is
+/// checked before a decoder sees the file (exr_header.h).
 ///
-/// scene_unsupported: no EXR, or no image module. scene_invalid: another size or other channels,
-/// damaged or cut short. out_of_memory: the file may be valid.
-Result<std::vector<std::vector<std::uint32_t>>> decode_exr(std::span<const std::byte> file,
-                                                           std::uint32_t width,
-                                                           std::uint32_t height,
-                                                           std::span<const ChannelType> channels);
+/// scene_unsupported: no EXR, or no image module. limit_exceeded: too large. scene_invalid: another
+/// kind of EXR, damaged or cut short. out_of_memory: the file may be valid.
+Result<ExrPlanes> decode_exr(std::span<const std::byte> file, std::uint32_t side_max,
+                             std::uint64_t bytes_max);
 
 /// Linear colours, row 0 on top.
 struct LightPicture {
@@ -93,8 +96,11 @@ struct LightPicture {
     std::uint32_t height = 0;
     std::vector<Vec3> rgb;
 };
+/// Most radiance of a pixel: sums over a whole picture stay finite.
+inline constexpr float light_radiance_max = 1e28F;
 /// Decodes an EXR or a Radiance HDR, recognised by magic bytes, with limits and errors as
 /// decode_image() has them. Of an EXR only one part with channels R, G and B, or Y, is taken.
+/// Values are brought between 0 and light_radiance_max; what is no number becomes 0.
 Result<LightPicture> decode_environment(std::span<const std::byte> file, std::uint32_t side_max,
                                         std::uint64_t bytes_max);
 

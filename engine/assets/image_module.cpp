@@ -13,12 +13,12 @@
 #include <array>
 #include <bit>
 #include <cstring>
-#include <limits>
 #include <memory>
 #include <mutex>
 #include <new>
 #include <string>
 #include <system_error>
+#include <utility>
 
 namespace raynest {
 namespace {
@@ -280,10 +280,11 @@ Result<std::vector<std::byte>> encode_channels(std::uint32_t width, std::uint32_
     return encode_failed("the EXR picture", error.what());
 }
 
-Result<std::vector<std::vector<std::uint32_t>>> decode_channels(
-    std::span<const std::byte> file, std::uint32_t width, std::uint32_t height,
-    std::span<const ChannelType> channels) try {
+Result<std::vector<std::vector<std::uint32_t>>> decode_channels(std::span<const std::byte> file,
+                                                                const ExrHeader& header) try {
     configure_once();
+    const auto [width, height] = std::pair(header.width, header.height);
+    const std::vector<ChannelType>& channels = header.channels;
     const std::uint64_t count = std::uint64_t{width} * height;
     oiio::Filesystem::IOMemReader memory(const_cast<std::byte*>(file.data()), file.size());
     const std::unique_ptr<oiio::ImageInput> input =
@@ -374,7 +375,7 @@ Result<LightPicture> decode_light(std::span<const std::byte> file, std::uint32_t
             const float value = values[i * stride + channels[c]];
             // Light is neither negative nor infinite, whatever a file says.
             picture.rgb[i][static_cast<int>(c)] =
-                value > 0 ? std::min(value, std::numeric_limits<float>::max()) : 0.0F;
+                value > 0 ? std::min(value, light_radiance_max) : 0.0F;
         }
     return picture;
 } catch (const std::bad_alloc&) {

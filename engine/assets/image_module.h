@@ -5,16 +5,19 @@
 // the module with the first one. Both sides come from one build.
 #pragma once
 
+#include "engine/assets/exr_header.h"
 #include "engine/assets/image.h"
 
 namespace raynest {
 
-/// The functions that image.h declares.
+/// The functions that image.h declares, or their part that needs the library.
 struct ImageModule {
     decltype(&decode_image) decode;
     decltype(&encode_png) encode_rgba;
     decltype(&encode_exr) encode_channels;
-    decltype(&decode_exr) decode_channels;
+    /// Returns a plane for each channel of the header, in its order.
+    Result<std::vector<std::vector<std::uint32_t>>> (*decode_channels)(
+        std::span<const std::byte> file, const ExrHeader& header);
     decltype(&decode_environment) decode_light;
 };
 

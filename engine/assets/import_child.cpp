@@ -1,4 +1,4 @@
-// The import child: a process that lives for one file, a scene or a picture of the surroundings.
+// The import child: a process that lives for one file, a scene or a picture.
 //
 // Parsers of foreign formats are a common target of attacks. So they run where a crash, a hang or a
 // memory bomb becomes an error message: with limits on address space, processor time, files and
@@ -6,9 +6,10 @@
 // import_wire.h, no privileges to gain, no file, socket or program to open (sandbox.h), and death
 // together with the parent.
 #include "engine/assets/child_process.h"
-#include "engine/assets/environment_child.h"
+#include "engine/assets/exr_header.h"
 #include "engine/assets/import.h"
 #include "engine/assets/import_wire.h"
+#include "engine/assets/picture_child.h"
 #include "engine/assets/sandbox.h"
 
 #include <fmt/format.h>
@@ -23,6 +24,7 @@
 #include <csignal>
 #include <cstring>
 #include <thread>
+#include <utility>
 
 namespace raynest {
 namespace {
@@ -119,6 +121,13 @@ Result<Fd> run_child(wire::Work work, const ImportRequest& request, const Import
                     fmt::format("reading '{}' took longer than {} s and was stopped",
                                 file_name(request.source), limits.time_max.count()));
     }
+    // No parser ends itself like this, but the system does so to processes when memory runs out.
+    if (WIFSIGNALED(*status) && WTERMSIG(*status) == SIGKILL) {
+        return fail(ErrorCode::out_of_memory,
+                    fmt::format("reading '{}': the import process was killed; the machine may be "
+                                "short of memory",
+                                file_name(request.source)));
+    }
     if (WIFSIGNALED(*status)) {
         return fail(ErrorCode::scene_invalid,
                     fmt::format("reading '{}' ended the import process ({}); the file is damaged",
@@ -130,6 +139,27 @@ Result<Fd> run_child(wire::Work work, const ImportRequest& request, const Import
                                 file_name(request.source), WEXITSTATUS(*status)));
     }
     return std::move(*result_file);
+}
+
+/// A request with one file. `source` names it in messages.
+ImportRequest picture_request(const char* source, std::span<const std::byte> file) {
+    ImportRequest request;
+    request.source = source;
+    request.files.push_back({source, file});
+    return request;
+}
+
+/// The child's work for a picture; returns its exit code.
+int decode_picture(const wire::Message& message) {
+    if (message.request.files.size() != 1) return 2;
+    const std::span<const std::byte> file = message.request.files[0].bytes;
+    const auto [side_max, bytes_max] =
+        std::pair(message.limits.image_side_max, message.limits.image_bytes_max);
+    const auto done =
+        message.work == wire::Work::environment
+            ? wire::write_result(wire::result_fd, decode_environment(file, side_max, bytes_max))
+            : wire::write_result(wire::result_fd, decode_exr(file, side_max, bytes_max));
+    return done ? 0 : 3;
 }
 
 }  // namespace
@@ -147,12 +177,32 @@ Result<LightPicture> decode_environment_in_child(std::span<const std::byte> file
                                                  const ImportLimits& limits,
                                                  std::span<const std::string> child,
                                                  const std::function<bool()>& wanted) {
-    ImportRequest request;
-    request.source = "the environment";
-    request.files.push_back({request.source, file});
-    const auto result = run_child(wire::Work::environment, request, limits, child, wanted);
+    const auto result =
+        run_child(wire::Work::environment, picture_request("the environment", file), limits, child,
+                  wanted);
     if (!result) return tl::unexpected<Error>(result.error());
-    return wire::read_picture(result->get(), limits);
+    return wire::read_light(result->get(), limits);
+}
+
+Result<std::vector<std::vector<std::uint32_t>>> decode_exr_in_child(
+    std::span<const std::byte> file, std::uint32_t width, std::uint32_t height,
+    std::span<const ChannelType> channels, const ImportLimits& limits,
+    std::span<const std::string> child, const std::function<bool()>& wanted) {
+    const auto header = read_exr_header(file);
+    if (!header) return tl::unexpected<Error>(header.error());
+    const auto places = find_channels(*header, width, height, channels);
+    if (!places) return tl::unexpected<Error>(places.error());
+    ImportLimits exact = limits;
+    exact.image_side_max = std::max(width, height);
+    exact.image_bytes_max = decoded_bytes(*header);
+    const auto result =
+        run_child(wire::Work::exr, picture_request("the EXR", file), exact, child, wanted);
+    if (!result) return tl::unexpected<Error>(result.error());
+    auto decoded = wire::read_planes(result->get(), width, height, channels.size());
+    if (!decoded) return tl::unexpected<Error>(decoded.error());
+    std::vector<std::vector<std::uint32_t>> planes;
+    for (const std::size_t place : *places) planes.push_back(std::move(decoded->planes[place]));
+    return planes;
 }
 
 int import_child_main(const Registry& registry) {
@@ -164,13 +214,7 @@ int import_child_main(const Registry& registry) {
     confine(message->limits);
     // Sanitizers read files and make calls of their own.
     if (limits_address_space) enter_sandbox();
-    if (message->work == wire::Work::environment) {
-        if (message->request.files.size() != 1) return 2;
-        const auto picture =
-            decode_environment(message->request.files[0].bytes, message->limits.image_side_max,
-                               message->limits.image_bytes_max);
-        return wire::write_result(wire::result_fd, picture) ? 0 : 3;
-    }
+    if (message->work != wire::Work::scene) return decode_picture(*message);
     const auto result = import_arena(message->request, message->limits, registry);
     return wire::write_result(wire::result_fd, result) ? 0 : 3;
 }

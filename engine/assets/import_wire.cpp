@@ -38,7 +38,7 @@ struct FileHeader {
 struct ResultHeader {
     std::uint64_t magic = result_magic;
     std::uint32_t status = status_done;  ///< or an ErrorCode
-    std::uint32_t unused = 0;
+    std::uint32_t words = 0;              ///< 32-bit words for each pixel of a picture
     std::uint64_t bytes = 0;  ///< size of the arena, picture or message that follows
     double build_seconds = 0;
     std::uint32_t width = 0, height = 0;  ///< of a picture
@@ -113,6 +113,26 @@ Result<ResultHeader> read_header(int fd, std::uint64_t bytes_max) {
     return fail(static_cast<ErrorCode>(header.status), std::move(message));
 }
 
+ResultHeader picture_header(std::uint32_t width, std::uint32_t height, std::size_t words) {
+    ResultHeader header;
+    header.width = width;
+    header.height = height;
+    header.words = static_cast<std::uint32_t>(words);
+    header.bytes = std::uint64_t{width} * height * words * sizeof(std::uint32_t);
+    return header;
+}
+
+/// Reads the header of a picture and checks its sizes against image_side_max and image_bytes_max.
+Result<ResultHeader> read_picture_header(int fd, const ImportLimits& limits, std::size_t words) {
+    auto header = read_header(fd, limits.image_bytes_max);
+    if (!header) return header;
+    if (header->width == 0 || header->height == 0 || header->width > limits.image_side_max ||
+        header->height > limits.image_side_max || header->words != words ||
+        header->bytes != picture_header(header->width, header->height, words).bytes)
+        return damaged_result();
+    return header;
+}
+
 }  // namespace
 
 Result<void> write_request(int fd, Work work, const ImportRequest& request,
@@ -159,7 +179,7 @@ Result<Message> parse_request(std::span<const std::byte> bytes) {
     std::memcpy(static_cast<void*>(&header), at, sizeof header);
     if (header.magic != request_magic || header.file_count > files_max ||
         header.mask_count > masks_max || header.build > BuildQuality::high ||
-        header.work > Work::environment) {
+        header.work > Work::exr) {
         return damaged;
     }
     Message message;
@@ -210,11 +230,17 @@ Result<void> write_result(int fd, const Result<BuiltArena>& result) {
 Result<void> write_result(int fd, const Result<LightPicture>& result) {
     if (!result) return write_error(fd, result.error());
     const auto payload = std::as_bytes(std::span(result->rgb));
-    ResultHeader header;
-    header.bytes = payload.size();
-    header.width = result->width;
-    header.height = result->height;
-    return write_parts(fd, header, payload);
+    return write_parts(fd, picture_header(result->width, result->height, 3), payload);
+}
+
+Result<void> write_result(int fd, const Result<ExrPlanes>& result) {
+    if (!result) return write_error(fd, result.error());
+    const ResultHeader header =
+        picture_header(result->width, result->height, result->planes.size());
+    auto done = write_all(fd, &header, sizeof header);
+    for (const std::vector<std::uint32_t>& plane : result->planes)
+        if (done) done = write_all(fd, plane.data(), plane.size() * sizeof plane[0]);
+    return done;
 }
 
 Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t scene_bytes_max) {
@@ -228,20 +254,36 @@ Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t scene_
     return Snapshot::open({std::move(arena), header->build_seconds});
 }
 
-Result<LightPicture> read_picture(int fd, const ImportLimits& limits) {
-    const auto header = read_header(fd, limits.image_bytes_max);
+Result<LightPicture> read_light(int fd, const ImportLimits& limits) {
+    const auto header = read_picture_header(fd, limits, 3);
     if (!header) return tl::unexpected<Error>(header.error());
-    const std::uint64_t count = std::uint64_t{header->width} * header->height;
-    if (count == 0 || header->width > limits.image_side_max ||
-        header->height > limits.image_side_max || header->bytes != count * sizeof(Vec3))
-        return damaged_result();
-    LightPicture picture{header->width, header->height, std::vector<Vec3>(count)};
+    LightPicture picture{header->width, header->height,
+                         std::vector<Vec3>(std::size_t{header->width} * header->height)};
     if (auto done = read_all(fd, picture.rgb.data(), header->bytes, sizeof *header); !done)
         return damaged_result();
     // The decoder promises this; a child that an attack has taken over does not.
     for (Vec3& colour : picture.rgb)
         for (int c = 0; c < 3; ++c)
-            if (!(colour[c] >= 0) || !std::isfinite(colour[c])) return damaged_result();
+            if (!(colour[c] >= 0 && colour[c] <= light_radiance_max)) return damaged_result();
+    return picture;
+}
+
+Result<ExrPlanes> read_planes(int fd, std::uint32_t width, std::uint32_t height,
+                              std::size_t planes) {
+    ImportLimits limits;
+    limits.image_side_max = std::max(width, height);
+    limits.image_bytes_max = picture_header(width, height, planes).bytes;
+    const auto header = read_picture_header(fd, limits, planes);
+    if (!header) return tl::unexpected<Error>(header.error());
+    if (header->width != width || header->height != height) return damaged_result();
+    ExrPlanes picture{width, height, {}};
+    off_t at = sizeof *header;
+    for (std::size_t i = 0; i < planes; ++i) {
+        auto& plane = picture.planes.emplace_back(std::size_t{width} * height);
+        const std::size_t bytes = plane.size() * sizeof plane[0];
+        if (auto done = read_all(fd, plane.data(), bytes, at); !done) return damaged_result();
+        at += static_cast<off_t>(bytes);
+    }
     return picture;
 }
 

@@ -22,6 +22,7 @@ inline constexpr int result_fd = first_inherited_fd + 1;
 enum class Work : std::uint32_t {
     scene,        ///< answered by an arena
     environment,  ///< files[0] is a picture; answered by its linear colours
+    exr,          ///< files[0] is an EXR; answered by its channels
 };
 
 struct Message {
@@ -38,10 +39,14 @@ Result<Message> parse_request(std::span<const std::byte> bytes);
 
 Result<void> write_result(int fd, const Result<BuiltArena>& result);
 Result<void> write_result(int fd, const Result<LightPicture>& result);
+Result<void> write_result(int fd, const Result<ExrPlanes>& result);
 /// Returns the child's arena, checked by Snapshot::open, or its error. Reads at most
 /// `scene_bytes_max` bytes of arena.
 Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t scene_bytes_max);
 /// Returns the child's picture, checked against image_side_max and image_bytes_max, or its error.
-Result<LightPicture> read_picture(int fd, const ImportLimits& limits);
+Result<LightPicture> read_light(int fd, const ImportLimits& limits);
+/// Returns the child's planes, or its error. They must be `planes` planes of exactly this size.
+Result<ExrPlanes> read_planes(int fd, std::uint32_t width, std::uint32_t height,
+                              std::size_t planes);
 
 }  // namespace raynest::wire

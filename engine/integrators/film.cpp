@@ -2,16 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace raynest {
 namespace {
 
+bool is_finite(const Vec3& v) {
+    return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
+}
+
 bool is_finite(const FilmSample& sample) {
-    const auto finite = [](const Vec3& v) {
-        return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
-    };
-    return finite(sample.radiance) && std::isfinite(sample.alpha) && finite(sample.albedo) &&
-           finite(sample.normal);
+    return is_finite(sample.radiance) && std::isfinite(sample.alpha) && is_finite(sample.albedo) &&
+           is_finite(sample.normal) && std::isfinite(luminance(sample.radiance));
 }
 
 constexpr std::array<FilmLayerInfo, film_layers> layers = {{
@@ -41,7 +43,9 @@ void Film::add(std::uint64_t pixel, std::uint32_t first, std::span<const FilmSam
     const auto at = [&](FilmLayer layer) -> float& { return floats(layer)[pixel]; };
     if (first == 0 && !samples.empty()) {
         const FilmSample& sample = samples.front();
-        const bool hit = sample.mesh != no_id;
+        // A sample that is dropped may have no place either.
+        const bool hit = sample.mesh != no_id && std::isfinite(sample.depth) &&
+                         is_finite(sample.position);
         at(FilmLayer::z) = hit ? sample.depth : film_depth_miss;
         at(FilmLayer::p_x) = hit ? sample.position.x : 0;
         at(FilmLayer::p_y) = hit ? sample.position.y : 0;
@@ -75,7 +79,9 @@ void Film::add(std::uint64_t pixel, std::uint32_t first, std::span<const FilmSam
         for (std::size_t i = 0; i < variance; ++i) mean[i] += (values[i] - mean[i]) / count;
         // Welford, with the variance itself as state: the file holds nothing else.
         const float after = value - mean_luminance();
-        mean[variance] += (std::max(before * after, 0.0F) - mean[variance]) / count;
+        // The square of what is finite may not be.
+        const float square = std::clamp(before * after, 0.0F, std::numeric_limits<float>::max());
+        mean[variance] += (square - mean[variance]) / count;
     }
     for (std::size_t i = 0; i < means.size(); ++i) at(means[i]) = mean[i];
     words(FilmLayer::samples)[pixel] = taken;

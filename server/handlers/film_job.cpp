@@ -1,8 +1,8 @@
 #include "server/handlers/film_job.h"
 
-#include "engine/assets/environment_child.h"
 #include "protocol/blocks.h"
 #include "protocol/hash.h"
+#include "server/handlers/received_picture.h"
 #include "server/handlers/scene_info.h"
 #include "server/jobs/dispatched_task.h"
 
@@ -18,8 +18,6 @@ namespace {
 
 /// Detached jobs keep their latest picture; it is encoded at most so often.
 constexpr std::chrono::seconds kept_every{5};
-/// Address space of a process that decodes a picture, beside the picture: mostly libraries.
-constexpr std::uint64_t decoder_bytes = 1ULL << 30;
 
 /// Counts the rays of an integrator.
 class CountingCaster final : public RayCaster {
@@ -229,7 +227,7 @@ std::optional<Progress> FilmJob::progress() const {
 Task FilmJob::prepare_task() {
     Task task;
     // It waits for the process that decodes.
-    if (options_.environment_bytes != 0) task.pool = &services_.blocking;
+    if (options_.environment_bytes + options_.resume_bytes != 0) task.pool = &services_.blocking;
     task.run = [this](const Stop& stop) -> Reply<Frames> {
         if (stop.requested()) return refuse(Code::cancelled, "");
         if (const auto done = prepare(stop); !done) return tl::unexpected(done.error());
@@ -238,32 +236,13 @@ Task FilmJob::prepare_task() {
     return task;
 }
 
-Reply<LightPicture> FilmJob::decode_environment(const Stop& stop) const {
-    ImportLimits limits = services_.import_limits;
-    limits.image_bytes_max = environment_room(options_.environment_bytes);
-    limits.bytes_max = std::min(limits.bytes_max, decoder_bytes + options_.environment_bytes +
-                                                      4 * limits.image_bytes_max);
-    auto picture = decode_environment_in_child(environment_.bytes(), limits,
-                                               services_.import_child,
-                                               [&] { return !stop.requested(); });
-    if (stop.requested()) return refuse(Code::cancelled, "");
-    if (picture) return std::move(*picture);
-    const Error& error = picture.error();
-    if (error.code == ErrorCode::internal || error.code == ErrorCode::out_of_memory)
-        return refuse(error);
-    return refuse(Code::invalid_field, error.message);
-}
-
 Reply<void> FilmJob::prepare(const Stop& stop) {
     IntegratorSettings settings = options_.settings;
     if (options_.environment_bytes != 0) {
         environment_hash_ = std::to_string(protocol::upload_checksum(environment_.bytes()));
-        auto picture = decode_environment(stop);
+        auto picture = read_environment(services_, environment_.bytes(), stop);
         if (!picture) return tl::unexpected(picture.error());
-        auto shared = std::make_shared<EnvironmentPicture>();
-        shared->size = {picture->width, picture->height};
-        shared->pixels = std::move(picture->rgb);
-        settings.picture = std::move(shared);
+        settings.picture = std::move(*picture);
         environment_.drop();
     }
     auto made = make_integrator(options_.integrator,
@@ -275,17 +254,11 @@ Reply<void> FilmJob::prepare(const Stop& stop) {
     integrator_ = std::move(*made);
     if (options_.resume_bytes == 0) return {};
 
-    if (const auto read = read_film(resumed_.bytes(), all_attributes(), film_); !read)
+    if (auto read = read_film(services_, resumed_.bytes(), all_attributes(), options_.samples, stop,
+                              film_);
+        !read)
         return read;
     resumed_.drop();
-    for (const std::uint32_t count : film_.words(FilmLayer::samples))
-        if (count > options_.samples)
-            return refuse(Code::invalid_field,
-                          "the EXR to continue has " + std::to_string(count) +
-                              " samples of a pixel: ask for more than that with `samples`");
-    for (const std::uint32_t count : film_.words(FilmLayer::dropped))
-        if (count > options_.samples)
-            return refuse(Code::invalid_field, "the EXR to continue has an invalid layer dropped");
     if (!tiles_.restore(film_))
         return refuse(Code::invalid_field,
                       "the EXR to continue is damaged: pixels of one tile of 64x8 have different "

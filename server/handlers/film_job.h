@@ -53,8 +53,6 @@ private:
     Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override;
     [[nodiscard]] Task prepare_task();
     Reply<void> prepare(const Stop& stop);
-    /// Decodes the picture of the surroundings, in a process of its own.
-    [[nodiscard]] Reply<LightPicture> decode_environment(const Stop& stop) const;
     void begin_pass();
     /// Ends the stage of tracing or sending.
     void go_on();

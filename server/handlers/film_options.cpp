@@ -1,9 +1,9 @@
 #include "server/handlers/film_options.h"
 
-#include "engine/assets/exr_header.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/handlers/film_tiles.h"
+#include "server/handlers/received_picture.h"
 #include "server/handlers/selection_text.h"
 
 #include <algorithm>
@@ -26,18 +26,6 @@ template <class Number>
 std::string number_text(Number value) {
     std::array<char, 64> digits{};
     return {digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr};
-}
-
-/// Attributes that may differ between a file and the request that continues it.
-bool may_differ(std::string_view name) {
-    constexpr std::array<std::string_view, 4> names = {"raynest:spp", "raynest:scene",
-                                                       "raynest:epoch", "Software"};
-    return std::ranges::find(names, name) != names.end();
-}
-
-const std::string* find(std::span<const Attribute> attributes, std::string_view name) {
-    const auto found = std::ranges::find(attributes, name, &Attribute::name);
-    return found == attributes.end() ? nullptr : &found->value;
 }
 
 Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
@@ -179,7 +167,9 @@ std::uint64_t film_job_bytes(ImageSize size, std::string_view encode, const Film
                                : encode == "png"    ? 5 * 4 * size.pixels()
                                : encode == "linear" ? 2 * sizeof(Vec4) * size.pixels()
                                                     : 2 * 4 * size.pixels();
-    const std::uint64_t read = options.resume_bytes == 0 ? 0 : film + options.resume_bytes;
+    // A file to continue and the decoder's answer, with first its copy of the file, then the planes.
+    const std::uint64_t resumed = options.resume_bytes;
+    const std::uint64_t read = resumed == 0 ? 0 : resumed + film + std::max(resumed, film);
     // The file and the decoder's copy; its answer, the picture and the tables of the light.
     const std::uint64_t surroundings =
         options.environment_bytes == 0
@@ -188,12 +178,6 @@ std::uint64_t film_job_bytes(ImageSize size, std::string_view encode, const Film
     const std::uint64_t threads = std::max(1U, std::thread::hardware_concurrency());
     return image_header_bytes_max + film + std::max(file, read) + surroundings +
            wavefront_bytes * (threads + 1);
-}
-
-std::uint64_t environment_room(std::uint64_t file_bytes) {
-    // A small file may be compressed well.
-    constexpr std::uint64_t least = 64ULL << 20;
-    return std::max(least, 16 * file_bytes);
 }
 
 std::uint64_t film_payload_bytes_max(ImageSize size, std::string_view encode) {
@@ -243,50 +227,6 @@ Reply<Payload> encode_film(const Film& film, std::string_view encode, const Look
     payload.bytes.resize(picture.rgba.size());
     std::memcpy(payload.bytes.data(), picture.rgba.data(), picture.rgba.size());
     return payload;
-}
-
-Reply<void> read_film(std::span<const std::byte> file, std::span<const Attribute> attributes,
-                      Film& film) {
-    const auto header = read_exr_header(file);
-    if (!header) return refuse(Code::invalid_field, header.error().message);
-    for (const Attribute& wanted : attributes) {
-        if (may_differ(wanted.name)) continue;
-        const std::string* const found = find(header->attributes, wanted.name);
-        if (found == nullptr)
-            return refuse(Code::invalid_field, "the EXR to continue has no attribute " +
-                                                   wanted.name + ": it is no lit picture of "
-                                                                 "RayNest's");
-        if (*found == wanted.value) continue;
-        if (wanted.name == "raynest:hash")
-            return refuse(Code::invalid_field,
-                          "the EXR to continue was made of another scene, or the scene has changed "
-                          "since: its hash " + protocol::clean_text(*found, 64) + " is now " +
-                              wanted.value);
-        if (wanted.name == "raynest:environment_hash")
-            return refuse(Code::invalid_field,
-                          "the EXR to continue was lit by another picture than `environment` names");
-        return refuse(Code::invalid_field,
-                      "the EXR to continue was made with " + wanted.name.substr(8) + " '" +
-                          protocol::clean_text(*found, 256) + "', the request has '" +
-                          wanted.value + "'");
-    }
-    // Files say what was hidden only if something was.
-    for (const std::string_view name : {"raynest:hide", "raynest:only"})
-        if (find(header->attributes, name) != nullptr && find(attributes, name) == nullptr)
-            return refuse(Code::invalid_field,
-                          "the EXR to continue was made with " + std::string(name.substr(8)) +
-                              " '" +
-                              protocol::clean_text(*find(header->attributes, name), 256) +
-                              "', the request has none");
-    std::array<ChannelType, film_layers> types;
-    for (std::size_t i = 0; i < film_layers; ++i)
-        types[i] = {std::string(film_layer_table()[i].name), film_layer_table()[i].is_float};
-    const auto planes = decode_exr(file, film.size().width, film.size().height, types);
-    if (!planes && planes.error().code == ErrorCode::out_of_memory) return refuse(planes.error());
-    if (!planes) return refuse(Code::invalid_field, planes.error().message);
-    for (std::size_t i = 0; i < film_layers; ++i)
-        std::ranges::copy((*planes)[i], film.words(static_cast<FilmLayer>(i)).begin());
-    return {};
 }
 
 }  // namespace raynest::server

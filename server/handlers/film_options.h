@@ -9,7 +9,6 @@
 #include "server/handlers/payload.h"
 
 #include <cstdint>
-#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -39,19 +38,11 @@ Reply<FilmOptions> film_options(const wire::Render& message, std::string integra
 /// Bytes of memory that a film of this encoding takes while it is made and encoded.
 [[nodiscard]] std::uint64_t film_job_bytes(ImageSize size, std::string_view encode,
                                            const FilmOptions& options);
-/// Bytes of a picture of the surroundings, decoded, at most.
-[[nodiscard]] std::uint64_t environment_room(std::uint64_t file_bytes);
 /// Returns the maximum bytes of a film's payload.
 [[nodiscard]] std::uint64_t film_payload_bytes_max(ImageSize size, std::string_view encode);
 
 /// Encodes a film as png, exr, raw rows of RGBA, or linear rows of premultiplied RGBA in float.
 Reply<Payload> encode_film(const Film& film, std::string_view encode, const Look& look,
                            std::vector<Attribute> attributes);
-
-/// Fills a film from an EXR that encode_film() made. `attributes` are those that the request would
-/// write: the file must have the same, except for the number of samples and the names of its scene
-/// and camera. Fails with INVALID_FIELD, saying what differs, or with the decoder's error.
-Reply<void> read_film(std::span<const std::byte> file, std::span<const Attribute> attributes,
-                      Film& film);
 
 }  // namespace raynest::server

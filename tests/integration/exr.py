@@ -47,8 +47,8 @@ def read_texts(data):
     return {name: value.decode() for name, (kind, value) in read_header(data)[0].items() if kind == "string"}
 
 
-def read_exr(data):
-    """Returns (width, height, {channel: values, row by row from the top})."""
+def blocks(data):
+    """Returns (width, height, [(channel, format)], [(first row, rows, plain bytes)])."""
     attributes, at = read_header(data)
     header = {name: value for name, (_, value) in attributes.items()}
     left, top, right, bottom = struct.unpack("<4i", header["dataWindow"])
@@ -58,14 +58,43 @@ def read_exr(data):
         name, rest = rest.split(b"\0", 1)
         channels.append((name.decode(), FORMATS[struct.unpack_from("<I", rest)[0]]))
         rest = rest[16:]
-
     lines = LINES_OF_A_BLOCK[header["compression"][0]]
-    columns = {name: [] for name, _ in channels}
+    found = []
     for offset in struct.unpack_from(f"<{-(-height // lines)}Q", data, at):
         first, packed = struct.unpack_from("<iI", data, offset)
         rows = min(lines, bottom + 1 - first)
-        block = unpacked(data[offset + 8:offset + 8 + packed], rows * width * 4 * len(channels))
+        plain = unpacked(data[offset + 8:offset + 8 + packed], rows * width * 4 * len(channels))
+        found.append((first, rows, plain))
+    return width, height, channels, found
+
+
+def read_exr(data):
+    """Returns (width, height, {channel: values, row by row from the top})."""
+    width, height, channels, found = blocks(data)
+    columns = {name: [] for name, _ in channels}
+    for _, rows, plain in found:
         for row in range(rows):
             for number, (name, form) in enumerate(channels):
-                columns[name] += struct.unpack_from(f"<{width}{form}", block, 4 * width * (row * len(channels) + number))
+                columns[name] += struct.unpack_from(f"<{width}{form}", plain, 4 * width * (row * len(channels) + number))
     return width, height, columns
+
+
+def with_values(data, channel, values):
+    """Returns the file with other values of a channel: {pixel: four bytes}. Its blocks are not compressed."""
+    width, _, channels, found = blocks(data)
+    number = [name for name, _ in channels].index(channel)
+    file = bytearray(data[:read_header(data)[1]])
+    packed = []
+    for first, rows, plain in found:
+        changed = bytearray(plain)
+        for pixel, value in values.items():
+            y, x = divmod(pixel, width)
+            if first <= y < first + rows:
+                at = 4 * (width * ((y - first) * len(channels) + number) + x)
+                changed[at:at + 4] = value
+        packed.append(struct.pack("<iI", first, len(changed)) + changed)
+    at = len(file) + 8 * len(packed)
+    for block in packed:
+        file += struct.pack("<Q", at)
+        at += len(block)
+    return bytes(file) + b"".join(packed)

@@ -113,44 +113,6 @@ class Films(DaemonTest):
             again, _ = self.render("g.exr", *words, "--traversal", traversal)
             self.assertEqual(once, again, traversal)
 
-    def test_resume_gives_the_bytes_of_rendering_at_once(self):
-        for words in ((*AO, "--lookat", "3,4,20,0,3,0", "--fov", "50"), (*PATH, "--set", "cutoff=0.3", "--sun", "200,30")):
-            with self.subTest(words=words):
-                whole, _ = self.render("whole.exr", *words, "--spp", "12")
-                part, _ = self.render("part.exr", *words, "--spp", "5")
-                self.client.json("resume", self.out / "part.exr", "--spp", "12")
-                self.assertEqual(whole, (self.out / "part.exr").read_bytes())
-        # A picture that its deadline ended, with tiles of different counts.
-        done = self.client.run("render", "woods", *PATH, "--spp", "3000", "--deadline", "0.7", "-o", self.out / "late.exr")
-        if done.returncode == 8:
-            _, _, layers = read_exr((self.out / "late.exr").read_bytes())
-            most = max(layers["samples"])
-            self.client.json("resume", self.out / "late.exr", "--spp", str(most + 1), "-o", self.out / "full.exr")
-            whole, _ = self.render("whole.exr", *PATH, "--spp", str(most + 1))
-            self.assertEqual(whole, (self.out / "full.exr").read_bytes())
-
-    def test_what_cannot_be_resumed_is_refused(self):
-        part, _ = self.render("good.exr", *AO, "--spp", "4")
-        self.refused(2, "ask for more than that", "resume", self.out / "good.exr", "--spp", "3")
-        bad = self.out / "bad.exr"
-        bad.write_bytes(part[:-200])
-        self.refused(2, "damaged", "resume", bad, "--spp", "8")
-        bad.write_bytes(part[:300])
-        self.refused(5, "header", "resume", bad, "--spp", "8")
-        bad.write_bytes(b"no picture")
-        self.refused(5, "no EXR", "resume", bad, "--spp", "8")
-        changed = part.replace(b"raynest:integrator\0string\0\2\0\0\0ao", b"raynest:integrator\0string\0\2\0\0\0xo")
-        self.assertNotEqual(changed, part)
-        bad.write_bytes(changed)
-        self.refused(2, "unknown integrator 'xo'", "resume", bad, "--spp", "8")
-        hash_at = part.index(b"raynest:hash\0string\0") + 24
-        bad.write_bytes(part[:hash_at] + bytes(64) + part[hash_at + 64:])
-        self.refused(2, "hash", "resume", bad, "--spp", "8")
-        self.client.json("render", "woods", "-o", self.out / "primary.exr", *VIEW)
-        self.refused(5, "no lit picture", "resume", self.out / "primary.exr", "--spp", "8")
-        self.refused(5, "nowhere", "resume", self.out / "good.exr", "--spp", "8", "--scene", "nowhere")
-        self.assertTrue(self.daemon.alive())
-
     def test_noise_ends_tiles_early_and_the_same_ones_each_time(self):
         words = (*AO, "--spp", "256", "--noise", "0.12")
         once, told = self.render("n.exr", *words)

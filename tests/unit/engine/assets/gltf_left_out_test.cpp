@@ -131,6 +131,47 @@ TEST_CASE("a picture that is missing is named by its number, with the materials 
     CHECK(contains(std::string(gltf::why_no_file("/a%.png")), "absolute path"));
 }
 
+TEST_CASE("pictures beyond what a scene may take are left out, each with a line" *
+          doctest::test_suite("images")) {
+    if (!test::have_images()) return;
+    GlbWriter writer;
+    const std::string mesh = test::one_triangle_mesh(writer);
+    constexpr std::uint32_t side = 64;
+    const test::Bytes picture = test::raw_png(
+        side, side, 8, 6, std::string(std::size_t{side} * (4 * side + 1), '\0'));
+    const std::string view = std::to_string(writer.add(picture, "SCALAR", 5121, 1));
+    std::string images, textures, materials;
+    for (int i = 0; i < 7; ++i) {
+        const std::string number = std::to_string(i);
+        for (std::string* list : {&images, &textures, &materials})
+            if (i != 0) *list += ',';
+        images.append(R"({"bufferView":)").append(view).append(R"(,"mimeType":"image/png"})");
+        textures.append(R"({"source":)").append(number).append("}");
+        materials.append(R"({"pbrMetallicRoughness":{"baseColorTexture":{"index":)")
+            .append(number)
+            .append("}}}");
+    }
+    const test::Upload upload(
+        "scene.glb", writer.glb(mesh + R"(,"nodes":[{"mesh":0}],"images":[)" + images +
+                                R"(],"textures":[)" + textures + R"(],"materials":[)" + materials +
+                                "]"));
+    ImportLimits limits;
+    // Four such pictures for one file, and half of one.
+    limits.image_bytes_max = std::uint64_t{4} * side * side + side * side / 2;
+    const auto scene = must_describe(describe_gltf(upload.request(), limits));
+    CHECK(scene.images.size() == 4);
+    CHECK(scene.skipped.at("textures") == 3);
+    REQUIRE(scene.warnings.size() == 3);
+    for (int i = 0; i < 3; ++i) {
+        const std::string& warning = scene.warnings[static_cast<std::size_t>(i)];
+        const std::string number = std::to_string(4 + i);
+        CAPTURE(warning);
+        CHECK(contains(warning, "picture " + number + ": the picture is 64 x 64 pixels"));
+        CHECK(contains(warning, "the scene's other pictures take the rest"));
+        CHECK(contains(warning, "material " + number + " is shown without it"));
+    }
+}
+
 TEST_CASE("a .glb that is none says what it begins with") {
     CHECK(contains(refusal(test::to_bytes("<!DOCTYPE html>\n<html>")), "no GLB: it begins with "
                                                                        "'<!DOCTYPE html> <html>'"));

@@ -97,6 +97,8 @@ TEST_CASE("values out of range are replaced, each with a line") {
         {R"({"pbrMetallicRoughness":{"metallicFactor":7}})", "metallicFactor"},
         {R"({"pbrMetallicRoughness":{"roughnessFactor":-1}})", "roughnessFactor"},
         {R"({"pbrMetallicRoughness":{"roughnessFactor":1e300}})", "roughnessFactor"},
+        {R"({"pbrMetallicRoughness":{"baseColorFactor":[5,1,1,1]}})", "base colour"},
+        {R"({"pbrMetallicRoughness":{"baseColorFactor":[1,1,-1,1]}})", "base colour"},
         {R"({"emissiveFactor":[1,-1,0]})", "emission"},
         {R"({"emissiveFactor":[1,1,1],"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":1e39}}})",
          "emission"},
@@ -135,7 +137,9 @@ TEST_CASE("normals are read, and bad ones are left out with a line") {
     const SceneDescription good = must_describe(
         file_of("{}", "", "", R"(,"NORMAL":0)"), "scene.gltf");
     CHECK(good.objects[0].geometries[0].normals.size() == 3);
-    CHECK(good.warnings.empty());
+    // They are the positions, of which one is 0.
+    CHECK(good.warnings.size() == 1);
+    CHECK(warns_of(good, "are 0 or not finite"));
     check_builds(good);
     for (const char* bad : {R"(,"NORMAL":1)", R"(,"NORMAL":7)", R"(,"NORMAL":-3)"}) {
         CAPTURE(bad);
@@ -185,6 +189,7 @@ TEST_CASE("lights that make no sense are left out or mended, each with a line") 
     } cases[] = {
         {R"({"type":"point","intensity":-3})", 0, "negative"},
         {R"({"type":"point","intensity":1e300})", 0, "not finite"},
+        {R"({"type":"point","intensity":3e38})", 0, "beyond 1e+30"},
         {R"({"type":"point","color":[1,-1,1]})", 0, "negative"},
         {R"({"type":"laser"})", 0, "laser"},
         {R"({"type":"point","range":-1})", 1, "range"},

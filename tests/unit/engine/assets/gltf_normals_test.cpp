@@ -3,6 +3,7 @@
 #include "tests/unit/engine/assets/describe.h"
 
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 using namespace raynest;
@@ -212,4 +213,26 @@ TEST_CASE("a mesh of which the normals point against the faces is named, with it
     // Those at one pole have no area at all.
     CHECK(warns_of(scene, "mesh 0 ('ball'): the NORMALs of 380 of its 400 triangles point against "
                           "the faces. Lit pictures"));
+}
+
+TEST_CASE("normals without a direction are named once, with the counts of the first mesh") {
+    constexpr float infinity = std::numeric_limits<float>::infinity();
+    for (const float x : {0.0F, std::nanf(""), infinity}) {
+        CAPTURE(x);
+        GlbWriter writer;
+        writer.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0}, "VEC3", 3);
+        // The fourth vertex belongs to the second triangle alone.
+        writer.add_floats({0, 0, 1, 0, 0, 1, 0, 0, 1, x, 0, 0}, "VEC3", 3);
+        writer.add_indices({0, 1, 2, 2, 1, 3, 3, 3, 3});
+        const std::string mesh =
+            R"({"primitives":[{"attributes":{"POSITION":0,"NORMAL":1},"indices":2}]})";
+        const auto scene = must_describe(writer.glb(R"("meshes":[)" + mesh + "," + mesh + "," +
+                                                    mesh + R"(],"nodes":[{"mesh":0},{"mesh":1},
+                                                    {"mesh":2}])"));
+        REQUIRE(scene.warnings.size() == 1);
+        CHECK(scene.warnings[0] ==
+              "mesh 0: the NORMALs of 1 of its 3 triangles are 0 or not finite, and so are some of "
+              "2 other meshes; such faces are shown flat");
+        CHECK(Snapshot::build(scene).has_value());
+    }
 }

@@ -12,8 +12,12 @@
 
 #include <cerrno>
 #include <csignal>
+#include <cstddef>
+#include <cstdint>
 #include <cstdlib>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 namespace wire = raynest::wire;
 
@@ -47,6 +51,29 @@ int report_sandbox() {
            (created >= 0 ? 8 : 0) | (library < 0 ? 16 : 0);
 }
 
+/// Decodes an EXR and answers with all its bytes, but false sizes.
+int answer_falsely(std::string_view mode) {
+    const raynest::Mapping mapped(raynest::Fd(wire::request_fd), raynest::Mapping::Access::read);
+    const auto message = wire::parse_request(mapped.bytes());
+    if (!message) return 1;
+    auto exr = raynest::decode_exr(message->request.files.at(0).bytes,
+                                   message->limits.image_side_max, message->limits.image_bytes_max);
+    if (!exr) return 1;
+    if (mode == "--transposed") {
+        std::swap(exr->width, exr->height);
+    } else {
+        exr->width /= 2;
+        std::vector<std::vector<std::uint32_t>> halves;
+        for (const auto& plane : exr->planes) {
+            const auto middle = plane.begin() + static_cast<std::ptrdiff_t>(plane.size() / 2);
+            halves.emplace_back(plane.begin(), middle);
+            halves.emplace_back(middle, plane.end());
+        }
+        exr->planes = std::move(halves);
+    }
+    return wire::write_result(wire::result_fd, exr) ? 0 : 1;
+}
+
 }  // namespace
 
 int main(int count, char** words) {
@@ -55,6 +82,7 @@ int main(int count, char** words) {
         std::signal(SIGSEGV, SIG_DFL);  // otherwise a sanitizer turns the signal into an exit code
         std::raise(SIGSEGV);
     }
+    if (mode == "--killed") std::raise(SIGKILL);
     if (mode == "--hang") ::pause();
     if (mode == "--fail") return 7;
     if (mode == "--sandbox") return 100 + report_sandbox();
@@ -81,6 +109,7 @@ int main(int count, char** words) {
         const auto result = raynest::import_arena(message->request, {}, **registry);
         return wire::write_result(wire::result_fd, result) ? 0 : 1;
     }
+    if (mode == "--transposed" || mode == "--regrouped") return answer_falsely(mode);
     if (mode != "--import-child" && mode != "--report-limits") return 0;
     if (!registry) return 9;
     const int code = raynest::import_child_main(**registry);

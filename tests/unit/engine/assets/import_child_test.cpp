@@ -1,4 +1,4 @@
-#include "engine/assets/environment_child.h"
+#include "engine/assets/import.h"
 #include "tests/sanitized.h"
 #include "tests/unit/engine/assets/describe.h"
 #include "tests/unit/engine/assets/samples.h"
@@ -78,6 +78,7 @@ TEST_CASE("the child's error arrives with its code") {
 TEST_CASE("a child that crashes, fails, hangs or answers falsely is an error") {
     CHECK(refusal("--crash").find("ended the import process") != std::string::npos);
     CHECK(refusal("--fail").find("exit code 7") != std::string::npos);
+    CHECK(refusal("--killed").find("short of memory") != std::string::npos);
     CHECK(refusal("--junk").find("incomplete result") != std::string::npos);
     CHECK(refusal("--nothing").find("incomplete result") != std::string::npos);
     ImportLimits limits;
@@ -160,96 +161,6 @@ TEST_CASE("a scene comes with its pictures or not at all, however little memory 
     }
     CHECK(loaded);
     CHECK((refused > 0 || test::sanitized));
-}
-
-namespace {
-
-std::vector<std::byte> bytes_of(const std::string& text) {
-    const auto bytes = std::as_bytes(std::span(text));
-    return {bytes.begin(), bytes.end()};
-}
-
-/// A Radiance picture of one colour, without compression.
-std::string radiance(int width, int height, const std::string& pixels) {
-    return fmt::format("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {} +X {}\n", height, width) +
-           pixels;
-}
-
-std::string plain_pixels(std::size_t count) {
-    std::string pixels;
-    for (std::size_t i = 0; i < count; ++i) pixels += "\x80\x40\x20\x81";
-    return pixels;
-}
-
-Result<LightPicture> surroundings(const std::string& file, const ImportLimits& limits = {},
-                                  const char* mode = "--import-child") {
-    return decode_environment_in_child(bytes_of(file), limits, child(mode));
-}
-
-std::string why_not(const std::string& file, const ImportLimits& limits = {},
-                    const char* mode = "--import-child") {
-    const auto picture = surroundings(file, limits, mode);
-    REQUIRE_FALSE(picture.has_value());
-    return picture.error().message;
-}
-
-}  // namespace
-
-TEST_CASE("a picture of the surroundings comes through the child as from this process" *
-          doctest::test_suite("images")) {
-    if (!test::have_images()) return;
-    const std::string file = radiance(4, 2, plain_pixels(8));
-    const auto here = decode_environment(bytes_of(file), 16384, 1 << 20);
-    const auto there = surroundings(file);
-    REQUIRE(here.has_value());
-    REQUIRE_MESSAGE(there.has_value(), (there ? "" : there.error().message));
-    CHECK(there->width == 4);
-    CHECK(there->height == 2);
-    CHECK(there->rgb == here->rgb);
-    CHECK(there->rgb[3].x == 2 * there->rgb[3].y);
-}
-
-TEST_CASE("hostile pictures of the surroundings end in an error of the child" *
-          doctest::test_suite("images")) {
-    if (!test::have_images()) return;
-    CHECK(test::contains(why_not("not a picture"), "neither an EXR nor an HDR"));
-    CHECK(test::contains(why_not(""), "neither an EXR nor an HDR"));
-    // Bombs: a short file that claims many pixels.
-    CHECK(test::contains(why_not(radiance(60000, 60000, "")), "60000 x 60000 pixels"));
-    CHECK(test::contains(why_not(radiance(16384, 16384, plain_pixels(8))), "MiB decoded are allowed"));
-    ImportLimits limits;
-    limits.image_bytes_max = 4ULL << 30;
-    limits.bytes_max = 1536ULL << 20;
-    if (limits_bite()) {
-        const auto bomb = surroundings(radiance(16384, 16384, plain_pixels(8)), limits);
-        REQUIRE_FALSE(bomb.has_value());
-        CHECK(bomb.error().code == ErrorCode::out_of_memory);
-    }
-    CHECK(test::contains(why_not(radiance(64, 64, plain_pixels(100))), "damaged or cut short"));
-    const std::vector<float> plane(64 * 32, 1.0F);
-    const std::array channels{Channel{"R", plane, {}}, Channel{"G", plane, {}},
-                              Channel{"B", plane, {}}};
-    const auto encoded = encode_exr(64, 32, channels);
-    REQUIRE(encoded.has_value());
-    const std::string exr(reinterpret_cast<const char*>(encoded->data()), encoded->size());
-    REQUIRE(surroundings(exr).has_value());
-    CHECK_FALSE(surroundings(exr.substr(0, exr.size() / 2)).has_value());
-    // Any byte may be wrong: an error or a picture, but nothing else.
-    for (std::size_t i = 0; i < exr.size(); i += std::max<std::size_t>(exr.size() / 40, 1)) {
-        std::string wrong = exr;
-        wrong[i] = static_cast<char>(wrong[i] ^ 0x5A);
-        const auto picture = surroundings(wrong);
-        if (!picture) CHECK(picture.error().code != ErrorCode::internal);
-    }
-}
-
-TEST_CASE("a child that does not decode a picture, but misbehaves, is an error") {
-    CHECK(test::contains(why_not("x", {}, "--crash"), "ended the import process"));
-    CHECK(test::contains(why_not("x", {}, "--crash"), "the environment"));
-    CHECK(test::contains(why_not("x", {}, "--junk"), "incomplete result"));
-    ImportLimits limits;
-    limits.time_max = std::chrono::seconds(1);
-    CHECK(test::contains(why_not("x", limits, "--hang"), "longer than 1 s"));
 }
 
 TEST_CASE("many imports at once do not disturb each other") {

@@ -102,6 +102,22 @@ TEST_CASE("samples that are not finite are counted and dropped") {
     CHECK(std::isfinite(film.colour(0).x));
 }
 
+TEST_CASE("a film of the brightest samples stays finite, so that it can be continued") {
+    constexpr float most = std::numeric_limits<float>::max();
+    auto samples = some_samples(8);
+    samples[0].depth = std::numeric_limits<float>::infinity();
+    samples[1].radiance = Vec3(1e30F);
+    samples[4].radiance = {most, 0, 0};
+    samples[6].radiance = Vec3(most);
+    Film film({1, 1});
+    film.add(0, 0, samples);
+    for (std::size_t i = 0; i < film_layers; ++i)
+        if (film_layer_table()[i].is_float)
+            CHECK(std::isfinite(film.floats(static_cast<FilmLayer>(i))[0]));
+    CHECK(film.taken(0) == 8);
+    CHECK(std::isfinite(film.error(0)));
+}
+
 TEST_CASE("a sampler's points are spread evenly, and differ by seed, pixel and dimension") {
     // Each cell of 16 x 16 holds one of the 256 points of a pair.
     for (const std::uint32_t dimension : {0U, 1U, 9U}) {

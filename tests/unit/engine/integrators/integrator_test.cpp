@@ -1,11 +1,13 @@
 #include "engine/integrators/integrator.h"
 
+#include "engine/geometry/sphere_shape.h"
 #include "engine/integrators/surface_point.h"
 #include "tests/unit/engine/integrators/kernel_caster.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <doctest/doctest.h>
 
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <vector>
@@ -16,11 +18,19 @@ namespace {
 
 /// A scene, a camera that frames it, and an integrator.
 struct Studio {
-    explicit Studio(const SceneDescription& description, IntegratorSettings settings = {})
+    explicit Studio(const SceneDescription& description, const IntegratorSettings& settings = {},
+                    const CameraRequest& asked = {})
         : scene(test::build_scene(description)),
-          camera(camera_sensor(*choose_camera(*scene, {}), {}, {33, 21})),
+          camera(camera_sensor(*choose_camera(*scene, asked), {}, {33, 21})),
           caster(scene->view()) {
         source.scene = &scene->view();
+        // Spheres are the only records of these tests.
+        source.record_normal = [](std::uint32_t, const void*) -> RecordNormal {
+            return [](const void* record, const float* point, float normal[3]) noexcept {
+                const Vec3& center = static_cast<const Sphere*>(record)->center;
+                for (int c = 0; c < 3; ++c) normal[c] = point[c] - center[c];
+            };
+        };
         auto made = make_integrator("ao", {source, scene->bounds()}, settings);
         REQUIRE(made);
         integrator = std::move(*made);
@@ -102,6 +112,38 @@ TEST_CASE("open surfaces are white, and a film shows what its camera rays met") 
         CHECK(film.floats(FilmLayer::n_z)[i] >= 0.2F);
     }
     CHECK(hits > 20);
+}
+
+TEST_CASE("a sphere above a sphere hides the square of its apparent size") {
+    SceneDescription two;
+    two.objects.resize(1);
+    ObjectDescription& object = two.objects[0];
+    object.record_type = "sphere";
+    const std::array spheres{Sphere{Vec3(0), 1}, Sphere{Vec3(4, 0, 0), 1}};
+    object.records.resize(sizeof spheres);
+    std::memcpy(object.records.data(), spheres.data(), sizeof spheres);
+    for (const Sphere& sphere : spheres) object.record_bounds.push_back(bounds(sphere));
+    const auto openness = [&](const glm::dvec3& eye, const glm::dvec3& at, float distance) {
+        CameraRequest camera;
+        camera.look_at = true;
+        camera.eye = eye;
+        camera.at = at;
+        camera.fov_degrees = 1;
+        Studio studio(two, {.ao_distance = distance}, camera);
+        Film film({33, 21});
+        studio.add(film, 0, pixel_count, 0, 64);
+        double sum = 0;
+        for (std::uint64_t i = 0; i < pixel_count; ++i) sum += static_cast<double>(film.colour(i).x);
+        return sum / pixel_count;
+    };
+    // Three standard errors of 693 * 64 samples.
+    constexpr double error = 0.0045;
+    // The other's centre is 3 away, straight above: 1/9 of the cosine-weighted sky.
+    CHECK(std::abs(openness({2, 0, 0}, {1, 0, 0}, 10) - 8.0 / 9) < error);
+    CHECK(openness({2, 0, 0}, {1, 0, 0}, 1.9F) == 1);
+    // On the far side, and from beside the other one, nothing is above.
+    CHECK(openness({-2, 0, 0}, {-1, 0, 0}, 10) == 1);
+    CHECK(openness({0, 3, 0}, {0, 1, 0}, 10) == 1);
 }
 
 TEST_CASE("a ray that leaves a surface by its lift does not meet it again, near and far") {
