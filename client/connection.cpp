@@ -110,10 +110,13 @@ std::string start_hint(const std::string& uri, const error_code& error) {
 
 /// The failure of a greeting. The daemon's own errors, and a Ctrl-C, are passed on unchanged.
 Failure unanswered(const Failure& why) {
-    if (why.exit == Exit::deadline)
-        return lost(Exit::cannot_connect, "no RayNest daemon answers within " +
-                                                 std::to_string(greeting_time.count()) +
-                                                 " s; is it raynestd that listens there?");
+    if (why.exit == Exit::deadline) {
+        Failure silent = lost(Exit::cannot_connect, "no RayNest daemon answers within " +
+                                                        std::to_string(greeting_time.count()) +
+                                                        " s; is it raynestd that listens there?");
+        silent.silent = true;
+        return silent;
+    }
     if (why.exit == Exit::failed)
         return lost(Exit::cannot_connect, "no RayNest daemon answers: " + why.message);
     return why;
@@ -270,7 +273,9 @@ Result<void> Connection::greet(const std::string& token) {
     hello.client = "raynest " RAYNEST_VERSION;
     hello.token = token;
     hello.window_bytes = limits_.window_bytes;
-    if (auto sent = send(protocol::encode(0, hello)); !sent) return sent;
+    // The daemon logs a refused login under this id.
+    id_ = protocol::first_request_id();
+    if (auto sent = send(protocol::encode(id_, hello)); !sent) return sent;
     auto frame = next();
     if (!frame) return tl::unexpected<Failure>(frame.error());
     const auto welcome = protocol::open<wire::Welcome>(*frame);
@@ -285,7 +290,6 @@ Result<void> Connection::greet(const std::string& token) {
     daemon_.window_bytes = std::min(daemon_.window_bytes, limits_.window_bytes_max);
     if (daemon_.chunk_rays_max == 0 || bulk_bytes_max() < protocol::alignment)
         return fail(Exit::cannot_connect, "the daemon takes no data: its limits are too small");
-    id_ = protocol::first_request_id();
     return {};
 }
 

@@ -24,6 +24,7 @@ struct Failure {
     std::uint32_t retry_after_ms = 0;
     std::string request = {};  ///< id of the request, as in the daemon's log; empty: about none
     bool lost = false;         ///< the connection or its daemon ended: another one may answer
+    bool silent = false;       ///< `lost`, because nothing came in answer to a greeting
 };
 
 template <class T>

@@ -82,8 +82,7 @@ Result<void> connect_and_run(Options options) {
     const double patience = options.local ? 0 : options.reconnect;
     Progress progress(Progress::style_for_stderr(options.quiet || options.json));
     auto connection = connect();
-    // A daemon that says that it ends, in place of a welcome, may have a successor.
-    if (!connection && patience > 0 && !is_own(connection.error()) && connection.error().lost)
+    if (!connection && patience > 0 && may_connect_again(connection.error()))
         connection = reconnect(connect, patience, connection.error());
     if (!connection) return tl::unexpected<Failure>(connection.error());
     if (local) local->hide();

@@ -68,11 +68,16 @@ Result<std::unique_ptr<Connection>> reconnect(const Connect& connect, double sec
         const Failure& refused = connection.error();
         const bool waits = refused.lost || refused.exit == Exit::busy;
         if (!waits && refused.exit != Exit::cannot_connect) return connection;
-        const Seconds patience = Seconds(seconds) + (refused.lost ? drain_time : Seconds(0));
+        const bool drains = refused.lost && (refused.silent || !is_own(refused));
+        const Seconds patience = Seconds(seconds) + (drains ? drain_time : Seconds(0));
         if (interrupted()) return fail(Exit::interrupted, "interrupted");
         if (Clock::now() - begin > patience) return tl::unexpected<Failure>(why);
         std::this_thread::sleep_for(pause);
     }
+}
+
+bool may_connect_again(const Failure& why) {
+    return why.lost && !why.silent;
 }
 
 bool may_repeat(const CommandOptions& command, const Failure& why, bool printed) {

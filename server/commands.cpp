@@ -1,6 +1,7 @@
 #include "server/commands.h"
 
 #include "server/security/certificates.h"
+#include "server/security/quotas.h"
 #include "server/security/secret_file.h"
 #include "server/security/tokens.h"
 
@@ -253,10 +254,14 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
     check(add->add_option("--expires", words->expires, "Time until it expires: 90s, 12h, 30d"),
           [](const std::string& text) { return parse_period(text).has_value(); },
           "a time such as 90s, 12h or 30d");
-    check(add->add_option("--quota", words->quota,
-                          "connections=N,jobs=N,rays=N,scene_bytes=N,second_bytes=N; any of them"),
-          [](const std::string& text) { return parse_quota(text).has_value(); },
-          "a quota such as jobs=8,rays=1000000");
+    add->add_option("--quota", words->quota,
+                    "connections=N,jobs=N,rays=N,scene_bytes=N,second_bytes=N; any of them")
+        ->check(CLI::Validator(
+            [](const std::string& text) {
+                const auto quota = read_quota(text);
+                return quota ? std::string() : quota.error().message;
+            },
+            ""));
     add->callback([&action, words] { action = [words] { return token_add(*words); }; });
     CLI::App* list = token->add_subcommand("list", "List names, roles and expiry");
     add_file(list);

@@ -58,7 +58,7 @@ Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
 
 void Conversation::receive(protocol::Frame frame) {
     if (closing_) return;
-    ++services_.metrics.frames_received;
+    services_.metrics.count<&Metrics::frames_received>(caller_.principal);
     const std::uint64_t id = frame.header.request_id;
     const RequestScope scope({caller_.connection, id});
     // Let an exception end only the request that caused it.
@@ -130,12 +130,7 @@ void Conversation::greet(protocol::Frame frame) {
     }
     caller_.principal = principal->id;
     caller_.role = principal->role;
-    caller_.shares_machine = principal->credential.empty();
     caller_.window_bytes = window == 0 ? services_.limits.window_bytes : window;
-    if (principal->quota != Quota{}) {
-        services_.admission.quotas().set(principal->id, principal->quota);
-        services_.scenes.quotas().set(principal->id, principal->quota);
-    }
     caller_.identity = std::move(*principal);
     runner_->set_principal(caller_.principal);
     runner_->set_window(caller_.window_bytes);
@@ -197,7 +192,7 @@ void Conversation::start(const Request& request, const protocol::Frame& frame) {
             {{"principal", caller_.principal},
              {"role", std::string(role_name(caller_.role))},
              {"request", name}});
-        return refuse_request(id, allowed.error());
+        return send_refusal(id, allowed.error());
     }
     caller_.request_id = id;
     Reply<Answer> answer = request.answer(services_, caller_, frame);
@@ -210,7 +205,7 @@ void Conversation::start(const Request& request, const protocol::Frame& frame) {
     const bool fetches = accepted.kind == "fetch";
     if (draining_ && !fetches) return refuse_request(id, {Code::draining, "", 0});
     if (jobs() >= services_.limits.jobs_max) {
-        ++services_.metrics.jobs_refused;
+        services_.metrics.count<&Metrics::jobs_refused>(caller_.principal);
         return refuse_request(id, {Code::quota,
                                    "this connection has " + std::to_string(jobs()) +
                                        " requests in flight, the limit is jobs_max = " +
@@ -285,11 +280,15 @@ void Conversation::abandon(const protocol::Error& why) {
 }
 
 void Conversation::refuse_request(std::uint64_t id, const protocol::Error& error) {
-    ++refusals_of(services_.metrics, error.code);
     log(level_of(error.code), "refused",
         {{"principal", caller_.principal},
          {"code", std::string(protocol::error_info(error.code).name)},
          {"message", error.message}});
+    send_refusal(id, error);
+}
+
+void Conversation::send_refusal(std::uint64_t id, const protocol::Error& error) {
+    ++refusals_of(services_.metrics, error.code);
     sink_.send(protocol::encode_error(id, for_client(error), false));
 }
 

@@ -82,7 +82,10 @@ private:
     Reply<void> detach(std::uint64_t id, JobSubmission accepted);
     /// Releases detached jobs that have all their data and so no longer need this connection.
     void release_inputs();
+    /// Logs and answers a request that is refused.
     void refuse_request(std::uint64_t id, const protocol::Error& error);
+    /// Answers a request whose refusal is logged already.
+    void send_refusal(std::uint64_t id, const protocol::Error& error);
 
     const Services& services_;
     Sink& sink_;

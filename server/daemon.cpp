@@ -1,12 +1,13 @@
 #include "server/daemon.h"
 
 #include "engine/packs/load.h"
-#include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/diag/exposition.h"
+#include "server/diag/line_limit.h"
 #include "server/execution/fair_thread_pool.h"
 #include "server/execution/trace.h"
 #include "server/handlers/handler.h"
+#include "server/import_command.h"
 #include "server/jobs/admission.h"
 #include "server/jobs/detached.h"
 #include "server/jobs/runner.h"
@@ -76,8 +77,9 @@ public:
     void drain() override {
         asio::post(io_, [this] { begin_to_drain(); });
     }
-    std::string reload() override;
+    Reply<std::string> reload() override;
     std::size_t kick(std::uint64_t connection, const std::string& principal) override;
+    [[nodiscard]] bool knows(const std::string& principal) override;
     void set_quota(const std::string& principal, const Quota& quota) override;
 
 private:
@@ -135,16 +137,6 @@ private:
     bool cut_short_ = false;  ///< the drain exceeded its deadline
 };
 
-/// Returns the command line that makes this program an import process (main.cpp). The packs are
-/// passed on because they decide which primitives a file may hold.
-std::vector<std::string> import_command(const Options& options) {
-    std::vector<std::string> command = {std::filesystem::read_symlink("/proc/self/exe").string(),
-                                        std::string(import_child_flag), options.target};
-    for (const auto& folder : options.pack_dirs)
-        command.push_back(std::filesystem::absolute(folder).string());
-    return command;
-}
-
 Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry)
     : options_(std::move(options)),
       read_again_(std::move(read_again)),
@@ -162,7 +154,7 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
                 limits_,
                 ImportLimits{},
                 options_.scene_root,
-                import_command(options_),
+                import_command(options_.target, options_.pack_dirs),
                 admission_,
                 detached_,
                 peers_,
@@ -194,8 +186,7 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
       connections_(io_, services_, context_,
                    [this](const PeerIdentity& peer, const wire::Hello& hello,
                           const protocol::Limits&) {
-                       return credentials_.authentication().identify(
-                           peer, protocol::text(hello.token()), Clock::now(), WallClock::now());
+                       return identify(credentials_.authentication(), peer, hello);
                    }),
       page_access_(credentials_.authentication(), [this] { end_revoked(); }),
       site_(options_.http.hosts),
@@ -385,6 +376,7 @@ void Daemon::look_for_lost() {
         if (error) return;
         connections_.close_lost();
         trace_buffers_.trim();
+        log_left_out_handshakes();
         page_access_.look_at_logins();
         look_for_lost();
     });
@@ -419,31 +411,31 @@ void Daemon::end_revoked() {
          "the token or login of this connection was revoked, has expired or has changed", 0});
 }
 
-std::string Daemon::reload() {
+Reply<std::string> Daemon::reload() {
     notify("RELOADING=1");
-    bool good = true;
+    std::string fault;
     Reload changes;
     if (read_again_) {
         if (auto then = read_again_()) {
             changes = apply_changes(options_, *then);
             apply_options();
         } else {
-            good = false;
-            log(LogLevel::error, "configuration_unusable",
-                {{"reason", then.error().message}, {"kept", "old"}});
+            fault = then.error().message;
+            log(LogLevel::error, "configuration_unusable", {{"reason", fault}, {"kept", "old"}});
         }
     }
-    good = credentials_.reload(options_.security) && good;
+    const bool good = credentials_.reload(options_.security);
+    if (!good && fault.empty()) fault = start_fault_text(options_);
     end_revoked();
     notify("READY=1");
     if (!changes.needs_restart.empty())
         log(LogLevel::warn, "restart_needed", {{"options", changes.needs_restart}});
-    const std::string result =
-        good ? "configuration, certificates and tokens were read again"
-             : "some files were unusable and their old content stays; see the log";
-    log(good ? LogLevel::info : LogLevel::error, "reloaded",
-        {{"result", result}, {"changed", changes.changed}});
-    return result;
+    const std::string read = "configuration, certificates and tokens were read again";
+    log(fault.empty() ? LogLevel::info : LogLevel::error, "reloaded",
+        {{"result", fault.empty() ? read : "some files were unusable and their old content stays"},
+         {"changed", changes.changed}});
+    if (fault.empty()) return read;
+    return refuse(Code::file_unusable, without_folders(fault) + "; the old content stays");
 }
 
 void Daemon::apply_options() {
@@ -461,6 +453,12 @@ void Daemon::apply_options() {
 std::size_t Daemon::kick(std::uint64_t connection, const std::string& principal) {
     return connections_.kick(connection, principal,
                              {Code::not_allowed, "an administrator has ended this connection", 0});
+}
+
+bool Daemon::knows(const std::string& principal) {
+    return peers_.size_of(principal) != 0 || admission_.active_of(principal) != 0 ||
+           scenes_.charged_to(principal, true).scenes != 0 ||
+           credentials_.authentication().tokens().find_name(principal) != nullptr;
 }
 
 void Daemon::set_quota(const std::string& principal, const Quota& quota) {

@@ -5,13 +5,8 @@
 #include "server/options.h"
 
 #include <functional>
-#include <string_view>
 
 namespace raynest::server {
-
-/// The command line of the import process (engine/assets/import.h) is
-/// `raynestd --import-child TARGET [PACK_DIR...]`.
-inline constexpr std::string_view import_child_flag = "--import-child";
 
 /// Reads the options once more; an error says which line of which file is wrong.
 using ReadOptions = std::function<Result<Options>()>;

@@ -28,6 +28,9 @@ using protocol::Code;
 /// stays in the log, where the request's id finds it.
 [[nodiscard]] protocol::Error for_client(const protocol::Error& error);
 
+/// Returns a text in which files have their names alone: clients are not told folders of this machine.
+[[nodiscard]] std::string without_folders(std::string text);
+
 /// Converts an engine error: `return refuse(engine_result.error())`.
 [[nodiscard]] inline tl::unexpected<protocol::Error> refuse(Error error) {
     return tl::unexpected<protocol::Error>(to_wire(std::move(error)));

@@ -3,12 +3,15 @@
 #include "protocol/request_id.h"
 
 #include <nlohmann/json.hpp>
-#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/sinks/base_sink.h>
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
+#include <cerrno>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <utility>
 
@@ -19,6 +22,7 @@ constexpr const char* text_pattern = "%Y-%m-%dT%H:%M:%S.%e %l %v";
 constexpr const char* json_pattern = R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l",%v})";
 
 std::atomic<LogFormat> current_format{LogFormat::text};
+std::atomic<std::uint64_t> lost_lines{0};
 thread_local RequestTag current_tag;
 
 spdlog::level::level_enum to_spdlog(LogLevel level) {
@@ -35,10 +39,58 @@ spdlog::level::level_enum to_spdlog(LogLevel level) {
     return spdlog::level::info;
 }
 
+std::string to_line(std::string_view event, std::initializer_list<LogField> fields) {
+    return current_format == LogFormat::json ? format_json_event(event, fields)
+                                             : format_event(event, fields);
+}
+
+/// Writes lines to stderr, and counts those that cannot be written: spdlog's own sink forgets them.
+class StderrSink final : public spdlog::sinks::base_sink<std::mutex> {
+    void sink_it_(const spdlog::details::log_msg& line) override {
+        if (missing_ != 0 && !write_notice(line)) return lose();
+        if (!write_line(line)) lose();
+    }
+    void flush_() override {}
+
+    bool write_notice(const spdlog::details::log_msg& next) {
+        const RequestScope none({});
+        const std::string text = to_line("log_lines_lost", {{"lines", std::to_string(missing_)}});
+        const spdlog::details::log_msg notice(next.time, {}, next.logger_name, spdlog::level::err,
+                                              text);
+        if (!write_line(notice)) return false;
+        missing_ = 0;
+        return true;
+    }
+    bool write_line(const spdlog::details::log_msg& line) {
+        spdlog::memory_buf_t text;
+        // End the part of a line that was written last.
+        if (cut_off_) text.push_back('\n');
+        formatter_->format(line, text);
+        std::string_view left(text.data(), text.size());
+        while (!left.empty()) {
+            const ssize_t written = ::write(STDERR_FILENO, left.data(), left.size());
+            if (written < 0 && errno == EINTR) continue;
+            if (written <= 0) {
+                cut_off_ = cut_off_ || left.size() != text.size();
+                return false;
+            }
+            left.remove_prefix(static_cast<std::size_t>(written));
+        }
+        cut_off_ = false;
+        return true;
+    }
+    void lose() {
+        ++missing_;
+        ++lost_lines;
+    }
+
+    std::uint64_t missing_ = 0;  ///< lines lost since the last one that was written
+    bool cut_off_ = false;       ///< a part of a line was written
+};
+
 spdlog::logger& logger() {
     static const std::shared_ptr<spdlog::logger> instance = [] {
-        auto made = std::make_shared<spdlog::logger>(
-            "raynestd", std::make_shared<spdlog::sinks::stderr_sink_mt>());
+        auto made = std::make_shared<spdlog::logger>("raynestd", std::make_shared<StderrSink>());
         made->set_pattern(text_pattern);
         made->flush_on(spdlog::level::trace);
         return made;
@@ -109,6 +161,10 @@ RequestScope::~RequestScope() {
     current_tag = outer_;
 }
 
+std::uint64_t lost_log_lines() {
+    return lost_lines;
+}
+
 RequestTag RequestScope::current() {
     return current_tag;
 }
@@ -147,8 +203,7 @@ std::string format_json_event(std::string_view event, std::initializer_list<LogF
 void log(LogLevel level, std::string_view event, std::initializer_list<LogField> fields) {
     if (!is_logged(level)) return;
     // The line is data, not a format string.
-    const std::string line = current_format == LogFormat::json ? format_json_event(event, fields)
-                                                               : format_event(event, fields);
+    const std::string line = to_line(event, fields);
     logger().log(to_spdlog(level), spdlog::string_view_t(line));
 }
 

@@ -28,6 +28,10 @@ void set_log_format(LogFormat format);
 /// Writes an event. Thread-safe.
 void log(LogLevel level, std::string_view event, std::initializer_list<LogField> fields = {});
 
+/// Returns the number of lines that could not be written, as on a full disk. The first line that can be
+/// written again is `log_lines_lost`, with their number. Thread-safe.
+[[nodiscard]] std::uint64_t lost_log_lines();
+
 /// Names a request: its connection's number and the id that its client has given it. 0: none.
 struct RequestTag {
     std::uint64_t connection = 0;

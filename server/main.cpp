@@ -4,6 +4,7 @@
 #include "server/backends/cuda/worker_process.h"
 #include "server/commands.h"
 #include "server/daemon.h"
+#include "server/import_command.h"
 #include "server/log.h"
 #include "server/options.h"
 
@@ -43,10 +44,10 @@ int run(int argc, const char* const* argv) {
     set_log_level(parsed.options->log_level);
     set_log_format(parsed.options->log_format);
     return run_daemon(*parsed.options, [argc, argv]() -> Result<Options> {
-        std::ostringstream fault;
-        ParsedOptions again = parse_options(argc, argv, fault);
+        std::ostringstream unread;
+        ParsedOptions again = parse_options(argc, argv, unread);
         if (again.options) return std::move(*again.options);
-        return fail(ErrorCode::param_invalid, fault.str());
+        return fail(ErrorCode::param_invalid, again.fault);
     });
 }
 

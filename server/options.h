@@ -49,13 +49,21 @@ struct Options {
 struct ParsedOptions {
     std::optional<Options> options;
     int exit_code = 0;
+    std::string fault = {};  ///< the error, without the words around it
 };
 
-/// Returns what the addresses lack in security: beyond loopback, TLS and somebody to let in, or
-/// --insecure. Empty if nothing.
-[[nodiscard]] std::string listen_fault(const Options& options);
+/// What is wrong with an option, where its value alone is good.
+struct OptionFault {
+    std::string option;  ///< without dashes
+    std::string value;   ///< as it was given, to find its line in a file; empty: any
+    std::string why;     ///< begins with a verb, or with the value; spells options with dashes
+};
 
-/// Parses the command line. May print to stdout and to `errors`; does not throw or exit.
+/// Returns what is wrong with the addresses: one is given twice, or lacks security: beyond loopback,
+/// TLS and somebody to let in, or --insecure.
+[[nodiscard]] std::optional<OptionFault> listen_fault(const Options& options);
+
+/// Parses the command line; --check-config looks at all files, too, as far as a start would. May print to stdout and to `errors`; does not throw or exit.
 [[nodiscard]] ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& errors);
 
 /// The result of reading the options of a running daemon again: names of options, with commas.

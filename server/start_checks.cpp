@@ -1,13 +1,24 @@
 #include "server/start_checks.h"
 
 #include "engine/packs/load.h"
+#include "engine/packs/registry.h"
+#include "server/address.h"
 #include "server/log.h"
+#include "server/ready_file.h"
+#include "server/security/credentials.h"
+#include "server/user_names.h"
 
 #include <sys/resource.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
 #include <filesystem>
 #include <string>
+#include <utility>
+#include <variant>
 #include <vector>
 
 namespace raynest::server {
@@ -16,10 +27,13 @@ namespace {
 /// Minimum number of file descriptors: the program's own files, an import, and a few clients.
 constexpr rlim_t descriptors_min = 16;
 
+bool listens_on_unix(const Options& options) {
+    return std::ranges::any_of(options.listen,
+                               [](const std::string& uri) { return uri.starts_with("unix:"); });
+}
+
 void warn_of_unused_access(const Options& options) {
-    const bool any_unix = std::ranges::any_of(
-        options.listen, [](const std::string& uri) { return uri.starts_with("unix:"); });
-    if (!any_unix && (options.socket.group || options.socket.mode != SocketAccess{}.mode))
+    if (!listens_on_unix(options) && (options.socket.group || options.socket.mode != SocketAccess{}.mode))
         log(LogLevel::warn, "socket_access_unused",
             {{"reason", "--socket-mode and --socket-group need a --listen unix:PATH"}});
 }
@@ -29,6 +43,58 @@ void warn_of_empty(const std::vector<std::filesystem::path>& pack_dirs) {
         if (const auto packs = packs_in(folder); packs && packs->empty())
             log(LogLevel::warn, "pack_dir_empty",
                 {{"folder", folder.string()}, {"reason", "it holds no .so file"}});
+}
+
+/// Finds the option whose file an error of Credentials begins with.
+std::optional<OptionFault> security_fault(const SecurityOptions& security) {
+    const auto loaded = Credentials(security).load();
+    if (loaded) return std::nullopt;
+    const std::string& why = loaded.error().message;
+    const std::array<std::pair<const char*, std::string>, 4> files = {{
+        {"tls-cert", security.tls.certificate},
+        {"tls-key", security.tls.key},
+        {"client-ca", security.tls.client_ca},
+        {"tokens", security.tokens},
+    }};
+    for (const auto& [option, file] : files)
+        if (!file.empty() && (why.starts_with(file + ':') || why.starts_with(file + ',')))
+            return OptionFault{option, file, why};
+    return OptionFault{"tls-cert", "", why};
+}
+
+/// Returns why this user cannot make files in a folder; empty if it can.
+std::string folder_fault(const std::filesystem::path& folder) {
+    std::error_code ignored;
+    if (!std::filesystem::exists(folder, ignored))
+        return "the folder " + folder.string() + " does not exist; make it";
+    if (!std::filesystem::is_directory(folder, ignored)) return folder.string() + " is not a folder";
+    if (access(folder.c_str(), W_OK | X_OK) == 0) return "";
+    return "this user cannot make files in " + folder.string() + ": " + std::strerror(errno);
+}
+
+std::optional<OptionFault> socket_fault(const std::string& uri) {
+    const auto address = parse_address(uri);
+    const auto* local = address ? std::get_if<UnixAddress>(&*address) : nullptr;
+    if (local == nullptr || local->descriptor >= 0) return std::nullopt;
+    std::error_code ignored;
+    const auto path = std::filesystem::absolute(local->path, ignored);
+    std::string why = folder_fault(path.parent_path());
+    const auto status = std::filesystem::symlink_status(path, ignored);
+    if (why.empty() && std::filesystem::exists(status) && !std::filesystem::is_socket(status))
+        why = "something that is no socket is there; name another path";
+    if (why.empty()) return std::nullopt;
+    return OptionFault{"listen", uri, uri + ": " + why};
+}
+
+std::optional<OptionFault> state_fault(const std::filesystem::path& state) {
+    std::error_code ignored;
+    auto folder = std::filesystem::absolute(state, ignored);
+    // The start makes the folders that are missing.
+    while (!std::filesystem::exists(folder, ignored) && folder.has_relative_path())
+        folder = folder.parent_path();
+    const std::string why = folder_fault(folder);
+    if (why.empty()) return std::nullopt;
+    return OptionFault{"state", state, state.string() + ": " + why};
 }
 
 }  // namespace
@@ -44,7 +110,31 @@ Result<void> raise_descriptor_limit() {
                     std::to_string(descriptors_min) + "; raise LimitNOFILE or ulimit -n for it");
 }
 
+std::optional<OptionFault> start_fault(const Options& options) {
+    if (auto fault = security_fault(options.security)) return fault;
+    for (const std::string& uri : options.listen)
+        if (auto fault = socket_fault(uri)) return fault;
+    if (!options.state.empty())
+        if (auto fault = state_fault(options.state)) return fault;
+    if (!options.ready_file.empty())
+        if (const auto free = check_ready_file(options.ready_file); !free)
+            return OptionFault{"ready-file", options.ready_file, free.error().message};
+    if (const auto registry = Registry::load({options.pack_dirs, options.target}); !registry)
+        return OptionFault{options.pack_dirs.empty() ? "target" : "pack-dir", "",
+                           registry.error().message};
+    return std::nullopt;
+}
+
+std::string start_fault_text(const Options& options) {
+    const auto fault = security_fault(options.security);
+    return fault ? fault->why : "certificates or tokens were unusable for a moment; see the log";
+}
+
 void warn_of_useless(const Options& options) {
+    if (listens_on_unix(options) && !tells_users_apart())
+        log(LogLevel::warn, "users_unknown",
+            {{"reason", "this user namespace does not map every user: those without a number of their "
+                        "own need a token on the Unix socket"}});
     warn_of_empty(options.pack_dirs);
     warn_of_unused_access(options);
 }

@@ -29,7 +29,7 @@ tl::expected<std::vector<ConfigKey>, ConfigFault> read_toml(const std::string& c
     std::vector<ConfigKey> keys;
     for (const auto& [key, node] : parsed.table()) {
         const std::string name(key.str());
-        ConfigKey read{node.source().begin.line, name, {}};
+        ConfigKey read{node.source().begin.line, name, {}, {}};
         const auto refuse = [&](const char* why) {
             return tl::unexpected(ConfigFault{read.line, "'" + name + "' " + why});
         };
@@ -42,6 +42,7 @@ tl::expected<std::vector<ConfigKey>, ConfigFault> read_toml(const std::string& c
             auto text = value == nullptr ? std::nullopt : to_text(*value);
             if (!text) return refuse("is neither a string, a number nor true, nor a list of them");
             read.values.push_back(std::move(*text));
+            read.lines.push_back(value->source().begin.line);
         }
         if (read.values.empty()) return refuse("has no value; leave it out");
         keys.push_back(std::move(read));

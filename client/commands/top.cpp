@@ -142,16 +142,16 @@ std::string rate_text(double per_second) {
     return text.data();
 }
 
-void print_look(const Look& look, const std::string& daemon) {
+void print_look(const Look& look, const std::string& daemon, bool sees_all) {
     const auto bytes = [&](const char* name) {
         return bytes_text(static_cast<std::uint64_t>(look.now.value(name)));
     };
     std::cout << daemon << ": " << look.running << (look.running == 1 ? " job" : " jobs")
               << ", queue " << look.waiting << ", " << rate_text(look.rate("rays"))
               << "rays/s";
-    // The daemon tells some of its clients nothing of the memory that others use.
+    // Others than administrators are told their own part.
     if (look.now.has("memory_used_bytes"))
-        std::cout << ", memory " << bytes("memory_used_bytes") << " of "
+        std::cout << (sees_all ? ", memory " : ", your memory ") << bytes("memory_used_bytes") << " of "
                   << bytes("memory_limit_bytes");
     std::cout << "\n\n";
     if (look.running != 0) {
@@ -250,7 +250,8 @@ Result<void> run(Context& context, const TopOptions& options) {
             // Home, the look, and nothing of the last one below it.
             if (redraws) std::cout << "\x1b[H\x1b[2J";
             if (!redraws && !first) std::cout << '\n';
-            print_look(*look, context.connection.daemon().name);
+            print_look(*look, context.connection.daemon().name,
+                       context.connection.daemon().role == "admin");
         }
         std::cout.flush();
         if (auto written = check_stdout(); !written) return written;

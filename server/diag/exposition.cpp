@@ -2,6 +2,7 @@
 
 #include "server/jobs/admission.h"
 #include "server/jobs/peers.h"
+#include "server/log.h"
 
 #include <prometheus/metric_family.h>
 #include <prometheus/text_serializer.h>

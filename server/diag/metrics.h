@@ -1,12 +1,14 @@
 // The daemon's counters, as listed in metrics.def.
 #pragma once
 
+#include "server/diag/own_counts.h"
 #include "server/diag/ray_counts.h"
 
 #include <array>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <string>
 #include <string_view>
 
 namespace raynest::server {
@@ -41,6 +43,11 @@ struct Metrics {
     DurationHistogram cancel_seconds;  ///< from a job's cancellation to the end of its last task
     DurationHistogram load_seconds;    ///< from the request for a scene to its publication
     RayCounts rays_by_label;           ///< `rays`, split
+    OwnCounts own;                     ///< the counters of counts_work(), for each principal
+
+    /// Adds to such a counter, the daemon's and the principal's.
+    template <Counter Metrics::*counter>
+    void count(const std::string& principal, std::uint64_t more = 1);
 };
 
 struct MetricInfo {
@@ -53,5 +60,29 @@ inline constexpr std::array metric_table = {
 #define RAYNEST_SPLIT(name, ...) MetricInfo{#name, &Metrics::name},
 #include "server/diag/metrics.def"
 };
+static_assert(metric_table.size() <= OwnCounts::counters_max);
+
+/// True for a counter that tells what principals did: each is told its own part. The others tell how
+/// often the daemon refused or ended something, whoever it was.
+[[nodiscard]] constexpr bool counts_work(std::string_view counter) {
+    for (const std::string_view begin : {"jobs_", "scenes_", "frames_", "bytes_"})
+        if (counter.starts_with(begin)) return true;
+    return counter == "rays";
+}
+
+/// Returns the position of a counter in metric_table.
+[[nodiscard]] constexpr std::size_t position_of(Metrics::Counter Metrics::*counter) {
+    std::size_t position = 0;
+    while (metric_table[position].counter != counter) ++position;
+    return position;
+}
+
+template <Metrics::Counter Metrics::*counter>
+void Metrics::count(const std::string& principal, std::uint64_t more) {
+    constexpr std::size_t position = position_of(counter);
+    static_assert(counts_work(metric_table[position].name));
+    this->*counter += more;
+    own.add(principal, position, more);
+}
 
 }  // namespace raynest::server

@@ -7,6 +7,7 @@ namespace raynest::server {
 ChunkedJob::ChunkedJob(const Services& services, const Caller& caller, Plan plan,
                        std::uint64_t total, bool joins)
     : services_(services),
+      principal_(caller.principal),
       id_(caller.request_id),
       plan_(std::move(plan)),
       queue_(plan_.worker, total, joins) {}
@@ -23,7 +24,7 @@ std::optional<ChunkedJob::Work> ChunkedJob::next_work() {
 
 void ChunkedJob::count_rays(std::string_view kind, const Chunk& chunk, std::uint64_t rays) {
     if (rays == 0) return;
-    services_.metrics.rays += rays;
+    services_.metrics.count<&Metrics::rays>(principal_, rays);
     services_.metrics.rays_by_label.add(
         {kind, plan_.variant->name, queue_.backend_of(chunk).name()}, rays);
 }

@@ -12,6 +12,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <string_view>
 
 namespace raynest::server {
@@ -43,6 +44,7 @@ protected:
     [[nodiscard]] wire::DoneT done() const { return statistics_.done(plan_, queue_); }
 
     const Services& services_;
+    const std::string principal_;
     const std::uint64_t id_;
     const Plan plan_;
     ChunkQueue queue_;

@@ -2,6 +2,7 @@
 #include "server/administration.h"
 #include "server/handlers/handler.h"
 #include "server/log.h"
+#include "server/security/quotas.h"
 #include "server/security/tokens.h"
 
 #include <utility>
@@ -31,18 +32,30 @@ Reply<void> set_quota(Administration& daemon, const wire::Admin& message,
     std::string text;
     for (const std::string& part : protocol::strings(message.quota()))
         text += (text.empty() ? "" : ",") + part;
-    const auto quota = parse_quota(text);
+    const auto quota = read_quota(text);
     const std::string principal(protocol::text(message.principal()));
-    if (!quota || text.empty())
-        return refuse(Code::invalid_field, "'" + text +
-                                               "' is not a quota; write jobs=N, rays=N, "
-                                               "scene_bytes=N, second_bytes=N or "
-                                               "connections=N");
+    if (!quota) return refuse(Code::invalid_field, quota.error().message);
     if (principal.empty())
         return refuse(Code::invalid_field, "the quota needs a principal");
+    if (!daemon.knows(principal))
+        return refuse(Code::not_found, "nobody is called '" + principal +
+                                           "' here: it is not connected, holds nothing and has no token");
     daemon.set_quota(principal, *quota);
     report.text = principal + " has " + to_text(*quota) + " until the daemon ends";
     return {};
+}
+
+/// Ends one connection, or all of a principal. Fails if there is no such one.
+Reply<std::size_t> kick(Administration& daemon, std::uint64_t connection,
+                        const std::string& principal) {
+    const std::size_t count = daemon.kick(connection, principal);
+    if (count != 0) return count;
+    if (connection != 0)
+        return refuse(Code::not_found, "there is no connection " + std::to_string(connection) +
+                                           "; raynest admin connections lists them");
+    if (daemon.knows(principal)) return count;
+    return refuse(Code::not_found, "nobody is called '" + principal +
+                                       "' here; raynest admin connections lists who is connected");
 }
 
 }  // namespace
@@ -62,13 +75,16 @@ Reply<Answer> admin(const Services& services, const Caller& caller,
     } else if (act == "kick") {
         if (message->connection() == 0 && principal.empty())
             return refuse(Code::invalid_field, "name a connection or a principal");
-        const std::size_t count = daemon.kick(message->connection(), principal);
-        report.text = std::to_string(count) + " connections ended";
+        const auto count = kick(daemon, message->connection(), principal);
+        if (!count) return tl::unexpected(count.error());
+        report.text = std::to_string(*count) + (*count == 1 ? " connection" : " connections") + " ended";
     } else if (act == "quota") {
         if (const auto set = set_quota(daemon, *message.table, report); !set)
             return tl::unexpected(set.error());
     } else if (act == "reload") {
-        report.text = daemon.reload();
+        auto reloaded = daemon.reload();
+        if (!reloaded) return tl::unexpected(reloaded.error());
+        report.text = std::move(*reloaded);
     } else if (act == "drain") {
         daemon.drain();
         report.text = "the daemon takes no more work and ends when its jobs have ended";

@@ -51,7 +51,6 @@ struct Services {
 struct Caller : ConnectionId {
     std::uint64_t request_id = 0;
     std::uint64_t window_bytes = 0;  ///< credit that the client grants to each request at its start
-    bool shares_machine = true;      ///< false: a token or certificate let it in
     Principal identity = {};
 };
 

@@ -151,7 +151,7 @@ public:
                                               order_.caller);
         if (!scene) return tl::unexpected(scene.error());
         scene_ = std::move(*scene);
-        ++services_.metrics.scenes_loaded;
+        services_.metrics.count<&Metrics::scenes_loaded>(order_.caller.principal);
         services_.metrics.load_seconds.add(seconds());
         log(LogLevel::info, "loaded",
             {{"scene", scene_->name},
@@ -185,7 +185,8 @@ public:
 
 private:
     [[nodiscard]] std::string memory_remedy() const {
-        return services_.scenes.remedy(order_.caller.principal, "--memory");
+        return services_.scenes.remedy(order_.caller.principal,
+                                       "start raynestd with a larger --memory");
     }
 
     [[nodiscard]] double seconds() const {
@@ -281,7 +282,8 @@ Reply<void> read_files(const Services& services, const wire::Load& message, Load
     services.peers.make_memory(total, order.caller.principal);
     if (!services.budget.reserve(total))
         return refuse_memory("the upload", total, services.budget,
-                             services.scenes.remedy(order.caller.principal, "--memory"));
+                             services.scenes.remedy(order.caller.principal,
+                                                    "start raynestd with a larger --memory"));
     for (std::size_t i = 0; i < names.size(); ++i) {
         const auto index = static_cast<flatbuffers::uoffset_t>(i);
         order.files.push_back({names[i], message.file_hashes()->Get(index),

@@ -11,20 +11,21 @@ Reply<Admission::Slot> Admission::enter(JobRecord&& record) {
     const Quota quota = quotas_.of(principal);
     if (use.jobs >= quota.jobs)
         return refuse(Code::quota, principal + " has " + std::to_string(use.jobs) +
-                                       " requests in flight, the limit is --principal-jobs-max " +
-                                       std::to_string(quota.jobs) +
+                                       " requests in flight, " +
+                                       quotas_.limit_text(principal, &Quota::jobs) +
                                        "; wait for one of them");
     if (record.rays > quota.rays)
         return refuse(Code::limit_exceeded, "a request of " + std::to_string(record.rays) +
-                                                " rays, the limit is --principal-rays-max " +
-                                                std::to_string(quota.rays) +
-                                                ": ask for less");
+                                                " rays, " +
+                                                quotas_.limit_text(principal, &Quota::rays) +
+                                                "; ask for less, or " +
+                                                quotas_.remedy(principal, &Quota::rays));
     if (use.rays > quota.rays - record.rays)
         return refuse(
             Code::quota,
             principal + " has " + std::to_string(use.rays) + " rays in flight and asks for " +
-                std::to_string(record.rays) + " more, the limit is --principal-rays-max " +
-                std::to_string(quota.rays) + "; wait for your other requests");
+                std::to_string(record.rays) + " more, " +
+                quotas_.limit_text(principal, &Quota::rays) + "; wait for your other requests");
     if (active() >= limits_.total_jobs_max)
         return tl::unexpected(
             protocol::Error{Code::busy,

@@ -92,6 +92,12 @@ public:
     /// Adds the duration of a job to the moving mean behind retry_after_ms().
     void record(std::chrono::duration<double> took) { mean_ += 0.1 * (took.count() - mean_); }
 
+    /// Number of jobs of this principal in flight.
+    [[nodiscard]] std::size_t active_of(const std::string& principal) const {
+        const auto known = uses_.find(principal);
+        return known == uses_.end() ? 0 : known->second.jobs;
+    }
+
     /// Returns the expected time until a job ends, 10 ms to 10 s: the mean duration of a job over
     /// total_jobs_max.
     [[nodiscard]] std::uint32_t retry_after_ms() const;

@@ -55,6 +55,14 @@ std::size_t Peers::size_of(const std::string& principal) const {
     return of == peers_.end() ? 0 : of->second.size();
 }
 
+std::uint64_t Peers::held_by(const std::string& principal, Resource resource) const {
+    const auto of = peers_.find(principal);
+    std::uint64_t sum = 0;
+    if (of != peers_.end())
+        for (const Peer* peer : of->second) sum += peer->holds(resource);
+    return sum;
+}
+
 std::optional<Clock::duration> Peers::paused(const Peer& peer, Clock::time_point now) const {
     const auto since = peer.paused_since();
     if (!since || now - *since < std::chrono::milliseconds(limits_.give_way_ms))

@@ -63,6 +63,8 @@ public:
     void leave(Peer& peer);
     [[nodiscard]] std::size_t size() const { return size_; }
     [[nodiscard]] std::size_t size_of(const std::string& principal) const;
+    /// Returns how much the peers of a principal hold.
+    [[nodiscard]] std::uint64_t held_by(const std::string& principal, Resource resource) const;
 
     /// Closes paused peers until `amount` of the resource is freed for `newcomer`. Closes none and
     /// returns false if those that may give way hold less.

@@ -74,7 +74,7 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, JobSubmission accepted) {
     };
     auto slot = enter(std::move(record));
     if (!slot) {
-        ++context_.metrics.jobs_refused;
+        context_.metrics.count<&Metrics::jobs_refused>(principal_);
         return tl::unexpected(slot.error());
     }
     const std::uint64_t window = context_.limits.window_bytes;
@@ -84,7 +84,7 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, JobSubmission accepted) {
     auto input = context_.budget.reserve(input_bytes);
     auto answers = context_.budget.reserve(answer_bytes);
     if (!input || !answers) {
-        ++context_.metrics.jobs_refused;
+        context_.metrics.count<&Metrics::jobs_refused>(principal_);
         return refuse(Code::resource_exhausted,
                       "the request's data and answers need " +
                           protocol::bytes_text(input_bytes + answer_bytes) +
@@ -104,7 +104,7 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, JobSubmission accepted) {
     active->credit = window_bytes_;
     active->input_credit = context_.limits.window_bytes;
     jobs_.push_back(active);
-    ++context_.metrics.jobs_started;
+    context_.metrics.count<&Metrics::jobs_started>(principal_);
     guarded(*active, [&] {
         for (protocol::Frame& frame : active->job->greeting()) sink_->send(std::move(frame));
     });
@@ -326,23 +326,26 @@ void Runner::finish(const ActivePointer& active) {
     if (!active->tasks.empty()) return;
     const RequestScope scope(active->tag);
     jobs_.remove(active);
-    ++context_.metrics.jobs_ended;
+    context_.metrics.count<&Metrics::jobs_ended>(principal_);
     if (const JobRecord* record = context_.admission.find(active->slot.number())) {
         log_job(*record, Clock::now(), active->error);
-        if (active->error && record->kind == "load") ++context_.metrics.scenes_refused;
+        if (active->error && record->kind == "load")
+            context_.metrics.count<&Metrics::scenes_refused>(principal_);
     }
     const std::chrono::duration<double> took = Clock::now() - active->started;
     context_.admission.record(took);
     context_.metrics.job_seconds.add(took.count());
-    if (!active->error) ++context_.metrics.jobs_done;
+    if (!active->error) context_.metrics.count<&Metrics::jobs_done>(principal_);
     if (sink_ != nullptr && !active->error)
         guarded(*active, [&] {
             for (protocol::Frame& frame : active->job->farewell()) sink_->send(std::move(frame));
         });
     if (active->error) {
         const Code code = active->error->code;
-        ++(code == Code::cancelled ? context_.metrics.jobs_cancelled
-                                   : context_.metrics.jobs_failed);
+        if (code == Code::cancelled)
+            context_.metrics.count<&Metrics::jobs_cancelled>(principal_);
+        else
+            context_.metrics.count<&Metrics::jobs_failed>(principal_);
         if (code == Code::cancelled || code == Code::deadline)
             context_.metrics.cancel_seconds.add(
                 std::chrono::duration<double>(Clock::now() - active->stopped).count());

@@ -25,7 +25,10 @@ std::optional<std::string> Connections::quota_full(const std::string& principal,
     if (services_.peers.make_room(Resource::connections, principal, 1, Peers::Whose::own))
         return std::nullopt;
     return " for " + principal + ", which has all " + std::to_string(quota) +
-           " that --principal-connections-max allows; close one of them";
+           (services_.admission.quotas().is_own(principal, &Quota::connections)
+                ? " of its quota; close one of them, or ask an administrator for more: raynest admin "
+                  "quota " + principal + " connections=N"
+                : " that --principal-connections-max allows; close one of them");
 }
 
 std::optional<std::string> Connections::daemon_full(const std::string& principal,
@@ -69,9 +72,9 @@ Reply<Principal> Connections::authenticate(Session& session, const wire::Hello& 
     if (!principal) return principal;
     greeting_.erase(session.number());
     if (principal->id == session.principal()) return principal;
-    const std::uint64_t quota = principal->quota.connections != 0
-                                    ? principal->quota.connections
-                                    : services_.admission.quotas().of(principal->id).connections;
+    services_.admission.quotas().grant(principal->id, principal->quota);
+    services_.scenes.quotas().grant(principal->id, principal->quota);
+    const std::uint64_t quota = services_.admission.quotas().of(principal->id).connections;
     if (services_.peers.size_of(principal->id) >= quota)
         if (auto full = quota_full(principal->id, quota))
             return tl::unexpected(busy(std::move(*full)));

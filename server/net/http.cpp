@@ -1,7 +1,7 @@
 #include "server/net/http.h"
 
 #include "protocol/keep_alive.h"
-#include "server/log.h"
+#include "server/diag/line_limit.h"
 #include "server/net/http_messages.h"
 #include "server/net/http_stream.h"
 #include "server/net/socket_transport.h"
@@ -161,7 +161,7 @@ private:
 
 void HttpConnection::log_failed_handshake(const std::string& why) {
     ++metrics_.handshakes_failed;
-    log(LogLevel::info, "handshake_failed", {{"peer", peer_.name}, {"reason", why}});
+    server::log_failed_handshake(peer_.name, why);
 }
 
 asio::awaitable<void> HttpConnection::shake_hands(SystemError& error) {

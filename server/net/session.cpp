@@ -229,7 +229,7 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
     if (got == 0)
         if (const auto unreadable = transport_->take_unreadable())
             conversation_.refuse_unreadable(*unreadable);
-    services_.metrics.bytes_received += got;
+    services_.metrics.count<&Metrics::bytes_received>(principal(), got);
     services_.admission.bandwidth().spend(principal(), Bandwidth::Direction::receive, got,
                                           Clock::now());
     const std::size_t direct = std::min(got, bulk.size());
@@ -274,16 +274,18 @@ bool Session::fill_stream() {
 }
 
 void Session::sent(std::size_t bytes) {
-    services_.metrics.bytes_sent += bytes;
+    services_.metrics.count<&Metrics::bytes_sent>(principal(), bytes);
     services_.admission.bandwidth().spend(principal(), Bandwidth::Direction::send, bytes,
                                           Clock::now());
     backlog_ -= bytes;
     bool moved = false;
+    std::uint64_t frames = 0;
     batch_.consume(bytes, [&](const protocol::Frame& frame) {
-        ++services_.metrics.frames_sent;
+        ++frames;
         control_backlog_ -= control_bytes(frame);
         moved = moved || shows_life(frame);
     });
+    if (frames != 0) services_.metrics.count<&Metrics::frames_sent>(principal(), frames);
     if (moved) moved_ = Clock::now();
 }
 

@@ -1,6 +1,7 @@
 #include "server/net/socket_transport.h"
 
 #include "protocol/keep_alive.h"
+#include "server/user_names.h"
 
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -25,6 +26,13 @@ constexpr std::uint32_t silence_ms_max = 20'000;
 /// Number of unanswered window probes in a row that shows a dead peer.
 constexpr int probes_max = 3;
 
+PeerIdentity::Place place_of(uid_t user) {
+    // First: in a namespace without any mapping the daemon's own user has that number too.
+    if (is_unknown_user(user)) return PeerIdentity::Place::unknown_user;
+    const bool is_own = user == 0 || user == geteuid();
+    return is_own ? PeerIdentity::Place::own_user : PeerIdentity::Place::other_user;
+}
+
 }  // namespace
 
 PeerIdentity identity_of(Socket& socket) {
@@ -37,9 +45,7 @@ PeerIdentity identity_of(Socket& socket) {
     if (getsockname(socket.native_handle(), generic, &address_size) == 0 &&
         address.ss_family == AF_UNIX &&
         getsockopt(socket.native_handle(), SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0)
-        return {"uid:" + std::to_string(peer.uid),
-                peer.uid == 0 || peer.uid == geteuid() ? Place::own_user : Place::other_user,
-                "unix"};
+        return {"uid:" + std::to_string(peer.uid), place_of(peer.uid), "unix"};
     SystemError error;
     const auto endpoint = socket.remote_endpoint(error);
     asio::ip::tcp::endpoint tcp;

@@ -2,7 +2,7 @@
 
 #include "protocol/control.h"
 #include "protocol/frame.h"
-#include "server/log.h"
+#include "server/diag/line_limit.h"
 #include "server/net/socket_transport.h"
 
 #include <sys/socket.h>
@@ -47,7 +47,7 @@ void TlsTransport::refuse_plain() {
 }
 
 void TlsTransport::log_failure(std::string_view why) const {
-    log(LogLevel::info, "handshake_failed", {{"peer", peer_.name}, {"reason", std::string(why)}});
+    log_failed_handshake(peer_.name, std::string(why));
 }
 
 asio::awaitable<void> TlsTransport::open(SystemError& error) {

@@ -17,13 +17,14 @@ std::string counted(std::size_t count, const char* thing) {
 }
 
 /// The one error for a name that the caller cannot use, whatever the reason.
-tl::unexpected<protocol::Error> unknown(std::string_view name) {
+protocol::Error unknown(std::string_view name) {
     if (name.find_first_of(":.") != std::string_view::npos)
-        return refuse(Code::scene_unknown,
-                      "no scene is called '" + std::string(name) +
-                          "'; if that is a source, `Load` it first and ask by the scene's name");
-    return refuse(Code::scene_unknown,
-                  "scene '" + std::string(name) + "' is not loaded; see `Scenes`, or `Load` it");
+        return {Code::scene_unknown,
+                "no scene is called '" + std::string(name) +
+                    "'; if that is a source, `Load` it first and ask by the scene's name",
+                0};
+    return {Code::scene_unknown,
+            "scene '" + std::string(name) + "' is not loaded; see `Scenes`, or `Load` it", 0};
 }
 
 }  // namespace
@@ -137,15 +138,14 @@ Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const S
         return refuse(Code::resource_exhausted,
                       "the scene takes " + protocol::bytes_text(bytes) + ", " +
                           protocol::bytes_text(budget_.limit() - budget_.used()) +
-                          " of raynestd's --memory are free; " + remedy(principal, "--memory"));
+                          " of raynestd's --memory are free; " + remedy(principal, "start raynestd with a larger --memory"));
     auto held =
         std::make_shared<const HeldScene>(HeldScene{std::move(snapshot), std::move(*lease)});
     known = held;
     return held;
 }
 
-std::string SceneStore::remedy(const std::string& principal, std::string_view option) const {
-    const std::string larger = "start raynestd with a larger " + std::string(option);
+std::string SceneStore::remedy(const std::string& principal, const std::string& larger) const {
     if (entries_.empty()) return larger;
     std::vector<const Entry*> candidates;
     for (const auto& [name, entry] : entries_)
@@ -178,14 +178,16 @@ Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& ca
         return refuse(Code::quota, principal + " holds " + counted(scenes, "scene") +
                                        ", the limit is --principal-scenes-max " +
                                        std::to_string(limits_.principal_scenes_max) + "; " +
-                                       remedy(principal, "--principal-scenes-max"));
+                                       remedy(principal, "start raynestd with a larger "
+                                                         "--principal-scenes-max"));
     if (bytes > bytes_max ||
         held > bytes_max - bytes)
         return refuse(Code::quota, principal + " holds " + protocol::bytes_text(held) +
                                        " of scenes, " + protocol::bytes_text(bytes) +
-                                       " more are over --principal-scene-bytes-max " +
-                                       std::to_string(bytes_max) + "; " +
-                                       remedy(principal, "--principal-scene-bytes-max"));
+                                       " more are too many: " +
+                                       quotas_.limit_text(principal, &Quota::scene_bytes) + "; " +
+                                       remedy(principal,
+                                              quotas_.remedy(principal, &Quota::scene_bytes)));
     return {};
 }
 
@@ -253,19 +255,22 @@ bool SceneStore::shows(const std::string& hash, const ConnectionId& caller) cons
     });
 }
 
+protocol::Error SceneStore::not_found(std::string_view name, const ConnectionId& caller) const {
+    std::string several;
+    const auto [first, last] = entries_.equal_range(name);
+    for (auto at = first; at != last; ++at)
+        if (found_by(at->second, caller))
+            several += (several.empty() ? "" : ", ") + at->second.name_for(caller);
+    if (several.empty()) return unknown(name);
+    const char* what = caller.role == Role::admin ? "several owners have a scene '"
+                                                  : "several owners share a scene '";
+    return {Code::scene_unknown, what + std::string(name) + "'; name one of " + several, 0};
+}
+
 Reply<NamedScene> SceneStore::find(std::string_view name, std::uint64_t epoch,
                                    const ConnectionId& caller) const {
     const auto found = resolve(entries_, name, caller);
-    if (found == entries_.end()) {
-        std::string several;
-        const auto [first, last] = entries_.equal_range(name);
-        for (auto at = first; at != last; ++at)
-            if (found_by(at->second, caller))
-                several += (several.empty() ? "" : ", ") + at->second.name_for(caller);
-        if (several.empty()) return unknown(name);
-        return refuse(Code::scene_unknown, "several owners share a scene '" + std::string(name) +
-                                               "'; name one of " + several);
-    }
+    if (found == entries_.end()) return tl::unexpected(not_found(name, caller));
     const NamedScene& scene = found->second.scene;
     if (epoch != 0 && epoch != scene.epoch)
         return refuse(Code::scene_unknown, "scene '" + scene.name + "' is at epoch " +
@@ -289,9 +294,7 @@ Reply<NamedScene> SceneStore::open(std::string_view name, const ConnectionId& ca
 Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
                                                    const ConnectionId& caller) {
     const auto found = resolve(entries_, name, caller);
-    if (found == entries_.end())
-        return refuse(Code::scene_unknown,
-                      "scene '" + std::string(name) + "' is not loaded; see `Scenes`");
+    if (found == entries_.end()) return tl::unexpected(not_found(name, caller));
     Entry& entry = found->second;
     const bool may_drop_name = entry.owner == caller.principal || caller.role == Role::admin;
     if (const auto allowed = access::unload_scene(name, entry.owner,
@@ -346,6 +349,16 @@ std::uint64_t SceneStore::bytes() const {
     for (const auto& [digest, held] : by_digest_)
         if (const auto scene = held.lock()) sum += scene->snapshot->bytes().size();
     return sum;
+}
+
+SceneStore::Total SceneStore::charged_to(const std::string& principal, bool listed) const {
+    Total total;
+    for (const auto& [name, entry] : entries_) {
+        if (entry.listed != listed || !entry.charged_to(principal)) continue;
+        ++total.scenes;
+        total.bytes += entry.scene.snapshot().bytes().size();
+    }
+    return total;
 }
 
 SceneStore::Total SceneStore::unlisted() const {

@@ -149,9 +149,12 @@ public:
     [[nodiscard]] std::uint64_t bytes() const;
     /// Returns number and bytes of the unlisted scenes.
     [[nodiscard]] Total unlisted() const;
+    /// Returns number and bytes of the scenes that count towards the quotas of a principal, listed or
+    /// unlisted ones.
+    [[nodiscard]] Total charged_to(const std::string& principal, bool listed) const;
     /// Returns advice on how to make room for scenes: to unload the principal's least recently used
-    /// ones, if any, or to start raynestd with a larger `option`.
-    [[nodiscard]] std::string remedy(const std::string& principal, std::string_view option) const;
+    /// ones, if any, or what raises the limit, `larger`.
+    [[nodiscard]] std::string remedy(const std::string& principal, const std::string& larger) const;
 
 private:
     struct Entry {
@@ -189,6 +192,8 @@ private:
     /// Returns the caller's own listed entry of this name, or the end.
     template <class AnyEntries>
     static auto own(AnyEntries& entries, std::string_view name, const ConnectionId& caller);
+    /// Returns the error for a name that resolve() does not find: it means several scenes, or none.
+    [[nodiscard]] protocol::Error not_found(std::string_view name, const ConnectionId& caller) const;
     /// True if the caller finds this entry by its name: none that it holds hides it.
     [[nodiscard]] bool found_by(const Entry& entry, const ConnectionId& caller) const;
     Reply<void> check_quota(const Entry* changed, const ConnectionId& caller,

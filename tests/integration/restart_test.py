@@ -128,6 +128,54 @@ class Restart(unittest.TestCase):
         output, errors = waiting.communicate(timeout=PATIENCE)
         self.assertEqual((waiting.returncode, json.loads(output)["scenes"]), (0, []), errors)
 
+    def test_a_client_that_a_killed_daemon_cut_off_in_its_greeting_finds_the_next_one(self):
+        # A connection that the old daemon has accepted ends with it, before any answer.
+        keeper = self.keeper()
+        for first in (lambda: self.client(keeper.uri).start("--json", "scenes"), None):
+            os.kill(keeper.process.pid, signal.SIGSTOP)
+            if first:
+                waiting = first()
+            else:
+                found = []
+                thread = threading.Thread(target=lambda: found.append(self.python(keeper.uri).scenes()))
+                thread.start()
+            time.sleep(0.5)
+            # The kernel's queue belongs to the socket and survives; this one was taken from it.
+            taken, _ = keeper.socket.accept()
+            keeper.stop(signal.SIGKILL)
+            taken.close()
+            time.sleep(0.2)
+            keeper.start()
+            if first:
+                output, errors = waiting.communicate(timeout=PATIENCE)
+                self.assertEqual((waiting.returncode, errors), (0, ""))
+            else:
+                thread.join(PATIENCE)
+                self.assertEqual(found, [[]])
+
+    def test_a_client_that_is_cut_off_looks_no_longer_than_it_should(self):
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            over = threading.Event()
+
+            def cut_off():
+                while not over.is_set():
+                    with contextlib.suppress(OSError):
+                        server.accept()[0].close()
+            thread = threading.Thread(target=cut_off)
+            thread.start()
+            client = Client(self.raynest, f"tcp://127.0.0.1:{server.getsockname()[1]}")
+            client.environment["RAYNEST_RECONNECT"] = "1"
+            begun = time.monotonic()
+            done = client.run("scenes")
+            seconds = time.monotonic() - begun
+            over.set()
+            socket.create_connection(server.getsockname()).close()
+            thread.join()
+        self.assertEqual(done.returncode, 3, done.stderr)
+        self.assertIn("no RayNest daemon answers", done.stderr)
+        self.assertGreaterEqual(seconds, 1)
+        self.assertLess(seconds, PATIENCE / 2)
+
     def test_sockets_of_a_service_manager_are_found_by_their_addresses(self):
         folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
         path, ready = folder / "socket", folder / "ready.json"

@@ -68,6 +68,62 @@ class Service(unittest.TestCase):
         self.assertIsNotNone(score, told.stdout + told.stderr)
         self.assertLessEqual(float(score[1]), SCORE_MAX)
 
+    def test_the_unit_keeps_the_users_of_the_machine(self):
+        # In a user namespace the socket's peers would all be one principal.
+        self.assertEqual(values("PrivateUsers"), [])
+
+    def test_users_whom_a_namespace_hides_need_a_token(self):
+        if os.geteuid() != 0 or subprocess.run(["unshare", "-U", "--map-root-user", "true"],
+                                               capture_output=True, check=False).returncode != 0:
+            self.skipTest("skipped: needs root and user namespaces")
+        self.folder.chmod(0o755)
+        path = self.folder / "socket"
+        tokens = self.folder / "tokens"
+        secret = subprocess.run([self.raynestd, "token", "add", "bob", "--tokens", tokens], text=True,
+                                capture_output=True, check=True, timeout=PATIENCE).stdout.splitlines()[-1]
+        daemon = Daemon(self.raynestd, "--listen", f"unix:{path}", "--socket-mode", "0666", "--tokens",
+                        tokens, under=("unshare", "-U", "--map-root-user"))
+        self.addCleanup(daemon.stop)
+        self.assertIn(" users_unknown ", daemon.log())
+        uri = f"unix:{path}"
+
+        def run(client, user, *command):
+            process = client.start(*command, user=user, group=user, extra_groups=[])
+            said = "".join(process.communicate(timeout=PATIENCE))
+            return process.returncode, said
+        for user in (5001, 5002, 65534):
+            code, said = run(Client(self.raynest, uri), user, "load", "builtin:terrain?size=8")
+            self.assertEqual(code, 4, said)
+            self.assertIn("stands for several users", said)
+            code, said = run(Client(self.raynest, uri, secret), user, "scenes")
+            self.assertEqual(code, 0, said)
+        self.assertEqual(run(Client(self.raynest, uri), 0, "admin", "connections")[0], 0)
+
+    def test_users_of_the_machine_are_principals_of_their_own(self):
+        if os.geteuid() != 0:
+            self.skipTest("skipped: needs root")
+        self.folder.chmod(0o755)
+        path = self.folder / "socket"
+        daemon = Daemon(self.raynestd, "--listen", f"unix:{path}", "--socket-mode", "0666")
+        self.addCleanup(daemon.stop)
+        self.assertNotIn(" users_unknown ", daemon.log())
+        client = Client(self.raynest, f"unix:{path}")
+        for user, command, wanted in ((5001, ("load", "builtin:terrain?size=8"), 0),
+                                      (5002, ("unload", "terrain"), 5), (65534, ("scenes",), 0),
+                                      (5001, ("unload", "terrain"), 0)):
+            process = client.start(*command, user=user, group=user, extra_groups=[])
+            said = process.communicate(timeout=PATIENCE)
+            self.assertEqual(process.returncode, wanted, said)
+
+    def test_the_alerts_name_commands_that_there_are(self):
+        for line in re.findall(r"remedy: (.*)", (PACKAGE / "alerts.yml").read_text()):
+            for command in re.findall(r"raynest ((?:admin )?[a-z]+)", line):
+                shown = subprocess.run([self.raynest, *command.split()[:1], "--help"], text=True,
+                                       capture_output=True, timeout=PATIENCE, check=False)
+                self.assertEqual(shown.returncode, 0, command)
+            # Of itself it frees only what its caller holds, and it needs a time.
+            self.assertNotIn("--idle", line)
+
     def test_the_unit_and_the_configuration_name_the_same_sockets(self):
         done = subprocess.run([self.raynestd, "--config", PACKAGE / "raynestd.toml", "--print-config"],
                               capture_output=True, text=True, check=True, timeout=PATIENCE)

@@ -30,7 +30,7 @@ from ._control import Message, decode, encode
 from ._frame import (HEADER, Array, Block, Header, describe, padding, read_blocks, read_header,
                      write_header)
 from ._interrupts import Interrupts
-from ._reconnect import ATTEMPTS_MAX, open_again
+from ._reconnect import ATTEMPTS_MAX, open_again, open_first
 from ._schema import SCHEMA
 from ._version import VERSION
 
@@ -93,12 +93,13 @@ class Connection:
         self._owner = 0                     # thread whose turn it is
         self.interrupts = Interrupts()
         self._scrap = bytearray(64 << 10)
-        self._open()
+        open_first(self._open, reconnect, self.interrupts.check)
 
     def _open(self) -> None:
         self._outbox: collections.deque[list[memoryview]] = collections.deque()
         self._begun = False                 # was part of the first frame there sent?
-        self._id = 0                        # 0: about the connection itself
+        self._id = first_request_id()       # the greeting's: the log names it where it is refused
+        self._greeted = False
         self._begin(GREETING_SECONDS)
         before = getattr(self, "_socket", None)
         if before is not None:
@@ -113,7 +114,7 @@ class Connection:
         except BaseException:
             self._shut()
             raise
-        self._id = first_request_id()
+        self._greeted = True
 
     def again(self, work: Callable[[], T]) -> T:
         """Returns work(), which sends requests that change nothing. Where the daemon goes away
@@ -253,7 +254,7 @@ class Connection:
         return True
 
     def _tag(self) -> str:
-        return f"{self._id:x}" if self._id else ""
+        return f"{self._id:x}" if self._greeted else ""
 
     def _begin(self, seconds_max: float) -> None:
         self._running = True
@@ -275,7 +276,8 @@ class Connection:
                 name, welcome = self._next(anywhere)
         except errors.DeadlineError:
             raise errors.ConnectError(f"no RayNest daemon answers within {GREETING_SECONDS:g} s; "
-                                      "is it raynestd that listens there?", lost=True) from None
+                                      "is it raynestd that listens there?", lost=True,
+                                      silent=True) from None
         except errors.FailedError as error:
             raise errors.ConnectError(f"no RayNest daemon answers: {error}", lost=True) from None
         if name != "Welcome":
@@ -341,7 +343,7 @@ class Connection:
         if name == "Error" and (ours or header.request_id == 0):
             self._end(message["closing"])
             raise errors.from_daemon(message["code"], message["message"],
-                                     message["retry_after_ms"], self._tag())
+                                     message["retry_after_ms"], f"{self._id:x}")
         if not ours or not name:
             return None
         if name == "Credit":

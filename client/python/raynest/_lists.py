@@ -27,6 +27,8 @@ ERRORS: list[tuple[str, int]] = [
     ('UNSUPPORTED', 5),
     ('INTERNAL', 1),
     ('JOB_UNKNOWN', 5),
+    ('NOT_FOUND', 5),
+    ('FILE_UNUSABLE', 5),
 ]
 
 OF_HITS: dict[str, tuple[str, int]] = {

@@ -30,14 +30,26 @@ def seconds_of(reconnect: Optional[float]) -> float:
 
 def open_again(connect: Callable[[], None], seconds: float, check: Callable[[], None]) -> None:
     """Calls `connect` until it succeeds: for `seconds`, and longer while something accepts connections
-    that a daemon does not answer yet. `check` raises where the wait must end."""
+    and stays silent, or a daemon says that it ends. `check` raises where the wait must end."""
     begin = time.monotonic()
     while True:
         try:
             return connect()
         except (errors.ConnectError, errors.BusyError) as error:
-            patience = seconds + DRAIN_SECONDS * error.lost
+            drains = error.silent or (error.lost and isinstance(error, errors.BusyError))
+            patience = seconds + DRAIN_SECONDS * drains
             if time.monotonic() - begin > patience:
                 raise
         check()
         time.sleep(PAUSE_SECONDS)
+
+
+def open_first(connect: Callable[[], None], seconds: float, check: Callable[[], None]) -> None:
+    """Calls `connect`, and once more as open_again() does where the daemon says that it ends, or was
+    killed while its socket lives on. A server that stays silent may be of another kind."""
+    try:
+        connect()
+    except errors.Error as error:
+        if not seconds or not error.lost or error.silent:
+            raise
+        open_again(connect, seconds, check)

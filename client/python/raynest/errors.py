@@ -33,7 +33,7 @@ class Error(Exception):
     exit_code = 1
 
     def __init__(self, message: str, name: str = "", code: int = 0, retry_after: float = 0.0,
-                 request: str = "", lost: bool = False):
+                 request: str = "", lost: bool = False, silent: bool = False):
         super().__init__(message + (f" [request {request}]" if request else ""))
         self.name = name
         self.code = code
@@ -43,6 +43,8 @@ class Error(Exception):
         """Id of the request, as the daemon's log names it; "" if the error is about none."""
         self.lost = lost
         """True if the connection or its daemon ended: another connection may get the answer."""
+        self.silent = silent
+        """True if a server has accepted the connection and said nothing."""
 
 
 class FailedError(Error):

@@ -204,7 +204,9 @@ TEST_CASE("a configuration file in TOML is read, and a fault names file, line an
     CHECK(parsed.options->threads == 3);
     CHECK(parsed.options->memory == 2ULL << 30);
     CHECK(parsed.options->listen == std::vector<std::string>{"unix:/tmp/a", "unix:/tmp/b"});
-    CHECK(parsed.options->security.tokens == "t");
+    // A relative path begins at the folder of the file.
+    const std::filesystem::path folder = std::filesystem::path(file.path()).parent_path();
+    CHECK(parsed.options->security.tokens == folder / "t");
     CHECK(parsed.options->security.insecure);
     struct Case {
         const char* text;
@@ -233,9 +235,28 @@ TEST_CASE("the environment wins over the file, and the command line over both") 
     CHECK(file.read().options->threads == 4);
     CHECK(file.read().options->log_level == LogLevel::error);
     CHECK(parse({"--config", file.path().c_str(), "--threads", "5"}).options->threads == 5);
+    setenv("RAYNEST_GIVE_WAY_MS", "77", 1);
+    CHECK(file.read().options->limits.give_way_ms == 77);
+    CHECK(parse({"--give-way-ms", "78"}).options->limits.give_way_ms == 78);
+    unsetenv("RAYNEST_GIVE_WAY_MS");
+    setenv("RAYNEST_THREADS", "", 1);
+    CHECK(file.read().options->threads == 3);
     setenv("RAYNEST_THREADS", "many", 1);
     CHECK(mentions(complaint({}), "RAYNEST_THREADS"));
     unsetenv("RAYNEST_THREADS");
+}
+
+TEST_CASE("relative paths of a configuration file begin at its folder, and words stay") {
+    ConfigFile file("state=s/t\nlisten=unix:../a tcp://127.0.0.1:1\nready-file=/r\ncuda=off\nhttp=off\n");
+    const auto parsed = file.read();
+    REQUIRE_MESSAGE(parsed.options, file.complaint());
+    const std::filesystem::path folder = std::filesystem::path(file.path()).parent_path();
+    CHECK(parsed.options->state == folder / "s" / "t");
+    CHECK(parsed.options->listen ==
+          std::vector<std::string>{"unix:" + (folder.parent_path() / "a").string(),
+                                   "tcp://127.0.0.1:1"});
+    CHECK(parsed.options->ready_file == "/r");
+    CHECK(parse({"--state", "s"}).options->state == "s");
 }
 
 TEST_CASE("a configuration is checked without a daemon") {
@@ -248,7 +269,9 @@ TEST_CASE("a configuration is checked without a daemon") {
     CHECK(checked.exit_code == 0);
     CHECK(mentions(said.str(), "is valid"));
     ConfigFile bad("listen = \"tcp://0.0.0.0:1\"\n", "raynestd.toml");
-    CHECK(mentions(complaint({"--config", bad.path().c_str(), "--check-config"}), "--insecure"));
+    const std::string said = complaint({"--config", bad.path().c_str(), "--check-config"});
+    CHECK(mentions(said, bad.path() + ", line 1: listen tcp://0.0.0.0:1 can be reached"));
+    CHECK(mentions(said, "or give insecure"));
 }
 
 TEST_CASE("a value in quotes is taken as it is, and a comment ends where it must") {

@@ -1,0 +1,68 @@
+// Small rules of running a daemon: which users the system names, how often a line is logged, what a
+// client is told of files.
+#include "server/access.h"
+#include "server/diag/line_limit.h"
+#include "server/diag/own_counts.h"
+#include "server/principal.h"
+#include "server/user_names.h"
+
+#include <doctest/doctest.h>
+
+namespace raynest::server {
+namespace {
+
+TEST_CASE("a user namespace tells users apart only if it maps all of them") {
+    CHECK(maps_all_users("         0          0 4294967295\n"));
+    CHECK_FALSE(maps_all_users(""));
+    CHECK_FALSE(maps_all_users("         0          0          1\n"));
+    CHECK_FALSE(maps_all_users("0 0 1\n998 998 1\n"));
+    CHECK_FALSE(maps_all_users("0 100000 65536\n"));
+    CHECK(maps_all_users("0 0 1000\n1000 1000 4294966295\n"));
+}
+
+TEST_CASE("a peer whose user is unknown needs a token") {
+    using Place = PeerIdentity::Place;
+    const PeerIdentity unknown{"uid:65534", Place::unknown_user, "unix"};
+    CHECK(access::be_somebody(unknown, {"uid:65534", {}, Role::user}).error().code ==
+          Code::not_allowed);
+    CHECK(access::be_somebody(unknown, {"bob", {}, Role::user, "row"}));
+    CHECK(access::be_somebody({"uid:1", Place::other_user, "unix"}, {"uid:1", {}, Role::user}));
+}
+
+TEST_CASE("a few lines per second are written, and the rest is counted") {
+    using namespace std::chrono_literals;
+    LineLimit limit;
+    const LineLimit::Time begin{100s};
+    unsigned written = 0;
+    for (int i = 0; i < 20; ++i) written += limit.admit(begin + i * 10ms);
+    CHECK(written == LineLimit::lines_max);
+    CHECK(limit.take_left_out(begin + 500ms) == 0);
+    CHECK(limit.take_left_out(begin + 1s) == 20 - LineLimit::lines_max);
+    CHECK(limit.take_left_out(begin + 1s) == 0);
+    CHECK(limit.admit(begin + 2s));
+}
+
+TEST_CASE("each principal has its own counts, and only so many are remembered") {
+    OwnCounts counts;
+    counts.add("alice", 3, 5);
+    counts.add("bob", 3, 1);
+    CHECK(counts.of("alice", 3) == 5);
+    CHECK(counts.of("alice", 2) == 0);
+    CHECK(counts.of("nobody", 3) == 0);
+    for (int i = 0; i < 1023; ++i) counts.add("p" + std::to_string(i), 0, 1);
+    CHECK(counts.of("alice", 3) == 0);
+    CHECK(counts.of("bob", 3) == 1);
+    CHECK(counts.of("p1022", 0) == 1);
+}
+
+TEST_CASE("clients are told the names of files, not their folders") {
+    CHECK(without_folders("/etc/raynest/raynestd.toml, line 2: no") == "raynestd.toml, line 2: no");
+    CHECK(without_folders("listen unix:/run/x/s: the folder /run/x does not") ==
+          "listen unix:s: the folder x does not");
+    CHECK(without_folders("key '/a/b.pem' of tls://h:1/x and a/b") == "key 'b.pem' of tls://h:1/x and a/b");
+    CHECK(without_folders("") == "");
+    CHECK(without_folders("/") == "");
+}
+
+}  // namespace
+}  // namespace raynest::server
