@@ -24,7 +24,7 @@ std::string fault_of(const Place& place, const SecurityOptions& security) {
     if (!is_beyond_loopback(place.address)) return "";
     if (!place.is_encrypted && !security.insecure)
         return " can be reached from other machines, and plain " + place.plain +
-               " shows the network all that is sent; " + place.advice + ", or give --insecure";
+               " shows the network all that is sent; " + place.advice + ", or pass --insecure";
     if (place.is_encrypted && security.tokens.empty() && security.tls.client_ca.empty())
         return " can be reached from other machines; give --tokens FILE (raynestd token add NAME) or "
                "--client-ca FILE, so that not everybody may use it";

@@ -321,7 +321,7 @@ class Watching(DaemonTest):
         self.assertIn("jobs_refused", told["refused"])
         done = self.client.run("top", "--once")
         self.assertEqual(done.returncode, 0, done.stderr)
-        for word in ("0 jobs, queue 0", "rays/s, memory", "SCENE", "hills"):
+        for word in ("0 jobs, queue 0", "rays/s, your memory", "SCENE", "hills"):
             self.assertIn(word, done.stdout)
         self.assertNotIn("\x1b", done.stdout)
 

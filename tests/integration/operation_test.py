@@ -102,7 +102,7 @@ class Operation(unittest.TestCase):
     def test_a_fault_between_options_names_file_and_line(self):
         for text, *said in (
                 ('\nlisten = "tls://127.0.0.1:1"\n', "line 2: listen tls://127.0.0.1:1 needs tls-cert and tls-key"),
-                ('listen = [\n "unix:/tmp/a",\n "tcp://0.0.0.0:1",\n]\n', "line 3: listen", "or give insecure"),
+                ('listen = [\n "unix:/tmp/a",\n "tcp://0.0.0.0:1",\n]\n', "line 3: listen", "or pass insecure"),
                 ('listen = [\n "tcp://127.0.0.1:9",\n "tcp://localhost:9",\n]\n', "line 3: listen", "is given twice"),
                 ('threads = 1\nclient-ca = "c"\n', "line 2: client-ca needs tls-cert and tls-key"),
                 ('tls-key = "k"\n', "line 1: tls-key needs tls-cert"),

@@ -49,7 +49,7 @@ TEST_CASE("each principal has its own counts, and only so many are remembered") 
     CHECK(counts.of("alice", 3) == 5);
     CHECK(counts.of("alice", 2) == 0);
     CHECK(counts.of("nobody", 3) == 0);
-    for (int i = 0; i < 1023; ++i) counts.add("p" + std::to_string(i), 0, 1);
+    for (int i = 0; i < 1023; ++i) counts.add(std::string("p").append(std::to_string(i)), 0, 1);
     CHECK(counts.of("alice", 3) == 0);
     CHECK(counts.of("bob", 3) == 1);
     CHECK(counts.of("p1022", 0) == 1);

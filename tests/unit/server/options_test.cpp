@@ -253,7 +253,7 @@ TEST_CASE("relative paths of a configuration file begin at its folder, and words
     const std::filesystem::path folder = std::filesystem::path(file.path()).parent_path();
     CHECK(parsed.options->state == folder / "s" / "t");
     CHECK(parsed.options->listen ==
-          std::vector<std::string>{"unix:" + (folder.parent_path() / "a").string(),
+          std::vector<std::string>{std::string("unix:") + (folder.parent_path() / "a").string(),
                                    "tcp://127.0.0.1:1"});
     CHECK(parsed.options->ready_file == "/r");
     CHECK(parse({"--state", "s"}).options->state == "s");
@@ -269,9 +269,9 @@ TEST_CASE("a configuration is checked without a daemon") {
     CHECK(checked.exit_code == 0);
     CHECK(mentions(said.str(), "is valid"));
     ConfigFile bad("listen = \"tcp://0.0.0.0:1\"\n", "raynestd.toml");
-    const std::string said = complaint({"--config", bad.path().c_str(), "--check-config"});
-    CHECK(mentions(said, bad.path() + ", line 1: listen tcp://0.0.0.0:1 can be reached"));
-    CHECK(mentions(said, "or give insecure"));
+    const std::string fault = complaint({"--config", bad.path().c_str(), "--check-config"});
+    CHECK(mentions(fault, bad.path() + ", line 1: listen tcp://0.0.0.0:1 can be reached"));
+    CHECK(mentions(fault, "or pass insecure"));
 }
 
 TEST_CASE("a value in quotes is taken as it is, and a comment ends where it must") {

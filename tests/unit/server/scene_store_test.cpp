@@ -188,10 +188,10 @@ TEST_CASE("text is cut between characters") {
 TEST_CASE("what makes room is true: nobody unloads where nothing is loaded") {
     Budget budget(1 << 30);
     SceneStore store(budget);
-    CHECK(store.remedy("me", "--memory") == "start raynestd with a larger --memory");
+    CHECK(store.remedy("me", "start raynestd with a larger --memory") == "start raynestd with a larger --memory");
     REQUIRE(store.publish("a", square(1), {}, of("me")));
     for (const char* word : {"raynest unload NAME", "'a'", "a larger --memory"})
-        CHECK(store.remedy("me", "--memory").find(word) != std::string::npos);
+        CHECK(store.remedy("me", "start raynestd with a larger --memory").find(word) != std::string::npos);
     CHECK(store.remedy("you", "--memory").find("raynest unload") == std::string::npos);
 }
 
