@@ -185,14 +185,33 @@ TEST_CASE("text is cut between characters") {
     CHECK(clean_text("a\x1b[2J", 9) == "a?[2J");
 }
 
+TEST_CASE("an administrator who names a scene of several owners is told so, whatever he asks") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    for (const char* owner : {"bob", "carol"}) REQUIRE(store.publish("car", square(1), {}, of(owner)));
+    ConnectionId admin = of("root");
+    admin.role = Role::admin;
+    for (const auto& why : {store.find("car", 0, admin).error(), store.unload("car", admin).error()}) {
+        CHECK(why.code == Code::scene_unknown);
+        CHECK(why.message == "several owners have a scene 'car'; name one of bob/car, carol/car");
+    }
+    CHECK(store.unload("bob/car", admin));
+    CHECK(store.unload("car", admin));
+    // Others learn nothing of scenes that they may not see.
+    REQUIRE(store.publish("car", square(1), {}, of("bob")));
+    CHECK(store.unload("car", of("dave")).error().message ==
+          store.unload("cab", of("dave")).error().message.replace(7, 3, "car"));
+}
+
 TEST_CASE("what makes room is true: nobody unloads where nothing is loaded") {
     Budget budget(1 << 30);
     SceneStore store(budget);
-    CHECK(store.remedy("me", "start raynestd with a larger --memory") == "start raynestd with a larger --memory");
+    const std::string larger = "start raynestd with a larger --memory";
+    CHECK(store.remedy("me", larger) == larger);
     REQUIRE(store.publish("a", square(1), {}, of("me")));
     for (const char* word : {"raynest unload NAME", "'a'", "a larger --memory"})
-        CHECK(store.remedy("me", "start raynestd with a larger --memory").find(word) != std::string::npos);
-    CHECK(store.remedy("you", "--memory").find("raynest unload") == std::string::npos);
+        CHECK(store.remedy("me", larger).find(word) != std::string::npos);
+    CHECK(store.remedy("you", larger).find("raynest unload") == std::string::npos);
 }
 
 TEST_CASE("a principal's scenes are limited in number and bytes") {
