@@ -82,8 +82,11 @@ Result<void> connect_and_run(Options options) {
     const double patience = options.local ? 0 : options.reconnect;
     Progress progress(Progress::style_for_stderr(options.quiet || options.json));
     auto connection = connect();
-    if (!connection && patience > 0 && may_connect_again(connection.error()))
+    if (!connection && patience > 0 && may_connect_again(connection.error())) {
+        if (is_own(connection.error()) && !options.quiet && !options.json)
+            std::cerr << "raynest: " << connection.error().message << "; trying again\n";
         connection = reconnect(connect, patience, connection.error());
+    }
     if (!connection) return tl::unexpected<Failure>(connection.error());
     if (local) local->hide();
     const PrintWatch stdout_watch(std::cout);

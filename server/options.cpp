@@ -356,7 +356,7 @@ ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& err
         declare(app, options, words, file);
         app.add_flag("--print-config", print, "Print all options and limits, then exit")
             ->configurable(false);
-        app.add_flag("--check-config", check, "Check the configuration, then exit")
+        app.add_flag("--check-config", check, "Check the configuration and the files that a start needs, then exit")
             ->configurable(false);
         app.set_version_flag("--version", "raynestd " RAYNEST_VERSION);
         refuse_old_spelling(app, argc, argv);
