@@ -52,8 +52,8 @@ Result<void> check_readable(const std::string& file) {
     const char* why = nullptr;
     if (::stat(file.c_str(), &status) != 0 || ::access(file.c_str(), R_OK) != 0)
         why = std::strerror(errno);
-    else if (!S_ISREG(status.st_mode))
-        why = S_ISDIR(status.st_mode) ? "it is a folder" : "it is not a regular file";
+    else if (S_ISDIR(status.st_mode))
+        why = "it is a folder";
     return why == nullptr ? Result<void>() : fail(Exit::usage, "cannot read " + file + ": " + why);
 }
 

@@ -1,6 +1,7 @@
 #include "server/commands.h"
 
 #include "protocol/subject.h"
+#include "protocol/text.h"
 #include "server/security/certificates.h"
 #include "server/security/secret_file.h"
 #include "server/security/tokens.h"
@@ -39,7 +40,9 @@ constexpr const char* subject_form =
     "-in FILE -noout -subject -nameopt RFC2253,-esc_msb";
 
 int failed(const std::string& why, int code = exit_failed) {
-    std::cerr << "raynestd: " << why << '\n';
+    // A word of the command line may hold line ends: the message is one line.
+    constexpr std::size_t bytes_max = 4096;
+    std::cerr << "raynestd: " << protocol::clean_text(why, bytes_max) << '\n';
     return code;
 }
 
@@ -352,8 +355,8 @@ std::optional<int> run_command(int argc, const char* const* argv) {
         app.exit(answered);
         return done();
     } catch (const CLI::Error& error) {
-        std::cerr << "raynestd: " << error.what() << "; see raynestd " << word << " --help\n";
-        return exit_usage;
+        return failed(std::string(error.what()) + "; see raynestd " + std::string(word) + " --help",
+                      exit_usage);
     }
 }
 

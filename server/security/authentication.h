@@ -27,8 +27,8 @@ struct AccessPolicy {
     bool certificates = false;                   ///< --client-ca is given
 };
 
-/// Counts wrong tokens per address. After a few, no other wrong token of the address is answered as such
-/// until it has waited, twice as long each time. Right ones never wait: others may share the address.
+/// Counts wrong tokens per address. After a few, other wrong ones of the address must wait, twice as
+/// long each time. Right ones never wait: programs of several users may share the address.
 class LoginFailures {
 public:
     using Time = std::chrono::steady_clock::time_point;
@@ -85,7 +85,8 @@ public:
 private:
     /// What is logged: connections that begin and refusals, or refusals alone.
     enum class Audit { logins, refusals };
-    /// Counts a wrong token or code and returns its error: `why`, or BUSY while the address must wait.
+    /// Returns the error of a wrong token or code: BUSY while wrong ones of the address must wait, else
+    /// NOT_ALLOWED with `why`, and then counts it.
     [[nodiscard]] tl::unexpected<protocol::Error> refuse_secret(const PeerIdentity& peer, Time now,
                                                                 const char* reason,
                                                                 const char* why);

@@ -5,9 +5,10 @@ decrypted bytes that poll() knows nothing of.
 """
 from __future__ import annotations
 
-import pathlib
+import os
 import socket
 import ssl
+import stat
 import warnings
 from typing import Sequence
 
@@ -123,16 +124,14 @@ def _context(access: Access) -> ssl.SSLContext:
 
 
 def _check_readable(file: str) -> None:
-    path = pathlib.Path(file)
+    # Do not open it: a pipe, as of a shell's <(...), can be read once.
     try:
-        if path.is_dir():
-            raise errors.UsageError(f"cannot read {file}: it is a folder")
-        if path.exists() and not path.is_file():
-            raise errors.UsageError(f"cannot read {file}: it is not a regular file")
-        with path.open("rb"):
-            pass
+        is_folder = stat.S_ISDIR(os.stat(file).st_mode)
     except OSError as error:
         raise errors.UsageError(f"cannot read {file}: {error.strerror}") from None
+    if is_folder or not os.access(file, os.R_OK):
+        raise errors.UsageError(f"cannot read {file}: "
+                                + ("it is a folder" if is_folder else "Permission denied"))
 
 
 def _reason(error: OSError) -> str:

@@ -87,8 +87,9 @@ TEST_CASE("rows that could not be read again are not written") {
     }
     CHECK(TokenTable::read(file, Reader::daemon)->rows() == good.rows());
     TokenTable large = good;
-    for (int i = 0; i < 40'000; ++i)
-        large.put({TokenRow::Kind::token, "n" + std::to_string(i), Role::user, {}, {}, {}});
+    const std::string subject = "CN=" + std::string(1000, 'a');
+    for (int i = 0; i < 5000; ++i)
+        large.put({TokenRow::Kind::certificate, subject + std::to_string(i), Role::user, {}, {}, {}});
     CHECK(large.write(file).error().code == ErrorCode::limit_exceeded);
     CHECK(TokenTable::read(file, Reader::daemon)->rows() == good.rows());
 }
