@@ -330,8 +330,9 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
 std::string command_fault(std::string_view group, std::string_view word) {
     const std::string names = group == "tls" ? "init, renew" : "add, list, revoke";
     const bool is_known = (", " + names + ",").find(", " + std::string(word) + ",") != names.npos;
-    if (is_known || word.starts_with('-')) return "";
-    return (word.empty() ? std::string(group) + " needs a command"
+    if (is_known || word == "-h" || word == "--help") return "";
+    const bool is_missing = word.empty() || word.starts_with('-');
+    return (is_missing ? std::string(group) + " needs a command"
                          : "there is no command '" + std::string(group) + " " + std::string(word) +
                                "'") +
            "; use one of: " + names;

@@ -65,7 +65,8 @@ class Credentials(unittest.TestCase):
 
     def test_a_command_without_its_second_word_names_them(self):
         for group, names in (("token", "add, list, revoke"), ("tls", "init, renew")):
-            self.does(2, f"{group} needs a command; use one of: {names}", group)
+            for words in ((), ("--tokens", "x")):
+                self.does(2, f"{group} needs a command; use one of: {names}", group, *words)
             self.does(2, f"there is no command '{group} foo'; use one of: {names}", group, "foo")
             self.does(0, names.split(", ")[0], group, "--help")
 
