@@ -5,6 +5,7 @@
 """
 import os
 import pathlib
+import resource
 import shutil
 import signal
 import stat
@@ -188,15 +189,17 @@ class Credentials(unittest.TestCase):
             (folder / name).chmod(0o600)
         self.does(1, "it is missing", "tls", "renew", self.out / "nowhere")
         self.assertEqual(self.content(folder), before)
-        # Both certificates or none: the second one cannot be written.
-        self.does(1, "File too large", "tls", "renew", folder, **self.small_disk(folder, "client-cert.pem"))
+        # Both certificates or none: a new file beside the second one would have too long a name.
+        client = self.out / ("n" * 255)
+        (folder / "client-cert.pem").rename(client)
+        (folder / "client-cert.pem").symlink_to(client)
+        self.does(1, "name too long", "tls", "renew", folder)
         self.assertEqual(self.content(folder), before)
 
     @staticmethod
     def small_disk(folder, name):
-        """Options of a process that may write files smaller than this one."""
-        import resource
-        limit = (folder / name).stat().st_size - 1
+        """Options of a process that may write files much smaller than this one."""
+        limit = (folder / name).stat().st_size - 50
         return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
                 "restore_signals": False}
 
@@ -225,7 +228,7 @@ class Credentials(unittest.TestCase):
         folder = self.out / "half"
         # The CA and the keys fit, the server's certificate does not.
         limit = self.small_disk(whole, "cert.pem")
-        self.assertGreater((whole / "cert.pem").stat().st_size, (whole / "ca.pem").stat().st_size + 100)
+        self.assertGreater((whole / "cert.pem").stat().st_size, (whole / "ca.pem").stat().st_size + 60)
         self.does(1, "File too large", "tls", "init", folder, **limit)
         self.assertFalse(folder.exists())
         folder.mkdir()
