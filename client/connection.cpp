@@ -233,7 +233,8 @@ Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
             error = socket->connect(endpoints, end);
         } else {
             return fail(Exit::usage,
-                        "'" + uri + "' is no server: use tcp://HOST:PORT, tls://HOST:PORT or unix:PATH" +
+                        "'" + uri + "' is no server: use tcp://HOST:PORT, tls://HOST:PORT, ssh://HOST or " +
+                            "unix:PATH" +
                             (uri.starts_with('/') ? "; did you mean unix:" + uri + "?" : ""));
         }
     } catch (const boost::system::system_error& thrown) {  // a path too long for a socket

@@ -84,6 +84,31 @@ class Examples(DaemonTest):
             eyes = visibility.scatter(field, 50, 1.7, 1)
         np.testing.assert_allclose(eyes[:, 1], 1.7, atol=1e-5)
 
+    def test_up_may_be_z(self):
+        """A scene whose up is z gives what its turned twin gives whose up is y."""
+        day, place = datetime.date(2026, 6, 21), (52.5, 13.4)
+        times = sun_hours.day_times(day, 30, place)
+        corners = np.array([[-50, -50, 0], [50, -50, 0], [50, 50, 0], [-50, 50, 0],
+                            [2, 1, 0], [2, -1, 0], [2, -1, 40], [2, 1, 40]], float)
+        faces = [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]
+        points = np.array([[1, 0, 0], [4, 0, 0], [30, 0, 0]], float)
+        turned = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # (x, y, z) -> (x, z, -y)
+        with raynest.connect(self.daemon.uri) as client:
+            tower = client.mesh(corners, faces, "tower z", keep=True)
+            twin = client.mesh(corners @ turned.T, faces, "tower y", keep=True)
+            hours = sun_hours.sun_hours(tower, points, [[0, 0, 1]] * 3, times, place, up="z")
+            np.testing.assert_array_equal(hours, sun_hours.sun_hours(
+                twin, points @ turned.T, [[0, 1, 0]] * 3, times, place))
+            self.assertGreater(hours.min(), 1)
+            ground, normals = sun_hours.ground(tower, 5, up="z")
+            np.testing.assert_allclose(normals, [[0, 0, 1]] * len(ground), atol=1e-6)
+            eyes = visibility.scatter(tower, 50, 1.7, 1, up="z")
+            np.testing.assert_allclose(eyes[:, 2], 1.7, atol=1e-5)
+        self.assertIn("from 0.00, 0.00, 1.80", self.example("lidar.py", "tower z", "--up", "z", "-o", "z.npy"))
+        self.example("lidar.py", "tower y", "-o", "y.npy")
+        found = {up: np.sort(np.round(np.load(self.out / f"{up}.npy")[up], 3)) for up in "yz"}
+        np.testing.assert_allclose(found["z"], found["y"], atol=2e-3)
+
     def test_visibility_is_who_sees_whom(self):
         said = self.example("visibility.py", FOREST, "--random", 50, "-o", "sees.npy")
         sees = np.load(self.out / "sees.npy")

@@ -137,7 +137,7 @@ class Inputs(WithDaemon):
             self.woods.trace([DOWN], kind="all", max_hits=1)
 
     def test_addresses_that_are_none_are_said(self):
-        for uri, says in (("unix:", "use tcp://HOST:PORT, tls://HOST:PORT or unix:PATH"),
+        for uri, says in (("unix:", "use tcp://HOST:PORT, tls://HOST:PORT, ssh://HOST or unix:PATH"),
                           ("/tmp/x/s", "did you mean unix:/tmp/x/s?")):
             with self.assertRaisesRegex(raynest.UsageError, says):
                 raynest.connect(uri)

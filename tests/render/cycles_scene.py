@@ -222,6 +222,7 @@ def replace(material, entry, file):
         node = graph.texture(file.image(pbr["metallicRoughnessTexture"]["index"], True))
         parts = graph.add("ShaderNodeSeparateRGB", {0: node.outputs[0]})
         roughness, metallic = graph.product(parts.outputs[1], roughness), graph.product(parts.outputs[2], metallic)
+    roughness_factor = roughness
     roughness = graph.add("ShaderNodeClamp", {0: roughness, 1: 0.02, 2: 1}).outputs[0]
     geometry = graph.add("ShaderNodeNewGeometry")
     normal = geometry.outputs["Normal"]
@@ -263,7 +264,11 @@ def replace(material, entry, file):
     extensions = entry.get("extensions", {})
     clear = extensions.get("KHR_materials_transmission", {}).get("transmissionFactor", 0)
     if clear > 0:
-        glass = graph.add("ShaderNodeBsdfGlass", {"Color": base, "IOR": ior, **glossy}, distribution="MULTI_GGX")
+        # MULTI_GGX drops what smooth glass reflects outside: 0.95 of a white sky is left. GGX drops the further
+        # bounces of rough glass.
+        is_smooth = not isinstance(roughness_factor, bpy.types.NodeSocket) and roughness_factor < 0.1
+        glass = graph.add("ShaderNodeBsdfGlass", {"Color": base, "IOR": ior, **glossy},
+                          distribution="GGX" if is_smooth else "MULTI_GGX")
         surface = graph.mix(clear, surface, glass.outputs[0])
     emission = entry.get("emissiveFactor", [0, 0, 0])
     if any(emission):

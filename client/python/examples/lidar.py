@@ -12,6 +12,7 @@ PLY_TYPES = {"<f8": "double", "<f4": "float", "<u4": "uint", "<u2": "ushort"}
 
 def options():
     parser = terminal.parser(__doc__, "lidar.py builtin:forest --channels 64 -o sweep.ply")
+    terminal.add_up(parser)
     parser.add_argument("-o", "--output", default="sweep.ply",
                         help=".ply or .npy of the points (%(default)s)")
     parser.add_argument("--origin", type=float, nargs=3, metavar=("X", "Y", "Z"),
@@ -31,12 +32,14 @@ def options():
     return parser.parse_args()
 
 
-def stand(scene, height):
+def stand(scene, height, up):
     """`height` over what a ray from above meets in the middle of the scene."""
     low, high = np.array(scene.info["box_min"]), np.array(scene.info["box_max"])
-    above = np.array([(low[0] + high[0]) / 2, high[1] + 1, (low[2] + high[2]) / 2])
-    ground = scene.trace(np.append(above, [0, -1, 0])[None], fields=("t",))["t"][0]
-    return above - [0, min(ground, above[1] - low[1]) - height, 0]
+    flat, axis = terminal.AXES[up]
+    ray = terminal.from_above(scene, ((low + high) / 2)[None, flat], up)
+    ground = scene.trace(ray, fields=("t",))["t"][0]
+    ray[0, axis] -= min(ground, ray[0, axis] - low[axis]) - height
+    return ray[0, :3]
 
 
 def sweep(scene, lidar, azimuths, progress):
@@ -68,10 +71,10 @@ def main():
         raise raynest.UsageError(f"--output {chosen.output}: points are written as .ply or .npy")
     with raynest.connect(chosen.server) as client:
         scene = terminal.scene(client, chosen.source, chosen.origin)
-        at = np.array(chosen.at) if chosen.at else stand(scene, chosen.height)
+        at = np.array(chosen.at) if chosen.at else stand(scene, chosen.height, chosen.up)
         lidar = raynest.generators.lidar(
             np.linspace(*chosen.elevations, chosen.channels), (0, 360, chosen.azimuths),
-            look_at=(at, at + [1, 0, 0]), tmin=0.1, tmax=chosen.range)
+            look_at=(at, at + [1, 0, 0], np.eye(3)[terminal.AXES[chosen.up][1]]), tmin=0.1, tmax=chosen.range)
         points = sweep(scene, lidar, chosen.azimuths, terminal.progress(chosen.quiet))
         save(chosen.output, points)
         seconds = client.outcome["seconds"]

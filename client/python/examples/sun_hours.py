@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Hours of direct sun in a day: for points with normals, at a place on earth, behind what a scene has.
-Up is y, east is x, and north -z, as in glTF."""
+Up is y, east is x, and north -z, as in glTF; with --up z north is y."""
 import datetime
 import math
 
@@ -14,6 +14,7 @@ HOURS = 3600.0
 
 def options():
     parser = terminal.parser(__doc__, "sun_hours.py builtin:forest --place 52.5,13.4 --day 2026-06-21")
+    terminal.add_up(parser)
     parser.add_argument("-o", "--output", default="sun.npy",
                         help=".npy of hours, one per point (%(default)s)")
     parser.add_argument("--place", default="52.5,13.4", metavar="LATITUDE,LONGITUDE",
@@ -27,9 +28,9 @@ def options():
     return parser.parse_args()
 
 
-def sun_direction(time, place):
-    """Unit vector to the sun: x is east, y up, -z north, as the daemon's sky has them. `time` is in
-    UTC, `place` (latitude, longitude) in degrees. The low-precision formulas of the Astronomical
+def sun_direction(time, place, up="y"):
+    """Unit vector to the sun: x is east, y up, -z north, as the daemon's sky has them; or z up and y
+    north. `time` is in UTC, `place` (latitude, longitude) in degrees. The low-precision formulas of the Astronomical
     Almanac: about 0.01 degrees from 1950 to 2050."""
     days = (time - datetime.datetime(2000, 1, 1, 12, tzinfo=datetime.timezone.utc)).total_seconds() / 86400
     mean = math.radians(280.460 + 0.9856474 * days)
@@ -44,9 +45,9 @@ def sun_direction(time, place):
     east = -math.cos(declination) * math.sin(hour)
     north = (math.cos(latitude) * math.sin(declination)
              - math.sin(latitude) * math.cos(declination) * math.cos(hour))
-    up = (math.sin(latitude) * math.sin(declination)
-          + math.cos(latitude) * math.cos(declination) * math.cos(hour))
-    return np.array([east, up, -north])
+    height = (math.sin(latitude) * math.sin(declination)
+              + math.cos(latitude) * math.cos(declination) * math.cos(hour))
+    return np.array([east, height, -north] if up == "y" else [east, north, height])
 
 
 def day_times(day, minutes, place):
@@ -57,10 +58,10 @@ def day_times(day, minutes, place):
     return [start + (number + 0.5) / count * datetime.timedelta(days=1) for number in range(count)]
 
 
-def sun_hours(scene, points, normals, times, place, progress=None):
+def sun_hours(scene, points, normals, times, place, progress=None, up="y"):
     """Hours of direct sun of each point, (N,): the time between `times`, two or more and equally far
     apart, in which the sun stands over the horizon and in front of the surface, and nothing of the
-    scene hides it. `points` and `normals` are (N, 3)."""
+    scene hides it. `points` and `normals` are (N, 3); `up` is the axis that points up, "y" or "z"."""
     points, normals = np.asarray(points, float), np.asarray(normals, float)
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     hours = np.zeros(len(points))
@@ -72,8 +73,8 @@ def sun_hours(scene, points, normals, times, place, progress=None):
     rounding = np.spacing(np.abs(points - scene.origin).max().astype(np.float32))
     start = points + (1e-6 * size + 8 * rounding) * normals
     for number, time in enumerate(times):
-        sun = sun_direction(time, place)
-        lit = np.flatnonzero(normals @ sun > 0) if sun[1] > 0 else []
+        sun = sun_direction(time, place, up)
+        lit = np.flatnonzero(normals @ sun > 0) if sun[terminal.AXES[up][1]] > 0 else []
         if len(lit) == 0:
             continue
         hidden = scene.trace(start[lit], sun, kind="any")["hit"]
@@ -83,15 +84,15 @@ def sun_hours(scene, points, normals, times, place, progress=None):
     return hours
 
 
-def ground(scene, side):
+def ground(scene, side, up="y"):
     """Points on what rays from the sky meet, and the normals there."""
     low, high = np.array(scene.info["box_min"]), np.array(scene.info["box_max"])
     middle, half = (low + high) / 2, (high - low) / 4
-    x, z = np.meshgrid(*(np.linspace(middle[axis] - half[axis], middle[axis] + half[axis], side)
-                         for axis in (0, 2)))
-    sky = np.stack([x.ravel(), np.full(x.size, high[1] + 1), z.ravel()], -1)
-    found = scene.trace(sky, [0, -1, 0], fields=("hit", "position", "ng"))
-    normals = np.where(found["ng"][:, 1:2] < 0, -found["ng"], found["ng"])
+    flat, axis = terminal.AXES[up]
+    grid = np.meshgrid(*(np.linspace(middle[k] - half[k], middle[k] + half[k], side) for k in flat))
+    rays = terminal.from_above(scene, np.stack([part.ravel() for part in grid], -1), up)
+    found = scene.trace(rays, fields=("hit", "position", "ng"))
+    normals = np.where(found["ng"][:, [axis]] < 0, -found["ng"], found["ng"])
     return found["position"][found["hit"]], normals[found["hit"]]
 
 
@@ -107,11 +108,11 @@ def main():
         raise raynest.UsageError(f"--minutes {chosen.minutes}: it must be at most 720")
     with raynest.connect(chosen.server) as client:
         scene = terminal.scene(client, chosen.source)
-        points, normals = ground(scene, chosen.grid)
+        points, normals = ground(scene, chosen.grid, chosen.up)
         if len(points) == 0:
             raise raynest.UsageError("nothing of the scene is seen from the sky")
         hours = sun_hours(scene, points, normals, day_times(chosen.day, chosen.minutes, place), place,
-                          terminal.progress(chosen.quiet))
+                          terminal.progress(chosen.quiet), chosen.up)
         with open(chosen.output, "wb") as file:
             np.save(file, hours)
         print(f"{chosen.output}: {len(points):,} points have {hours.min():.1f} to {hours.max():.1f} "

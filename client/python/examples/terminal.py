@@ -3,7 +3,11 @@ import argparse
 import os
 import sys
 
+import numpy as np
+
 import raynest
+
+AXES = {"y": ((0, 2), 1), "z": ((0, 1), 2)}  # the axes of the ground, and the one that points up
 
 
 def parser(description, example):
@@ -18,6 +22,11 @@ def parser(description, example):
     return made
 
 
+def add_up(made):
+    made.add_argument("--up", choices=AXES, default="y",
+                      help="the axis that points up: y in glTF, z in most surveys (%(default)s)")
+
+
 def count(text):
     """Parses a whole number of at least 1; the type of an option."""
     if not (text.isascii() and text.isdigit()) or int(text) < 1:
@@ -30,6 +39,14 @@ def scene(client, source, origin=None):
     if any(source == info["name"] for info in client.scenes()):
         return client.scene(source)
     return client.load(source, origin=origin)
+
+
+def from_above(scene, ground, up="y"):
+    """Rays that look straight down on the scene at points of the ground, (N, 2): (N, 6)."""
+    flat, axis = AXES[up]
+    rays = np.zeros((len(ground), 6))
+    rays[:, flat], rays[:, axis], rays[:, 3 + axis] = ground, scene.info["box_max"][axis] + 1, -1
+    return rays
 
 
 def progress(quiet):

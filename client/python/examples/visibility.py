@@ -8,6 +8,7 @@ import terminal
 
 def options():
     parser = terminal.parser(__doc__, "visibility.py builtin:forest --random 200 -o sees.npy")
+    terminal.add_up(parser)
     parser.add_argument("-o", "--output", default="sees.npy",
                         help=".npy of the matrix, (N, N) bool (%(default)s)")
     parser.add_argument("--points", metavar="FILE.npy", help="(N, 3) points")
@@ -19,15 +20,16 @@ def options():
     return parser.parse_args()
 
 
-def scatter(scene, count, height, seed):
+def scatter(scene, count, height, seed, up="y"):
     """Points over the middle of the scene, `height` above what rays from the sky meet."""
     low, high = np.array(scene.info["box_min"]), np.array(scene.info["box_max"])
     middle, half = (low + high) / 2, (high - low) / 4
-    sky = np.random.default_rng(seed).uniform(middle - half, middle + half, (count, 3))
-    sky[:, 1] = high[1] + 1
-    ground = scene.trace(sky, [0, -1, 0], fields=("t",))["t"]
-    sky[:, 1] -= np.minimum(ground, high[1] + 1 - low[1]) - height
-    return sky
+    flat, axis = terminal.AXES[up]
+    rays = terminal.from_above(scene, np.random.default_rng(seed).uniform(
+        middle - half, middle + half, (count, 3))[:, flat], up)
+    ground = scene.trace(rays, fields=("t",))["t"]
+    rays[:, axis] -= np.minimum(ground, high[axis] + 1 - low[axis]) - height
+    return rays[:, :3]
 
 
 def who_sees_whom(scene, points, progress):
@@ -43,7 +45,7 @@ def main():
     with raynest.connect(chosen.server) as client:
         scene = terminal.scene(client, chosen.source)
         points = np.load(chosen.points) if chosen.points else \
-            scatter(scene, chosen.random, chosen.height, chosen.seed)
+            scatter(scene, chosen.random, chosen.height, chosen.seed, chosen.up)
         if len(points) < 2:
             raise raynest.UsageError("two points are needed, or nobody sees another")
         sees = who_sees_whom(scene, points, terminal.progress(chosen.quiet))

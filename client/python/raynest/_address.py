@@ -78,8 +78,8 @@ def _connect_tcp(uri: str, seconds_max: float) -> socket.socket:
     address = _TCP.fullmatch(uri)
     if address is None:
         hint = f"; did you mean unix:{uri}?" if uri.startswith("/") else ""
-        raise errors.UsageError(f"{uri!r} is no server: use tcp://HOST:PORT, tls://HOST:PORT or "
-                                f"unix:PATH{hint}")
+        raise errors.UsageError(f"{uri!r} is no server: use tcp://HOST:PORT, tls://HOST:PORT, "
+                                f"ssh://HOST or unix:PATH{hint}")
     host, port = address[1].strip("[]"), int(address[2])
     if not 1 <= port <= 65535:
         raise errors.UsageError(f"{uri!r} needs a port from 1 to 65535")

@@ -146,6 +146,7 @@ class Bench:
             before, crowd = daemon.resident_bytes(), []
             for _ in range(count):
                 plain = socket.create_connection(("127.0.0.1", daemon.port), 60)
+                plain.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 wrapped = self.context.wrap_socket(plain, server_hostname="localhost")
                 wrapped.sendall(HELLO)
                 read_frame(wrapped)
@@ -216,7 +217,7 @@ def main():
     made.add_argument("raynest")
     made.add_argument("parts", nargs="*", default=parts)
     made.add_argument("--seconds", type=int, default=5)
-    made.add_argument("--idle", type=int, default=9000)
+    made.add_argument("--idle", type=int, default=10000)
     words = made.parse_args()
     limit = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
