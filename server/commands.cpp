@@ -36,7 +36,7 @@ constexpr int exit_unknown = 5;
 
 /// How the subject of a certificate is written, for messages.
 constexpr const char* subject_form =
-    "write it as the daemon's log shows it, such as CN=robot,O=Lab; it is printed by: openssl x509 "
+    "a certificate's subject: write it as the daemon's log shows it, such as CN=robot,O=Lab; it is printed by: openssl x509 "
     "-in FILE -noout -subject -nameopt RFC2253,-esc_msb";
 
 int failed(const std::string& why, int code = exit_failed) {
@@ -153,12 +153,14 @@ int token_add(const TokenWords& words) {
     // A scene shared with this name would be everybody's.
     if (words.name == "public")
         return failed("'public' means everybody in load --share; choose another name", exit_usage);
-    const auto now = std::chrono::floor<std::chrono::seconds>(WallClock::now());
+    const auto now = WallClock::now();
     TokenRow row;
     row.name = words.principal();
     row.role = *parse_role(words.role);
     row.quota = *parse_quota(words.quota);
-    if (!words.expires.empty()) row.expires = now + *parse_period(words.expires);
+    // The file has whole seconds.
+    if (!words.expires.empty())
+        row.expires = std::chrono::ceil<std::chrono::seconds>(now + *parse_period(words.expires));
     std::string token;
     if (words.subject.empty()) {
         token = new_token();
@@ -215,6 +217,12 @@ int token_revoke(const TokenWords& words) {
     bool was_there = false;
     const int code = edit_tokens(words.file, [&](TokenTable& table) -> std::optional<Refusal> {
         was_there = table.erase(name);
+        // Rows of other words match no certificate, and may be taken away.
+        if (is_certificate && !protocol::is_subject(name))
+            return was_there ? std::nullopt
+                             : std::optional(Refusal{
+                                   exit_usage, std::string("'").append(name) + "' is not " +
+                                                   subject_form});
         if (!was_there && !is_certificate)
             return Refusal{exit_unknown, "no such token: '" + name + "' in " +
                                              words.file.string() + "; see raynestd token list"};
@@ -283,7 +291,7 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
     const auto add_file = [&](CLI::App* command) {
         command->add_option("--tokens", words->file, "Token file")->capture_default_str();
     };
-    const auto add_name = [&](CLI::App* command) {
+    const auto add_name = [&](CLI::App* command, bool (*good_subject)(std::string_view)) {
         CLI::Option* name = command->add_option("NAME", words->name, "Name of the principal");
         check(name, is_token_name,
               "a name of 1 to 64 letters, digits and -._ that begins with a letter");
@@ -291,8 +299,7 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
             command->add_option("--cert", words->subject,
                                 "Subject of a client certificate in place of NAME, such as "
                                 "\"CN=robot,O=Lab\"");
-        check(subject, protocol::is_subject,
-              std::string("a certificate's subject: ") + subject_form);
+        check(subject, good_subject, subject_form);
         name->excludes(subject);
         command->parse_complete_callback([name, subject] {
             if (name->count() + subject->count() == 0) throw CLI::RequiredError("NAME or --cert");
@@ -300,7 +307,7 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
     };
     CLI::App* add = token->add_subcommand(
         "add", "Make a token and print it, alone on the last line; or admit a certificate");
-    add_name(add);
+    add_name(add, protocol::is_subject);
     add_file(add);
     check(add->add_option("--role", words->role, "viewer, user or admin")->capture_default_str(),
           [](const std::string& text) { return parse_role(text).has_value(); },
@@ -319,7 +326,7 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
     list->callback([&action, words] { action = [words] { return token_list(*words); }; });
     CLI::App* revoke =
         token->add_subcommand("revoke", "Take access away; ends the connections of a daemon");
-    add_name(revoke);
+    add_name(revoke, [](std::string_view text) { return !text.empty(); });
     add_file(revoke);
     revoke->add_flag("--unlisted", words->unlisted,
                      "With --cert: shut out a certificate that has no row, and so the role user");

@@ -150,7 +150,8 @@ Result<fs::path> behind_links(const fs::path& file) {
     if (lstat(file.c_str(), &link) != 0 || !S_ISLNK(link.st_mode)) return file;
     struct stat target {};
     if (stat(file.c_str(), &target) != 0)
-        return failed(file, "this link leads nowhere; make its target, or remove the link");
+        return failed(file, "what this link leads to: " + std::string(std::strerror(errno)) +
+                                "; make it, or remove the link");
     if (link.st_uid != 0 && link.st_uid != geteuid() && link.st_uid != target.st_uid)
         return failed(file, "this link belongs to another user than its target; name the target");
     std::error_code error;

@@ -102,6 +102,10 @@ class Credentials(unittest.TestCase):
         self.assertEqual(self.tokens.file.read_bytes(), before)
         self.token(0, "alice is revoked", "revoke", "alice")
         self.token(5, "no such token", "revoke", "alice")
+        # A row that matches no certificate, as another program may have written it, can be taken away.
+        self.tokens.file.write_text("cert user never - - CN = robot, O = Lab\n")
+        self.token(0, "is revoked", "revoke", "--cert", "CN = robot, O = Lab")
+        self.assertNotIn("robot", self.tokens.file.read_text())
 
     def test_a_certificate_without_a_row_can_be_shut_out(self):
         certificates = self.certificates()
@@ -132,7 +136,7 @@ class Credentials(unittest.TestCase):
             self.assertTrue(link.is_symlink())
             self.assertIn(f"{name}2", self.tokens.file.read_text())
         self.tokens.file.unlink()
-        self.token(1, "leads nowhere", "add", "eve", file=link)
+        self.token(1, "leads to: No such file", "add", "eve", file=link)
 
     @unittest.skipIf(os.geteuid() != 0, "only root may give files away")
     def test_root_edits_the_files_of_the_daemons_user(self):
