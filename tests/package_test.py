@@ -74,6 +74,36 @@ int main() {
 """,
 }
 
+# Runs as a unit of its own once the machine is up; each step says its name and its exit code.
+PROBE = """#!/bin/sh
+exec >/opt/probe.log 2>&1
+export RAYNEST_SERVER=unix:/run/raynest/socket
+step() { name=$1; shift; "$@"; echo "STEP $name $?"; }
+as() { user=$1; shift; setpriv --reuid=$user --regid=$user --init-groups "$@"; }
+useradd -G raynest one; useradd -G raynest other
+step activated raynest scenes
+step load raynest load builtin:forest?trees=9 --name woods
+step render raynest render woods --integrator path --spp 4 --size 64x64 -o /tmp/a.png
+step restart systemctl restart raynestd.service
+step after_restart raynest scenes
+kill -9 $(systemctl show -p MainPID --value raynestd)
+step after_kill raynest --reconnect 20 scenes
+step own as one raynest load builtin:terrain?size=8 --name secret
+step of_another as other raynest unload secret
+step reload systemctl reload raynestd.service
+step still_there as one raynest unload secret
+journalctl --no-pager -o cat -u raynestd
+systemctl poweroff
+"""
+PROBE_UNIT = """[Unit]
+After=multi-user.target
+[Service]
+Type=oneshot
+ExecStart=/opt/probe.sh
+[Install]
+WantedBy=multi-user.target
+"""
+
 
 def run(*command, good=(0,), **options):
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True,
@@ -190,6 +220,27 @@ class Package(unittest.TestCase):
         self.assertIn("hits", json.loads(lines[0]))
         self.assertEqual(lines[1], "1")
         root.run("rm -rf /tmp/a.png /tmp/log /run/raynest $HOME/.config")
+
+    def test_the_unit_runs_under_systemd(self):
+        if not shutil.which("systemd-nspawn"):
+            self.skipTest("there is no systemd-nspawn")
+        root = Root()
+        self.addCleanup(root.remove)
+        shutil.copy(next(deb for deb in self.debs if deb.name.startswith("raynest_")), root.path / "tmp")
+        root.run("apt-get update -qq; apt-get install -y -qq --no-install-recommends systemd systemd-sysv dbus "
+                 "passwd /tmp/raynest_*.deb")
+        (root.path / "opt/probe.sh").write_text(PROBE)
+        (root.path / "opt/probe.sh").chmod(0o755)
+        (root.path / "etc/systemd/system/probe.service").write_text(PROBE_UNIT)
+        (root.path / "etc/machine-id").write_text("")
+        root.run("systemctl enable probe.service raynestd.socket")
+        run("systemd-nspawn", "--register=no", "--keep-unit", "--quiet", "--boot", "--directory", root.path,
+            timeout=300)
+        told = (root.path / "opt/probe.log").read_text()
+        steps = dict(line.split()[1:] for line in told.splitlines() if line.startswith("STEP "))
+        good = "activated load render restart after_restart after_kill own reload still_there"
+        self.assertEqual(steps, {**dict.fromkeys(good.split(), "0"), "of_another": "5"}, told)
+        self.assertRegex(told, r" reloaded ")
 
     def test_a_pack_and_a_program_build_against_the_development_package(self):
         root = Root()
