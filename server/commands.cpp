@@ -36,8 +36,8 @@ constexpr int exit_unknown = 5;
 
 /// How the subject of a certificate is written, for messages.
 constexpr const char* subject_form =
-    "a certificate's subject: write it as the daemon's log shows it, such as CN=robot,O=Lab; it is printed by: openssl x509 "
-    "-in FILE -noout -subject -nameopt RFC2253,-esc_msb";
+    "a certificate's subject: write it as the daemon's log shows it, such as CN=robot,O=Lab; it is "
+    "printed by: openssl x509 -in FILE -noout -subject -nameopt RFC2253,-esc_msb";
 
 int failed(const std::string& why, int code = exit_failed) {
     // A word of the command line may hold line ends: the message is one line.
