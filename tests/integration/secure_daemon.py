@@ -28,6 +28,17 @@ class Certificates:
         self.client = ("--cert", self.folder / "client-cert.pem", "--key",
                        self.folder / "client-key.pem")
 
+    def sign(self, name, subject):
+        """Makes a client's certificate, and returns the options that use it. `subject` is in the form of
+        openssl's -subj."""
+        request, made = self.folder.parent / f"{name}.csr", self.folder.parent / f"{name}.pem"
+        key = self.folder / "client-key.pem"
+        command("openssl", "req", "-new", "-utf8", "-key", key, "-subj", subject, "-addext",
+                "extendedKeyUsage=clientAuth", "-out", request)
+        command("openssl", "x509", "-req", "-in", request, "-CA", self.folder / "ca.pem", "-CAkey",
+                self.folder / "ca-key.pem", "-days", "9", "-copy_extensions", "copy", "-out", made)
+        return "--cert", made, "--key", key
+
     @staticmethod
     def renew(raynestd, folder):
         command(raynestd, "tls", "renew", folder)
