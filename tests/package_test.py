@@ -103,6 +103,7 @@ export RAYNEST_SERVER=tls://127.0.0.1:31062 HOME=/opt
 tail -n 1 /opt/token | step login raynest --ca /etc/raynest/tls/ca.pem login $RAYNEST_SERVER
 step query raynest query builtin:terrain?size=8 --ray 0,50,0,0,-1,0
 step revoke raynestd token revoke alice --tokens /etc/raynest/tokens
+sleep 1
 step refused raynest scenes
 step renew raynestd tls renew /etc/raynest/tls
 step renewed systemctl reload raynestd.service
